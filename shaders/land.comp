@@ -20,7 +20,7 @@ void begin()
     const AimNumber n = AimNumber(real_unit(pick.x), real_unit(pick.y), real_unit(place.x), real_unit(place.y),
                                   real_unit(turn.x), real_unit(turn.y));
     AimedRay ray;
-    const bool drawn = aim_draw(aim, k, n, ray);
+    const bool drawn = aim_draw(aim, k, n, ray) && (!CROSSES || AimFloats(SPHERES.paths).at[aim] > 0.0);
     const real3 flux = ray.flux / aim_paths(aim);
     if (!drawn || !(max(flux.x, max(flux.y, flux.z)) > 0)) { /* the lamp sends nothing along it */
         finish(landing_of(ASTRAY, 0u), flux);

@@ -5,13 +5,14 @@
  *   path_rays.comp   the surfaces that their rays meet; it puts those with gloss apart
  *   land_first.comp  of first surfaces, which have gloss, how densely rays come there
  *   land_on.comp     how paths land on gloss, or go on from there
+ *   land_cross.comp  what they leave in the spheres of probes, on the way to the surfaces that their rays have met
  *
  * Ways, random numbers and estimators are those of worker/backend/embree/land.c. */
 KILN_PUSH(kiln_gpu_both_push);
 
-layout(constant_id = 6) const uint METHOD = 0u; /* KILN_GPU_LAND_BEGINS, KILN_GPU_LAND_SHARES or not */
+layout(constant_id = 6) const uint METHOD = 0u; /* KILN_GPU_LAND_BEGINS, KILN_GPU_LAND_SHARES, ... or not */
 const bool BEGINS = (METHOD & KILN_GPU_LAND_BEGINS) != 0u, SHARES = (METHOD & KILN_GPU_LAND_SHARES) != 0u,
-           POINTS = false;
+           CROSSES = (METHOD & KILN_GPU_LAND_CROSSES) != 0u, POINTS = false;
 
 #include "shaders/bidirectional.glsl"
 #include "shaders/subpaths.glsl"
@@ -19,6 +20,8 @@ const bool BEGINS = (METHOD & KILN_GPU_LAND_BEGINS) != 0u, SHARES = (METHOD & KI
 #include "shaders/shared/land.h"
 
 KILN_ARRAY(LandingArray, kiln_gpu_landing, 4);
+KILN_ARRAY(SpheresArray, kiln_gpu_spheres, 8);
+#define SPHERES SpheresArray(LAND.spheres).at[0]
 
 const uint ASTRAY = 0u, LANDED = 1u, ESCAPED = 2u, BLOCKED = 3u, ABSORBED = 4u; /* enum kiln_land_end */
 const float FLOAT_MOST = 3.40282347e38;

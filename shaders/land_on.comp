@@ -12,6 +12,8 @@
 /* Whether the path lands on its surface, which is not the first one, or goes on. */
 bool lands(Vertex v)
 {
+    if (CROSSES)
+        return false;
     if (hit.back && (material_of(hit.triangle) & KILN_RECORD_DOUBLE_SIDED) == 0u)
         return false; /* there is no point on this side */
     const float diffuse = kiln_bsdf_choice_of(v.shares, KILN_LOBE_ALL).diffuse,
@@ -25,14 +27,18 @@ bool lands(Vertex v)
 bool turn_whole(Vertex v, float pick, out vec3 towards)
 {
     const uvec2 numbers = walk_draw(kiln_path_use(path.surface, KILN_PATH_BOUNCE));
-    const kiln_bsdf_choice choice = kiln_bsdf_choice_of(v.shares, others);
+    const uint which = CROSSES && path.surface == 1u ? sharp : others;
+    towards = vec3(0.0);
+    if (which == 0u)
+        return false;
+    const kiln_bsdf_choice choice = kiln_bsdf_choice_of(v.shares, which);
     kiln_bsdf_drawn d = kiln_bsdf_propose(v.lobes, choice, v.o, pick, float(real_unit(numbers.x)),
                                           float(real_unit(numbers.y)), KILN_IMPORTANCE);
     towards = v.frame * d.i;
     if (d.i.z == 0.0)
         return false;
     if (!d.delta) {
-        const kiln_bsdf_value f = kiln_bsdf_evaluate_chosen(v.lobes, choice, v.o, d.i, KILN_IMPORTANCE, others);
+        const kiln_bsdf_value f = kiln_bsdf_evaluate_chosen(v.lobes, choice, v.o, d.i, KILN_IMPORTANCE, which);
         if (!(f.density > 0.0))
             return false;
         d.weight = f.value / f.density;

@@ -3,7 +3,7 @@
 
 /* It lies before struct kiln_gpu_both. */
 KILN_ARRAY(LandArray, kiln_gpu_land, 8);
-#define LAND LandArray(push.both - 128ul).at[0]
+#define LAND LandArray(push.both - 136ul).at[0]
 
 #include "shaders/aims.glsl"
 #include "shaders/shared/caustic_weights.h"

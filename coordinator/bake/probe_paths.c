@@ -11,7 +11,7 @@
 #include "worker/pass/spheres.h"
 #include "worker/sampling/sequence.h"
 
-enum { BATCH_PATHS = 1 << 14, SIGHT_RAYS = 1024, SIGHT_TOGETHER = 64 };
+enum { BATCH_PATHS = 1 << 14, OF_A_DEVICE = 64, SIGHT_RAYS = 1024, SIGHT_TOGETHER = 64 };
 enum { PATHS_AN_AIM = 4 };
 enum { SPHERE_CELLS = 2 }; /* about, that a sphere is in */
 
@@ -23,10 +23,10 @@ enum { SPHERE_CELLS = 2 }; /* about, that a sphere is in */
 /* The paths for the probes, on this rank. */
 struct paths_work {
     const struct kiln_probe_paths_params *params;
-    const struct kiln_volume_result *volume;
+    struct kiln_volume_result *volume;
     struct kiln_probe_result *probes; /* own */
     uint8_t *done;                    /* own */
-    struct kiln_backend *host;        /* NULL: the bake's backend traces them itself */
+    struct kiln_backend *host;        /* beside a device: for what that leaves to it; NULL: Embree bakes */
     struct kiln_aims *aims;
     uint64_t photons, iterations;
     /* of each aim: moments and paths of all iterations of a chunk, and the next weights */
@@ -99,10 +99,15 @@ uint64_t kiln_probe_paths_photons(const struct kiln_integrate_settings *settings
     return settings->photons_given ? max_of(landing, aims) : enough < landing ? enough : landing;
 }
 
-static struct kiln_backend *backend_of(const struct paths_work *w)
+/* Whether the host traces the paths, for the device that bakes does not take them. */
+static bool on_host(const struct paths_work *w)
 {
-    return w->host != NULL ? w->host : w->params->backend;
+    const struct kiln_land_parameters parameters = {.aims = w->aims, .spheres = &w->spheres};
+    return w->host != NULL && !kiln_backend_takes(w->params->backend, &kiln_pass_land, &parameters);
 }
+
+/* What traces the paths, and rays from the middles of spheres. */
+static struct kiln_backend *backend_of(const struct paths_work *w) { return on_host(w) ? w->host : w->params->backend; }
 
 /* ---- spheres ---- */
 
@@ -160,7 +165,7 @@ void kiln_probe_spheres_release(struct kiln_probe_spheres *s)
     s->clear = NULL;
 }
 
-/* What is to be known of the spheres before paths cross them. `host`: traces the paths. */
+/* What is to be known of the spheres before paths cross them. */
 static int prepare_spheres(struct kiln_probe_spheres *s, struct kiln_backend *host, struct kiln_error *error)
 {
     const int status = kiln_backend_clearance(host, s->sphere, s->count, (float *)(uintptr_t)s->clear, error);
@@ -192,13 +197,13 @@ int kiln_probe_spheres_try(struct kiln_probe_spheres *s, struct kiln_backend *ho
     return status == KILN_OK ? prepare_spheres(s, host, error) : status;
 }
 
-uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks)
+uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks, bool device)
 {
     const uint64_t chunk = probes < KILN_PROBE_PATHS_CHUNK ? probes : KILN_PROBE_PATHS_CHUNK,
                    own = probes / ranks < chunk ? probes / ranks : chunk, sums = KILN_SPHERE_SUMS * sizeof(uint64_t),
                    ray = 2 * sizeof(struct kiln_vec3) + sizeof(struct kiln_hit);
-    return chunk *
-               (sums + sizeof(struct kiln_sphere) + sizeof(float) + SPHERE_CELLS * sizeof(struct kiln_cell_sphere)) +
+    return chunk * ((device ? 2 : 1) * sums + sizeof(struct kiln_sphere) + sizeof(float) +
+                    SPHERE_CELLS * sizeof(struct kiln_cell_sphere)) +
            own * sums + SIGHT_TOGETHER * SIGHT_RAYS * ray;
 }
 
@@ -373,6 +378,8 @@ static int trace(struct paths_work *w, uint64_t first, uint64_t count, struct ki
 {
     const struct kiln_land_parameters parameters = {.aims = w->aims, .spheres = &w->spheres};
     const struct kiln_batch batch = {.first = first, .count = count};
+    w->volume->paths += count;
+    w->volume->paths_on_host += on_host(w) ? count : 0;
     return kiln_backend_run(backend_of(w), &kiln_pass_land, &parameters, &batch, &w->rays, error);
 }
 
@@ -385,14 +392,15 @@ static int run_iteration(struct paths_work *w, uint64_t iteration, struct kiln_e
     (void)MPI_Comm_rank(p->communicator, &rank);
     (void)MPI_Comm_size(p->communicator, &ranks);
     const uint64_t begin = w->photons * (uint64_t)rank / (uint64_t)ranks,
-                   end = w->photons * ((uint64_t)rank + 1) / (uint64_t)ranks;
+                   end = w->photons * ((uint64_t)rank + 1) / (uint64_t)ranks,
+                   most = w->host == NULL || on_host(w) ? BATCH_PATHS : OF_A_DEVICE * BATCH_PATHS;
     uint64_t next = begin;
     kiln_control_begin(p->control, "light paths at probes");
     for (;;) {
         enum kiln_event event;
         if (status == KILN_OK && next < end) {
             const double start = MPI_Wtime();
-            const uint64_t now = end - next < BATCH_PATHS ? end - next : BATCH_PATHS;
+            const uint64_t now = end - next < most ? end - next : most;
             status = trace(w, iteration * w->photons + next, now, error);
             next += now;
             event = kiln_control_poll(p->control, next == end, (double)(next - begin) / (double)(end - begin),
@@ -429,7 +437,8 @@ static int run_chunk(struct paths_work *w, struct kiln_error *error)
     uint64_t begin;
     const uint64_t count = own_part(w, &begin);
     share_spheres(w);
-    int status = kiln_agree(p->communicator, prepare_spheres(&w->spheres, backend_of(w), error), error);
+    int status =
+        kiln_agree(p->communicator, prepare_spheres(&w->spheres, w->host != NULL ? w->host : p->backend, error), error);
     memset(w->spheres.sums, 0, w->spheres.count * KILN_SPHERE_SUMS * sizeof *w->spheres.sums);
     memset(w->spheres.moments, 0, w->aims->count * sizeof *w->spheres.moments);
     share_out(w, true);
@@ -512,7 +521,7 @@ static void release(struct paths_work *w)
     kiln_free(&w->hits);
 }
 
-int kiln_probe_paths_add(const struct kiln_probe_paths_params *params, const struct kiln_volume_result *volume,
+int kiln_probe_paths_add(const struct kiln_probe_paths_params *params, struct kiln_volume_result *volume,
                          struct kiln_probe_result *probes, uint8_t *done, uint64_t *rays, struct kiln_error *error)
 {
     const uint64_t total = total_of(volume);

@@ -27,7 +27,7 @@ enum kiln_probe_done { KILN_PROBE_TO_DO = 0, KILN_PROBE_GATHERED = 1, KILN_PROBE
 
 struct kiln_probe_paths_params {
     MPI_Comm communicator;
-    struct kiln_backend *backend; /* has its surface; beside a device the host traces the paths */
+    struct kiln_backend *backend; /* has its surface; what a device does not take of the paths the host traces */
     const struct kiln_scene *scene;
     const struct kiln_integrate_settings *settings;
     uint32_t leaves;  /* kiln_probe_paths_leaves */
@@ -54,15 +54,17 @@ uint64_t kiln_probe_paths_photons(const struct kiln_integrate_settings *settings
                                   uint32_t samples);
 
 /* Collective. Adds the light to own `probes`, all of which are gathered, and not yet to those that are complete; marks
- * them in `done`. Adds the number of rays to *rays. KILN_SYSTEM; KILN_STOPPED if something asked to stop. */
-int kiln_probe_paths_add(const struct kiln_probe_paths_params *params, const struct kiln_volume_result *volume,
+ * them in `done`. Adds the number of rays to *rays, and counts paths in the volume. KILN_SYSTEM; KILN_STOPPED if
+ * something asked to stop. */
+int kiln_probe_paths_add(const struct kiln_probe_paths_params *params, struct kiln_volume_result *volume,
                          struct kiln_probe_result *probes, uint8_t *done, uint64_t *rays, struct kiln_error *error);
 
-/* Bytes that a rank needs for the paths to so many probes, but for a BVH. */
-uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks);
+/* Bytes that a rank needs for the paths to so many probes, but for a BVH; `device`: one traces them. */
+uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks, bool device);
 
-/* Spheres about unmoved probes, as many as a chunk has, with room for their sums, to try paths with that `host` traces:
- * for kiln plan. Release with kiln_probe_spheres_release, in any case. KILN_SYSTEM. */
+/* Spheres about unmoved probes, as many as a chunk has, with room for their sums, to try paths with: for kiln plan.
+ * `host`: kiln_landing_host, or the backend where there is none. Release with kiln_probe_spheres_release, in any case.
+ * KILN_SYSTEM. */
 struct kiln_probe_spheres;
 struct kiln_aims;
 int kiln_probe_spheres_try(struct kiln_probe_spheres *spheres, struct kiln_backend *host,

@@ -30,6 +30,8 @@ enum {
     RANK_RSS,
     RANK_RAYS, /* of steps of each role */
     RANK_PROBES = RANK_RAYS + KILN_ROLES_MAX,
+    RANK_PROBE_PATHS,
+    RANK_PROBE_PATHS_ON_HOST,
     RANK_PSS,
     RANK_SHARED,
     RANK_RECEIVED,
@@ -260,6 +262,8 @@ static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
     values[RANK_INVALID] = count_invalid(run->prepared->surface);
     values[RANK_RSS] = kiln_process_memory(KILN_MEMORY_PEAK);
     values[RANK_PROBES] = run->probe_rays;
+    values[RANK_PROBE_PATHS] = run->volume->paths;
+    values[RANK_PROBE_PATHS_ON_HOST] = run->volume->paths_on_host;
     values[RANK_PSS] = kiln_process_memory(KILN_MEMORY_SHARE);
     values[RANK_SHARED] = kiln_node_rank(run->prepared->node) == 0 ? kiln_node_bytes(run->prepared->node) : 0;
     values[RANK_RECEIVED] = t->received;
@@ -656,13 +660,19 @@ static json_t *volume_json(const struct kiln_run *run, const uint64_t *values)
 {
     const struct kiln_volume_result *v = run->volume;
     const int ranks = run->prepared->ranks;
-    return json_pack("{s:[I,I,I], s:[f,f,f], s:[f,f,f], s:{s:I, s:I, s:I, s:I}}", "size", (json_int_t)v->size[0],
-                     (json_int_t)v->size[1], (json_int_t)v->size[2], "origin", v->origin[0], v->origin[1], v->origin[2],
-                     "spacing", v->spacing[0], v->spacing[1], v->spacing[2], "probes", "in_place",
-                     total(values, ranks, RANK_PROBES_IN + KILN_PROBE_IN_PLACE), "moved",
-                     total(values, ranks, RANK_PROBES_IN + KILN_PROBE_MOVED), "filled",
-                     total(values, ranks, RANK_PROBES_IN + KILN_PROBE_FILLED), "buried",
-                     total(values, ranks, RANK_PROBES_IN + KILN_PROBE_BURIED));
+    json_t *json =
+        json_pack("{s:[I,I,I], s:[f,f,f], s:[f,f,f], s:{s:I, s:I, s:I, s:I}}", "size", (json_int_t)v->size[0],
+                  (json_int_t)v->size[1], (json_int_t)v->size[2], "origin", v->origin[0], v->origin[1], v->origin[2],
+                  "spacing", v->spacing[0], v->spacing[1], v->spacing[2], "probes", "in_place",
+                  total(values, ranks, RANK_PROBES_IN + KILN_PROBE_IN_PLACE), "moved",
+                  total(values, ranks, RANK_PROBES_IN + KILN_PROBE_MOVED), "filled",
+                  total(values, ranks, RANK_PROBES_IN + KILN_PROBE_FILLED), "buried",
+                  total(values, ranks, RANK_PROBES_IN + KILN_PROBE_BURIED));
+    if (total(values, ranks, RANK_PROBE_PATHS) > 0)
+        (void)json_object_set_new(json, "light_paths",
+                                  json_pack("{s:I, s:I}", "traced", total(values, ranks, RANK_PROBE_PATHS), "on_host",
+                                            total(values, ranks, RANK_PROBE_PATHS_ON_HOST)));
+    return json;
 }
 
 /* What it came to that nodes received the radiosity of what they see. */

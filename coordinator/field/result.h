@@ -78,6 +78,9 @@ struct kiln_volume_result {
     const struct kiln_probe_group *groups;
     size_t group_count;
     char *const *group_names;
+    /* light paths that this rank has traced for probes (bake/probe_paths.h), and those that Embree traced for a device
+     */
+    uint64_t paths, paths_on_host;
 };
 
 #endif

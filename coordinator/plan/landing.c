@@ -144,7 +144,7 @@ static int measure_probes(const struct measure *m, const struct kiln_volume_resu
     kiln_probe_spheres_release(&spheres);
     landing->probes = path * (double)kiln_probe_paths_photons(m->settings, m->aims->count, volume->size, samples) *
                       m->settings->iterations * m->settings->parts * ceil((double)probes / KILN_PROBE_PATHS_CHUNK);
-    landing->probe_bytes = kiln_probe_paths_bytes(probes, m->ranks);
+    landing->probe_bytes = kiln_probe_paths_bytes(probes, m->ranks, m->host != NULL);
     return status;
 }
 

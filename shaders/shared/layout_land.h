@@ -29,6 +29,7 @@ struct kiln_gpu_land {
     KILN_ADDRESS shares;      /* floats: of each of these the share of its target's area up to its end */
     KILN_ADDRESS of_triangle; /* words: of each world triangle its target; KILN_GPU_NONE: none */
     KILN_ADDRESS plane_of;    /* words: of each world triangle its mirror plane, likewise; 0: lamps have no images */
+    KILN_ADDRESS spheres;     /* struct kiln_gpu_spheres, where paths cross the spheres of probes */
     KILN_WORD64 paths;        /* of an iteration */
     KILN_WORD aim_count, target_count;
     KILN_VECTOR centre;                  /* of the sphere about the scene, m, */
@@ -37,7 +38,25 @@ struct kiln_gpu_land {
     KILN_WORD mis;
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_land, 128);
+KILN_SIZE_IS(kiln_gpu_land, 136);
+
+/* The spheres about probes: struct kiln_probe_spheres. */
+struct kiln_gpu_spheres {
+    KILN_ADDRESS spheres; /* of each four floats: struct kiln_sphere */
+    KILN_ADDRESS clear;   /* floats: of each, m */
+    KILN_ADDRESS paths;   /* floats: of each aim its paths over its flux, 1/W; 0: they leave nothing */
+    KILN_ADDRESS sums;    /* of each sphere KILN_GPU_SPHERE_SUMS whole numbers of 64 bits, the lower half first */
+    KILN_ADDRESS moments; /* of each aim one; and how many rays have asked for walls */
+    KILN_WORD64 first;    /* the probe of the grid whose sphere is number 0 */
+    KILN_WORD count, aims;
+    KILN_WORD size[3], low, high; /* of the grid; along z the first and the last layer that has spheres */
+    KILN_VECTOR origin, spacing;  /* the grid's, m */
+    KILN_VECTOR reach;            /* spacings, from a probe's place in the grid: beyond it lies nothing of its sphere */
+    KILN_REAL32 diameter;         /* m, of the largest sphere, */
+    KILN_REAL32 units;            /* and units of the sums that 1 W leaves along it */
+};
+KILN_SIZE_IS(kiln_gpu_spheres, 120);
+#define KILN_GPU_SPHERE_SUMS 45u
 
 /* How a path has ended; the host looks its surface point up. */
 struct kiln_gpu_landing {
@@ -58,5 +77,6 @@ KILN_SIZE_IS(kiln_gpu_landing, 44);
 #define KILN_GPU_LAND_IMAGED 4u    /* it comes as from the lamp's mirror image */
 
 /* The kernels' own constant. */
-#define KILN_GPU_LAND_BEGINS 1u /* of land.comp: paths begin; else they end */
-#define KILN_GPU_LAND_SHARES 2u /* landings share their light with other techniques */
+#define KILN_GPU_LAND_BEGINS 1u  /* of land.comp: paths begin; else they end */
+#define KILN_GPU_LAND_SHARES 2u  /* landings share their light with other techniques */
+#define KILN_GPU_LAND_CROSSES 4u /* paths cross the spheres of probes, and land on what is only diffuse */

@@ -1,5 +1,5 @@
 """Light paths at the probes of an irradiance volume: lamps by way of mirrors and glass as computed by hand, walls that
-cut spheres, what is left to gather rays, a furnace, and the same bits on any ranks."""
+cut spheres, what is left to gather rays, a furnace, and the same bits on any ranks; on a device, too."""
 import json
 import math
 import os
@@ -13,6 +13,7 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
+import price  # noqa: E402
 
 KILN = os.environ["KILN"]
 # the scenes are cubes of 2 m: 3 x 3 x 3 probes, the middle one at the origin, with spheres of 1/3 m
@@ -211,6 +212,33 @@ class ProbePaths(unittest.TestCase):
             with open(os.path.join(folder, "run.json")) as file:
                 rays.append(json.load(file)["rays"]["probes"])
         self.assertGreater(rays[0], rays[1] + 4 * 5001)
+
+    @price.long
+    def test_device(self):
+        """A device traces the paths itself, and brings what Embree does but for rounding; the same bits on any ranks. A
+        software device takes minutes to make the kernels."""
+        listed = subprocess.run([KILN, "info", "--devices", "--json"], capture_output=True, text=True)
+        if not any(d["fit"] for d in json.loads(listed.stdout)["vulkan"]):
+            self.skipTest("no Vulkan device")
+        scene = glb.Scene()
+        corners(scene)
+        level(scene, "mirror", -1, glossy(scene, "silver", 0.8, 0.1))
+        glb.box(scene, "box", (-0.5, -0.6, -0.5), (0.4, 0.3, 0.4), scene.material("grey", (0.5,) * 3))
+        scene.light("lamp", {"type": "point", "intensity": 5.0, "color": [1, 1, 1]}, translation=[0.1, 0.8, 0])
+        path = scene.write(os.path.join(self.folder, "device.glb"))
+        more = (*PATHS, "--photons", "5001", "--probe-spacing", "0.25", "--samples-probe", "4",
+                "--watchdog", "0")
+        embree, one, three = (self.bake(path, *more, "--backend", backend, ranks=ranks)
+                              for backend, ranks in (("embree", 0), ("vulkan", 0), ("vulkan", 3)))
+        expected, found, other = (self.volume(folder) for folder in (embree, one, three))
+        self.assertTrue(all((found["state"] == state).any() for state in (0, 1, 2)))
+        for name, data in found.items():
+            np.testing.assert_array_equal(other[name], data, err_msg=name)
+        for axis in AXES:
+            a, b = (volume["irradiance_" + axis][..., 1] for volume in (expected, found))
+            self.assertLess(float(abs(a - b).max()), 1e-3 * float(a.max()), axis)
+        with open(os.path.join(one, "run.json")) as file:
+            self.assertEqual(json.load(file)["volume"]["light_paths"], {"traced": 4 * 5001, "on_host": 0})
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
-/* Light paths that land (worker/pass/land.h), and gather rays that share the light with them (weighed.h), on a Vulkan
- * device against Embree: both follow the same paths by the same random numbers, so only rounding differs. The bits do
- * not depend on how paths are divided into calls. Skipped (77) if there is no device. */
+/* Light paths that land (worker/pass/land.h) or cross spheres of probes (spheres.h), and gather rays that share the
+ * light with them (weighed.h), on a Vulkan device against Embree: both follow the same paths by the same random
+ * numbers, so only rounding differs. The bits do not depend on how paths are divided into calls. Skipped (77) if there
+ * is no device. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -20,6 +21,7 @@
 #include "worker/light/aims.h"
 #include "worker/light/emission.h"
 #include "worker/pass/land.h"
+#include "worker/pass/spheres.h"
 #include "worker/pass/validity.h"
 #include "worker/pass/weighed.h"
 #include "worker/scene/gloss.h"
@@ -317,6 +319,131 @@ static void rays_agree(const struct world *w, struct kiln_backend *const backend
     free(parts);
 }
 
+/* ---- spheres of probes ---- */
+
+enum { ALONG = 7, LAYERS = 4, SPHERES = ALONG * LAYERS * ALONG };
+
+/* What paths have left in spheres. */
+struct crossed {
+    uint64_t sums[SPHERES * KILN_SPHERE_SUMS], *moments, rays;
+};
+
+/* Spheres about a grid, a third of them off their places, and some that get nothing. */
+static struct kiln_probe_spheres make_spheres(const struct world *w, struct kiln_backend *embree,
+                                              struct kiln_sphere sphere[SPHERES], float clear[SPHERES])
+{
+    const double *middle = w->f->scene.header->centre;
+    struct kiln_probe_spheres s = {.origin = {-2.4 - middle[0], 0.3 - middle[1], -2.4 - middle[2]},
+                                   .spacing = {0.8, 0.7, 0.8},
+                                   .radius = 0.35,
+                                   .leaves = KILN_LEAVES_POINTS | KILN_LEAVES_AREAS | KILN_LEAVES_IMAGE,
+                                   .size = {ALONG, LAYERS, ALONG},
+                                   .count = SPHERES,
+                                   .sphere = sphere,
+                                   .clear = clear,
+                                   .unit = 0x1p-40};
+    for (size_t i = 0; i < SPHERES; i++) {
+        const size_t at[3] = {i % ALONG, i / ALONG % LAYERS, i / (ALONG * LAYERS)};
+        sphere[i].radius = i % 31 == 5 ? 0.0f : 0.35f;
+        for (int a = 0; a < 3; a++)
+            sphere[i].centre[a] = (float)(s.origin[a] + s.spacing[a] * (double)at[a] +
+                                          (i % 3 == 0 ? 0.6 * (fixture_random(w->f) - 0.5) : 0.0));
+    }
+    assert_int_equal(kiln_backend_clearance(embree, sphere, SPHERES, clear, NULL), KILN_OK);
+    return s;
+}
+
+/* The same of the spheres from number `first` on. */
+static struct crossed *cross(const struct world *w, struct kiln_backend *backend, const struct kiln_probe_spheres *all,
+                             size_t first, size_t at_once)
+{
+    struct crossed *c = calloc(1, sizeof *c);
+    struct kiln_probe_spheres s = *all;
+    struct kiln_error error = {""};
+    const struct kiln_land_parameters parameters = {.aims = w->aims, .spheres = &s};
+    c->moments = calloc(w->aims->count, sizeof *c->moments);
+    s.first = first;
+    s.count -= first;
+    s.sphere += first;
+    s.clear += first;
+    s.sums = c->sums + KILN_SPHERE_SUMS * first;
+    s.moments = c->moments;
+    s.cells = (struct kiln_sphere_cells){.begin = NULL};
+    assert_int_equal(kiln_sphere_cells_make(&s.cells, &s, &error), KILN_OK);
+    assert_true(kiln_backend_takes(backend, &kiln_pass_land, &parameters));
+    for (size_t done = 0; done < PATHS; done += at_once) {
+        const struct kiln_batch batch = {.first = FIRST + done,
+                                         .count = PATHS - done < at_once ? PATHS - done : at_once};
+        if (kiln_backend_run(backend, &kiln_pass_land, &parameters, &batch, &c->rays, &error) != KILN_OK)
+            fail_msg("%s", error.message);
+    }
+    kiln_sphere_cells_release(&s.cells);
+    return c;
+}
+
+static void forget(struct crossed *c)
+{
+    free(c->moments);
+    free(c);
+}
+
+static void same_bits(const struct world *w, const struct crossed *a, const struct crossed *b, size_t first)
+{
+    assert_memory_equal(a->sums + KILN_SPHERE_SUMS * first, b->sums + KILN_SPHERE_SUMS * first,
+                        (SPHERES - first) * KILN_SPHERE_SUMS * sizeof *a->sums);
+    if (first == 0)
+        assert_memory_equal(a->moments, b->moments, w->aims->count * sizeof *a->moments);
+}
+
+/* Of sums that two backends have; the level is that of the sphere's mean radiance, the first of its sums. */
+static void compare_sums(const struct crossed *a, const struct crossed *b, size_t *lit, size_t *differ)
+{
+    double all[2] = {0.0, 0.0};
+    for (size_t i = 0; i < SPHERES; i++) {
+        const int64_t *of[2] = {(const int64_t *)a->sums + KILN_SPHERE_SUMS * i,
+                                (const int64_t *)b->sums + KILN_SPHERE_SUMS * i};
+        bool same = true;
+        for (size_t k = 0; k < KILN_SPHERE_SUMS; k++)
+            same = same && fabs((double)(of[0][k] - of[1][k])) <= 2e-3 * (double)of[0][k % 3];
+        *lit += of[0][1] > 0;
+        *differ += !same;
+        all[0] += (double)of[0][1];
+        all[1] += (double)of[1][1];
+        assert_true(i % 31 != 5 || (of[0][1] == 0 && of[1][1] == 0));
+    }
+    print_message("spheres: %zu lit, %zu differ, all of them %.6f\n", *lit, *differ, all[1] / all[0]);
+    assert_true(fabs(all[1] / all[0] - 1.0) < 1e-3);
+}
+
+static void spheres_agree(const struct world *w, struct kiln_backend *const backends[2])
+{
+    struct kiln_sphere sphere[SPHERES];
+    float clear[SPHERES], unknown[SPHERES] = {0.0f};
+    struct kiln_probe_spheres s = make_spheres(w, backends[0], sphere, clear);
+    struct crossed *embree = cross(w, backends[0], &s, 0, PATHS), *vulkan = cross(w, backends[1], &s, 0, PATHS),
+                   *parts = cross(w, backends[1], &s, 0, 777), *some = cross(w, backends[1], &s, 50, PATHS);
+    size_t lit = 0, differ = 0;
+    compare_sums(embree, vulkan, &lit, &differ);
+    assert_true(lit > SPHERES / 2 && differ <= lit / 10); /* a path that goes another way is in several */
+    for (size_t i = 0; i < w->aims->count; i++)
+        assert_true(fabs((double)embree->moments[i] - (double)vulkan->moments[i]) <=
+                    0.02 * (double)embree->moments[i] + 1000.0);
+    assert_true(fabs((double)embree->rays / (double)vulkan->rays - 1.0) < 0.002);
+    assert_true(parts->rays == vulkan->rays);
+    same_bits(w, parts, vulkan, 0);
+    same_bits(w, some, vulkan, 50);
+    s.clear = unknown;
+    struct crossed *asked = cross(w, backends[1], &s, 0, PATHS);
+    same_bits(w, asked, vulkan, 0);
+    assert_true(asked->rays > vulkan->rays);
+    vulkan_has_run(backends[1], "light paths at probes");
+    forget(embree);
+    forget(vulkan);
+    forget(parts);
+    forget(some);
+    forget(asked);
+}
+
 static void paths_and_rays_agree_with_embree(void **state)
 {
     (void)state;
@@ -328,6 +455,8 @@ static void paths_and_rays_agree_with_embree(void **state)
     uint64_t rays = 0;
     agrees(&w, backends, false);
     agrees(&w, backends, true);
+    spheres_agree(&w, backends);
+    agrees(&w, backends, false); /* kernels are those of landings again */
     are_taken_apart(backends[1]);
     assert_int_equal(kiln_backend_run(backends[0], &kiln_pass_validity, NULL, &all, &rays, NULL), KILN_OK);
     rays_agree(&w, backends, KILN_MIS_BALANCE);

@@ -24,13 +24,14 @@
  * wall.
  *
  * Paths for probes leave light in the spheres that they cross (spheres.h), from the first surface on, which sends them
- * on by its sharp lobes alone; they land only on surfaces that are only diffuse, and their landings are of no use.
+ * on by its sharp lobes alone; they land only on surfaces that are only diffuse, and their landings are of no use:
+ * devices do not hand them over.
  *
  * Items: light paths, numbered over the whole bake from 0 on; path i is number i % aims->paths of iteration
  * i / aims->paths. A result is a function of seed, i and the aims alone. Random numbers: those of path.h
  * (shaders/shared), of sample k = number of the path among those of its aim; surfaces count from 1 on, the ray that a
- * path begins with is 0. Rays: all. Devices do
- * not take spheres, and none where they trace by their ray-tracing pipeline (kiln_backend_takes). */
+ * path begins with is 0. Rays: all. Devices
+ * take none where they trace by their ray-tracing pipeline (kiln_backend_takes). */
 #ifndef KILN_WORKER_PASS_LAND_H
 #define KILN_WORKER_PASS_LAND_H
 

@@ -25,7 +25,8 @@ struct both_run {
     uint64_t paths;        /* of light in a sample, or those that are merged */
     uint32_t light_of;     /* KILN_GPU_OF_LIGHT..., of those that are traced next */
     bool buried;           /* of surface points: some that are partly buried begin next */
-    bool shares;           /* of paths that land: they share their light with other techniques */
+    bool shares;           /* of paths that land: they share their light with other techniques, */
+    bool crosses;          /* or cross the spheres of probes */
     uint64_t rays;         /* that were traced */
     struct kiln_emission *emission;
     /* Whether paths that have met gloss and the others have kernels of their own: code for gloss makes a kernel slow
@@ -33,7 +34,7 @@ struct both_run {
     bool sorts;
     struct both_stage light_diffuse, eye_diffuse; /* of those others */
     struct both_stage light, eye, eye_ends, next, to_paths, to_camera, connected, near, connect, merge, splat, photon,
-        buried_begin, begin_landing, met_first;
+        buried_begin, begin_landing, met_first, cross;
     struct gpu_buffer chances, nodes, all, counts, vertices, last, photons, buckets, film, sums;
     struct gpu_buffer points, point_paths, point_rays; /* of paths from surface points */
     struct gpu_buffer brought;                         /* of the host: the film, or the sums of pixels */

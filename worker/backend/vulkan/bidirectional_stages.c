@@ -11,6 +11,8 @@
 #include "shaders/eye_paths_gloss.h"
 #include "shaders/eye_paths_gloss_float.h"
 #include "shaders/land.h"
+#include "shaders/land_cross.h"
+#include "shaders/land_cross_float.h"
 #include "shaders/land_first.h"
 #include "shaders/land_first_float.h"
 #include "shaders/land_float.h"
@@ -103,6 +105,9 @@ static const struct vulkan_shader land_shader = {
 static const struct vulkan_shader land_first_shader = {.name = "light paths that land, at first surfaces",
                                                        .compute = VULKAN_CODE(land_first),
                                                        .compute_float = VULKAN_CODE(land_first_float)};
+static const struct vulkan_shader land_cross_shader = {.name = "light paths at probes",
+                                                       .compute = VULKAN_CODE(land_cross),
+                                                       .compute_float = VULKAN_CODE(land_cross_float)};
 static const struct vulkan_shader land_on_shader = {.name = "light paths that land, at gloss",
                                                     .compute = VULKAN_CODE(land_on),
                                                     .compute_float = VULKAN_CODE(land_on_float)};
@@ -214,7 +219,7 @@ int both_kernels(struct both_run *r, struct kiln_error *error)
                alone = (r->method & KILN_GPU_BOTH_ALONE) != 0, land = lands(r), both = !land;
     const uint32_t points = r->method & KILN_GPU_BOTH_POINTS,
                    next = r->method & (KILN_GPU_BOTH_POINTS | KILN_GPU_BOTH_LANDS),
-                   shares = r->shares ? KILN_GPU_LAND_SHARES : 0;
+                   crosses = r->crosses ? KILN_GPU_LAND_CROSSES : 0, shares = r->shares ? KILN_GPU_LAND_SHARES : 0;
     r->sorts = r->b->materials.gloss || land;
     const struct vulkan_shader *ends = points != 0 ? &point_paths_shader
                                        : r->sorts  ? &eye_paths_diffuse
@@ -230,9 +235,10 @@ int both_kernels(struct both_run *r, struct kiln_error *error)
               {&r->light_diffuse, &light_paths_diffuse, points, VULKAN_PACE_LIGHT_DIFFUSE, both && r->sorts && !alone},
               {&r->eye_diffuse, &eye_paths_diffuse, r->method, VULKAN_PACE_EYE_DIFFUSE, both && r->sorts},
               {&r->eye_ends, ends, r->method, VULKAN_PACE_EYE_ENDS, both},
-              {&r->begin_landing, &land_shader, KILN_GPU_LAND_BEGINS, KILN_PASS_INDEX_land, land},
+              {&r->begin_landing, &land_shader, KILN_GPU_LAND_BEGINS | crosses, KILN_PASS_INDEX_land, land},
+              {&r->cross, &land_cross_shader, crosses, VULKAN_PACE_SPHERES, land && r->crosses},
               {&r->met_first, &land_first_shader, shares, KILN_PASS_INDEX_land, land},
-              {&r->light, &land_on_shader, shares, KILN_PASS_INDEX_land, land},
+              {&r->light, &land_on_shader, shares | crosses, KILN_PASS_INDEX_land, land},
               {&r->light_diffuse, &land_shader, shares, KILN_PASS_INDEX_land, land},
               {&r->next, land ? &path_rays_with_gloss : &path_rays_shader, KILN_GPU_RAYS_NEXT | next,
                land ? KILN_PASS_INDEX_land : VULKAN_PACE_PATH_RAYS, true},
@@ -503,6 +509,8 @@ static size_t add_surface(struct both_run *r, const struct both_stage *at_diffus
     r->push.room = r->slots;
     const size_t met = add(r, &r->next, most, counter);
     r->push.onward = onward;
+    if (r->crosses)
+        (void)add(r, &r->cross, most, counter);
     if (!r->sorts)
         return add(r, at_gloss, most, counter);
     r->push.list = sorted_list(r);

@@ -5,6 +5,7 @@
 #include "shaders/shared/land.h"
 #include "worker/backend/vulkan/bidirectional.h"
 #include "worker/backend/vulkan/chunks.h"
+#include "worker/backend/vulkan/spheres.h"
 #include "worker/base/memory.h"
 #include "worker/light/aims.h"
 #include "worker/pass/land.h"
@@ -33,6 +34,9 @@ struct land_run {
     uint64_t rays;
     const struct kiln_aims *aims;
     bool shares; /* landings tell the part of samples */
+    /* what paths leave there is added to it in the end, and landings are of no use; NULL: they land */
+    const struct kiln_probe_spheres *spheres;
+    struct gpu_pacer *pacer;
 };
 
 /* ---- answers ---- */
@@ -73,7 +77,8 @@ static int take_over(struct land_run *r, uint32_t slot, struct kiln_error *error
     for (size_t i = 0; i < p->count; i++) {
         const uint32_t end = landings[i].end;
         rays += (end >> KILN_GPU_LAND_LENGTH) + ((end & KILN_GPU_LAND_MISSED) != 0 ? 1 : 0);
-        read_landing(r, &landings[i], (uint64_t)p->first + i, &aim, &r->results[i]);
+        if (r->spheres == NULL)
+            read_landing(r, &landings[i], (uint64_t)p->first + i, &aim, &r->results[i]);
     }
     r->rays += rays;
     return KILN_OK;
@@ -98,6 +103,7 @@ static int prepare_paths(struct land_run *r, size_t count, bool shares, struct k
     }
     r->paths = b->both;
     r->paths->shares = shares;
+    r->paths->crosses = r->spheres != NULL;
     r->room = wanted;
     return there ? both_kernels(r->paths, error) : both_stages_create(r->paths, error);
 }
@@ -124,6 +130,8 @@ static int prepare(struct land_run *r, const struct kiln_land_parameters *p, siz
 {
     struct vulkan_backend *b = r->b;
     r->aims = p->aims;
+    r->spheres = p->spheres;
+    r->pacer = &b->pacers[r->spheres != NULL ? (size_t)VULKAN_PACE_SPHERES : (size_t)KILN_PASS_INDEX_land];
     r->shares = p->techniques != NULL && kiln_mis_has_factors(p->techniques->mis);
     kiln_store_build(&r->store, b->surface, b->params.geometry);
     int status = vulkan_surfaces(b, error);
@@ -135,6 +143,8 @@ static int prepare(struct land_run *r, const struct kiln_land_parameters *p, siz
     r->room = paths->slots < r->room ? paths->slots : r->room;
     status = both_make_zeros(paths, &paths->counts, sizeof(struct kiln_gpu_both_counts), "counts of paths", error);
     paths->shared.counts = paths->counts.address;
+    if (status == KILN_OK && r->spheres != NULL)
+        status = vulkan_spheres_create(paths, p->aims, r->spheres, error);
     if (status == KILN_OK)
         status = vulkan_techniques_create(b, p->aims, p->techniques, &paths->shared, error);
     paths->push.scene = b->scene.address;
@@ -149,6 +159,7 @@ static void finish(struct land_run *r, int status)
         if (r->portions[i].count > 0)
             (void)gpu_wait(r->b->gpu, i, NULL, NULL);
     vulkan_techniques_release(r->b);
+    vulkan_spheres_release(r->b);
     if (status != KILN_OK)
         vulkan_bidirectional_release(r->b);
 }
@@ -157,7 +168,7 @@ static void finish(struct land_run *r, int status)
 static int begin_portion(struct land_run *r, uint32_t slot, size_t first, size_t left, struct kiln_error *error)
 {
     struct portion *p = &r->portions[slot];
-    const uint64_t enough = gpu_pacer_next(&r->b->pacers[KILN_PASS_INDEX_land], FIRST_GUESS), most = r->room,
+    const uint64_t enough = gpu_pacer_next(r->pacer, FIRST_GUESS), most = r->room,
                    some = enough < LEAST ? LEAST : enough;
     const size_t count = (size_t)(some < most ? some : most);
     p->first = first;
@@ -183,7 +194,7 @@ static int follow_portion(struct land_run *r, uint32_t slot, struct kiln_error *
     double seconds;
     int status = both_wait_for_landings(r->paths, slot, &seconds, error);
     if (status == KILN_OK) {
-        gpu_pacer_learn(&b->pacers[KILN_PASS_INDEX_land], p->count, seconds);
+        gpu_pacer_learn(r->pacer, p->count, seconds);
         status = both_read_counts(r->paths, &counts, error);
     }
     return status == KILN_OK ? gpu_submit(b->gpu, slot, &copy, 1, error) : status;
@@ -198,13 +209,24 @@ static int end_portion(struct land_run *r, uint32_t slot, struct kiln_batch *lef
     const uint64_t before = r->rays;
     int status = take_over(r, slot, error);
     p->count = 0;
-    if (status != KILN_OK)
+    if (status != KILN_OK || r->spheres != NULL)
         return status;
     *rays += r->rays - before;
     status = left->take != NULL ? left->take(left->context, left->first, count, r->results, error) : KILN_OK;
     *refused = status != KILN_OK;
     *left = kiln_batch_part(left, left->first + count, left->count - count);
     return status;
+}
+
+/* What all paths have left in spheres is added at once: a device that is lost before has left nothing. */
+static int end_spheres(struct land_run *r, struct kiln_batch *left, uint64_t *rays, struct kiln_error *error)
+{
+    const int status = vulkan_spheres_add(r->b, r->aims, r->spheres, &r->rays, error);
+    if (status != KILN_OK)
+        return status;
+    *rays += r->rays;
+    *left = kiln_batch_part(left, left->first + left->count, 0);
+    return KILN_OK;
 }
 
 static int run_left(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left, uint64_t *rays,
@@ -214,7 +236,7 @@ static int run_left(struct vulkan_backend *b, const void *parameters, struct kil
     const size_t end = left->first + left->count;
     size_t next = left->first;
     int status = prepare(&r, parameters, left->count, error);
-    for (uint32_t slot = 0; left->count > 0 && status == KILN_OK; slot ^= 1) {
+    for (uint32_t slot = 0; (next < end || r.portions[slot ^ 1].count > 0) && status == KILN_OK; slot ^= 1) {
         if (next < end)
             status = begin_portion(&r, slot, next, end - next, error);
         next += r.portions[slot].count;
@@ -223,6 +245,8 @@ static int run_left(struct vulkan_backend *b, const void *parameters, struct kil
         if (status == KILN_OK && r.portions[slot].count > 0)
             status = follow_portion(&r, slot, error);
     }
+    if (status == KILN_OK && r.spheres != NULL)
+        status = end_spheres(&r, left, rays, error);
     finish(&r, status);
     return status;
 }
@@ -233,12 +257,12 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     return vulkan_run_to_end(b, run_left, parameters, batch, rays, error);
 }
 
-/* Spheres of probes ask for walls (worker/pass/spheres.h), of an image of the sky there is only one cell here
- * (worker/light/sky_cells.h), and paths that land have not been tried with the ray-tracing pipeline. */
+/* Of an image of the sky there is only one cell here (worker/light/sky_cells.h), and paths that land have not been
+ * tried with the ray-tracing pipeline. */
 static bool takes(const struct vulkan_backend *b, const void *parameters)
 {
     const struct kiln_land_parameters *p = parameters;
-    return p->spheres == NULL && (p->aims == NULL || p->aims->sky.count <= 1) && b->tracer.acceleration == NULL;
+    return (p->aims == NULL || p->aims->sky.count <= 1) && b->tracer.acceleration == NULL;
 }
 
 const struct vulkan_pass vulkan_pass_land = {.run = run, .takes = takes};

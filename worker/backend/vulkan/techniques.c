@@ -129,6 +129,7 @@ int vulkan_techniques_create(struct vulkan_backend *b, const struct kiln_aims *a
         .triangles = upload(&u, aims->targets.triangles, aims->targets.listed * sizeof *aims->targets.triangles),
         .shares = upload_shares(&u, aims->targets.until, aims->targets.listed),
         .of_triangle = upload(&u, aims->targets.of_triangle, triangles * sizeof *aims->targets.of_triangle),
+        .spheres = b->spheres[VULKAN_SPHERES_ROOT].address,
         .paths = aims->paths,
         .aim_count = (uint32_t)aims->count,
         .target_count = (uint32_t)aims->targets.count,

@@ -20,7 +20,8 @@ struct vulkan_techniques {
 };
 
 /* Uploads into b->techniques, which holds nothing yet, the aims, which are shared out, and of `techniques`, NULL where
- * there are none, what kernels read; with what `under_way` has of paths under way (NULL: nothing). All are read only
+ * there are none, what kernels read; with what `under_way` has of paths under way (NULL: nothing) and the spheres of
+ * probes that are there (spheres.h). All are read only
  * during the call. Release with vulkan_techniques_release, also
  * after a failure; a device that is made anew has none. */
 int vulkan_techniques_create(struct vulkan_backend *b, const struct kiln_aims *aims,

@@ -11,6 +11,7 @@
 #include "worker/backend/vulkan/held.h"
 #include "worker/backend/vulkan/kept_rows.h"
 #include "worker/backend/vulkan/regression.h"
+#include "worker/backend/vulkan/spheres.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
 
@@ -138,6 +139,7 @@ static void clear(struct vulkan_backend *b)
     }
     vulkan_bidirectional_release(b);
     vulkan_techniques_release(b);
+    vulkan_spheres_release(b);
     vulkan_rows_release(b);
     vulkan_held_release(b);
     vulkan_regression_release(b);

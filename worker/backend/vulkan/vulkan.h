@@ -103,6 +103,17 @@ enum {
     VULKAN_BRIGHT_ARRAYS
 };
 
+/* The spheres about probes on the device (spheres.h). */
+enum {
+    VULKAN_SPHERES_SPHERES,
+    VULKAN_SPHERES_CLEAR,
+    VULKAN_SPHERES_PATHS,
+    VULKAN_SPHERES_SUMS,
+    VULKAN_SPHERES_MOMENTS,
+    VULKAN_SPHERES_ROOT,
+    VULKAN_SPHERE_ARRAYS
+};
+
 /* The tree of links on the device (links.c). */
 enum { VULKAN_LINK_NODES, VULKAN_LINK_LEAVES, VULKAN_LINK_LIGHT, VULKAN_LINK_PLACES, VULKAN_LINK_ARRAYS };
 enum { VULKAN_LINK_GROUPS = 2 }; /* of tile runs whose links are found in turn: link_views.c */
@@ -144,6 +155,7 @@ enum vulkan_pace {
     VULKAN_PACE_MERGE,
     VULKAN_PACE_SPLAT,
     VULKAN_PACE_PHOTONS,
+    VULKAN_PACE_SPHERES,    /* light paths that cross spheres of probes */
     VULKAN_PACE_REGRESSION, /* of its first sweep; those of the others follow */
     VULKAN_PACES = VULKAN_PACE_REGRESSION + VULKAN_REGRESSION_SWEEPS
 };
@@ -192,7 +204,8 @@ struct vulkan_backend {
     struct vulkan_slot slots[GPU_SLOTS];
     char *results; /* of the host: where short results are made long (hemisphere.h) */
     size_t result_room;
-    struct vulkan_techniques techniques; /* of the pass under way, where it is land or weighed */
+    struct vulkan_techniques techniques;             /* of the pass under way, where it is land or weighed */
+    struct gpu_buffer spheres[VULKAN_SPHERE_ARRAYS]; /* of the land pass under way, where paths cross them */
     struct vulkan_resident *resident;
     size_t resident_count, resident_room;
     struct vulkan_held held;
