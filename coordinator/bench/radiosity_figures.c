@@ -229,6 +229,8 @@ static void add_scatter(const struct kiln_sweep *sweep, struct figure *f, uint32
     const size_t sizes = sizes_of(sweep, sides);
     for (size_t first = 0; first < sweep->count && sweep->settings[first].side == sweep->settings[0].side; first++) {
         const struct kiln_setting *row = &sweep->settings[first];
+        if (row->generate != NULL)
+            continue;
         if (strcmp(row->group, group) != 0) {
             group = row->group;
             line = add_line(f, (int)f->count, f->count >= COLORS, group);
@@ -268,6 +270,52 @@ void kiln_radiosity_plot(const struct kiln_sweep *sweep, struct kiln_html *page)
     for (size_t l = 0; l < f.count; l++)
         for (size_t i = 0; i < f.line[l].count; i++)
             f.line[l].label[i] = NULL;
+    draw_figure(sweep, &f, page);
+}
+
+/* The pure pass of a scene at the largest size; NULL: it has not run, or is none. */
+static const struct kiln_setting_result *pure_of(const struct kiln_sweep *sweep, size_t i)
+{
+    uint32_t sides[KILN_SETTINGS_MOST];
+    const struct kiln_setting *s = &sweep->settings[i];
+    const size_t count = sizes_of(sweep, sides);
+    const bool is_pure = s->generate != NULL || kiln_radiosity_is(s, "pure");
+    return is_pure && sweep->results[i].done && s->side == sides[count - 1] ? &sweep->results[i] : NULL;
+}
+
+/* The scene's name; that of the job's is its file's. */
+static const char *scene_of(const struct kiln_sweep *sweep, const struct kiln_setting *s)
+{
+    const char *slash = strrchr(sweep->job->scene, '/');
+    return s->generate != NULL ? s->generate : slash != NULL ? slash + 1 : sweep->job->scene;
+}
+
+static void add_table_6_12(const struct kiln_sweep *sweep, struct kiln_html *page)
+{
+    kiln_html_add(page, "scene,triangles,texels,rays,pass_seconds,pair_nanoseconds\n");
+    for (size_t i = 0; i < sweep->count; i++) {
+        const struct kiln_setting_result *r = pure_of(sweep, i);
+        if (r != NULL)
+            kiln_html_add(page, "%s,%.0f,%.0f,%.6g,%.6g,%.6g\n", scene_of(sweep, &sweep->settings[i]), r->triangles,
+                          r->points, r->rays, pass_of(r), 1e9 * pass_of(r) / (r->points * r->points));
+    }
+}
+
+static void add_6_12(const struct kiln_sweep *sweep, struct kiln_html *page)
+{
+    struct figure f = {.title = "Time of a pass of pure radiosity, by scene (figure 6.12)",
+                       .across = "triangles",
+                       .up = "nanoseconds a pair of texels",
+                       .unit = {"", " ns"},
+                       .factor = {1.0, 1.0}};
+    for (size_t i = 0; i < sweep->count; i++) {
+        const struct kiln_setting_result *r = pure_of(sweep, i);
+        if (r == NULL)
+            continue;
+        struct line *line = add_line(&f, (int)f.count, false, scene_of(sweep, &sweep->settings[i]));
+        line->loose = true;
+        add_point(line, r->triangles, 1e9 * pass_of(r) / (r->points * r->points), NULL);
+    }
     draw_figure(sweep, &f, page);
 }
 
@@ -402,7 +450,7 @@ static void add_pictures(const struct kiln_sweep *sweep, struct kiln_html *page)
                   "src=\"pictures/reference.png\" alt=\"reference\"><figcaption>reference, by "
                   "paths</figcaption></figure>\n");
     for (size_t i = 0; i < sweep->count; i++)
-        if (sweep->settings[i].side == sides[count - 1])
+        if (sweep->settings[i].side == sides[count - 1] && sweep->settings[i].generate == NULL)
             add_picture(sweep, sides[count - 1], strchr(sweep->settings[i].name, ' ') + 1, "", page);
     kiln_html_add(page, "</div>\n");
 }
@@ -442,10 +490,12 @@ static void add_page(const struct kiln_sweep *sweep, struct kiln_html *page)
               "clock.</p>\n");
     add_table(sweep, "Windows of one ratio to the size (table 6.1)", add_table_6_1, page);
     add_table(sweep, "Whole bakes (table 6.2)", add_table_6_2, page);
+    add_table(sweep, "Scenes (figure 6.12)", add_table_6_12, page);
     add_6_5(sweep, page);
     add_6_7(sweep, page);
     add_6_10(sweep, page);
     add_6_11(sweep, page);
+    add_6_12(sweep, page);
     add_6_13(sweep, page);
     add_6_15(sweep, page);
     add_6_16(sweep, page);
@@ -461,6 +511,8 @@ const struct kiln_sweep_file kiln_radiosity_files[] = {{"-table-6.1.csv", add_ta
                                                        {"-figure-6.7.svg", add_6_7},
                                                        {"-figure-6.10.svg", add_6_10},
                                                        {"-figure-6.11.svg", add_6_11},
+                                                       {"-figure-6.12.csv", add_table_6_12},
+                                                       {"-figure-6.12.svg", add_6_12},
                                                        {"-figure-6.13.svg", add_6_13},
                                                        {"-figure-6.15.svg", add_6_15},
                                                        {"-figure-6.16.svg", add_6_16},

@@ -76,6 +76,27 @@ class RadiosityBench(unittest.TestCase):
         self.assertEqual(len(pictures), 11 + 8, 'all, the reference, and what differs from pure ones')
         self.assertTrue(pictures.issuperset(part.split('"')[0] for part in page.split('src="pictures/')[1:]))
 
+    def test_scenes(self):
+        """Pure passes of other scenes, which are not compared with the reference."""
+        command = ('bench', 'radiosity', SCENE, '8', 'scenes', *FEW, '-o', self.out)
+        answer = kiln(*command, timeout=200)
+        self.assertEqual(answer.code, 0, answer.err)
+        rows = self.table('radiosity-figure-6.12.csv')
+        self.assertEqual(len(rows), 7)
+        self.assertEqual(rows[0]['scene'], 'cornell.glb')
+        triangles = {row['scene']: float(row['triangles']) for row in rows}
+        self.assertEqual(triangles['cornell'], triangles['cornell.glb'])
+        self.assertTrue(140e3 < triangles['cornell-statue --triangles 150000'] < 160e3, triangles)
+        for row in rows:
+            pairs = float(row['texels']) ** 2
+            self.assertAlmostEqual(float(row['pair_nanoseconds']), 1e9 * float(row['pass_seconds']) / pairs, 1)
+        same = [[row[k] for k in ('triangles', 'texels', 'rays')] for row in rows[:2]]
+        self.assertEqual(*same, 'the Cornell box given, and generated')
+        with open(os.path.join(self.out, 'radiosity-figure-6.12.svg')) as file:
+            self.assertEqual(file.read().count('<circle'), 2 * 7, 'a point each, and its name')
+        self.assertEqual({row['nrmse'] for row in self.table('radiosity.csv') if row['method'] == 'scenes'}, {''})
+        self.assertNotIn('kiln: bake ', kiln(*command, '--json', timeout=60).err)
+
     def test_refusals(self):
         for wrong in ('0', '9000', 'nothing', '8.5', '-3'):
             answer = kiln('bench', 'radiosity', SCENE, wrong, '--list')
