@@ -73,6 +73,14 @@ void kiln_radiosity_picture(const struct kiln_setting *s, const char *ending, ch
         *c = *c == ' ' ? '-' : *c;
 }
 
+void kiln_radiosity_seen_picture(uint32_t along, char name[KILN_PICTURE_NAME])
+{
+    if (along > 0)
+        (void)snprintf(name, KILN_PICTURE_NAME, "pictures/seen-voxels-%u.png", along);
+    else
+        (void)snprintf(name, KILN_PICTURE_NAME, "pictures/seen-rays.png");
+}
+
 /* ---- settings ---- */
 
 /* Whether the job asks for a group: all, unless some are named; the pure ones, with which others are compared, always.
@@ -421,6 +429,42 @@ static int draw(struct kiln_sweep *sweep, const struct kiln_setting *s, struct k
     return status;
 }
 
+/* Draws what a texel sees, by rays and by grids of voxels, and keeps how many texels these are: of the pure bake of the
+ * largest size. */
+static int find_seen(struct kiln_sweep *sweep, const struct kiln_setting *s, struct kiln_error *error)
+{
+    static const uint32_t along[] = {0, 128, 64, 32, 16};
+    json_t *rows_seen = json_array();
+    int status = KILN_OK;
+    if (!kiln_radiosity_is(s, "pure") || s->side != largest_side(sweep)) {
+        json_decref(rows_seen);
+        return KILN_OK;
+    }
+    for (size_t i = 0; status == KILN_OK && i < sizeof along / sizeof *along; i++) {
+        char path[KILN_PATH_SIZE], name[KILN_PICTURE_NAME];
+        struct kiln_child child = {.error = error};
+        json_t *said = NULL;
+        kiln_radiosity_seen_picture(along[i], name);
+        status = kiln_path_join(path, sweep->job->output, name, error);
+        const char *const words[] = {sweep->program, "view",     sweep->trial, "--show", "seen",
+                                     "--json",       "--filter", "nearest",    "-o",     path};
+        for (size_t k = 0; status == KILN_OK && k < sizeof words / sizeof *words; k++)
+            kiln_child_push(&child, words[k]);
+        kiln_child_push_number(&child, "--width", "%.0f", VIEW_WIDTH);
+        if (along[i] > 0)
+            kiln_child_push_number(&child, "--voxels", "%.0f", along[i]);
+        if (status == KILN_OK)
+            status = run_for_json(sweep, &child, &said, error);
+        json_t *row = json_pack("{s:i}", "along", (int)along[i]);
+        (void)json_object_update(row, json_object_get(said, "seen"));
+        (void)json_array_append_new(rows_seen, row);
+        json_decref(said);
+        kiln_child_clear(&child);
+    }
+    (void)json_object_set_new(sweep->kept, "seen", rows_seen);
+    return status;
+}
+
 /* Keeps the bake as the pure one of its size. */
 static int keep_pure(const struct kiln_sweep *sweep, const struct kiln_setting *s, struct kiln_error *error)
 {
@@ -443,6 +487,8 @@ static int more(struct kiln_sweep *sweep, size_t i, const json_t *report, struct
     int status = find_dfpr(sweep, s, &sweep->results[i], error);
     if (status == KILN_OK)
         status = draw(sweep, s, error);
+    if (status == KILN_OK)
+        status = find_seen(sweep, s, error);
     return status == KILN_OK ? keep_pure(sweep, s, error) : status;
 }
 

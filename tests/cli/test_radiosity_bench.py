@@ -73,8 +73,18 @@ class RadiosityBench(unittest.TestCase):
         with open(os.path.join(self.out, 'radiosity.html')) as file:
             page = file.read()
         pictures = set(os.listdir(os.path.join(self.out, 'pictures')))
-        self.assertEqual(len(pictures), 11 + 8, 'all, the reference, and what differs from pure ones')
+        self.assertEqual(len(pictures), 11 + 8 + 5, 'all, the reference, what differs from pure ones, and what is seen')
+        self.check_seen()
         self.assertTrue(pictures.issuperset(part.split('"')[0] for part in page.split('src="pictures/')[1:]))
+
+    def check_seen(self):
+        rows = self.table('radiosity-figure-6.14.csv')
+        self.assertEqual([row['voxels_along'] for row in rows], ['rays', '128', '64', '32', '16'])
+        self.assertEqual(len({(row['facing'], row['seen_by_rays']) for row in rows}), 1)
+        facing, seen = float(rows[0]['facing']), float(rows[0]['seen'])
+        self.assertTrue(0.3 * facing < seen < facing, rows[0])
+        wrong = [float(row['wrong_share']) for row in rows]
+        self.assertTrue(wrong[0] == 0 and 0 < wrong[4] < 0.5 and max(wrong[1:3]) < wrong[4], wrong)
 
     def test_scenes(self):
         """Pure passes of other scenes, which are not compared with the reference."""
