@@ -371,6 +371,60 @@ static json_t *energy_json(const struct kiln_energy *e, const struct kiln_units 
                      e->relative, "first_light", first_light_json(e));
 }
 
+/* Light that a point's error is relative to at least, over the mean of all. */
+#define LEAST_LIGHT 0.1
+
+/* Luminance of all light of a point. */
+static double light_of(const struct kiln_solution *solution, uint64_t i)
+{
+    double e[3];
+    for (uint64_t c = 0; c < 3; c++)
+        e[c] = (double)solution->direct[3 * i + c] + (double)solution->indirect[3 * i + c] +
+               (solution->own->caustic != NULL ? (double)solution->own->caustic[3 * i + c] : 0.0);
+    return kiln_luminance(e);
+}
+
+/* How many points lie in tile runs where an error, relative to the light, is above the target in the root of its mean
+ * square. */
+static uint64_t points_above(const struct kiln_run *run, const uint16_t *error, double mean)
+{
+    const struct kiln_surface *s = run->prepared->surface;
+    uint64_t above = 0;
+    for (size_t f = 0; error != NULL && f < s->tile_run_count; f++) {
+        const struct kiln_tile_run *tile_run = &s->tile_runs[f];
+        const uint64_t first = kiln_own_of_global(s, tile_run->first).at;
+        double square = 0.0;
+        uint32_t valid = 0;
+        for (uint64_t i = first; i < first + tile_run->count; i++)
+            if (kiln_point_valid(s, (struct kiln_own_point){i})) {
+                const double light = fmax(light_of(run->solution, i), LEAST_LIGHT * mean),
+                             relative = light > 0.0 ? (double)kiln_error_unpack(error[i]) / light : 0.0;
+                square += relative * relative;
+                valid++;
+            }
+        if (square > (double)valid * run->job->target_error * run->job->target_error)
+            above += valid;
+    }
+    return above;
+}
+
+/* Collective. What has become of --target-error where links are opened: by the errors that texels state, and by those
+ * of direct light and of links alone, where these are known. */
+static void add_target_of_links(const struct kiln_run *run, double mean, double points, json_t *json)
+{
+    static const char *const keys[] = {"above_target", "above_target_direct", "above_target_indirect"};
+    const struct kiln_rank_data *own = run->solution->own;
+    const uint16_t *const errors[] = {run->solution->error, own->error_direct, own->error_indirect};
+    uint64_t above[3];
+    for (int i = 0; i < 3; i++)
+        above[i] = points_above(run, errors[i], mean);
+    (void)MPI_Allreduce(MPI_IN_PLACE, above, 3, MPI_UINT64_T, MPI_SUM, run->prepared->communicator);
+    (void)json_object_set_new(json, "target", json_real(run->job->target_error));
+    for (int i = 0; i < 3; i++)
+        if (errors[i] != NULL)
+            (void)json_object_set_new(json, keys[i], json_real(points > 0.0 ? (double)above[i] / points : 0.0));
+}
+
 /* What has become of --target-error: after the last round of parts. */
 static void add_target(const struct kiln_run *run, json_t *json)
 {
@@ -394,20 +448,19 @@ static json_t *error_json(const struct kiln_run *run)
     for (uint64_t i = 0; i < s->count; i++) {
         if (!kiln_point_valid(s, (struct kiln_own_point){i}))
             continue;
-        double e[3];
-        for (uint64_t c = 0; c < 3; c++)
-            e[c] = (double)run->solution->direct[3 * i + c] + (double)run->solution->indirect[3 * i + c] +
-                   (run->solution->own->caustic != NULL ? (double)run->solution->own->caustic[3 * i + c] : 0.0);
         const double error = (double)kiln_error_unpack(run->solution->error[i]);
         sums[0] += error * error;
-        sums[1] += kiln_luminance(e);
+        sums[1] += light_of(run->solution, i);
         sums[2] += 1.0;
     }
     (void)MPI_Allreduce(MPI_IN_PLACE, sums, 3, MPI_DOUBLE, MPI_SUM, run->prepared->communicator);
     const double mean = sums[2] > 0.0 ? sums[1] / sums[2] : 0.0, rms = sums[2] > 0.0 ? sqrt(sums[0] / sums[2]) : 0.0;
     json_t *json = json_pack("{s:f, s:f, s:f}", "mean_irradiance", mean, "rms_standard_error", rms, "mean_relative",
                              mean > 0.0 ? rms / mean : 0.0);
-    add_target(run, json);
+    if (run->job->target_error > 0.0 && kiln_job_has_links(run->job))
+        add_target_of_links(run, mean, sums[2], json);
+    else
+        add_target(run, json);
     return json;
 }
 

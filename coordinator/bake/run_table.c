@@ -12,8 +12,8 @@
 #include "worker/base/text.h"
 
 enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32, NAMED = 3 };
-static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0, NOTE_LOST = 0.01, NOTE_BORDERS = 0.01,
-                    NOTE_TAIL = 2e-3, NOTE_TILE_TAIL = 5e-2, NOTE_SIGMAS = 5.0,
+static const double NOTE_IMBALANCE = 0.05, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0, NOTE_LOST = 0.01, NOTE_ABOVE = 0.025,
+                    NOTE_BORDERS = 0.01, NOTE_TAIL = 2e-3, NOTE_TILE_TAIL = 5e-2, NOTE_SIGMAS = 5.0,
                     FAINTEST = 1e-35; /* W/m2; the smallest normal float is 1.2e-38 */
 
 struct advice {
@@ -214,7 +214,25 @@ static const char *cause_of_imbalance(const json_t *report)
     return "lightmaps too coarse for their surfaces, or surfaces without texels, which kiln check names, do that";
 }
 
-/* An energy ledger that is off by more than its error allows. */
+/* A target that is not reached though links were opened. */
+static void note_target_of_links(const json_t *report, json_t *notes)
+{
+    const json_t *error = json_object_get(report, "error");
+    const double target = number_of(error, "target"), above = number_of(error, "above_target");
+    char parts[120] = "";
+    if (json_object_get(error, "target") == NULL || json_object_get(error, "rounds") != NULL || !(above > NOTE_ABOVE))
+        return;
+    if (json_object_get(error, "above_target_direct") != NULL)
+        (void)snprintf(parts, sizeof parts, ": direct light's alone is in %.1f %%, that of links in %.1f %%",
+                       100.0 * number_of(error, "above_target_direct"),
+                       100.0 * number_of(error, "above_target_indirect"));
+    (void)json_array_append_new(
+        notes, json_sprintf("--target-error %.4g is not reached where %.1f %% of the surface points lie, though links "
+                            "were opened as far as it takes%s; more --samples-direct take noise of direct light, and "
+                            "smaller texels (--texels-per-metre) what one ray a texel misses",
+                            target, 100.0 * above, parts));
+}
+
 /* Most surfaces of a bake for some views may have no light. */
 static void note_views(const json_t *report, json_t *notes)
 {
@@ -227,6 +245,7 @@ static void note_views(const json_t *report, json_t *notes)
                                 100.0 * seen / valid, number_of(v, "views"), 100.0 * number_of(v, "reached") / valid));
 }
 
+/* An energy ledger that is off by more than its error allows. */
 static void note_imbalanced_energy(const json_t *report, json_t *notes)
 {
     const json_t *energy = json_object_get(report, "energy");
@@ -332,6 +351,7 @@ json_t *kiln_run_notes(const json_t *report)
     note_lost_light(report, notes);
     note_unfound_light(report, notes);
     note_receivers(report, notes);
+    note_target_of_links(report, notes);
     note_views(report, notes);
     note_imbalanced_energy(report, notes);
     note_bias(report, notes);
@@ -417,11 +437,14 @@ static void print_mean_errors(FILE *stream, const json_t *report)
 
 static void print_target(FILE *stream, const json_t *error)
 {
-    if (json_object_get(error, "target") != NULL)
-        (void)fprintf(stream,
-                      "%.2f %% of the surface points lie where the error is above %.3g %%, after %.0f round%s\n",
-                      100.0 * number_of(error, "above_target"), 100.0 * number_of(error, "target"),
-                      number_of(error, "rounds"), number_of(error, "rounds") > 1.0 ? "s" : "");
+    const double rounds = number_of(error, "rounds");
+    if (json_object_get(error, "target") == NULL)
+        return;
+    (void)fprintf(stream, "%.2f %% of the surface points lie where the error is above %.3g %%",
+                  100.0 * number_of(error, "above_target"), 100.0 * number_of(error, "target"));
+    if (json_object_get(error, "rounds") != NULL)
+        (void)fprintf(stream, ", after %.0f round%s", rounds, rounds > 1.0 ? "s" : "");
+    (void)fputc('\n', stream);
 }
 
 static void print_reached(FILE *stream, const json_t *report)

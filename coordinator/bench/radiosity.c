@@ -54,6 +54,16 @@ static const struct row {
 };
 enum { ROWS = sizeof rows / sizeof *rows };
 
+/* Other scenes, of which pure radiosity is timed at the largest size: as words of kiln generate, from few triangles to
+ * many. His are much like the first five. */
+static const char scenes_group[] = "scenes";
+static const char *const scenes[] = {"cornell",
+                                     "cornell-layers",
+                                     "cornell-shapes",
+                                     "cornell-statue --triangles 5000",
+                                     "cornell-statue --triangles 150000",
+                                     "rooms"};
+
 bool kiln_radiosity_is(const struct kiln_setting *s, const char *group) { return strcmp(s->group, group) == 0; }
 
 void kiln_radiosity_picture(const struct kiln_setting *s, const char *ending, char name[KILN_PICTURE_NAME])
@@ -61,6 +71,14 @@ void kiln_radiosity_picture(const struct kiln_setting *s, const char *ending, ch
     (void)snprintf(name, KILN_PICTURE_NAME, "pictures/%s%s.png", s->name, ending);
     for (char *c = name; *c != '\0'; c++)
         *c = *c == ' ' ? '-' : *c;
+}
+
+void kiln_radiosity_seen_picture(uint32_t along, char name[KILN_PICTURE_NAME])
+{
+    if (along > 0)
+        (void)snprintf(name, KILN_PICTURE_NAME, "pictures/seen-voxels-%u.png", along);
+    else
+        (void)snprintf(name, KILN_PICTURE_NAME, "pictures/seen-rays.png");
 }
 
 /* ---- settings ---- */
@@ -93,6 +111,20 @@ static void add_size(struct kiln_sweep *sweep, uint32_t side)
     }
 }
 
+static void add_scenes(struct kiln_sweep *sweep, uint32_t side)
+{
+    for (size_t i = 0; i < sizeof scenes / sizeof *scenes && is_wanted(sweep->job, scenes_group); i++) {
+        struct kiln_setting s = {.group = scenes_group,
+                                 .words = rows[0].words,
+                                 .generate = scenes[i],
+                                 .side = side,
+                                 .parameter = rows[0].parameter,
+                                 .share = rows[0].share};
+        (void)snprintf(s.name, sizeof s.name, "%u %s", side, scenes[i]);
+        kiln_sweep_add(sweep, &s);
+    }
+}
+
 /* KILN_USAGE for an argument that is neither a group nor a size. */
 static int refuse_argument(const char *argument, struct kiln_error *error)
 {
@@ -100,8 +132,9 @@ static int refuse_argument(const char *argument, struct kiln_error *error)
     for (size_t i = 0; i < ROWS; i++) {
         const size_t used = strlen(list);
         if (i == 0 || strcmp(rows[i].group, rows[i - 1].group) != 0)
-            (void)snprintf(list + used, sizeof list - used, "%s%s", i > 0 ? ", " : "", rows[i].group);
+            (void)snprintf(list + used, sizeof list - used, "%s, ", rows[i].group);
     }
+    (void)strncat(list, scenes_group, sizeof list - strlen(list) - 1);
     return kiln_fail(error, KILN_USAGE,
                      "kiln bench radiosity takes sizes of a lightmap in texels a side, %d to %d, such as 64, and names "
                      "of what is baked, not '%.100s'; there is: %s",
@@ -113,7 +146,7 @@ static bool is_group(const char *name)
     for (size_t i = 0; i < ROWS; i++)
         if (strcmp(rows[i].group, name) == 0)
             return true;
-    return false;
+    return strcmp(name, scenes_group) == 0;
 }
 
 static bool read_side(const char *text, uint32_t *side)
@@ -122,6 +155,14 @@ static bool read_side(const char *text, uint32_t *side)
     const unsigned long value = *text >= '0' && *text <= '9' ? strtoul(text, &end, 10) : 0;
     *side = (uint32_t)value;
     return end != NULL && *end == '\0' && value >= SIDE_LEAST && value <= SIDE_MOST;
+}
+
+static uint32_t largest_side(const struct kiln_sweep *sweep)
+{
+    uint32_t largest = 0;
+    for (size_t i = 0; i < sweep->count; i++)
+        largest = sweep->settings[i].side > largest ? sweep->settings[i].side : largest;
+    return largest;
 }
 
 static int choose(struct kiln_sweep *sweep, struct kiln_error *error)
@@ -142,17 +183,19 @@ static int choose(struct kiln_sweep *sweep, struct kiln_error *error)
     const bool given = sweep->count > 0;
     for (size_t i = 0; !given && i < sizeof usual / sizeof *usual; i++)
         add_size(sweep, usual[i]);
+    add_scenes(sweep, largest_side(sweep));
     if (sweep->count == KILN_SETTINGS_MOST)
         return kiln_fail(error, KILN_USAGE, "there are too many bakes in one sweep: give fewer sizes");
     return KILN_OK;
 }
 
-static uint32_t largest_side(const struct kiln_sweep *sweep)
+/* Of a bake's, texels per metre; 0: it is not known yet. */
+static double density_of(const struct kiln_sweep *sweep, const struct kiln_setting *s)
 {
-    uint32_t largest = 0;
-    for (size_t i = 0; i < sweep->count; i++)
-        largest = sweep->settings[i].side > largest ? sweep->settings[i].side : largest;
-    return largest;
+    if (s->generate != NULL)
+        return s->density > 0.0 ? s->density : sweep->results[s - sweep->settings].texels_per_metre;
+    /* the reference is of the largest size */
+    return sweep->reference_scene != NULL ? sweep->density * s->side / largest_side(sweep) : 0.0;
 }
 
 static void options(const struct kiln_sweep *sweep, const struct kiln_setting *s, char text[KILN_SETTING_OPTIONS])
@@ -163,9 +206,9 @@ static void options(const struct kiln_sweep *sweep, const struct kiln_setting *s
         snprintf(text, KILN_SETTING_OPTIONS, "%s%s%s%s--bounces %lld --denoise none --materials diffuse",
                  own_method ? "" : "--method radiosity ", own_method || own_lights ? "" : "--lights patches ", s->words,
                  s->words[0] != '\0' ? " " : "", (long long)bounces);
-    if (sweep->reference_scene != NULL) /* the reference is of the largest size */
+    if (density_of(sweep, s) > 0.0)
         (void)snprintf(text + used, KILN_SETTING_OPTIONS - (size_t)used, " --texels-per-metre %.9g",
-                       sweep->density * s->side / largest_side(sweep));
+                       density_of(sweep, s));
 }
 
 static void key(const struct kiln_setting *s, char text[KILN_SETTING_OPTIONS])
@@ -196,24 +239,62 @@ static int run_for_json(const struct kiln_sweep *sweep, struct kiln_child *child
     return status == KILN_OK ? kiln_child_failure(what, code, said, error) : status;
 }
 
-/* Surface of the scene, m2. */
-static int find_area(const struct kiln_sweep *sweep, double *area, struct kiln_error *error)
+/* Surface of a scene, m2. */
+static int find_area(const struct kiln_sweep *sweep, const char *scene, double *area, struct kiln_error *error)
 {
     static const char *const own[] = {"output", "json", "quiet", "verbose", "resume", NULL};
     struct kiln_child child = {.error = error};
     json_t *info = NULL;
     kiln_child_push(&child, sweep->program);
     kiln_child_push(&child, "info");
-    kiln_child_push(&child, sweep->job->scene);
+    kiln_child_push(&child, scene);
     kiln_child_push(&child, "--json");
     kiln_child_push_given(&child, sweep->job, KILN_FOR_INFO, own);
     int status = run_for_json(sweep, &child, &info, error);
     *area = json_number_value(json_object_get(json_object_get(info, "surface"), "area"));
     if (status == KILN_OK && !(*area > 0.0))
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%.300s' has no surface to put texels on", sweep->job->scene);
+        status = kiln_fail(error, KILN_BAD_INPUT, "'%.300s' has no surface to put texels on", scene);
     json_decref(info);
     kiln_child_clear(&child);
     return status;
+}
+
+/* Makes a scene, and finds how wide texels are that it has as many as the size says. */
+static int make_scene(struct kiln_sweep *sweep, struct kiln_setting *s, struct kiln_error *error)
+{
+    char folder[KILN_PATH_SIZE], path[KILN_PATH_SIZE], words[KILN_SETTING_NAME], *rest = NULL;
+    struct kiln_child child = {.error = error};
+    json_t *said = NULL;
+    double area = 0.0;
+    int status = kiln_path_join(folder, sweep->job->output, "scenes", error);
+    if (status == KILN_OK)
+        status = kiln_make_directories(folder, error);
+    if (status == KILN_OK)
+        status = kiln_sweep_scene(sweep, s, path, error);
+    if (status != KILN_OK)
+        return status;
+    kiln_child_push(&child, sweep->program);
+    kiln_child_push(&child, "generate");
+    kiln_text_copy(words, sizeof words, s->generate);
+    for (char *word = strtok_r(words, " ", &rest); word != NULL; word = strtok_r(NULL, " ", &rest))
+        kiln_child_push(&child, word);
+    kiln_child_push(&child, "--json");
+    kiln_child_push(&child, "-o");
+    kiln_child_push(&child, path);
+    status = run_for_json(sweep, &child, &said, error);
+    if (status == KILN_OK)
+        status = find_area(sweep, path, &area, error);
+    if (status == KILN_OK)
+        s->density = s->side / sqrt(area);
+    json_decref(said);
+    kiln_child_clear(&child);
+    return status;
+}
+
+static int prepare(struct kiln_sweep *sweep, size_t i, struct kiln_error *error)
+{
+    struct kiln_setting *s = &sweep->settings[i];
+    return s->generate != NULL ? make_scene(sweep, s, error) : KILN_OK;
 }
 
 static void push_reference(const struct kiln_sweep *sweep, struct kiln_child *child)
@@ -223,7 +304,7 @@ static void push_reference(const struct kiln_sweep *sweep, struct kiln_child *ch
     const double samples = given ? sweep->job->reference_samples : REFERENCE_SAMPLES;
     double area = 0.0;
     if (child->status == KILN_OK)
-        child->status = find_area(sweep, &area, child->error);
+        child->status = find_area(sweep, sweep->job->scene, &area, child->error);
     if (child->status != KILN_OK)
         return;
     if (!sweep->job->quiet)
@@ -348,6 +429,42 @@ static int draw(struct kiln_sweep *sweep, const struct kiln_setting *s, struct k
     return status;
 }
 
+/* Draws what a texel sees, by rays and by grids of voxels, and keeps how many texels these are: of the pure bake of the
+ * largest size. */
+static int find_seen(struct kiln_sweep *sweep, const struct kiln_setting *s, struct kiln_error *error)
+{
+    static const uint32_t along[] = {0, 128, 64, 32, 16};
+    json_t *rows_seen = json_array();
+    int status = KILN_OK;
+    if (!kiln_radiosity_is(s, "pure") || s->side != largest_side(sweep)) {
+        json_decref(rows_seen);
+        return KILN_OK;
+    }
+    for (size_t i = 0; status == KILN_OK && i < sizeof along / sizeof *along; i++) {
+        char path[KILN_PATH_SIZE], name[KILN_PICTURE_NAME];
+        struct kiln_child child = {.error = error};
+        json_t *said = NULL;
+        kiln_radiosity_seen_picture(along[i], name);
+        status = kiln_path_join(path, sweep->job->output, name, error);
+        const char *const words[] = {sweep->program, "view",     sweep->trial, "--show", "seen",
+                                     "--json",       "--filter", "nearest",    "-o",     path};
+        for (size_t k = 0; status == KILN_OK && k < sizeof words / sizeof *words; k++)
+            kiln_child_push(&child, words[k]);
+        kiln_child_push_number(&child, "--width", "%.0f", VIEW_WIDTH);
+        if (along[i] > 0)
+            kiln_child_push_number(&child, "--voxels", "%.0f", along[i]);
+        if (status == KILN_OK)
+            status = run_for_json(sweep, &child, &said, error);
+        json_t *row = json_pack("{s:i}", "along", (int)along[i]);
+        (void)json_object_update(row, json_object_get(said, "seen"));
+        (void)json_array_append_new(rows_seen, row);
+        json_decref(said);
+        kiln_child_clear(&child);
+    }
+    (void)json_object_set_new(sweep->kept, "seen", rows_seen);
+    return status;
+}
+
 /* Keeps the bake as the pure one of its size. */
 static int keep_pure(const struct kiln_sweep *sweep, const struct kiln_setting *s, struct kiln_error *error)
 {
@@ -365,9 +482,13 @@ static int more(struct kiln_sweep *sweep, size_t i, const json_t *report, struct
 {
     const struct kiln_setting *s = &sweep->settings[i];
     read_passes(report, &sweep->results[i]);
+    if (s->generate != NULL)
+        return KILN_OK;
     int status = find_dfpr(sweep, s, &sweep->results[i], error);
     if (status == KILN_OK)
         status = draw(sweep, s, error);
+    if (status == KILN_OK)
+        status = find_seen(sweep, s, error);
     return status == KILN_OK ? keep_pure(sweep, s, error) : status;
 }
 
@@ -375,19 +496,25 @@ static int more(struct kiln_sweep *sweep, size_t i, const json_t *report, struct
 
 static void add_csv(const struct kiln_sweep *sweep, struct kiln_html *page)
 {
-    kiln_html_add(page,
-                  "side,method,name,options,points,rays,first_pass_seconds,later_pass_seconds,light_seconds,seconds,"
-                  "processor_seconds,peak_bytes,dfpr,dfpr_8bit,nrmse,nrmse_direct,nrmse_indirect\n");
+    kiln_html_add(
+        page,
+        "side,method,name,options,triangles,points,rays,first_pass_seconds,later_pass_seconds,light_seconds,seconds,"
+        "processor_seconds,peak_bytes,dfpr,dfpr_8bit,nrmse,nrmse_direct,nrmse_indirect\n");
     for (size_t i = 0; i < sweep->count; i++) {
         char text[KILN_SETTING_OPTIONS];
         const struct kiln_setting *s = &sweep->settings[i];
         const struct kiln_setting_result *r = &sweep->results[i];
         options(sweep, s, text);
-        if (r->done)
-            kiln_html_add(page, "%u,%s,%s,%s,%.0f,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.0f,%.6g,%.6g,%.6g,%.6g,%.6g\n",
-                          s->side, s->group, s->name, text, r->points, r->rays, r->first_pass, r->later_pass,
-                          r->light_seconds, r->seconds, r->processor_seconds, r->bytes, r->dfpr, r->dfpr_8bit,
-                          r->error[0], r->error[1], r->error[2]);
+        if (!r->done)
+            continue;
+        kiln_html_add(page, "%u,%s,%s,%s,%.0f,%.0f,%.6g,%.6g,%.6g,%.6g,%.6g,%.6g,%.0f,", s->side, s->group, s->name,
+                      text, r->triangles, r->points, r->rays, r->first_pass, r->later_pass, r->light_seconds,
+                      r->seconds, r->processor_seconds, r->bytes);
+        if (s->generate == NULL)
+            kiln_html_add(page, "%.6g,%.6g,%.6g,%.6g,%.6g\n", r->dfpr, r->dfpr_8bit, r->error[0], r->error[1],
+                          r->error[2]);
+        else /* of another scene than the reference */
+            kiln_html_add(page, ",,,,\n");
     }
 }
 
@@ -396,21 +523,24 @@ static void list(const struct kiln_sweep *sweep)
     for (size_t i = 0; i < sweep->count; i++) {
         char text[KILN_SETTING_OPTIONS];
         options(sweep, &sweep->settings[i], text);
-        (void)printf("%-22s%s\n", sweep->settings[i].name, text);
+        (void)printf("%-36s %s\n", sweep->settings[i].name, text);
     }
     (void)printf("%zu bakes, and the reference before them\n", sweep->count);
 }
 
 static void print_text(const struct kiln_sweep *sweep, size_t left)
 {
-    (void)printf("%-22s%9s%12s%11s%11s%12s%11s%9s%12s\n", "size, method", "texels", "rays", "first s", "later s",
+    (void)printf("%-36s%9s%12s%11s%11s%12s%11s%9s%12s\n", "size, method", "texels", "rays", "first s", "later s",
                  "processor s", "DFPR", "error", "indirect");
     for (size_t i = 0; i < sweep->count; i++) {
         const struct kiln_setting_result *r = &sweep->results[i];
         if (r->done)
-            (void)printf("%-22s%9.0f%12.3g%11.3g%11.3g%12.3g%11.4f%8.2f%%%11.2f%%\n", sweep->settings[i].name,
-                         r->points, r->rays, r->first_pass, r->later_pass, r->processor_seconds, r->dfpr_8bit,
-                         100.0 * r->error[0], 100.0 * r->error[2]);
+            (void)printf("%-36s%9.0f%12.3g%11.3g%11.3g%12.3g", sweep->settings[i].name, r->points, r->rays,
+                         r->first_pass, r->later_pass, r->processor_seconds);
+        if (r->done && sweep->settings[i].generate == NULL)
+            (void)printf("%11.4f%8.2f%%%11.2f%%", r->dfpr_8bit, 100.0 * r->error[0], 100.0 * r->error[2]);
+        if (r->done)
+            (void)putchar('\n');
     }
     if (left > 0)
         (void)printf("%zu of %zu bakes are left, for the budget of %.4g s is used up; the same command goes on with "
@@ -428,11 +558,14 @@ static json_t *row_json(const struct kiln_sweep *sweep, size_t i)
     char text[KILN_SETTING_OPTIONS];
     const struct kiln_setting_result *r = &sweep->results[i];
     options(sweep, &sweep->settings[i], text);
-    return json_pack("{s:s, s:i, s:s, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f}", "name", sweep->settings[i].name,
-                     "side", (int)sweep->settings[i].side, "options", text, "points", r->points, "rays", r->rays,
-                     "first_pass_seconds", r->first_pass, "later_pass_seconds", r->later_pass, "processor_seconds",
-                     r->processor_seconds, "dfpr", r->dfpr, "dfpr_8bit", r->dfpr_8bit, "nrmse", r->error[0],
-                     "nrmse_indirect", r->error[2]);
+    json_t *row = json_pack("{s:s, s:i, s:s, s:f, s:f, s:f, s:f, s:f, s:f}", "name", sweep->settings[i].name, "side",
+                            (int)sweep->settings[i].side, "options", text, "triangles", r->triangles, "points",
+                            r->points, "rays", r->rays, "first_pass_seconds", r->first_pass, "later_pass_seconds",
+                            r->later_pass, "processor_seconds", r->processor_seconds);
+    if (sweep->settings[i].generate == NULL)
+        (void)json_object_update_new(row, json_pack("{s:f, s:f, s:f, s:f}", "dfpr", r->dfpr, "dfpr_8bit", r->dfpr_8bit,
+                                                    "nrmse", r->error[0], "nrmse_indirect", r->error[2]));
+    return row;
 }
 
 static int tell(const struct kiln_sweep *sweep, size_t left, struct kiln_error *error)
@@ -455,6 +588,7 @@ int kiln_radiosity_bench(struct kiln_job *job, struct kiln_error *error)
                                          .key = key,
                                          .push_reference = push_reference,
                                          .rays = rays,
+                                         .prepare = prepare,
                                          .more = more,
                                          .files = kiln_radiosity_files,
                                          .csv = add_csv,

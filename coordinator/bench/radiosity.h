@@ -17,8 +17,10 @@
  * job->reference_samples paths a texel, 1024 unless given.
  *
  * Writes to job->output (default: the scene's name + "-radiosity") after every bake: radiosity.csv; his tables as
- * radiosity-table-6.1.csv and -6.2.csv; his figures as radiosity-figure-6.5.svg, -6.7, -6.10, -6.11, -6.13, -6.15,
- * -6.16 and -6.18.svg; radiosity.svg, error over time of all; pictures/, a view of each bake with one exposure (his
+ * radiosity-table-6.1.csv and -6.2.csv; his figures as radiosity-figure-6.5.svg, -6.7, -6.10, -6.11, -6.12 (and .csv:
+ * pure passes of other scenes, of the generators, at the largest size), -6.13, -6.14 (and .csv:
+ * which texels one texel sees by rays and by voxels), -6.15, -6.16 and -6.18.svg;
+ * radiosity.svg, error over time of all; pictures/, a view of each bake with one exposure (his
  * figures 6.6, 6.8, 6.9, 6.11 and 6.17); radiosity.html, all of it on a page; radiosity.json, from which the same
  * command goes on. Keeps the pure bakes there, and the reference. Prints a table to stdout, as JSON with job->json;
  * progress to stderr. With job->list it only prints what would run. Begins no further bake that would likely end after

@@ -209,6 +209,80 @@ static void add_6_10(const struct kiln_sweep *sweep, struct kiln_html *page)
     draw_figure(sweep, &f, page);
 }
 
+/* What a texel sees by a grid of voxels, or by rays: its row in what is kept. */
+struct seen {
+    const char *texel;
+    uint32_t along; /* 0: by rays */
+    double facing, by_rays, seen, both;
+    double wrong; /* share of those it faces, of which the grid says what rays do not */
+};
+
+static struct seen seen_of(const json_t *row)
+{
+    struct seen s = {.texel = json_string_value(json_object_get(row, "texel")),
+                     .along = (uint32_t)json_integer_value(json_object_get(row, "along")),
+                     .facing = json_number_value(json_object_get(row, "facing")),
+                     .by_rays = json_number_value(json_object_get(row, "rays"))};
+    s.seen = s.along > 0 ? json_number_value(json_object_get(row, "voxels")) : s.by_rays;
+    s.both = s.along > 0 ? json_number_value(json_object_get(row, "both")) : s.by_rays;
+    s.wrong = s.facing > 0.0 ? (s.by_rays + s.seen - 2.0 * s.both) / s.facing : 0.0;
+    return s;
+}
+
+static void add_table_6_14(const struct kiln_sweep *sweep, struct kiln_html *page)
+{
+    size_t i;
+    const json_t *row;
+    kiln_html_add(page, "voxels_along,facing,seen,seen_by_rays,seen_by_both,wrong_share\n");
+    json_array_foreach(json_object_get(sweep->kept, "seen"), i, row)
+    {
+        const struct seen s = seen_of(row);
+        if (s.along > 0)
+            kiln_html_add(page, "%u,", s.along);
+        else
+            kiln_html_add(page, "rays,");
+        kiln_html_add(page, "%.0f,%.0f,%.0f,%.0f,%.6g\n", s.facing, s.seen, s.by_rays, s.both, s.wrong);
+    }
+}
+
+static void add_6_14(const struct kiln_sweep *sweep, struct kiln_html *page)
+{
+    struct figure f = {.title = "What a texel sees by voxels (figure 6.14)",
+                       .across = "voxels along the longest side",
+                       .up = "texels seen by voxels or rays alone, of those it faces",
+                       .unit = {"", " %"},
+                       .factor = {1.0, 100.0}};
+    struct line *line = add_line(&f, 0, false, "wrong");
+    size_t i;
+    const json_t *row;
+    json_array_foreach(json_object_get(sweep->kept, "seen"), i, row)
+    {
+        const struct seen s = seen_of(row);
+        add_point(line, s.along, s.wrong, NULL);
+    }
+    draw_figure(sweep, &f, page);
+}
+
+static void add_seen_pictures(const struct kiln_sweep *sweep, struct kiln_html *page)
+{
+    size_t i;
+    const json_t *row;
+    kiln_html_add(page, "<h2>What a texel sees, by rays and by voxels; white: seen (figure 6.14)</h2>\n<div>\n");
+    json_array_foreach(json_object_get(sweep->kept, "seen"), i, row)
+    {
+        char file[KILN_PICTURE_NAME];
+        const struct seen s = seen_of(row);
+        kiln_radiosity_seen_picture(s.along, file);
+        kiln_html_add(page, "<figure><img src=\"%s\" alt=\"seen\"><figcaption>", file);
+        kiln_html_text(page, s.texel != NULL ? s.texel : "");
+        if (s.along > 0)
+            kiln_html_add(page, ", %u voxels<br>%.1f %% wrong</figcaption></figure>\n", s.along, 100.0 * s.wrong);
+        else
+            kiln_html_add(page, ", rays<br>%.0f of %.0f texels</figcaption></figure>\n", s.seen, s.facing);
+    }
+    kiln_html_add(page, "</div>\n");
+}
+
 static void add_6_15(const struct kiln_sweep *sweep, struct kiln_html *page)
 {
     struct figure f = {.title = "Voxels for rays (figure 6.15)",
@@ -229,6 +303,8 @@ static void add_scatter(const struct kiln_sweep *sweep, struct figure *f, uint32
     const size_t sizes = sizes_of(sweep, sides);
     for (size_t first = 0; first < sweep->count && sweep->settings[first].side == sweep->settings[0].side; first++) {
         const struct kiln_setting *row = &sweep->settings[first];
+        if (row->generate != NULL)
+            continue;
         if (strcmp(row->group, group) != 0) {
             group = row->group;
             line = add_line(f, (int)f->count, f->count >= COLORS, group);
@@ -268,6 +344,52 @@ void kiln_radiosity_plot(const struct kiln_sweep *sweep, struct kiln_html *page)
     for (size_t l = 0; l < f.count; l++)
         for (size_t i = 0; i < f.line[l].count; i++)
             f.line[l].label[i] = NULL;
+    draw_figure(sweep, &f, page);
+}
+
+/* The pure pass of a scene at the largest size; NULL: it has not run, or is none. */
+static const struct kiln_setting_result *pure_of(const struct kiln_sweep *sweep, size_t i)
+{
+    uint32_t sides[KILN_SETTINGS_MOST];
+    const struct kiln_setting *s = &sweep->settings[i];
+    const size_t count = sizes_of(sweep, sides);
+    const bool is_pure = s->generate != NULL || kiln_radiosity_is(s, "pure");
+    return is_pure && sweep->results[i].done && s->side == sides[count - 1] ? &sweep->results[i] : NULL;
+}
+
+/* The scene's name; that of the job's is its file's. */
+static const char *scene_of(const struct kiln_sweep *sweep, const struct kiln_setting *s)
+{
+    const char *slash = strrchr(sweep->job->scene, '/');
+    return s->generate != NULL ? s->generate : slash != NULL ? slash + 1 : sweep->job->scene;
+}
+
+static void add_table_6_12(const struct kiln_sweep *sweep, struct kiln_html *page)
+{
+    kiln_html_add(page, "scene,triangles,texels,rays,pass_seconds,pair_nanoseconds\n");
+    for (size_t i = 0; i < sweep->count; i++) {
+        const struct kiln_setting_result *r = pure_of(sweep, i);
+        if (r != NULL)
+            kiln_html_add(page, "%s,%.0f,%.0f,%.6g,%.6g,%.6g\n", scene_of(sweep, &sweep->settings[i]), r->triangles,
+                          r->points, r->rays, pass_of(r), 1e9 * pass_of(r) / (r->points * r->points));
+    }
+}
+
+static void add_6_12(const struct kiln_sweep *sweep, struct kiln_html *page)
+{
+    struct figure f = {.title = "Time of a pass of pure radiosity, by scene (figure 6.12)",
+                       .across = "triangles",
+                       .up = "nanoseconds a pair of texels",
+                       .unit = {"", " ns"},
+                       .factor = {1.0, 1.0}};
+    for (size_t i = 0; i < sweep->count; i++) {
+        const struct kiln_setting_result *r = pure_of(sweep, i);
+        if (r == NULL)
+            continue;
+        struct line *line = add_line(&f, (int)f.count, false, scene_of(sweep, &sweep->settings[i]));
+        line->loose = true;
+        add_point(line, r->triangles, 1e9 * pass_of(r) / (r->points * r->points), NULL);
+    }
     draw_figure(sweep, &f, page);
 }
 
@@ -402,7 +524,7 @@ static void add_pictures(const struct kiln_sweep *sweep, struct kiln_html *page)
                   "src=\"pictures/reference.png\" alt=\"reference\"><figcaption>reference, by "
                   "paths</figcaption></figure>\n");
     for (size_t i = 0; i < sweep->count; i++)
-        if (sweep->settings[i].side == sides[count - 1])
+        if (sweep->settings[i].side == sides[count - 1] && sweep->settings[i].generate == NULL)
             add_picture(sweep, sides[count - 1], strchr(sweep->settings[i].name, ' ') + 1, "", page);
     kiln_html_add(page, "</div>\n");
 }
@@ -442,16 +564,21 @@ static void add_page(const struct kiln_sweep *sweep, struct kiln_html *page)
               "clock.</p>\n");
     add_table(sweep, "Windows of one ratio to the size (table 6.1)", add_table_6_1, page);
     add_table(sweep, "Whole bakes (table 6.2)", add_table_6_2, page);
+    add_table(sweep, "Scenes (figure 6.12)", add_table_6_12, page);
+    add_table(sweep, "What a texel sees (figure 6.14)", add_table_6_14, page);
     add_6_5(sweep, page);
     add_6_7(sweep, page);
     add_6_10(sweep, page);
     add_6_11(sweep, page);
+    add_6_12(sweep, page);
     add_6_13(sweep, page);
+    add_6_14(sweep, page);
     add_6_15(sweep, page);
     add_6_16(sweep, page);
     add_6_18(sweep, page);
     kiln_radiosity_plot(sweep, page);
     add_pictures(sweep, page);
+    add_seen_pictures(sweep, page);
     kiln_html_add(page, "</body></html>\n");
 }
 
@@ -461,7 +588,11 @@ const struct kiln_sweep_file kiln_radiosity_files[] = {{"-table-6.1.csv", add_ta
                                                        {"-figure-6.7.svg", add_6_7},
                                                        {"-figure-6.10.svg", add_6_10},
                                                        {"-figure-6.11.svg", add_6_11},
+                                                       {"-figure-6.12.csv", add_table_6_12},
+                                                       {"-figure-6.12.svg", add_6_12},
                                                        {"-figure-6.13.svg", add_6_13},
+                                                       {"-figure-6.14.csv", add_table_6_14},
+                                                       {"-figure-6.14.svg", add_6_14},
                                                        {"-figure-6.15.svg", add_6_15},
                                                        {"-figure-6.16.svg", add_6_16},
                                                        {"-figure-6.18.svg", add_6_18},

@@ -79,10 +79,25 @@ static int make_paths(struct kiln_sweep *sweep, struct kiln_error *error)
     return status;
 }
 
+int kiln_sweep_scene(const struct kiln_sweep *sweep, const struct kiln_setting *s, char path[KILN_PATH_SIZE],
+                     struct kiln_error *error)
+{
+    char name[KILN_SETTING_NAME + 16];
+    if (s->generate == NULL) {
+        kiln_text_copy(path, KILN_PATH_SIZE, sweep->job->scene);
+        return KILN_OK;
+    }
+    (void)snprintf(name, sizeof name, "scenes/%.*s.glb", KILN_SETTING_NAME, s->generate);
+    for (char *c = name; *c != '\0'; c++)
+        *c = *c == ' ' ? '-' : *c;
+    return kiln_path_join(path, sweep->job->output, name, error);
+}
+
 /* ---- a bake ---- */
 
 /* `ranks`: started by mpirun; 0: by itself. */
-static void begin_command(const struct kiln_sweep *sweep, uint32_t ranks, const char *folder, struct kiln_child *child)
+static void begin_command(const struct kiln_sweep *sweep, uint32_t ranks, const char *scene, const char *folder,
+                          struct kiln_child *child)
 {
     static const char *const always[] = {"--samples-probe", "0", "--no-preview", "--no-export", NULL};
     if (ranks > 0) {
@@ -91,7 +106,7 @@ static void begin_command(const struct kiln_sweep *sweep, uint32_t ranks, const 
     }
     kiln_child_push(child, sweep->program);
     kiln_child_push(child, "bake");
-    kiln_child_push(child, sweep->job->scene);
+    kiln_child_push(child, scene);
     kiln_child_push(child, "-o");
     kiln_child_push(child, folder);
     for (size_t i = 0; always[i] != NULL; i++)
@@ -123,7 +138,7 @@ static int bake_reference(struct kiln_sweep *sweep, struct kiln_error *error)
 {
     const struct kiln_job *job = sweep->job;
     struct kiln_child child = {.error = error};
-    begin_command(sweep, 0, sweep->reference, &child);
+    begin_command(sweep, 0, job->scene, sweep->reference, &child);
     sweep->kind->push_reference(sweep, &child);
     if (!job->resume)
         kiln_child_push(&child, "--no-resume");
@@ -190,6 +205,7 @@ static void read_report(const json_t *report, double times[KILN_TIMES], struct k
     result->imbalance = number_in(report, "balance", "point_imbalance");
     result->received = number_in(report, "mpi", "received_between_nodes");
     result->probes = number_in(report, "radiance_probes", "probes");
+    result->triangles = number_in(report, "scene", "triangles");
     result->probe_bytes = number_in(report, "radiance_probes", "bytes");
     result->probe_rays = number_in(report, "radiance_probes", "rays");
     result->points_alone = number_in(report, "radiance_probes", "points_without");
@@ -245,21 +261,26 @@ void kiln_sweep_note_run(struct kiln_setting_result *result)
 /* One run of a setting. */
 static int measure(struct kiln_sweep *sweep, size_t i, struct kiln_error *error)
 {
-    char options[KILN_SETTING_OPTIONS];
+    char options[KILN_SETTING_OPTIONS], scene[KILN_PATH_SIZE];
     const struct kiln_setting *setting = &sweep->settings[i];
     struct kiln_setting_result *result = &sweep->results[i];
     double *times = result->run[result->runs];
     struct kiln_child child = {.error = error};
     json_t *report = NULL;
     kiln_remove_tree(sweep->trial);
+    int status = sweep->kind->prepare != NULL ? sweep->kind->prepare(sweep, i, error) : KILN_OK;
+    if (status == KILN_OK)
+        status = kiln_sweep_scene(sweep, setting, scene, error);
+    if (status != KILN_OK)
+        return status;
     sweep->kind->options(sweep, setting, options);
-    begin_command(sweep, setting->ranks, sweep->trial, &child);
+    begin_command(sweep, setting->ranks, scene, sweep->trial, &child);
     push_words(&child, options);
     kiln_child_push(&child, "--no-resume");
-    int status = time_run(sweep, &child, setting->name, times, error);
+    status = time_run(sweep, &child, setting->name, times, error);
     if (status == KILN_OK)
         status = kiln_child_report(sweep->trial, &report, error);
-    if (status == KILN_OK)
+    if (status == KILN_OK && setting->generate == NULL)
         status = kiln_reference_compare(sweep, report, result, error);
     if (status == KILN_OK && sweep->kind->more != NULL)
         status = sweep->kind->more(sweep, i, report, error);

@@ -42,6 +42,8 @@ struct kiln_setting {
     const char *words; /* options */
     double parameter;  /* by which its group's figure is drawn: texels of a window, a threshold, directions */
     double share;      /* of all pairs, or of rays for each texel, as a measure of how long the bake takes */
+    /* another scene than the job's, as the words of kiln generate; NULL: the job's. It is not compared. */
+    const char *generate;
 };
 
 /* What a run of a bake took: seconds of the whole process, of its passes of light, of those of indirect light among
@@ -67,6 +69,7 @@ struct kiln_setting_result {
     double cells, cell_size, imbalance, received;         /* occupied; m; most points of a rank / mean - 1; bytes */
     double probes, probe_bytes, probe_rays, points_alone; /* radiance probes; points that see none */
     double dfpr, dfpr_8bit, first_pass, later_pass;       /* of radiosity; s of the first pass, and of a later one */
+    double triangles;
 };
 
 struct kiln_sweep;
@@ -94,6 +97,8 @@ struct kiln_sweep_kind {
     void (*push_reference)(const struct kiln_sweep *sweep, struct kiln_child *child);
     /* A measure of how long the bake takes. */
     double (*rays)(const struct kiln_setting *setting);
+    /* Before a bake's options are asked for: makes its scene, where that is not the job's; NULL: it always is. */
+    int (*prepare)(struct kiln_sweep *sweep, size_t i, struct kiln_error *error);
     /* Measures more of the bake in sweep->trial, whose run.json is `report`; NULL: there is no more. */
     int (*more)(struct kiln_sweep *sweep, size_t i, const json_t *report, struct kiln_error *error);
     const struct kiln_sweep_file *files; /* more of them, up to a suffix of NULL; NULL: none */
@@ -126,6 +131,9 @@ struct kiln_sweep {
 /* sweep.c. Runs the sweep of this kind, or lists it. KILN_USAGE, KILN_BAD_INPUT, KILN_STOPPED, or the status of a bake
  * that failed. From a process with one thread, before MPI is started. */
 int kiln_sweep_run(const struct kiln_sweep_kind *kind, struct kiln_job *job, struct kiln_error *error);
+/* The file of a setting's scene. */
+int kiln_sweep_scene(const struct kiln_sweep *sweep, const struct kiln_setting *setting, char path[KILN_PATH_SIZE],
+                     struct kiln_error *error);
 /* Adds a setting, if there is room. */
 void kiln_sweep_add(struct kiln_sweep *sweep, const struct kiln_setting *setting);
 /* Counts the run whose times have been written behind the last one, and takes the medians again. */

@@ -53,13 +53,13 @@ static json_t *result_json(const struct kiln_setting_result *r)
         (void)json_array_append_new(runs, run);
     }
     return json_pack("{s:[f,f,f], s:o, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, s:f, "
-                     "s:f, s:f}",
+                     "s:f, s:f, s:f}",
                      "nrmse", r->error[0], r->error[1], r->error[2], "runs", runs, "differing", r->differing,
                      "peak_bytes", r->bytes, "points", r->points, "rays", r->rays, "texels_per_metre",
                      r->texels_per_metre, "cells", r->cells, "cell_size", r->cell_size, "imbalance", r->imbalance,
                      "received", r->received, "probes", r->probes, "probe_bytes", r->probe_bytes, "probe_rays",
                      r->probe_rays, "points_alone", r->points_alone, "dfpr", r->dfpr, "dfpr_8bit", r->dfpr_8bit,
-                     "first_pass", r->first_pass, "later_pass", r->later_pass);
+                     "first_pass", r->first_pass, "later_pass", r->later_pass, "triangles", r->triangles);
 }
 
 static void read_result(const json_t *json, struct kiln_setting_result *r)
@@ -83,7 +83,8 @@ static void read_result(const json_t *json, struct kiln_setting_result *r)
                    {"dfpr", &r->dfpr},
                    {"dfpr_8bit", &r->dfpr_8bit},
                    {"first_pass", &r->first_pass},
-                   {"later_pass", &r->later_pass}};
+                   {"later_pass", &r->later_pass},
+                   {"triangles", &r->triangles}};
     const json_t *runs = json_object_get(json, "runs");
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
         *numbers[i].value = json_number_value(json_object_get(json, numbers[i].name));

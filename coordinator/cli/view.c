@@ -302,7 +302,13 @@ static json_t *picture_json(const struct view *v, const char *path)
                                   json_pack("{s:[i,i,i], s:f, s:I}", "cells", grid.n[0], grid.n[1], grid.n[2], "side",
                                             grid.side, "filled", (json_int_t)grid.filled));
     }
-    if (v->made.note[0] != '\0')
+    if (v->show.kind == KILN_SHOW_SEEN)
+        (void)json_object_set_new(
+            root, "seen",
+            json_pack("{s:o, s:I, s:I, s:I, s:I}", "texel", kiln_json_string(v->made.seen.texel), "facing",
+                      (json_int_t)v->made.seen.facing, "rays", (json_int_t)v->made.seen.by_rays, "voxels",
+                      (json_int_t)v->made.seen.by_voxels, "both", (json_int_t)v->made.seen.by_both));
+    else if (v->made.note[0] != '\0')
         (void)json_object_set_new(root, "links",
                                   json_pack("{s:i, s:i, s:f}", "nodes", (int)v->made.nodes, "texels",
                                             (int)v->made.single, "view", v->made.all));

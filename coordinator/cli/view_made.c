@@ -14,11 +14,11 @@ int kiln_view_made_check(const struct kiln_job *job, const struct kiln_show *sho
                          struct kiln_error *error)
 {
     const bool voxels = show->kind == KILN_SHOW_VOXELS || show->kind == KILN_SHOW_VOXEL;
-    if (voxels_given && !voxels)
+    if (voxels_given && !voxels && show->kind != KILN_SHOW_SEEN)
         return kiln_fail(error, KILN_USAGE, "--voxels: no grid is shown; give --show voxels, or leave --voxels out");
-    if (job->view_texel != NULL && show->kind != KILN_SHOW_LINKS)
+    if (job->view_texel != NULL && show->kind != KILN_SHOW_LINKS && show->kind != KILN_SHOW_SEEN)
         return kiln_fail(error, KILN_USAGE,
-                         "--texel %.100s: the links of no texel are shown; give --show links, or leave --texel out",
+                         "--texel %.100s: nothing is shown of a texel; give --show links or seen, or leave --texel out",
                          job->view_texel);
     if (show->kind == KILN_SHOW_VOXELS && filter_given && job->view_atlas == NULL)
         return kiln_fail(error, KILN_USAGE,
@@ -88,6 +88,32 @@ static int make_links(struct kiln_view_made *m, const struct kiln_job *job, cons
     return status;
 }
 
+/* ---- what a texel sees ---- */
+
+static int make_seen(struct kiln_view_made *m, const struct kiln_job *job, const struct kiln_show *show,
+                     struct kiln_results *results, const struct kiln_scene *scene, const struct kiln_geometry *geometry,
+                     struct kiln_error *error)
+{
+    struct kiln_seen *s = &m->seen;
+    struct kiln_voxels *voxels = NULL;
+    char texel[sizeof s->texel], by[80];
+    int status = job->view_voxels > 0 ? kiln_voxels_create(&voxels, geometry, job->view_voxels, error) : KILN_OK;
+    if (status == KILN_OK)
+        status = kiln_seen_find(s, results, scene, geometry, job->view_texel, voxels, error);
+    if (status == KILN_OK)
+        status = kiln_point_rows_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error);
+    if (status == KILN_OK)
+        status = kiln_point_rows_replace(m->rows, s->value, s->points, error);
+    (void)snprintf(by, sizeof by, ", by %u voxels %llu, of which %llu are the same ones", job->view_voxels,
+                   (unsigned long long)s->by_voxels, (unsigned long long)s->by_both);
+    (void)snprintf(m->note, sizeof m->note, "the texel %s faces %llu texels, and sees %llu of them by rays%s",
+                   kiln_text_plain(texel, sizeof texel, s->texel), (unsigned long long)s->facing,
+                   (unsigned long long)s->by_rays, voxels != NULL ? by : "");
+    kiln_voxels_destroy(&voxels);
+    kiln_seen_release(s);
+    return status;
+}
+
 /* ---- all ---- */
 
 int kiln_view_made_create(struct kiln_view_made *m, const struct kiln_job *job, const struct kiln_show *show,
@@ -96,6 +122,8 @@ int kiln_view_made_create(struct kiln_view_made *m, const struct kiln_job *job, 
 {
     if (show->kind == KILN_SHOW_VOXELS || show->kind == KILN_SHOW_VOXEL)
         return make_voxels(m, job, show, results, geometry, error);
+    if (show->kind == KILN_SHOW_SEEN)
+        return make_seen(m, job, show, results, scene, geometry, error);
     return show->kind == KILN_SHOW_LINKS ? make_links(m, job, show, results, scene, error) : KILN_OK;
 }
 

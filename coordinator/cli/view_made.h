@@ -1,9 +1,11 @@
-/* What kiln view --show makes of a bake before it draws: the grid of voxels, the links of a texel. Not collective. */
+/* What kiln view --show makes of a bake before it draws: the grid of voxels, the links of a texel, what a texel sees.
+ * Not collective. */
 #ifndef KILN_COORDINATOR_CLI_VIEW_MADE_H
 #define KILN_COORDINATOR_CLI_VIEW_MADE_H
 
 #include "coordinator/job/job.h"
 #include "coordinator/view/point_map.h"
+#include "coordinator/view/seen.h"
 #include "coordinator/view/show.h"
 #include "coordinator/view/voxel_view.h"
 
@@ -12,10 +14,11 @@ struct kiln_view_made {
     bool boxes;                         /* they are drawn as such */
     struct kiln_view_renderer renderer; /* then, of these */
     struct kiln_color_key key;          /* of voxels */
-    struct kiln_point_rows *rows;       /* of links; NULL: none are shown */
+    struct kiln_point_rows *rows;       /* of links, or of what a texel sees; NULL: neither is shown */
     uint32_t nodes, single;             /* as in struct kiln_texel_links, as is: */
     double all;
-    char note[200]; /* a sentence of these; empty: no links are shown */
+    struct kiln_seen seen; /* likewise; the values are gone */
+    char note[200];        /* a sentence of these; empty: no links are shown, nor what a texel sees */
 };
 
 /* Before anything is read: KILN_USAGE where --voxels, --texel or --filter do not go with what is shown. */

@@ -576,14 +576,14 @@ static int create_links(struct kiln_patches *p, const float *light, struct kiln_
 {
     const struct kiln_patch_settings *settings = p->source.settings->patches;
     const struct kiln_transport *replayed = p->step->bounce > 0 ? p->source.replayed : NULL;
-    const struct kiln_links_source source = {p->source.surface,
-                                             p->points,
-                                             light,
-                                             {settings->link_error, p->step->samples},
-                                             p->source.settings->target_error,
-                                             KILN_LINKS_STREAM,
-                                             replayed != NULL && replayed->of_links && replayed->replays ? replayed
-                                                                                                         : NULL};
+    const struct kiln_links_source source = {
+        p->source.surface,
+        p->points,
+        light,
+        {settings->link_error, kiln_links_samples(settings->link_error, p->step->samples)},
+        p->source.settings->target_error,
+        KILN_LINKS_STREAM,
+        replayed != NULL && replayed->of_links && replayed->replays ? replayed : NULL};
     return kiln_links_create(&p->links, &source, error);
 }
 

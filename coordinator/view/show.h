@@ -13,6 +13,7 @@ enum kiln_show_kind {
     KILN_SHOW_READ,   /* nothing: a field is read, or there is none */
     KILN_SHOW_VOXELS, /* the filled cells of a grid, as boxes; or as KILN_SHOW_VOXEL where a lightmap is drawn */
     KILN_SHOW_VOXEL,  /* which cells the surfaces lie in; the field is their places */
+    KILN_SHOW_SEEN,   /* which points a texel sees; the field is what is known of each then */
     KILN_SHOW_LINKS   /* which nodes a texel gathers from; the field is what is known of each point then */
 };
 

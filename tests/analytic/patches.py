@@ -113,6 +113,24 @@ def check_convergence(kiln, checks, table):
     paths.remove()
 
 
+def check_glass(kiln, checks, table):
+    """What lets all light through sends none, but has light of its own."""
+    path = os.path.join(kiln.scratch, 'spheres.glb')
+    kiln.command('generate', 'cornell-spheres', '-o', path)
+    options = (*PLAIN, '--materials', 'diffuse', '--bounces', 2, '--samples-direct', 64, '--texels-per-metre', 2)
+    bakes = [kiln.bake(path, *options, *more)
+             for more in ((), ('--method', 'radiosity'), ('--method', 'radiosity', '--patches', 'links'))]
+    if not all([checks.baked(bake) for bake in bakes]):
+        return
+    wanted, *found = (indirect(bake) for bake in bakes)
+    for name, light in zip(('pairs', 'links'), found):
+        off = np.abs(light / wanted - 1)
+        table.row('ball of glass, %s' % name, '%.2e' % off.max(), '%+.2e' % (light.sum() / wanted.sum() - 1))
+        checks.that(off.max() < 0.05, 'objects about a ball of glass, %s: off by %s' % (name, off), bakes[1].process)
+    for bake in bakes:
+        bake.remove()
+
+
 def check_contact(kiln, checks, table):
     """Where blocks stand on the floor and walls meet, texels are cut: none is far off what rays find there."""
     options = (*PLAIN, '--bounces', 1, '--samples-direct', 64, '--texels-per-metre', 3.5)
@@ -257,6 +275,7 @@ def main():
         check_furnace(kiln, checks, table, known['furnace_cube_rho0.5'], *more)
     check_convergence(kiln, checks, table)
     check_contact(kiln, checks, table)
+    check_glass(kiln, checks, table)
     check_nodes(kiln, checks, table)
     check_charts(kiln, checks)
     check_scaled(kiln, checks)

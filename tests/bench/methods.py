@@ -1,6 +1,7 @@
 """Which method of light for which scene: processor time to an error, for each.
 
   /usr/bin/python3 tests/bench/methods.py --kiln build/release/kiln [--target 0.01] [--only SCENE] [--reference 4096]
+                   [--methods cells,links]
 
 Each method bakes each scene on a ladder: rays of the final gather for those that gather by rays, windows or the error
 of a link for those that ask patches. Its lightmaps, as published (denoised), are compared with a bake by paths with
@@ -28,7 +29,7 @@ METHODS = {
     'cells, guide': [(*r, '--guide', 'auto') for r in RAYS],
     'pairs': [PATCHES],
     'mipmap windows': [(*PATCHES, '--undersample', 'mipmap', '--sampling-window', w) for w in (8, 4, 2)],
-    'links': [(*PATCHES, '--patches', 'links', '--link-error', e) for e in (0.06, 0.015)],
+    'links': [(*PATCHES, '--patches', 'links', '--link-error', e) for e in (0.06, 0.03, 0.015)],
     'mixed': [(*PATCHES, '--gather', 'mixed', '--directions', n) for n in (32, 128, 512)],
     'path': [('--quality', 'preview', '--method', 'path', '--samples-indirect', n) for n in (32, 128, 512)],
 }
@@ -71,6 +72,7 @@ def reached(ladder, target):
 def main():
     add = (lambda p: p.add_argument('--target', type=float, default=0.01, help='error'),
            lambda p: p.add_argument('--only', help='one scene'),
+           lambda p: p.add_argument('--methods', type=lambda text: text.split(','), help='some of: %s' % list(METHODS)),
            lambda p: p.add_argument('--reference', type=int, default=4096, help='paths of a texel in the reference'))
     arguments, kiln = harness.start(__doc__, *add)
     table = harness.Table(('scene', 10), ('method', 16), ('points', 8), ('rungs: s, error', 50), ('to target, s', 14))
@@ -82,7 +84,8 @@ def main():
         reference = measure.must(kiln.bake(path, *common, '--method', 'path', '--samples-indirect', many,
                                            '--samples-direct', many, '--seed', 1, '--denoise', 'none', timeout=7200))
         wanted = light(reference)
-        for method, rungs in METHODS.items():
+        for method in arguments.methods or METHODS:
+            rungs = METHODS[method]
             ladder = []
             for rung in rungs:
                 bake = measure.must(kiln.bake(path, *common, *rung, timeout=7200))

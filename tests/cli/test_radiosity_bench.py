@@ -73,8 +73,39 @@ class RadiosityBench(unittest.TestCase):
         with open(os.path.join(self.out, 'radiosity.html')) as file:
             page = file.read()
         pictures = set(os.listdir(os.path.join(self.out, 'pictures')))
-        self.assertEqual(len(pictures), 11 + 8, 'all, the reference, and what differs from pure ones')
+        self.assertEqual(len(pictures), 11 + 8 + 5, 'all, the reference, what differs from pure ones, and what is seen')
+        self.check_seen()
         self.assertTrue(pictures.issuperset(part.split('"')[0] for part in page.split('src="pictures/')[1:]))
+
+    def check_seen(self):
+        rows = self.table('radiosity-figure-6.14.csv')
+        self.assertEqual([row['voxels_along'] for row in rows], ['rays', '128', '64', '32', '16'])
+        self.assertEqual(len({(row['facing'], row['seen_by_rays']) for row in rows}), 1)
+        facing, seen = float(rows[0]['facing']), float(rows[0]['seen'])
+        self.assertTrue(0.3 * facing < seen < facing, rows[0])
+        wrong = [float(row['wrong_share']) for row in rows]
+        self.assertTrue(wrong[0] == 0 and 0 < wrong[4] < 0.5 and max(wrong[1:3]) < wrong[4], wrong)
+
+    def test_scenes(self):
+        """Pure passes of other scenes, which are not compared with the reference."""
+        command = ('bench', 'radiosity', SCENE, '8', 'scenes', *FEW, '-o', self.out)
+        answer = kiln(*command, timeout=200)
+        self.assertEqual(answer.code, 0, answer.err)
+        rows = self.table('radiosity-figure-6.12.csv')
+        self.assertEqual(len(rows), 7)
+        self.assertEqual(rows[0]['scene'], 'cornell.glb')
+        triangles = {row['scene']: float(row['triangles']) for row in rows}
+        self.assertEqual(triangles['cornell'], triangles['cornell.glb'])
+        self.assertTrue(140e3 < triangles['cornell-statue --triangles 150000'] < 160e3, triangles)
+        for row in rows:
+            pairs = float(row['texels']) ** 2
+            self.assertAlmostEqual(float(row['pair_nanoseconds']), 1e9 * float(row['pass_seconds']) / pairs, 1)
+        same = [[row[k] for k in ('triangles', 'texels', 'rays')] for row in rows[:2]]
+        self.assertEqual(*same, 'the Cornell box given, and generated')
+        with open(os.path.join(self.out, 'radiosity-figure-6.12.svg')) as file:
+            self.assertEqual(file.read().count('<circle'), 2 * 7, 'a point each, and its name')
+        self.assertEqual({row['nrmse'] for row in self.table('radiosity.csv') if row['method'] == 'scenes'}, {''})
+        self.assertNotIn('kiln: bake ', kiln(*command, '--json', timeout=60).err)
 
     def test_refusals(self):
         for wrong in ('0', '9000', 'nothing', '8.5', '-3'):

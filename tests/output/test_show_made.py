@@ -1,8 +1,9 @@
-"""kiln view --show voxels, voxel and links: what is made of a bake for a picture.
+"""kiln view --show voxels, voxel, links and seen: what is made of a bake for a picture.
 
 Cells: which are filled is known of a scene of two quads, and so is what a camera sees of them. Links: the factors of
 the nodes that a texel gathers from, times the light that these send, are the light that the texel got in the bake. What
-a bake has not kept, or no texel has, is said, with what to do."""
+a texel sees of a wall behind a board is known, too. What a bake has not kept, or no texel has, is said, with what to
+do."""
 import json
 import os
 import sys
@@ -124,10 +125,47 @@ def check_links(folder):
     refused(NO_INPUT, "--voxels N", "view", bake, "--show", "voxels")
 
 
+def check_seen(folder):
+    """Two walls of 4 m x 4 m, 4 m apart, and half way a board of 1 m x 1 m: its shadow is twice as wide."""
+    scene, bake = glb.Scene(), os.path.join(folder, "seen")
+    paint = scene.material("paint", (0.6, 0.5, 0.4))
+    scene.quad("wall", [(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0)], paint)
+    scene.quad("far", [(0, 0, 4), (0, 4, 4), (4, 4, 4), (4, 0, 4)], paint)
+    scene.quad("board", [(1.6, 1.3, 2), (2.6, 1.3, 2), (2.6, 2.3, 2), (1.6, 2.3, 2)],
+               scene.material("board", (0.6, 0.5, 0.4), double_sided=True))
+    scene.light("sun", {"type": "directional", "intensity": 3.0}, rotation=(-0.2, 0, 0, 0.98))
+    done("bake", scene.write(os.path.join(folder, "seen.glb")), "-o", bake, *FEW)
+    with h5py.File(os.path.join(bake, "kiln.h5"), "r") as file:
+        names = [n.decode() for n in file["objects/name"][...]]
+        p = {name: file[f"points/{name}"][...] for name in ("object", "texel", "position")}
+    on = {name: p["object"] == names.index(name) for name in names}
+    one = p["position"][np.flatnonzero(on["wall"] & (p["texel"] == (3, 4)).all(1))[0]]
+    middle = (p["position"][on["far"]] + one)[:, :2] / 2
+    low, high = np.array((1.6, 1.3)), np.array((2.6, 2.3))
+    hidden = ((middle > low) & (middle < high)).all(1)
+    sure = (np.minimum(abs(middle - low), abs(middle - high)) > 1e-3).all(1)
+    at = p["texel"][on["far"]]
+    size = ("--texel", "wall,3,4", "--atlas", "far", "--filter", "nearest", "--width", "1")
+    image, said = shown(bake, "--show", "seen", *size)
+    assert 5 < hidden.sum() < 60 and sure.mean() > 0.9, (hidden.sum(), sure.mean())
+    assert ((image[at[:, 1], at[:, 0], 0] > 0.5) != hidden)[sure].all(), image[..., 0]
+    seen = said["seen"]
+    assert seen["texel"] == "wall,3,4" and seen["voxels"] == seen["both"] == 0, seen
+    assert abs(seen["rays"] + hidden.sum() - seen["facing"]) <= (~sure).sum() and seen["facing"] > hidden.size, seen
+    # coarse cells hide more than the board
+    image, said = shown(bake, "--show", "seen", "--voxels", "8", *size)
+    coarse = said["seen"]
+    assert coarse["rays"] == seen["rays"] and coarse["both"] <= min(coarse["rays"], coarse["voxels"]), coarse
+    assert 0 < coarse["voxels"] != coarse["rays"], coarse
+    refused(USAGE, "give OBJECT,X,Y", "view", bake, "--show", "seen", "--texel", "wall")
+    refused(USAGE, "no surface lies in that texel", "view", bake, "--show", "seen", "--texel", "wall,900,1")
+
+
 def main():
     with tempfile.TemporaryDirectory() as folder:
         check_voxels(folder)
         check_links(folder)
+        check_seen(folder)
 
 
 if __name__ == "__main__":

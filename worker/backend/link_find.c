@@ -1,3 +1,4 @@
+#include <math.h>
 #include <string.h>
 
 #include "worker/backend/link_run.h"
@@ -67,6 +68,7 @@ void kiln_link_run_enter(struct kiln_link_run *w, const struct kiln_surface *s, 
     uint32_t place = 0;
     w->mask = run->mask;
     w->shares = 0;
+    w->found.opened = 0;
     w->texel = 0.0;
     for (uint64_t rest = tile->mask | run->mask; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
@@ -119,10 +121,17 @@ int kiln_link_run_take(struct kiln_link_run *w, const struct kiln_kept_links *ke
 
 /* ---- finding links ---- */
 
+double kiln_link_run_error(const struct kiln_link_run *w) { return ldexp(w->p->error, -(int)w->found.opened); }
+
+bool kiln_link_run_is_to_judge(const struct kiln_links_parameters *p, const struct kiln_kept_links *kept)
+{
+    return p->target > 0.0 && kept->is_judged == 0;
+}
+
 uint32_t kiln_link_shared_by(const struct kiln_link_run *w, uint32_t to)
 {
     const double radius =
-        (to & KILN_LINK_LEAF) != 0 ? 0.0 : kiln_links_shared(w->p->error) * (double)w->p->nodes[to].radius;
+        (to & KILN_LINK_LEAF) != 0 ? 0.0 : kiln_links_shared(kiln_link_run_error(w)) * (double)w->p->nodes[to].radius;
     return 4.0 * w->texel <= radius ? 16 : 2.0 * w->texel <= radius ? 4 : 1;
 }
 
@@ -213,6 +222,7 @@ int kiln_link_run_find(struct kiln_link_run *w, struct kiln_error *error)
         uint64_t mask;
         uint32_t to;
     } stack[STACK];
+    const double e = kiln_link_run_error(w);
     uint32_t depth = 0;
     int status = KILN_OK;
     w->question_count = 0;
@@ -224,7 +234,7 @@ int kiln_link_run_find(struct kiln_link_run *w, struct kiln_error *error)
         const uint64_t mask = stack[depth].mask;
         struct kiln_link_lane_choices c = {.stands = mask};
         if ((to & KILN_LINK_LEAF) == 0)
-            c = kiln_link_lanes_judge(&w->lanes, &p->nodes[to], w->error * w->error, mask);
+            c = kiln_link_lanes_judge(&w->lanes, &p->nodes[to], e * e, mask);
         if (c.stands != 0)
             status = link_to(w, to, c.stands, c.whole, error);
         for (uint32_t i = c.open != 0 ? p->nodes[to].children : 0; i > 0; i--)

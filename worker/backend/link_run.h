@@ -6,9 +6,6 @@
 
 #include "worker/backend/link_lanes.h"
 
-/* Links are opened to so many-th of the error that is asked for. */
-#define KILN_LINKS_LEAST_OPENED 8.0
-
 struct kiln_link_run;
 
 /* Two points of which the one may see the other. */
@@ -38,7 +35,6 @@ struct kiln_link_run {
      * rays, and say by what they see how sure that is */
     uint64_t mask, valid, shares;
     uint64_t together[2];             /* of `shares`, those whose squares of 2 x 2 and of 4 x 4 lie together */
-    double error;                     /* that links are opened to */
     double texel;                     /* m: the longest edge of a point */
     bool by_first;                    /* errors are of first light */
     uint8_t bit[KILN_TILE_TEXELS];    /* of the points, by their places in the run */
@@ -67,7 +63,12 @@ void kiln_link_run_enter_found(struct kiln_link_run *run);
 /* Takes links that are kept, of the tile run that was entered. KILN_BAD_INPUT; KILN_SYSTEM. */
 int kiln_link_run_take(struct kiln_link_run *run, const struct kiln_kept_links *kept, struct kiln_error *error);
 
-/* Finds links for run->error, and asks. */
+/* What links are opened to: e, halved as many times as found.opened says. */
+double kiln_link_run_error(const struct kiln_link_run *run);
+/* Whether rows of links that are kept are closed anew, and judged: there is a target, and they have not been. */
+bool kiln_link_run_is_to_judge(const struct kiln_links_parameters *p, const struct kiln_kept_links *kept);
+
+/* Finds links for that error, and asks. */
 int kiln_link_run_find(struct kiln_link_run *run, struct kiln_error *error);
 /* An answer: what comes through, of each colour, where that is not nothing. KILN_SYSTEM. */
 int kiln_link_run_see(struct kiln_link_run *run, uint32_t link, uint64_t of, const double through[3],
@@ -81,9 +82,9 @@ void kiln_link_run_drop_unseen(struct kiln_link_run *run);
 void kiln_link_run_add(struct kiln_link_run *run);
 /* Closes the rows that were added up. */
 void kiln_link_run_close(struct kiln_link_run *run);
-/* Whether the errors that first light has by the links found, in the root of their mean square over the tile's points,
- * are above the target. */
-bool kiln_link_run_is_above_target(struct kiln_link_run *run);
+/* Whether the links found are to be found anew, with half the error, which is set then: where the target asks for it.
+ */
+bool kiln_link_run_opens(struct kiln_link_run *run);
 
 /* What a point's links have brought. */
 struct kiln_link_sums {

@@ -237,7 +237,9 @@ struct kiln_point_result kiln_link_answer(const struct kiln_linked_point *point,
     return r;
 }
 
-bool kiln_link_run_is_above_target(struct kiln_link_run *w)
+/* Whether the errors that first light has by the links found, in the root of their mean square over the tile's points,
+ * are above the target. */
+static bool is_above_target(struct kiln_link_run *w)
 {
     const struct kiln_links_parameters *p = w->p;
     double square = 0.0;
@@ -251,4 +253,13 @@ bool kiln_link_run_is_above_target(struct kiln_link_run *w)
         square += fmax(0.0, w->sums.variance[bit]) / (allowed * allowed);
     }
     return square > (double)__builtin_popcountll(w->shares);
+}
+
+bool kiln_link_run_opens(struct kiln_link_run *w)
+{
+    const double least = w->p->target / KILN_LINKS_BELOW_TARGET;
+    const bool opens = w->p->target > 0.0 && w->found.opened < KILN_LINKS_MOST_OPENED &&
+                       kiln_link_run_error(w) > least && is_above_target(w);
+    w->found.opened += opens;
+    return opens;
 }

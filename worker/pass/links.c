@@ -14,7 +14,7 @@
 enum { LEAST_SAMPLES = 16 };
 #define SHARED 0.7 /* radii of a node; more with the square of the error, where that is above the next */
 #define SHARED_AT 0.02
-enum { HAS_GLASS = 1, HAS_PRESENT = 2, IS_SMOOTH = 4 };
+enum { HAS_GLASS = 1, HAS_PRESENT = 2, IS_SMOOTH = 4, OPENED_SHIFT = 3 }; /* of the flags' byte */
 enum { TO_LEAF = 1, SOME_ASKED = 2, SOME_SEEN = 4, STEP_SHIFT = 3 };
 
 double kiln_links_shared(double error)
@@ -105,7 +105,8 @@ static uint8_t flags_of(const struct kiln_found_links *f, uint64_t mask)
         glass = glass || p->glass[0] != 0.0f || p->glass[1] != 0.0f || p->glass[2] != 0.0f;
         present = present || (p->count > 0 && p->present != 1.0f);
     }
-    return (uint8_t)((glass ? HAS_GLASS : 0) | (present ? HAS_PRESENT : 0) | (f->smooth ? IS_SMOOTH : 0));
+    return (uint8_t)((glass ? HAS_GLASS : 0) | (present ? HAS_PRESENT : 0) | (f->smooth ? IS_SMOOTH : 0) |
+                     (int)(f->opened << OPENED_SHIFT));
 }
 
 static void put_point(struct writer *w, const struct kiln_found_links *f, uint32_t bit, uint8_t flags)
@@ -282,6 +283,19 @@ static uint8_t get_head(struct reader *r, const struct kiln_kept_links *kept, ui
     return flags;
 }
 
+uint32_t kiln_links_opened(const struct kiln_kept_links *kept)
+{
+    return kept->bytes > 0 ? (uint32_t)kept->code[0] >> OPENED_SHIFT : 0;
+}
+
+void kiln_links_replace(struct kiln_kept_links **kept, struct kiln_kept_links *made)
+{
+    if (*kept != NULL && kiln_links_opened(*kept) == kiln_links_opened(made))
+        made->of_file = (*kept)->of_file;
+    kiln_free(kept);
+    *kept = made;
+}
+
 int kiln_links_head(const struct kiln_kept_links *kept, uint32_t *count, uint32_t *tinted, struct kiln_error *error)
 {
     struct reader r = {kept->code, kept->bytes, false};
@@ -333,6 +347,7 @@ int kiln_links_decode(struct kiln_found_links *f, const struct kiln_kept_links *
     uint64_t count, tinted;
     const uint8_t flags = get_head(&r, kept, &count, &tinted);
     f->smooth = (flags & IS_SMOOTH) != 0;
+    f->opened = flags >> OPENED_SHIFT;
     int status = r.bad ? KILN_OK : kiln_found_links_reserve(f, count, error);
     if (status == KILN_OK && !r.bad)
         status = kiln_found_links_reserve_tinted(f, tinted, error);

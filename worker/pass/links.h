@@ -37,8 +37,11 @@
  * bounce states what it adds to the square.
  *
  * Target. Where the error of first light, in the root of the mean square over a tile's points, is above the target
- * times that light, and KILN_LINKS_LEAST_LIGHT times l at least, links are found anew with half the e, up to three
- * times: also where they were kept, and were good for other light.
+ * times that light, and KILN_LINKS_LEAST_LIGHT times l at least, links are found anew with half the e, until it is not,
+ * or e is as small as the target over KILN_LINKS_BELOW_TARGET: by itself e would do then, and what is left is what one
+ * ray for a texel does not know of the view. Also where they were kept, and were good for other light. That least light
+ * is little: what is dark in the first bounce may have its light in the next ones, by the same links. Rows are closed
+ * with as many rays as the target asks for, if it is less than e; those of kept links anew.
  *
  * What has been found for a tile run is kept: which nodes, and of each the points that see it. Then a bounce is sums.
  * Each point's sums are added in the order of the tree: kept or found again, and of any tile runs, they have the same
@@ -54,12 +57,13 @@
 #include "worker/scene/surface.h"
 
 #define KILN_LINKS_UNSEEN 0.03
-#define KILN_LINKS_LEAST_LIGHT 0.1
+#define KILN_LINKS_LEAST_LIGHT 0.005
+#define KILN_LINKS_BELOW_TARGET 8.0
 
 /* What a link goes to: a node, by its number, or with KILN_LINK_LEAF a single point, by its place in the tree's order.
  */
 #define KILN_LINK_LEAF 0x80000000u
-enum { KILN_LINK_CHILDREN = 4 };
+enum { KILN_LINK_CHILDREN = 4, KILN_LINKS_MOST_OPENED = 31 };
 
 /* m, from the scene's centre; children have higher numbers than their parents. Node 0 is the root. */
 struct kiln_link_node {
@@ -94,6 +98,7 @@ struct kiln_tinted_link {
  * kiln_found_links_release. */
 struct kiln_found_links {
     uint32_t count, tinted_count;
+    uint32_t opened;        /* how many times e was halved for them: KILN_LINKS_MOST_OPENED at most */
     uint32_t *to;           /* `count`, in the order of the tree */
     uint64_t *asked, *seen; /* `count` masks: whose links they are; which of these see what the links go to */
     struct kiln_tinted_link *tinted;
@@ -131,6 +136,11 @@ int kiln_links_encode(struct kiln_kept_links **kept, const struct kiln_found_lin
 /* KILN_BAD_INPUT: this is no such code, or links to nodes or points that are not there. KILN_SYSTEM. */
 int kiln_links_decode(struct kiln_found_links *found, const struct kiln_kept_links *kept, uint64_t mask,
                       uint64_t shares, uint32_t node_count, uint64_t point_count, struct kiln_error *error);
+/* How many times e was halved for them. */
+uint32_t kiln_links_opened(const struct kiln_kept_links *kept);
+/* Puts `made` in the place of *kept, which is freed. Where these are the same links, and rows alone are closed anew,
+ * they stay as of a file. */
+void kiln_links_replace(struct kiln_kept_links **kept, struct kiln_kept_links *made);
 /* How many links of the tile run there are, and how many through what has a colour. KILN_BAD_INPUT: as above. */
 int kiln_links_head(const struct kiln_kept_links *kept, uint32_t *count, uint32_t *tinted, struct kiln_error *error);
 /* What is known of the points of `mask`, by bit. KILN_BAD_INPUT: as above. */

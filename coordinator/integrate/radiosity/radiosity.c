@@ -40,6 +40,13 @@ static size_t steps_before_rounds(const struct kiln_integrate_settings *settings
     return kiln_cells_first(&of_cells) + (settings->patches->lights == KILN_LIGHTS_PATCHES ? 1 : 2);
 }
 
+/* Rays of a point that close its row, of so many at most. */
+static uint32_t links_samples(const struct kiln_integrate_settings *settings, uint32_t samples)
+{
+    const double error = settings->patches->link_error, target = settings->target_error;
+    return kiln_links_samples(target > 0.0 && target < error ? target : error, samples);
+}
+
 /* The parameters of a step of patches are its nodes, or where its rays go: coordinator/integrate/patches.h. */
 static bool next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports, size_t count,
                  struct kiln_step *step)
@@ -57,7 +64,7 @@ static bool next(const struct kiln_integrate_settings *settings, const struct ki
                      : p->patches == KILN_PATCHES_LINKS ? &kiln_pass_links
                                                         : &kiln_pass_patches;
         step->samples = p->directions > 0                  ? p->directions
-                        : p->patches == KILN_PATCHES_LINKS ? kiln_links_samples(p->link_error, step->samples)
+                        : p->patches == KILN_PATCHES_LINKS ? links_samples(settings, step->samples)
                                                            : step->samples;
     }
     return any;

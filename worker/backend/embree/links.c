@@ -149,38 +149,47 @@ static int find_run(struct links_work *w, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Opens links until the target is reached; *opened: some were. */
-static int open_run(struct links_work *w, bool *opened, struct kiln_error *error)
+/* Opens links as far as the target asks. */
+static int open_run(struct links_work *w, struct kiln_error *error)
 {
-    const double least = w->job->p->error / KILN_LINKS_LEAST_OPENED;
     int status = KILN_OK;
-    *opened = false;
-    for (w->run.error = w->job->p->error;
-         0.5 * w->run.error >= least && kiln_link_run_is_above_target(&w->run) && status == KILN_OK;) {
-        w->run.error *= 0.5;
-        *opened = true;
+    while (status == KILN_OK && kiln_link_run_opens(&w->run))
         status = find_run(w, error);
-    }
     return status;
 }
 
-/* Finds what is not kept. */
-static int make_run(struct links_work *w, size_t tile_run, struct kiln_error *error)
+/* Finds what is not kept; of what is, closes the rows anew. Then opens links. */
+static int make_run(struct links_work *w, size_t tile_run, bool is_kept, struct kiln_error *error)
 {
     const struct kiln_tile_run *runs = w->b->surface->tile_runs, *run = &runs[tile_run];
+    int status = KILN_OK;
     find_points(w, tile_run, w->job->gathered + (run->first.at - runs[w->job->part->first].first.at));
-    w->run.error = w->job->p->error;
-    return find_run(w, error);
+    if (is_kept) {
+        kiln_link_run_add(&w->run);
+        kiln_link_run_close(&w->run);
+    } else {
+        status = find_run(w, error);
+    }
+    return status == KILN_OK ? open_run(w, error) : status;
 }
 
 /* Keeps what has been found. */
 static int keep(const struct links_work *w, const struct kiln_tile_run *run, struct kiln_kept_links **kept,
                 struct kiln_error *error)
 {
-    struct kiln_kept_links *old = *kept;
-    const int status = kiln_links_encode(kept, &w->run.found, run->first.at, run->mask, w->run.shares, error);
-    kiln_free(&old);
-    return status;
+    struct kiln_kept_links *made;
+    const int status = kiln_links_encode(&made, &w->run.found, run->first.at, run->mask, w->run.shares, error);
+    if (status != KILN_OK)
+        return status;
+    made->is_judged = 1;
+    kiln_links_replace(kept, made);
+    return KILN_OK;
+}
+
+/* Whether rays are to say what the rows of a tile run lose; kept: NULL, nothing is kept. */
+static bool asks_rays(const struct kiln_links_parameters *p, const struct kiln_kept_links *kept)
+{
+    return kept == NULL || kiln_link_run_is_to_judge(p, kept);
 }
 
 /* The tile run's links, as they are kept or found, and opened; then the sums. */
@@ -188,22 +197,19 @@ static int do_run(struct links_work *w, size_t tile_run, struct kiln_error *erro
 {
     const struct kiln_tile_run *run = &w->b->surface->tile_runs[tile_run];
     struct kiln_kept_links **kept = w->job->p->kept != NULL ? &w->job->p->kept[tile_run] : NULL;
-    const bool is_kept = kept != NULL && *kept != NULL, is_judged = is_kept && (*kept)->is_judged != 0;
-    bool opened = false;
+    const bool is_kept = kept != NULL && *kept != NULL, asks = asks_rays(w->job->p, is_kept ? *kept : NULL);
+    int status = KILN_OK;
     kiln_link_run_enter(&w->run, w->b->surface, run);
     w->run.summed = false;
-    int status = is_kept ? kiln_link_run_take(&w->run, *kept, error) : make_run(w, tile_run, error);
-    if (status == KILN_OK && w->job->p->target > 0.0 && !is_judged)
-        status = open_run(w, &opened, error);
-    if (status == KILN_OK && kept != NULL && (!is_kept || opened))
+    if (is_kept)
+        status = kiln_link_run_take(&w->run, *kept, error);
+    if (status == KILN_OK && asks)
+        status = make_run(w, tile_run, is_kept, error);
+    if (status == KILN_OK && asks && kept != NULL)
         status = keep(w, run, kept, error);
-    if (status != KILN_OK)
-        return status;
-    if (kept != NULL)
-        (*kept)->is_judged = 1;
-    if (!w->run.summed)
+    if (status == KILN_OK && !w->run.summed)
         kiln_link_run_add(&w->run);
-    return KILN_OK;
+    return status;
 }
 
 static void links_tile_run(void *work, const struct embree_backend *b, struct embree_context *context, size_t tile_run,
@@ -228,13 +234,13 @@ static void links_tile_run(void *work, const struct embree_backend *b, struct em
     *rays += w->traced;
 }
 
-/* Which tile runs of the part have no links yet: their samples, 0 of the others. False: all have. */
-static bool are_missing(const struct kiln_links_parameters *p, const struct kiln_batch *part, uint32_t *samples)
+/* Whose rays say what rows lose: the samples of the part's tile runs, 0 of the others. False: of none. */
+static bool ask_rays(const struct kiln_links_parameters *p, const struct kiln_batch *part, uint32_t *samples)
 {
     bool any = false;
     for (size_t i = 0; i < part->count; i++) {
-        const bool kept = p->kept != NULL && p->kept[part->first + i] != NULL;
-        samples[i] = kept || kiln_batch_leaves_out(part, part->first + i) ? 0 : part->samples;
+        const bool asks = asks_rays(p, p->kept != NULL ? p->kept[part->first + i] : NULL);
+        samples[i] = asks && !kiln_batch_leaves_out(part, part->first + i) ? part->samples : 0;
         any = any || samples[i] > 0;
     }
     return any;
@@ -256,7 +262,7 @@ int embree_links(struct embree_backend *b, const void *parameters, const struct 
         status = kiln_allocate(&samples, part->count, sizeof *samples, "the links that are missing", error);
     missing.samples_each = samples;
     missing.stream = p->stream;
-    if (status == KILN_OK && are_missing(p, part, samples))
+    if (status == KILN_OK && ask_rays(p, part, samples))
         status = embree_gather(b, NULL, &missing, gathered, rays, error);
     struct links_job job = {p, part, gathered, KILN_OK, error}, *shared = &job;
     if (status == KILN_OK)

@@ -253,8 +253,10 @@ static void shapes_tile_run(void *work, const struct embree_backend *b, struct e
     for (uint32_t j = 0; j < f->count; j++) {
         struct kiln_shape_result *r = (struct kiln_shape_result *)results + f->place[j];
         const struct kiln_own_point own = {kiln_own_of_global(s, run->first).at + f->place[j]};
-        find_shape(f, b, j, kiln_lit_area(s, own, f->present[j]), &r->patch);
-        if (!is_met)
+        const double lit = kiln_lit_area(s, own, f->present[j]);
+        /* what lets all light through sends none, but has a shape, for light falls on it */
+        find_shape(f, b, j, lit > 0.0 ? lit : kiln_lit_area(s, own, 1.0f), &r->patch);
+        if (!is_met || !(lit > 0.0))
             r->patch.area = 0.0f;
         if (emits(f, b, j))
             find_emission(f, b, j, r->emission);

@@ -110,31 +110,27 @@ static int ask(void *context, uint32_t link, uint64_t of, const struct kiln_link
     return KILN_OK;
 }
 
-/* The points of a tile run whose links are not kept. Kernels know shading normals: there is room for them. */
-static void enter_points(const struct finder *f, struct finding *g)
+/* What the points of a tile run have met. */
+static void meet_points(const struct finder *f, struct finding *g)
 {
     const struct kiln_surface *s = f->b->surface;
     const struct kiln_tile_run *run = &s->tile_runs[g->tile_run];
     const struct kiln_point_result *gathered = f->gathered + place_of(f, g->tile_run);
     const uint64_t own = kiln_own_of_global(s, run->first).at;
-    struct kiln_found_links *found = &g->run.found;
-    memset(found->point, 0, sizeof found->point);
-    memset(found->shading, 0, sizeof found->shading);
-    found->smooth = f->b->constants[VULKAN_HAS_SMOOTH] != 0;
+    memset(g->run.found.point, 0, sizeof g->run.found.point);
     for (uint32_t k = 0; k < run->count; k++)
         if (kiln_point_valid(s, (struct kiln_own_point){own + k}))
             kiln_link_run_meet(&g->run, g->run.bit[k], &gathered[k]);
     kiln_link_run_enter_found(&g->run);
 }
 
-/* Whether its links are to be found once more, with less error. */
-static bool is_above_target(struct finding *g)
+/* The same where links are not kept. Kernels know shading normals: there is room for them. */
+static void enter_points(const struct finder *f, struct finding *g)
 {
-    const double least = g->run.p->error / KILN_LINKS_LEAST_OPENED;
-    const bool above = g->run.p->target > 0.0 && 0.5 * g->run.error >= least && kiln_link_run_is_above_target(&g->run);
-    if (above)
-        g->run.error *= 0.5;
-    return above;
+    struct kiln_found_links *found = &g->run.found;
+    memset(found->shading, 0, sizeof found->shading);
+    found->smooth = f->b->constants[VULKAN_HAS_SMOOTH] != 0;
+    meet_points(f, g);
 }
 
 /* Begins a tile run: from what its rays have met, or with the links that are kept. */
@@ -146,7 +142,6 @@ static int enter(const struct finder *f, struct finding *g, size_t tile_run, str
     g->run.ask = ask;
     g->run.context = g;
     kiln_link_run_enter(&g->run, f->b->surface, &f->b->surface->tile_runs[tile_run]);
-    g->run.error = f->p->error;
     g->found = false;
     g->state = FINDS;
     if (kept == NULL) {
@@ -154,9 +149,12 @@ static int enter(const struct finder *f, struct finding *g, size_t tile_run, str
         return KILN_OK;
     }
     const int status = kiln_link_run_take(&g->run, kept, error);
-    if (status == KILN_OK && !is_above_target(g))
-        g->state = STANDS;
-    return status;
+    if (status != KILN_OK)
+        return status;
+    meet_points(f, g);
+    g->found = true;
+    g->state = kiln_link_run_opens(&g->run) ? FINDS : STANDS;
+    return KILN_OK;
 }
 
 /* Goes down the tree, and asks. */
@@ -184,7 +182,7 @@ static int hear(const struct finder *f, const struct group *group, struct findin
     kiln_link_run_drop_unseen(&g->run);
     g->found = true;
     g->count = 0;
-    g->state = is_above_target(g) ? FINDS : STANDS;
+    g->state = kiln_link_run_opens(&g->run) ? FINDS : STANDS;
     return KILN_OK;
 }
 
@@ -426,7 +424,7 @@ static int find_all(struct finder *f, struct kiln_error *error)
 static bool is_wanted(const struct finder *f, size_t tile_run)
 {
     const struct kiln_kept_links *kept = f->p->kept != NULL ? f->p->kept[tile_run] : NULL;
-    return !kiln_batch_leaves_out(f->batch, tile_run) && (kept == NULL || (f->p->target > 0.0 && kept->is_judged == 0));
+    return !kiln_batch_leaves_out(f->batch, tile_run) && (kept == NULL || kiln_link_run_is_to_judge(f->p, kept));
 }
 
 static int make_groups(struct finder *f, struct kiln_error *error)

@@ -65,13 +65,14 @@ static int keep(void *context, size_t first, size_t count, const void *results, 
     return KILN_OK;
 }
 
-/* Which of the batch's tile runs have no links yet: their samples, 0 of the others. False: all have. */
-static bool are_missing(const struct links_run *r, uint32_t *samples)
+/* Whose rays say what rows lose: the samples of the batch's tile runs, 0 of the others. False: of none. */
+static bool ask_rays(const struct links_run *r, uint32_t *samples)
 {
     bool any = false;
     for (size_t i = 0; i < r->batch->count; i++) {
-        const bool kept = r->p->kept != NULL && r->p->kept[r->batch->first + i] != NULL;
-        samples[i] = kept || kiln_batch_leaves_out(r->batch, r->batch->first + i) ? 0 : r->batch->samples;
+        const struct kiln_kept_links *kept = r->p->kept != NULL ? r->p->kept[r->batch->first + i] : NULL;
+        const bool asks = kept == NULL || kiln_link_run_is_to_judge(r->p, kept);
+        samples[i] = asks && !kiln_batch_leaves_out(r->batch, r->batch->first + i) ? r->batch->samples : 0;
         any = any || samples[i] > 0;
     }
     return any;
@@ -88,7 +89,7 @@ static int gather(struct links_run *r, size_t points, struct kiln_error *error)
     batch.stream = r->p->stream;
     batch.take = keep;
     batch.context = r;
-    const bool missing = status == KILN_OK && are_missing(r, samples);
+    const bool missing = status == KILN_OK && ask_rays(r, samples);
     if (missing)
         status = kiln_grow(&r->gathered, &room, points, sizeof *r->gathered, "what the rays of links meet", error);
     if (missing && status == KILN_OK) {
@@ -282,7 +283,6 @@ static int write_run(struct kiln_link_run *w, const struct links_run *r, const s
     kiln_link_run_enter(w, r->b->surface, tile_run);
     put_mask(run->shares, w->shares);
     run->texel = (float)w->texel;
-    run->sharing = (float)kiln_links_shared(r->p->error);
     for (uint32_t k = 0; k < tile_run->count; k++) {
         const struct kiln_patch *patch = w->patch[w->bit[k]];
         points[k] = (struct kiln_gpu_linked_point){patch->place, patch->normal, patch->number,
@@ -291,6 +291,7 @@ static int write_run(struct kiln_link_run *w, const struct links_run *r, const s
     if (run->count + run->tinted_count == 0)
         return KILN_OK;
     const int status = kiln_link_run_take(w, links_of(r, chunk->tile_run_first + number), error);
+    run->sharing = (float)kiln_links_shared(kiln_link_run_error(w));
     for (uint32_t i = 0; i < run->count && status == KILN_OK; i++) {
         links[i].to = w->found.to[i];
         put_mask(links[i].asked, w->found.asked[i]);
@@ -402,8 +403,7 @@ static void close_made(const struct links_run *r, size_t tile_run, struct kiln_l
     kiln_links_close(*made, mask, scale, (const float(*)[3])shading);
     if (r->p->kept == NULL)
         return;
-    kiln_free(&r->p->kept[tile_run]);
-    r->p->kept[tile_run] = *made;
+    kiln_links_replace(&r->p->kept[tile_run], *made);
     *made = NULL;
 }
 
