@@ -496,8 +496,14 @@ static size_t most_others(const struct regression *r)
     return most;
 }
 
-/* Calls `visit` for all points, by several threads. */
-static int sweep(const struct regression *r, float radius,
+/* Whether points of a cell are too far from own ones for a sweep of which those count that are `far` at most. */
+static bool is_too_far(const struct regression *r, size_t cell, uint8_t far)
+{
+    return r->part != NULL && r->part->far[r->grid->points[r->grid->first[cell]].index] > far;
+}
+
+/* Calls `visit` for all points that are `far` at most, by several threads. */
+static int sweep(const struct regression *r, float radius, uint8_t far,
                  void (*visit)(const struct regression *, struct worker *, size_t), struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -510,7 +516,7 @@ static int sweep(const struct regression *r, float radius,
             made = kiln_allocate(&w->sums, 3 * most_others(r) + 1, sizeof *w->sums, "the neighbours of a point", &mine);
 #pragma omp for schedule(dynamic, 8)
         for (size_t cell = 0; cell < r->grid->cell_count; cell++) {
-            if (made != KILN_OK)
+            if (made != KILN_OK || is_too_far(r, cell, far))
                 continue;
             kiln_neighbours_collect(&w->n, r->grid, cell, radius);
             for (size_t place = r->grid->first[cell]; place < r->grid->first[cell + 1]; place++)
@@ -658,15 +664,15 @@ static int run_sweeps(struct regression *r, struct kiln_error *error)
 {
     int status = begin_estimates(r, error);
     if (status == KILN_OK)
-        status = sweep(r, KILN_NEIGHBOUR_RADIUS, fit_point, error);
+        status = sweep(r, KILN_NEIGHBOUR_RADIUS, 3, fit_point, error);
     if (status == KILN_OK)
-        status = sweep(r, kiln_neighbour_rings[WIDE], pool_variance, error);
+        status = sweep(r, kiln_neighbour_rings[WIDE], 2, pool_variance, error);
     if (status == KILN_OK)
-        status = sweep(r, 0.0f, estimate_risks, error);
+        status = sweep(r, 0.0f, 2, estimate_risks, error);
     if (status == KILN_OK)
-        status = sweep(r, kiln_neighbour_rings[WIDE], judge_point, error);
+        status = sweep(r, kiln_neighbour_rings[WIDE], 1, judge_point, error);
     if (status == KILN_OK)
-        status = sweep(r, KILN_NEIGHBOUR_RADIUS, smooth_point, error);
+        status = sweep(r, KILN_NEIGHBOUR_RADIUS, 0, smooth_point, error);
     return status;
 }
 
