@@ -54,9 +54,8 @@ static const double DENOISE_LIGHTMAP_DISK = 0.87, DENOISE_POINT_DISK = -4.0;
 static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
 static const double LIGHTMAP_TEXEL_SECONDS = 0.9e-6; /* of one thread: filled, smoothed, compressed, read back */
 static const double H5_POINT_SECONDS = 1.0e-6;       /* of one thread: described, compressed, written, read back */
-/* Of a lightmap in bands: rows of the bands above and below that a band denoises too (output/map/band_sight.h), and
- * bytes of a texel on its way there. */
-static const double SEEN_ROWS = 64.0, TEXEL_BYTES = 90.0;
+/* Of a lightmap in bands: bytes of a texel on its way to the part that denoises it (output/map/denoise_parts.h). */
+static const double TEXEL_BYTES = 90.0;
 /* the part of it that is packed while light is computed: a gain where devices compute, else it takes their time */
 static const double H5_EARLY = 0.3;
 static const double H5_PLACE_SECONDS = 3e-6;     /* of rank 0 alone: for a column of a chunk of kiln.h5 */
@@ -647,7 +646,9 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
         .shared_a_point =
             s->validity / fmax(1.0, (double)plan->surface.points_max) + together * written_seconds(plan, p, job),
         .shared = (timing->probe * (double)plan->probes + plan->landing.probes + timing->views) * together,
-        .seen_a_row = (denoise_seconds(p, job) / p->threads + TEXEL_BYTES / (job->node_bandwidth * 1e9)) * SEEN_ROWS,
+        .seen_a_texel = kiln_job_denoises(job)
+                            ? denoise_seconds(p, job) / p->threads + TEXEL_BYTES / (job->node_bandwidth * 1e9)
+                            : 0.0,
         .largest_map = (double)kiln_largest_lightmap(p->scene),
         .alone_a_point = place_seconds(job),
         .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),

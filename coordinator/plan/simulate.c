@@ -6,6 +6,9 @@
 
 static const double SAVE_START = 2e-3; /* s: folders, manifest and synchronisation of a checkpoint of any size */
 static const double NODE_MEMORY_BANDWIDTH = 10e9; /* bytes a second that ranks of one node hand over */
+/* Texels around a part of a lightmap (output/map/denoise_parts.h) that take as long as its own: some 42 are seen, of
+ * which 16 in the mean go through each sweep. */
+static const double SEEN = 16.0;
 
 /* Seconds of one exchange, in which all ranks learn `bytes` of which each made its part: an all-gather by recursive
  * doubling takes ceil(log2 n) latencies and (n - 1) / n of the bytes over the bandwidth of a node, with n nodes
@@ -28,12 +31,20 @@ static double find_seconds(const struct kiln_simulation *s, const struct kiln_sc
                             s->light.latency);
 }
 
-/* Files are divided, but for the rows that bands of the largest lightmap compute twice; what one rank does alone comes
- * on top of it, as if nothing else could go on at the same time. */
+/* The texels that a rank denoises besides its part of the largest lightmap, a square, on all of whose sides it sees so
+ * many. */
+static double seen_texels(const struct kiln_simulation *s, const struct kiln_scaled *scaled, double density)
+{
+    const double side = sqrt(s->largest_map * density / scaled->ranks);
+    return scaled->ranks > 1 ? 4.0 * SEEN * (side + SEEN) : 0.0;
+}
+
+/* Files are divided, but for what is denoised twice of the largest lightmap; what one rank does alone comes on top of
+ * it, as if nothing else could go on at the same time. */
 static double write_seconds(const struct kiln_simulation *s, const struct kiln_scaled *scaled, double density)
 {
-    const double seen = scaled->ranks > 1 ? s->seen_a_row * sqrt(s->largest_map * density) : 0.0;
-    return s->shared_a_point * scaled->points / scaled->ranks + seen + scaled->alone;
+    return s->shared_a_point * scaled->points / scaled->ranks + s->seen_a_texel * seen_texels(s, scaled, density) +
+           scaled->alone;
 }
 
 /* Checkpoints while `light` seconds pass: one whenever --checkpoint-every is over, and between steps where that is

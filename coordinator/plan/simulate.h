@@ -20,9 +20,9 @@ struct kiln_simulation {
     double map_bytes;      /* of a point, sent to every rank once */
     double shared_a_point; /* done for own points besides tracing: validity, files, their hashes */
     double shared;         /* divided between ranks whatever the number of points: probes */
-    /* the largest lightmap is in bands, when there are several ranks: its texels, and seconds for each column that a
-     * band spends on what it sees of the bands above and below */
-    double largest_map, seen_a_row;
+    /* all ranks denoise the largest lightmap, when there are several: its texels, and seconds for each texel beside a
+     * rank's part, which it sees (output/map/denoise_parts.h) */
+    double largest_map, seen_a_texel;
     /* done by one rank for all points while the others wait: where each chunk of kiln.h5 belongs */
     double alone_a_point;
     double radiosity_bytes; /* of a point, in an exchange */

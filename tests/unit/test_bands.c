@@ -48,7 +48,7 @@ static void large_ones_are_in_bands(void **state)
     struct kiln_lightmap maps[40];
     for (size_t i = 0; i < 40; i++)
         maps[i] = (struct kiln_lightmap){.width = i == 17 ? 4096 : 1024, .height = 1024, .published = i != 3};
-    assert_int_equal(kiln_assignment_create(&assignment, maps, 40, 4, 1ull << 40, 1, NULL, NULL), 0);
+    assert_int_equal(kiln_assignment_create(&assignment, maps, 40, 4, 1ull << 40, 1, NULL), 0);
     for (size_t i = 0; i < 40; i++) {
         const uint32_t owner = assignment->owner[i];
         assert_true(i == 17 ? owner == KILN_IN_BANDS : i == 3 ? owner == KILN_NONE : owner < 4);
@@ -56,10 +56,10 @@ static void large_ones_are_in_bands(void **state)
     }
     assert_true(assignment->own_rounds == 1 && assignment->rounds == 2);
     kiln_assignment_destroy(&assignment);
-    assert_int_equal(kiln_assignment_create(&assignment, maps, 40, 1, 1ull << 40, 1, NULL, NULL), 0);
+    assert_int_equal(kiln_assignment_create(&assignment, maps, 40, 1, 1ull << 40, 1, NULL), 0);
     assert_int_equal(assignment->owner[17], 0); /* one rank has all of it anyway */
     kiln_assignment_destroy(&assignment);
-    assert_int_equal(kiln_assignment_create(&assignment, maps, 40, 4, 1ull << 40, 1ull << 30, NULL, NULL), 0);
+    assert_int_equal(kiln_assignment_create(&assignment, maps, 40, 4, 1ull << 40, 1ull << 30, NULL), 0);
     assert_true(assignment->owner[17] < 4 && assignment->rounds == 1);
     kiln_assignment_destroy(&assignment);
 }

@@ -182,9 +182,9 @@ static void features_arrive_with_the_texels(void **state)
     const struct kiln_bake_result result = synthetic_result(&s, MPI_COMM_SELF);
     assert_int_equal(kiln_layers_make(&layers, &s.fields, &error), KILN_OK);
     assert_int_equal(kiln_map_stages_layers(some, &params, &layers, &s.fields, &error), KILN_OK);
-    assert_int_equal(kiln_assignment_create(&assignment, s.surface.lightmaps, 2, 1, 1u << 20, UINT64_MAX, NULL, &error),
+    assert_int_equal(kiln_assignment_create(&assignment, s.surface.lightmaps, 2, 1, 1u << 20, UINT64_MAX, &error),
                      KILN_OK);
-    assert_int_equal(kiln_texel_gather_create(&gather, &result, assignment, &layers, NULL, NULL, 0, &error), KILN_OK);
+    assert_int_equal(kiln_texel_gather_create(&gather, &result, assignment, &layers, NULL, 0, &error), KILN_OK);
     struct arrived arrived = {.layers = &layers};
     assert_int_equal(kiln_texel_gather_round(gather, 0, check_point, &arrived, &error), KILN_OK);
     assert_int_equal(arrived.points, s.surface.point_count);

@@ -31,8 +31,7 @@ static void make(struct scene *s, const uint32_t (*sizes)[2], size_t objects, ui
         s->lightmaps[i].height = sizes[i][1];
         s->lightmaps[i].published = 1;
     }
-    assert_int_equal(
-        kiln_assignment_create(&s->assignment, s->lightmaps, objects, ranks, budget, UINT64_MAX, NULL, NULL), 0);
+    assert_int_equal(kiln_assignment_create(&s->assignment, s->lightmaps, objects, ranks, budget, UINT64_MAX, NULL), 0);
     assert_int_equal(kiln_strip_assignment_create(&s->strips, s->lightmaps, s->assignment, 0, ranks, least, NULL), 0);
 }
 

@@ -4,7 +4,9 @@
 #include <time.h>
 
 #include "coordinator/field/group_fields.h"
+#include "coordinator/output/image.h"
 #include "coordinator/output/map/bands.h"
+#include "coordinator/output/map/denoise_parts.h"
 #include "coordinator/output/map/regression.h"
 #include "coordinator/output/map/stage.h"
 #include "coordinator/output/map/texel_gather.h"
@@ -42,8 +44,7 @@ static bool is_usable(const struct kiln_neighbour_point *point)
 
 static float size_of(float area, float coverage) { return coverage > 0.0f ? sqrtf(area / coverage) : 0.0f; }
 
-/* The texels that the map has. Values are numbered from the first of them on, and then those of ghosts: of other
- * objects, and of other bands (band_sight.h). */
+/* The texels that the map has. Values are numbered from the first of them on, and then those of ghosts. */
 static size_t own_texels(const struct kiln_map_work *work)
 {
     return kiln_map_end(work->map) - kiln_map_first(work->map);
@@ -74,16 +75,14 @@ static const struct kiln_texel_record *ghost_at(const struct kiln_map_work *work
     return (const void *)(work->ghosts.records + i * work->ghosts.size);
 }
 
-/* The point of the i-th ghost. Those of other objects come after all texels. */
+/* The point of the i-th ghost, which comes after all texels. */
 static bool make_ghost(const struct kiln_map_work *work, size_t i, struct kiln_neighbour_point *point)
 {
     const struct kiln_texel_record *record = ghost_at(work, i);
-    const size_t texel = (size_t)record->y * work->map->width + record->x;
-    *point = (struct kiln_neighbour_point){
-        .area = record->area,
-        .size = size_of(record->area, record->coverage),
-        .order = (uint32_t)(record->from == work->object ? texel : kiln_map_texels(work->map) + i),
-        .index = (uint32_t)(own_texels(work) + i)};
+    *point = (struct kiln_neighbour_point){.area = record->area,
+                                           .size = size_of(record->area, record->coverage),
+                                           .order = (uint32_t)(kiln_map_texels(work->map) + i),
+                                           .index = (uint32_t)(own_texels(work) + i)};
     for (uint32_t c = 0; c < 3; c++) {
         point->position[c] = record->values[work->layers->position + c];
         point->normal[c] = record->values[work->layers->normal + c];
@@ -101,27 +100,34 @@ static int compare_ghosts(const void *a, const void *b)
     return (p->x > q->x) - (p->x < q->x);
 }
 
-/* The points of gathered texels, and the ghosts in an order that does not depend on how they came. */
+/* Collective if the map is in bands. The points of gathered texels; and, if there are any on some rank, the ghosts in
+ * an order that does not depend on how they came. */
 static int collect_points(struct kiln_map_work *work, struct kiln_neighbour_point **points, size_t *count,
                           struct kiln_error *error)
 {
     const size_t texels = kiln_map_texels(work->map), ghosts = work->ghosts.count, first = kiln_map_first(work->map),
                  end = kiln_map_end(work->map);
-    size_t gathered = 0;
+    uint64_t gathered = 0, anywhere;
+    int status = KILN_OK;
     *count = 0;
     if (texels + ghosts >= UINT32_MAX)
-        return kiln_fail(error, KILN_CANNOT_CREATE,
-                         "a lightmap of %u x %u texels with %zu beside it is too large to denoise; use --denoise none",
-                         work->map->width, work->map->height, ghosts);
+        status =
+            kiln_fail(error, KILN_CANNOT_CREATE,
+                      "a lightmap of %u x %u texels with %zu beside it is too large to denoise; use --denoise none",
+                      work->map->width, work->map->height, ghosts);
     for (size_t i = first; i < end; i++)
         gathered += work->map->state[i] == KILN_TEXEL_VALID;
-    const int status = kiln_allocate(points, gathered + ghosts, sizeof **points, "the points of a lightmap", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(points, gathered + ghosts, sizeof **points, "the points of a lightmap", error);
+    anywhere = gathered;
+    if ((status = kiln_bands_agree(work->map, status, error)) == KILN_OK)
+        status = kiln_bands_count(work->map, &anywhere, 1, error);
     for (size_t i = first; status == KILN_OK && i < end; i++)
         if (work->map->state[i] == KILN_TEXEL_VALID && make_point(work, i, *points + *count))
             *count += 1;
     if (status == KILN_OK && ghosts > 0)
         qsort(work->ghosts.records, ghosts, work->ghosts.size, compare_ghosts);
-    for (size_t i = 0; status == KILN_OK && gathered > 0 && i < ghosts; i++)
+    for (size_t i = 0; status == KILN_OK && anywhere > 0 && i < ghosts; i++)
         *count += make_ghost(work, i, *points + *count);
     return status;
 }
@@ -273,11 +279,13 @@ static void square_plane(float *values, size_t count)
  * left of a point's own noise, the bias, and the part of the error's square that neighbours share, which no regression
  * takes out. `caustic`: standard error of caustics; NULL: there are none. It may be more than was stated of the point
  * before, which is too low by chance at some. An error whose square is no float stays as it was. */
-static void state_error(const struct kiln_neighbour_grid *grid, const struct kiln_regression_light lights[2],
-                        const float *caustic, float shared, float *error, size_t texels)
+static void state_error(const struct kiln_neighbour_point *points, size_t count,
+                        const struct kiln_regression_light lights[2], const float *caustic, float shared, float *error,
+                        size_t texels)
 {
-    for (size_t i = 0; i < grid->count; i++) {
-        const uint32_t at = grid->points[i].index;
+#pragma omp parallel for schedule(static) if (count > KILN_IMAGE_ALONE)
+    for (size_t i = 0; i < count; i++) {
+        const uint32_t at = points[i].index;
         float square =
             at < texels ? lights[0].variance[at] + lights[1].variance[at] + shared * error[at] * error[at] : INFINITY;
         if (at < texels && caustic != NULL)
@@ -285,6 +293,36 @@ static void state_error(const struct kiln_neighbour_grid *grid, const struct kil
         if (isfinite(square))
             error[at] = sqrtf(square);
     }
+}
+
+/* ---- the regression ---- */
+
+/* A device is worth its while for maps of many points: those of all ranks count, so that results do not depend on how
+ * a map is divided. Software devices are slower than the host. */
+static struct kiln_backend *device_for(const struct kiln_map_work *work, uint64_t points)
+{
+    struct kiln_backend_info info = {.regresses = false};
+    if (points >= device_least && work->params->backend != NULL)
+        kiln_backend_info(work->params->backend, &info);
+    return info.regresses ? work->params->backend : NULL;
+}
+
+static size_t light_count(const struct kiln_map_work *work) { return work->params->denoise_direct ? 1 : 2; }
+
+/* Denoises all points of a map that is not in bands. `points` are in another order then. */
+static int run_whole(struct kiln_map_work *work, struct kiln_neighbour_point **points, size_t count,
+                     struct kiln_regression_light lights[2], struct kiln_error *error)
+{
+    struct kiln_neighbour_grid *grid = NULL;
+    int status = kiln_neighbour_grid_create(&grid, points, count, error);
+    if (status == KILN_OK)
+        status = kiln_regression_run(grid, lights, light_count(work), NULL, device_for(work, count), error);
+    if (status == KILN_OK) {
+        *points = grid->points;
+        grid->points = NULL;
+    }
+    kiln_neighbour_grid_destroy(&grid);
+    return status;
 }
 
 /* ---- bands ---- */
@@ -304,28 +342,109 @@ static int sum_up(void *context, uint64_t *numbers, size_t count, struct kiln_er
     return kiln_bands_count(context, numbers, count, error);
 }
 
-/* A device is worth its while for maps of many points: those of all bands count, so that results do not depend on how
- * a map is divided. Software devices are slower than the host. */
-static struct kiln_backend *device_for(const struct kiln_map_work *work, uint64_t points)
+/* What points are ordered by, whatever rank they come from. */
+static int make_keys(const struct kiln_map_work *work, const struct kiln_neighbour_point *points, size_t count,
+                     uint64_t **keys, struct kiln_error *error)
 {
-    struct kiln_backend_info info = {.regresses = false};
-    if (points >= device_least && work->params->backend != NULL)
-        kiln_backend_info(work->params->backend, &info);
-    return info.regresses ? work->params->backend : NULL;
+    const int status = kiln_allocate_bare(keys, count, sizeof **keys, "the points of a lightmap", error);
+    for (size_t i = 0; i < count && status == KILN_OK; i++) {
+        const size_t texels = own_texels(work);
+        (*keys)[i] = points[i].order;
+        if (points[i].index < texels)
+            continue;
+        const struct kiln_texel_record *record = ghost_at(work, points[i].index - texels);
+        (*keys)[i] = (record->from + 1ull) << 32 |
+                     (record->y * (uint64_t)work->result->surface->lightmaps[record->from].width + record->x);
+    }
+    return status;
 }
 
-/* Denoises the points of the grid; NULL: this band has none. `points`: of all bands. */
-static int run_regression(struct kiln_map_work *work, const struct kiln_neighbour_grid *grid, uint64_t points,
-                          struct values *v, struct kiln_error *error)
+/* The planes of all light: of direct and of indirect light, each with its variance, and those of groups. */
+static int list_values(const struct kiln_regression_light lights[2], float ***values, size_t *planes,
+                       struct kiln_error *error)
 {
-    const size_t lights = work->params->denoise_direct ? 1 : 2;
-    const struct kiln_regression_part part = {
-        .own = (uint32_t)own_texels(work), .agree = agree, .most = find_most, .sum = sum_up, .context = work->map};
-    return kiln_regression_run(grid, v->lights, lights, work->map->bands != NULL ? &part : NULL,
-                               device_for(work, points), error);
+    const size_t groups = lights[0].other_count;
+    *planes = LIGHT_PLANES + 6 * groups;
+    const int status = kiln_allocate(values, *planes, sizeof **values, "the values of a lightmap", error);
+    for (size_t l = 0; l < 2 && status == KILN_OK; l++) {
+        for (size_t c = 0; c < 3; c++)
+            (*values)[4 * l + c] = lights[l].rgb[c];
+        (*values)[4 * l + 3] = lights[l].variance;
+        for (size_t k = 0; k < 3 * groups; k++)
+            (*values)[LIGHT_PLANES + 3 * groups * l + k] = lights[l].others[k / 3][k % 3];
+    }
+    return status;
 }
 
-static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid *grid, uint64_t points,
+/* The same light in other planes. */
+static int take_planes(struct kiln_regression_light lights[2], float *const *values, size_t groups,
+                       struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t l = 0; l < 2 && status == KILN_OK; l++) {
+        lights[l] = (struct kiln_regression_light){.variance = values[4 * l + 3], .other_count = groups};
+        memcpy(lights[l].rgb, values + 4 * l, sizeof lights[l].rgb);
+        status = kiln_allocate(&lights[l].others, groups, sizeof *lights[l].others, "the light of groups", error);
+        for (size_t k = 0; k < 3 * groups && status == KILN_OK; k++)
+            lights[l].others[k / 3][k % 3] = values[LIGHT_PLANES + 3 * groups * l + k];
+    }
+    return status;
+}
+
+/* Denoises this rank's part. */
+static int run_part(struct kiln_map_work *work, struct kiln_parts *parts, uint64_t total,
+                    struct kiln_regression_light lights[2], struct kiln_error *error)
+{
+    const struct kiln_regression_part part = {.own = (uint32_t)parts->own,
+                                              .far = parts->far,
+                                              .agree = agree,
+                                              .most = find_most,
+                                              .sum = sum_up,
+                                              .context = work->map};
+    struct kiln_regression_light inner[2] = {{.variance = NULL}};
+    struct kiln_neighbour_grid *grid = NULL;
+    int status = take_planes(inner, parts->values, lights[0].other_count, error);
+    if (status == KILN_OK && parts->count > 0)
+        status = kiln_neighbour_grid_create(&grid, &parts->points, parts->count, error);
+    if ((status = kiln_bands_agree(work->map, status, error)) == KILN_OK)
+        status = kiln_regression_run(grid, inner, light_count(work), &part, device_for(work, total), error);
+    kiln_neighbour_grid_destroy(&grid);
+    for (int l = 0; l < 2; l++) {
+        lights[l].before = inner[l].before;
+        lights[l].after = inner[l].after;
+        kiln_free(&inner[l].others);
+    }
+    return status;
+}
+
+/* Collective. Denoises a map in bands, of which each rank has a part in space. `total`: the points of all ranks. */
+static int run_in_parts(struct kiln_map_work *work, const struct kiln_neighbour_point *points, size_t count,
+                        uint64_t total, struct kiln_regression_light lights[2], struct kiln_error *error)
+{
+    struct kiln_parts *parts = NULL;
+    float **values = NULL;
+    uint64_t *keys = NULL;
+    size_t planes = 0;
+    int status = make_keys(work, points, count, &keys, error);
+    if (status == KILN_OK)
+        status = list_values(lights, &values, &planes, error);
+    const struct kiln_parts_given given = {
+        .map = work->map, .points = points, .keys = keys, .count = count, .planes = planes, .values = values};
+    if ((status = kiln_bands_agree(work->map, status, error)) == KILN_OK)
+        status = kiln_parts_create(&parts, &given, error);
+    if (status == KILN_OK)
+        status = run_part(work, parts, total, lights, error);
+    if (status == KILN_OK)
+        status = kiln_parts_give_back(parts, &given, error);
+    kiln_parts_destroy(&parts);
+    kiln_free(&values);
+    kiln_free(&keys);
+    return status;
+}
+
+/* ---- all of it ---- */
+
+static int denoise(struct kiln_map_work *work, struct kiln_neighbour_point **points, size_t count, uint64_t total,
                    struct kiln_error *error)
 {
     const size_t texels = own_texels(work);
@@ -341,12 +460,12 @@ static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid 
         v.lights[0].other_count = v.lights[1].other_count = groups.count;
         for (int l = 0; l < 2; l++)
             square_plane(v.lights[l].variance, texels + work->ghosts.count);
-        status = run_regression(work, grid, points, &v, error);
-        if (status == KILN_OK && grid != NULL)
-            state_error(grid, v.lights, caustic < KILN_MAP_PLANES_MAX ? own_plane(work, caustic) : NULL, work->shared,
-                        own_plane(work, KILN_MAP_ERROR), texels);
+        status = work->map->bands != NULL ? run_in_parts(work, *points, count, total, v.lights, error)
+                                          : run_whole(work, points, count, v.lights, error);
     }
     if (status == KILN_OK) {
+        state_error(*points, count, v.lights, caustic < KILN_MAP_PLANES_MAX ? own_plane(work, caustic) : NULL,
+                    work->shared, own_plane(work, KILN_MAP_ERROR), texels);
         give_values(&v, work);
         give_groups(&groups, work);
     }
@@ -360,24 +479,19 @@ static int denoise(struct kiln_map_work *work, const struct kiln_neighbour_grid 
 }
 
 /* Takes noise out of direct and of indirect light, apart, by the same sums out of those of groups, and makes the error
- * that of what is left. Where the surface goes on in another object, or in another band, the texels there are
- * neighbours too. */
+ * that of what is left. Where the surface goes on in another object the texels there are neighbours too. */
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     const double begin = seconds_now();
     struct kiln_neighbour_point *points = NULL;
-    struct kiln_neighbour_grid *grid = NULL;
     size_t count = 0;
     int status = collect_points(work, &points, &count, error);
-    if (status == KILN_OK && count > 0)
-        status = kiln_neighbour_grid_create(&grid, &points, count, error);
     uint64_t total = count;
-    if ((status = kiln_bands_agree(work->map, status, error)) == KILN_OK)
+    if (status == KILN_OK)
         status = kiln_bands_count(work->map, &total, 1, error);
     if (status == KILN_OK && total > 0)
-        status = denoise(work, grid, total, error);
+        status = denoise(work, &points, count, total, error);
     kiln_free(&points);
-    kiln_neighbour_grid_destroy(&grid);
     kiln_free(&work->ghosts.records);
     work->ghosts = (struct kiln_map_ghosts){0};
     work->report->denoise_seconds = seconds_now() - begin;

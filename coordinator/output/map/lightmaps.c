@@ -9,7 +9,6 @@
 #include "coordinator/field/group_fields.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/exr_bands.h"
-#include "coordinator/output/map/band_sight.h"
 #include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/texel_gather.h"
 #include "coordinator/output/map/stage.h"
@@ -31,8 +30,7 @@ struct writer {
     int ghost_status;           /* of keeping those that come */
     struct kiln_error ghost_error;
     struct kiln_bands *bands;
-    struct kiln_band_sight *sight; /* what bands see of each other, if they are denoised */
-    bool keeps;                    /* maps of objects that touch stay in memory from joining to writing */
+    bool keeps; /* maps of objects that touch stay in memory from joining to writing */
     uint32_t rank, ranks;
     int64_t seed;
     bool has_seed;
@@ -451,7 +449,7 @@ static int begin_large(const struct writer *w, const uint32_t *objects, size_t c
 
 /* ---- rounds ---- */
 
-/* Keeps a ghost of a map, or a texel of another band. */
+/* Keeps a ghost of a map. */
 static void put_ghost(struct writer *w, const struct kiln_texel_record *record)
 {
     struct kiln_map_ghosts *ghosts = &w->works[record->map].ghosts;
@@ -472,7 +470,7 @@ static void put_point(void *context, const struct kiln_texel_record *record)
 {
     struct writer *w = context;
     struct kiln_map *map = w->works[record->map].map;
-    if (record->from != record->map || record->y < map->first_row || record->y >= map->end_row) {
+    if (record->from != record->map) {
         put_ghost(w, record);
         return;
     }
@@ -744,7 +742,7 @@ static int walk_rounds(struct writer *w, const struct kiln_assignment *assignmen
     struct kiln_texel_gather *gather = NULL;
     uint32_t *own = NULL;
     const size_t wide = w->layers.planes.count > 64 ? (64ull << 18) / w->layers.planes.count : 0; /* records a pass */
-    int status = kiln_texel_gather_create(&gather, w->result, gathered, &w->layers, ghosts, w->sight, wide, error);
+    int status = kiln_texel_gather_create(&gather, w->result, gathered, &w->layers, ghosts, wide, error);
     if (status != KILN_OK)
         return status;
     status = kiln_agree(comm, kiln_allocate(&own, assignment->count, sizeof *own, "objects to write", error), error);
@@ -878,33 +876,6 @@ static bool leave_out(const struct writer *w, struct kiln_assignment *assignment
     return touching;
 }
 
-/* Assigns lightmaps to ranks. Those are whole that are denoised with what they touch: what is left of noise is told by
- * sums over both. */
-static int assign_maps(const struct writer *w, const struct kiln_joints *joints, struct kiln_assignment **assignment,
-                       struct kiln_error *error)
-{
-    const struct kiln_output_params *params = w->params;
-    const size_t maps = w->result->surface->map_count;
-    uint8_t *whole = NULL;
-    int status = kiln_allocate(&whole, maps, 1, "the assignment of lightmaps", error);
-    for (size_t i = 0; status == KILN_OK && joints != NULL && i < joints->map_count; i++)
-        whole[i] = params->denoise && joints->group[i] != KILN_NONE;
-    if (status == KILN_OK)
-        status =
-            kiln_assignment_create(assignment, w->result->surface->lightmaps, maps, w->ranks, texels_at_once(w),
-                                   params->least_divided > 0 ? params->least_divided : KILN_BANDS_LEAST, whole, error);
-    kiln_free(&whole);
-    return status;
-}
-
-static bool has_bands(const struct kiln_assignment *assignment)
-{
-    bool any = false;
-    for (size_t i = 0; i < assignment->count && !any; i++)
-        any = assignment->owner[i] == KILN_IN_BANDS;
-    return any;
-}
-
 /* Collective. Finds where objects touch, if their seams are to be smoothed or noise to be taken out, and writes all
  * files. */
 static int write_all(struct writer *w, struct kiln_error *error)
@@ -917,16 +888,15 @@ static int write_all(struct writer *w, struct kiln_error *error)
         status =
             kiln_joints_find(&joints, w->result->scene, w->result->surface, (double)w->result->geometry->extent, error);
     if (status == KILN_OK)
-        status = assign_maps(w, joints, &assignment, error);
+        status = kiln_assignment_create(
+            &assignment, w->result->surface->lightmaps, w->result->surface->map_count, w->ranks, texels_at_once(w),
+            w->params->least_divided > 0 ? w->params->least_divided : KILN_BANDS_LEAST, error);
     const bool touching = status == KILN_OK && leave_out(w, assignment, joints);
     if (status == KILN_OK && joints != NULL && touching && w->params->denoise)
         status = kiln_ghosts_create(&w->ghosts, joints, w->result->surface, error);
     status = kiln_agree(w->result->communicator, status, error);
-    if (status == KILN_OK && w->params->denoise && has_bands(assignment))
-        status = kiln_band_sight_create(&w->sight, w->result, assignment, error);
     if (status == KILN_OK)
         status = write_rounds(w, assignment, joints != NULL && touching ? joints : &none, error);
-    kiln_band_sight_destroy(&w->sight);
     kiln_joined_destroy(&w->joined);
     kiln_ghosts_destroy(&w->ghosts);
     kiln_joints_destroy(&joints);

@@ -29,8 +29,8 @@ struct kiln_lightmap_report {
  * points are filled, seams between charts of an object and between objects that touch (joints.h) are smoothed, and
  * margins are dilated over the whole image, each texel from the chart that reads it. A lightmap that is large compared
  * with the work of the other ranks is in bands (bands.h): all ranks work on it, and each writes its rows of the file.
- * One that is denoised with the objects that it touches is finished by one rank, and packed by several (strips.h). The
- * bytes do not depend on who does what. With `half`, a file whose values exceed half precision is written as float, and
+ * Others are finished by one rank, and packed by several where that has more to do than others (strips.h). The bytes do
+ * not depend on who does what. With `half`, a file whose values exceed half precision is written as float, and
  * its attribute kiln:precision says so. `reports` has surface->map_count entries or is NULL, and must be NULL on all
  * ranks or on none. */
 int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,

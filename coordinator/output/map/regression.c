@@ -6,6 +6,7 @@
 
 #include "coordinator/output/image.h"
 #include "worker/backend/backend.h"
+#include "worker/base/clones.h"
 #include "worker/base/memory.h"
 
 /* Fits: a linear one at each scale, and quadratic ones after them. */
@@ -14,7 +15,8 @@ enum {
     FITS = SCALES + 4,
     LIGHTS = KILN_REGRESSION_LIGHTS,
     RAW = KILN_REGRESSION_RAW,
-    TERMS = 6
+    TERMS = 6,
+    HIGHEST = 5 /* one more than the highest order of moments */
 };
 _Static_assert(SCALES == KILN_REGRESSION_SCALES && FITS == KILN_REGRESSION_FITS, "fits of shaders/regression.comp");
 
@@ -78,7 +80,8 @@ struct worker {
     struct kiln_neighbours n;
     float difference[LIGHTS][KILN_NEIGHBOURS_ROOM]; /* of their luminance from the point's */
     float factors[KILN_NEIGHBOURS_ROOM];
-    double *sums; /* of other light: three of each */
+    double *sums;                 /* of other light: three of each */
+    double powers[FITS][HIGHEST]; /* 1 / radius of each fit's kernel, to the power of 0 and more */
 };
 
 /* ---- one fit ---- */
@@ -126,9 +129,9 @@ static struct fit solve(const struct moments *m, float own)
     const double w = (double)m->one + (double)own, x = (double)m->x / w, y = (double)m->y / w;
     /* second moments about the centre of gravity */
     const double xx = (double)m->xx / w - x * x, yy = (double)m->yy / w - y * y, xy = (double)m->xy / w - x * y;
-    const double a = fmax(xx, 0.0) + ridge, b = fmax(yy, 0.0) + ridge, determinant = a * b - xy * xy;
+    const double a = (xx > 0.0 ? xx : 0.0) + ridge, b = (yy > 0.0 ? yy : 0.0) + ridge, determinant = a * b - xy * xy;
     struct fit fit = {.a = 1.0 / w};
-    if (determinant > 1e-3 * ridge * fmax(a, b)) {
+    if (determinant > 1e-3 * ridge * (a > b ? a : b)) {
         fit.b = -(x * b - y * xy) / determinant / w;
         fit.c = -(y * a - x * xy) / determinant / w;
         fit.a -= fit.b * x + fit.c * y;
@@ -173,46 +176,74 @@ static struct high_moments gather_high_moments(const struct worker *w, size_t sc
     return (struct high_moments){{xxx, xxy, xyy, yyy}, {x4, x3y, xxyy, xy3, y4}, {{pxx, pxy, pyy}, {qxx, qxy, qyy}}};
 }
 
-/* The first column of a matrix's inverse, from its lower triangle, which is overwritten (Cholesky's method). */
-static void invert_first(double m[TERMS][TERMS], double column[TERMS])
-{
-    for (int i = 0; i < TERMS; i++)
-        for (int j = 0; j <= i; j++) {
-            double sum = m[i][j];
-            for (int k = 0; k < j; k++)
-                sum -= m[i][k] * m[j][k];
-            m[i][j] = i == j ? sqrt(fmax(sum, 1e-12)) : sum / m[j][j];
-        }
-    for (int i = 0; i < TERMS; i++) {
-        column[i] = i == 0 ? 1.0 : 0.0;
-        for (int k = 0; k < i; k++)
-            column[i] -= m[i][k] * column[k];
-        column[i] /= m[i][i];
-    }
-    for (int i = TERMS - 1; i >= 0; i--) {
-        for (int k = i + 1; k < TERMS; k++)
-            column[i] -= m[k][i] * column[k];
-        column[i] /= m[i][i];
-    }
-}
+/* Quadratic fits that are made together: one, or all of a point, in the processor's lanes. */
+enum { QUADRATIC = FITS - SCALES };
 
-/* As `solve`, for the quadratic function. Lengths are divided by the kernel's radius, moments by the sum of weights. */
-static struct fit solve_quadratic(const struct moments *m, const struct high_moments *h, float own, double radius)
+/* Normal equations of quadratic fits, and the first columns of their inverses; of each entry all lanes. */
+struct equations {
+    double sum[QUADRATIC], matrix[TERMS][TERMS][QUADRATIC], column[TERMS][QUADRATIC];
+};
+
+static const int power_x[TERMS] = {0, 1, 0, 2, 1, 0}, power_y[TERMS] = {0, 0, 1, 0, 1, 2};
+
+/* Sets a lane. Lengths are divided by the kernel's radius, moments by the sum of weights. */
+static void set_equations(struct equations *e, size_t lane, const struct moments *m, const struct high_moments *h,
+                          float own, const double *powers)
 {
-    static const int power_x[TERMS] = {0, 1, 0, 2, 1, 0}, power_y[TERMS] = {0, 0, 1, 0, 1, 2};
     const float *const orders[] = {(const float[]){m->one + own}, (const float[]){m->x, m->y},
                                    (const float[]){m->xx, m->xy, m->yy}, h->third, h->fourth};
-    const double sum = (double)m->one + (double)own, inverse = 1.0 / radius;
-    const double powers[] = {1.0, inverse, inverse * inverse, pow(inverse, 3.0), pow(inverse, 4.0)};
-    double matrix[TERMS][TERMS], column[TERMS];
+    e->sum[lane] = (double)m->one + (double)own;
     for (int i = 0; i < TERMS; i++)
         for (int j = 0; j <= i; j++) {
             const int y = power_y[i] + power_y[j], order = power_x[i] + power_x[j] + y;
-            matrix[i][j] = (double)orders[order][y] * powers[order] / sum + (i == j && i > 0 ? ridge_quadratic : 0.0);
+            e->matrix[i][j][lane] = (double)orders[order][y] * powers[order];
         }
-    invert_first(matrix, column);
+}
+
+/* Solves them from the lower triangles, which are overwritten (Cholesky's method). `lanes` is a constant where this is
+ * used. */
+static inline __attribute__((always_inline)) void solve_lanes(struct equations *e, const size_t lanes)
+{
     for (int i = 0; i < TERMS; i++)
-        column[i] *= powers[power_x[i] + power_y[i]] / sum;
+        for (int j = 0; j <= i; j++) {
+            double sum[QUADRATIC];
+            for (size_t l = 0; l < lanes; l++)
+                sum[l] = e->matrix[i][j][l] / e->sum[l] + (i == j && i > 0 ? ridge_quadratic : 0.0);
+            for (int k = 0; k < j; k++)
+                for (size_t l = 0; l < lanes; l++)
+                    sum[l] -= e->matrix[i][k][l] * e->matrix[j][k][l];
+            for (size_t l = 0; l < lanes; l++)
+                e->matrix[i][j][l] = i == j ? sqrt(sum[l] > 1e-12 ? sum[l] : 1e-12) : sum[l] / e->matrix[j][j][l];
+        }
+    for (int i = 0; i < TERMS; i++) {
+        double column[QUADRATIC];
+        for (size_t l = 0; l < lanes; l++)
+            column[l] = i == 0 ? 1.0 : 0.0;
+        for (int k = 0; k < i; k++)
+            for (size_t l = 0; l < lanes; l++)
+                column[l] -= e->matrix[i][k][l] * e->column[k][l];
+        for (size_t l = 0; l < lanes; l++)
+            e->column[i][l] = column[l] / e->matrix[i][i][l];
+    }
+    for (int i = TERMS - 1; i >= 0; i--) {
+        for (int k = i + 1; k < TERMS; k++)
+            for (size_t l = 0; l < lanes; l++)
+                e->column[i][l] -= e->matrix[k][i][l] * e->column[k][l];
+        for (size_t l = 0; l < lanes; l++)
+            e->column[i][l] /= e->matrix[i][i][l];
+    }
+}
+
+KILN_CLONES static void solve_all(struct equations *e) { solve_lanes(e, QUADRATIC); }
+
+static void solve_one(struct equations *e) { solve_lanes(e, 1); }
+
+/* As `solve`, for the quadratic function of a lane. */
+static struct fit fit_of(const struct equations *e, size_t lane, float own, const double *powers)
+{
+    double column[TERMS];
+    for (int i = 0; i < TERMS; i++)
+        column[i] = e->column[i][lane] * (powers[power_x[i] + power_y[i]] / e->sum[lane]);
     return (struct fit){column[0], column[1], column[2], column[3], column[4], column[5], column[0] * (double)own};
 }
 
@@ -222,16 +253,18 @@ struct sums {
     struct high_moments high;
 };
 
-/* Makes a fit from scratch, or, if it is quadratic and `sums` has its low moments already, from them. */
-static struct fit make_fit(const struct worker *w, size_t fit, float own, bool has_low, struct sums *sums)
+/* Makes a fit from scratch. */
+static struct fit make_fit(const struct worker *w, size_t fit, float own)
 {
     const size_t scale = scale_of[fit];
-    if (!has_low)
-        sums->low = gather_moments(w, scale);
+    const struct moments low = gather_moments(w, scale);
     if (fit < SCALES)
-        return solve(&sums->low, own);
-    sums->high = gather_high_moments(w, scale);
-    return solve_quadratic(&sums->low, &sums->high, own, 2.0 * (double)scales[scale]);
+        return solve(&low, own);
+    const struct high_moments high = gather_high_moments(w, scale);
+    struct equations equations;
+    set_equations(&equations, 0, &low, &high, own, w->powers[fit]);
+    solve_one(&equations);
+    return fit_of(&equations, 0, own, w->powers[fit]);
 }
 
 /* The fit's value - own value, of one light. */
@@ -244,6 +277,17 @@ static double fitted(const struct fit *fit, size_t light, const struct sums *sum
 
 /* ---- first sweep: all fits ---- */
 
+/* Takes what a fit says of a point. */
+static void take_fit(const struct regression *r, size_t place, size_t f, const struct fit *fit, const struct sums *sums)
+{
+    const double leverage = fit->leverage > 0.0 ? fit->leverage : 0.0;
+    r->leverage[place][f] = (float)(leverage < 1.0 ? leverage : 1.0);
+    for (size_t l = 0; l < r->light_count; l++) {
+        const double away = fitted(fit, l, sums);
+        r->estimates[l][place].square[f] = (float)(away * away);
+    }
+}
+
 static void fit_point(const struct regression *r, struct worker *w, size_t place)
 {
     struct kiln_neighbours *n = &w->n;
@@ -255,15 +299,22 @@ static void fit_point(const struct regression *r, struct worker *w, size_t place
             w->difference[l][i] = e[n->place[i]].luminance - e[place].luminance;
     }
     struct sums sums[SCALES];
-    memset(sums, 0, sizeof sums);
-    for (size_t f = 0; f < FITS; f++) {
-        struct sums *at = &sums[scale_of[f]];
-        const struct fit fit = make_fit(w, f, own, f >= SCALES, at);
-        r->leverage[place][f] = (float)fmin(fmax(fit.leverage, 0.0), 1.0);
-        for (size_t l = 0; l < r->light_count; l++) {
-            const double away = fitted(&fit, l, at);
-            r->estimates[l][place].square[f] = (float)(away * away);
-        }
+    struct equations equations;
+    for (size_t s = 0; s < SCALES; s++)
+        sums[s] = (struct sums){.low = gather_moments(w, s)};
+    for (size_t f = 0; f < SCALES; f++) {
+        const struct fit fit = solve(&sums[f].low, own);
+        take_fit(r, place, f, &fit, &sums[f]);
+    }
+    for (size_t q = 0; q < QUADRATIC; q++) {
+        struct sums *at = &sums[scale_of[SCALES + q]];
+        at->high = gather_high_moments(w, scale_of[SCALES + q]);
+        set_equations(&equations, q, &at->low, &at->high, own, w->powers[SCALES + q]);
+    }
+    solve_all(&equations);
+    for (size_t f = SCALES; f < FITS; f++) {
+        const struct fit fit = fit_of(&equations, f - SCALES, own, w->powers[f]);
+        take_fit(r, place, f, &fit, &sums[scale_of[f]]);
     }
 }
 
@@ -308,16 +359,20 @@ static void pool_variance(const struct regression *r, struct worker *w, size_t p
 /* ---- third sweep: risks, and the choice ---- */
 
 /* Replaces the squared distances of a point from its fits by Stein's estimates over the variance. */
-static void estimate_risks(const struct regression *r, struct worker *w, size_t place)
+static void estimate_risk(struct estimate *e, const float leverage[FITS])
 {
-    (void)w;
-    for (size_t l = 0; l < r->light_count; l++) {
-        struct estimate *e = &r->estimates[l][place];
-        for (size_t f = 0; f < FITS && e->pooled > 0.0f; f++) {
-            const double risk = (double)e->square[f] / (double)e->pooled - 1.0 + 2.0 * (double)r->leverage[place][f];
-            e->square[f] = (float)fmin(risk, risk_most);
-        }
+    for (size_t f = 0; f < FITS && e->pooled > 0.0f; f++) {
+        const double risk = (double)e->square[f] / (double)e->pooled - 1.0 + 2.0 * (double)leverage[f];
+        e->square[f] = (float)(risk < risk_most ? risk : risk_most);
     }
+}
+
+static void estimate_risks(const struct regression *r)
+{
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < r->grid->count; i++)
+        for (size_t l = 0; l < r->light_count; l++)
+            estimate_risk(&r->estimates[l][i], r->leverage[i]);
 }
 
 /* Weighted sums over a neighbourhood. */
@@ -465,10 +520,9 @@ static void smooth_light(const struct regression *r, size_t light, struct worker
     const size_t count = shares.largest < SCALES ? w->n.within[shares.largest] : 0;
     memset(w->factors, 0, count * sizeof *w->factors);
     for (size_t f = 0; f < FITS; f++) {
-        struct sums sums;
         if (!(shares.of[f] > 0.0))
             continue;
-        const struct fit fit = make_fit(w, f, own, false, &sums);
+        const struct fit fit = make_fit(w, f, own);
         if (fit.leverage < leverage_most)
             add_factors(&w->n, scale_of[f], &fit, shares.of[f], w->factors);
     }
@@ -496,8 +550,21 @@ static size_t most_others(const struct regression *r)
     return most;
 }
 
-/* Calls `visit` for all points, by several threads. */
-static int sweep(const struct regression *r, float radius,
+static void set_powers(struct worker *w)
+{
+    for (size_t f = 0; f < FITS; f++)
+        for (int k = 0; k < HIGHEST; k++)
+            w->powers[f][k] = pow(1.0 / (2.0 * (double)scales[scale_of[f]]), k);
+}
+
+/* Whether points of a cell are too far from own ones for a sweep of which those count that are `far` at most. */
+static bool is_too_far(const struct regression *r, size_t cell, uint8_t far)
+{
+    return r->part != NULL && r->part->far[r->grid->points[r->grid->first[cell]].index] > far;
+}
+
+/* Calls `visit` for all points that are `far` at most, by several threads. */
+static int sweep(const struct regression *r, float radius, uint8_t far,
                  void (*visit)(const struct regression *, struct worker *, size_t), struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -507,10 +574,12 @@ static int sweep(const struct regression *r, float radius,
         struct kiln_error mine = {{0}};
         int made = kiln_allocate(&w, 1, sizeof *w, "the neighbours of a point", &mine);
         if (made == KILN_OK)
+            set_powers(w);
+        if (made == KILN_OK)
             made = kiln_allocate(&w->sums, 3 * most_others(r) + 1, sizeof *w->sums, "the neighbours of a point", &mine);
 #pragma omp for schedule(dynamic, 8)
         for (size_t cell = 0; cell < r->grid->cell_count; cell++) {
-            if (made != KILN_OK)
+            if (made != KILN_OK || is_too_far(r, cell, far))
                 continue;
             kiln_neighbours_collect(&w->n, r->grid, cell, radius);
             for (size_t place = r->grid->first[cell]; place < r->grid->first[cell + 1]; place++)
@@ -658,15 +727,15 @@ static int run_sweeps(struct regression *r, struct kiln_error *error)
 {
     int status = begin_estimates(r, error);
     if (status == KILN_OK)
-        status = sweep(r, KILN_NEIGHBOUR_RADIUS, fit_point, error);
+        status = sweep(r, KILN_NEIGHBOUR_RADIUS, 3, fit_point, error);
     if (status == KILN_OK)
-        status = sweep(r, kiln_neighbour_rings[WIDE], pool_variance, error);
+        status = sweep(r, kiln_neighbour_rings[WIDE], 2, pool_variance, error);
     if (status == KILN_OK)
-        status = sweep(r, 0.0f, estimate_risks, error);
+        estimate_risks(r);
     if (status == KILN_OK)
-        status = sweep(r, kiln_neighbour_rings[WIDE], judge_point, error);
+        status = sweep(r, kiln_neighbour_rings[WIDE], 1, judge_point, error);
     if (status == KILN_OK)
-        status = sweep(r, KILN_NEIGHBOUR_RADIUS, smooth_point, error);
+        status = sweep(r, KILN_NEIGHBOUR_RADIUS, 0, smooth_point, error);
     return status;
 }
 

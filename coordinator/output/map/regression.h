@@ -53,6 +53,8 @@ struct kiln_regression_light {
  * over all points. The others are there for their neighbours, and what becomes of them is of no use. */
 struct kiln_regression_part {
     uint32_t own;
+    const uint8_t *far; /* of each point by its index, the same for all of a cell: how many neighbours of neighbours lie
+                         * between it and an own point, which is 0. So it is told what has to be known of it */
     int (*agree)(void *context, int status, struct kiln_error *error); /* the worst status of all ranks */
     /* replace numbers of this rank by the largest, and by the sum, of all ranks */
     int (*most)(void *context, double *numbers, size_t count, struct kiln_error *error);

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
-#include "coordinator/output/map/band_sight.h"
 #include "coordinator/output/map/bands.h"
 #include "coordinator/output/points.h"
 #include "worker/base/memory.h"
@@ -72,13 +71,13 @@ static void assign_bands(struct kiln_assignment *assignment, const struct kiln_l
 
 /* Marks what is to be in bands. */
 static void choose_bands(struct kiln_assignment *assignment, const struct kiln_lightmap *maps, uint32_t ranks,
-                         uint64_t least, const uint8_t *whole)
+                         uint64_t least)
 {
     uint64_t total = 0;
     for (size_t i = 0; i < assignment->count; i++)
         total += maps[i].published != 0 ? texels_of(&maps[i]) : 0;
     for (size_t i = 0; i < assignment->count; i++)
-        if (ranks > 1 && maps[i].published != 0 && (whole == NULL || whole[i] == 0) && texels_of(&maps[i]) >= least &&
+        if (ranks > 1 && maps[i].published != 0 && texels_of(&maps[i]) >= least &&
             4.0 * (double)texels_of(&maps[i]) * ranks > (double)total)
             assignment->owner[i] = KILN_IN_BANDS;
 }
@@ -112,8 +111,7 @@ static void assign_all(struct kiln_assignment *assignment, const struct kiln_lig
 }
 
 int kiln_assignment_create(struct kiln_assignment **assignment, const struct kiln_lightmap *lightmaps, size_t count,
-                           uint32_t ranks, uint64_t texel_budget, uint64_t least_in_bands, const uint8_t *whole,
-                           struct kiln_error *error)
+                           uint32_t ranks, uint64_t texel_budget, uint64_t least_in_bands, struct kiln_error *error)
 {
     uint32_t *order = NULL;
     struct bin *heap = NULL;
@@ -134,7 +132,7 @@ int kiln_assignment_create(struct kiln_assignment **assignment, const struct kil
         for (size_t i = 0; i < count; i++)
             order[i] = (uint32_t)i;
         qsort_r(order, count, sizeof *order, compare_sizes, (void *)(uintptr_t)lightmaps);
-        choose_bands(*assignment, lightmaps, ranks, least_in_bands, whole);
+        choose_bands(*assignment, lightmaps, ranks, least_in_bands);
         assign_all(*assignment, lightmaps, order, heap, ranks, texel_budget);
         assign_bands(*assignment, lightmaps, order, texel_budget * ranks);
     }
@@ -176,7 +174,6 @@ struct kiln_texel_gather {
     size_t record; /* bytes */
     size_t limit;  /* records to one rank in a pass; a tile run's worth at least */
     const struct kiln_ghosts *ghosts;
-    const struct kiln_band_sight *sight;
     uint64_t *bucket_first; /* rounds x ranks + 1: where the shipments for (round, owner) stand in `order` */
     uint64_t *cursor;       /* per destination, during a round */
     struct shipment *order; /* of own tile runs by (round, owner), else in the order of tile runs */
@@ -190,12 +187,14 @@ struct kiln_texel_gather {
 
 enum { TILE_ROWS = 8 };
 
-/* The rank that has a tile's texels. */
+/* The rank that has a tile's texels. The tile may be a ghost, of which any band will do. */
 static uint32_t rank_of(const struct kiln_texel_gather *e, uint32_t map, uint32_t tile)
 {
     const struct kiln_lightmap *lightmap = &e->result->surface->lightmaps[map];
+    const uint32_t row = tile / lightmap->tiles_x * TILE_ROWS;
     return e->assignment->owner[map] == KILN_IN_BANDS
-               ? kiln_bands_rank(lightmap->height, (uint32_t)e->ranks, tile / lightmap->tiles_x * TILE_ROWS)
+               ? kiln_bands_rank(lightmap->height, (uint32_t)e->ranks,
+                                 row < lightmap->height ? row : lightmap->height - 1)
                : e->assignment->owner[map];
 }
 
@@ -220,11 +219,6 @@ static void visit_shipments(struct kiln_texel_gather *e, size_t tile_run,
         if (bucket != SIZE_MAX)
             visit(e, &shipment, bucket);
     }
-    if (e->sight == NULL || e->assignment->owner[run->map] != KILN_IN_BANDS)
-        return;
-    const struct shipment seen = {tile_run, run->map};
-    for (size_t i = e->sight->first[tile_run]; i < e->sight->first[tile_run + 1]; i++)
-        visit(e, &seen, (size_t)e->assignment->round[run->map] * (size_t)e->ranks + e->sight->ranks[i]);
 }
 
 static void count_shipment(struct kiln_texel_gather *e, const struct shipment *shipment, size_t bucket)
@@ -277,8 +271,7 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
 
 int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kiln_bake_result *result,
                              const struct kiln_assignment *assignment, const struct kiln_layers *layers,
-                             const struct kiln_ghosts *ghosts, const struct kiln_band_sight *sight,
-                             size_t records_per_pass, struct kiln_error *error)
+                             const struct kiln_ghosts *ghosts, size_t records_per_pass, struct kiln_error *error)
 {
     int status = kiln_allocate(gather, 1, sizeof **gather, "the exchange of points", error);
     if (status == KILN_OK) {
@@ -287,7 +280,6 @@ int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kil
         e->assignment = assignment;
         e->layers = layers;
         e->ghosts = ghosts;
-        e->sight = sight;
         e->record = sizeof(struct kiln_texel_record) + layers->planes.count * sizeof(float);
         e->type = MPI_DATATYPE_NULL;
         if (MPI_Comm_size(result->communicator, &e->ranks) != MPI_SUCCESS ||

@@ -27,10 +27,9 @@ struct kiln_assignment {
     uint32_t *owner, *round; /* of each lightmap */
 };
 /* In bands are lightmaps of at least `least_in_bands` texels, if they are more than a quarter of the texels that a rank
- * has in the mean; but not those for which `whole` has a byte other than 0 (NULL: none). */
+ * has in the mean. */
 int kiln_assignment_create(struct kiln_assignment **assignment, const struct kiln_lightmap *lightmaps, size_t count,
-                           uint32_t ranks, uint64_t texel_budget, uint64_t least_in_bands, const uint8_t *whole,
-                           struct kiln_error *error);
+                           uint32_t ranks, uint64_t texel_budget, uint64_t least_in_bands, struct kiln_error *error);
 void kiln_assignment_destroy(struct kiln_assignment **assignment);
 
 /* One point on its way to `map`. It is a texel of the lightmap `from`: the same, unless it is a ghost (ghosts.h).
@@ -43,16 +42,13 @@ struct kiln_texel_record {
 
 /* The schedule of messages, computed once. */
 struct kiln_texel_gather;
-struct kiln_band_sight;
 
-/* `layers` are of the result's fields. `ghosts` and what bands see of each other (band_sight.h; both borrowed; NULL:
- * none) are sent besides. `records_per_pass` bounds what
+/* `layers` are of the result's fields. `ghosts` (borrowed; NULL: none) are sent besides. `records_per_pass` bounds what
  * a rank sends in one pass (and about what it receives); 0 chooses 2^18, which is 15 MB with the planes that every map
  * has. */
 int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kiln_bake_result *result,
                              const struct kiln_assignment *assignment, const struct kiln_layers *layers,
-                             const struct kiln_ghosts *ghosts, const struct kiln_band_sight *sight,
-                             size_t records_per_pass, struct kiln_error *error);
+                             const struct kiln_ghosts *ghosts, size_t records_per_pass, struct kiln_error *error);
 void kiln_texel_gather_destroy(struct kiln_texel_gather **gather);
 
 /* Collective. Sends this rank's points of all objects of the round, and calls `put` exactly once for each point of the
