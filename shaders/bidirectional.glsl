@@ -189,7 +189,7 @@ bool scatter_whole(Vertex v, vec3 o, vec3 i, uint which, inout Scatter s)
         if (!shines(s.all))
             return false;
         if (v.lobes.matt > 0.0 && (which & KILN_LOBE_DIFFUSE) != 0u && a.z * b.z > 0.0)
-            s.diffuse = kiln_bsdf_diffuse(v.lobes, a.z, b.z) / s.cosine_i;
+            s.diffuse = kiln_bsdf_diffuse(v.lobes, a, b) / s.cosine_i;
     }
     return true;
 }

@@ -119,7 +119,7 @@ bool chain_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_hi
         const vec3 left = attenuation(hit);
         chain_weight *= left;
         chain_seen *= left;
-        in_ = has_points(hit) ? kiln_chain_taken_up(lobes, from.z) : 0.0;
+        in_ = has_points(hit) && lobes.matt > 0.0 ? kiln_diffuse_in(lobes, from) : 0.0;
         out_ = in_ / (from.z > 0.0 ? lobes.under_front : lobes.under_back); /* kiln_diffuse_out */
     }
     if (in_ > 0.0)

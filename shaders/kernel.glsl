@@ -47,6 +47,7 @@ layout(constant_id = 7) const uint HAS_COINCIDENT = 1u; /* opposite faces coinci
 layout(constant_id = 8) const uint HAS_OCTREE = 0u;     /* the store is the octree, not the lightmap */
 layout(constant_id = 9) const uint HAS_VARIED = 1u;     /* gloss is not the same all over (layout_material.h) */
 layout(constant_id = 10) const uint HAS_GLOSSY = 0u;    /* materials are taken with their gloss */
+layout(constant_id = 11) const uint HAS_BRUSHED = 1u;   /* some have tables (shaders/shared/brushed.h) */
 
 /* `alignment` in bytes: 8 where the element has 64-bit members, else 4. */
 #define KILN_ARRAY(Name, type, alignment)                                                                              \

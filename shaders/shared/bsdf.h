@@ -87,10 +87,10 @@ KILN_FUNCTION float kiln_bsdf_forgotten_sum(KILN_STRUCT kiln_bsdf_lobes l, float
     return float_max(l.glass_lost_front + squared * l.glass_lost_back, KILN_FLOAT_TINY);
 }
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_forgotten kiln_bsdf_forgotten_of(KILN_STRUCT kiln_bsdf_lobes l, bool front,
-                                                                     float mu, float facets)
+                                                                     KILN_VECTOR w, float facets)
 {
     KILN_STRUCT kiln_bsdf_forgotten s;
-    const float lost = l.glass * kiln_bsdf_glass_lost(l, front, mu, facets);
+    const float lost = l.glass * kiln_bsdf_glass_lost(l, front, w, facets);
     const KILN_VECTOR squared = l.p.thin_wall != 0u ? vec3(1.0f, 1.0f, 1.0f) : vec3_mul(l.p.eta, l.p.eta);
     const KILN_VECTOR of_front =
         vec3(lost / kiln_bsdf_forgotten_sum(l, squared.x), lost / kiln_bsdf_forgotten_sum(l, squared.y),
@@ -114,7 +114,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     KILN_STRUCT kiln_bsdf_albedo a;
     const bool front = o.z > 0.0f;
     const float mu = float_abs(o.z), coat = kiln_bsdf_coat_albedo(l, front, mu), rest = 1.0f - coat;
-    const float lost = kiln_bsdf_facets_lost(l, o), base = l.matt > 0.0f ? l.matt * kiln_diffuse_in(l, o.z) : 0.0f;
+    const float lost = kiln_bsdf_facets_lost(l, o), base = l.matt > 0.0f ? l.matt * kiln_diffuse_in(l, o) : 0.0f;
     a.coat = kiln_bsdf_gray(coat);
     a.diffuse = vec3_scale(l.p.base_color, base);
     if (l.p.model == KILN_BSDF_PHONG)
@@ -126,12 +126,12 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     a.spread_near = vec3_scale(l.metal_spread, rest * l.metal * lost);
     a.spread_far = vec3(0.0f, 0.0f, 0.0f);
     if (l.glass > 0.0f && l.base_is_mirror == 0u) {
-        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, mu, lost);
+        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, o, lost);
         const float here = front ? l.glass_lost_coat : l.glass_lost_back;
         const float there = front ? l.glass_lost_back : l.glass_lost_coat;
         a.spread_near = vec3_madd(a.spread_near, f.same, rest * here);
         if (!front && l.held_mean > 0.0f)
-            a.spread_near = vec3_add(a.spread_near, kiln_bsdf_gray(l.glass * kiln_bsdf_held(l, mu)));
+            a.spread_near = vec3_add(a.spread_near, kiln_bsdf_gray(l.glass * kiln_bsdf_held(l, o)));
         a.spread_far = vec3_scale(vec3_mul(l.p.base_color, f.other), rest * there);
     }
     return a;
@@ -231,7 +231,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_reflection(KILN_STRUCT kiln_
     KILN_STRUCT kiln_bsdf_value s = kiln_bsdf_facets(o, i, h, l.alpha_x, l.alpha_y);
     const float cosine = 0.5f * (vec3_dot(o, h) + vec3_dot(i, h)); /* the same bits for i and o exchanged */
     const KILN_STRUCT kiln_bsdf_split split = kiln_bsdf_split_at(l, front, cosine);
-    const float coat = kiln_bsdf_coat_factor(l, front, o.z) * kiln_bsdf_coat_factor(l, front, i.z);
+    const float coat = kiln_bsdf_coat_factor(l, front, o) * kiln_bsdf_coat_factor(l, front, i);
     KILN_VECTOR reflected = split.reflected;
     if (!front && l.glass > 0.0f && l.coat.strength > 0.0f && l.p.thin_wall == 0u)
         reflected = vec3_add(reflected, kiln_bsdf_returned(l, o.z, i.z, h.z, cosine));
@@ -240,12 +240,12 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_reflection(KILN_STRUCT kiln_
     return s;
 }
 
-/* What the coat lets through of light that crosses the face, of the cosines' absolute values. */
-KILN_FUNCTION float kiln_bsdf_crossing(KILN_STRUCT kiln_bsdf_lobes l, bool front, float o, float i)
+/* What the coat lets through of light that crosses the face. */
+KILN_FUNCTION float kiln_bsdf_crossing(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o, KILN_VECTOR i)
 {
     if (l.p.thin_wall != 0u)
         return kiln_bsdf_coat_factor(l, true, o) * kiln_bsdf_coat_factor(l, true, i);
-    return 1.0f - kiln_bsdf_coat_albedo(l, true, front ? o : i);
+    return 1.0f - kiln_bsdf_coat_albedo(l, true, float_abs(front ? o.z : i.z));
 }
 
 /* Refraction of one colour (Walter et al. 2007, equations 17 and 21): o.z > 0 > i.z, `eta` the index behind the face
@@ -330,21 +330,21 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_given_back(KILN_STRUCT kiln_bsdf_lobes l, bo
         return sum;
     const float of_o = kiln_bsdf_facets_lost(l, o), of_i = kiln_bsdf_facets_lost(l, i);
     if (i.z > 0.0f && l.metal > 0.0f) {
-        const float coat = kiln_bsdf_coat_factor(l, front, o.z) * kiln_bsdf_coat_factor(l, front, mu);
+        const float coat = kiln_bsdf_coat_factor(l, front, o) * kiln_bsdf_coat_factor(l, front, i);
         sum = vec3_scale(l.metal_spread, l.metal * coat * of_o * of_i / float_max(l.lost_mean, KILN_FLOAT_TINY));
     }
     if (l.glass > 0.0f) {
         const bool same = i.z > 0.0f;
-        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, o.z, of_o);
-        const float lost = kiln_bsdf_glass_lost(l, front == same, mu, of_i);
-        float coats = kiln_bsdf_crossing(l, front, o.z, mu);
+        const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, o, of_o);
+        const float lost = kiln_bsdf_glass_lost(l, front == same, i, of_i);
+        float coats = kiln_bsdf_crossing(l, front, o, i);
         if (same && l.p.thin_wall == 0u)
             coats = (1.0f - kiln_bsdf_coat_albedo(l, front, o.z)) * (1.0f - kiln_bsdf_coat_albedo(l, front, mu));
         if (same) {
             sum = vec3_madd(sum, f.same, lost * coats);
             if (!front && l.held_mean > 0.0f)
-                sum = vec3_add(sum,
-                               kiln_bsdf_gray(l.glass * kiln_bsdf_held(l, o.z) * kiln_bsdf_held(l, mu) / l.held_mean));
+                sum =
+                    vec3_add(sum, kiln_bsdf_gray(l.glass * kiln_bsdf_held(l, o) * kiln_bsdf_held(l, i) / l.held_mean));
         } else {
             const KILN_VECTOR eta = kiln_bsdf_eta(l.p, front);
             KILN_VECTOR color = vec3_mul(l.p.base_color, f.other);
@@ -375,11 +375,11 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_older(KILN_STRUCT kiln_bsdf_
     return s;
 }
 
-/* The diffuse surface's part of the value, for z of directions on one side. */
-KILN_FUNCTION KILN_VECTOR kiln_bsdf_diffuse(KILN_STRUCT kiln_bsdf_lobes l, float o, float i)
+/* The diffuse surface's part of the value, for directions on one side. */
+KILN_FUNCTION KILN_VECTOR kiln_bsdf_diffuse(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, KILN_VECTOR i)
 {
     const float out_ = kiln_diffuse_out(l, o), in_ = kiln_diffuse_in(l, i);
-    return vec3_scale(kiln_diffuse_color(l), in_ * out_ * float_abs(i) * KILN_INVERSE_PI);
+    return vec3_scale(kiln_diffuse_color(l), in_ * out_ * float_abs(i.z) * KILN_INVERSE_PI);
 }
 
 /* `choice`: of o. */
@@ -398,7 +398,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT 
     i.z = front ? i.z : -i.z;
     if (i.z > 0.0f) {
         if ((lobes & KILN_LOBE_DIFFUSE) != 0u && l.matt > 0.0f) {
-            s.value = kiln_bsdf_diffuse(l, signed_o.z, signed_i.z);
+            s.value = kiln_bsdf_diffuse(l, signed_o, signed_i);
         }
         s.density = choice.diffuse * i.z * KILN_INVERSE_PI;
     }
@@ -429,7 +429,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT 
         part = kiln_bsdf_reflection(l, front, o, i);
     else if (l.glass > 0.0f) {
         part = kiln_bsdf_transmission(l, front, o, i, mode);
-        part.value = vec3_scale(part.value, kiln_bsdf_crossing(l, front, o.z, -i.z));
+        part.value = vec3_scale(part.value, kiln_bsdf_crossing(l, front, o, i));
     } else
         return s;
     s.value = vec3_add(s.value, part.value);
@@ -488,7 +488,7 @@ KILN_FUNCTION void kiln_bsdf_draw_mirror(KILN_STRUCT kiln_bsdf_lobes l, bool fro
     const KILN_STRUCT kiln_bsdf_split split = kiln_bsdf_split_at(l, front, o.z);
     KILN_AT(d).delta = true;
     if (pick < split.chance) {
-        const float coat = kiln_bsdf_coat_factor(l, front, o.z);
+        const float coat = kiln_bsdf_coat_factor(l, front, o);
         KILN_AT(d).i = vec3(-o.x, -o.y, o.z);
         KILN_AT(d).density = gloss * split.chance;
         KILN_AT(d).weight = vec3_scale(split.reflected, coat * coat / KILN_AT(d).density);
@@ -508,8 +508,8 @@ KILN_FUNCTION void kiln_bsdf_draw_mirror(KILN_STRUCT kiln_bsdf_lobes l, bool fro
     const float squared = mode == KILN_IMPORTANCE || l.p.thin_wall != 0u ? 1.0f : index * index;
     KILN_AT(d).i = i;
     KILN_AT(d).density = gloss * (1.0f - split.chance) * share;
-    KILN_AT(d).weight = vec3_scale(
-        color, i.z == 0.0f ? 0.0f : kiln_bsdf_crossing(l, front, o.z, -i.z) / (KILN_AT(d).density * squared));
+    KILN_AT(d).weight =
+        vec3_scale(color, i.z == 0.0f ? 0.0f : kiln_bsdf_crossing(l, front, o, i) / (KILN_AT(d).density * squared));
 }
 
 /* A direction from the rough base's facets; o.z > 0. */

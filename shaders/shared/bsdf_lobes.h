@@ -16,6 +16,7 @@
 #ifndef KILN_SHADERS_SHARED_BSDF_LOBES_H
 #define KILN_SHADERS_SHARED_BSDF_LOBES_H
 
+#include "shaders/shared/brushed.h"
 #include "shaders/shared/color.h"
 #include "shaders/shared/microfacet.h"
 #include "shaders/shared/microfacet_albedo.h"
@@ -47,6 +48,7 @@ struct kiln_bsdf_lobes {
     float alpha_x, alpha_y;
     KILN_U32 base_is_mirror, coat_is_mirror, disperses; /* 0 or 1: buffers hold no bool */
     KILN_U32 holds;                                     /* 0 or 1: `held` is known */
+    KILN_U32 brushed_low, brushed_high;                 /* address of a struct kiln_brushed_table; 0: there is none */
     KILN_STRUCT kiln_interface face;
     KILN_STRUCT kiln_boundary boundary; /* set for a rough boundary of glass */
     KILN_STRUCT kiln_coat coat;
@@ -139,17 +141,25 @@ KILN_FUNCTION float kiln_bsdf_coat_albedo(KILN_STRUCT kiln_bsdf_lobes l, bool fr
 {
     return kiln_bsdf_coated(l, front) ? kiln_coat_albedo(l.coat, mu) : 0.0f;
 }
-KILN_FUNCTION float kiln_bsdf_coat_factor(KILN_STRUCT kiln_bsdf_lobes l, bool front, float mu)
+/* Whether what brushed facets do is in a table of the material's (shaders/shared/brushed.h), as where none of its
+ * numbers has a texture. `face` has their means over the azimuth then. */
+KILN_FUNCTION bool kiln_bsdf_has_table(KILN_STRUCT kiln_bsdf_lobes l)
 {
-    return kiln_bsdf_coated(l, front) ? kiln_coat_factor(l.coat, mu) : 1.0f;
+    return KILN_BRUSHED_THERE && (l.brushed_low | l.brushed_high) != 0u;
+}
+KILN_FUNCTION float kiln_bsdf_from_table(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w, KILN_I32 value)
+{
+    return kiln_brushed_at(l.brushed_low, l.brushed_high, l.alpha_x < l.alpha_y ? w.y : w.x, w.z, value);
 }
 
-/* The largest channel of what the matt layer's interface reflects. */
-KILN_FUNCTION float kiln_bsdf_matt_albedo(KILN_STRUCT kiln_bsdf_lobes l, float mu)
+/* The factor of what the base scatters under a coat, for a direction of either sign of z. */
+KILN_FUNCTION float kiln_bsdf_coat_factor(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR w)
 {
-    const float exact = kiln_interface_fresnel(l.face, mu), normal = kiln_fresnel_normal(l.face.index);
-    return (1.0f - kiln_interface_lost(l.face, mu)) *
-           kiln_bsdf_scaled(l.p, exact, normal, kiln_bsdf_largest(l.p.specular_color));
+    if (!kiln_bsdf_coated(l, front))
+        return 1.0f;
+    if (kiln_bsdf_has_table(l))
+        return kiln_bsdf_from_table(l, w, KILN_BRUSHED_COAT);
+    return kiln_coat_factor(l.coat, float_abs(w.z));
 }
 
 /* What facets lose of light from a direction, were all reflected, and its mean over directions of one cosine. */
@@ -157,6 +167,8 @@ KILN_FUNCTION float kiln_bsdf_facets_lost(KILN_STRUCT kiln_bsdf_lobes l, KILN_VE
 {
     if (l.alpha_x == l.alpha_y || l.base_is_mirror != 0u)
         return kiln_interface_lost(l.face, float_abs(w.z));
+    if (kiln_bsdf_has_table(l))
+        return kiln_bsdf_from_table(l, w, KILN_BRUSHED_WHOLE);
     return kiln_across_lost(w, l.alpha_x, l.alpha_y);
 }
 KILN_FUNCTION float kiln_bsdf_facets_lost_about(KILN_STRUCT kiln_bsdf_lobes l, float mu)
@@ -173,14 +185,38 @@ KILN_FUNCTION float kiln_bsdf_facets_lost_about(KILN_STRUCT kiln_bsdf_lobes l, f
     return sum / KILN_TO_F32(KILN_TURN_POINTS);
 }
 
+/* The largest channel of what the matt layer's interface reflects: of shares that facets lose and that they reflect of
+ * the rest. */
+KILN_FUNCTION float kiln_bsdf_matt_share(KILN_STRUCT kiln_bsdf_lobes l, float lost, float exact)
+{
+    return (1.0f - lost) *
+           kiln_bsdf_scaled(l.p, exact, kiln_fresnel_normal(l.face.index), kiln_bsdf_largest(l.p.specular_color));
+}
+/* Of light of a cosine, the mean over azimuths; and of light from a direction. */
+KILN_FUNCTION float kiln_bsdf_matt_about(KILN_STRUCT kiln_bsdf_lobes l, float mu)
+{
+    const float exact = kiln_interface_fresnel(l.face, mu);
+    return kiln_bsdf_matt_share(l, kiln_interface_lost(l.face, mu), exact);
+}
+KILN_FUNCTION float kiln_bsdf_matt_albedo(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
+{
+    if (kiln_bsdf_has_table(l))
+        return kiln_bsdf_matt_share(l, kiln_bsdf_from_table(l, w, KILN_BRUSHED_WHOLE),
+                                    kiln_bsdf_from_table(l, w, KILN_BRUSHED_FRESNEL));
+    return kiln_bsdf_matt_about(l, float_abs(w.z));
+}
+
 /* What glass loses of light from a direction on one side. `facets`: kiln_bsdf_facets_lost of it. */
-KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool front, float mu, float facets)
+KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR w, float facets)
 {
     if (l.base_is_mirror != 0u)
         return 0.0f;
     if (l.p.thin_wall != 0u)
         return facets;
-    return kiln_boundary_lost(l.boundary, mu, front == (l.p.eta.y < 1.0f));
+    const bool dense = front == (l.p.eta.y < 1.0f);
+    if (kiln_bsdf_has_table(l))
+        return dense ? kiln_bsdf_from_table(l, w, KILN_BRUSHED_DENSE) : kiln_bsdf_from_table(l, w, KILN_BRUSHED_THIN);
+    return kiln_boundary_lost(l.boundary, float_abs(w.z), dense);
 }
 
 /* ---- light from behind a coat over rough glass ----
@@ -271,9 +307,11 @@ KILN_FUNCTION KILN_STRUCT kiln_curve kiln_bsdf_held_curve(KILN_STRUCT kiln_bsdf_
 }
 
 /* What the coat holds back of light from behind, and sends back in no certain direction. */
-KILN_FUNCTION float kiln_bsdf_held(KILN_STRUCT kiln_bsdf_lobes l, float mu)
+KILN_FUNCTION float kiln_bsdf_held(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
 {
-    const float x = 2.0f * float_sqrt(mu) - 1.0f;
+    if (kiln_bsdf_has_table(l))
+        return kiln_bsdf_from_table(l, w, KILN_BRUSHED_HELD);
+    const float x = 2.0f * float_sqrt(float_abs(w.z)) - 1.0f;
     float a = 0.0f, b = 0.0f;
     for (int j = KILN_HELD_POINTS - 1; j > 0; j--) { /* Clenshaw's recurrence */
         const float next = 2.0f * x * a - b + l.held.c[j];
@@ -286,22 +324,29 @@ KILN_FUNCTION float kiln_bsdf_held(KILN_STRUCT kiln_bsdf_lobes l, float mu)
 /* ---- the diffuse surface, for what stores its radiosity ----
  *
  * Irradiance counts with weight `in` of the direction that it comes from; with the reflectance `color` it becomes
- * radiosity B; the radiance that leaves towards a direction is B / pi times `out` of that direction. Cosines have a
- * sign: negative ones are of directions behind the face. */
+ * radiosity B; the radiance that leaves towards a direction is B / pi times `out` of that direction. Directions have
+ * z < 0, and cosines a sign, behind the face. Both hang on the azimuth under brushed facets; who does not know it of
+ * light that comes takes the mean, `in_about`: as much light is sent on of what comes from all azimuths alike. */
 KILN_FUNCTION KILN_VECTOR kiln_diffuse_color(KILN_STRUCT kiln_bsdf_lobes l)
 {
     return vec3_scale(l.p.base_color, l.matt);
 }
-KILN_FUNCTION float kiln_diffuse_in(KILN_STRUCT kiln_bsdf_lobes l, float cosine)
+KILN_FUNCTION float kiln_diffuse_in(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
+{
+    if (l.p.model != KILN_BSDF_LAYERS)
+        return 1.0f;
+    return (1.0f - kiln_bsdf_coat_albedo(l, w.z > 0.0f, float_abs(w.z))) * (1.0f - kiln_bsdf_matt_albedo(l, w));
+}
+KILN_FUNCTION float kiln_diffuse_in_about(KILN_STRUCT kiln_bsdf_lobes l, float cosine)
 {
     const float mu = float_abs(cosine);
     if (l.p.model != KILN_BSDF_LAYERS)
         return 1.0f;
-    return (1.0f - kiln_bsdf_coat_albedo(l, cosine > 0.0f, mu)) * (1.0f - kiln_bsdf_matt_albedo(l, mu));
+    return (1.0f - kiln_bsdf_coat_albedo(l, cosine > 0.0f, mu)) * (1.0f - kiln_bsdf_matt_about(l, mu));
 }
-KILN_FUNCTION float kiln_diffuse_out(KILN_STRUCT kiln_bsdf_lobes l, float cosine)
+KILN_FUNCTION float kiln_diffuse_out(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
 {
-    return kiln_diffuse_in(l, cosine) / (cosine > 0.0f ? l.under_front : l.under_back);
+    return kiln_diffuse_in(l, w) / (w.z > 0.0f ? l.under_front : l.under_back);
 }
 
 /* ---- preparing ---- */
@@ -314,7 +359,8 @@ KILN_FUNCTION void kiln_bsdf_find_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l
         return;
     KILN_AT(l).held = kiln_bsdf_held_curve(KILN_AT(l));
     for (int k = 0; k < KILN_MEAN_POINTS; k++)
-        KILN_AT(l).held_mean += KILN_MEAN_WEIGHTS[k] * kiln_bsdf_held(KILN_AT(l), KILN_MEAN_COSINES[k]);
+        KILN_AT(l).held_mean +=
+            KILN_MEAN_WEIGHTS[k] * kiln_bsdf_held(KILN_AT(l), vec3(0.0f, 0.0f, KILN_MEAN_COSINES[k]));
 }
 
 KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
@@ -325,15 +371,16 @@ KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
     for (int k = 0; k < KILN_MEAN_POINTS; k++) {
         const float mu = KILN_MEAN_COSINES[k], w = KILN_MEAN_WEIGHTS[k];
         const float facets = kiln_bsdf_facets_lost_about(KILN_AT(l), mu);
+        const KILN_VECTOR any = vec3(0.0f, 0.0f, mu);
         lost += w * facets;
         if (matt)
-            under_front += w * kiln_diffuse_in(KILN_AT(l), mu);
+            under_front += w * kiln_diffuse_in_about(KILN_AT(l), mu);
         if (matt && two)
-            under_back += w * kiln_diffuse_in(KILN_AT(l), -mu);
+            under_back += w * kiln_diffuse_in_about(KILN_AT(l), -mu);
         if (KILN_AT(l).glass > 0.0f) {
-            const float there = w * kiln_bsdf_glass_lost(KILN_AT(l), true, mu, facets);
+            const float there = w * kiln_bsdf_glass_lost(KILN_AT(l), true, any, facets);
             front += there;
-            back += w * kiln_bsdf_glass_lost(KILN_AT(l), false, mu, facets);
+            back += w * kiln_bsdf_glass_lost(KILN_AT(l), false, any, facets);
             coat += there * (1.0f - kiln_bsdf_coat_albedo(KILN_AT(l), true, mu)); /* of a boundary */
         }
     }
@@ -388,6 +435,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare_hit(KILN_STRUCT kiln
     l.coat = kiln_coat_of(layers ? p.coat : 0.0f, l.coat_is_mirror != 0u ? 0.0f : float_min(p.coat_alpha, 1.0f), alpha,
                           partial);
     l.holds = 0u;
+    l.brushed_low = 0u;
+    l.brushed_high = 0u;
     for (int k = 0; k < KILN_HELD_POINTS; k++)
         l.held.c[k] = 0.0f;
     l.held_mean = 0.0f;

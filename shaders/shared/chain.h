@@ -48,11 +48,11 @@ KILN_FUNCTION float kiln_chain_chance(KILN_U32 surface, KILN_U32 length, float l
 }
 
 /* Of light from a direction, what surface points on such a material take up of it, in the light that they count as
- * incident: kiln_diffuse_in where there is a diffuse part. `cosine` is the direction's with the shading normal of the
- * front, signed. */
+ * incident: kiln_diffuse_in_about where there is a diffuse part. `cosine` is the direction's with the shading normal of
+ * the front, signed. */
 KILN_FUNCTION float kiln_chain_taken_up(KILN_STRUCT kiln_bsdf_lobes lobes, float cosine)
 {
-    return lobes.matt > 0.0f ? kiln_diffuse_in(lobes, cosine) : 0.0f;
+    return lobes.matt > 0.0f ? kiln_diffuse_in_about(lobes, cosine) : 0.0f;
 }
 
 /* What the random numbers of a texel's chains hang on: `chance` is the texel's kiln_gather_chance. Numbers of ray k at

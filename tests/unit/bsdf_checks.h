@@ -12,6 +12,7 @@
 #include "shaders/shared/random.h"
 #include "tests/unit/bsdf_cells.h"
 #include "tests/unit/bsdf_materials.h"
+#include "worker/material/brushed.h"
 #include "worker/sampling/sequence.h"
 
 /* A direction i is drawn by three random numbers in (0, 1), or given. */
@@ -46,7 +47,20 @@ struct lobes_batch {
     size_t lobes_count, count, room;
     struct lobes_query *queries;
     struct lobes_answer *answers;
+    struct kiln_brushed_table *tables[ALPHAS]; /* those that lobes use; NULL: none */
 };
+
+/* Lobes number `at` of the batch: those of a material. */
+static inline void batch_prepare(struct lobes_batch *b, size_t at, const struct material *m, struct kiln_bsdf p)
+{
+    b->lobes[at] = m->hit ? kiln_bsdf_prepare_hit(p) : kiln_bsdf_prepare(p);
+    if (m->hit || !kiln_brushed_wanted(&b->lobes[at]))
+        return;
+    b->tables[at] = malloc(sizeof *b->tables[at]);
+    assert_non_null(b->tables[at]);
+    kiln_brushed_tabulate(b->tables[at], &b->lobes[at]);
+    kiln_brushed_use(&b->lobes[at], b->tables[at]);
+}
 
 static inline struct lobes_query *batch_add(struct lobes_batch *b, uint32_t lobes, struct kiln_vec3 o)
 {
@@ -87,6 +101,8 @@ static inline void batch_end(struct lobes_batch *b)
 {
     free(b->queries);
     free(b->answers);
+    for (int i = 0; i < ALPHAS; i++)
+        free(b->tables[i]);
     *b = (struct lobes_batch){0};
 }
 
@@ -95,23 +111,24 @@ static inline int next_alpha(const struct lobes_source *s, const struct material
 {
     return i + (s->thin || m->coat > 0.0f ? 3 : 1);
 }
-static inline struct kiln_bsdf_lobes prepared(const struct material *m, struct kiln_bsdf p)
-{
-    return m->hit ? kiln_bsdf_prepare_hit(p) : kiln_bsdf_prepare(p);
-}
-
 static inline int next_angle(const struct lobes_source *s, int i) { return i + (s->thin ? 3 : 1); }
 
 /* ---- a white furnace ---- */
 
+/* Azimuths of light, from the tangent on; of what is the same about the normal the first is enough. */
+enum { AZIMUTHS = 5 };
+static const float azimuths[AZIMUTHS] = {0.3f, 0.0f, 0.75f, 1.2f, 1.5707964f};
+
 /* Least and largest share of the light from all angles that is sent on. */
 static inline void furnace_of(const struct lobes_source *s, const struct material *m, float alpha, double range[2])
 {
-    struct lobes_batch b = {.source = s, .lobes = {prepared(m, white_material(m, alpha))}, .lobes_count = 1};
-    const uint32_t draws = alpha < 0.02f && m->coat == 0.0f ? 1024 : 4096;
-    for (int j = 0; j < ANGLES; j = next_angle(s, j))
-        for (uint32_t k = 0; k < draws; k++)
-            batch_draw(&b, 0, direction(degrees[j], 0.3f, m->behind), k, EVEN);
+    struct lobes_batch b = {.source = s, .lobes_count = 1};
+    const uint32_t draws = alpha < 0.02f && m->coat == 0.0f && m->anisotropy == 0.0f ? 1024 : 4096;
+    batch_prepare(&b, 0, m, white_material(m, alpha));
+    for (int a = 0; a < (m->anisotropy > 0.0f ? AZIMUTHS : 1); a++)
+        for (int j = 0; j < ANGLES; j = next_angle(s, j))
+            for (uint32_t k = 0; k < draws; k++)
+                batch_draw(&b, 0, direction(degrees[j], azimuths[a], m->behind), k, EVEN);
     batch_ask(&b);
     for (size_t at = 0; at < b.count; at += draws) {
         double sum = 0.0;
@@ -158,7 +175,8 @@ static inline double density_in_turn(void *context, struct kiln_vec3 i)
 
 static inline struct fit test_angle(const struct lobes_source *s, const struct material *m, float alpha, float angle)
 {
-    struct lobes_batch b = {.source = s, .lobes = {prepared(m, white_material(m, alpha))}, .lobes_count = 1};
+    struct lobes_batch b = {.source = s, .lobes_count = 1};
+    batch_prepare(&b, 0, m, white_material(m, alpha));
     struct densities densities = {.batch = &b, .o = direction(angle, 0.3f, m->behind)};
     struct cells cells;
     cells_place(&cells, &b.lobes[0], alpha, densities.o);
@@ -258,7 +276,7 @@ static inline void check_reciprocities(const struct lobes_source *s)
     for (size_t i = 0; i < MATERIALS; i++) {
         struct lobes_batch b = {.source = s, .lobes_count = ALPHAS};
         for (int a = 0; a < ALPHAS; a += s->thin ? 3 : 1) {
-            b.lobes[a] = prepared(&materials[i], colored_material(&materials[i], alphas[a]));
+            batch_prepare(&b, (size_t)a, &materials[i], colored_material(&materials[i], alphas[a]));
             for (int j = 0; j < ANGLES; j = next_angle(s, j))
                 for (uint32_t k = 1; k <= 64; k++)
                     batch_draw(&b, (uint32_t)a, direction(degrees[j], 0.3f, materials[i].behind), k, EVEN);

@@ -15,7 +15,7 @@ struct material {
     float darkest, brightest;
 };
 
-enum { METAL, MATT, GLASS, COATED_MATT = 9 };
+enum { METAL, MATT, GLASS };
 static const struct material materials[] = {
     {"metal", .metallic = 1, .index = 1.5f, .draws = true, .darkest = 0.99f, .brightest = 1.001f},
     {"matt", .index = 1.5f, .draws = true, .darkest = 0.99f, .brightest = 1.001f},
@@ -50,6 +50,33 @@ static const struct material materials[] = {
     {"brushed thin wall", .transmission = 1, .index = 1.5f, .thin_wall = true, .anisotropy = 0.4f, .darkest = 0.99f,
      .brightest = 1.001f},
     {"much brushed metal", .metallic = 1, .index = 1.5f, .anisotropy = 0.8f, .darkest = 0.99f, .brightest = 1.001f},
+    {"brushed matt", .index = 1.5f, .anisotropy = 0.4f, .draws = true, .darkest = 0.99f, .brightest = 1.001f},
+    {"much brushed matt", .index = 1.5f, .anisotropy = 0.8f, .darkest = 0.99f, .brightest = 1.001f},
+    {"coated brushed matt", .index = 1.5f, .coat = 1, .coat_alpha = 0.1f, .anisotropy = 0.4f, .darkest = 0.99f,
+     .brightest = 1.001f},
+    {"brushed glass", .transmission = 1, .index = 1.5f, .anisotropy = 0.4f, .draws = true, .darkest = 0.99f,
+     .brightest = 1.001f},
+    {"brushed glass from behind", .transmission = 1, .index = 1.5f, .anisotropy = 0.4f, .behind = true, .draws = true,
+     .darkest = 0.99f, .brightest = 1.001f},
+    {"much brushed glass", .transmission = 1, .index = 1.5f, .anisotropy = 0.8f, .darkest = 0.99f, .brightest = 1.001f},
+    {"much brushed glass from behind", .transmission = 1, .index = 1.5f, .anisotropy = 0.8f, .behind = true,
+     .darkest = 0.99f, .brightest = 1.001f},
+    {"brushed water from behind", .transmission = 1, .index = 1.33f, .anisotropy = 0.4f, .behind = true,
+     .darkest = 0.99f, .brightest = 1.002f},
+    {"brushed diamond from behind", .transmission = 1, .index = 2.42f, .anisotropy = 0.4f, .behind = true,
+     .darkest = 0.99f, .brightest = 1.001f},
+    {"coated brushed glass from behind", .transmission = 1, .index = 1.5f, .coat = 1, .anisotropy = 0.4f,
+     .behind = true, .darkest = 0.988f, .brightest = 1.002f},
+    {"coated brushed metal", .metallic = 1, .index = 1.5f, .coat = 1, .anisotropy = 0.4f, .darkest = 0.99f,
+     .brightest = 1.001f},
+    {"rough coat over much brushed metal", .metallic = 1, .index = 1.5f, .coat = 1, .coat_alpha = 0.3f,
+     .anisotropy = 0.8f, .darkest = 0.99f, .brightest = 1.001f},
+    {"coated brushed glass", .transmission = 1, .index = 1.5f, .coat = 1, .anisotropy = 0.4f, .darkest = 0.99f,
+     .brightest = 1.001f},
+    {"coated brushed thin wall", .transmission = 1, .index = 1.5f, .coat = 1, .thin_wall = true, .anisotropy = 0.4f,
+     .darkest = 0.99f, .brightest = 1.001f},
+    {"brushed mixture", .metallic = 0.3f, .transmission = 0.5f, .index = 1.5f, .coat = 0.5f, .coat_alpha = 0.3f,
+     .anisotropy = 0.4f, .draws = true, .darkest = 0.99f, .brightest = 1.001f},
 };
 #define MATERIALS (sizeof materials / sizeof *materials)
 

@@ -131,10 +131,19 @@ static void ask_lobes(void *context, const struct kiln_bsdf_lobes *lobes, size_t
                       const struct lobes_query *queries, size_t count, struct lobes_answer *answers)
 {
     struct device_lobes *d = context;
-    struct gpu_buffer buffers[3];
+    struct gpu_buffer buffers[3], tables[ALPHAS] = {0};
+    struct kiln_bsdf_lobes moved[ALPHAS];
     if (count == 0)
         return;
-    assert_int_equal(gpu_buffer_of(d->gpu, &buffers[0], lobes, lobes_count * sizeof *lobes, "lobes", NULL), KILN_OK);
+    memcpy(moved, lobes, lobes_count * sizeof *lobes);
+    for (size_t i = 0; i < lobes_count; i++) {
+        const struct kiln_brushed_table *table = kiln_brushed_of(&lobes[i]);
+        if (table == NULL)
+            continue;
+        assert_int_equal(gpu_buffer_of(d->gpu, &tables[i], table, sizeof *table, "a table", NULL), KILN_OK);
+        kiln_brushed_move(&moved[i], tables[i].address);
+    }
+    assert_int_equal(gpu_buffer_of(d->gpu, &buffers[0], moved, lobes_count * sizeof *lobes, "lobes", NULL), KILN_OK);
     assert_int_equal(gpu_buffer_of(d->gpu, &buffers[1], queries, count * sizeof *queries, "queries", NULL), KILN_OK);
     assert_int_equal(gpu_buffer_create(d->gpu, &buffers[2], count * sizeof *answers, GPU_DEVICE, "answers", NULL),
                      KILN_OK);
@@ -148,6 +157,8 @@ static void ask_lobes(void *context, const struct kiln_bsdf_lobes *lobes, size_t
     assert_int_equal(gpu_download(d->gpu, &buffers[2], 0, answers, count * sizeof *answers, NULL), KILN_OK);
     for (int i = 0; i < 3; i++)
         gpu_buffer_destroy(d->gpu, &buffers[i]);
+    for (size_t i = 0; i < lobes_count; i++)
+        gpu_buffer_destroy(d->gpu, &tables[i]);
 }
 
 static void whole_materials(void **state)

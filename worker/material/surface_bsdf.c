@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "worker/base/memory.h"
+#include "worker/material/brushed.h"
 #include "worker/scene/texture.h"
 
 /* A position of a gloss's surface. */
@@ -151,14 +152,65 @@ struct kiln_gloss_lobes kiln_gloss_lobes(const struct kiln_scene *scene, uint32_
     return of;
 }
 
+/* ---- tables of brushed facets: they stand behind the lobes, in one piece of memory ---- */
+
+static bool wants_table(const struct kiln_gloss_lobes *of) { return of->ready && kiln_brushed_wanted(&of->lobes); }
+
+/* The first material whose table serves this one. */
+static size_t same_table(const struct kiln_gloss_lobes *lobes, size_t material)
+{
+    size_t first = 0;
+    while (first < material &&
+           !(wants_table(&lobes[first]) && kiln_brushed_same(&lobes[first].lobes, &lobes[material].lobes)))
+        first++;
+    return first;
+}
+
+static int add_tables(struct kiln_gloss_lobes **lobes, size_t count, size_t tables, struct kiln_error *error)
+{
+    struct kiln_gloss_lobes *grown = NULL;
+    const size_t own = count * sizeof **lobes;
+    const int status = kiln_allocate(&grown, own + tables * sizeof(struct kiln_brushed_table), 1,
+                                     "the lobes of materials with brushed facets", error);
+    if (status != KILN_OK)
+        return status;
+    struct kiln_brushed_table *next = (struct kiln_brushed_table *)(void *)(grown + count);
+    memcpy(grown, *lobes, own);
+    for (size_t i = 0; i < count; i++) {
+        if (!wants_table(&grown[i]))
+            continue;
+        const size_t first = same_table(*lobes, i);
+        if (first == i)
+            kiln_brushed_tabulate(next, &grown[i].lobes);
+        kiln_brushed_use(&grown[i].lobes, first == i ? next++ : kiln_brushed_of(&grown[first].lobes));
+    }
+    kiln_free(lobes);
+    *lobes = grown;
+    return KILN_OK;
+}
+
+size_t kiln_scene_table_count(const struct kiln_gloss_lobes *lobes, size_t count)
+{
+    size_t tables = 0;
+    for (size_t i = 0; i < count; i++)
+        tables += wants_table(&lobes[i]) && same_table(lobes, i) == i ? 1 : 0;
+    return tables;
+}
+
 int kiln_scene_lobes(struct kiln_gloss_lobes **lobes, const struct kiln_scene *scene, struct kiln_error *error)
 {
+    const size_t count = scene->material_count;
     *lobes = NULL;
     if (scene->taken == NULL)
         return KILN_OK;
-    const int status = kiln_allocate(lobes, scene->material_count, sizeof **lobes, "the lobes of materials", error);
-    for (uint32_t i = 0; status == KILN_OK && i < scene->material_count; i++)
+    int status = kiln_allocate(lobes, count, sizeof **lobes, "the lobes of materials", error);
+    for (uint32_t i = 0; status == KILN_OK && i < count; i++)
         (*lobes)[i] = kiln_gloss_lobes(scene, i);
+    const size_t tables = status == KILN_OK ? kiln_scene_table_count(*lobes, count) : 0;
+    if (tables != 0)
+        status = add_tables(lobes, count, tables, error);
+    if (status != KILN_OK)
+        kiln_free(lobes);
     return status;
 }
 

@@ -24,10 +24,17 @@ struct kiln_gloss_lobes {
     bool dyed;  /* their base colour is the surface's (kiln_bsdf_dye) */
     struct kiln_bsdf_lobes lobes;
 };
-/* Not ready for a material that is not taken with its gloss. */
+/* Not ready for a material that is not taken with its gloss. Without the table of brushed facets. */
 struct kiln_gloss_lobes kiln_gloss_lobes(const struct kiln_scene *scene, uint32_t material);
-/* Of all materials of a scene; NULL where none is taken. The caller frees it with kiln_free. KILN_SYSTEM. */
+/* Of all materials of a scene, with the tables of brushed facets, which stand in an array behind the lobes; NULL where
+ * none is taken. The caller frees it with kiln_free. KILN_SYSTEM. */
 int kiln_scene_lobes(struct kiln_gloss_lobes **lobes, const struct kiln_scene *scene, struct kiln_error *error);
+/* These tables, of `count` materials, and how many there are. */
+static inline const struct kiln_brushed_table *kiln_scene_tables(const struct kiln_gloss_lobes *lobes, size_t count)
+{
+    return (const struct kiln_brushed_table *)(const void *)(lobes + count);
+}
+size_t kiln_scene_table_count(const struct kiln_gloss_lobes *lobes, size_t count);
 /* The lobes at a position, arguments as kiln_surface_bsdf; `of`: those of its material, which is taken with its gloss.
  * `colored`: the colour of the diffuse part is wanted; else it may be any. */
 struct kiln_bsdf_lobes kiln_surface_lobes(const struct kiln_scene *scene, const struct kiln_gloss_lobes *of,

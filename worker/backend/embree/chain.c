@@ -54,7 +54,7 @@ static void meet(struct chain *c, const struct RTCRayHit *ray, const struct meet
     const bool has_points =
         !m->back || (c->walk->b->params.geometry->records[m->triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0;
     if (has_points && m->lobes.matt > 0.0f)
-        add_radiosity(c, ray, m->triangle, kiln_diffuse_in(m->lobes, m->o.z), kiln_diffuse_out(m->lobes, m->o.z));
+        add_radiosity(c, ray, m->triangle, kiln_diffuse_in(m->lobes, m->o), kiln_diffuse_out(m->lobes, m->o));
 }
 
 bool chain_survives(const struct walk *walk, const struct meeting *m, uint32_t surface, float weight[3], float *pick)

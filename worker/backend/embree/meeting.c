@@ -106,19 +106,6 @@ static void shade(const struct embree_backend *b, struct meeting *m)
         m->shading = m->normal;
 }
 
-/* The lobes of a surface that is not only diffuse; normals are those of the front. Of o only z is set. */
-static void find_lobes(const struct embree_backend *b, struct kiln_vec3 direction, bool colored, struct meeting *m)
-{
-    const uint32_t material = b->params.geometry->records[m->triangle].material & KILN_RECORD_MATERIAL;
-    const struct kiln_vec3 back = vec3_scale(direction, -1.0f);
-    /* a shading normal on the other side of the ray's direction would make a front of a back */
-    if ((vec3_dot(m->shading, back) > 0.0f) != (vec3_dot(m->normal, back) > 0.0f))
-        m->shading = m->normal;
-    m->lobes = kiln_surface_lobes(b->params.scene, &b->lobes[material], m->mesh, m->stored, m->b1, m->b2, colored);
-    m->o = vec3(0.0f, 0.0f, vec3_dot(m->shading, back));
-    m->albedo = kiln_bsdf_albedo_of(m->lobes, m->o);
-}
-
 struct kiln_frame meeting_frame(const struct embree_backend *b, const struct meeting *m, struct kiln_vec3 normal)
 {
     const struct kiln_scene *scene = b->params.scene;
@@ -128,6 +115,24 @@ struct kiln_frame meeting_frame(const struct embree_backend *b, const struct mee
     const int second = scene->objects[g->records[m->triangle].object].flipped != 0 ? 1 : 2;
     const struct kiln_vec3 edge[2] = {vec3_sub(corner[3 - second], corner[0]), vec3_sub(corner[second], corner[0])};
     return kiln_surface_frame(scene, m->gloss, m->mesh, m->stored, m->b1, m->b2, normal, edge);
+}
+
+/* The lobes of a surface that is not only diffuse; normals are those of the front. Of o only z is set, but where the
+ * diffuse part hangs on the azimuth. */
+static void find_lobes(const struct embree_backend *b, struct kiln_vec3 direction, bool colored, struct meeting *m)
+{
+    const uint32_t material = b->params.geometry->records[m->triangle].material & KILN_RECORD_MATERIAL;
+    const struct kiln_vec3 back = vec3_scale(direction, -1.0f);
+    /* a shading normal on the other side of the ray's direction would make a front of a back */
+    if ((vec3_dot(m->shading, back) > 0.0f) != (vec3_dot(m->normal, back) > 0.0f))
+        m->shading = m->normal;
+    m->lobes = kiln_surface_lobes(b->params.scene, &b->lobes[material], m->mesh, m->stored, m->b1, m->b2, colored);
+    m->o = vec3(0.0f, 0.0f, vec3_dot(m->shading, back));
+    if (kiln_bsdf_has_table(m->lobes)) {
+        m->frame = meeting_frame(b, m, m->shading);
+        m->o = kiln_into_frame(&m->frame, back);
+    }
+    m->albedo = kiln_bsdf_albedo_of(m->lobes, m->o);
 }
 
 /* What else there is of its scattering, and the frame. */

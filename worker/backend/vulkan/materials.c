@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "worker/base/memory.h"
-#include "worker/material/surface_bsdf.h"
+#include "worker/material/brushed.h"
 #include "worker/scene/texture.h"
 
 /* of a buffer: every device allows as much in one allocation */
@@ -195,18 +195,37 @@ static void fill_gloss(struct kiln_gpu_gloss *to, const struct kiln_gloss *from)
     fill_gloss_textures(to, from);
 }
 
-static void prepare_lobes(struct staging *s, uint32_t material)
+static void prepare_lobes(struct staging *s, const struct vulkan_materials *m, uint32_t material)
 {
-    const struct kiln_gloss_lobes of = kiln_gloss_lobes(s->params->scene, material);
-    if (!of.ready) {
+    const struct kiln_gloss_lobes *of = &m->lobes[material];
+    if (!of->ready) {
         s->varied = true;
         return;
     }
-    s->glosses[material].flags |= KILN_GPU_GLOSS_PREPARED | (of.dyed ? KILN_GPU_GLOSS_DYED : 0u);
-    s->lobes[material] = of.lobes;
+    s->glosses[material].flags |= KILN_GPU_GLOSS_PREPARED | (of->dyed ? KILN_GPU_GLOSS_DYED : 0u);
+    s->lobes[material] = of->lobes;
+    const struct kiln_brushed_table *table = kiln_brushed_of(&of->lobes);
+    if (table != NULL) {
+        const size_t count = s->params->scene->material_count;
+        kiln_brushed_move(&s->lobes[material],
+                          m->tables.address + (uint64_t)(table - kiln_scene_tables(m->lobes, count)) * sizeof *table);
+    }
 }
 
-static int make_glosses(struct staging *s, struct kiln_error *error)
+/* Lobes on the host, and the tables of brushed facets. */
+static int prepare_tables(struct staging *s, struct vulkan_materials *m, struct kiln_error *error)
+{
+    const struct kiln_scene *scene = s->params->scene;
+    int status = kiln_scene_lobes(&m->lobes, scene, error);
+    const size_t count = status == KILN_OK ? kiln_scene_table_count(m->lobes, scene->material_count) : 0;
+    m->brushed = count != 0;
+    if (m->brushed)
+        status = gpu_buffer_of(s->gpu, &m->tables, kiln_scene_tables(m->lobes, scene->material_count),
+                               count * sizeof(struct kiln_brushed_table), "the tables of brushed facets", error);
+    return status;
+}
+
+static int make_glosses(struct staging *s, struct vulkan_materials *m, struct kiln_error *error)
 {
     const struct kiln_scene *scene = s->params->scene;
     if (!s->gloss)
@@ -217,11 +236,13 @@ static int make_glosses(struct staging *s, struct kiln_error *error)
                                "the texture coordinates of gloss", error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->lobes, scene->material_count, sizeof *s->lobes, "the lobes of materials", error);
+    if (status == KILN_OK)
+        status = prepare_tables(s, m, error);
     for (uint32_t i = 0; i < scene->material_count && status == KILN_OK; i++) {
         const struct kiln_gloss *gloss = kiln_gloss_taken(scene, i);
         if (gloss != NULL) {
             fill_gloss(&s->glosses[i], gloss);
-            prepare_lobes(s, i);
+            prepare_lobes(s, m, i);
         }
     }
     return status;
@@ -266,7 +287,7 @@ static int make_normals(struct staging *s, struct kiln_error *error)
     return status;
 }
 
-static int make_staging(struct staging *s, struct kiln_error *error)
+static int make_staging(struct staging *s, struct vulkan_materials *m, struct kiln_error *error)
 {
     const struct kiln_scene *scene = s->params->scene;
     int status = kiln_allocate(&s->slots, s->slot_count, sizeof *s->slots, "the coated triangles", error);
@@ -291,7 +312,7 @@ static int make_staging(struct staging *s, struct kiln_error *error)
                          s->coating_count, KILN_GPU_FLIPPED - 1);
     status = kiln_allocate(&s->coatings, s->coating_count, sizeof *s->coatings, "the coatings", error);
     if (status == KILN_OK)
-        status = make_glosses(s, error);
+        status = make_glosses(s, m, error);
     if (status == KILN_OK)
         status = make_normals(s, error);
     if (status != KILN_OK)
@@ -421,7 +442,7 @@ int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *p
     find_slots(&s);
     if (s.slot_count == 0)
         return KILN_OK;
-    int status = make_staging(&s, error);
+    int status = make_staging(&s, materials, error);
     if (status == KILN_OK)
         status = upload_texels(&s, materials, error);
     if (status == KILN_OK)
@@ -438,8 +459,10 @@ void vulkan_materials_destroy(struct gpu *gpu, struct vulkan_materials *material
 {
     for (size_t i = 0; i < VULKAN_MATERIAL_BUFFERS; i++)
         gpu_buffer_destroy(gpu, &materials->buffers[i]);
+    gpu_buffer_destroy(gpu, &materials->tables);
     for (size_t i = 0; i < materials->texel_buffers; i++)
         gpu_buffer_destroy(gpu, &materials->texels[i]);
+    kiln_free(&materials->lobes);
     kiln_free(&materials->texels);
     materials->texel_buffers = 0;
 }

@@ -7,6 +7,7 @@
 #include "worker/backend/backend.h"
 #include "worker/backend/vulkan/gpu/gpu.h"
 #include "worker/backend/vulkan/layout.h"
+#include "worker/material/surface_bsdf.h"
 
 enum { VULKAN_MATERIAL_BUFFERS = 9 };
 
@@ -17,8 +18,11 @@ struct vulkan_materials {
     /* as many buffers as the texels need: one alone may be no larger than the device allows */
     struct gpu_buffer *texels;
     size_t texel_buffers;
-    bool gloss;  /* some materials are not only diffuse to kernels */
-    bool varied; /* and the lobes of some are not the same all over (KILN_GPU_GLOSS_PREPARED) */
+    struct kiln_gloss_lobes *lobes; /* of each material, on the host; NULL: all are diffuse to kernels */
+    struct gpu_buffer tables;       /* of brushed facets (struct kiln_brushed_table) */
+    bool gloss;                     /* some materials are not only diffuse to kernels */
+    bool varied;                    /* and the lobes of some are not the same all over (KILN_GPU_GLOSS_PREPARED) */
+    bool brushed;                   /* and some have tables */
 };
 
 /* Uploads and writes the addresses into `layout` (all 0 when there is nothing); with `all` the coatings of all

@@ -41,7 +41,8 @@ static size_t cut(const struct kiln_surface *s, struct vulkan_block *blocks)
 }
 
 int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const struct kiln_backend_params *params,
-                         const struct kiln_surface *surface, struct kiln_error *error)
+                         const struct kiln_surface *surface, const struct vulkan_materials *materials,
+                         struct kiln_error *error)
 {
     int status = kiln_allocate(points, 1, sizeof **points, "the device's points", error);
     if (status != KILN_OK)
@@ -50,6 +51,7 @@ int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const s
     p->gpu = gpu;
     p->params = params;
     p->surface = surface;
+    p->materials = materials;
     p->threads = params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs();
     for (size_t i = 0; i < params->scene->mesh_count; i++)
         p->smooth = p->smooth || (params->scene->meshes[i].flags & KILN_MESH_SMOOTH) != 0;
@@ -328,8 +330,9 @@ static int make_gloss(const struct maker *m, struct part_list *list, const struc
     if (status != KILN_OK)
         return status;
     kiln_geometry_stored_barycentrics(scene, g, triangle, b1, b2, &s1, &s2);
-    const struct kiln_bsdf_lobes l = kiln_bsdf_prepare_hit(kiln_surface_bsdf(
-        scene, gloss, &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1, s2));
+    const struct kiln_bsdf_lobes l = kiln_surface_lobes(
+        scene, &m->p->materials->lobes[record->material & KILN_RECORD_MATERIAL],
+        &scene->meshes[scene->objects[record->object].mesh], g->stored_triangle[triangle], s1, s2, false);
     const struct kiln_gpu_point_gloss own = {.model = l.p.model,
                                              .matt = l.matt,
                                              .specular = l.p.specular,

@@ -6,6 +6,7 @@
 #include "worker/backend/backend.h"
 #include "worker/backend/vulkan/gpu/gpu.h"
 #include "worker/backend/vulkan/layout.h"
+#include "worker/backend/vulkan/materials.h"
 
 struct vulkan_block {
     size_t tile_run_first, tile_run_count;
@@ -28,6 +29,7 @@ struct vulkan_points {
     struct gpu *gpu;
     const struct kiln_backend_params *params;
     const struct kiln_surface *surface;
+    const struct vulkan_materials *materials;
     size_t block_count;
     struct vulkan_block *blocks;
     uint64_t clock;
@@ -50,7 +52,8 @@ static inline uint32_t vulkan_light_threads(uint32_t threads)
 
 /* Borrows everything. Makes no block yet. */
 int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const struct kiln_backend_params *params,
-                         const struct kiln_surface *surface, struct kiln_error *error);
+                         const struct kiln_surface *surface, const struct vulkan_materials *materials,
+                         struct kiln_error *error);
 void vulkan_points_destroy(struct vulkan_points **points);
 
 /* The block that holds `tile run`, on the device; `states`: with what surface->visible says now (else states are

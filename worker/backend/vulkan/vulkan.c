@@ -377,7 +377,7 @@ static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
         status = gpu_buffer_create(b->gpu, &b->radiosity_buffer, kiln_store_count(&store) * sizeof(uint64_t),
                                    GPU_DEVICE, "the radiosity of all points", error);
     if (status == KILN_OK)
-        status = vulkan_points_create(&b->points, b->gpu, &b->params, s, error);
+        status = vulkan_points_create(&b->points, b->gpu, &b->params, s, &b->materials, error);
     b->layout.object_count = s->object_count;
     b->layout.slot_last = s->bricks != NULL ? s->slot_count - 1 : 0;
     b->constants[VULKAN_HAS_DIVIDED] = s->divided_count > 0;

@@ -67,6 +67,7 @@ enum vulkan_constant {
     VULKAN_HAS_OCTREE,
     VULKAN_HAS_VARIED,
     VULKAN_HAS_GLOSSY,
+    VULKAN_HAS_BRUSHED,
     VULKAN_CONSTANTS
 };
 

@@ -1,0 +1,20 @@
+/* Tables of what brushed facets do (shaders/shared/brushed.h), made for a material once. Thread-safe. */
+#ifndef KILN_WORKER_MATERIAL_BRUSHED_H
+#define KILN_WORKER_MATERIAL_BRUSHED_H
+
+#include "shaders/shared/bsdf_lobes.h"
+
+/* Whether a material with these lobes has brushed facets, and so needs a table. */
+bool kiln_brushed_wanted(const struct kiln_bsdf_lobes *lobes);
+/* Whether a table of the one serves the other too; both need one. */
+bool kiln_brushed_same(const struct kiln_bsdf_lobes *a, const struct kiln_bsdf_lobes *b);
+/* Fills in the table of lobes that need one, in some hundredths of a second. */
+void kiln_brushed_tabulate(struct kiln_brushed_table *table, const struct kiln_bsdf_lobes *lobes);
+/* Has lobes that need one use the table, which must stay where it is as long as they are used, and finds their means by
+ * it. */
+void kiln_brushed_use(struct kiln_bsdf_lobes *lobes, const struct kiln_brushed_table *table);
+/* The table that lobes use; NULL: none. And another address for it, as on a device. */
+const struct kiln_brushed_table *kiln_brushed_of(const struct kiln_bsdf_lobes *lobes);
+void kiln_brushed_move(struct kiln_bsdf_lobes *lobes, uint64_t address);
+
+#endif
