@@ -8,10 +8,10 @@
 /* Of a chunk. Passes of few samples take more points: else what every chunk costs, its last few threads and its way to
  * the host, would show. */
 enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 19, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
-/* Of a chunk that the usual scratch has no room for: memory is cleared at 40 GB a second where it is made anew, slower
- * by several ranks at once. With room for all points the first chunk of Sponza's direct light waited for 28 GB, 0.7 to
- * 2.5 s. Where points have more and fewer samples a chunk ends with few threads that take long, 10 ms there. */
-enum { FEWEST_RAYS = 1 << 22, FEWEST_MIXED_RAYS = 1 << 25 };
+/* Of a chunk that the usual scratch has no room for: memory that is made anew is cleared at 40 GB a second, slower by
+ * several ranks at once. Where numbers of samples differ, as in direct light, chunks are as large as memory lets them:
+ * a chunk ends with its few long threads, and Sponza's took 2.3 s with 262 thousand points in a chunk, 3.7 with 32. */
+enum { FEWEST_RAYS = 1 << 22 };
 
 /* Of a chunk, in which much of a point goes between host and device. */
 enum { MOVED_MOST = 64 << 20 };
@@ -136,10 +136,12 @@ static int make_slots(struct run *r, struct kiln_error *error)
     uint64_t scratch = gpu_memory_left(b->gpu) / (2 * GPU_SLOTS);
     scratch = scratch < b->slots[0].scratch.size ? b->slots[0].scratch.size : scratch;
     scratch = scratch > b->scratch_most ? b->scratch_most : scratch;
-    const uint64_t a_point = r->pass->scratch_bytes + answer_bytes(r->pass),
-                   there_already = lesser(scratch, greater(b->slots[0].scratch.size, VULKAN_USUAL_SCRATCH));
-    const uint64_t fewest = (r->batch->samples_each != NULL ? FEWEST_MIXED_RAYS : FEWEST_RAYS) / samples;
-    uint64_t points = lesser(scratch / a_point, greater(there_already / a_point, fewest));
+    const uint64_t a_point = r->pass->scratch_bytes + answer_bytes(r->pass);
+    uint64_t points = scratch / a_point;
+    if (r->batch->samples_each == NULL) {
+        const uint64_t usual = greater(b->slots[0].scratch.size, VULKAN_USUAL_SCRATCH) / a_point;
+        points = lesser(points, greater(usual, FEWEST_RAYS / samples));
+    }
     if (r->pass->moved_bytes > 0)
         points = lesser(points, MOVED_MOST / r->pass->moved_bytes);
     points = points < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : points > there ? there : points;
