@@ -121,6 +121,13 @@ static void find_lit(const struct kiln_landing *l)
     }
 }
 
+/* Paths of a block, at most. */
+static uint64_t most_of_block(const struct kiln_landing *l)
+{
+    const uint64_t pilots = kiln_landing_pilot_paths(l), most = l->photons > pilots ? l->photons : pilots;
+    return most < KILN_LAND_BLOCK ? most : KILN_LAND_BLOCK;
+}
+
 /* Collective. */
 static int begin_step(struct kiln_landing *l, struct kiln_error *error)
 {
@@ -136,7 +143,8 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
     if (status == KILN_OK && l->lit != NULL)
         find_lit(l);
     if (status == KILN_OK)
-        status = kiln_land_exchange_create(&l->exchange, l->params->communicator, own->first.at, own->count, error);
+        status = kiln_land_exchange_create(&l->exchange, l->params->communicator, l->params->node, own->first.at,
+                                           own->count, most_of_block(l), error);
     l->landing_weights = (struct kiln_landing_weights){
         .mis = l->techniques.mis, .rays = (double)kiln_landing_own_rays(l), .area = l->lit};
     l->techniques.first_kept = KEPT_ITERATION + kiln_solution_step(l->solution)->step.part * KILN_LANDING_KEPT_QUARTERS;

@@ -1,5 +1,6 @@
 /* Landings of light paths: what travels of each to the rank that has its surface point, and the sums over a point's.
- * One block of paths at a time (land.h). */
+ * One block of paths at a time (land.h). Where all ranks are of one node nothing travels: their records lie in memory
+ * that they share, sorted by stretches of points, and the rank that has a stretch reads those of all. */
 #ifndef KILN_COORDINATOR_INTEGRATE_LAND_EXCHANGE_H
 #define KILN_COORDINATOR_INTEGRATE_LAND_EXCHANGE_H
 
@@ -8,6 +9,7 @@
 #include <stdint.h>
 
 #include "coordinator/integrate/bins.h"
+#include "coordinator/mpi/node_memory.h"
 #include "worker/base/status.h"
 #include "worker/pass/caustic_weights.h"
 
@@ -45,9 +47,12 @@ struct kiln_land_exchange {
     MPI_Comm communicator;
     int rank, ranks;
     uint64_t *first;                     /* ranks + 1 */
+    uint64_t *stretch;                   /* ranks + 1: number of the first stretch of a rank's points among all */
     int *counts;                         /* 4 x ranks: records sent to each rank, their places, and the same received */
-    struct kiln_landing_record *records; /* of the block, in the order of their paths */
-    uint32_t *bin_of; /* of each the rank that has its point; once all are of own points, the stretch of these */
+    struct kiln_node_memory *node;       /* of all ranks, */
+    struct kiln_node_parts *parts;       /* and their parts in their order; NULL: records are sent */
+    struct kiln_landing_record *records; /* of the block, in the order of their paths; lie in the own part */
+    uint32_t *bin_of; /* of each the rank that has its point, if it is to be sent; else the stretch */
     int shift;        /* 2^shift points are a stretch */
     size_t count, room, bin_room;
     struct kiln_landing_record *sent; /* by rank */
@@ -85,20 +90,22 @@ static inline void kiln_landing_fetch_sum(const struct kiln_landing_list *list, 
 /* What is done with the landings on own points. Called by several threads at once, for one point by one of them. */
 typedef void (*kiln_take_landings)(void *context, const struct kiln_landing_list *list);
 
-/* Collective. This rank has the points [first, first + count), ranks in order. KILN_SYSTEM; KILN_USAGE on all ranks
- * where one has 2^32 points or more. Release with kiln_land_exchange_release, in any case. */
-int kiln_land_exchange_create(struct kiln_land_exchange *exchange, MPI_Comm communicator, uint64_t first,
-                              uint64_t count, struct kiln_error *error);
+/* Collective. This rank has the points [first, first + count), ranks in order; a block has `paths` at most, of which
+ * each rank has an equal part. `node`: of which the rank is; where all ranks are of it they share memory for their
+ * records, unless there is none. NULL: they do not. KILN_SYSTEM; KILN_USAGE on all ranks where one has 2^32 points or
+ * more. Release with kiln_land_exchange_release, in any case. */
+int kiln_land_exchange_create(struct kiln_land_exchange *exchange, MPI_Comm communicator, struct kiln_node_memory *node,
+                              uint64_t first, uint64_t count, uint64_t paths, struct kiln_error *error);
 void kiln_land_exchange_release(struct kiln_land_exchange *exchange);
 
-/* Makes room for so many records more. KILN_SYSTEM. */
+/* Makes room for so many records more; in a block no more than this rank's part has paths. KILN_SYSTEM. */
 int kiln_land_exchange_grow(struct kiln_land_exchange *exchange, size_t more, struct kiln_error *error);
 /* A record where there is room, number `at` of the block, for a point by its global number; the caller fills in the
  * rest. Several threads may, each at places of its own; `count` is the caller's to raise. */
 struct kiln_landing_record *kiln_land_exchange_put(struct kiln_land_exchange *exchange, size_t at, uint64_t point);
-/* Collective. Sends the records of this rank, which are in the order of their paths, to the owners of their points, and
- * gives those that come to `take`, each point's in the order of their paths: a rank's paths come before those of the
- * next one. No record is left afterwards. The ranks' records of a block must be 2^31 - 1 at most, all together.
+/* Collective. Brings the records of this rank, which are in the order of their paths, to the owners of their points,
+ * and gives those that come to `take`, each point's in the order of their paths: a rank's paths come before those of
+ * the next one. No record is left afterwards. The ranks' records of a block must be 2^31 - 1 at most, all together.
  * KILN_SYSTEM on all ranks. */
 int kiln_land_exchange(struct kiln_land_exchange *exchange, kiln_take_landings take, void *context,
                        struct kiln_error *error);

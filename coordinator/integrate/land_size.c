@@ -43,8 +43,10 @@ uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size
 {
     const double photons = (double)kiln_landing_photons(settings, aims),
                  block = fmin(photons, (double)KILN_LAND_BLOCK) / ranks,
-                 record = (double)sizeof(struct kiln_landing_record),
-                 records = (record + 2 * sizeof(uint32_t) + (ranks > 1 ? record : 0.0)) * landed * block,
+                 record = (double)sizeof(struct kiln_landing_record), number = (double)sizeof(uint32_t),
+                 sent = (2.0 * record + 2.0 * number) * landed,
+                 shared = record + number + 2.0 * number * landed, /* it has room for all paths */
+        records = block * (ranks > 1 ? fmax(sent, shared) : (record + 2.0 * number) * landed),
                  aim = (double)sizeof(struct kiln_aim) + 6.0 * sizeof(double);
     double point = (double)kiln_landing_saved_bytes(settings->caustics);
     if (settings->caustics == KILN_CAUSTICS_MERGE)

@@ -97,8 +97,10 @@ class Land(unittest.TestCase):
         learnt = LEARNT if price.full else {"optimal": LEARNT["optimal"]}
         for way, options in (WAYS | learnt | CONNECTED).items():
             runs = ((0, 1), (0, 2), (2, 1), (3, 1)) if way == "vcm" and price.full else ((0, 2), (3, 1))
-            lights = [self.light(self.bake("%s-%d-%d" % (way, *run), *options, "--bounces", "1", "--threads",
-                                           str(run[1]), ranks=run[0])) for run in runs]
+            # records of landings that ranks of two nodes send, and that threads of two ranks read where they lie
+            runs += ((3, 1, "--shared-memory-ranks", "2"), (2, 2)) if way == "land" else ()
+            lights = [self.light(self.bake("%s-%d-%d" % (way, *run[:2]), *options, "--bounces", "1", "--threads",
+                                           str(run[1]), *run[2:], ranks=run[0])) for run in runs]
             for run, other in zip(runs[1:], lights[1:]):
                 for name in lights[0]:
                     self.assertTrue(np.array_equal(lights[0][name], other[name]), (way, run, name))
