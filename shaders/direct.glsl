@@ -19,19 +19,38 @@ const uint64_t DIRECT_SUMS_BYTES = 64ul;
 const uint64_t DIRECT_SUMS_BYTES = 36ul;
 #endif
 
-/* Rows that there is room for. */
-uint direct_rows() { return 4u * push.pass.slices * push.pass.split; }
-
-uint64_t direct_choices_at() { return push.pass.scratch + DIRECT_SUMS_BYTES * direct_rows() * push.pass.room; }
-uint64_t direct_luminances_at() { return direct_choices_at() + 8ul * push.pass.slots * push.pass.room; }
-uint64_t direct_counts_at() { return direct_luminances_at() + 4ul * push.pass.slots * direct_rows() * push.pass.room; }
-
-DirectSums direct_sums(uint row) { return DirectSums(push.pass.scratch + DIRECT_SUMS_BYTES * row * push.pass.room); }
-DirectChoices direct_choice(uint i) { return DirectChoices(direct_choices_at() + 8ul * i * push.pass.room); }
-DirectFloats direct_luminance(uint i, uint row)
+/* Whether points differ in their number of samples, and so of rows. */
+bool direct_is_mixed() { return push.pass.samples == 0u; }
+/* Rows of all points that there is room for. */
+uint64_t direct_rows()
 {
-    return DirectFloats(direct_luminances_at() + 4ul * (uint64_t(direct_rows()) * i + row) * push.pass.room);
+    return direct_is_mixed() ? uint64_t(push.pass.slices)
+                             : 4ul * push.pass.slices * push.pass.split * uint64_t(push.pass.room);
 }
+/* The number among these of a row of point x. */
+uint64_t direct_row(uint x, uint row)
+{
+    if (!direct_is_mixed())
+        return uint64_t(row) * push.pass.room + x;
+    const uint place = DirectWords(push.pass.scratch).at[x];
+    return (place & (1u << KILN_GPU_DIRECT_ROW_BITS) - 1u) + uint64_t(row) * ((place >> KILN_GPU_DIRECT_ROW_BITS) + 1u);
+}
+
+uint64_t direct_sums_at() { return push.pass.scratch + (direct_is_mixed() ? 8ul * ((push.pass.room + 1u) / 2u) : 0ul); }
+uint64_t direct_choices_at() { return direct_sums_at() + DIRECT_SUMS_BYTES * direct_rows(); }
+uint64_t direct_luminances_at() { return direct_choices_at() + 8ul * push.pass.slots * push.pass.room; }
+uint64_t direct_counts_at() { return direct_luminances_at() + 4ul * push.pass.slots * direct_rows(); }
+
+/* Of one row of point x. */
+DirectSums direct_sums(uint x, uint row)
+{
+    return DirectSums(direct_sums_at() + DIRECT_SUMS_BYTES * direct_row(x, row));
+}
+DirectFloats direct_luminance(uint i, uint x, uint row)
+{
+    return DirectFloats(direct_luminances_at() + 4ul * (direct_rows() * i + direct_row(x, row)));
+}
+DirectChoices direct_choice(uint i) { return DirectChoices(direct_choices_at() + 8ul * i * push.pass.room); }
 DirectWords direct_counts() { return DirectWords(direct_counts_at()); }
 /* Samples of a point, whose word of chunk.states is given. */
 uint direct_samples(uint state)

@@ -83,14 +83,14 @@ void add_choice(inout Total total, Row r, uint i, uint samples, Sums sums)
     total.irradiance += sums.irradiance * scale;
     total.rays += sums.rays;
     if (samples >= KILN_QUARTERS_FROM)
-        direct_luminance(i, r.row).at[r.slot] = float(sums.luminance);
+        direct_luminance(i, r.slot, r.row).at[0] = float(sums.luminance);
     else
         total.variance += few_variance(sums, real(samples));
 }
 
 void store_total(Row r, Total t)
 {
-    direct_sums(r.row).at[r.slot] =
+    direct_sums(r.slot, r.row).at[0] =
         kiln_gpu_direct_sums(stored[3](t.incident.x, t.incident.y, t.incident.z),
                              stored[3](t.irradiance.x, t.irradiance.y, t.irradiance.z), t.variance, t.rays, t.stopped);
 }
@@ -214,7 +214,7 @@ void kiln_kernel(uint x, uint y)
 #ifdef KILN_PRECISE
     if ((counts & KILN_GPU_COUNT_PRECISE) == 0u)
         return;
-    const kiln_gpu_direct_sums before = direct_sums(r.row).at[r.slot];
+    const kiln_gpu_direct_sums before = direct_sums(r.slot, r.row).at[0];
     total = Total(real3_of(before.incident), real3_of(before.irradiance), before.variance, before.rays, before.stopped);
 #endif
     const kiln_gpu_point p = PointArray(push.chunk.points).at[r.index];

@@ -17,7 +17,7 @@ real quarter_of(uint i, uint q, Rows rows, uint x)
 {
     real sum = 0;
     for (uint s = 0u; s < rows.count; s += rows.step)
-        sum += real(direct_luminance(i, q * rows.count + s).at[x]);
+        sum += real(direct_luminance(i, x, q * rows.count + s).at[0]);
     return sum;
 }
 
@@ -57,7 +57,7 @@ void kiln_kernel(uint x, uint y)
         if (direct_has_pilots())
             rays = direct_pilot_rays().at[x];
         for (uint row = 0u; row < 4u * rows.count; row += rows.step) {
-            const kiln_gpu_direct_sums sums = direct_sums(row).at[x];
+            const kiln_gpu_direct_sums sums = direct_sums(x, row).at[0];
             stopped |= sums.stopped;
             incident += real3_of(sums.incident);
             irradiance += real3_of(sums.irradiance);

@@ -45,20 +45,24 @@ KILN_SIZE_IS(kiln_gpu_choice, 8);
  * s of quarter q of every choice's samples, and row (q * slices + s) * split; for partly buried points, each of whose
  * slices is cut in as many again, the kernel runs with `slices` so many times larger and `split` 1. The other kernels
  * get the former. Where points differ in their number of samples, `samples` is 0, each point's number is in its state
- * (KILN_GPU_STATE_SAMPLES_SHIFT), from which each has slices of its own (shaders/shared/slices.h), and `slices` and
- * `split` say how much room there is.
+ * (KILN_GPU_STATE_SAMPLES_SHIFT), from which each has slices and so rows of its own (shaders/shared/slices.h), and
+ * `slices` says how many rows all points have together.
  *
  * `scratch` holds these arrays strided by `room` >= the chunk's points, each beginning at a multiple of 8 bytes
  * (shaders/direct.glsl computes where):
  *
- *   struct kiln_gpu_direct_sums sums[rows * room], at row * room + point: see shaders/shared/layout_light_real.h
+ *   word places[room]: where `samples` is 0, else absent: the number of the point's first row among those of all, and
+ *                from bit KILN_GPU_DIRECT_ROW_BITS on, less 1, how many rows its next one comes after that
+ *   struct kiln_gpu_direct_sums sums[rows * room], at row * room + point, or where the place says: see
+ *                shaders/shared/layout_light_real.h
  *   struct kiln_gpu_choice choices[slots * room], at i * room + point; slots >= clusters of the cut +
  *                directional_count + 1
- *   float luminances[slots * rows * room], at (rows * i + row) * room + point: sum over the row's samples of choice i,
+ *   float luminances[slots * rows * room], for each choice i as the sums are: sum over the row's samples of choice i,
  *                for choices of KILN_QUARTERS_FROM samples and more
  *   word counts[room]: choices of a point; with KILN_GPU_COUNT_PRECISE where some of them are precise
  *   word pilot_rays[room]: where directional lights have pilots (direct_pilot.comp) */
 #define KILN_GPU_COUNT_PRECISE 0x80000000u
+#define KILN_GPU_DIRECT_ROW_BITS 26 /* the 6 others: up to 64 points of a tile run */
 struct kiln_gpu_direct {
     KILN_ADDRESS results; /* struct kiln_gpu_result, one a point of the chunk */
     KILN_ADDRESS sobol;   /* words: dimension d's points from d * sobol_stride on */

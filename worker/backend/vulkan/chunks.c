@@ -9,9 +9,11 @@
  * the host, would show. */
 enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 19, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
 /* Of a chunk that the usual scratch has no room for: memory that is made anew is cleared at 40 GB a second, slower by
- * several ranks at once. Where numbers of samples differ, as in direct light, chunks are as large as memory lets them:
- * a chunk ends with its few long threads, and Sponza's took 2.3 s with 262 thousand points in a chunk, 3.7 with 32. */
+ * several ranks at once. With room for all points Sponza's direct light waited for 28 GB first. */
 enum { FEWEST_RAYS = 1 << 22 };
+/* Where numbers of samples differ: a chunk ends with its few long threads, and Sponza's took 2.3 s with 262 thousand
+ * points in a chunk, 3.7 with 32. */
+#define MIXED_SCRATCH (2ull << 30) /* bytes */
 
 /* Of a chunk, in which much of a point goes between host and device. */
 enum { MOVED_MOST = 64 << 20 };
@@ -55,9 +57,10 @@ void vulkan_record_both(struct vulkan_recording *recording, const struct vulkan_
 struct flight {
     bool under_way;
     size_t tile_run_first, tile_run_count;
-    uint32_t total; /* points, */
-    double weight;  /* and as many with the batch's `samples` would have as many samples */
-    double work;    /* of what was submitted last */
+    uint32_t total;   /* points, */
+    double weight;    /* and as many with the batch's `samples` would have as many samples */
+    uint64_t scratch; /* bytes */
+    double work;      /* of what was submitted last */
 };
 
 /* A pass that is being run. */
@@ -65,9 +68,10 @@ struct run {
     struct vulkan_backend *b;
     const struct vulkan_chunked *pass;
     const struct kiln_batch *batch;
-    size_t next, end;     /* tile runs not yet begun */
-    size_t taken;         /* first tile run not yet handed over */
-    uint32_t most_points; /* that a slot holds */
+    size_t next, end;      /* tile runs not yet begun */
+    size_t taken;          /* first tile run not yet handed over */
+    uint32_t most_points;  /* that a slot holds, */
+    uint64_t most_scratch; /* and their bytes */
     struct flight flights[GPU_SLOTS];
     uint32_t slot; /* to be used next; the oldest flight too when all are under way */
     bool refused;  /* whoever takes the answers has failed: no failure of the device */
@@ -125,28 +129,51 @@ void vulkan_passes_ahead(struct vulkan_backend *b)
     (void)make_room(b, answers, scratch, NULL);
 }
 
+/* Bytes of scratch of a point of a tile run. */
+static uint64_t scratch_of(const struct run *r, size_t tile_run)
+{
+    return r->pass->scratch_of != NULL ? r->pass->scratch_of(r->pass->context, tile_run) : r->pass->scratch_bytes;
+}
+
+/* Bytes of scratch that so many points have if they are like the batch's; half as many again, for some have more. */
+static uint64_t mixed_scratch(const struct run *r, uint64_t points)
+{
+    const struct kiln_batch *batch = r->batch;
+    uint64_t count = 1, bytes = 0;
+    for (size_t f = batch->first; f < batch->first + batch->count; f++) {
+        const uint32_t some = kiln_batch_leaves_out(batch, f) ? 0 : r->b->surface->tile_runs[f].count;
+        count += some;
+        bytes += some > 0 ? some * scratch_of(r, f) : 0;
+    }
+    return bytes / count * points / 2 * 3;
+}
+
 /* How many points a chunk may have, by what the slots may hold; makes the slots that large, for batches of any size. */
 static int make_slots(struct run *r, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
-    const uint64_t samples = (uint64_t)(r->pass->work * r->pass->rows) + 1;
+    const uint64_t samples = (uint64_t)(r->pass->work * r->pass->rows) + 1, had = b->slots[0].scratch.size;
     uint64_t there =
         ENOUGH_RAYS / samples < USUAL_POINTS && !r->pass->keeps_rays ? USUAL_POINTS : ENOUGH_RAYS / samples;
-    there = there > points_there(b) ? points_there(b) : there;
-    uint64_t scratch = gpu_memory_left(b->gpu) / (2 * GPU_SLOTS);
-    scratch = scratch < b->slots[0].scratch.size ? b->slots[0].scratch.size : scratch;
-    scratch = scratch > b->scratch_most ? b->scratch_most : scratch;
+    there = lesser(there, points_there(b));
+    const uint64_t scratch = lesser(greater(gpu_memory_left(b->gpu) / (2 * GPU_SLOTS), had), b->scratch_most);
     const uint64_t a_point = r->pass->scratch_bytes + answer_bytes(r->pass);
-    uint64_t points = scratch / a_point;
-    if (r->batch->samples_each == NULL) {
-        const uint64_t usual = greater(b->slots[0].scratch.size, VULKAN_USUAL_SCRATCH) / a_point;
-        points = lesser(points, greater(usual, FEWEST_RAYS / samples));
+    uint64_t points = scratch / a_point, bytes;
+    if (r->pass->scratch_of == NULL) {
+        points = lesser(points, greater(greater(had, VULKAN_USUAL_SCRATCH) / a_point, FEWEST_RAYS / samples));
+        if (r->pass->moved_bytes > 0)
+            points = lesser(points, MOVED_MOST / r->pass->moved_bytes);
+        points = greater(lesser(points, there), KILN_TILE_TEXELS);
+        bytes = points * r->pass->scratch_bytes;
+    } else {
+        points = greater(there, KILN_TILE_TEXELS);
+        bytes = greater(lesser(lesser(mixed_scratch(r, points), MIXED_SCRATCH), scratch),
+                        KILN_TILE_TEXELS * r->pass->scratch_bytes);
     }
-    if (r->pass->moved_bytes > 0)
-        points = lesser(points, MOVED_MOST / r->pass->moved_bytes);
-    points = points < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : points > there ? there : points;
-    const int status = make_room(b, points * answer_bytes(r->pass), points * r->pass->scratch_bytes, error);
+    const int status = make_room(b, points * answer_bytes(r->pass), bytes, error);
     r->most_points = (uint32_t)points;
+    r->most_scratch = gpu_guarded(b->gpu) ? bytes : lesser(b->slots[0].scratch.size, MIXED_SCRATCH);
+    r->most_scratch = greater(r->most_scratch, bytes);
     return status;
 }
 
@@ -193,10 +220,13 @@ static bool take_tile_run(struct run *r, uint64_t points, struct flight *flight)
                              ? 1.0
                              : (double)batch->samples_each[r->next - batch->first] / (double)batch->samples,
                  weight = (double)asked * share;
+    const uint64_t scratch = count * scratch_of(r, r->next);
     if (flight->tile_run_count > 0 &&
-        (flight->weight + weight > (double)points || flight->total + count > r->most_points))
+        (flight->weight + weight > (double)points || flight->total + count > r->most_points ||
+         flight->scratch + scratch > r->most_scratch))
         return false;
     flight->total += count;
+    flight->scratch += scratch;
     flight->weight += weight;
     flight->tile_run_count++;
     r->next++;
@@ -238,14 +268,14 @@ static void describe(const struct run *r, const struct vulkan_block *block, cons
         slot->answers.address + gpu_buffer_tail(gpu, &slot->answers, flight->total * answer_bytes(r->pass));
     const struct kiln_surface *s = r->b->surface;
     const uint64_t first = kiln_own_of_global(s, s->tile_runs[flight->tile_run_first].first).at - block->first.at;
-    *chunk = (struct vulkan_chunk){
-        .scratch = slot->scratch.address + gpu_buffer_tail(gpu, &slot->scratch, flight->total * r->pass->scratch_bytes),
-        .results = results,
-        .words = results + (uint64_t)flight->total * r->pass->result_bytes,
-        .near_probes = block->near_probes.address,
-        .tile_run_first = flight->tile_run_first,
-        .tile_run_count = flight->tile_run_count,
-        .slot = r->slot};
+    *chunk =
+        (struct vulkan_chunk){.scratch = slot->scratch.address + gpu_buffer_tail(gpu, &slot->scratch, flight->scratch),
+                              .results = results,
+                              .words = results + (uint64_t)flight->total * r->pass->result_bytes,
+                              .near_probes = block->near_probes.address,
+                              .tile_run_first = flight->tile_run_first,
+                              .tile_run_count = flight->tile_run_count,
+                              .slot = r->slot};
     gpu_buffer_forget(gpu, &slot->scratch);
     gpu_buffer_forget(gpu, &slot->answers);
     chunk->all = (struct kiln_gpu_chunk){.points = block->points.address,

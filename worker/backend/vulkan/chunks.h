@@ -68,11 +68,12 @@ struct vulkan_chunked {
     uint32_t rows;        /* slices of samples */
     double work;          /* of one row of a point with the batch's `samples`: rays, about */
     uint64_t first_guess; /* work of the first chunk, when nothing is known yet */
-    size_t scratch_bytes; /* a point */
-    bool keeps_rays;      /* of which it has most for rays: no more points than have rays enough to fill a device */
-    bool wants_words;     /* else they are not copied back */
-    uint32_t words;       /* of a point; 0: one */
-    size_t moved_bytes;   /* a point, that go between host and device besides results and a word */
+    size_t scratch_bytes; /* a point, at most */
+    size_t (*scratch_of)(void *context, size_t tile_run); /* of a point of a tile run; NULL: all have as many */
+    bool keeps_rays;    /* of which it has most for rays: no more points than have rays enough to fill a device */
+    bool wants_words;   /* else they are not copied back */
+    uint32_t words;     /* of a point; 0: one */
+    size_t moved_bytes; /* a point, that go between host and device besides results and a word */
     int (*prepare)(void *context, struct kiln_error *error); /* gets kernels and tables; again after each recovery */
     int (*record)(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
                   struct kiln_error *error);

@@ -50,7 +50,7 @@ struct direct {
     struct gpu_kernel *choose, *pilot, *whole, *near, *reduce;
     struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
     uint32_t limit, slots;
-    struct kiln_slices slices; /* room for those of every point */
+    struct kiln_slices slices; /* of the point that has most */
     size_t result_bytes;       /* on the device */
     uint64_t rays;
 };
@@ -84,30 +84,86 @@ static int prepare(void *context, struct kiln_error *error)
     return status;
 }
 
+/* Rows of a point with so many samples of a choice. */
+static uint32_t rows_of(const struct direct *d, uint32_t samples)
+{
+    const struct kiln_slices s = vulkan_slices_of(d->b, (d->pilots ? KILN_SUN_TIMES : 1) * samples);
+    return samples > 0 ? 4 * s.per_quarter * s.split : 0;
+}
+
+/* Bytes of scratch of a point with so many rows, see struct kiln_gpu_direct: 8 are more than its place takes. */
+static size_t scratch_of_rows(const struct direct *d, size_t rows)
+{
+    const size_t choice = sizeof(struct kiln_gpu_choice) + rows * sizeof(float);
+    return rows * vulkan_lights_sums_bytes(d->b->float64) + d->slots * choice + (d->pilots ? 2 : 1) * sizeof(uint32_t) +
+           (d->samples == 0 ? 8 : 0);
+}
+
+/* Of vulkan_chunked, where points differ in their samples. */
+static size_t scratch_of(void *context, size_t tile_run)
+{
+    const struct direct *d = context;
+    return scratch_of_rows(d, rows_of(d, d->batch->samples_each[tile_run - d->batch->first]));
+}
+
+/* Where the rows of the chunk's points lie; returns how many they are. `places` may be NULL. */
+static uint32_t place_rows(const struct direct *d, const struct vulkan_chunk *chunk, uint32_t *places)
+{
+    const struct kiln_tile_run *runs = d->b->surface->tile_runs;
+    uint32_t all = 0;
+    for (size_t f = chunk->tile_run_first, end = f + chunk->tile_run_count; f < end; f++) {
+        const uint32_t count = runs[f].count;
+        for (uint32_t k = 0; places != NULL && k < count; k++)
+            *places++ = (all + k) | (count - 1) << KILN_GPU_DIRECT_ROW_BITS;
+        all += count * rows_of(d, d->batch->samples_each[f - d->batch->first]);
+    }
+    return all;
+}
+
+/* Brings the places to the device, before the first portion. */
+static int record_places(struct direct *d, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
+                         struct kiln_error *error)
+{
+    struct vulkan_slot *slot = &d->b->slots[chunk->slot];
+    const size_t bytes = chunk->all.total * sizeof(uint32_t);
+    const int status = vulkan_slot_room(d->b, slot, bytes, "the places of points' sums", error);
+    if (status != KILN_OK)
+        return status;
+    (void)place_rows(d, chunk, slot->guides_host.mapped);
+    recording->steps[recording->count++] = (struct gpu_step){.from = &slot->guides_host,
+                                                             .to = &slot->scratch,
+                                                             .to_offset = chunk->scratch - slot->scratch.address,
+                                                             .size = bytes};
+    return KILN_OK;
+}
+
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
                   struct kiln_error *error)
 {
     struct direct *d = context;
-    const int status =
-        chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &direct_shader, true, 0, &d->buried, error) : KILN_OK;
+    const bool mixed = d->samples == 0;
+    int status = chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &direct_shader, true, 0, &d->buried, error) : KILN_OK;
+    if (status == KILN_OK && mixed && chunk->row_first == 0)
+        status = record_places(d, chunk, recording, error);
     if (status != KILN_OK)
         return status;
-    const struct kiln_gpu_direct_push push = {.scene = scene_of(d->b),
-                                              .chunk = chunk->all,
-                                              .pass = {.results = chunk->results,
-                                                       .sobol = vulkan_sobol_from(d->b, d->first_sample),
-                                                       .scratch = chunk->scratch,
-                                                       .rays = chunk->words,
-                                                       .room = chunk->all.total,
-                                                       .slots = d->slots,
-                                                       .samples = d->samples,
-                                                       .limit = d->limit,
-                                                       .sobol_stride = d->b->sobol_count,
-                                                       .row_first = chunk->row_first,
-                                                       .slices = d->slices.per_quarter,
-                                                       .split = d->slices.split,
-                                                       .stream = d->batch->stream,
-                                                       .software = gpu_about(d->b->gpu)->software}};
+    const struct kiln_gpu_direct_push push = {
+        .scene = scene_of(d->b),
+        .chunk = chunk->all,
+        .pass = {.results = chunk->results,
+                 .sobol = vulkan_sobol_from(d->b, d->first_sample),
+                 .scratch = chunk->scratch,
+                 .rays = chunk->words,
+                 .room = chunk->all.total,
+                 .slots = d->slots,
+                 .samples = d->samples,
+                 .limit = d->limit,
+                 .sobol_stride = d->b->sobol_count,
+                 .row_first = chunk->row_first,
+                 .slices = mixed ? place_rows(d, chunk, NULL) : d->slices.per_quarter,
+                 .split = mixed ? 1 : d->slices.split,
+                 .stream = d->batch->stream,
+                 .software = gpu_about(d->b->gpu)->software}};
     if (chunk->row_first == 0)
         vulkan_record(recording, d->choose, chunk->all.total, 1, &push, sizeof push);
     if (chunk->row_first == 0 && d->pilots)
@@ -115,7 +171,7 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     struct kiln_gpu_direct_push buried = push;
     buried.chunk = chunk->buried;
     buried.pass.row_first *= d->slices.split;
-    buried.pass.slices *= d->slices.split;
+    buried.pass.slices *= mixed ? 1 : d->slices.split;
     buried.pass.split = 1;
     const struct vulkan_dispatch both[2] = {
         {d->buried, chunk->buried.count, chunk->row_count * d->slices.split, &buried},
@@ -152,7 +208,7 @@ static bool has_pilots(const struct vulkan_backend *b)
     return lights_of(b)->environment && lights_of(b)->directional_count > 0;
 }
 
-/* Room for the slices of all the batch's points, each of which has `times` as many samples as it is given at most. */
+/* Slices that every point's fit into, each of which has `times` as many samples as it is given at most. */
 static struct kiln_slices room_for_slices(const struct vulkan_backend *b, const struct kiln_batch *batch,
                                           uint32_t times)
 {
@@ -166,14 +222,6 @@ static struct kiln_slices room_for_slices(const struct vulkan_backend *b, const 
         }
     room.split = (rows + room.per_quarter - 1) / room.per_quarter;
     return room;
-}
-
-/* Bytes of scratch a point, see struct kiln_gpu_direct. */
-static size_t scratch_bytes(const struct direct *d)
-{
-    const size_t rows = 4 * (size_t)d->slices.per_quarter * d->slices.split,
-                 choice = sizeof(struct kiln_gpu_choice) + rows * sizeof(float);
-    return rows * vulkan_lights_sums_bytes(d->b->float64) + d->slots * choice + (d->pilots ? 2 : 1) * sizeof(uint32_t);
 }
 
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
@@ -202,7 +250,8 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
                                         .rows = rows,
                                         .work = (double)samples / rows,
                                         .first_guess = 1 << 18,
-                                        .scratch_bytes = scratch_bytes(&d),
+                                        .scratch_bytes = scratch_of_rows(&d, (size_t)rows * d.slices.split),
+                                        .scratch_of = d.samples == 0 ? scratch_of : NULL,
                                         .wants_words = true,
                                         .prepare = prepare,
                                         .record = record,
