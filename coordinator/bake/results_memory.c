@@ -77,10 +77,6 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
 
 /* ---- the budget ---- */
 
-/* What passes, their code, files and MPI take of a rank beside all that is counted and is not there yet when its memory
- * is measured. */
-#define PASS_BYTES (8.0 * (1 << 20))
-
 /* The largest over the hosts; of what grows with the points, `growing`. Collective. */
 static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *job, uint64_t probes, double *growing)
 {
@@ -99,7 +95,7 @@ static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *j
                                                  .own = (double)most,
                                                  .points = (double)s->point_count,
                                                  .texels = (double)p->surface_report.texels});
-    double now = ((double)kiln_process_memory(KILN_MEMORY_SHARE) + PASS_BYTES) * p->node_ranks;
+    double now = ((double)kiln_process_memory(KILN_MEMORY_SHARE) + KILN_PASS_BYTES) * p->node_ranks;
     (void)MPI_Allreduce(MPI_IN_PLACE, &now, 1, MPI_DOUBLE, MPI_MAX, p->communicator);
     /* the radiosity of groups, which each rank has of all points */
     const double groups = (double)(p->node_ranks - 1) * (double)job->group_count * 8.0 * (double)s->point_count;

@@ -40,8 +40,6 @@ static const double CALIBRATION_SECONDS = 15.0;
  */
 static const double BVH_BYTES = 100.0;
 static const uint64_t LEAST_PROGRAM_BYTES = 24ull << 20;
-/* what passes and MPI take that is not there yet when the program is measured */
-static const uint64_t PASS_BYTES = 8ull << 20;
 
 /* Of denoising: seconds of one thread a point. Smooth lightmaps pack better, and of the two errors in kiln.h5 half of
  * the bits are zero. */
@@ -137,7 +135,7 @@ static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *
     const uint64_t named = m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface, p->geometry) +
                            rank_surface_bytes(p->surface, &fields);
     const uint64_t resident = kiln_process_memory(KILN_MEMORY_NOW);
-    m->program = PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
+    m->program = KILN_PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
 }
 
 static uint64_t landing_bytes(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)

@@ -74,6 +74,14 @@ static int find_texel(const struct points *p, const struct kiln_scene *scene, co
     char more;
     if (length == 0 || sscanf(middle, ",%u,%u%c", &x, &y, &more) != 2)
         return kiln_fail(error, KILN_USAGE, "--texel %.100s: give OBJECT,X,Y, such as floor,3,4", texel);
+    bool named = false;
+    for (uint32_t object = 0; object < scene->object_count && !named; object++) {
+        const char *name = kiln_scene_string(scene, scene->objects[object].name);
+        named = strlen(name) == length && strncmp(name, texel, length) == 0;
+    }
+    if (!named)
+        return kiln_fail(error, KILN_USAGE,
+                         "--texel %.100s: the scene has no object of that name (kiln info lists them)", texel);
     for (uint32_t i = 0; i < p->count; i++) {
         const uint32_t object = (uint32_t)p->object[i];
         if (object >= scene->object_count || p->x[i] != (float)x || p->y[i] != (float)y || !is_front(p, i))
