@@ -1,5 +1,5 @@
-/* Adds what the rays of a slice of the gather pass have found to its sums, from the first that has met gloss on
- * (gather_chains.glsl): thread (x, y) for slice y of point x. Or, before the gather, there are no chains yet. */
+/* Adds what the rays of a slice of the gather or the weighed pass have found to its sums, from the first that has met gloss on
+ * (gather_chains.glsl): thread (x, y) for slice y of point x. Or, before the rays, there are no chains yet. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define KILN_GLOSS 1
@@ -12,13 +12,17 @@ KILN_PUSH(kiln_gpu_chains_push);
 #define APART_SAMPLES push.samples
 #define APART_ROWS push.rows
 #define APART_ROOM push.room
+#define APART_RAY_BYTES uint64_t(push.ray_bytes)
 
-layout(constant_id = 6) const uint BEGINS = 0u; /* 1: before the gather */
+const uint ADDS = 0u, BEGINS = 1u, ADDS_WEIGHED = 2u;
+layout(constant_id = 6) const uint DOES = ADDS; /* of the gather pass; BEGINS: before the rays of either */
 
 #include "shaders/apart.glsl"
 #include "shaders/gather_sums.glsl"
 
 KILN_ARRAY(FloatArray, float, 4);
+
+const uint FLOATS = DOES == ADDS_WEIGHED ? TINTED_FLOATS : SLICE_FLOATS;
 
 void add(uint x, uint row)
 {
@@ -27,24 +31,24 @@ void add(uint x, uint row)
                from = begin + (row % push.per_quarter) * push.slice, to = min(end, from + push.slice);
     if (first >= to) /* no ray of it has */
         return;
-    FloatArray floats = FloatArray(push.slices + 4ul * (uint64_t(row) * SLICE_FLOATS) * uint64_t(push.points));
+    FloatArray floats = FloatArray(push.slices + 4ul * (uint64_t(row) * FLOATS) * uint64_t(push.points));
     float sums[SLICE_FLOATS_MOST];
-    for (uint c = 0u; c < SLICE_FLOATS; c++)
+    for (uint c = 0u; c < FLOATS; c++)
         sums[c] = floats.at[c * push.points + x];
     for (uint k = max(first, from); k < to; k++) {
         FloatArray found = FloatArray(apart_ray(k, x));
-        for (uint c = 0u; c < SLICE_FLOATS; c++)
+        for (uint c = 0u; c < FLOATS; c++)
             sums[c] += found.at[c < TINTED_FLOATS ? c : c - TINTED_FLOATS + KILN_GPU_SLICE_TINTED_FLOATS];
     }
-    for (uint c = 0u; c < SLICE_FLOATS; c++)
+    for (uint c = 0u; c < FLOATS; c++)
         floats.at[c * push.points + x] = sums[c];
 }
 
 void kiln_kernel(uint x, uint y)
 {
-    if (BEGINS != 0u && x == 0u && y == 0u)
+    if (DOES == BEGINS && x == 0u && y == 0u)
         APART_COUNT = 0u;
-    else if (BEGINS == 0u && x < push.points && push.row_first + y < push.row_last)
+    else if (DOES != BEGINS && x < push.points && push.row_first + y < push.row_last)
         add(x, push.row_first + y);
 }
 

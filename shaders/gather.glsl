@@ -2,7 +2,7 @@
  * adds up the radiosity that they find. gather_reduce.glsl adds up the slices. With KILN_GUIDED it is the guided pass
  * (guide.glsl). With KILN_GLOSS rays go on in chains (chain.glsl), of the bounce pass itself in a kernel of their own
  * (gather_chains.glsl); with KILN_CAUSTIC besides it is the caustic pass, which looks for lamps and sky by chains
- * alone; with KILN_WEIGHED besides the weighed pass (weighed.glsl). With KILN_KEEP it is the gather pass of bakes that
+ * alone; with KILN_WEIGHED besides the weighed pass, whose chains have a kernel of their own too. With KILN_KEEP it is the gather pass of bakes that
  * keep what rays meet (kept_rows.glsl), with KILN_DIRECTIONS the directions pass (directions.glsl), with KILN_BRIGHT
  * besides that with rays to bright patches (bright.glsl). */
 #include "shaders/kernel.glsl"
@@ -19,7 +19,12 @@ KILN_PUSH(kiln_gpu_guided_push);
 KILN_PUSH(kiln_gpu_weighed_push);
 #    define PROBES push.both /* any address will do: it asks no probes */
 #    define NEAR_PROBES push.both
-#    define GUIDE_BEGIN(index) point_area = AreaArray(push.areas).at[(index)-push.chunk.origin] * p.present;
+#    define KILN_APART
+#    define APART_RAY_BYTES KILN_GPU_APART_WEIGHED_RAY_BYTES
+#    define GUIDE_BEGIN(index)                                                                                         \
+        apart_begin(index);                                                                                            \
+        point_area = AreaArray(push.areas).at[(index)-push.chunk.origin] * p.present;
+void apart_begin(uint index);
 float point_area; /* m2 of the thread's point that are there to be lit */
 float ray_cosine; /* of the ray with the point's geometric normal, absolute */
 KILN_ARRAY(AreaArray, float, 4);
@@ -55,22 +60,24 @@ KILN_PUSH(kiln_gpu_gather_push);
 #    define NEAR_PROBES push.near_probes
 #    if defined(KILN_GLOSS) && !defined(KILN_CAUSTIC)
 #        define KILN_APART
-uint apart_first, apart_sample, apart_point; /* gather_chains.glsl */
-#        define APART_POINTS push.chunk.total
-#        define APART_SAMPLES push.hemisphere.samples
-#        define APART_ROWS (4u * push.hemisphere.per_quarter * push.hemisphere.row_step)
-#        define APART_ROOM                                                                                             \
-            (push.hemisphere.slices + 4ul * (uint64_t(APART_ROWS) * SLICE_FLOATS) * uint64_t(APART_POINTS))
-#        define GUIDE_BEGIN(index)                                                                                     \
-            apart_first = KILN_GPU_NONE;                                                                               \
-            apart_point = (index)-push.chunk.origin;
-#        define HEMISPHERE_RAY(k) apart_sample = k
+#        define APART_RAY_BYTES KILN_GPU_APART_RAY_BYTES
+#        define GUIDE_BEGIN(index) apart_begin(index);
+void apart_begin(uint index);
 #    else
 #        define GUIDE_BEGIN(index)
 #    endif
 #endif
 #ifndef PROBES
 #    define PROBES push.probes
+#endif
+#ifdef KILN_APART
+uint apart_first, apart_sample, apart_point; /* gather_chains.glsl */
+#    define APART_POINTS push.chunk.total
+#    define APART_SAMPLES push.hemisphere.samples
+#    define APART_ROWS (4u * push.hemisphere.per_quarter * push.hemisphere.row_step)
+#    define APART_ROOM                                                                                                 \
+        (push.hemisphere.slices + 4ul * (uint64_t(APART_ROWS) * SLICE_FLOATS) * uint64_t(APART_POINTS))
+#    define HEMISPHERE_RAY(k) apart_sample = k
 #endif
 
 const uint TRACE_ONLY = 0u, SURFACES = 1u, SURFACES_AND_PROBES = 2u; /* what is asked; the first for benches */
@@ -106,19 +113,15 @@ uint row_word_of(kiln_hit hit)
 #    include "shaders/directions.glsl"
 #endif
 #ifdef KILN_GLOSS
-#    ifdef KILN_CAUSTIC
-#        define KILN_WALK_LIGHTS
-#    else
+#    ifndef KILN_CAUSTIC
 #        define KILN_CHAIN_RADIOSITY
+#    elif !defined(KILN_APART)
+#        define KILN_WALK_LIGHTS
 #    endif
-#    ifdef KILN_WEIGHED
-#        include "shaders/weighed.glsl"
-#    else
-#        include "shaders/chain.glsl"
-#    endif
+#    include "shaders/chain.glsl"
 #    include "shaders/taken_up.glsl"
 #endif
-#if defined(KILN_GLOSS) && !defined(KILN_CAUSTIC)
+#if defined(KILN_APART) || (defined(KILN_GLOSS) && !defined(KILN_CAUSTIC))
 #    include "shaders/gather_chains.glsl"
 #endif
 
@@ -137,12 +140,24 @@ kiln_hit nearest(vec3 position, vec3 direction, uint seed, out vec3 tint)
 #ifdef KILN_APART
 bool apart_left; /* the ray under way has met gloss, and its chain is followed later */
 
-/* Leaves the chain of the ray under way to chains.comp. */
+void apart_begin(uint index)
+{
+    apart_first = KILN_GPU_NONE;
+    apart_point = index - push.chunk.origin;
+}
+
+/* Leaves the chain of the ray under way to follow.glsl. */
 void apart_leave(vec3 direction, kiln_hit hit, vec3 tint, float facet, float weight)
 {
-    ApartRays(apart_ray(apart_sample, apart_point)).at[0] =
+    const uint64_t kept = apart_ray(apart_sample, apart_point);
+    const kiln_gpu_apart_ray ray =
         kiln_gpu_apart_ray(direction, hit.triangle | (hit.back ? KILN_GPU_BOTH_BACK : 0u), hit.u, hit.v, hit.distance,
                            float[3](tint.r, tint.g, tint.b), facet, weight, ray_taken_up, ray_chance, ray_number);
+#    ifdef KILN_WEIGHED
+    ApartWeighedRays(kept).at[0] = kiln_gpu_apart_weighed_ray(ray, ray_cosine, point_area);
+#    else
+    ApartRays(kept).at[0] = ray;
+#    endif
     const uint place = atomicAdd(APART_COUNT, 1u);
     ApartWords(apart_list()).at[place] = apart_sample * APART_POINTS + apart_point;
     apart_left = true;
@@ -151,11 +166,7 @@ void apart_leave(vec3 direction, kiln_hit hit, vec3 tint, float facet, float wei
 /* What a ray adds that has met a surface at which a chain begins. */
 void add_chain(inout Sums sums, vec3 direction, kiln_hit hit, vec3 tint, float facet, float weight)
 {
-#    ifdef KILN_WEIGHED
-    const Chain c = chain_follow_weighed(ray_chance, ray_number, direction, hit);
-#    else
     const Chain c = chain_follow(ray_chance, ray_number, direction, hit);
-#    endif
     chains_good = chains_good && c.good;
 #    ifdef KILN_CAUSTIC
     add_light(sums, 3.14159265358979 * c.light, tint, facet, weight);

@@ -1,4 +1,4 @@
-/* What gather rays find in chains. The bounce pass follows chains apart from the rays they begin with: the code for
+/* What gather rays find in chains. The bounce and the weighed pass follow chains apart from the rays they begin with: the code for
  * gloss takes many of a device's registers, and slows down all that runs in its kernel. gather.glsl traces the rays and
  * leaves those that have met gloss; chains.comp follows their chains; chains_add.comp adds what both have found to the
  * sums of the slice, in the order of its samples. So from the first ray of a slice on that has met gloss the gather

@@ -1,5 +1,6 @@
 /* Chains of the weighed pass (worker/pass/weighed.h): worker/backend/embree/chain_weighed.c. In the place of
- * chain.glsl, with whose chains they have the rule in common. Before it stand point_area and ray_cosine. */
+ * chain.glsl, with whose chains they have the rule in common. Before it stand its push constants, with the address of
+ * struct kiln_gpu_both and the number of samples. */
 #include "shaders/bidirectional.glsl"
 #include "shaders/techniques.glsl"
 #include "shaders/chain.glsl"
@@ -168,15 +169,16 @@ bool weighed_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_
     return hit.triangle != KILN_GPU_NONE && has_side(hit);
 }
 
-/* As chain_follow. */
-Chain chain_follow_weighed(uint chance, uint k, vec3 direction, kiln_hit hit)
+/* As chain_follow. `area`: m2 of the ray's point that are there to be lit; `cosine`: of the ray with the point's
+ * geometric normal, absolute. */
+Chain chain_follow_weighed(uint chance, uint k, vec3 direction, kiln_hit hit, float area, float cosine)
 {
     Chain c = Chain(vec3(0.0), vec3(0.0), vec3(1.0), 0.0, 0.0, true);
     bool under_way = true;
     walk_key = kiln_chain_key(chance);
     walk_sample = k;
     chain_weight = vec3(1.0);
-    sums_of_chain = kiln_caustic_gather(real(point_area), real(push.hemisphere.samples), 1, 0, real(ray_cosine));
+    sums_of_chain = kiln_caustic_gather(real(area), real(push.samples), 1, 0, real(cosine));
     for (uint surface = 0u; under_way; surface++)
         under_way = weighed_step(c, surface, direction, hit);
     c.good = c.good && !under_way;

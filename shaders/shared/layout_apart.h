@@ -1,4 +1,4 @@
-/* Rays of the gather pass whose chains are followed apart (shaders/gather_chains.glsl); part of shaders/shared/push.h.
+/* Rays of the gather and the weighed pass whose chains are followed apart (shaders/gather_chains.glsl); part of shaders/shared/push.h.
  */
 
 #define KILN_GPU_APART_COUNT_BYTES 16u /* the number of chains, a word, and nothing */
@@ -21,16 +21,28 @@ struct kiln_gpu_apart_found {
     KILN_REAL32 glass[3], gloss[3];
 };
 KILN_SIZE_IS(kiln_gpu_apart_found, 60);
-#define KILN_GPU_APART_RAY_BYTES 60ul
+#define KILN_GPU_APART_RAY_BYTES 60ul /* of the gather pass */
 
-/* chains.comp, chains_add.comp. */
+/* The same of the weighed pass, whose chains need more. */
+struct kiln_gpu_apart_weighed_ray {
+    KILN_STRUCT kiln_gpu_apart_ray ray;
+    KILN_REAL32 cosine; /* with the point's geometric normal, absolute */
+    KILN_REAL32 area;   /* m2 of the point that are there to be lit */
+};
+KILN_SIZE_IS(kiln_gpu_apart_weighed_ray, 68);
+#define KILN_GPU_APART_WEIGHED_RAY_BYTES 68ul
+
+/* chains.comp, weighed_chains.comp, chains_add.comp. */
 struct kiln_gpu_chains_push {
     KILN_ADDRESS scene;
+    KILN_ADDRESS both;   /* of weighed_chains.comp: as in struct kiln_gpu_weighed_push */
     KILN_ADDRESS room;   /* apart.glsl says what lies there */
     KILN_ADDRESS slices; /* as in struct kiln_gpu_hemisphere */
     KILN_WORD points, samples, rows;
-    KILN_WORD threads;             /* of chains.comp */
+    KILN_WORD threads;             /* of those that follow chains */
     KILN_WORD row_first, row_last; /* of chains_add.comp: slices from the first to before the last */
     KILN_WORD per_quarter, slice;  /* likewise */
+    KILN_WORD ray_bytes;           /* likewise: of what is kept of a ray */
+    KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_chains_push, 56);
+KILN_SIZE_IS(kiln_gpu_chains_push, 72);

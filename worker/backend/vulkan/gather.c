@@ -50,6 +50,7 @@ static struct vulkan_hemisphere gather_of(const struct vulkan_backend *b, const 
                                       .chains = chains,
                                       .apart = apart ? &chains_shader : NULL,
                                       .apart_sums = apart ? &chains_add_shader : NULL,
+                                      .apart_ray_bytes = KILN_GPU_APART_RAY_BYTES,
                                       .constant = lookup,
                                       .own = own,
                                       .own_bytes = 2 * sizeof *own,

@@ -81,7 +81,7 @@ static size_t apart_bytes(const struct hemisphere *h)
     const size_t rows = (size_t)4 * h->slices.per_quarter * h->slices.split;
     return h->pass->apart == NULL ? 0
                                   : KILN_GPU_APART_COUNT_BYTES + rows * sizeof(uint32_t) +
-                                        h->batch->samples * (sizeof(uint32_t) + KILN_GPU_APART_RAY_BYTES);
+                                        h->batch->samples * (sizeof(uint32_t) + h->pass->apart_ray_bytes);
 }
 
 static struct kiln_gpu_chains_push chains_of(const struct hemisphere *h, const struct vulkan_chunk *chunk)
@@ -90,6 +90,7 @@ static struct kiln_gpu_chains_push chains_of(const struct hemisphere *h, const s
     const uint64_t rays = (uint64_t)chunk->all.total * chunk->row_count * h->slices.samples;
     const bool software = gpu_about(h->b->gpu)->software; /* which ends a thread's loops after a number of rounds */
     return (struct kiln_gpu_chains_push){.scene = h->b->scene.address,
+                                         .both = h->pass->apart_both != NULL ? *h->pass->apart_both : 0,
                                          .room = chunk->scratch + (uint64_t)chunk->all.total * slice_bytes(h),
                                          .slices = chunk->scratch,
                                          .points = chunk->all.total,
@@ -99,7 +100,8 @@ static struct kiln_gpu_chains_push chains_of(const struct hemisphere *h, const s
                                          .row_first = chunk->row_first * split,
                                          .row_last = (chunk->row_first + chunk->row_count) * split,
                                          .per_quarter = h->slices.per_quarter * split,
-                                         .slice = h->slices.samples / split};
+                                         .slice = h->slices.samples / split,
+                                         .ray_bytes = (uint32_t)h->pass->apart_ray_bytes};
 }
 
 /* Before the rays of a portion: there are no chains yet. */
@@ -270,7 +272,7 @@ static int prepare(void *context, struct kiln_error *error)
     if (status == KILN_OK && pass->apart != NULL)
         status = vulkan_kernel_of(h->b, pass->apart_sums, false, 1, &h->apart_begin, error);
     if (status == KILN_OK && pass->apart != NULL)
-        status = vulkan_kernel_of(h->b, pass->apart_sums, false, 0, &h->apart_sums, error);
+        status = vulkan_kernel_of(h->b, pass->apart_sums, false, pass->apart_constant, &h->apart_sums, error);
     if (status == KILN_OK && pass->prepare != NULL)
         status = pass->prepare(h->b, pass->context, error);
     if (status == KILN_OK && pass->between != NULL)

@@ -1,20 +1,27 @@
-/* The weighed pass (worker/pass/weighed.h): shaders/weighed.comp and gather_reduce.comp over the batch's points. */
+/* The weighed pass (worker/pass/weighed.h): shaders/weighed.comp over the batch's points, weighed_chains.comp over the
+ * rays that have met gloss, and gather_reduce.comp. */
 #include "shaders/shared/streams.h"
 #include "worker/backend/vulkan/hemisphere.h"
 #include "worker/base/memory.h"
 #include "worker/light/aims.h"
 #include "worker/pass/weighed.h"
 
+#include "shaders/chains_add.h"
 #include "shaders/gather_reduce.h"
 #include "shaders/weighed.h"
-#include "shaders/weighed_float.h"
+#include "shaders/weighed_chains.h"
+#include "shaders/weighed_chains_float.h"
 
-static const struct vulkan_shader weighed_shader = {
-    .name = "weighed", .compute = VULKAN_CODE(weighed), .compute_float = VULKAN_CODE(weighed_float)};
+static const struct vulkan_shader weighed_shader = {.name = "weighed", .compute = VULKAN_CODE(weighed)};
+static const struct vulkan_shader chains_shader = {.name = "weighed: chains",
+                                                   .compute = VULKAN_CODE(weighed_chains),
+                                                   .compute_float = VULKAN_CODE(weighed_chains_float)};
+static const struct vulkan_shader chains_add_shader = {.name = "weighed: sums of chains",
+                                                       .compute = VULKAN_CODE(chains_add)};
 static const struct vulkan_shader sums_shader = {.name = "weighed: sums", .compute = VULKAN_CODE(gather_reduce)};
 
-/* In the place of the gather pass's LOOKUP: surfaces. */
-enum { SURFACES = 1 };
+/* Constants of the kernels: in the place of the gather pass's LOOKUP, surfaces; what chains_add.comp does. */
+enum { SURFACES = 1, BEGINS = 1, ADDS_WEIGHED = 2 };
 
 /* A call's working set. */
 struct weighed_run {
@@ -65,6 +72,11 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
                                            .shader = &weighed_shader,
                                            .sums = &sums_shader,
                                            .chains = true,
+                                           .apart = &chains_shader,
+                                           .apart_sums = &chains_add_shader,
+                                           .apart_ray_bytes = KILN_GPU_APART_WEIGHED_RAY_BYTES,
+                                           .apart_constant = ADDS_WEIGHED,
+                                           .apart_both = r.own,
                                            .constant = SURFACES,
                                            .own = r.own,
                                            .own_bytes = sizeof r.own,

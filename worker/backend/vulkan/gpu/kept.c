@@ -29,18 +29,16 @@ static XXH128_hash_t hash_of(const struct gpu *gpu, const struct gpu_kernel_para
     return hash;
 }
 
+/* Which of several devices alike it is does not matter: what one has compiled serves them all. */
 void gpu_kept_identify(struct gpu *gpu)
 {
     VkPhysicalDeviceVulkan12Properties v12 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_PROPERTIES};
-    VkPhysicalDeviceVulkan11Properties v11 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_1_PROPERTIES,
-                                              .pNext = &v12};
-    VkPhysicalDeviceProperties2 all = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &v11};
+    VkPhysicalDeviceProperties2 all = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &v12};
     vkGetPhysicalDeviceProperties2(gpu->physical, &all);
     const VkPhysicalDeviceProperties *p = &all.properties;
     char text[1024] = {0};
     (void)snprintf(text, sizeof text, "%u %u %u %d %u %s %s", p->vendorID, p->deviceID, p->driverVersion,
                    (int)v12.driverID, gpu->about.ray_tracing, v12.driverName, v12.driverInfo);
-    memcpy(text + sizeof text - 2 * VK_UUID_SIZE, v11.deviceUUID, VK_UUID_SIZE);
     memcpy(text + sizeof text - VK_UUID_SIZE, p->pipelineCacheUUID, VK_UUID_SIZE);
     gpu->identity = XXH3_128bits(text, sizeof text);
     gpu->vendor = p->vendorID;

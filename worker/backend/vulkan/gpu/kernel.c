@@ -3,6 +3,7 @@
 
 #include "shaders/shared/fold.h"
 #include "worker/backend/vulkan/gpu/private.h"
+#include "worker/base/clock.h"
 #include "worker/base/memory.h"
 
 enum { MOST_CONSTANTS = 32, WORKGROUP = 64 };
@@ -199,6 +200,7 @@ int gpu_kernel_create(struct gpu *gpu, struct gpu_kernel **kernel, const struct 
                                             .pMapEntries = entries,
                                             .dataSize = params->constant_count * sizeof(uint32_t),
                                             .pData = params->constants};
+    const double begin = kiln_clock_seconds();
     int status = kiln_allocate(kernel, 1, sizeof **kernel, params->name, error);
     if (status != KILN_OK)
         return status;
@@ -210,6 +212,8 @@ int gpu_kernel_create(struct gpu *gpu, struct gpu_kernel **kernel, const struct 
         gpu_name(gpu, VK_OBJECT_TYPE_PIPELINE, (uint64_t)(*kernel)->pipeline, params->name);
     else
         gpu_kernel_destroy(gpu, kernel);
+    if (gpu->times != NULL && status == KILN_OK)
+        gpu_times_make(gpu, params->name, (*kernel)->constant, kiln_clock_seconds() - begin);
     return status;
 }
 

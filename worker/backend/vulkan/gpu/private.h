@@ -186,10 +186,11 @@ void gpu_kept_identify(struct gpu *gpu);
 /* Before a kernel is made, and after; `made`: it was. */
 void gpu_kept_open(struct gpu *gpu, const struct gpu_kernel_params *params, struct gpu_kept *kept);
 void gpu_kept_close(struct gpu *gpu, struct gpu_kept *kept, bool made);
-/* times.c: gpu->times, NULL where steps are not timed one by one; then only the second of these may be called. */
+/* times.c: gpu->times, NULL where steps are not timed one by one; then only the first two of these may be called. */
 void gpu_times_create(struct gpu *gpu);
 void gpu_times_destroy(struct gpu *gpu);
 void gpu_times_add(struct gpu *gpu, const char *name, uint32_t constant, uint64_t threads, double seconds);
+void gpu_times_make(struct gpu *gpu, const char *name, uint32_t constant, double seconds); /* by any thread */
 void gpu_times_wait(struct gpu *gpu, double seconds);
 /* kernel.c */
 const char *gpu_kernel_name(const struct gpu_kernel *kernel);

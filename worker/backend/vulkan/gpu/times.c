@@ -1,5 +1,7 @@
-/* How long kernels take, kernel by kernel, for whoever makes them quicker: KILN_VULKAN_TIMES=1 prints a table to stderr
- * when the device is left. The device's clock is read after each step then. */
+/* How long kernels take, kernel by kernel, and how long the driver takes to make each, for whoever makes them quicker:
+ * KILN_VULKAN_TIMES=1 prints a table to stderr when the device is left. The device's clock is read after each step
+ * then. */
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,7 +15,7 @@ struct kernel_times {
     char name[NAME];
     uint32_t constant;
     uint64_t dispatches, threads;
-    double seconds;
+    double seconds, making; /* s: on the device; of the driver, for making it */
 };
 
 struct gpu_times {
@@ -21,14 +23,17 @@ struct gpu_times {
     size_t count;
     uint64_t submissions;
     double waited; /* s, of the host for submissions */
+    pthread_mutex_t mutex; /* kernels are made by several threads */
 };
 
 void gpu_times_create(struct gpu *gpu)
 {
     const char *wish = getenv("KILN_VULKAN_TIMES");
     struct kiln_error error;
-    if (wish != NULL && strcmp(wish, "1") == 0)
-        (void)kiln_allocate(&gpu->times, 1, sizeof *gpu->times, "times of kernels", &error); /* or does without */
+    if (wish == NULL || strcmp(wish, "1") != 0 ||
+        kiln_allocate(&gpu->times, 1, sizeof *gpu->times, "times of kernels", &error) != KILN_OK)
+        return; /* does without */
+    (void)pthread_mutex_init(&gpu->times->mutex, NULL);
 }
 
 static struct kernel_times *times_of(struct gpu_times *t, const char *name, uint32_t constant)
@@ -48,10 +53,19 @@ static struct kernel_times *times_of(struct gpu_times *t, const char *name, uint
 
 void gpu_times_add(struct gpu *gpu, const char *name, uint32_t constant, uint64_t threads, double seconds)
 {
+    (void)pthread_mutex_lock(&gpu->times->mutex);
     struct kernel_times *k = times_of(gpu->times, name, constant);
     k->dispatches++;
     k->threads += threads;
     k->seconds += seconds;
+    (void)pthread_mutex_unlock(&gpu->times->mutex);
+}
+
+void gpu_times_make(struct gpu *gpu, const char *name, uint32_t constant, double seconds)
+{
+    (void)pthread_mutex_lock(&gpu->times->mutex);
+    times_of(gpu->times, name, constant)->making += seconds;
+    (void)pthread_mutex_unlock(&gpu->times->mutex);
 }
 
 void gpu_times_wait(struct gpu *gpu, double seconds)
@@ -72,15 +86,16 @@ void gpu_times_destroy(struct gpu *gpu)
     if (t == NULL)
         return;
     qsort(t->kernels, t->count, sizeof *t->kernels, longer);
-    (void)fprintf(stderr, "%-*s %8s %10s %12s %9s %9s\n", NAME, "kernel", "constant", "dispatches", "threads", "ms",
-                  "M/s");
+    (void)fprintf(stderr, "%-*s %8s %10s %12s %9s %9s %9s\n", NAME, "kernel", "constant", "dispatches", "threads", "ms",
+                  "M/s", "made in s");
     for (size_t i = 0; i < t->count; i++) {
         const struct kernel_times *k = &t->kernels[i];
-        (void)fprintf(stderr, "%-*s %8x %10llu %12llu %9.2f %9.0f\n", NAME, k->name, (unsigned)k->constant,
+        (void)fprintf(stderr, "%-*s %8x %10llu %12llu %9.2f %9.0f %9.2f\n", NAME, k->name, (unsigned)k->constant,
                       (unsigned long long)k->dispatches, (unsigned long long)k->threads, 1e3 * k->seconds,
-                      k->seconds > 0.0 ? 1e-6 * (double)k->threads / k->seconds : 0.0);
+                      k->seconds > 0.0 ? 1e-6 * (double)k->threads / k->seconds : 0.0, k->making);
     }
     (void)fprintf(stderr, "%llu submissions, waited for %.1f ms, the device busy for %.1f ms\n",
                   (unsigned long long)t->submissions, 1e3 * t->waited, 1e3 * gpu->busy);
+    (void)pthread_mutex_destroy(&t->mutex);
     kiln_free(&gpu->times);
 }
