@@ -1,8 +1,8 @@
-/* Rays of the gather and the weighed pass whose chains are followed apart (gather_chains.glsl): where what is kept of
- * them lies. The kernel defines APART_ROOM, the address of that, APART_POINTS, how many points the chunk has,
- * APART_SAMPLES and APART_ROWS, how many samples and slices a point, and APART_RAY_BYTES of a ray. There lie the number of chains, so many words a point for its
- * slices, one for each ray's place in the list of chains, and what is kept of each ray; sample by sample, in which
- * points come one after the other. */
+/* Rays of the gather and the weighed pass whose chains are followed apart (gather_chains.glsl): where what is kept
+ * of them lies. The kernel defines APART_ROOM, the address of that, APART_POINTS, how many points the chunk has,
+ * APART_SAMPLES and APART_ROWS, how many samples and slices a point, and APART_RAY_BYTES of a ray. There lie the
+ * number of chains, so many words a point for its slices, one for each ray's place in the list of chains, and what
+ * is kept of each ray; sample by sample, in which points come one after the other. */
 KILN_ARRAY(ApartWords, uint, 4);
 KILN_ARRAY(ApartRays, kiln_gpu_apart_ray, 4);
 KILN_ARRAY(ApartWeighedRays, kiln_gpu_apart_weighed_ray, 4);

@@ -1,5 +1,6 @@
-/* Adds what the rays of a slice of the gather or the weighed pass have found to its sums, from the first that has met gloss on
- * (gather_chains.glsl): thread (x, y) for slice y of point x. Or, before the rays, there are no chains yet. */
+/* Adds what the rays of a slice of the gather or the weighed pass have found to its sums, from the first that has
+ * met gloss on (gather_chains.glsl): thread (x, y) for slice y of point x. Or, before the rays, there are no chains
+ * yet. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define KILN_GLOSS 1

@@ -1,10 +1,10 @@
-/* The bounce pass: each thread takes a slice of a point's samples (hemisphere.glsl), a few cosine-distributed rays, and
- * adds up the radiosity that they find. gather_reduce.glsl adds up the slices. With KILN_GUIDED it is the guided pass
- * (guide.glsl). With KILN_GLOSS rays go on in chains (chain.glsl), of the bounce pass itself in a kernel of their own
- * (gather_chains.glsl); with KILN_CAUSTIC besides it is the caustic pass, which looks for lamps and sky by chains
- * alone; with KILN_WEIGHED besides the weighed pass, whose chains have a kernel of their own too. With KILN_KEEP it is the gather pass of bakes that
- * keep what rays meet (kept_rows.glsl), with KILN_DIRECTIONS the directions pass (directions.glsl), with KILN_BRIGHT
- * besides that with rays to bright patches (bright.glsl). */
+/* The bounce pass: each thread takes a slice of a point's samples (hemisphere.glsl), a few cosine-distributed rays,
+ * and adds up the radiosity that they find. gather_reduce.glsl adds up the slices. With KILN_GUIDED it is the guided
+ * pass (guide.glsl). With KILN_GLOSS rays go on in chains (chain.glsl), of the bounce pass itself in a kernel of
+ * their own (gather_chains.glsl); with KILN_CAUSTIC besides it is the caustic pass, which looks for lamps and sky by
+ * chains alone; with KILN_WEIGHED besides the weighed pass, whose chains have a kernel of their own too. With
+ * KILN_KEEP it is the gather pass of bakes that keep what rays meet (kept_rows.glsl), with KILN_DIRECTIONS the
+ * directions pass (directions.glsl), with KILN_BRIGHT besides that with rays to bright patches (bright.glsl). */
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"

@@ -1,8 +1,8 @@
-/* What gather rays find in chains. The bounce and the weighed pass follow chains apart from the rays they begin with: the code for
- * gloss takes many of a device's registers, and slows down all that runs in its kernel. gather.glsl traces the rays and
- * leaves those that have met gloss; chains.comp follows their chains; chains_add.comp adds what both have found to the
- * sums of the slice, in the order of its samples. So from the first ray of a slice on that has met gloss the gather
- * keeps what each ray finds.
+/* What gather rays find in chains. The bounce and the weighed pass follow chains apart from the rays they begin with:
+ * the code for gloss takes many of a device's registers, and slows down all that runs in its kernel. gather.glsl traces
+ * the rays and leaves those that have met gloss; follow.glsl follows their chains; chains_add.comp adds what both have
+ * found to the sums of the slice, in the order of its samples. So from the first ray of a slice on that has met gloss
+ * the gather keeps what each ray finds.
  *
  * All that lies in the room of the chunk behind its slices, as apart.glsl says. Before it stand
  * shaders/gather_sums.glsl and shaders/chain.glsl. */

@@ -3,6 +3,7 @@
 #include "coordinator/bake/reference_radius.h"
 #include "coordinator/integrate/emission.h"
 #include "coordinator/integrate/groups.h"
+#include "coordinator/mpi/agree.h"
 
 static bool has_step(const struct kiln_step_reports *steps, uint32_t role)
 {
@@ -110,6 +111,16 @@ int kiln_bake_settle_light(struct kiln_bake *b, struct kiln_error *error)
     return KILN_OK;
 }
 
+/* Collective. */
+static int expect_volume(struct kiln_bake *b, struct kiln_error *error)
+{
+    const uint32_t samples = b->job->samples_probe;
+    const int status = samples != 0 && !b->same_probes
+                           ? kiln_volume_expect(&b->light_settings, b->prepared->backend, samples, error)
+                           : KILN_OK;
+    return kiln_agree(b->communicator, status, error);
+}
+
 int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
 {
     int status = find_visible(b, error);
@@ -129,6 +140,8 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
     kiln_control_saved(b->control, kiln_checkpoint_generation(b->checkpoint), 0.0,
                        kiln_checkpoint_written(b->checkpoint));
     status = kiln_bake_settle_light(b, error);
+    if (status == KILN_OK)
+        status = expect_volume(b, error);
     if (status != KILN_OK)
         return status;
     b->saves = true;

@@ -87,6 +87,22 @@ int kiln_probe_paths_leaves(const struct kiln_integrate_settings *settings, cons
     return KILN_OK;
 }
 
+int kiln_probe_paths_expect(const struct kiln_integrate_settings *settings, struct kiln_backend *backend,
+                            uint32_t leaves, struct kiln_error *error)
+{
+    const struct kiln_probe_spheres spheres = {0};
+    struct kiln_land_parameters parameters = {.spheres = &spheres};
+    struct kiln_aims *aims = NULL;
+    if (leaves == 0)
+        return KILN_OK;
+    const int status = kiln_aims_create(&aims, backend->params.lights, kiln_landing_aims(settings), error);
+    parameters.aims = aims;
+    if (status == KILN_OK)
+        kiln_backend_expect(backend, &kiln_pass_land, &parameters);
+    kiln_aims_destroy(&aims);
+    return status;
+}
+
 static uint64_t max_of(uint64_t a, uint64_t b) { return a > b ? a : b; }
 
 uint64_t kiln_probe_paths_photons(const struct kiln_integrate_settings *settings, size_t aims, const uint64_t size[3],

@@ -46,6 +46,11 @@ struct kiln_probe_paths_params {
 int kiln_probe_paths_leaves(const struct kiln_integrate_settings *settings, const struct kiln_lights *lights,
                             uint32_t samples, uint32_t *leaves, struct kiln_error *error);
 
+/* Tells the backend that the paths will come, if `leaves` is not 0 (kiln_backend_expect). Not collective. KILN_SYSTEM.
+ */
+int kiln_probe_paths_expect(const struct kiln_integrate_settings *settings, struct kiln_backend *backend,
+                            uint32_t leaves, struct kiln_error *error);
+
 /* Paths of an iteration, of so many aims. As many as land in one (kiln_landing_photons) where the user says how many,
  * else so many at most that all iterations of all parts send as many through a probe's part of a face of the grid as
  * the probe has rays, `samples`: light that goes from face to face crosses each sphere three times for four rays (it

@@ -339,6 +339,17 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     return status;
 }
 
+int kiln_volume_expect(const struct kiln_integrate_settings *light, struct kiln_backend *backend, uint32_t samples,
+                       struct kiln_error *error)
+{
+    struct kiln_probe_parameters parameters = {0};
+    const int status = kiln_probe_paths_leaves(light, backend->params.lights, samples, &parameters.leaves, error);
+    if (status != KILN_OK)
+        return status;
+    kiln_backend_expect(backend, &kiln_pass_probes, &parameters);
+    return kiln_probe_paths_expect(light, backend, parameters.leaves, error);
+}
+
 void kiln_volume_destroy(struct kiln_volume_result *volume)
 {
     struct kiln_probe_result *probes = (struct kiln_probe_result *)(uintptr_t)volume->probes;

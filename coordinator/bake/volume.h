@@ -40,6 +40,11 @@ struct kiln_volume_params {
 int kiln_volume_grid(struct kiln_volume_result *volume, const struct kiln_scene *scene, double spacing,
                      struct kiln_error *error);
 
+/* Tells the backend, which has its surface, which passes kiln_volume_run will come with (kiln_backend_expect); `light`
+ * and `samples` as in its parameters. Not collective. KILN_SYSTEM. */
+int kiln_volume_expect(const struct kiln_integrate_settings *light, struct kiln_backend *backend, uint32_t samples,
+                       struct kiln_error *error);
+
 /* Collective. Computes the grid and the light of this rank's range of probes; adds the number of rays to *rays.
  * KILN_STOPPED if something asked to stop. Destroy with kiln_volume_destroy. */
 int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_params *params, uint64_t *rays,

@@ -6,6 +6,8 @@
 #include "worker/backend/mirror_images.h"
 #include "worker/base/memory.h"
 #include "worker/light/emission.h"
+#include "worker/pass/land.h"
+#include "worker/pass/weighed.h"
 
 #define BEAM_TEXELS 4.0                    /* of the mean area: what a beam must have for images (mirror_images.h) */
 #define KEPT_ITERATION ((uint64_t)3 << 30) /* paths that gather rays connect with are numbered from this one on */
@@ -35,6 +37,19 @@ static int make_room(struct kiln_landing *l, struct kiln_error *error)
 static double narrow_beam(const struct kiln_integrate_params *p)
 {
     return p->surface->point_count > 0 ? BEAM_TEXELS * p->area / (double)p->surface->point_count : 0.0;
+}
+
+/* Tells the backend which passes will come, if there is a lamp for them. */
+static void expect(const struct kiln_landing *l)
+{
+    const struct kiln_land_parameters parameters = {.aims = l->aims,
+                                                    .techniques = kiln_landing_shares(l) ? &l->techniques : NULL};
+    struct kiln_backend *backend = l->params->backend;
+    if (l->aims->count == 0)
+        return;
+    kiln_backend_expect(backend, &kiln_pass_land, &parameters);
+    if (kiln_landing_gathers(l))
+        kiln_backend_expect(backend, &kiln_pass_weighed, &l->techniques);
 }
 
 int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integrate_params *params,
@@ -71,7 +86,9 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
                                                      .mis = params->settings->mis,
                                                      .kept = l->kept,
                                                      .connections = params->settings->connections};
-    if (status != KILN_OK)
+    if (status == KILN_OK)
+        expect(l);
+    else
         kiln_landing_destroy(landing);
     return status;
 }

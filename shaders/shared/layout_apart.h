@@ -1,5 +1,5 @@
-/* Rays of the gather and the weighed pass whose chains are followed apart (shaders/gather_chains.glsl); part of shaders/shared/push.h.
- */
+/* Rays of the gather and the weighed pass whose chains are followed apart (shaders/gather_chains.glsl); part of
+ * shaders/shared/push.h. */
 
 #define KILN_GPU_APART_COUNT_BYTES 16u /* the number of chains, a word, and nothing */
 

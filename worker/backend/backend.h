@@ -155,6 +155,8 @@ struct kiln_backend_api {
     uint32_t mixed;
     bool (*takes)(const struct kiln_backend *backend, const struct kiln_pass *pass,
                   const void *parameters); /* NULL: any */
+    void (*expect)(struct kiln_backend *backend, const struct kiln_pass *pass,
+                   const void *parameters); /* NULL: nothing is to be done */
     /* The arguments of kiln_backend_run, checked; at least one item */
     int (*run)(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
@@ -245,6 +247,15 @@ static inline bool kiln_backend_takes(const struct kiln_backend *backend, const 
                                       const void *parameters)
 {
     return backend->api->takes == NULL || backend->api->takes(backend, pass, parameters);
+}
+/* The pass will come with such parameters, over the surface that the backend has: a device begins to make its kernels,
+ * beside what runs before it. To be called for what comes for certain, since ending waits for kernels that are being
+ * made. Parameters are read only during the call. */
+static inline void kiln_backend_expect(struct kiln_backend *backend, const struct kiln_pass *pass,
+                                       const void *parameters)
+{
+    if (backend->api->expect != NULL && kiln_backend_takes(backend, pass, parameters))
+        backend->api->expect(backend, pass, parameters);
 }
 /* The lights, the sky and the materials' colours of the scene and of `lights` that the backend was created with have
  * changed, in the place where they were: must come before the next pass. Geometry, and what of materials rays meet, are

@@ -109,6 +109,12 @@ static bool fallback_takes(const struct kiln_backend *backend, const struct kiln
     return kiln_backend_takes(f->embree != NULL ? f->embree : f->device, pass, parameters);
 }
 
+static void fallback_expect(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters)
+{
+    struct fallback_backend *f = (struct fallback_backend *)backend;
+    kiln_backend_expect(f->embree != NULL ? f->embree : f->device, pass, parameters);
+}
+
 /* ---- calls that are made again as a whole ---- */
 
 static int fallback_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
@@ -241,6 +247,7 @@ int kiln_fallback_create(struct kiln_backend **backend, const struct kiln_backen
                                        .set_probes = fallback_set_probes,
                                        .mixed = UINT32_MAX,
                                        .takes = fallback_takes,
+                                       .expect = fallback_expect,
                                        .run = fallback_run,
                                        .intersect = fallback_intersect,
                                        .ceiling = fallback_ceiling,

@@ -191,6 +191,11 @@ static bool verify_takes(const struct kiln_backend *backend, const struct kiln_p
     return kiln_backend_takes(((const struct verify_backend *)backend)->checked, pass, parameters);
 }
 
+static void verify_expect(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters)
+{
+    kiln_backend_expect(((struct verify_backend *)backend)->checked, pass, parameters);
+}
+
 /* kiln_take_results of the checked backend's run: looks before the caller takes. */
 static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
@@ -352,6 +357,7 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
                                        .set_probes = verify_set_probes,
                                        .mixed = UINT32_MAX,
                                        .takes = verify_takes,
+                                       .expect = verify_expect,
                                        .run = verify_run,
                                        .intersect = verify_intersect,
                                        .ceiling = verify_ceiling,

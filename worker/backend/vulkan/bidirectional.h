@@ -74,6 +74,8 @@ int both_follow(struct both_run *r, uint64_t first, uint64_t count, struct kiln_
 
 /* Brings the kernels, which may have been made anew since; and makes the memory of paths under way besides. */
 int both_kernels(struct both_run *r, struct kiln_error *error);
+/* Begins to make them, for a run of which `b`, `method`, `crosses` and `shares` alone are known. */
+void both_expect(struct both_run *r);
 int both_stages_create(struct both_run *r, struct kiln_error *error);
 void both_stages_destroy(struct both_run *r);
 

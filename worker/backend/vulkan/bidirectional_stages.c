@@ -212,7 +212,18 @@ static bool merges(const struct both_run *r) { return (r->method & KILN_GPU_BOTH
 /* to vertices of light; else to samples of the lights alone */
 static bool links(const struct both_run *r) { return connects(r) && (r->method & KILN_GPU_BOTH_ALONE) == 0; }
 
-int both_kernels(struct both_run *r, struct kiln_error *error)
+/* A stage, and its kernel. */
+struct stage_kernel {
+    struct both_stage *stage;
+    const struct vulkan_shader *shader;
+    uint32_t constant;
+    size_t pace;
+    bool wanted;
+};
+enum { MOST_STAGES = 24 };
+
+/* Which stages the run has; returns how many of `stages` are set. */
+static size_t stages_of(struct both_run *r, struct stage_kernel stages[MOST_STAGES])
 {
     const bool connects = (r->method & KILN_GPU_BOTH_CONNECTS) != 0, merges = (r->method & KILN_GPU_BOTH_MERGES) != 0,
                splats = (r->method & KILN_GPU_BOTH_SPLATS) != 0, own = (r->method & KILN_GPU_BOTH_OWN) != 0,
@@ -224,40 +235,52 @@ int both_kernels(struct both_run *r, struct kiln_error *error)
     const struct vulkan_shader *ends = points != 0 ? &point_paths_shader
                                        : r->sorts  ? &eye_paths_diffuse
                                                    : &eye_paths_shader;
-    const struct {
-        struct both_stage *stage;
-        const struct vulkan_shader *shader;
-        uint32_t constant;
-        size_t pace;
-        bool wanted;
-    } of[] = {{&r->light, &light_paths_shader, points, VULKAN_PACE_LIGHT_PATHS, both && !alone},
-              {&r->eye, &eye_paths_shader, r->method, VULKAN_PACE_EYE_PATHS, both},
-              {&r->light_diffuse, &light_paths_diffuse, points, VULKAN_PACE_LIGHT_DIFFUSE, both && r->sorts && !alone},
-              {&r->eye_diffuse, &eye_paths_diffuse, r->method, VULKAN_PACE_EYE_DIFFUSE, both && r->sorts},
-              {&r->eye_ends, ends, r->method, VULKAN_PACE_EYE_ENDS, both},
-              {&r->begin_landing, &land_shader, KILN_GPU_LAND_BEGINS | crosses, KILN_PASS_INDEX_land, land},
-              {&r->cross, &land_cross_shader, crosses, VULKAN_PACE_SPHERES, land && r->crosses},
-              {&r->met_first, &land_first_shader, shares, KILN_PASS_INDEX_land, land},
-              {&r->light, &land_on_shader, shares | crosses, KILN_PASS_INDEX_land, land},
-              {&r->light_diffuse, &land_shader, shares, KILN_PASS_INDEX_land, land},
-              {&r->next, land ? &path_rays_with_gloss : &path_rays_shader, KILN_GPU_RAYS_NEXT | next,
-               land ? KILN_PASS_INDEX_land : VULKAN_PACE_PATH_RAYS, true},
-              {&r->to_paths, &path_rays_shader, KILN_GPU_RAYS_TO_PATHS | points, VULKAN_PACE_SHADOW_RAYS, connects},
-              {&r->to_camera, &path_rays_shader, KILN_GPU_RAYS_TO_CAMERA, VULKAN_PACE_CAMERA_RAYS, splats},
-              {&r->connected, &path_pairs_shader, KILN_GPU_PAIRS_CONNECTED, VULKAN_PACE_PAIRS, links(r)},
-              {&r->near, &path_pairs_shader, own ? KILN_GPU_PAIRS_OWN : KILN_GPU_PAIRS_NEAR, VULKAN_PACE_NEAR, merges},
-              {&r->connect, &path_connect_shader, points, VULKAN_PACE_CONNECT, links(r)},
-              {&r->merge, &path_merge_shader, r->method, VULKAN_PACE_MERGE, merges},
-              {&r->splat, &path_splat_shader, r->method, VULKAN_PACE_SPLAT, splats},
-              {&r->photon, &photons_shader, 0, VULKAN_PACE_PHOTONS, true}};
-    struct vulkan_wish wishes[sizeof of / sizeof of[0]];
+    const struct stage_kernel of[] = {
+        {&r->light, &light_paths_shader, points, VULKAN_PACE_LIGHT_PATHS, both && !alone},
+        {&r->eye, &eye_paths_shader, r->method, VULKAN_PACE_EYE_PATHS, both},
+        {&r->light_diffuse, &light_paths_diffuse, points, VULKAN_PACE_LIGHT_DIFFUSE, both && r->sorts && !alone},
+        {&r->eye_diffuse, &eye_paths_diffuse, r->method, VULKAN_PACE_EYE_DIFFUSE, both && r->sorts},
+        {&r->eye_ends, ends, r->method, VULKAN_PACE_EYE_ENDS, both},
+        {&r->begin_landing, &land_shader, KILN_GPU_LAND_BEGINS | crosses, KILN_PASS_INDEX_land, land},
+        {&r->cross, &land_cross_shader, crosses, VULKAN_PACE_SPHERES, land && r->crosses},
+        {&r->met_first, &land_first_shader, shares, KILN_PASS_INDEX_land, land},
+        {&r->light, &land_on_shader, shares | crosses, KILN_PASS_INDEX_land, land},
+        {&r->light_diffuse, &land_shader, shares, KILN_PASS_INDEX_land, land},
+        {&r->next, land ? &path_rays_with_gloss : &path_rays_shader, KILN_GPU_RAYS_NEXT | next,
+         land ? KILN_PASS_INDEX_land : VULKAN_PACE_PATH_RAYS, true},
+        {&r->to_paths, &path_rays_shader, KILN_GPU_RAYS_TO_PATHS | points, VULKAN_PACE_SHADOW_RAYS, connects},
+        {&r->to_camera, &path_rays_shader, KILN_GPU_RAYS_TO_CAMERA, VULKAN_PACE_CAMERA_RAYS, splats},
+        {&r->connected, &path_pairs_shader, KILN_GPU_PAIRS_CONNECTED, VULKAN_PACE_PAIRS, links(r)},
+        {&r->near, &path_pairs_shader, own ? KILN_GPU_PAIRS_OWN : KILN_GPU_PAIRS_NEAR, VULKAN_PACE_NEAR, merges},
+        {&r->connect, &path_connect_shader, points, VULKAN_PACE_CONNECT, links(r)},
+        {&r->merge, &path_merge_shader, r->method, VULKAN_PACE_MERGE, merges},
+        {&r->splat, &path_splat_shader, r->method, VULKAN_PACE_SPLAT, splats},
+        {&r->photon, &photons_shader, 0, VULKAN_PACE_PHOTONS, true}};
+    _Static_assert(sizeof of / sizeof of[0] <= MOST_STAGES, "room for them");
+    memcpy(stages, of, sizeof of);
+    return sizeof of / sizeof of[0];
+}
+
+void both_expect(struct both_run *r)
+{
+    struct stage_kernel of[MOST_STAGES];
+    struct vulkan_wish wishes[MOST_STAGES];
+    const size_t stages = stages_of(r, of);
+    const bool points = (r->method & KILN_GPU_BOTH_POINTS) != 0;
     size_t count = 0;
-    int status = KILN_OK;
-    for (size_t i = 0; i < sizeof of / sizeof of[0]; i++)
-        if (of[i].wanted && (points != 0 || of[i].stage != &r->eye_ends)) /* else its kernel is there already */
+    for (size_t i = 0; i < stages; i++)
+        if (of[i].wanted && (points || of[i].stage != &r->eye_ends)) /* else its kernel is there already */
             wishes[count++] = (struct vulkan_wish){.shader = of[i].shader, .own = of[i].constant};
     vulkan_kernels_at_once(r->b, wishes, count);
-    for (size_t i = 0; i < sizeof of / sizeof of[0] && status == KILN_OK; i++) {
+}
+
+int both_kernels(struct both_run *r, struct kiln_error *error)
+{
+    struct stage_kernel of[MOST_STAGES];
+    const size_t stages = stages_of(r, of);
+    int status = KILN_OK;
+    both_expect(r);
+    for (size_t i = 0; i < stages && status == KILN_OK; i++) {
         if (!of[i].wanted)
             continue;
         of[i].stage->pace = of[i].pace;

@@ -16,9 +16,9 @@ struct vulkan_hemisphere {
     /* The kernels that follow chains apart, and add what these and others have found to the slices' sums
      * (shaders/gather_chains.glsl); NULL: the first kernel follows chains itself, or there are none. */
     const struct vulkan_shader *apart, *apart_sums;
-    size_t apart_ray_bytes;     /* of what is kept of a ray for them */
-    uint32_t apart_constant;    /* the own specialisation constant of `apart_sums` where it adds up */
-    const uint64_t *apart_both; /* an address that `apart` gets besides, as `prepare` has left it; NULL: none */
+    size_t apart_ray_bytes;           /* of what is kept of a ray for them */
+    uint32_t apart_constant;          /* the own specialisation constant of `apart_sums` where it adds up */
+    const uint64_t *apart_both;       /* an address that `apart` gets besides, as `prepare` has left it; NULL: none */
     uint32_t constant, sums_constant; /* the own specialisation constants of the first kernel, and of `sums` */
     uint32_t pace;                    /* whose speed it has: pass->index, or another of enum vulkan_pace */
     uint32_t stream;                  /* that random numbers hang on */

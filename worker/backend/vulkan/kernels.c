@@ -250,6 +250,6 @@ void vulkan_kernels_ahead(struct vulkan_backend *b, bool surface)
 
 void vulkan_kernels_at_once(struct vulkan_backend *b, const struct vulkan_wish *wishes, size_t count)
 {
-    for (size_t i = 0; i < count && has_makers(b); i++)
+    for (size_t i = 0; i < count && wishes[i].shader != NULL && has_makers(b); i++)
         make_wish(b, &wishes[i]);
 }

@@ -265,4 +265,12 @@ static bool takes(const struct vulkan_backend *b, const void *parameters)
     return (p->aims == NULL || p->aims->sky.count <= 1) && b->tracer.acceleration == NULL;
 }
 
-const struct vulkan_pass vulkan_pass_land = {.run = run, .takes = takes};
+static void expect(struct vulkan_backend *b, const void *parameters)
+{
+    const struct kiln_land_parameters *p = parameters;
+    struct both_run r = {
+        .b = b, .method = KILN_GPU_BOTH_LANDS, .crosses = p->spheres != NULL, .shares = p->techniques != NULL};
+    both_expect(&r);
+}
+
+const struct vulkan_pass vulkan_pass_land = {.run = run, .takes = takes, .expect = expect};

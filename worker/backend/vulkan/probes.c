@@ -200,4 +200,5 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     return vulkan_run_to_end(b, run_left, parameters, batch, rays, error);
 }
 
-const struct vulkan_pass vulkan_pass_probes = {.run = run};
+const struct vulkan_pass vulkan_pass_probes = {.run = run,
+                                               .ahead = {{.shader = &probes_shader}, {.shader = &reduce_shader}}};

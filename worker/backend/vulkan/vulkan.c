@@ -561,6 +561,17 @@ static bool vulkan_takes(const struct kiln_backend *backend, const struct kiln_p
     return !pass->on_embree_only && (p->takes == NULL || p->takes((const struct vulkan_backend *)backend, parameters));
 }
 
+static void vulkan_expect(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    const struct vulkan_pass *p = vulkan_passes[pass->index];
+    if (b->gpu == NULL)
+        return;
+    vulkan_kernels_at_once(b, p->ahead, VULKAN_WISHES);
+    if (p->expect != NULL)
+        p->expect(b, parameters);
+}
+
 static int vulkan_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
@@ -585,6 +596,7 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .mixed = 1u << KILN_PASS_INDEX_direct,
     .run = vulkan_run,
     .takes = vulkan_takes,
+    .expect = vulkan_expect,
     .intersect = intersect_again,
     .ceiling = vulkan_ceiling,
     .change_light = vulkan_change_light,

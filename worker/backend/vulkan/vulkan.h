@@ -297,7 +297,7 @@ struct vulkan_wish {
 };
 
 /* Begins to make kernels that are not there yet, all at once; vulkan_kernel_of waits for each. `wanted` is not asked.
- */
+ * They end at the first that has no shader. */
 void vulkan_kernels_at_once(struct vulkan_backend *b, const struct vulkan_wish *wishes, size_t count);
 
 /* A pass as this backend has it: vulkan_pass_validity in validity.c, vulkan_pass_direct in direct.c and so on. */
@@ -311,6 +311,8 @@ struct vulkan_pass {
     /* Kernels to make ahead where the pass is known to come, up to the first that has no shader; else they are made
      * when it first runs. */
     struct vulkan_wish ahead[VULKAN_WISHES];
+    /* The same where the kernels hang on the pass's parameters (kiln_backend_expect); NULL: `ahead` says them all. */
+    void (*expect)(struct vulkan_backend *b, const void *parameters);
     /* whether it runs with these parameters here (kiln_backend_takes); NULL: with any */
     bool (*takes)(const struct vulkan_backend *b, const void *parameters);
 };

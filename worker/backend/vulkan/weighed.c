@@ -102,4 +102,12 @@ static bool takes(const struct vulkan_backend *b, const void *parameters)
            (t->aims == NULL || t->aims->sky.count <= 1) && b->tracer.acceleration == NULL;
 }
 
-const struct vulkan_pass vulkan_pass_weighed = {.run = run, .takes = takes};
+const struct vulkan_pass vulkan_pass_weighed = {
+    .run = run,
+    .takes = takes,
+    .ahead = {{.shader = &chains_shader},
+              {.shader = &weighed_shader, .own = SURFACES},
+              {.shader = &weighed_shader, .draw_again = true, .own = SURFACES},
+              {.shader = &chains_add_shader, .own = BEGINS},
+              {.shader = &chains_add_shader, .own = ADDS_WEIGHED},
+              {.shader = &sums_shader}}};

@@ -22,7 +22,7 @@ struct gpu_times {
     struct kernel_times kernels[MOST_KERNELS];
     size_t count;
     uint64_t submissions;
-    double waited; /* s, of the host for submissions */
+    double waited;         /* s, of the host for submissions */
     pthread_mutex_t mutex; /* kernels are made by several threads */
 };
 
