@@ -111,7 +111,7 @@ double kiln_merge_error(const struct kiln_merged *merged, uint64_t iterations);
 
 /* About, bytes that a rank needs of each of its points, besides struct kiln_merged: places twice, fluxes, weights
  * twice, the grid, and what it is made with. Points of others count likewise, and are few. */
-enum { KILN_MERGE_POINT_BYTES = 2 * 40 + 32 + 2 * 16 + 2 * 32 + 12 };
+enum { KILN_MERGE_POINT_BYTES = 2 * 40 + 32 + 2 * 16 + 2 * 16 + 28 + 12 };
 /* How often the points near each point are looked for: of each radius, while one is found, and while each point gets
  * its own, about: as dear as several passes that spread. */
 enum { KILN_MERGE_PASSES = 4, KILN_MERGE_SEARCH_PASSES = 12, KILN_MERGE_FIT_PASSES = 8 };

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 
 #include "coordinator/integrate/bins.h"
+#include "worker/base/clones.h"
 #include "worker/base/memory.h"
 
 #define SLACK 1.001f  /* of a cell, beyond the radius: for rounding */
@@ -11,20 +12,23 @@
 
 enum { LEVELS = 8, NEIGHBOUR_CELLS = 27 };
 enum { STRETCHES_MOST = 1 << 12 }; /* of slots, each of which one thread fills */
+enum { LANES = 64 };               /* points that are looked at together */
 
 /* A point in its cell. */
 struct member {
     uint64_t cell;
     size_t at;
-    struct kiln_vec3 position; /* once more, as what follows: most are too far */
-    float widest;
 };
+
+/* What is looked at of all points of a cell, once more: most are too far. */
+enum column { X, Y, Z, NORMAL_X, NORMAL_Y, NORMAL_Z, WIDEST, COLUMNS };
 
 /* A hash table of cells: those of members[begin[h] .. begin[h + 1]) have the hash h. No members: no point needs it. */
 struct level {
     double side; /* m, of a cell */
     size_t *begin;
     struct member *members;
+    float *columns[COLUMNS]; /* by member; the first is the block */
 };
 
 struct kiln_merge_grid {
@@ -66,13 +70,13 @@ static size_t slot_of(const struct kiln_merge_grid *grid, uint64_t cell)
     return (size_t)(cell * 0x9e3779b97f4a7c15ull >> 32) & (grid->slots - 1);
 }
 
-/* The points that are near others. Returns how many. */
+/* The points that are near others, each with its key. Returns how many. */
 static size_t list_members(const struct kiln_merge_place *places, size_t count, struct member *members)
 {
     size_t taking_part = 0;
     for (size_t i = 0; i < count; i++)
         if (places[i].lit > 0.0f && places[i].widest > 0.0f)
-            members[taking_part++] = (struct member){places[i].key, i, places[i].position, places[i].widest};
+            members[taking_part++] = (struct member){places[i].key, i};
     return taking_part;
 }
 
@@ -94,7 +98,7 @@ struct building {
 
 static size_t slot_for(const struct building *b, const struct member *member)
 {
-    return slot_of(b->grid, cell_of(b->level, member->position));
+    return slot_of(b->grid, cell_of(b->level, b->grid->places[member->at].position));
 }
 
 /* The members of a stretch of slots go where they belong. Within a slot they are by key, so that those of a cell have
@@ -119,8 +123,14 @@ static void fill_stretch(const struct building *b, size_t stretch)
     for (size_t slot = first, from = begin; slot < end; from = level->begin[++slot])
         if (level->begin[slot + 1] > from + 1)
             qsort(level->members + from, level->begin[slot + 1] - from, sizeof *level->members, by_key);
-    for (size_t i = begin; i < stop; i++)
-        level->members[i].cell = cell_of(level, level->members[i].position);
+    for (size_t i = begin; i < stop; i++) {
+        const struct kiln_merge_place *place = &b->grid->places[level->members[i].at];
+        const struct kiln_vec3 p = place->position, n = place->normal;
+        const float values[COLUMNS] = {p.x, p.y, p.z, n.x, n.y, n.z, place->widest};
+        level->members[i].cell = cell_of(level, p);
+        for (int c = 0; c < COLUMNS; c++)
+            level->columns[c][i] = values[c];
+    }
 }
 
 static int build_level(struct building *b, size_t count, uint32_t threads, struct kiln_error *error)
@@ -130,10 +140,15 @@ static int build_level(struct building *b, size_t count, uint32_t threads, struc
     int status =
         kiln_allocate(&b->level->begin, grid->slots + 1, sizeof *b->level->begin, "the grid of merged points", error);
     if (status == KILN_OK)
-        status =
-            kiln_allocate(&b->level->members, count, sizeof *b->level->members, "the grid of merged points", error);
+        status = kiln_allocate_bare(&b->level->members, count, sizeof *b->level->members, "the grid of merged points",
+                                    error);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&b->level->columns[0], count * COLUMNS, sizeof(float), "the grid of merged points",
+                                    error);
     if (status != KILN_OK)
         return status;
+    for (int c = 1; c < COLUMNS; c++)
+        b->level->columns[c] = b->level->columns[0] + (size_t)c * count;
 #pragma omp parallel for num_threads((int)threads) schedule(static)
     for (size_t i = 0; i < count; i++)
         b->bin_of[i] = (uint32_t)(slot_for(b, &b->all[i]) >> b->shift);
@@ -160,9 +175,10 @@ int kiln_merge_grid_create(struct kiln_merge_grid **grid, const struct kiln_merg
         (*grid)->slots *= 2;
     while ((*grid)->slots >> building.shift > STRETCHES_MOST)
         building.shift++;
-    status = kiln_allocate(&members, count, sizeof *members, "the grid of merged points", error);
+    status = kiln_allocate_bare(&members, count, sizeof *members, "the grid of merged points", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&building.bin_of, count, sizeof *building.bin_of, "the grid of merged points", error);
+        status =
+            kiln_allocate_bare(&building.bin_of, count, sizeof *building.bin_of, "the grid of merged points", error);
     const size_t taking_part = status == KILN_OK ? list_members(places, count, members) : 0;
     const struct kiln_merge_grid *made = *grid;
 #pragma omp parallel for num_threads((int)threads) schedule(static) reduction(| : wanted)
@@ -189,6 +205,7 @@ void kiln_merge_grid_destroy(struct kiln_merge_grid **grid)
     for (int l = 0; l < LEVELS; l++) {
         kiln_free(&(*grid)->levels[l].begin);
         kiln_free(&(*grid)->levels[l].members);
+        kiln_free(&(*grid)->levels[l].columns[0]);
     }
     kiln_free(grid);
 }
@@ -230,21 +247,42 @@ static size_t find_cells(const struct kiln_merge_grid *grid, const struct level 
     return count;
 }
 
+/* Whether members from `first` on are near a place: kiln_merge_are_near, side by side. */
+KILN_CLONES static void look(const struct level *level, size_t first, size_t count,
+                             const struct kiln_merge_place *place, float radius, uint32_t near[LANES])
+{
+    const float *const x = level->columns[X] + first, *const y = level->columns[Y] + first,
+                       *const z = level->columns[Z] + first, *const nx = level->columns[NORMAL_X] + first,
+                       *const ny = level->columns[NORMAL_Y] + first, *const nz = level->columns[NORMAL_Z] + first,
+                       *const widest = level->columns[WIDEST] + first;
+    const struct kiln_vec3 p = place->position, n = place->normal;
+#pragma omp simd
+    for (size_t i = 0; i < count; i++) {
+        const float least = radius < widest[i] ? radius : widest[i], flat = KILN_MERGE_FLAT * least, dx = x[i] - p.x,
+                    dy = y[i] - p.y, dz = z[i] - p.z, below = fabsf(dx * n.x + dy * n.y + dz * n.z),
+                    above = fabsf(dx * nx[i] + dy * ny[i] + dz * nz[i]);
+        near[i] = (uint32_t)(dx * dx + dy * dy + dz * dz <= least * least) &
+                  (uint32_t)(n.x * nx[i] + n.y * ny[i] + n.z * nz[i] >= KILN_MERGE_ALIKE) & (uint32_t)(below <= flat) &
+                  (uint32_t)(above <= flat);
+    }
+}
+
 /* Adds the points of a cell that are near point `at`, but for itself. */
 static int add_near(const struct kiln_merge_grid *grid, const struct level *level, size_t at, struct cell cell,
                     float radius, struct kiln_merge_near *near, struct kiln_error *error)
 {
     const size_t begin = level->begin[cell.slot], end = level->begin[cell.slot + 1];
-    const struct kiln_merge_place *place = &grid->places[at];
+    uint32_t is_near[LANES];
     const int status =
         kiln_grow(&near->of, &near->room, near->count + (end - begin), sizeof *near->of, "points nearby", error);
-    for (size_t i = begin; i < end && status == KILN_OK; i++) {
-        const struct member *member = &level->members[i];
-        const struct kiln_vec3 d = vec3_sub(member->position, place->position);
-        const float least = radius < member->widest ? radius : member->widest;
-        if (vec3_dot(d, d) <= least * least && member->cell == cell.word && member->at != at &&
-            kiln_merge_are_near(place, &grid->places[member->at], least))
-            near->of[near->count++] = member->at;
+    for (size_t first = begin; first < end && status == KILN_OK; first += LANES) {
+        const size_t count = end - first < LANES ? end - first : LANES;
+        look(level, first, count, &grid->places[at], radius, is_near);
+        for (size_t i = 0; i < count; i++) {
+            const struct member *member = &level->members[first + i];
+            if (is_near[i] != 0 && member->cell == cell.word && member->at != at)
+                near->of[near->count++] = member->at;
+        }
     }
     return status;
 }

@@ -87,8 +87,10 @@ static uint64_t upload_even(struct uploading *u, const struct kiln_aims *aims)
 {
     uint64_t *even = NULL;
     if (u->status == KILN_OK)
-        u->status = kiln_allocate(&even, aims->count, sizeof *even, what, u->error);
-    for (size_t i = 0; u->status == KILN_OK && i < aims->count; i++)
+        u->status = kiln_allocate_bare(&even, aims->count, sizeof *even, what, u->error);
+    const size_t count = u->status == KILN_OK ? aims->count : 0;
+#pragma omp parallel for num_threads((int)u->b->threads) if (count > 1 << 14)
+    for (size_t i = 0; i < count; i++)
         even[i] = kiln_aims_even(aims, i);
     const uint64_t address = upload(u, even, aims->count * sizeof *even);
     kiln_free(&even);
