@@ -3,13 +3,15 @@
 const uint THREADS = 64u, POWERS = KILN_GPU_HELD_POWERS, SHARES = THREADS / POWERS;
 const uint INCIDENT = 0u, REFLECTED = 3u, SENT = 6u, ESCAPED = 9u, BLOCKED = 12u, VARIANCE = 15u;
 
-shared int64_t high[THREADS * POWERS], low[THREADS * POWERS];
+/* Sum k of thread t at k * ROW + t: threads that go on together write, and read, in different banks. */
+const uint ROW = THREADS + 1u;
+shared int64_t high[ROW * POWERS], low[ROW * POWERS];
 
 /* Of each thread, first: its point adds nothing. */
 void no_powers()
 {
     for (uint k = 0u; k < POWERS; k++)
-        high[gl_LocalInvocationID.x * POWERS + k] = low[gl_LocalInvocationID.x * POWERS + k] = int64_t(0);
+        high[k * ROW + gl_LocalInvocationID.x] = low[k * ROW + gl_LocalInvocationID.x] = int64_t(0);
 }
 
 /* kiln_exact_add: the whole number of units next to 0, by the double's own bits, since conversions to 64 bits are not
@@ -25,7 +27,7 @@ void set_power(uint k, double value, double per_unit)
     const int up = max(exponent, 0), down = max(40 - up, 0);
     const uint64_t above = up > 40 ? digits << (up - 40) : digits >> down;
     const uint64_t below = (digits & ((1ul << down) - 1ul)) << min(up, 40);
-    const uint at = gl_LocalInvocationID.x * POWERS + k;
+    const uint at = k * ROW + gl_LocalInvocationID.x;
     const bool negative = words.y >> 31 != 0u;
     high[at] = negative ? -int64_t(above) : int64_t(above);
     low[at] = negative ? -int64_t(below) : int64_t(below);
@@ -37,9 +39,11 @@ void add_up(kiln_gpu_held held, uint light, uint group, uint points)
     const uint lane = gl_LocalInvocationID.x, power = lane / SHARES, share = lane % SHARES;
     int64_t sum[2] = int64_t[2](0, 0);
     barrier();
-    for (uint t = share * (THREADS / SHARES); t < (share + 1u) * (THREADS / SHARES); t++) {
-        sum[0] += high[t * POWERS + power];
-        sum[1] += low[t * POWERS + power];
+    const uint each = THREADS / SHARES, from = power * ROW + share * each;
+    for (uint t = 0u; t < each; t++) {
+        const uint at = from + (t + share * SHARES) % each;
+        sum[0] += high[at];
+        sum[1] += low[at];
     }
     barrier();
     high[lane] = sum[0];
