@@ -1,10 +1,10 @@
 /* The gather pass from rows (kept_rows.glsl): what rays have met is read in the place of traced, under up to
- * KILN_ROW_LIGHTS lights at once, which share one read of the rows. Of each light the sums are those of gather.glsl,
- * in the same order. Directions are made for points with smooth normals alone, whose rays weigh by them. Lights lie
- * side by side: the radiosity of point i under light l is pair i * LIGHTS + l of words. A thread has
- * KILN_GPU_REPLAY_LIGHTS of them at most, and those beside it the others of the same point: so what a ray has met is read
- * by neighbouring threads in one piece, and the sums of a thread fit its registers. The slices of a light follow those of
- * the one before; replay_reduce.comp adds them up, or replay_take.comp. */
+ * KILN_ROW_LIGHTS lights at once, which share one read of the rows. Of each light the sums are those of gather.glsl, in
+ * the same order. Directions are made for points with smooth normals alone, whose rays weigh by them. Lights lie side
+ * by side: the radiosity of point i under light l is pair i * LIGHTS + l of words. A thread has KILN_GPU_REPLAY_LIGHTS
+ * of them at most, and those beside it the others of the same point: so what a ray has met is read by neighbouring
+ * threads in one piece, and the sums of a thread fit its registers. The slices of a light follow those of the one
+ * before; replay_reduce.comp adds them up, or replay_take.comp. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -98,9 +98,9 @@ void store(Sums sums, uint x, uint row)
     for (uint l = 0u; l < EACH; l++) {
         if (l >= LIGHTS || first_light + l >= LIGHTS)
             break;
-        FloatArray floats = FloatArray(push.hemisphere.slices +
-                                       uint64_t(((first_light + l) * rows + row * push.hemisphere.row_step) * KILN_GPU_SLICE_FLOATS) *
-                                           push.chunk.total * 4ul);
+        const uint slice = (first_light + l) * rows + row * push.hemisphere.row_step;
+        FloatArray floats =
+            FloatArray(push.hemisphere.slices + uint64_t(slice * KILN_GPU_SLICE_FLOATS) * push.chunk.total * 4ul);
         for (uint c = 0u; c < 3u; c++) {
             floats.at[c * step + x] = sums.incident[l][c];
             floats.at[(3u + c) * step + x] = HAS_SMOOTH != 0u ? sums.irradiance[l][c] : sums.incident[l][c];
