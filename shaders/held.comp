@@ -1,16 +1,31 @@
-/* Light that stays on the device: what a light begins with, as the host has it, or what the final gather reads. Thread
- * (x, y): point x; light y where the step is of all lights. */
+/* Light that stays on the device: what a light begins with, as the host has it, or what the final gather reads; or
+ * errors, as the host fetches them. Thread (x, y): point x, or points 2x and 2x + 1; light y where the step is of all
+ * lights. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
 
 KILN_PUSH(kiln_gpu_held_push);
 
-/* bytes are radiosity in 8 bytes, or in 4, which goes to `to`; errors in 2; or sums are packed for `to` */
-const uint PACKED = 0u, COMPACT = 1u, ERRORS = 2u, SUMS = 3u;
+/* bytes are radiosity in 8 bytes, or in 4, which goes to `to`; errors in 2; or sums are packed for `to`; or bytes
+ * become errors in 2: of all light, then of direct and of indirect light, each of an even number of points */
+const uint PACKED = 0u, COMPACT = 1u, ERRORS = 2u, SUMS = 3u, FETCHED = 4u;
 layout(constant_id = 6) const uint STEP = PACKED;
 
 #include "shaders/held.glsl"
+
+/* The errors of two points of the light. */
+void fetch(kiln_gpu_held held, uint64_t of_light, uint x)
+{
+    const uint points = uint(held.points), pairs = (points + 1u) / 2u, second = min(2u * x + 1u, points - 1u);
+    HeldWords errors = HeldWords(held.errors + of_light * 4ul), direct = HeldWords(held.direct_errors + of_light * 4ul);
+    HeldWords bytes = HeldWords(push.bytes);
+    const uint one = errors.at[2u * x], two = errors.at[second];
+    bytes.at[x] = (one & 0xffffu) | two << 16;
+    bytes.at[2u * pairs + x] = one >> 16 | (two & 0xffff0000u);
+    if (HeldLights(held.lights).at[push.light].part_count != KILN_GPU_NONE)
+        bytes.at[pairs + x] = (direct.at[2u * x] & 0xffffu) | direct.at[second] << 16;
+}
 
 void kiln_kernel(uint x, uint y)
 {
@@ -19,6 +34,11 @@ void kiln_kernel(uint x, uint y)
     if (uint64_t(x) >= held.points || light >= held.count)
         return;
     const uint64_t of_light = uint64_t(light) * held.points;
+    if (STEP == FETCHED) {
+        if (2ul * uint64_t(x) < held.points)
+            fetch(held, of_light, x);
+        return;
+    }
     if (STEP == ERRORS) {
         const uint two = HeldWords(push.bytes).at[x >> 1];
         HeldWords(held.errors + of_light * 4ul).at[x] = (x & 1u) != 0u ? two >> 16 : two & 0xffffu;

@@ -5,6 +5,8 @@
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer HeldRef { kiln_gpu_held value; };
 KILN_ARRAY(HeldPoints, kiln_gpu_held_point, 8);
 KILN_ARRAY(HeldLights, kiln_gpu_held_light, 8);
+KILN_ARRAY(HeldParts, kiln_gpu_held_part, 8);
+KILN_ARRAY(DirectAnswers, kiln_gpu_direct_answer, 4);
 KILN_ARRAY(HeldPowers, kiln_gpu_held_power, 8);
 KILN_ARRAY(HeldPairs, uvec2, 8);
 KILN_ARRAY(HeldWords, uint, 4);
@@ -98,4 +100,16 @@ uint held_error_add(uint packed, float error)
 {
     const double before = double(uintBitsToFloat(packed << 16)), more = double(error);
     return held_error_pack(float(sqrt(before * before + more * more)));
+}
+
+/* kiln_point_albedo */
+vec3 held_albedo(uint64_t albedo, uint64_t own)
+{
+    precise vec3 rgb;
+    for (uint c = 0u; c < 3u; c++) {
+        const uint64_t half_ = 3ul * own + uint64_t(c);
+        const uint two = HeldWords(albedo + (half_ >> 1) * 4ul).at[0];
+        rgb[c] = float((half_ & 1ul) != 0ul ? two >> 16 : two & 0xffffu) * KILN_RATIO32(1, 65535);
+    }
+    return rgb;
 }

@@ -11,30 +11,7 @@ uint light;
 #define GATHER_KERNEL
 #include "shaders/gather_reduce.glsl"
 #include "shaders/held.glsl"
-
-const uint THREADS = 64u, POWERS = KILN_GPU_HELD_POWERS, SHARES = THREADS / POWERS;
-const uint INCIDENT = 0u, REFLECTED = 3u, SENT = 6u, ESCAPED = 9u, BLOCKED = 12u, VARIANCE = 15u;
-
-shared int64_t high[THREADS * POWERS], low[THREADS * POWERS];
-
-/* kiln_exact_add: the whole number of units next to 0, by the double's own bits, since conversions to 64 bits are not
- * the same on all devices. */
-void set_power(uint k, double value, double per_unit)
-{
-    precise const double steps = value * per_unit;
-    const uvec2 words = unpackDouble2x32(steps);
-    const int exponent = int(words.y >> 20 & 0x7ffu) - 1075;
-    uint64_t digits = packUint2x32(uvec2(words.x, words.y & 0xfffffu | 0x100000u));
-    if (exponent < 0)
-        digits = exponent > -53 ? digits >> -exponent : 0ul;
-    const int up = max(exponent, 0), down = max(40 - up, 0);
-    const uint64_t above = up > 40 ? digits << (up - 40) : digits >> down;
-    const uint64_t below = (digits & ((1ul << down) - 1ul)) << min(up, 40);
-    const uint at = gl_LocalInvocationID.x * POWERS + k;
-    const bool negative = words.y >> 31 != 0u;
-    high[at] = negative ? -int64_t(above) : int64_t(above);
-    low[at] = negative ? -int64_t(below) : int64_t(below);
-}
+#include "shaders/held_sums.glsl"
 
 /* kiln_mean: what doubles say of a quotient of floats is near enough for its rounding. */
 float mean_of(float sum) { return float(double(sum) / double(push.samples)); }
@@ -69,11 +46,9 @@ void take(kiln_gpu_held held, uint64_t own, bool valid, kiln_gpu_result r)
     const uint64_t at = uint64_t(light) * held.points + own,
                    pair = (own * uint64_t(held.count) + uint64_t(light)) * 8ul;
     HeldFloats sum = HeldFloats(held.sums + at * 12ul);
-    precise vec3 incident = vec3(0.0), albedo, radiosity;
+    const vec3 albedo = held_albedo(about.albedo, own);
+    precise vec3 incident = vec3(0.0), radiosity;
     for (uint c = 0u; c < 3u; c++) {
-        const uint64_t half_ = 3ul * own + uint64_t(c);
-        const uint two = HeldWords(about.albedo + (half_ >> 1) * 4ul).at[0];
-        albedo[c] = float((half_ & 1ul) != 0ul ? two >> 16 : two & 0xffffu) * KILN_RATIO32(1, 65535);
         incident[c] = valid ? mean_of(r.incident[c]) : 0.0;
         radiosity[c] = albedo[c] * incident[c];
         precise const float before = held.final != 0u ? 0.0 : sum.at[c];
@@ -96,42 +71,17 @@ void take(kiln_gpu_held held, uint64_t own, bool valid, kiln_gpu_result r)
         HeldWords(held.powers + uint64_t(held.count * POWERS) * 16ul).at[0] = 1u;
 }
 
-/* Of all threads: the sums of power that they have set, to the workgroup's place. */
-void add_up(kiln_gpu_held held, uint group)
-{
-    const uint lane = gl_LocalInvocationID.x, power = lane / SHARES, share = lane % SHARES;
-    int64_t sum[2] = int64_t[2](0, 0);
-    barrier();
-    for (uint t = share * (THREADS / SHARES); t < (share + 1u) * (THREADS / SHARES); t++) {
-        sum[0] += high[t * POWERS + power];
-        sum[1] += low[t * POWERS + power];
-    }
-    barrier();
-    high[lane] = sum[0];
-    low[lane] = sum[1];
-    barrier();
-    if (share != 0u || group * THREADS >= push.chunk.total || light >= held.count)
-        return;
-    for (uint i = 1u; i < SHARES; i++) {
-        sum[0] += high[lane + i];
-        sum[1] += low[lane + i];
-    }
-    const uint64_t at = uint64_t(group * held.count + light) * uint64_t(POWERS) + uint64_t(power);
-    HeldPowers(held.parts + at * 16ul).at[0] = kiln_gpu_held_power(uint64_t(sum[0]), uint64_t(sum[1]));
-}
-
 void kiln_kernel(uint x, uint y)
 {
     const kiln_gpu_held held = HeldRef(push.results).value;
     light = y;
-    for (uint k = 0u; k < POWERS; k++)
-        high[gl_LocalInvocationID.x * POWERS + k] = low[gl_LocalInvocationID.x * POWERS + k] = int64_t(0);
+    no_powers();
     if (x < push.chunk.total && y < push.lights) {
         kiln_gpu_result r;
         const bool valid = gather_result(x, r);
         take(held, push.first + uint64_t(x), valid, r);
     }
-    add_up(held, x / THREADS);
+    add_up(held, light, x / THREADS, push.chunk.total);
 }
 
 #include "shaders/main.glsl"

@@ -294,7 +294,8 @@ static int solve_whole(struct engine *e, struct kiln_error *error)
     return status;
 }
 
-/* Collective. What of the time is for rays that are got for the first time, or for direct light, is loading. */
+/* Collective. What of the time is for rays that are got for the first time, for direct light that is traced, or for
+ * what a device makes or gets once, is loading. */
 static int solve(struct engine *e, size_t count, struct kiln_error *error)
 {
     if (e->whole)
@@ -312,10 +313,11 @@ static int solve(struct engine *e, size_t count, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_states_solve(e->states, of, count, error);
     const struct spent all = since(after), with = loading(e);
-    const struct spent got = {with.seconds - rays.seconds, with.processor - rays.processor};
+    kiln_backend_info(e->b->prepared->backend, &behind);
+    const struct spent got = {with.seconds - rays.seconds + behind.once_seconds - before.once_seconds,
+                              with.processor - rays.processor + behind.once_processor - before.once_processor};
     e->load.seconds += mixing.seconds + got.seconds;
     e->load.processor += mixing.processor + got.processor;
-    kiln_backend_info(e->b->prepared->backend, &behind);
     for (size_t i = 0; i < count; i++) {
         struct one *one = &e->ones[i];
         one->solve = (struct spent){(all.seconds - got.seconds) / (double)count,

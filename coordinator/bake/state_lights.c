@@ -15,12 +15,6 @@
  * for a pilot, enough for each part of a bake in parts to have quarters. */
 enum { GIVEN_SAMPLES = 16, KEPT_MOST = 64, PARTS_MOST = 2 * KILN_STATE_PARTS, STEPS_MOST = KILN_PARTS };
 
-/* A point's answer in a direct step: sums, as struct kiln_point_result has them, or means with count 1. */
-struct answer {
-    float irradiance[3], incident[3], error, present;
-    uint32_t count;
-};
-
 /* The direct light of some elements. */
 struct kept {
     uint64_t key, used;
@@ -28,7 +22,7 @@ struct kept {
     struct kiln_emission_result emission;
     uint32_t steps;
     uint32_t samples[STEPS_MOST];
-    struct answer *answers[STEPS_MOST]; /* of the own points */
+    struct kiln_direct_answer *answers[STEPS_MOST]; /* of the own points */
 };
 
 struct part {
@@ -43,6 +37,7 @@ struct mix {
     size_t count;
     bool same;
     struct part parts[PARTS_MOST];
+    struct kiln_held_part held[PARTS_MOST]; /* the same, for a device */
 };
 
 struct kiln_state_lights {
@@ -189,10 +184,11 @@ static void see(void *context, const struct kiln_step *step, size_t first, size_
                                                                      : 0;
     k->steps = k->steps > place + 1 ? k->steps : place + 1;
     k->samples[place] = step->samples;
-    struct answer *to = k->answers[place] + (s->tile_runs[first].first.at - s->first.at);
+    struct kiln_direct_answer *to = k->answers[place] + (s->tile_runs[first].first.at - s->first.at);
     for (size_t f = first; f < first + count; f++)
         for (uint32_t i = 0; i < s->tile_runs[f].count; i++, to++, results++) {
-            *to = (struct answer){.error = results->error, .present = results->present, .count = results->count};
+            *to = (struct kiln_direct_answer){
+                .error = results->error, .present = results->present, .count = results->count};
             memcpy(to->irradiance, results->irradiance, sizeof to->irradiance);
             memcpy(to->incident, results->incident, sizeof to->incident);
         }
@@ -203,7 +199,7 @@ static void make_means(const struct kiln_state_lights *l, struct kept *k)
 {
     for (uint32_t s = 0; s < k->steps; s++)
         for (uint64_t i = 0; i < l->bake->prepared->surface->count; i++) {
-            struct answer *a = &k->answers[s][i];
+            struct kiln_direct_answer *a = &k->answers[s][i];
             for (int c = 0; c < 3; c++) {
                 a->irradiance[c] = kiln_mean(a->irradiance[c], a->count);
                 a->incident[c] = kiln_mean(a->incident[c], a->count);
@@ -221,7 +217,7 @@ static void end(void *context, const struct kiln_rank_data *own)
     struct kept *k = l->filling;
     k->steps = 1;
     for (uint64_t i = 0; i < own->surface.count; i++) {
-        struct answer *a = &k->answers[0][i];
+        struct kiln_direct_answer *a = &k->answers[0][i];
         memcpy(a->irradiance, own->direct + 3 * i, sizeof a->irradiance);
         memcpy(a->incident, own->sum + 3 * i, sizeof a->incident);
         a->error = own->error != NULL ? kiln_error_unpack(own->error[i]) : kiln_mean(a->error, a->count);
@@ -422,8 +418,11 @@ static int find_parts(struct kiln_state_lights *l, const struct kiln_state_scene
                 memcpy(part->factor, l->own_factor[k], sizeof part->factor);
         const uint64_t key = isolate(l, scene, i);
         status = keep(l, &l->only, key, false, &part->kept, error);
-        if (status == KILN_OK)
-            add_emission(&m->emission, part);
+        if (status != KILN_OK)
+            break;
+        add_emission(&m->emission, part);
+        m->held[i] = (struct kiln_held_part){.key = key, .answers = part->kept->answers[0]};
+        memcpy(m->held[i].factor, part->factor, sizeof part->factor);
     }
     return status;
 }
@@ -437,7 +436,8 @@ static void give_same(void *context, const struct kiln_step *step, size_t first,
     const struct mix *m = context;
     const struct kiln_surface *s = m->lights->bake->prepared->surface;
     const uint32_t place = m->settings.parts > 1 ? step->part : step->samples_field != NULL ? 1 : 0;
-    const struct answer *from = m->parts[0].kept->answers[place] + (s->tile_runs[first].first.at - s->first.at);
+    const struct kiln_direct_answer *from =
+        m->parts[0].kept->answers[place] + (s->tile_runs[first].first.at - s->first.at);
     const uint64_t points = kiln_tile_runs_points(&s->tile_runs[first], &s->tile_runs[first + count - 1]);
     for (uint64_t i = 0; i < points; i++) {
         results[i] =
@@ -449,8 +449,8 @@ static void give_same(void *context, const struct kiln_step *step, size_t first,
 
 /* Adds a part's light at a point, in sums of GIVEN_SAMPLES. Errors of parts, which are traced apart, add up by their
  * squares; each scales as its light does. */
-static void add_part(const struct part *part, const struct answer *a, uint32_t samples, struct kiln_point_result *r,
-                     double *square)
+static void add_part(const struct part *part, const struct kiln_direct_answer *a, uint32_t samples,
+                     struct kiln_point_result *r, double *square)
 {
     float scaled[3];
     for (int c = 0; c < 3; c++) {
@@ -508,7 +508,11 @@ int kiln_state_lights_mix(struct kiln_state_lights *l, const struct kiln_state_s
     }
     state->settings = &m->settings;
     state->emission = &m->emission;
-    state->direct = (struct kiln_state_direct){.give = m->same ? give_same : give_mix, .context = m};
+    state->direct = (struct kiln_state_direct){.give = m->same ? give_same : give_mix,
+                                               .mixed = !m->same && m->settings.parts <= 1,
+                                               .parts = m->held,
+                                               .part_count = (uint32_t)m->count,
+                                               .context = m};
     return kiln_agree(l->bake->communicator, status, error);
 }
 
@@ -523,7 +527,7 @@ void kiln_state_lights_counts(const struct kiln_state_lights *l, uint64_t *trace
     *traced = l->traced;
     *bytes = 0;
     for (size_t i = 0; i < l->kept_count; i++)
-        *bytes += (uint64_t)l->kept[i]->steps * l->bake->prepared->surface->count * sizeof(struct answer);
+        *bytes += (uint64_t)l->kept[i]->steps * l->bake->prepared->surface->count * sizeof(struct kiln_direct_answer);
 }
 
 /* The base scene's elements that emit, in up to KILN_STATE_PARTS parts of about as many. */

@@ -39,20 +39,27 @@ static void clear(void *values, size_t bytes, uint32_t threads)
         memset((char *)values + i * PIECE, 0, i + 1 < pieces ? PIECE : bytes - i * PIECE);
 }
 
-/* The fields of results and steps are zero, but for those that hang on no light. */
-static void clear_fields(const struct kiln_state_slot *s)
+static bool is_among(const void *const *pointers, const void *one)
+{
+    while (pointers != NULL && *pointers != NULL && *pointers != one)
+        pointers++;
+    return pointers != NULL && *pointers != NULL;
+}
+
+void kiln_state_clear_fields(struct kiln_state_slot *s, const void *const *but)
 {
     const struct kiln_field_set *fields = s->params.fields;
     const struct kiln_rank_data *own = s->solution->own;
-    for (size_t i = 0; i < fields->count; i++) {
+    for (size_t i = 0; i < fields->count && s->stale; i++) {
         const struct kiln_field *field = fields->entry[i].field;
         const bool lives = field->life == KILN_FIELD_RESULT || field->life == KILN_FIELD_STEP;
         void *values = lives && field->length == KILN_FIELD_EACH ? kiln_rank_field(own, fields, i) : NULL;
         const size_t count =
             field->domain == KILN_DOMAIN_POINT ? (size_t)own->surface.count : own->surface.tile_run_count;
-        if (values != NULL && values != (void *)own->block && values != (void *)own->mixture)
+        if (values != NULL && values != (void *)own->block && values != (void *)own->mixture && !is_among(but, values))
             clear(values, count * kiln_field_size(field), s->params.threads);
     }
+    s->stale = false;
 }
 
 /* Collective. */
@@ -90,7 +97,12 @@ static int make_slot(const struct kiln_states *states, struct kiln_state_slot *s
     status = kiln_agree(p->communicator, status, error);
     s->taker = (struct kiln_taker){.ledger = &s->ledger, .threads = p->threads};
     s->exchange = (struct kiln_radiosity_exchange){s->solution, p->control, NULL, p->threads};
-    return status == KILN_OK ? make_solution(s, error) : status;
+    if (status == KILN_OK)
+        status = make_solution(s, error);
+    s->stale = status == KILN_OK;
+    if (s->stale) /* their memory is touched for the first time, by all threads */
+        kiln_state_clear_fields(s, NULL);
+    return status;
 }
 
 int kiln_states_create(struct kiln_states **states, const struct kiln_integrate_params *params,
@@ -165,7 +177,8 @@ static int begin_state(struct kiln_state_slot *s, const struct kiln_state *state
                                                .solution = s->solution,
                                                .ledger = &s->ledger,
                                                .exchange = &s->exchange};
-    clear_fields(s);
+    s->mixed = false;
+    s->stale = true;
     set_albedo(s, state->albedo);
     kiln_ledger_release(&s->ledger);
     const int status =
@@ -195,6 +208,7 @@ static int begin_step(struct kiln_state_slot *s, struct kiln_error *error)
     struct kiln_step_reports *steps = &s->solution->report.steps;
     struct kiln_step_report *last = steps->count > 0 ? kiln_solution_step(s->solution) : NULL;
     int status = KILN_OK;
+    kiln_state_clear_fields(s, NULL);
     if (s->step.quantity == NULL)
         status = s->state.settings->integrator->begin_step(&s->integration, last, &s->step, error);
     else if (s->step.pass->reads_radiosity)
@@ -497,20 +511,33 @@ static int run_step(struct kiln_states *st, size_t first, bool done[KILN_STATES_
     return gather(st, &flock, error);
 }
 
-/* The next step of each state. States that gather wait for those that do not, so that they gather together. */
+bool kiln_state_mixes(const struct kiln_state_slot *s)
+{
+    return s->has_next && s->step.pass == &kiln_pass_direct && s->step.quantity == NULL && s->state.direct.mixed;
+}
+
+/* What goes first: direct light that no device mixes, and all else that is no gather. */
+enum { OTHER, MIX, GATHER, NO_STEP };
+
+static int order_of(const struct kiln_state_slot *s)
+{
+    return !s->has_next ? NO_STEP : gathers(s) ? GATHER : kiln_state_mixes(s) ? MIX : OTHER;
+}
+
+/* The next step of each state. States that gather wait for those that do not, so that they gather together; and those
+ * whose direct light may be mixed for those whose is not, so that a device gets the light of all. */
 static bool find_steps(const struct kiln_states *st)
 {
-    bool any = false, others = false;
+    int first = NO_STEP;
     for (size_t i = 0; i < st->active; i++) {
         struct kiln_state_slot *s = &st->slots[i];
         const struct kiln_step_reports *steps = &s->solution->report.steps;
-        s->goes_on = kiln_steps_next(s->state.settings, steps->of, steps->count, &s->step);
-        any = any || s->goes_on;
-        others = others || (s->goes_on && !gathers(s));
+        s->has_next = kiln_steps_next(s->state.settings, steps->of, steps->count, &s->step);
+        first = order_of(s) < first ? order_of(s) : first;
     }
-    for (size_t i = 0; i < st->active && others; i++)
-        st->slots[i].goes_on = st->slots[i].goes_on && !gathers(&st->slots[i]);
-    return any;
+    for (size_t i = 0; i < st->active; i++)
+        st->slots[i].goes_on = order_of(&st->slots[i]) == first && first != NO_STEP;
+    return first != NO_STEP;
 }
 
 static int run_here(struct kiln_states *st, struct kiln_error *error)

@@ -20,6 +20,10 @@ struct kiln_state_direct {
     /* Sees the own data when a step was traced and taken; NULL: nobody does. */
     void (*end)(void *context, const struct kiln_rank_data *own);
     void *context;
+    /* what `give` gives is the sum of these, scaled (worker/pass/held.h): a device may do it */
+    bool mixed;
+    const struct kiln_held_part *parts;
+    uint32_t part_count;
 };
 
 /* A state. All borrowed. */

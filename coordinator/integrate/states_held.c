@@ -11,7 +11,7 @@ enum { SCALE_MOST = 80 }; /* exponents of units, either way */
 
 /* ---- whether ---- */
 
-static bool same_gather(const struct kiln_step *a, const struct kiln_step *b)
+static bool same_step(const struct kiln_step *a, const struct kiln_step *b)
 {
     return a->pass == b->pass && a->stream == b->stream && a->samples == b->samples &&
            a->first_sample == b->first_sample && a->compact == b->compact && a->bounce == b->bounce;
@@ -26,30 +26,53 @@ static bool is_plain(const struct kiln_state_slot *s)
            abs(ilogb(scale)) <= SCALE_MOST;
 }
 
-/* Whether all states take this step by a device, and in *how what it does. */
+/* Whether the state takes its next step by a device, and in *how what it does. */
+static bool may_step(struct kiln_state_slot *s, struct kiln_held_step *how)
+{
+    const struct kiln_integrator *integrator = s->state.settings->integrator;
+    return s->has_next && is_plain(s) && integrator->hold != NULL && integrator->hold(&s->integration, &s->step, how);
+}
+
+/* The first of the states that go on. */
+static struct kiln_state_slot *first_of(const struct kiln_states *st)
+{
+    struct kiln_state_slot *first = NULL;
+    for (size_t i = st->active; i > 0; i--)
+        first = st->slots[i - 1].goes_on ? &st->slots[i - 1] : first;
+    return first;
+}
+
+/* Whether all states that go on take this step by a device, and in *how what it does. While some mix their direct light
+ * there, others wait with the step that follows. */
 static bool may_hold(const struct kiln_states *st, struct kiln_held_step *how)
 {
     const struct kiln_surface *surface = st->params->surface;
-    bool may = st->may_hold && st->active > 0 && st->active <= KILN_ROW_LIGHTS &&
+    const struct kiln_state_slot *first = first_of(st);
+    bool may = st->may_hold && first != NULL && st->active <= KILN_ROW_LIGHTS &&
                kiln_backend_holds(st->params->backend) && surface->count == surface->point_count;
+    const bool mixes = may && kiln_state_mixes(first);
     for (size_t i = 0; i < st->active && may; i++) {
         struct kiln_state_slot *s = &st->slots[i];
-        const struct kiln_integrator *integrator = s->state.settings->integrator;
-        may = s->goes_on && is_plain(s) && same_gather(&s->step, &st->slots[0].step) && integrator->hold != NULL &&
-              integrator->hold(&s->integration, &s->step, how);
+        struct kiln_held_step waits;
+        may = s->goes_on ? same_step(&s->step, &first->step) && may_step(s, how)
+                         : mixes && !kiln_state_mixes(s) && may_step(s, &waits);
     }
     return may;
 }
 
 /* ---- beginning ---- */
 
-/* What the host has of the states goes to the device. */
+/* What the host has of the states goes to the device; what it may mix there it does. */
 static int bring(struct kiln_states *st, struct kiln_error *error)
 {
     struct kiln_held_light lights[KILN_STATES_MOST];
+    const struct kiln_state_slot *first = first_of(st);
+    const struct kiln_step *direct = st->how.direct ? &first->step : &kiln_solution_step(first->solution)->step;
     const struct kiln_held begin = {.lights = lights,
                                     .count = (uint32_t)st->active,
-                                    .compact = kiln_solution_step(st->slots[0].solution)->step.compact};
+                                    .compact = direct->compact,
+                                    .stream = direct->stream,
+                                    .seed = (uint32_t)first->state.settings->seed};
     for (size_t i = 0; i < st->active; i++) {
         const struct kiln_state_slot *s = &st->slots[i];
         const struct kiln_rank_data *own = s->solution->own;
@@ -57,11 +80,15 @@ static int bring(struct kiln_states *st, struct kiln_error *error)
                                              .sum = own->sum,
                                              .albedo = own->surface.albedo,
                                              .error = own->error,
+                                             .mixed = st->how.direct && s->goes_on,
+                                             .samples = s->step.samples,
+                                             .parts = s->state.direct.parts,
+                                             .part_count = s->state.direct.part_count,
                                              .scale = kiln_radiosity_allgather_scale(s->solution->allgather),
                                              .unit = s->ledger.unit,
                                              .unit_squared = s->ledger.unit_squared};
     }
-    return kiln_backend_hold(st->params->backend, &begin, &st->holds, error);
+    return kiln_backend_hold(st->params->backend, &begin, &st->holds, st->powers[0], error);
 }
 
 static int begin_steps(struct kiln_states *st, struct kiln_error *error)
@@ -70,6 +97,9 @@ static int begin_steps(struct kiln_states *st, struct kiln_error *error)
     for (size_t i = 0; i < st->active && status == KILN_OK; i++) {
         struct kiln_state_slot *s = &st->slots[i];
         struct kiln_step_reports *steps = &s->solution->report.steps;
+        if (!s->goes_on)
+            continue;
+        s->mixed = s->mixed || st->how.direct;
         status = kiln_step_reports_reserve(steps, steps->count + 1, error);
         if (status != KILN_OK)
             break;
@@ -116,29 +146,47 @@ static int fetch(struct kiln_states *st, struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t i = 0; i < st->active && status == KILN_OK; i++) {
-        const struct kiln_rank_data *own = st->slots[i].solution->own;
-        status =
-            kiln_backend_hold_fetch(st->params->backend, (uint32_t)i, own->sum, own->error, own->error_indirect, error);
+        struct kiln_state_slot *s = &st->slots[i];
+        const struct kiln_rank_data *own = s->solution->own;
+        const struct kiln_held_fetch to = {.sum = own->sum,
+                                           .error = own->error,
+                                           .error_indirect = own->error_indirect,
+                                           .direct = s->mixed ? own->direct : NULL,
+                                           .error_direct = s->mixed ? own->error_direct : NULL};
+        /* what comes, and what no gather reads any more */
+        const void *const written[] = {
+            own->next,  own->sum,          own->direct,
+            own->error, own->error_direct, own->error_direct != NULL ? own->error_indirect : NULL,
+            NULL};
+        kiln_state_clear_fields(s, written);
+        status = kiln_backend_hold_fetch(st->params->backend, (uint32_t)i, &to, error);
     }
     return status;
 }
 
-int kiln_states_run_held(struct kiln_states *st, struct kiln_error *error)
+/* The gather of all states. */
+static int gather(struct kiln_states *st, struct kiln_error *error)
 {
     const struct kiln_state_slot *first = &st->slots[0];
-    struct kiln_held_power powers[KILN_STATES_MOST][KILN_HELD_POWERS];
     const struct kiln_resident_rows *memory;
     const struct kiln_batch batch = {.count = first->solution->own->surface.tile_run_count,
                                      .stream = first->step.stream,
                                      .samples = first->step.samples,
                                      .first_sample = first->step.first_sample};
     memset(st->wanted, 1, batch.count);
-    int status = kiln_resident_step(st->resident, first->solution, &first->step, st->wanted, &memory, error);
-    if (status == KILN_OK)
-        status = kiln_backend_hold_step(st->params->backend, kiln_resident_for_backend(st->resident, memory), &batch,
-                                        &st->how, powers[0], error);
+    const int status = kiln_resident_step(st->resident, first->solution, &first->step, st->wanted, &memory, error);
+    return status == KILN_OK
+               ? kiln_backend_hold_step(st->params->backend, kiln_resident_for_backend(st->resident, memory), &batch,
+                                        &st->how, st->powers[0], error)
+               : status;
+}
+
+int kiln_states_run_held(struct kiln_states *st, struct kiln_error *error)
+{
+    int status = st->how.direct ? KILN_OK : gather(st, error); /* direct light came with what was brought */
     for (size_t i = 0; i < st->active && status == KILN_OK; i++)
-        take_powers(&st->slots[i], powers[i]);
+        if (st->slots[i].goes_on)
+            take_powers(&st->slots[i], st->powers[i]);
     if (status == KILN_OK && st->how.final)
         status = fetch(st, error);
     if (status == KILN_OK && st->how.final)

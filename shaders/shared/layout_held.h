@@ -13,9 +13,25 @@ struct kiln_gpu_held_light {
     KILN_ADDRESS albedo; /* halves of words, three a point */
     KILN_WORD scale;     /* of radiosity in 4 bytes */
     KILN_WORD unit, unit_squared;
+    KILN_WORD part_first, part_count; /* of its direct light, among all; count KILN_GPU_NONE: the host has made that */
+    KILN_WORD samples;                /* of it: a power of two */
+};
+KILN_SIZE_IS(kiln_gpu_held_light, 32);
+
+/* A point's answer in a direct step: struct kiln_direct_answer. */
+struct kiln_gpu_direct_answer {
+    KILN_REAL32 irradiance[3], incident[3], error, present;
+    KILN_WORD count;
+};
+KILN_SIZE_IS(kiln_gpu_direct_answer, 36);
+
+/* A part of a light's direct light. */
+struct kiln_gpu_held_part {
+    KILN_ADDRESS answers; /* struct kiln_gpu_direct_answer each: means of the points */
+    KILN_REAL32 factor[3];
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_held_light, 24);
+KILN_SIZE_IS(kiln_gpu_held_part, 24);
 
 /* What a step adds up, in this order: incident, reflected, sent, escaped, blocked (3 each), variance. */
 #define KILN_GPU_HELD_POWERS 16u
@@ -29,8 +45,11 @@ struct kiln_gpu_held {
     KILN_ADDRESS from, to; /* packed radiosity: of point i under light l pair i * count + l */
     KILN_ADDRESS sums;     /* three floats each: of light l from point l * points on */
     KILN_ADDRESS errors;   /* words, likewise: packed errors of all light, and of indirect light in the upper half */
-    KILN_ADDRESS of_point; /* struct kiln_gpu_held_point each */
-    KILN_ADDRESS lights;   /* struct kiln_gpu_held_light each */
+    KILN_ADDRESS direct;   /* three floats each, likewise: irradiance by direct light; of lights that are mixed */
+    KILN_ADDRESS direct_errors; /* words, likewise: its packed errors */
+    KILN_ADDRESS mixes;         /* struct kiln_gpu_held_part each */
+    KILN_ADDRESS of_point;      /* struct kiln_gpu_held_point each */
+    KILN_ADDRESS lights;        /* struct kiln_gpu_held_light each */
     KILN_ADDRESS parts; /* sums of power of workgroup g under light l: from (g * count + l) * KILN_GPU_HELD_POWERS on */
     KILN_ADDRESS powers; /* of all: of light l from l * KILN_GPU_HELD_POWERS on; then a word: an answer is not good */
     KILN_WORD64 points;
@@ -41,4 +60,4 @@ struct kiln_gpu_held {
     KILN_WORD seed;    /* and of the 4 bytes */
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_held, 96);
+KILN_SIZE_IS(kiln_gpu_held, 120);

@@ -167,15 +167,16 @@ KILN_SIZE_IS(kiln_gpu_replay_reduce_push, 104);
 KILN_OFFSET_IS(kiln_gpu_replay_reduce_push, samples, 80);
 KILN_OFFSET_IS(kiln_gpu_replay_reduce_push, light_bytes, 96);
 
-/* held.comp, held_powers.comp: light that stays on the device. */
+/* held.comp, held_direct.comp, held_powers.comp: light that stays on the device. */
 struct kiln_gpu_held_push {
     KILN_ADDRESS scene;
-    KILN_ADDRESS held;  /* struct kiln_gpu_held */
-    KILN_ADDRESS bytes; /* of held.comp: what the host has brought of a light */
-    KILN_WORD light;    /* whose that is */
-    KILN_WORD groups;   /* of held_powers.comp: workgroups whose sums are added */
+    KILN_ADDRESS held;      /* struct kiln_gpu_held */
+    KILN_ADDRESS bytes;     /* of held.comp: what the host has brought of a light, or fetches */
+    KILN_WORD light;        /* whose that is */
+    KILN_WORD groups;       /* of held_powers.comp: workgroups whose sums are added */
+    KILN_WORD first, count; /* of held_direct.comp: points */
 };
-KILN_SIZE_IS(kiln_gpu_held_push, 32);
+KILN_SIZE_IS(kiln_gpu_held_push, 40);
 
 /* probes.comp: radiance probes. */
 struct kiln_gpu_probes_push {

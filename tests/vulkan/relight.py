@@ -3,9 +3,9 @@
 A room with a lamp, a smooth ball and a pane with holes, and a sky about it. Kept transport changes no light. Nothing
 changed, and colours changed, a relight has the bits of the device's bake, and traces no ray: from a file in small
 pieces, with little memory and after the device was lost; and as one of several states, from rows that stay on the
-device, where their light stays too: what returns is 16 bytes a point and sums of power. On two ranks the host takes
-answers over: the same bits and powers. Either backend replays the rows of the other: the same light but for rounding.
-A damaged row is told of.
+device, where their light stays too: what returns is 16 bytes a point and sums of power. Direct light that is scaled by
+parts is added up there, and 14 bytes more return. On two ranks the host does all that: the same bits and powers. Either
+backend replays the rows of the other: the same light but for rounding. A damaged row is told of.
 """
 import json
 import os
@@ -20,10 +20,13 @@ import harness  # noqa: E402
 import same_result  # noqa: E402
 
 OPTIONS = ('--texels-per-metre', 4, '--samples-direct', 16, '--samples-bounce', 16, '--samples-indirect', 64,
-           '--samples-probe', 0, '--materials', 'diffuse', '--no-export', '--denoise', 'none', '--bounces', 2)
+           '--samples-probe', 0, '--materials', 'diffuse', '--no-export', '--denoise', 'regression', '--bounces', 2)
 WALL = {'materials': {'wall': {'albedo': [0.3, 0.6, 0.7]}}}
 POWERS = ('absorbed', 'escaped', 'blocked', 'left_over', 'residual')
-STATES = {'same': {}, 'wall': WALL, 'dim': {'materials': {'glow': {'emission-scale': 0.5}}}}
+STATES = {'same': {}, 'dim': {'materials': {'glow': {'emission-scale': 0.5}}}, 'wall': WALL,
+          'both': {'materials': {'glow': {'emission-scale': 0.3}, **WALL['materials']},
+                   'environment': {'radiance': [0.5, 1.2, 0.3]}}}
+MIXED = ('dim', 'both')  # their direct light is a sum of scaled parts
 SMALL = ('--dispatch-time', 1, '--device-memory', 0.26)
 
 
@@ -94,7 +97,8 @@ def check_states(kiln, checks, kept, wanted, colours):
                     (name, ours, theirs))
     points, kernels = kept.run['points']['count'], device['dim'].run['backend']['kernels']
     checks.that('gather from rows: taken over' in kernels, 'the host has taken answers over: %s' % kernels)
-    least = 16 * points * len(STATES)
+    checks.that('light that stays: direct' in kernels, 'the host has added up direct light: %s' % kernels)
+    least = (16 * len(STATES) + 14 * len(MIXED)) * points
     once = 2 * 68 * points  # the first time that rays of each bounce are looked up, all that hangs on no light returns
     checks.that(least <= returned < least + once + 10000 < all_of_it, 'returned: %d, by one rank of two %d; %d points' %
                 (returned, all_of_it, points))

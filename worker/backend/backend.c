@@ -240,13 +240,14 @@ int kiln_backend_replay(struct kiln_backend *backend, struct kiln_rows *rows, co
     return backend->api->replay(backend, rows, lights, count, batch, error);
 }
 
-int kiln_backend_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held, struct kiln_error *error)
+int kiln_backend_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held,
+                      struct kiln_held_power *powers, struct kiln_error *error)
 {
     *held = false;
     if (backend->api->hold == NULL || begin->count == 0 || backend->surface->count != backend->surface->point_count)
         return KILN_OK;
     assert(begin->count <= KILN_ROW_LIGHTS);
-    return backend->api->hold(backend, begin, held, error);
+    return backend->api->hold(backend, begin, held, powers, error);
 }
 
 int kiln_backend_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
@@ -257,10 +258,10 @@ int kiln_backend_hold_step(struct kiln_backend *backend, struct kiln_rows *rows,
     return backend->api->hold_step(backend, rows, batch, step, powers, error);
 }
 
-int kiln_backend_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
-                            uint16_t *error_indirect, struct kiln_error *error)
+int kiln_backend_hold_fetch(struct kiln_backend *backend, uint32_t light, const struct kiln_held_fetch *to,
+                            struct kiln_error *error)
 {
-    return backend->api->hold_fetch(backend, light, sum, error_all, error_indirect, error);
+    return backend->api->hold_fetch(backend, light, to, error);
 }
 
 int kiln_backend_regress(struct kiln_backend *backend, const struct kiln_regression_work *work, bool *done,

@@ -112,7 +112,10 @@ struct kiln_backend_info {
     size_t memory;    /* bytes held by the backend itself (its BVH and copies) */
     double build_seconds;
     double device_seconds; /* that a device was busy with kernels and copies so far; 0: it has no clock of its own */
-    uint64_t returned;     /* bytes of answers of passes over points that it has handed to the host so far */
+    /* s, and s of the processor, that callers have waited so far for what is made or brought once: kernels, and what
+     * stays on a device for kiln_backend_hold */
+    double once_seconds, once_processor;
+    uint64_t returned; /* bytes of answers of passes over points that it has handed to the host so far */
     /* processor time of the direct and gather passes so far, summed over threads, without waiting for each other; 0: a
      * device does the work */
     double thread_seconds;
@@ -176,11 +179,12 @@ struct kiln_backend_api {
     int (*replay)(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights, size_t count,
                   const struct kiln_batch *batch, struct kiln_error *error);
     /* NULL: light does not stay here */
-    int (*hold)(struct kiln_backend *backend, const struct kiln_held *begin, bool *held, struct kiln_error *error);
+    int (*hold)(struct kiln_backend *backend, const struct kiln_held *begin, bool *held, struct kiln_held_power *powers,
+                struct kiln_error *error);
     int (*hold_step)(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
                      const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error);
-    int (*hold_fetch)(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
-                      uint16_t *error_indirect, struct kiln_error *error);
+    int (*hold_fetch)(struct kiln_backend *backend, uint32_t light, const struct kiln_held_fetch *to,
+                      struct kiln_error *error);
     /* NULL: the caller does it */
     int (*regress)(struct kiln_backend *backend, const struct kiln_regression_work *work, bool *done,
                    struct kiln_error *error);
@@ -270,18 +274,19 @@ int kiln_backend_replay(struct kiln_backend *backend, struct kiln_rows *rows, co
                         size_t count, const struct kiln_batch *batch, struct kiln_error *error);
 /* Whether light may stay here at all (worker/pass/held.h). */
 static inline bool kiln_backend_holds(const struct kiln_backend *backend) { return backend->api->hold != NULL; }
-/* Light that stays on the device. Brings what it begins with, in the place of what was there;
- * *held false: it does not stay here, for there is no room, say. After a failure what was held is lost; KILN_NO_DEVICE:
- * other calls may go on. */
+/* Light that stays on the device. Brings what it begins with, in the place of what was there, or makes it where it is
+ * mixed; *held false: it does not stay here, for there is no room, say. `powers`: KILN_HELD_POWERS of each light; those
+ * of lights that are not mixed mean nothing. After a failure what was held is lost; KILN_NO_DEVICE: other calls may go
+ * on. */
 int kiln_backend_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held,
-                      struct kiln_error *error);
+                      struct kiln_held_power *powers, struct kiln_error *error);
 /* One step of all lights: the gather from the rows, as kiln_backend_replay, over all tile runs. The batch has no taker.
  * `powers`: KILN_HELD_POWERS of each light. */
 int kiln_backend_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
                            const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error);
-/* After a final step: the light of each point, and its errors; NULL: not wanted. */
-int kiln_backend_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
-                            uint16_t *error_indirect, struct kiln_error *error);
+/* After a final step: the light of each point, and its errors. */
+int kiln_backend_hold_fetch(struct kiln_backend *backend, uint32_t light, const struct kiln_held_fetch *to,
+                            struct kiln_error *error);
 /* Surface regression (worker/pass/regression.h). *done false: the caller has to do it, for this backend has no device,
  * or a device too little room. Results that were taken are of no use then, nor after a failure. */
 int kiln_backend_regress(struct kiln_backend *backend, const struct kiln_regression_work *work, bool *done,

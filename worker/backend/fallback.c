@@ -178,10 +178,10 @@ static int fallback_replay(struct kiln_backend *backend, struct kiln_rows *rows,
 
 /* Light is held by the device or not at all: who asks for it can do without. */
 static int fallback_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held,
-                         struct kiln_error *error)
+                         struct kiln_held_power *powers, struct kiln_error *error)
 {
     struct fallback_backend *f = (struct fallback_backend *)backend;
-    return f->embree == NULL ? kiln_backend_hold(f->device, begin, held, error) : KILN_OK;
+    return f->embree == NULL ? kiln_backend_hold(f->device, begin, held, powers, error) : KILN_OK;
 }
 
 static int fallback_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
@@ -191,11 +191,10 @@ static int fallback_hold_step(struct kiln_backend *backend, struct kiln_rows *ro
     return kiln_backend_hold_step(((struct fallback_backend *)backend)->device, rows, batch, step, powers, error);
 }
 
-static int fallback_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
-                               uint16_t *error_indirect, struct kiln_error *error)
+static int fallback_hold_fetch(struct kiln_backend *backend, uint32_t light, const struct kiln_held_fetch *to,
+                               struct kiln_error *error)
 {
-    return kiln_backend_hold_fetch(((struct fallback_backend *)backend)->device, light, sum, error_all, error_indirect,
-                                   error);
+    return kiln_backend_hold_fetch(((struct fallback_backend *)backend)->device, light, to, error);
 }
 
 /* What the device has not done the caller does. */
@@ -215,6 +214,8 @@ static void fallback_info(const struct kiln_backend *backend, struct kiln_backen
     kiln_backend_info(f->embree != NULL ? f->embree : f->device, info);
     info->fell_back = f->embree != NULL;
     info->device_seconds += f->last.device_seconds;
+    info->once_seconds += f->last.once_seconds;
+    info->once_processor += f->last.once_processor;
     info->returned += f->last.returned;
     info->recoveries += f->last.recoveries;
     info->kernels_found += f->last.kernels_found;

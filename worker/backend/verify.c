@@ -260,9 +260,9 @@ static int verify_replay(struct kiln_backend *backend, struct kiln_rows *rows, c
 }
 
 static int verify_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held,
-                       struct kiln_error *error)
+                       struct kiln_held_power *powers, struct kiln_error *error)
 {
-    return kiln_backend_hold(((struct verify_backend *)backend)->checked, begin, held, error);
+    return kiln_backend_hold(((struct verify_backend *)backend)->checked, begin, held, powers, error);
 }
 
 static int verify_regress(struct kiln_backend *backend, const struct kiln_regression_work *work, bool *done,
@@ -277,11 +277,10 @@ static int verify_hold_step(struct kiln_backend *backend, struct kiln_rows *rows
     return kiln_backend_hold_step(((struct verify_backend *)backend)->checked, rows, batch, step, powers, error);
 }
 
-static int verify_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
-                             uint16_t *error_indirect, struct kiln_error *error)
+static int verify_hold_fetch(struct kiln_backend *backend, uint32_t light, const struct kiln_held_fetch *to,
+                             struct kiln_error *error)
 {
-    return kiln_backend_hold_fetch(((struct verify_backend *)backend)->checked, light, sum, error_all, error_indirect,
-                                   error);
+    return kiln_backend_hold_fetch(((struct verify_backend *)backend)->checked, light, to, error);
 }
 
 static void verify_info(const struct kiln_backend *backend, struct kiln_backend_info *info)

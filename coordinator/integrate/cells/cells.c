@@ -11,6 +11,7 @@
 #include "coordinator/integrate/groups.h"
 #include "coordinator/integrate/parts.h"
 #include "coordinator/integrate/radiosity_exchange.h"
+#include "worker/pass/direct.h"
 #include "worker/pass/gather.h"
 #include "worker/pass/guided.h"
 
@@ -97,15 +98,18 @@ static bool hold(struct kiln_integration *in, const struct kiln_step *step, stru
 {
     const struct kiln_integrate_settings *s = in->settings;
     const bool final = step->role == KILN_CELLS_FINAL;
+    const bool direct = step->pass == &kiln_pass_direct && step->role == KILN_CELLS_DIRECT && s->bounces > 0;
     if (s->schedule != KILN_SCHEDULE_LEAN || s->bounces < 0 || kiln_cells_adds_tail(s) || s->parts > 1 ||
         s->indirect_scale > 1 || s->final_scale > 1 || s->seen_only || s->caustics > KILN_CAUSTICS_NONE ||
-        step->pass != &kiln_pass_gather || step->quantity != NULL || step->samples_field != NULL || in->groups != NULL)
+        (step->pass != &kiln_pass_gather && !direct) || step->quantity != NULL || step->samples_field != NULL ||
+        in->groups != NULL)
         return false;
     *how = (struct kiln_held_step){.final = final,
                                    .compact = step->compact,
                                    .packs = final,
                                    .pack_stream = KILN_CELLS_FINAL_STREAM,
-                                   .seed = (uint32_t)s->seed};
+                                   .seed = (uint32_t)s->seed,
+                                   .direct = direct};
     if (final)
         in->solution->report.bounces = step->bounce;
     return true;

@@ -9,28 +9,42 @@
 #include "worker/sampling/keys.h"
 
 #include "shaders/held.h"
+#include "shaders/held_direct.h"
+#include "shaders/held_powers.h"
 
 static const struct vulkan_shader held_shader = {.name = "light that stays", .compute = VULKAN_CODE(held)};
+static const struct vulkan_shader direct_shader = {.name = "light that stays: direct",
+                                                   .compute = VULKAN_CODE(held_direct)};
+const struct vulkan_shader vulkan_held_powers = {.name = "light that stays: powers",
+                                                 .compute = VULKAN_CODE(held_powers)};
 
 /* The kernel's own constant. */
-enum { PACKED, COMPACT, ERRORS, SUMS };
+enum { PACKED, COMPACT, ERRORS, SUMS, FETCHED };
 
 enum { GROUP = 64, CHUNK_MOST = 1 << 20 /* points: chunks.c */ };
 _Static_assert(KILN_HELD_POWERS == KILN_GPU_HELD_POWERS, "sums of power");
 _Static_assert(sizeof(struct kiln_held_power) == sizeof(struct kiln_gpu_held_power), "sums of power");
+_Static_assert(sizeof(struct kiln_direct_answer) == sizeof(struct kiln_gpu_direct_answer) &&
+                   offsetof(struct kiln_direct_answer, error) == offsetof(struct kiln_gpu_direct_answer, error) &&
+                   offsetof(struct kiln_direct_answer, count) == offsetof(struct kiln_gpu_direct_answer, count),
+               "answers");
 
 void vulkan_held_release(struct vulkan_backend *b)
 {
     struct vulkan_held *h = &b->held;
-    struct gpu_buffer *const all[] = {&h->root,  &h->points, &h->lights, &h->sums,         &h->errors,
-                                      &h->parts, &h->powers, &h->bytes,  &h->radiosity[0], &h->radiosity[1]};
+    struct gpu_buffer *const all[] = {&h->root,   &h->points,        &h->lights,      &h->sums,  &h->errors,
+                                      &h->direct, &h->direct_errors, &h->mixes,       &h->parts, &h->powers,
+                                      &h->bytes,  &h->radiosity[0],  &h->radiosity[1]};
     for (size_t i = 0; i < sizeof all / sizeof *all; i++)
         gpu_buffer_destroy(b->gpu, all[i]);
     for (size_t i = 0; i < KILN_ROW_LIGHTS; i++)
         gpu_buffer_destroy(b->gpu, &h->albedo[i]);
-    kiln_free(&h->words);
-    h->word_room = 0;
+    for (size_t i = 0; i < h->answer_count; i++)
+        gpu_buffer_destroy(b->gpu, &h->answers[i].buffer);
+    kiln_free(&h->answers);
+    h->answer_count = h->answer_room = 0;
     h->surface = NULL;
+    h->room = 0;
     h->count = 0;
 }
 
@@ -55,10 +69,10 @@ static size_t groups_most(uint64_t points)
     return (size_t)((points < CHUNK_MOST ? points : CHUNK_MOST) + GROUP) / GROUP;
 }
 
-/* Bytes of all but the albedo, about. */
+/* Bytes of all but the albedo and what is known of direct light, about. */
 static uint64_t room_for(uint64_t points, uint32_t count)
 {
-    const uint64_t a_light = 2 * sizeof(uint64_t) + 3 * sizeof(float) + sizeof(uint32_t) + 3 * sizeof(uint16_t);
+    const uint64_t a_light = 2 * sizeof(uint64_t) + 6 * sizeof(float) + 2 * sizeof(uint32_t) + 3 * sizeof(uint16_t);
     return points * (a_light * count + sizeof(struct kiln_gpu_held_point) + sizeof(uint64_t)) +
            groups_most(points) * powers_bytes(count);
 }
@@ -74,9 +88,11 @@ static int make_room(struct vulkan_backend *b, uint32_t count, struct kiln_error
                  {&h->lights, count * sizeof(struct kiln_gpu_held_light)},
                  {&h->sums, 3 * all * sizeof(float)},
                  {&h->errors, all * sizeof(uint32_t)},
+                 {&h->direct, 3 * all * sizeof(float)},
+                 {&h->direct_errors, all * sizeof(uint32_t)},
                  {&h->parts, groups_most(points) * powers_bytes(count)},
                  {&h->powers, powers_bytes(count) + sizeof(uint32_t)},
-                 {&h->bytes, points * sizeof(uint64_t)},
+                 {&h->bytes, (points + 1) * sizeof(uint64_t)},
                  {&h->radiosity[0], all * sizeof(uint64_t)},
                  {&h->radiosity[1], all * sizeof(uint64_t)}};
     int status = KILN_OK;
@@ -87,6 +103,8 @@ static int make_room(struct vulkan_backend *b, uint32_t count, struct kiln_error
                                        .to = h->radiosity[1].address,
                                        .sums = h->sums.address,
                                        .errors = h->errors.address,
+                                       .direct = h->direct.address,
+                                       .direct_errors = h->direct_errors.address,
                                        .of_point = h->points.address,
                                        .lights = h->lights.address,
                                        .parts = h->parts.address,
@@ -120,6 +138,7 @@ static int bring_points(struct vulkan_backend *b, struct kiln_error *error)
     struct kiln_gpu_held_point *points = NULL;
     if (b->held.surface == s)
         return KILN_OK;
+    const struct vulkan_once once = vulkan_once_begin();
     int status = kiln_allocate(&points, (size_t)s->count, sizeof *points, "light that stays on the device", error);
     if (status != KILN_OK)
         return status;
@@ -131,6 +150,111 @@ static int bring_points(struct vulkan_backend *b, struct kiln_error *error)
                            "light that stays on the device", error);
     b->held.surface = status == KILN_OK ? s : NULL;
     kiln_free(&points);
+    vulkan_once_end(b, once);
+    return status;
+}
+
+/* ---- what is known of direct light ---- */
+
+static struct vulkan_held_answers *find_answers(const struct vulkan_held *h, uint64_t key)
+{
+    for (size_t i = 0; i < h->answer_count; i++)
+        if (h->answers[i].key == key)
+            return &h->answers[i];
+    return NULL;
+}
+
+/* Notes which are wanted; returns the bytes of those that are not there. */
+static uint64_t want_answers(struct vulkan_backend *b, const struct kiln_held *begin)
+{
+    struct vulkan_held *h = &b->held;
+    uint64_t bytes = 0;
+    for (size_t i = 0; i < h->answer_count; i++)
+        h->answers[i].wanted = false;
+    for (uint32_t l = 0; l < begin->count; l++)
+        for (uint32_t k = 0; begin->lights[l].mixed && k < begin->lights[l].part_count; k++) {
+            struct vulkan_held_answers *there = find_answers(h, begin->lights[l].parts[k].key);
+            if (there != NULL)
+                there->wanted = true;
+            else /* which counts what two lights share twice */
+                bytes += b->surface->point_count * sizeof(struct kiln_direct_answer);
+        }
+    return bytes;
+}
+
+/* Those that are not wanted leave their room. */
+static void drop_answers(struct vulkan_backend *b)
+{
+    struct vulkan_held *h = &b->held;
+    for (size_t i = 0; i < h->answer_count;)
+        if (h->answers[i].wanted) {
+            i++;
+        } else {
+            gpu_buffer_destroy(b->gpu, &h->answers[i].buffer);
+            h->answers[i] = h->answers[--h->answer_count];
+        }
+}
+
+/* Whether there is room for those that are wanted. */
+static bool has_room(struct vulkan_backend *b, const struct kiln_held *begin)
+{
+    const uint64_t bytes = want_answers(b, begin);
+    if (bytes > gpu_memory_left(b->gpu) / 2)
+        drop_answers(b);
+    return bytes <= gpu_memory_left(b->gpu) / 2;
+}
+
+static int bring_answers(struct vulkan_backend *b, const struct kiln_held_part *part, struct kiln_error *error)
+{
+    struct vulkan_held *h = &b->held;
+    if (find_answers(h, part->key) != NULL)
+        return KILN_OK;
+    const struct vulkan_once once = vulkan_once_begin();
+    struct vulkan_held_answers made = {.key = part->key, .wanted = true};
+    int status = kiln_grow(&h->answers, &h->answer_room, h->answer_count + 1, sizeof *h->answers,
+                           "direct light on the device", error);
+    if (status == KILN_OK)
+        status =
+            gpu_buffer_of(b->gpu, &made.buffer, part->answers, (size_t)b->surface->point_count * sizeof *part->answers,
+                          "direct light on the device", error);
+    if (status == KILN_OK)
+        h->answers[h->answer_count++] = made;
+    vulkan_once_end(b, once);
+    return status;
+}
+
+/* Brings the parts of all lights, and notes in each light which are its. */
+static int bring_parts(struct vulkan_backend *b, const struct kiln_held *begin, struct kiln_gpu_held_light *lights,
+                       struct kiln_error *error)
+{
+    struct vulkan_held *h = &b->held;
+    struct kiln_gpu_held_part *parts = NULL;
+    uint32_t count = 0;
+    int status = KILN_OK;
+    for (uint32_t l = 0; l < begin->count; l++)
+        count += begin->lights[l].mixed ? begin->lights[l].part_count : 0;
+    status = kiln_allocate(&parts, count + 1, sizeof *parts, "direct light on the device", error);
+    count = 0;
+    for (uint32_t l = 0; l < begin->count && status == KILN_OK; l++) {
+        const struct kiln_held_light *from = &begin->lights[l];
+        lights[l].part_first = count;
+        lights[l].part_count = from->mixed ? from->part_count : KILN_GPU_NONE;
+        lights[l].samples = from->samples;
+        for (uint32_t k = 0; from->mixed && k < from->part_count && status == KILN_OK; k++) {
+            status = bring_answers(b, &from->parts[k], error);
+            if (status != KILN_OK)
+                break;
+            parts[count].answers = find_answers(h, from->parts[k].key)->buffer.address;
+            memcpy(parts[count++].factor, from->parts[k].factor, sizeof parts->factor);
+        }
+    }
+    if (status == KILN_OK)
+        status = vulkan_grow_buffer(b, &h->mixes, (count + 1) * sizeof *parts, GPU_DEVICE, "direct light on the device",
+                                    error);
+    if (status == KILN_OK && count > 0)
+        status = gpu_upload(b->gpu, &h->mixes, 0, parts, count * sizeof *parts, error);
+    h->layout.mixes = h->mixes.address;
+    kiln_free(&parts);
     return status;
 }
 
@@ -143,7 +267,8 @@ static int run(struct vulkan_backend *b, uint32_t step, uint32_t light, struct k
     struct gpu_kernel *kernel;
     const struct kiln_gpu_held_push push = {
         .scene = b->scene.address, .held = h->root.address, .bytes = h->bytes.address, .light = light};
-    const struct gpu_step dispatch = {.threads_x = (uint32_t)h->layout.points,
+    const uint32_t points = (uint32_t)h->layout.points;
+    const struct gpu_step dispatch = {.threads_x = step == FETCHED ? (points + 1) / 2 : points,
                                       .threads_y = step == SUMS ? h->layout.count : 1,
                                       .constants = &push,
                                       .constant_bytes = sizeof push};
@@ -205,27 +330,83 @@ static int bring_lights(struct vulkan_backend *b, const struct kiln_held *begin,
         status = bring_albedo(b, begin, l, &lights[l].albedo, error);
     }
     if (status == KILN_OK)
+        status = bring_parts(b, begin, lights, error);
+    if (status == KILN_OK)
         status = gpu_upload(b->gpu, &b->held.lights, 0, lights, begin->count * sizeof *lights, error);
     if (status == KILN_OK)
         status = gpu_upload(b->gpu, &b->held.root, 0, &b->held.layout, sizeof b->held.layout, error);
     for (uint32_t l = 0; l < begin->count && status == KILN_OK; l++)
-        status = bring_light(b, begin, l, error);
+        if (!begin->lights[l].mixed)
+            status = bring_light(b, begin, l, error);
     return status;
 }
 
-int vulkan_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held, struct kiln_error *error)
+static int begin_powers(struct vulkan_backend *b, uint32_t count, struct kiln_error *error)
+{
+    const unsigned char nothing[KILN_ROW_LIGHTS * KILN_GPU_HELD_POWERS * sizeof(struct kiln_gpu_held_power) + 4] = {0};
+    return gpu_upload(b->gpu, &b->held.powers, 0, nothing, powers_bytes(count) + sizeof(uint32_t), error);
+}
+
+/* The direct light of those that are mixed. */
+static int mix(struct vulkan_backend *b, const struct kiln_held *begin, struct kiln_held_power *powers,
+               struct kiln_error *error)
+{
+    struct vulkan_held *h = &b->held;
+    struct gpu_kernel *kernel, *sums;
+    const uint32_t points = (uint32_t)h->layout.points;
+    int status = vulkan_kernel_of(b, &direct_shader, false, 0, &kernel, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(b, &vulkan_held_powers, false, 0, &sums, error);
+    if (status == KILN_OK)
+        status = begin_powers(b, begin->count, error);
+    for (uint32_t first = 0; first < points && status == KILN_OK; first += CHUNK_MOST) {
+        const uint32_t some = points - first < CHUNK_MOST ? points - first : CHUNK_MOST;
+        const struct kiln_gpu_held_push push = {.scene = b->scene.address,
+                                                .held = h->root.address,
+                                                .groups = (some + GROUP - 1) / GROUP,
+                                                .first = first,
+                                                .count = some};
+        const struct gpu_step steps[] = {{.kernel = kernel,
+                                          .threads_x = some,
+                                          .threads_y = begin->count,
+                                          .constants = &push,
+                                          .constant_bytes = sizeof push},
+                                         {.kernel = sums,
+                                          .threads_x = GROUP * KILN_GPU_HELD_POWERS,
+                                          .threads_y = begin->count,
+                                          .constants = &push,
+                                          .constant_bytes = sizeof push}};
+        status = gpu_run(b->gpu, steps, sizeof steps / sizeof *steps, NULL, error);
+    }
+    if (status == KILN_OK)
+        status = gpu_download(b->gpu, &h->powers, 0, powers, powers_bytes(begin->count), error);
+    b->returned += status == KILN_OK ? powers_bytes(begin->count) : 0;
+    return status;
+}
+
+int vulkan_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held, struct kiln_held_power *powers,
+                struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     const uint64_t room = room_for(b->surface->point_count, begin->count);
+    bool mixes = false;
     b->held.count = 0;
-    if (!b->float64 || !vulkan_keeps_rows(b) || b->surface->point_count >= UINT32_MAX / 3 ||
-        (room > b->held.sums.size && room > gpu_memory_left(b->gpu) / 2))
+    if (!b->float64 || !vulkan_keeps_rows(b) || b->surface->point_count >= UINT32_MAX / 3 || !has_room(b, begin) ||
+        (room > b->held.room && room - b->held.room > gpu_memory_left(b->gpu) / 2))
         return KILN_OK;
+    for (uint32_t l = 0; l < begin->count; l++)
+        mixes = mixes || begin->lights[l].mixed;
     int status = bring_points(b, error);
     if (status == KILN_OK)
         status = make_room(b, begin->count, error);
+    b->held.room = room > b->held.room ? room : b->held.room;
+    b->held.layout.compact = begin->compact;
+    b->held.layout.stream = begin->stream;
+    b->held.layout.seed = begin->seed;
     if (status == KILN_OK)
         status = bring_lights(b, begin, error);
+    if (status == KILN_OK && mixes)
+        status = mix(b, begin, powers, error);
     if (status != KILN_OK)
         return vulkan_held_fail(b, status, error);
     b->held.count = begin->count;
@@ -247,7 +428,6 @@ int vulkan_held_begin(struct vulkan_backend *b, const struct kiln_held_step *ste
                       struct kiln_error *error)
 {
     struct vulkan_held *h = &b->held;
-    const unsigned char nothing[KILN_ROW_LIGHTS * KILN_GPU_HELD_POWERS * sizeof(struct kiln_gpu_held_power) + 4] = {0};
     int status = KILN_OK;
     if (h->count == 0)
         return kiln_fail(error, KILN_NO_DEVICE, "the device was lost, with the light of states that was on it");
@@ -265,7 +445,7 @@ int vulkan_held_begin(struct vulkan_backend *b, const struct kiln_held_step *ste
     if (status == KILN_OK)
         status = gpu_upload(b->gpu, &h->root, 0, &h->layout, sizeof h->layout, error);
     if (status == KILN_OK)
-        status = gpu_upload(b->gpu, &h->powers, 0, nothing, powers_bytes(h->count) + sizeof(uint32_t), error);
+        status = begin_powers(b, h->count, error);
     return status;
 }
 
@@ -290,33 +470,37 @@ int vulkan_held_end(struct vulkan_backend *b, struct kiln_held_power *powers, st
 
 /* ---- the end ---- */
 
-/* Errors as they came, all light's in the lower half of a word. */
-static void part_errors(const struct vulkan_backend *b, const uint32_t *words, uint16_t *all, uint16_t *indirect)
+/* One of the arrays of errors that the kernel has laid out. */
+static int fetch_errors(struct vulkan_backend *b, size_t array, uint16_t *to, struct kiln_error *error)
 {
-#pragma omp parallel for num_threads((int)b->threads) if (b->surface->point_count > 1 << 14)
-    for (uint64_t i = 0; i < b->surface->point_count; i++) {
-        all[i] = (uint16_t)words[i];
-        if (indirect != NULL)
-            indirect[i] = (uint16_t)(words[i] >> 16);
-    }
+    const size_t points = (size_t)b->surface->point_count, bytes = points * sizeof *to;
+    if (to == NULL)
+        return KILN_OK;
+    b->returned += bytes;
+    return gpu_download(b->gpu, &b->held.bytes, array * ((points + 1) / 2 * 2) * sizeof *to, to, bytes, error);
 }
 
-int vulkan_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
-                      uint16_t *error_indirect, struct kiln_error *error)
+static int fetch_light(struct vulkan_backend *b, const struct gpu_buffer *from, uint32_t light, float *to,
+                       struct kiln_error *error)
+{
+    const size_t bytes = 3 * (size_t)b->surface->point_count * sizeof *to;
+    if (to == NULL)
+        return KILN_OK;
+    b->returned += bytes;
+    return gpu_download(b->gpu, from, light * bytes, to, bytes, error);
+}
+
+int vulkan_hold_fetch(struct kiln_backend *backend, uint32_t light, const struct kiln_held_fetch *to,
+                      struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    const size_t points = (size_t)b->surface->point_count, sums = 3 * points * sizeof *sum,
-                 errors = points * sizeof(uint32_t);
-    uint32_t *words = NULL;
-    int status = kiln_grow(&b->held.words, &b->held.word_room, points, sizeof *words, "the errors of a state", error);
-    words = b->held.words;
+    uint16_t *const errors[] = {to->error, to->error_direct, to->error_indirect};
+    int status = run(b, FETCHED, light, error);
     if (status == KILN_OK)
-        status = gpu_download(b->gpu, &b->held.sums, light * sums, sum, sums, error);
+        status = fetch_light(b, &b->held.sums, light, to->sum, error);
     if (status == KILN_OK)
-        status = gpu_download(b->gpu, &b->held.errors, light * errors, words, errors, error);
-    if (status == KILN_OK) {
-        b->returned += sums + errors;
-        part_errors(b, words, error_all, error_indirect);
-    }
+        status = fetch_light(b, &b->held.direct, light, to->direct, error);
+    for (size_t i = 0; i < sizeof errors / sizeof *errors && status == KILN_OK; i++)
+        status = fetch_errors(b, i, errors[i], error);
     return status == KILN_OK ? KILN_OK : vulkan_held_fail(b, status, error);
 }

@@ -5,10 +5,13 @@
 
 #include "worker/backend/vulkan/vulkan.h"
 
+extern const struct vulkan_shader vulkan_held_powers; /* shaders/held_powers.comp */
+
 /* kiln_backend_hold, kiln_backend_hold_fetch. */
-int vulkan_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held, struct kiln_error *error);
-int vulkan_hold_fetch(struct kiln_backend *backend, uint32_t light, float *sum, uint16_t *error_all,
-                      uint16_t *error_indirect, struct kiln_error *error);
+int vulkan_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held, struct kiln_held_power *powers,
+                struct kiln_error *error);
+int vulkan_hold_fetch(struct kiln_backend *backend, uint32_t light, const struct kiln_held_fetch *to,
+                      struct kiln_error *error);
 
 /* Makes ready what a step gathers from (layout.from) and where its answers go; then, after its gather, what it has
  * added up. KILN_NO_DEVICE: an answer is not good. */

@@ -8,7 +8,6 @@
 #include "worker/pass/gather.h"
 #include "worker/pass/resident_rows.h"
 
-#include "shaders/held_powers.h"
 #include "shaders/keep.h"
 #include "shaders/keep_pipeline.h"
 #include "shaders/replay.h"
@@ -24,8 +23,6 @@ static const struct vulkan_shader sums_shader = {.name = "gather from rows: sums
                                                  .compute = VULKAN_CODE(replay_reduce)};
 static const struct vulkan_shader take_shader = {.name = "gather from rows: taken over",
                                                  .compute = VULKAN_CODE(replay_take)};
-static const struct vulkan_shader powers_shader = {.name = "gather from rows: powers",
-                                                   .compute = VULKAN_CODE(held_powers)};
 
 /* Bytes of rows that are read from a file at a time. */
 enum { PART_BYTES = 256 << 20 };
@@ -259,7 +256,7 @@ static int replay(struct rows_run *r, const struct kiln_batch *batch, struct kil
     pass.constant = pass.lights = r->count;
     if (r->holds) {
         pass.sums = &take_shader;
-        pass.powers = &powers_shader;
+        pass.powers = &vulkan_held_powers;
         pass.held = r->b->held.root.address;
     }
     pass.pace = VULKAN_PACE_REPLAY;

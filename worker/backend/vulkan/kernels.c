@@ -173,11 +173,15 @@ static int add_kernel(struct vulkan_backend *b, const struct vulkan_kernel *k, s
 static int make_now(struct vulkan_backend *b, struct vulkan_kernel *k, struct kiln_error *error)
 {
     uint32_t constants[VULKAN_CONSTANTS];
+    const struct vulkan_once once = vulkan_once_begin();
+    int status = KILN_OK;
     join(b, k);
-    if (k->kernel != NULL)
-        return KILN_OK;
-    const struct gpu_kernel_params params = describe(b, k, constants);
-    return gpu_kernel_create(b->gpu, &k->kernel, &params, error);
+    if (k->kernel == NULL) {
+        const struct gpu_kernel_params params = describe(b, k, constants);
+        status = gpu_kernel_create(b->gpu, &k->kernel, &params, error);
+    }
+    vulkan_once_end(b, once);
+    return status;
 }
 
 int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own,

@@ -323,6 +323,14 @@ static void add_kernel(struct kiln_backend_info *info, const char *name)
         info->kernels[info->kernel_count++] = name;
 }
 
+struct vulkan_once vulkan_once_begin(void) { return (struct vulkan_once){kiln_clock_seconds(), clock()}; }
+
+void vulkan_once_end(struct vulkan_backend *b, struct vulkan_once begin)
+{
+    b->once_seconds += kiln_clock_seconds() - begin.seconds;
+    b->once_processor += (double)(clock() - begin.processor) / CLOCKS_PER_SEC;
+}
+
 static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     const struct vulkan_backend *b = (const struct vulkan_backend *)backend;
@@ -333,6 +341,8 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
                                        .memory = b->gpu != NULL ? gpu_memory_used(b->gpu) : 0,
                                        .build_seconds = b->build_seconds,
                                        .device_seconds = b->busy_before + clock.busy,
+                                       .once_seconds = b->once_seconds,
+                                       .once_processor = b->once_processor,
                                        .returned = b->returned,
                                        .recoveries = b->recoveries,
                                        .starting = b->base.starting,

@@ -123,12 +123,17 @@ enum { VULKAN_LINK_GROUPS = 2 }; /* of tile runs whose links are found in turn: 
 struct vulkan_held {
     uint32_t count; /* lights; 0: nothing is held */
     struct kiln_gpu_held layout;
-    struct gpu_buffer root, points, lights, sums, errors, parts, powers, bytes;
+    struct gpu_buffer root, points, lights, sums, errors, direct, direct_errors, mixes, parts, powers, bytes;
     struct gpu_buffer radiosity[2]; /* that is gathered from, and made; in turn */
     struct gpu_buffer albedo[KILN_ROW_LIGHTS];
+    uint64_t room;                      /* bytes of these, about */
     const struct kiln_surface *surface; /* whose points these are; NULL: there are none yet */
-    uint32_t *words;                    /* errors as they come back; memory that stays */
-    size_t word_room;
+    struct vulkan_held_answers {        /* direct light of parts */
+        uint64_t key;
+        struct gpu_buffer buffer;
+        bool wanted; /* by the lights that are brought */
+    } * answers;
+    size_t answer_count, answer_room;
 };
 
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
@@ -211,6 +216,7 @@ struct vulkan_backend {
     size_t resident_count, resident_room;
     struct vulkan_held held;
     struct gpu_buffer regression[VULKAN_REGRESSION_ARRAYS]; /* regression.c */
+    double once_seconds, once_processor;                    /* struct kiln_backend_info */
     uint64_t returned;                                      /* bytes of answers so far */
     struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
     struct gpu_buffer direction_set;                 /* likewise: shaders/directions.glsl */
@@ -226,6 +232,14 @@ struct vulkan_backend {
     double build_seconds;
     char device_text[128]; /* the device and how it traces; stays when it is gone */
 };
+
+/* Around what is made or brought once, while the caller waits: struct kiln_backend_info says what. */
+struct vulkan_once {
+    double seconds;
+    clock_t processor;
+};
+struct vulkan_once vulkan_once_begin(void);
+void vulkan_once_end(struct vulkan_backend *b, struct vulkan_once begin);
 
 /* The kernel of a shader; made when first asked for, destroyed with the backend. `own`: the kernel's own constant. */
 int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own,
