@@ -9,6 +9,7 @@
 #include "coordinator/output/kiln_h5_points.h"
 #include "coordinator/output/map/lightmaps.h"
 #include "coordinator/output/points_ahead.h"
+#include "coordinator/run/process.h"
 #include "coordinator/run/process_memory.h"
 
 /* What writing the results takes, measured: see the rows' words. */
@@ -77,6 +78,10 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
 
 /* ---- the budget ---- */
 
+/* Of what is left for points, the part that a density is told for: the memory that is measured differs from run to run,
+ * and what was told must fit. */
+static const double SURE = 0.75;
+
 /* The largest over the hosts; of what grows with the points, `growing`. Collective. */
 static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *job, uint64_t probes, double *growing)
 {
@@ -95,6 +100,7 @@ static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *j
                                                  .own = (double)most,
                                                  .points = (double)s->point_count,
                                                  .texels = (double)p->surface_report.texels});
+    kiln_process_give_back();
     double now = ((double)kiln_process_memory(KILN_MEMORY_SHARE) + KILN_PASS_BYTES) * p->node_ranks;
     (void)MPI_Allreduce(MPI_IN_PLACE, &now, 1, MPI_DOUBLE, MPI_MAX, p->communicator);
     /* the radiosity of groups, which each rank has of all points */
@@ -136,5 +142,5 @@ int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct 
     return kiln_fail(error, KILN_USAGE,
                      "the bake would take about %.2f GiB on a host, and --memory-budget is %.2f: with "
                      "--texels-per-metre %.3g in place of %.3g it would fit; so would a share of it on more hosts",
-                     needed / 0x1p30, job->memory_budget, density * sqrt(0.85 * left / growing), density);
+                     needed / 0x1p30, job->memory_budget, density * sqrt(SURE * left / growing), density);
 }

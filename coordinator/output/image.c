@@ -42,7 +42,7 @@ int kiln_image_create_empty(struct kiln_image **image, uint32_t width, uint32_t 
     return status;
 }
 
-int kiln_image_fill(struct kiln_image *image, struct kiln_error *error)
+static int fill(struct kiln_image *image, struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t i = 0; status == KILN_OK && i < image->channel_count; i++)
@@ -72,7 +72,7 @@ int kiln_image_create(struct kiln_image **image, uint32_t width, uint32_t height
 {
     int status = kiln_image_create_empty(image, width, height, names, count, error);
     if (status == KILN_OK)
-        status = kiln_image_fill(*image, error);
+        status = fill(*image, error);
     if (status != KILN_OK)
         kiln_image_destroy(image);
     return status;

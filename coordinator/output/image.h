@@ -32,11 +32,10 @@ struct kiln_image {
 /* Creates an image with these channels, all zero. Names must be unique and shorter than KILN_CHANNEL_NAME_SIZE. */
 int kiln_image_create(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names,
                       size_t count, struct kiln_error *error);
-/* The same without values. The caller may set the `values` of channels to arrays from kiln_allocate, which the image
- * then owns; kiln_image_fill allocates those of the other channels, all zero. */
+/* The same without values. The caller sets the `values` of channels to arrays from kiln_allocate, which the image then
+ * owns. */
 int kiln_image_create_empty(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names,
                             size_t count, struct kiln_error *error);
-int kiln_image_fill(struct kiln_image *image, struct kiln_error *error);
 /* Maps the values of an image without values from a memory file that contains channel after channel, of exactly that
  * size. The descriptor is borrowed. */
 int kiln_image_share(struct kiln_image *image, int memory, struct kiln_error *error);

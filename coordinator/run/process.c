@@ -2,6 +2,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <malloc.h>
 #include <unistd.h>
 
 static volatile sig_atomic_t noted; /* global, since a signal handler can write to nothing else */
@@ -18,8 +19,27 @@ static void fill_descriptors(void)
             (void)open("/dev/null", descriptor == STDIN_FILENO ? O_WRONLY : O_RDONLY);
 }
 
+/* Without this the C library raises the size from which blocks go back to the system to that of the largest block that
+ * was freed, 32 MiB at most. What a process then keeps of blocks below depends on the order in which threads free. */
+static void settle_memory(void)
+{
+#ifdef __GLIBC__
+    enum { LARGE = 4 << 20, KEPT = 64 << 20 };
+    (void)mallopt(M_MMAP_THRESHOLD, LARGE);
+    (void)mallopt(M_TRIM_THRESHOLD, KEPT);
+#endif
+}
+
+void kiln_process_give_back(void)
+{
+#ifdef __GLIBC__
+    (void)malloc_trim(0);
+#endif
+}
+
 void kiln_process_begin(void)
 {
+    settle_memory();
     fill_descriptors();
     (void)signal(SIGXFSZ, SIG_IGN);
 }

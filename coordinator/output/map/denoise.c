@@ -8,6 +8,7 @@
 #include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/denoise_parts.h"
 #include "coordinator/output/map/regression.h"
+#include "coordinator/output/map/slices.h"
 #include "coordinator/output/map/stage.h"
 #include "coordinator/output/map/texel_gather.h"
 #include "worker/backend/backend.h"
@@ -100,31 +101,75 @@ static int compare_ghosts(const void *a, const void *b)
     return (p->x > q->x) - (p->x < q->x);
 }
 
+/* How many texels of each slice of the map have been gathered, or are points. */
+static void count_slices(const struct kiln_map_work *work, bool points, int slices, size_t *counts)
+{
+#pragma omp parallel for num_threads(slices) schedule(static)
+    for (int t = 0; t < slices; t++) {
+        size_t begin, end, count = 0;
+        struct kiln_neighbour_point point;
+        kiln_slice(slices, t, own_texels(work), &begin, &end);
+        for (size_t i = begin + kiln_map_first(work->map); i < end + kiln_map_first(work->map); i++)
+            count += work->map->state[i] == KILN_TEXEL_VALID && (!points || make_point(work, i, &point));
+        counts[t] = count;
+    }
+}
+
+/* Replaces counts by their sums before each slice. Returns the sum of all. */
+static size_t add_slices(int slices, size_t *counts)
+{
+    size_t sum = 0;
+    for (int t = 0; t < slices; t++) {
+        const size_t here = counts[t];
+        counts[t] = sum;
+        sum += here;
+    }
+    return sum;
+}
+
+/* Lists the points of texels, those of each slice where it begins. */
+static void list_points(const struct kiln_map_work *work, int slices, const size_t *first,
+                        struct kiln_neighbour_point *points)
+{
+#pragma omp parallel for num_threads(slices) schedule(static)
+    for (int t = 0; t < slices; t++) {
+        size_t begin, end, at = first[t];
+        struct kiln_neighbour_point point;
+        kiln_slice(slices, t, own_texels(work), &begin, &end);
+        for (size_t i = begin + kiln_map_first(work->map); i < end + kiln_map_first(work->map); i++)
+            if (work->map->state[i] == KILN_TEXEL_VALID && make_point(work, i, &point))
+                points[at++] = point;
+    }
+}
+
 /* Collective if the map is in bands. The points of gathered texels; and, if there are any on some rank, the ghosts in
  * an order that does not depend on how they came. */
 static int collect_points(struct kiln_map_work *work, struct kiln_neighbour_point **points, size_t *count,
                           struct kiln_error *error)
 {
-    const size_t texels = kiln_map_texels(work->map), ghosts = work->ghosts.count, first = kiln_map_first(work->map),
-                 end = kiln_map_end(work->map);
-    uint64_t gathered = 0, anywhere;
-    int status = KILN_OK;
+    const size_t texels = kiln_map_texels(work->map), ghosts = work->ghosts.count;
+    const int slices = kiln_slices(own_texels(work));
+    size_t *counts = NULL;
+    uint64_t anywhere = 0;
     *count = 0;
-    if (texels + ghosts >= UINT32_MAX)
+    int status = kiln_allocate(&counts, (size_t)slices, sizeof *counts, "the points of a lightmap", error);
+    if (status == KILN_OK && texels + ghosts >= UINT32_MAX)
         status =
             kiln_fail(error, KILN_CANNOT_CREATE,
                       "a lightmap of %u x %u texels with %zu beside it is too large to denoise; use --denoise none",
                       work->map->width, work->map->height, ghosts);
-    for (size_t i = first; i < end; i++)
-        gathered += work->map->state[i] == KILN_TEXEL_VALID;
+    if (status == KILN_OK) {
+        count_slices(work, false, slices, counts);
+        anywhere = add_slices(slices, counts);
+        count_slices(work, true, slices, counts);
+        *count = add_slices(slices, counts);
+        status = kiln_allocate_bare(points, *count + ghosts, sizeof **points, "the points of a lightmap", error);
+    }
     if (status == KILN_OK)
-        status = kiln_allocate(points, gathered + ghosts, sizeof **points, "the points of a lightmap", error);
-    anywhere = gathered;
+        list_points(work, slices, counts, *points);
+    kiln_free(&counts);
     if ((status = kiln_bands_agree(work->map, status, error)) == KILN_OK)
         status = kiln_bands_count(work->map, &anywhere, 1, error);
-    for (size_t i = first; status == KILN_OK && i < end; i++)
-        if (work->map->state[i] == KILN_TEXEL_VALID && make_point(work, i, *points + *count))
-            *count += 1;
     if (status == KILN_OK && ghosts > 0)
         qsort(work->ghosts.records, ghosts, work->ghosts.size, compare_ghosts);
     for (size_t i = 0; status == KILN_OK && anywhere > 0 && i < ghosts; i++)
@@ -155,12 +200,29 @@ static void part_groups(const struct group_light *g, size_t count, float sign)
     for (size_t k = 0; k < 3 * g->count; k++) {
         const float *direct = g->direct[k / 3][k % 3];
         float *rest = g->indirect[k / 3][k % 3];
+#pragma omp parallel for schedule(static) if (count > KILN_IMAGE_ALONE)
         for (size_t i = 0; i < count; i++)
             rest[i] += sign * direct[i];
     }
 }
 
-static int copy_plane(const struct kiln_map_work *work, uint32_t plane, float **copy, struct kiln_error *error);
+static void copy_values(float *to, const float *from, size_t count)
+{
+#pragma omp parallel for schedule(static) if (count > KILN_IMAGE_ALONE)
+    for (size_t i = 0; i < count; i++)
+        to[i] = from[i];
+}
+
+static int copy_plane(const struct kiln_map_work *work, uint32_t plane, float **copy, struct kiln_error *error)
+{
+    const size_t texels = own_texels(work), ghosts = work->ghosts.count;
+    const int status = kiln_allocate_bare(copy, texels + ghosts, sizeof **copy, "the values of a lightmap", error);
+    if (status == KILN_OK)
+        copy_values(*copy, own_plane(work, plane), texels);
+    for (size_t i = 0; status == KILN_OK && i < ghosts; i++)
+        (*copy)[texels + i] = ghost_at(work, i)->values[plane];
+    return status;
+}
 
 static int take_groups(struct group_light *g, const struct kiln_map_work *work, struct kiln_error *error)
 {
@@ -193,7 +255,7 @@ static void give_groups(const struct group_light *g, const struct kiln_map_work 
     const uint32_t plane = group_plane(work, kiln_group_fields_first(work->result->fields));
     part_groups(g, texels, 1.0f);
     for (size_t p = 0; p < g->planes && g->copies != NULL; p++)
-        memcpy(own_plane(work, plane + (uint32_t)p), g->copies[p], texels * sizeof(float));
+        copy_values(own_plane(work, plane + (uint32_t)p), g->copies[p], texels);
 }
 
 static void drop_groups(struct group_light *g)
@@ -228,17 +290,6 @@ struct values {
     struct kiln_regression_light lights[2];
 };
 
-static int copy_plane(const struct kiln_map_work *work, uint32_t plane, float **copy, struct kiln_error *error)
-{
-    const size_t texels = own_texels(work), ghosts = work->ghosts.count;
-    const int status = kiln_allocate(copy, texels + ghosts, sizeof **copy, "the values of a lightmap", error);
-    if (status == KILN_OK)
-        memcpy(*copy, own_plane(work, plane), texels * sizeof **copy);
-    for (size_t i = 0; status == KILN_OK && i < ghosts; i++)
-        (*copy)[texels + i] = ghost_at(work, i)->values[plane];
-    return status;
-}
-
 static int take_values(struct values *v, const struct kiln_map_work *work, struct kiln_error *error)
 {
     float *at[LIGHT_PLANES];
@@ -260,7 +311,7 @@ static void give_values(const struct values *v, const struct kiln_map_work *work
 {
     for (uint32_t p = 0; p < LIGHT_PLANES; p++)
         if (v->copies[p] != NULL)
-            memcpy(own_plane(work, v->planes[p]), v->copies[p], own_texels(work) * sizeof(float));
+            copy_values(own_plane(work, v->planes[p]), v->copies[p], own_texels(work));
 }
 
 static void drop_values(struct values *v)
@@ -271,6 +322,7 @@ static void drop_values(struct values *v)
 
 static void square_plane(float *values, size_t count)
 {
+#pragma omp parallel for schedule(static) if (count > KILN_IMAGE_ALONE)
     for (size_t i = 0; i < count; i++)
         values[i] *= values[i];
 }
@@ -347,7 +399,8 @@ static int make_keys(const struct kiln_map_work *work, const struct kiln_neighbo
                      uint64_t **keys, struct kiln_error *error)
 {
     const int status = kiln_allocate_bare(keys, count, sizeof **keys, "the points of a lightmap", error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++) {
+#pragma omp parallel for schedule(static) if (status == KILN_OK && count > KILN_IMAGE_ALONE)
+    for (size_t i = 0; i < (status == KILN_OK ? count : 0); i++) {
         const size_t texels = own_texels(work);
         (*keys)[i] = points[i].order;
         if (points[i].index < texels)

@@ -7,11 +7,12 @@
 
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/map/bands.h"
+#include "coordinator/output/map/slices.h"
 #include "worker/base/memory.h"
 
-/* Side of the smallest cubes, in the smallest texels that are in it, as of the cells of neighbours.c, which lie in one
- * cube each; and points of a lightmap from which on cubes are larger. */
-enum { SIDE = 8, MANY = 1 << 24, FARTHEST = 1 << 30 };
+/* Points of a lightmap from which on cubes are larger than cells of neighbours.h, which lie in one cube each; and the
+ * number of a cube along an axis at most. */
+enum { MANY = 1 << 24, FARTHEST = KILN_NEIGHBOUR_FARTHEST };
 
 /* How far what is done in a sweep of the regression looks, the last one first, in texels. */
 static const float hops[] = {KILN_NEIGHBOUR_RADIUS, 6.0f, 6.0f, KILN_NEIGHBOUR_RADIUS};
@@ -40,15 +41,18 @@ struct record {
 };
 
 struct kiln_parts_way {
-    int shift;              /* cubes have a side of SIDE << shift texels */
+    int shift;              /* cubes have a side of KILN_NEIGHBOUR_CELL << shift texels */
     struct cubes here, all; /* of own points, and of all ranks'; by place, none twice */
     uint32_t *cube_of;      /* of each own point, in `here` */
     uint8_t *far;           /* of each of `all`: KILN_PARTS_FAR if this rank does not see it */
     uint32_t *seen;         /* numbers of those of `all` that this rank sees, its own first */
     size_t seen_count;
+    uint32_t *here_of;  /* of each of `all` its number in `here`; KILN_NONE: there is none */
     size_t *first;      /* of each of `here` in `needed`, and the end */
     uint32_t *needed;   /* parts that need its points; first the one that has them */
     uint32_t *sent_own; /* points that were sent to be own, by part */
+    int slices;         /* of own points */
+    size_t (*sent)[2];  /* of each slice and rank: records, and own ones; then where its next ones go */
     unsigned char *out, *in;
     int *out_counts, *out_starts, *in_counts, *in_starts;
     int *own_out, *own_out_starts, *own_in, *own_in_starts; /* of these, own ones */
@@ -110,46 +114,93 @@ static size_t find_cube(const struct cubes *cubes, const struct cube *key)
     return low;
 }
 
-static int32_t cube_along(float position, int level, int shift)
-{
-    const double at = floor(ldexp((double)position / SIDE, -level - shift));
-    return (int32_t)fmin(fmax(at, -(double)FARTHEST), (double)FARTHEST);
-}
-
 static struct cube cube_around(const float position[3], float size, int shift)
 {
-    struct cube cube = {.size = size, .count = 1};
-    (void)frexpf(size, &cube.level);
-    cube.level--;
+    struct cube cube = {.level = kiln_neighbour_level(size), .size = size, .count = 1};
+    const double scale = kiln_neighbour_scale(cube.level + shift);
     for (int c = 0; c < 3; c++) {
-        cube.at[c] = cube_along(position[c], cube.level, shift);
+        cube.at[c] = kiln_neighbour_along(position[c], scale);
         cube.low[c] = cube.high[c] = position[c];
     }
     return cube;
 }
 
-/* Lists the cubes of own points. Points that follow one another often share one. */
-static int list_here(struct kiln_parts_way *w, const struct kiln_parts_given *given, struct kiln_error *error)
+/* Lists the cubes of the points [begin, end). Points that follow one another often share one. */
+static int list_slice(struct cubes *cubes, const struct kiln_parts_given *given, int shift, size_t begin, size_t end,
+                      struct kiln_error *error)
 {
-    struct cubes *here = &w->here;
     int status = KILN_OK;
-    for (size_t i = 0; i < given->count && status == KILN_OK; i++) {
-        const struct cube cube = cube_around(given->points[i].position, given->points[i].size, w->shift);
-        if (here->count > 0 && compare_cubes(&here->cubes[here->count - 1], &cube) == 0) {
-            join_cubes(&here->cubes[here->count - 1], &cube);
+    for (size_t i = begin; i < end && status == KILN_OK; i++) {
+        const struct cube cube = cube_around(given->points[i].position, given->points[i].size, shift);
+        if (cubes->count > 0 && compare_cubes(&cubes->cubes[cubes->count - 1], &cube) == 0) {
+            join_cubes(&cubes->cubes[cubes->count - 1], &cube);
             continue;
         }
-        status = kiln_grow(&here->cubes, &here->capacity, here->count + 1, sizeof cube, "parts of a lightmap", error);
+        status =
+            kiln_grow(&cubes->cubes, &cubes->capacity, cubes->count + 1, sizeof cube, "parts of a lightmap", error);
         if (status == KILN_OK)
-            here->cubes[here->count++] = cube;
+            cubes->cubes[cubes->count++] = cube;
     }
-    sort_cubes(here);
-    for (size_t i = 0, last = 0; i < given->count && status == KILN_OK; i++) {
-        const struct cube cube = cube_around(given->points[i].position, given->points[i].size, w->shift);
-        if (i == 0 || compare_cubes(&here->cubes[last], &cube) != 0)
-            last = find_cube(here, &cube);
-        w->cube_of[i] = (uint32_t)last;
+    sort_cubes(cubes);
+    return status;
+}
+
+/* Makes one list of those of all slices. */
+static int join_lists(struct cubes *all, const struct cubes *lists, int slices, struct kiln_error *error)
+{
+    size_t total = 0;
+    for (int t = 0; t < slices; t++)
+        total += lists[t].count;
+    const int status = kiln_grow(&all->cubes, &all->capacity, total, sizeof *all->cubes, "parts of a lightmap", error);
+    for (int t = 0; t < slices && status == KILN_OK; t++) {
+        if (lists[t].count > 0)
+            memcpy(all->cubes + all->count, lists[t].cubes, lists[t].count * sizeof *all->cubes);
+        all->count += lists[t].count;
     }
+    sort_cubes(all);
+    return status;
+}
+
+/* Finds the cubes of own points in `here`. */
+static void find_cubes(struct kiln_parts_way *w, const struct kiln_parts_given *given)
+{
+#pragma omp parallel for num_threads(w->slices) schedule(static)
+    for (int t = 0; t < w->slices; t++) {
+        size_t begin, end, last = 0;
+        kiln_slice(w->slices, t, given->count, &begin, &end);
+        for (size_t i = begin; i < end; i++) {
+            const struct cube cube = cube_around(given->points[i].position, given->points[i].size, w->shift);
+            if (i == begin || compare_cubes(&w->here.cubes[last], &cube) != 0)
+                last = find_cube(&w->here, &cube);
+            w->cube_of[i] = (uint32_t)last;
+        }
+    }
+}
+
+/* Lists the cubes of own points. */
+static int list_here(struct kiln_parts_way *w, const struct kiln_parts_given *given, struct kiln_error *error)
+{
+    struct cubes *lists = NULL;
+    int status = kiln_allocate(&lists, (size_t)w->slices, sizeof *lists, "parts of a lightmap", error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads(w->slices) schedule(static)
+    for (int t = 0; t < w->slices; t++) {
+        struct kiln_error mine = {{0}};
+        size_t begin, end;
+        kiln_slice(w->slices, t, given->count, &begin, &end);
+        const int listed = list_slice(&lists[t], given, w->shift, begin, end, &mine);
+        if (listed != KILN_OK)
+#pragma omp critical(kiln_parts_list)
+            status = kiln_fail(error, listed, "%s", mine.message);
+    }
+    if (status == KILN_OK)
+        status = join_lists(&w->here, lists, w->slices, error);
+    if (status == KILN_OK)
+        find_cubes(w, given);
+    for (int t = 0; t < w->slices; t++)
+        kiln_free(&lists[t].cubes);
+    kiln_free(&lists);
     return status;
 }
 
@@ -206,45 +257,66 @@ static int share_cubes(struct kiln_parts_way *w, const struct kiln_bands *bands,
 
 /* ---- parts ---- */
 
-static int compare_along(const void *a, const void *b, void *context)
+/* A cube, and twice its middle along an axis. */
+struct place {
+    float middle;
+    uint32_t cube;
+};
+
+static int compare_places(const void *a, const void *b)
 {
-    const int axis = *(const int *)context;
-    const struct cube *p = a, *q = b;
-    const float middle = p->low[axis] + p->high[axis], other = q->low[axis] + q->high[axis];
-    return middle != other ? (middle < other ? -1 : 1) : compare_cubes(a, b);
+    const struct place *p = a, *q = b;
+    if (p->middle != q->middle)
+        return p->middle < q->middle ? -1 : 1;
+    return (p->cube > q->cube) - (p->cube < q->cube);
 }
 
-static int longest_axis(const struct cube *cubes, size_t count)
+static int longest_axis(const struct cube *cubes, const struct place *places, size_t count)
 {
-    struct cube all = cubes[0];
+    struct cube all = cubes[places[0].cube];
     int axis = 0;
     for (size_t i = 1; i < count; i++)
-        join_cubes(&all, &cubes[i]);
+        join_cubes(&all, &cubes[places[i].cube]);
     for (int c = 1; c < 3; c++)
         axis = all.high[c] - all.low[c] > all.high[axis] - all.low[axis] ? c : axis;
     return axis;
 }
 
 /* Shares cubes out to the parts [first, first + parts). */
-static void cut(struct cube *cubes, size_t count, uint32_t first, uint32_t parts)
+static void cut(struct cube *cubes, struct place *places, size_t count, uint32_t first, uint32_t parts)
 {
     if (parts == 1 || count == 0) {
         for (size_t i = 0; i < count; i++)
-            cubes[i].part = first;
+            cubes[places[i].cube].part = first;
         return;
     }
-    int axis = longest_axis(cubes, count);
+    const int axis = longest_axis(cubes, places, count);
     const uint32_t half = parts / 2;
     uint64_t total = 0, before = 0;
     size_t at = 0;
-    qsort_r(cubes, count, sizeof *cubes, compare_along, &axis);
-    for (size_t i = 0; i < count; i++)
-        total += cubes[i].count;
+    for (size_t i = 0; i < count; i++) {
+        const struct cube *cube = &cubes[places[i].cube];
+        places[i].middle = cube->low[axis] + cube->high[axis];
+        total += cube->count;
+    }
+    qsort(places, count, sizeof *places, compare_places);
     /* as many before the cut as is nearest to their share */
-    while (at < count && (2 * before + cubes[at].count) * parts < 2 * total * half)
-        before += cubes[at++].count;
-    cut(cubes, at, first, half);
-    cut(cubes + at, count - at, first + half, parts - half);
+    while (at < count && (2 * before + cubes[places[at].cube].count) * parts < 2 * total * half)
+        before += cubes[places[at++].cube].count;
+    cut(cubes, places, at, first, half);
+    cut(cubes, places + at, count - at, first + half, parts - half);
+}
+
+static int cut_all(struct cubes *all, uint32_t parts, struct kiln_error *error)
+{
+    struct place *places = NULL;
+    const int status = kiln_allocate_bare(&places, all->count, sizeof *places, "parts of a lightmap", error);
+    for (size_t i = 0; i < all->count && status == KILN_OK; i++)
+        places[i] = (struct place){.cube = (uint32_t)i};
+    if (status == KILN_OK)
+        cut(all->cubes, places, all->count, 0, parts);
+    kiln_free(&places);
+    return status;
 }
 
 /* ---- what a part sees ---- */
@@ -257,17 +329,39 @@ static bool is_near(const struct cube *a, const struct cube *b, float reach)
     return true;
 }
 
+/* Adds a cube, unless it has been seen. Several threads add those of one hop. */
+static void see_cube(struct kiln_parts_way *w, size_t cube, uint8_t far)
+{
+    uint8_t before;
+    size_t at;
+#pragma omp atomic read
+    before = w->far[cube];
+    if (before != KILN_PARTS_FAR)
+        return;
+#pragma omp atomic capture
+    {
+        before = w->far[cube];
+        w->far[cube] = far;
+    }
+    if (before != KILN_PARTS_FAR)
+        return;
+#pragma omp atomic capture
+    at = w->seen_count++;
+    w->seen[at] = (uint32_t)cube;
+}
+
 /* Adds the cubes of one level near a cube that are not yet seen. */
 static void see_level(struct kiln_parts_way *w, const struct cube *from, int level, float reach, uint8_t far)
 {
     struct cube key = {.level = level, .at = {-FARTHEST, -FARTHEST, -FARTHEST}};
+    const double scale = kiln_neighbour_scale(level + w->shift);
     int32_t low[3], high[3];
     const size_t begin = find_cube(&w->all, &key);
     if (begin == w->all.count || w->all.cubes[begin].level != level)
         return;
     for (int c = 0; c < 3; c++) {
-        low[c] = cube_along(from->low[c] - reach, level, w->shift);
-        high[c] = cube_along(from->high[c] + reach, level, w->shift);
+        low[c] = kiln_neighbour_along(from->low[c] - reach, scale);
+        high[c] = kiln_neighbour_along(from->high[c] + reach, scale);
     }
     for (key.at[0] = low[0]; key.at[0] <= high[0]; key.at[0]++)
         for (key.at[1] = low[1]; key.at[1] <= high[1]; key.at[1]++) {
@@ -277,10 +371,8 @@ static void see_level(struct kiln_parts_way *w, const struct cube *from, int lev
                 if (cube->level != level || cube->at[0] != key.at[0] || cube->at[1] != key.at[1] ||
                     cube->at[2] > high[2])
                     break;
-                if (w->far[i] == KILN_PARTS_FAR && is_near(from, cube, reach)) {
-                    w->far[i] = far;
-                    w->seen[w->seen_count++] = (uint32_t)i;
-                }
+                if (is_near(from, cube, reach))
+                    see_cube(w, i, far);
             }
         }
 }
@@ -298,13 +390,16 @@ static int see(struct kiln_parts_way *w, uint32_t part, struct kiln_error *error
         if (w->far[i] == 0)
             w->seen[w->seen_count++] = (uint32_t)i;
     }
-    for (uint8_t hop = 0; hop < HOPS && status == KILN_OK; hop++)
-        for (size_t i = 0, end = w->seen_count; i < end; i++) {
+    for (uint8_t hop = 0; hop < HOPS && status == KILN_OK; hop++) {
+        const size_t end = w->seen_count;
+#pragma omp parallel for schedule(dynamic, 64)
+        for (size_t i = 0; i < end; i++) {
             const struct cube *from = &w->all.cubes[w->seen[i]];
             const float reach = 1.001f * hops[hop] * from->size; /* some more, for the rounding of distances */
             for (int level = from->level - 1; level <= from->level + 1; level++)
                 see_level(w, from, level, reach, (uint8_t)(hop + 1));
         }
+    }
     return status;
 }
 
@@ -333,10 +428,8 @@ static void visit_needed(struct kiln_parts_way *w, const uint32_t *seen, uint32_
     for (int others = 0; others < 2; others++)
         for (uint32_t part = 0; part < ranks; part++)
             for (int i = 0; i < w->in_counts[part]; i++) {
-                const struct cube *cube = &w->all.cubes[seen[w->in_starts[part] + i]];
-                const size_t here = find_cube(&w->here, cube);
-                if ((cube->part != part) == (others == 1) && here < w->here.count &&
-                    compare_cubes(&w->here.cubes[here], cube) == 0)
+                const uint32_t cube = seen[w->in_starts[part] + i], here = w->here_of[cube];
+                if ((w->all.cubes[cube].part != part) == (others == 1) && here != KILN_NONE)
                     visit(w, here, part);
             }
 }
@@ -349,12 +442,25 @@ static void count_needed(struct kiln_parts_way *w, size_t here, uint32_t part)
 
 static void list_needed(struct kiln_parts_way *w, size_t here, uint32_t part) { w->needed[w->first[here]++] = part; }
 
+/* Which of all cubes have own points. */
+static int find_here(struct kiln_parts_way *w, struct kiln_error *error)
+{
+    const int status = kiln_allocate_bare(&w->here_of, w->all.count, sizeof *w->here_of, "parts of a lightmap", error);
+    for (size_t i = 0, here = 0; i < w->all.count && status == KILN_OK; i++) {
+        const bool same = here < w->here.count && compare_cubes(&w->all.cubes[i], &w->here.cubes[here]) == 0;
+        w->here_of[i] = same ? (uint32_t)here++ : KILN_NONE;
+    }
+    return status;
+}
+
 /* Collective. Lists the parts that need the points of each own cube. */
 static int find_needed(struct kiln_parts_way *w, const struct kiln_bands *bands, struct kiln_error *error)
 {
     const size_t count = w->here.count;
     uint32_t *seen = NULL;
     int status = kiln_allocate(&w->first, count + 1, sizeof *w->first, "parts of a lightmap", error);
+    if (status == KILN_OK)
+        status = find_here(w, error);
     if (status == KILN_OK)
         status = see(w, bands->rank, error);
     if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK)
@@ -382,18 +488,46 @@ static size_t record_size(size_t planes)
     return (size + _Alignof(struct record) - 1) / _Alignof(struct record) * _Alignof(struct record);
 }
 
-/* How many records go to each rank, and how many of them are own there. */
+/* Counts what a slice sends. */
+static void count_slice(struct kiln_parts_way *w, size_t count, uint32_t ranks, int slice)
+{
+    size_t(*sent)[2] = w->sent + (size_t)slice * ranks, begin, end;
+    kiln_slice(w->slices, slice, count, &begin, &end);
+    for (size_t i = begin; i < end; i++)
+        for (size_t k = w->first[w->cube_of[i]]; k < w->first[w->cube_of[i] + 1]; k++) {
+            sent[w->needed[k]][0]++;
+            sent[w->needed[k]][1] += k == w->first[w->cube_of[i]];
+        }
+}
+
+/* How many records go to each rank, and how many of them are own there; and where each slice puts them. */
 static int count_records(struct kiln_parts_way *w, const struct kiln_parts_given *given, uint32_t ranks,
                          struct kiln_error *error)
 {
-    memset(w->out_counts, 0, ranks * sizeof *w->out_counts);
-    for (size_t i = 0; i < given->count; i++)
-        for (size_t k = w->first[w->cube_of[i]]; k < w->first[w->cube_of[i] + 1]; k++) {
-            w->out_counts[w->needed[k]]++;
-            w->own_out[w->needed[k]] += k == w->first[w->cube_of[i]];
-        }
+    size_t next[2] = {0};
+    int status = kiln_allocate(&w->sent, (size_t)w->slices * ranks, sizeof *w->sent, "parts of a lightmap", error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads(w->slices) schedule(static)
+    for (int t = 0; t < w->slices; t++)
+        count_slice(w, given->count, ranks, t);
+    for (uint32_t r = 0; r < ranks; r++) {
+        const size_t before[2] = {next[0], next[1]};
+        for (int t = 0; t < w->slices; t++)
+            for (int k = 0; k < 2; k++) {
+                size_t *at = &w->sent[(size_t)t * ranks + r][k];
+                const size_t here = *at;
+                *at = next[k];
+                next[k] += here;
+            }
+        if (next[0] > INT_MAX)
+            return too_many(error);
+        w->out_counts[r] = (int)(next[0] - before[0]);
+        w->own_out[r] = (int)(next[1] - before[1]);
+    }
     (void)begin_all(w->own_out, w->own_out_starts, ranks);
-    return begin_all(w->out_counts, w->out_starts, ranks) == SIZE_MAX ? too_many(error) : KILN_OK;
+    (void)begin_all(w->out_counts, w->out_starts, ranks);
+    return KILN_OK;
 }
 
 static void fill_record(struct record *record, const struct kiln_parts_given *given, size_t i, bool own)
@@ -406,20 +540,51 @@ static void fill_record(struct record *record, const struct kiln_parts_given *gi
         record->values[plane] = given->values[plane][p->index];
 }
 
-/* Lays records down by rank, in the order of points. */
-static void pack_records(struct kiln_parts_way *w, const struct kiln_parts_given *given, uint32_t ranks)
+/* Lays the records of a slice down by rank, in the order of points. */
+static void pack_slice(struct kiln_parts_way *w, const struct kiln_parts_given *given, uint32_t ranks, int slice)
 {
     const size_t size = record_size(given->planes);
-    for (size_t i = 0; i < given->count; i++)
+    size_t(*sent)[2] = w->sent + (size_t)slice * ranks, begin, end;
+    kiln_slice(w->slices, slice, given->count, &begin, &end);
+    for (size_t i = begin; i < end; i++)
         for (size_t k = w->first[w->cube_of[i]]; k < w->first[w->cube_of[i] + 1]; k++) {
-            const uint32_t part = w->needed[k];
+            size_t *next = sent[w->needed[k]];
             const bool own = k == w->first[w->cube_of[i]];
-            fill_record((void *)(w->out + (size_t)w->out_starts[part]++ * size), given, i, own);
+            fill_record((void *)(w->out + next[0]++ * size), given, i, own);
             if (own)
-                w->sent_own[w->own_out_starts[part]++] = (uint32_t)i;
+                w->sent_own[next[1]++] = (uint32_t)i;
         }
-    (void)begin_all(w->out_counts, w->out_starts, ranks);
-    (void)begin_all(w->own_out, w->own_out_starts, ranks);
+}
+
+static void pack_records(struct kiln_parts_way *w, const struct kiln_parts_given *given, uint32_t ranks)
+{
+#pragma omp parallel for num_threads(w->slices) schedule(static)
+    for (int t = 0; t < w->slices; t++)
+        pack_slice(w, given, ranks, t);
+    kiln_free(&w->sent);
+}
+
+/* Collective. Sends to each rank so many elements of `size` bytes; what a rank has for itself its threads copy. */
+static int exchange(const struct kiln_bands *bands, size_t size, const void *out, int *out_counts,
+                    const int *out_starts, void *in, int *in_counts, const int *in_starts, struct kiln_error *error)
+{
+    enum { AT_ONCE = 1 << 12 };
+    const size_t own = (size_t)out_counts[bands->rank];
+    const unsigned char *from = (const unsigned char *)out + (size_t)out_starts[bands->rank] * size;
+    unsigned char *to = (unsigned char *)in + (size_t)in_starts[bands->rank] * size;
+    MPI_Datatype type = MPI_DATATYPE_NULL;
+    int status = kiln_agree(bands->comm, make_type(&type, size, error), error);
+    out_counts[bands->rank] = in_counts[bands->rank] = 0;
+    if (status == KILN_OK &&
+        MPI_Alltoallv(out, out_counts, out_starts, type, in, in_counts, in_starts, type, bands->comm) != MPI_SUCCESS)
+        status = mpi_failed(error);
+    out_counts[bands->rank] = in_counts[bands->rank] = (int)own;
+    if (type != MPI_DATATYPE_NULL)
+        (void)MPI_Type_free(&type);
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < own; i += AT_ONCE)
+        memcpy(to + i * size, from + i * size, (own - i < AT_ONCE ? own - i : AT_ONCE) * size);
+    return status;
 }
 
 /* Collective. Sends all records. *total: those that come. */
@@ -428,7 +593,6 @@ static int send_records(struct kiln_parts_way *w, const struct kiln_parts_given 
 {
     const struct kiln_bands *bands = given->map->bands;
     const size_t size = record_size(given->planes);
-    MPI_Datatype type = MPI_DATATYPE_NULL;
     int status = count_records(w, given, bands->ranks, error);
     if (status == KILN_OK)
         status = kiln_allocate_bare(&w->sent_own, given->count, sizeof *w->sent_own, "parts of a lightmap", error);
@@ -436,8 +600,6 @@ static int send_records(struct kiln_parts_way *w, const struct kiln_parts_given 
         status =
             kiln_allocate_bare(&w->out, (size_t)(w->out_starts[bands->ranks - 1] + w->out_counts[bands->ranks - 1]),
                                size, "parts of a lightmap", error);
-    if (status == KILN_OK)
-        status = make_type(&type, size, error);
     if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK) {
         pack_records(w, given, bands->ranks);
         if (MPI_Alltoall(w->out_counts, 1, MPI_INT, w->in_counts, 1, MPI_INT, bands->comm) != MPI_SUCCESS ||
@@ -449,12 +611,8 @@ static int send_records(struct kiln_parts_way *w, const struct kiln_parts_given 
     (void)begin_all(w->own_in, w->own_in_starts, bands->ranks);
     if (status == KILN_OK)
         status = kiln_allocate_bare(&w->in, *total, size, "parts of a lightmap", error);
-    if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK &&
-        MPI_Alltoallv(w->out, w->out_counts, w->out_starts, type, w->in, w->in_counts, w->in_starts, type,
-                      bands->comm) != MPI_SUCCESS)
-        status = mpi_failed(error);
-    if (type != MPI_DATATYPE_NULL)
-        (void)MPI_Type_free(&type);
+    if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK)
+        status = exchange(bands, size, w->out, w->out_counts, w->out_starts, w->in, w->in_counts, w->in_starts, error);
     kiln_free(&w->out);
     return status;
 }
@@ -472,8 +630,13 @@ static int compare_keys(const void *a, const void *b, void *context)
 static int order_others(struct kiln_parts *p, const uint64_t *keys, size_t texels, struct kiln_error *error)
 {
     uint32_t *others = NULL;
-    size_t count = 0;
-    const int status = kiln_allocate(&others, p->count, sizeof *others, "parts of a lightmap", error);
+    size_t many = 0, count = 0;
+#pragma omp parallel for schedule(static) reduction(+ : many)
+    for (size_t i = 0; i < p->count; i++)
+        many += keys[i] > UINT32_MAX;
+    if (many == 0)
+        return KILN_OK;
+    const int status = kiln_allocate_bare(&others, many, sizeof *others, "parts of a lightmap", error);
     for (size_t i = 0; i < p->count && status == KILN_OK; i++)
         if (keys[i] > UINT32_MAX)
             others[count++] = (uint32_t)i;
@@ -485,24 +648,20 @@ static int order_others(struct kiln_parts *p, const uint64_t *keys, size_t texel
     return status == KILN_OK && texels + count >= UINT32_MAX ? too_many(error) : status;
 }
 
-/* Takes the records, own ones in the order in which they have come. */
-static int take_records(struct kiln_parts *p, const struct kiln_map *map, struct kiln_error *error)
+static const struct record *record_at(const struct kiln_parts *p, size_t i)
 {
-    const size_t size = record_size(p->planes);
-    size_t next[2] = {p->own, 0}, last = 0; /* next: of others, and of own ones */
-    uint64_t *keys = NULL;
-    int status = kiln_allocate_bare(&p->points, p->count, sizeof *p->points, "parts of a lightmap", error);
-    for (size_t plane = 0; plane < p->planes && status == KILN_OK; plane++)
-        status = kiln_allocate_bare(&p->values[plane], p->count, sizeof(float), "parts of a lightmap", error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&p->far, p->count, sizeof *p->far, "parts of a lightmap", error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&keys, p->count, sizeof *keys, "parts of a lightmap", error);
-    for (size_t i = 0; i < p->count && status == KILN_OK; i++) {
-        const struct record *record = (const void *)(p->way->in + i * size);
+    return (const void *)(p->way->in + i * record_size(p->planes));
+}
+
+/* Takes the records [begin, end). next: where those of others go, and own ones. */
+static void take_slice(struct kiln_parts *p, size_t begin, size_t end, size_t next[2], uint64_t *keys)
+{
+    size_t last = 0;
+    for (size_t i = begin; i < end; i++) {
+        const struct record *record = record_at(p, i);
         const struct cube cube = cube_around(record->position, record->size, p->way->shift);
         const size_t index = next[record->own]++;
-        if (i == 0 || compare_cubes(&p->way->all.cubes[last], &cube) != 0)
+        if (i == begin || compare_cubes(&p->way->all.cubes[last], &cube) != 0)
             last = find_cube(&p->way->all, &cube);
         p->far[index] = p->way->far[last];
         struct kiln_neighbour_point *point = &p->points[i];
@@ -514,6 +673,54 @@ static int take_records(struct kiln_parts *p, const struct kiln_map *map, struct
             p->values[plane][index] = record->values[plane];
         keys[i] = record->key;
     }
+}
+
+/* Takes all records, own ones in the order in which they have come. */
+static int take_slices(struct kiln_parts *p, uint64_t *keys, struct kiln_error *error)
+{
+    const int slices = kiln_slices(p->count);
+    size_t(*next)[2] = NULL, own = 0;
+    const int status = kiln_allocate(&next, (size_t)slices, sizeof *next, "parts of a lightmap", error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads(slices) schedule(static)
+    for (int t = 0; t < slices; t++) {
+        size_t begin, end, count = 0;
+        kiln_slice(slices, t, p->count, &begin, &end);
+        for (size_t i = begin; i < end; i++)
+            count += record_at(p, i)->own;
+        next[t][1] = count;
+    }
+    for (int t = 0; t < slices; t++) {
+        size_t begin, end;
+        kiln_slice(slices, t, p->count, &begin, &end);
+        const size_t here = next[t][1];
+        next[t][0] = p->own + begin - own;
+        next[t][1] = own;
+        own += here;
+    }
+#pragma omp parallel for num_threads(slices) schedule(static)
+    for (int t = 0; t < slices; t++) {
+        size_t begin, end;
+        kiln_slice(slices, t, p->count, &begin, &end);
+        take_slice(p, begin, end, next[t], keys);
+    }
+    kiln_free(&next);
+    return KILN_OK;
+}
+
+static int take_records(struct kiln_parts *p, const struct kiln_map *map, struct kiln_error *error)
+{
+    uint64_t *keys = NULL;
+    int status = kiln_allocate_bare(&p->points, p->count, sizeof *p->points, "parts of a lightmap", error);
+    for (size_t plane = 0; plane < p->planes && status == KILN_OK; plane++)
+        status = kiln_allocate_bare(&p->values[plane], p->count, sizeof(float), "parts of a lightmap", error);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&p->far, p->count, sizeof *p->far, "parts of a lightmap", error);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&keys, p->count, sizeof *keys, "parts of a lightmap", error);
+    if (status == KILN_OK)
+        status = take_slices(p, keys, error);
     if (status == KILN_OK)
         status = order_others(p, keys, kiln_map_texels(map), error);
     kiln_free(&keys);
@@ -537,8 +744,9 @@ static int allocate_way(struct kiln_parts *p, const struct kiln_parts_given *giv
                       &w->own_out,    &w->own_out_starts, &w->own_in,    &w->own_in_starts};
     for (size_t i = 0; status == KILN_OK && i < sizeof counts / sizeof *counts; i++)
         status = kiln_allocate(counts[i], given->map->bands->ranks, sizeof(int), "parts of a lightmap", error);
+    w->slices = kiln_slices(given->count);
     if (status == KILN_OK)
-        status = kiln_allocate(&w->cube_of, given->count, sizeof *w->cube_of, "parts of a lightmap", error);
+        status = kiln_allocate_bare(&w->cube_of, given->count, sizeof *w->cube_of, "parts of a lightmap", error);
     return status;
 }
 
@@ -556,9 +764,8 @@ static int divide(struct kiln_parts_way *w, const struct kiln_parts_given *given
         status = share_cubes(w, bands, error);
     if (status != KILN_OK)
         return status;
-    cut(w->all.cubes, w->all.count, 0, bands->ranks);
-    sort_cubes(&w->all);
-    return find_needed(w, bands, error);
+    status = kiln_agree(bands->comm, cut_all(&w->all, bands->ranks, error), error);
+    return status == KILN_OK ? find_needed(w, bands, error) : status;
 }
 
 int kiln_parts_create(struct kiln_parts **parts, const struct kiln_parts_given *given, struct kiln_error *error)
@@ -585,25 +792,21 @@ int kiln_parts_give_back(const struct kiln_parts *p, const struct kiln_parts_giv
 {
     const struct kiln_bands *bands = given->map->bands;
     struct kiln_parts_way *w = p->way;
-    MPI_Datatype type = MPI_DATATYPE_NULL;
     float *out = NULL, *in = NULL;
     int status = kiln_allocate_bare(&out, p->own, p->planes * sizeof *out, "parts of a lightmap", error);
     if (status == KILN_OK)
         status = kiln_allocate_bare(&in, given->count, p->planes * sizeof *in, "parts of a lightmap", error);
-    if (status == KILN_OK)
-        status = make_type(&type, p->planes * sizeof *out, error);
-    for (size_t i = 0; i < p->own && status == KILN_OK; i++)
+#pragma omp parallel for schedule(static) if (status == KILN_OK)
+    for (size_t i = 0; i < (status == KILN_OK ? p->own : 0); i++)
         for (size_t plane = 0; plane < p->planes; plane++)
             out[i * p->planes + plane] = p->values[plane][i];
-    if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK &&
-        MPI_Alltoallv(out, w->own_in, w->own_in_starts, type, in, w->own_out, w->own_out_starts, type, bands->comm) !=
-            MPI_SUCCESS)
-        status = mpi_failed(error);
-    for (size_t i = 0; i < given->count && status == KILN_OK; i++)
+    if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK)
+        status = exchange(bands, p->planes * sizeof *out, out, w->own_in, w->own_in_starts, in, w->own_out,
+                          w->own_out_starts, error);
+#pragma omp parallel for schedule(static) if (status == KILN_OK)
+    for (size_t i = 0; i < (status == KILN_OK ? given->count : 0); i++)
         for (size_t plane = 0; plane < p->planes; plane++)
             given->values[plane][given->points[w->sent_own[i]].index] = in[i * p->planes + plane];
-    if (type != MPI_DATATYPE_NULL)
-        (void)MPI_Type_free(&type);
     kiln_free(&out);
     kiln_free(&in);
     return status;
@@ -625,6 +828,8 @@ void kiln_parts_destroy(struct kiln_parts **parts)
         kiln_free(&w->cube_of);
         kiln_free(&w->far);
         kiln_free(&w->seen);
+        kiln_free(&w->here_of);
+        kiln_free(&w->sent);
         kiln_free(&w->first);
         kiln_free(&w->needed);
         kiln_free(&w->sent_own);

@@ -1,5 +1,6 @@
 #include <string.h>
 
+#include "coordinator/output/image.h"
 #include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/stage.h"
 #include "worker/base/memory.h"
@@ -124,16 +125,36 @@ static void fill_layer(struct layers *work)
         spread(work, work->layer[i]);
 }
 
-static int fill_charts(struct layers *work, uint8_t *before, struct kiln_error *error)
+/* Whether a texel has a neighbour in its chart that is known. */
+static bool is_next(const struct layers *work, uint32_t texel)
+{
+    bool found = false;
+    for (int k = 0; k < 8 && !found; k++) {
+        const uint32_t other = neighbour(work->map, texel, k);
+        found = other != KILN_NONE && work->known[other] == 1 && work->map->chart[other] == work->map->chart[texel];
+    }
+    return found;
+}
+
+/* Texels with light are known; the first layer is of those around them. */
+static void begin_layers(struct layers *work)
 {
     const struct kiln_map *map = work->map;
     const size_t first = kiln_map_first(map), end = kiln_map_end(map);
-    bool left = false;
+#pragma omp parallel for schedule(static) if (end - first > KILN_IMAGE_ALONE)
     for (size_t i = first; i < end; i++)
         work->known[i] = map->state[i] == KILN_TEXEL_VALID;
     for (size_t i = first; i < end; i++)
-        if (map->state[i] == KILN_TEXEL_VALID)
-            spread(work, (uint32_t)i);
+        if (map->state[i] == KILN_TEXEL_FILLED && is_next(work, (uint32_t)i))
+            work->next[work->next_count++] = (uint32_t)i;
+    for (size_t i = 0; i < work->next_count; i++)
+        work->known[work->next[i]] = 2;
+}
+
+static int fill_charts(struct layers *work, uint8_t *before, struct kiln_error *error)
+{
+    bool left = false;
+    begin_layers(work);
     int status = look_around(work, before, error);
     if (status == KILN_OK)
         status = is_left(work, &left, error);
@@ -153,6 +174,7 @@ static int fill_rest(struct layers *work, struct kiln_error *error)
     const size_t first = kiln_map_first(map), end = kiln_map_end(map);
     uint32_t *nearest = NULL;
     uint64_t left = 0;
+#pragma omp parallel for schedule(static) reduction(+ : left) if (end - first > KILN_IMAGE_ALONE)
     for (size_t i = first; i < end; i++)
         left += map->state[i] == KILN_TEXEL_FILLED && work->known[i] == 0;
     int status = kiln_bands_count(map, &left, 1, error);
@@ -161,12 +183,14 @@ static int fill_rest(struct layers *work, struct kiln_error *error)
     status = kiln_bands_agree(map, kiln_map_allocate(map, &nearest, sizeof *nearest, "nearest texels", error), error);
     if (status == KILN_OK)
         status = kiln_map_nearest(map, work->known, 1, nearest, error);
-    for (size_t i = first; status == KILN_OK && i < end; i++)
+#pragma omp parallel for schedule(static) if (status == KILN_OK && end - first > KILN_IMAGE_ALONE)
+    for (size_t i = first; i < (status == KILN_OK ? end : first); i++)
         if (map->state[i] != KILN_TEXEL_FILLED || work->known[i] != 0)
             nearest[i] = (uint32_t)i; /* stays as it is */
     if (status == KILN_OK)
         status = kiln_bands_fetch(map, nearest, error);
-    for (size_t i = first; status == KILN_OK && i < end; i++)
+#pragma omp parallel for schedule(static) if (status == KILN_OK && end - first > KILN_IMAGE_ALONE)
+    for (size_t i = first; i < (status == KILN_OK ? end : first); i++)
         for (uint32_t p = 0; nearest[i] != i && nearest[i] != KILN_NONE && p < map->has->count; p++)
             map->planes[p][i] = map->planes[p][nearest[i]];
     kiln_map_free(map, &nearest, sizeof *nearest);
@@ -175,6 +199,7 @@ static int fill_rest(struct layers *work, struct kiln_error *error)
 
 static void clear_filled(struct kiln_map *map)
 {
+#pragma omp parallel for schedule(static) if (kiln_map_texels(map) > KILN_IMAGE_ALONE)
     for (size_t i = kiln_map_first(map); i < kiln_map_end(map); i++)
         for (uint32_t p = 0; map->state[i] == KILN_TEXEL_FILLED && p < map->has->count; p++)
             map->planes[p][i] = 0.0f;
@@ -184,6 +209,7 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error)
 {
     uint8_t *before = NULL;
     uint64_t invalid = 0;
+#pragma omp parallel for schedule(static) reduction(+ : invalid) if (kiln_map_texels(map) > KILN_IMAGE_ALONE)
     for (size_t i = kiln_map_first(map); i < kiln_map_end(map); i++)
         invalid += map->state[i] == KILN_TEXEL_FILLED;
     const size_t own = invalid;

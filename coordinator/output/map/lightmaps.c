@@ -76,9 +76,10 @@ static int move_plane(const struct kiln_map *map, const struct kiln_image *image
         *plane = NULL;
         return KILN_OK;
     }
-    const int status = kiln_allocate(values, count, sizeof **values, "an image's pixels", error);
-    if (status == KILN_OK)
-        memcpy(*values, *plane + first, count * sizeof **values);
+    const int status = kiln_allocate_bare(values, count, sizeof **values, "an image's pixels", error);
+#pragma omp parallel for schedule(static) if (status == KILN_OK && count > KILN_IMAGE_ALONE)
+    for (size_t i = 0; i < (status == KILN_OK ? count : 0); i++)
+        (*values)[i] = (*plane)[first + i];
     kiln_map_free(map, plane, sizeof **plane);
     return status;
 }
@@ -129,6 +130,17 @@ static void add_terms(const struct kiln_image *image, const struct kiln_field_se
     }
 }
 
+/* Room for the channels that are computed of others: each of their values is. */
+static int make_room(const struct kiln_image *image, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t c = 0; c < image->channel_count && status == KILN_OK; c++)
+        if (image->channels[c].values == NULL)
+            status = kiln_allocate_bare(&image->channels[c].values, (size_t)image->width * image->height, sizeof(float),
+                                        "an image's pixels", error);
+    return status;
+}
+
 /* Creates an image with the channels of the file from the planes of the map. */
 static int make_image(const struct writer *w, struct kiln_map *map, struct kiln_image **image, struct kiln_error *error)
 {
@@ -146,7 +158,7 @@ static int make_image(const struct writer *w, struct kiln_map *map, struct kiln_
     if (status == KILN_OK)
         status = move_plane(map, *image, "coverage.Y", &map->coverage, error);
     if (status == KILN_OK)
-        status = kiln_image_fill(*image, error);
+        status = make_room(*image, error);
     if (status != KILN_OK)
         return status;
     for (size_t i = 0; i < fields->count; i++)
@@ -267,6 +279,7 @@ static int check_arrived(const struct writer *w, uint32_t object, struct kiln_er
     const struct kiln_map *map = w->works[object].map;
     const uint64_t covered = count_covered(w->result->surface, object, map);
     uint64_t arrived = 0;
+#pragma omp parallel for schedule(static) reduction(+ : arrived) if (kiln_map_texels(map) > KILN_IMAGE_ALONE)
     for (size_t i = kiln_map_first(map); i < kiln_map_end(map); i++)
         arrived += map->state[i] != KILN_TEXEL_MARGIN;
     if (arrived != covered)
@@ -576,13 +589,36 @@ static int run_some(const struct writer *w, const uint32_t *own, size_t count, u
     return status;
 }
 
+/* Begins a map of which a stage may take long. */
+static int begin_large_map(const struct writer *w, uint32_t object, struct kiln_error *error)
+{
+    return kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : begin_map(w, object, error);
+}
+
+/* Runs what takes long of single maps, before the files of all are made: one after the other, each with all threads,
+ * since a map's part of the threads is that of its texels. */
+static int run_long(const struct writer *w, const uint32_t *own, size_t count, struct kiln_error *error)
+{
+    enum { LEAST = 1 << 15 }; /* texels of such a map */
+    size_t large = 0;
+    while (large < count && texels_of(w, own + large, 1) >= LEAST)
+        large++; /* the largest come first */
+    int status = run_some(w, own, large, texels_of(w, own, large), begin_large_map, error);
+    for (size_t i = 0; i < large && status == KILN_OK; i++)
+        status = kiln_stop_asked(w->result->stop) ? kiln_give_up(error)
+                                                  : kiln_map_stages_run_long(kiln_map_stages, &w->works[own[i]], error);
+    return status;
+}
+
 /* Writes the objects of a round, in batches whose files are published together. */
 static int write_round(struct writer *w, const uint32_t *own, size_t count, struct kiln_error *error)
 {
     enum { AT_ONCE = 1024 };
     const uint64_t texels = texels_of(w, own, count);
     int status = KILN_OK;
-    if (count > 0)
+    if (count > 1)
+        status = run_long(w, own, count, error);
+    if (status == KILN_OK && count > 0)
         status = kiln_publish_batch_create(&w->batch, error);
     for (size_t first = 0; status == KILN_OK && first < count; first += AT_ONCE) {
         const size_t some = count - first < AT_ONCE ? count - first : AT_ONCE;

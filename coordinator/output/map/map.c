@@ -11,13 +11,33 @@
 const struct kiln_map_planes kiln_map_light = {.count = KILN_MAP_PLANES,
                                                .smooth = {true, true, true, true, true, true, false}};
 
+/* Zeroes an array, by several threads if it is large: so they make its pages, too. */
+static void clear(void *array, size_t bytes)
+{
+    enum { AT_ONCE = 1 << 18 };
+#pragma omp parallel for schedule(static) if (bytes > AT_ONCE)
+    for (size_t at = 0; at < bytes; at += AT_ONCE)
+        memset((char *)array + at, 0, bytes - at < AT_ONCE ? bytes - at : AT_ONCE);
+}
+
+static int allocate_whole(const struct kiln_map *map, void *pointer, size_t size, const char *what,
+                          struct kiln_error *error)
+{
+    const int status = kiln_allocate_bare(pointer, kiln_map_texels(map), size, what, error);
+    void *array;
+    memcpy(&array, pointer, sizeof array);
+    if (status == KILN_OK)
+        clear(array, kiln_map_texels(map) * size);
+    return status;
+}
+
 /* Pages of a band that nobody has touched are zero and take no memory. */
 int kiln_map_allocate(const struct kiln_map *map, void *pointer, size_t size, const char *what,
                       struct kiln_error *error)
 {
     const size_t bytes = kiln_map_texels(map) * size;
     if (map->bands == NULL)
-        return kiln_allocate(pointer, kiln_map_texels(map), size, what, error);
+        return allocate_whole(map, pointer, size, what, error);
     void *pages = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (pages == MAP_FAILED)
         return kiln_fail_errno(error, KILN_SYSTEM, "out of address space: %zu bytes for %s", bytes, what);
@@ -47,7 +67,9 @@ static void clear_charts(struct kiln_map *map)
                  halo = map->bands != NULL ? (size_t)KILN_BANDS_HALO * map->width : 0,
                  from = first > halo ? first - halo : 0,
                  to = end + halo < kiln_map_texels(map) ? end + halo : kiln_map_texels(map);
-    memset(map->chart + from, 0xff, (to - from) * sizeof *map->chart);
+#pragma omp parallel for schedule(static) if (to - from > KILN_IMAGE_ALONE)
+    for (size_t i = from; i < to; i++)
+        map->chart[i] = KILN_NONE;
 }
 
 static int create(struct kiln_map **map, const struct kiln_map *shape, struct kiln_error *error)

@@ -1,6 +1,7 @@
 #include <math.h>
 
 #include "coordinator/job/job.h"
+#include "coordinator/output/image.h"
 #include "coordinator/output/map/bands.h"
 #include "coordinator/output/map/stage.h"
 #include "worker/base/memory.h"
@@ -76,7 +77,8 @@ static int run(struct kiln_map_work *work, struct kiln_error *error)
     double means[KILN_PARTS] = {0}, mean = 0.0, sums[SUMS], (*rows)[SUMS] = NULL;
     int status = kiln_bands_agree(
         map, kiln_allocate(&rows, kiln_map_rows(map), sizeof *rows, "sums over a lightmap", error), error);
-    for (uint32_t y = map->first_row; status == KILN_OK && y < map->end_row; y++) {
+#pragma omp parallel for schedule(static) if (status == KILN_OK && kiln_map_texels(map) > KILN_IMAGE_ALONE)
+    for (uint32_t y = map->first_row; y < (status == KILN_OK ? map->end_row : map->first_row); y++) {
         sum_row(map, parts, y, rows[y - map->first_row]);
         for (uint32_t x = 0; y % BLOCK == 0 && x < map->width; x += BLOCK)
             add_block(map, parts, x, y, rows[y - map->first_row]);

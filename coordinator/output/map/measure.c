@@ -47,7 +47,6 @@ static int run(struct kiln_map_work *work, struct kiln_error *error)
     const struct kiln_map *map = work->map;
     const uint32_t caustic = kiln_layers_plane(work->layers, work->result->fields, "caustic");
     double(*rows)[SUMS] = NULL, sums[SUMS];
-    uint64_t counts[2] = {0};
     int status = kiln_bands_agree(
         map, kiln_allocate(&rows, kiln_map_rows(map), sizeof *rows, "sums over a lightmap", error), error);
     if (status != KILN_OK)
@@ -55,10 +54,13 @@ static int run(struct kiln_map_work *work, struct kiln_error *error)
 #pragma omp parallel for schedule(static) if (kiln_map_texels(map) > KILN_IMAGE_ALONE)
     for (uint32_t y = map->first_row; y < map->end_row; y++)
         sum_row(map, caustic, y, rows[y - map->first_row]);
+    uint64_t valid = 0, filled = 0;
+#pragma omp parallel for schedule(static) reduction(+ : valid, filled) if (kiln_map_texels(map) > KILN_IMAGE_ALONE)
     for (size_t i = kiln_map_first(map); i < kiln_map_end(map); i++) {
-        counts[0] += map->state[i] == KILN_TEXEL_VALID;
-        counts[1] += map->state[i] == KILN_TEXEL_FILLED;
+        valid += map->state[i] == KILN_TEXEL_VALID;
+        filled += map->state[i] == KILN_TEXEL_FILLED;
     }
+    uint64_t counts[] = {valid, filled};
     status = kiln_bands_sum(map, rows[0], SUMS, sums, error);
     if (status == KILN_OK)
         status = kiln_bands_count(map, counts, 2, error);

@@ -1,21 +1,17 @@
 #include "coordinator/output/map/neighbours.h"
 
 #include <math.h>
-#include <omp.h>
 #include <stdbool.h>
 #include <string.h>
 
+#include "coordinator/output/map/slices.h"
 #include "worker/base/clones.h"
 #include "worker/base/memory.h"
 
 /* Twice the scales of the regression (regression.h), where its weights end. */
 const float kiln_neighbour_rings[KILN_NEIGHBOUR_RINGS] = {1.5f, 2.0f, 3.0f, 4.0f, 6.0f, KILN_NEIGHBOUR_RADIUS};
 
-enum {
-    CELL_TEXELS = 8,    /* side of a cell, in the smallest texels that are in it */
-    FARTHEST = 1 << 30, /* number of a cell along an axis at most */
-    OUTSIDE = KILN_NEIGHBOUR_RINGS
-};
+enum { OUTSIDE = KILN_NEIGHBOUR_RINGS, FARTHEST = KILN_NEIGHBOUR_FARTHEST };
 
 /* How far a neighbour may lie off the tangent plane: so many texels, or so many times d sin(angle). */
 static const float off_most = 0.05f, off_slope = 0.6f;
@@ -30,19 +26,6 @@ struct entry {
     struct kiln_neighbour_cell cell;
     uint32_t order, at; /* at: in the array as it was given */
 };
-
-static int level_of(float size)
-{
-    int exponent;
-    (void)frexpf(size, &exponent);
-    return exponent - 1;
-}
-
-static int32_t cell_along(float position, int level)
-{
-    const double at = floor(ldexp((double)position / CELL_TEXELS, -level));
-    return (int32_t)fmin(fmax(at, -(double)FARTHEST), (double)FARTHEST);
-}
 
 static int compare_cells(const struct kiln_neighbour_cell *a, const struct kiln_neighbour_cell *b)
 {
@@ -64,7 +47,7 @@ static int64_t key_of(const struct entry *entry, int key)
     return key == BY_ORDER ? (int64_t)entry->order : key == BY_LEVEL ? entry->cell.level : entry->cell.at[BY_X - key];
 }
 
-enum { DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS, ENOUGH = 1 << 13 /* points for a thread */ };
+enum { DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS };
 
 /* Entries that are sorted digit by digit, from the last one on, by threads that have a part each. */
 struct sort {
@@ -76,19 +59,13 @@ struct sort {
     size_t (*places)[DIGITS]; /* of each thread and digit: how many there are, then where the next one goes */
 };
 
-/* The part [*begin, *end) of a thread. */
-static void find_part(const struct sort *s, int thread, size_t *begin, size_t *end)
-{
-    *begin = s->count * (size_t)thread / (size_t)s->threads;
-    *end = s->count * ((size_t)thread + 1) / (size_t)s->threads;
-}
-
 static struct entry make_entry(const struct kiln_neighbour_grid *g, size_t i)
 {
     const struct kiln_neighbour_point *point = &g->points[i];
-    struct entry entry = {{.level = level_of(point->size)}, point->order, (uint32_t)i};
+    struct entry entry = {{.level = kiln_neighbour_level(point->size)}, point->order, (uint32_t)i};
+    const double scale = kiln_neighbour_scale(entry.cell.level);
     for (int c = 0; c < 3; c++)
-        entry.cell.at[c] = cell_along(point->position[c], entry.cell.level);
+        entry.cell.at[c] = kiln_neighbour_along(point->position[c], scale);
     return entry;
 }
 
@@ -141,7 +118,7 @@ static void sort_by_digit(struct sort *s, int key, int shift)
 #pragma omp for schedule(static)
         for (int t = 0; t < s->threads; t++) {
             size_t begin, end;
-            find_part(s, t, &begin, &end);
+            kiln_slice(s->threads, t, s->count, &begin, &end);
             memset(s->places[t], 0, digits * sizeof **s->places);
             for (size_t i = begin; i < end; i++)
                 s->places[t][digit_of(s, &s->entries[i], key, shift)]++;
@@ -151,7 +128,7 @@ static void sort_by_digit(struct sort *s, int key, int shift)
 #pragma omp for schedule(static)
         for (int t = 0; t < s->threads; t++) {
             size_t begin, end;
-            find_part(s, t, &begin, &end);
+            kiln_slice(s->threads, t, s->count, &begin, &end);
             for (size_t i = begin; i < end; i++)
                 s->spare[s->places[t][digit_of(s, &s->entries[i], key, shift)]++] = s->entries[i];
         }
@@ -163,8 +140,7 @@ static void sort_by_digit(struct sort *s, int key, int shift)
 
 static int sort_entries(struct sort *s, const struct kiln_neighbour_grid *g, struct kiln_error *error)
 {
-    const size_t most = s->count / ENOUGH + 1, threads = (size_t)omp_get_max_threads();
-    s->threads = (int)(threads < most ? threads : most);
+    s->threads = kiln_slices(s->count);
     int status = kiln_allocate_bare(&s->entries, s->count, sizeof *s->entries, "the order of surface points", error);
     if (status == KILN_OK)
         status = kiln_allocate_bare(&s->spare, s->count, sizeof *s->spare, "the order of surface points", error);
@@ -194,7 +170,7 @@ static void list_cells(struct kiln_neighbour_grid *g, const struct sort *s, cons
 #pragma omp parallel for num_threads(s->threads) schedule(static)
     for (int t = 0; t < s->threads; t++) {
         size_t begin, end, cell = before[t];
-        find_part(s, t, &begin, &end);
+        kiln_slice(s->threads, t, s->count, &begin, &end);
         for (size_t i = begin; i < end; i++) {
             if (!begins_cell(s, i))
                 continue;
@@ -215,7 +191,7 @@ static int make_cells(struct kiln_neighbour_grid *g, const struct sort *s, struc
 #pragma omp parallel for num_threads(s->threads) schedule(static)
     for (int t = 0; t < s->threads; t++) {
         size_t begin, end, cells = 0;
-        find_part(s, t, &begin, &end);
+        kiln_slice(s->threads, t, s->count, &begin, &end);
         for (size_t i = begin; i < end; i++)
             cells += begins_cell(s, i);
         before[t + 1] = cells;
@@ -223,9 +199,10 @@ static int make_cells(struct kiln_neighbour_grid *g, const struct sort *s, struc
     for (int t = 0; t < s->threads; t++)
         before[t + 1] += before[t];
     g->cell_count = before[s->threads];
-    status = kiln_allocate(&g->cells, g->cell_count, sizeof *g->cells, "the cells of surface points", error);
+    status = kiln_allocate_bare(&g->cells, g->cell_count, sizeof *g->cells, "the cells of surface points", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&g->first, g->cell_count + 1, sizeof *g->first, "the cells of surface points", error);
+        status =
+            kiln_allocate_bare(&g->first, g->cell_count + 1, sizeof *g->first, "the cells of surface points", error);
     if (status == KILN_OK)
         list_cells(g, s, before);
     kiln_free(&before);
@@ -373,10 +350,11 @@ static void take_column(const struct kiln_neighbour_grid *g, const struct kiln_n
 static void take_level(const struct kiln_neighbour_grid *g, int level, struct box *box, take_cells take, void *context)
 {
     struct kiln_neighbour_cell begin = {.level = level}, end = {.level = level};
+    const double scale = kiln_neighbour_scale(level);
     int32_t low[3], high[3];
     for (int c = 0; c < 3; c++) {
-        low[c] = cell_along(box->low[c], level);
-        high[c] = cell_along(box->high[c], level);
+        low[c] = kiln_neighbour_along(box->low[c], scale);
+        high[c] = kiln_neighbour_along(box->high[c], scale);
     }
     begin.at[0] = begin.at[1] = begin.at[2] = -FARTHEST;
     const size_t first = find_cell(g, &begin);
@@ -498,7 +476,7 @@ int kiln_neighbour_ranges_list(struct kiln_neighbour_ranges *r, const struct kil
 {
     uint64_t all = 0;
     *r = (struct kiln_neighbour_ranges){0};
-    int status = kiln_allocate(&r->cells, g->count, sizeof *r->cells, "the cells of surface points", error);
+    int status = kiln_allocate_bare(&r->cells, g->count, sizeof *r->cells, "the cells of surface points", error);
     if (status == KILN_OK)
         status = kiln_allocate(&r->first, g->cell_count + 1, sizeof *r->first, "the cells of surface points", error);
     if (status == KILN_OK)
@@ -511,7 +489,7 @@ int kiln_neighbour_ranges_list(struct kiln_neighbour_ranges *r, const struct kil
         status =
             kiln_fail(error, KILN_SYSTEM, "%zu surface points have too many neighbours; use --denoise none", g->count);
     if (status == KILN_OK)
-        status = kiln_allocate(&r->ranges, (size_t)all, sizeof *r->ranges, "the cells of surface points", error);
+        status = kiln_allocate_bare(&r->ranges, (size_t)all, sizeof *r->ranges, "the cells of surface points", error);
     return status == KILN_OK ? list_cells_ranges(r, g, true, error) : status;
 }
 

@@ -19,6 +19,7 @@
 
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 #include "worker/base/status.h"
 #include "worker/pass/regression.h"
@@ -33,6 +34,36 @@ struct kiln_neighbour_point {
     uint32_t order;    /* points of a cell are in this order: no two points have the same */
     uint32_t index;    /* the caller's: where the point's values are */
 };
+
+/* Side of a cell, in the smallest texels that may be in it; number of a cell along an axis at most. */
+enum { KILN_NEIGHBOUR_CELL = 8, KILN_NEIGHBOUR_FARTHEST = 1 << 30 };
+
+/* The power of two that a texel's size is at least, whose grid it is in. The size is a normal number. */
+static inline int kiln_neighbour_level(float size)
+{
+    uint32_t bits;
+    memcpy(&bits, &size, sizeof bits);
+    return (int)(bits >> 23 & 0xffu) - 127;
+}
+
+/* Cells per metre: 2^-level / KILN_NEIGHBOUR_CELL, for levels from -200 to 200. */
+static inline double kiln_neighbour_scale(int level)
+{
+    const uint64_t bits = (uint64_t)(1023 - 3 - level) << 52;
+    double scale;
+    memcpy(&scale, &bits, sizeof scale);
+    return scale;
+}
+_Static_assert(KILN_NEIGHBOUR_CELL == 1 << 3, "the scale of cells");
+
+/* The number of the cell along an axis, rounded down. */
+static inline int32_t kiln_neighbour_along(float position, double scale)
+{
+    const double at = (double)position * scale, low = at > -KILN_NEIGHBOUR_FARTHEST ? at : -KILN_NEIGHBOUR_FARTHEST,
+                 within = low < KILN_NEIGHBOUR_FARTHEST ? low : KILN_NEIGHBOUR_FARTHEST;
+    const int32_t whole = (int32_t)within;
+    return whole - (within < whole);
+}
 
 /* The points of a surface, in cells. Cell c has the places [first[c], first[c + 1]). */
 struct kiln_neighbour_grid {

@@ -602,8 +602,9 @@ static int take_others(struct regression *r, size_t light, struct kiln_error *er
     if (numbers == 0)
         return KILN_OK;
     const int status =
-        kiln_allocate(&r->others[light], r->grid->count * numbers, sizeof(float), "the regression", error);
-    for (size_t i = 0; status == KILN_OK && i < r->grid->count; i++)
+        kiln_allocate_bare(&r->others[light], r->grid->count * numbers, sizeof(float), "the regression", error);
+#pragma omp parallel for if (status == KILN_OK)
+    for (size_t i = 0; i < (status == KILN_OK ? r->grid->count : 0); i++)
         for (size_t k = 0; k < numbers; k++)
             r->others[light][i * numbers + k] = of->others[k / 3][k % 3][r->grid->points[i].index];
     return status;
@@ -615,15 +616,17 @@ static int take_values(struct regression *r, struct kiln_error *error)
     const size_t count = r->grid->count;
     int status = KILN_OK;
     for (size_t l = 0; status == KILN_OK && l < r->light_count; l++) {
-        status = kiln_allocate(&r->estimates[l], count, sizeof(struct estimate), "the regression", error);
+        status = kiln_allocate_bare(&r->estimates[l], count, sizeof(struct estimate), "the regression", error);
         if (status == KILN_OK)
-            status = kiln_allocate(&r->values[l], count, sizeof(float[3]), "the regression", error);
+            status = kiln_allocate_bare(&r->values[l], count, sizeof(float[3]), "the regression", error);
         if (status != KILN_OK)
             return status;
 #pragma omp parallel for
-        for (size_t i = 0; i < count; i++)
+        for (size_t i = 0; i < count; i++) {
+            r->estimates[l][i] = (struct estimate){.pooled = 0.0f};
             for (int c = 0; c < 3; c++)
                 r->values[l][i][c] = r->lights[l].rgb[c][r->grid->points[i].index];
+        }
     }
     return status;
 }
@@ -638,7 +641,10 @@ static float luminance_of(const struct regression *r, size_t light, size_t place
 static int begin_estimates(struct regression *r, struct kiln_error *error)
 {
     const size_t count = r->grid->count;
-    int status = kiln_allocate(&r->leverage, count, sizeof *r->leverage, "the regression", error);
+    int status = kiln_allocate_bare(&r->leverage, count, sizeof *r->leverage, "the regression", error);
+#pragma omp parallel for if (status == KILN_OK)
+    for (size_t i = 0; i < (status == KILN_OK ? count : 0); i++)
+        memset(r->leverage[i], 0, sizeof r->leverage[i]);
     for (size_t l = 0; status == KILN_OK && l < r->light_count; l++) {
         status = take_others(r, l, error);
 #pragma omp parallel for if (status == KILN_OK)

@@ -147,7 +147,7 @@ static int solve(struct kiln_map *map, uint32_t *nearest, const struct kiln_seam
     struct kiln_seam_system *system = NULL;
     uint32_t *numbers = NULL, *texels = NULL;
     size_t unknowns = 0;
-    int status = kiln_allocate(&numbers, kiln_map_texels(map), sizeof *numbers, "a seam's texels", error);
+    int status = kiln_map_allocate(map, &numbers, sizeof *numbers, "a seam's texels", error);
     if (status == KILN_OK)
         status = list_texels(map, samples, count, numbers, &texels, &unknowns, error);
     if (status == KILN_OK)
@@ -158,7 +158,7 @@ static int solve(struct kiln_map *map, uint32_t *nearest, const struct kiln_seam
     }
     if (status == KILN_OK)
         take_values(system, map, nearest, texels);
-    kiln_free(&numbers);
+    kiln_map_free(map, &numbers, sizeof *numbers);
     kiln_free(&texels);
     kiln_seam_system_destroy(&system);
     return status;
@@ -281,6 +281,7 @@ static void smooth_groups(const struct kiln_map_work *work, size_t first, float 
     const uint32_t plane = kiln_layers_plane(work->layers, fields, fields->entry[first].field->name);
     const size_t groups = (fields->count - first) / KILN_GROUP_FIELDS;
     const size_t begin = kiln_map_first(work->map);
+#pragma omp parallel for schedule(static) if (kiln_map_texels(work->map) > KILN_IMAGE_ALONE)
     for (size_t i = begin; i < kiln_map_end(work->map); i++)
         for (uint32_t c = 0; c < 3; c++) {
             const float direct = planes[KILN_MAP_DIRECT + c][i], indirect = planes[KILN_MAP_INDIRECT + c][i],
@@ -311,5 +312,20 @@ static int run(struct kiln_map_work *work, struct kiln_error *error)
     return status;
 }
 
-const struct kiln_map_stage kiln_map_stage_seams = {
-    .name = "seams", .after_joining = true, .features = KILN_MAP_CHARTS | KILN_MAP_NEAREST, .run = run};
+/* Samples from which on a system takes longer than most of what is done with a map. */
+enum { MANY_SAMPLES = 1 << 12 };
+
+static bool is_long(const struct kiln_map_work *work)
+{
+    size_t samples = 0;
+    const struct kiln_chart_graph *graph = work->joined == NULL && work->params->stitch ? work->graph : NULL;
+    for (size_t i = 0; graph != NULL && i < graph->edge_count && samples < MANY_SAMPLES; i++)
+        samples += kiln_seam_sample_count(&graph->edges[i]);
+    return samples >= MANY_SAMPLES;
+}
+
+const struct kiln_map_stage kiln_map_stage_seams = {.name = "seams",
+                                                    .after_joining = true,
+                                                    .features = KILN_MAP_CHARTS | KILN_MAP_NEAREST,
+                                                    .is_long = is_long,
+                                                    .run = run};

@@ -68,6 +68,8 @@ struct kiln_map_stage {
      * positions and normals have values in gathered texels, and are filled and dilated as all planes are */
     const char *fields[KILN_MAP_STAGE_FIELDS];
     const char *if_any; /* likewise, of a field that not all bakes have; NULL: none */
+    /* whether it takes long of a map, whatever its texels are; NULL: of none */
+    bool (*is_long)(const struct kiln_map_work *work);
     int (*run)(struct kiln_map_work *work, struct kiln_error *error);
 };
 
@@ -86,6 +88,9 @@ int kiln_map_stages_layers(const struct kiln_map_stage *const *stages, const str
  * again with another map. */
 int kiln_map_stages_begin(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
                           struct kiln_error *error);
+/* Runs the next stages as long as they take long. */
+int kiln_map_stages_run_long(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
+                             struct kiln_error *error);
 void kiln_map_stages_release(struct kiln_map_work *work);
 /* Runs the wanted stages, all or those that are left, and releases what they have made. Ends with the first stage that
  * fails. */

@@ -1,5 +1,6 @@
 #include "coordinator/output/map/stage.h"
 
+#include "coordinator/output/image.h"
 #include "coordinator/output/map/bands.h"
 #include "worker/base/memory.h"
 
@@ -44,10 +45,13 @@ static int make_charts(struct kiln_map_work *work, struct kiln_error *error)
     const uint32_t mesh = scene->objects[kiln_map_object(work->result->surface, work->object)].mesh;
     const int status = kiln_bands_agree(
         map, kiln_chart_graph_create(&work->graph, scene, mesh, map->width, map->height, error), error);
-    for (size_t i = kiln_map_first(map); status == KILN_OK && i < kiln_map_end(map); i++)
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for schedule(static) if (kiln_map_texels(map) > KILN_IMAGE_ALONE)
+    for (size_t i = kiln_map_first(map); i < kiln_map_end(map); i++)
         if (map->chart[i] != KILN_NONE)
             map->chart[i] = work->graph->chart[map->chart[i]];
-    return status;
+    return KILN_OK;
 }
 
 static int make_nearest(struct kiln_map_work *work, struct kiln_error *error)
@@ -77,6 +81,21 @@ int kiln_map_stages_begin(const struct kiln_map_stage *const *stages, struct kil
     for (; status == KILN_OK && stages[work->next] != NULL && !stages[work->next]->after_joining; work->next++)
         if (is_wanted(stages[work->next], work->params))
             status = run_stage(stages[work->next], work, error);
+    return status;
+}
+
+int kiln_map_stages_run_long(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
+                             struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (; status == KILN_OK && stages[work->next] != NULL; work->next++) {
+        const struct kiln_map_stage *stage = stages[work->next];
+        if (!is_wanted(stage, work->params))
+            continue;
+        if (stage->is_long == NULL || !stage->is_long(work))
+            break;
+        status = run_stage(stage, work, error);
+    }
     return status;
 }
 

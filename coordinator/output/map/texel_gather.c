@@ -170,7 +170,7 @@ struct kiln_texel_gather {
     const struct kiln_bake_result *result;
     const struct kiln_assignment *assignment;
     const struct kiln_layers *layers;
-    int ranks;
+    int rank, ranks;
     size_t record; /* bytes */
     size_t limit;  /* records to one rank in a pass; a tile run's worth at least */
     const struct kiln_ghosts *ghosts;
@@ -261,9 +261,9 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
     if (status == KILN_OK)
         status = kiln_allocate(&e->cursor, ranks, sizeof(uint64_t), "the exchange of points", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&e->out, e->limit * ranks, e->record, "points to send", error);
+        status = kiln_allocate_bare(&e->out, e->limit * ranks, e->record, "points to send", error);
     if (status == KILN_OK) /* a tile run has a point at least */
-        status = kiln_allocate(&e->places, e->limit * ranks, sizeof *e->places, "points to send", error);
+        status = kiln_allocate_bare(&e->places, e->limit * ranks, sizeof *e->places, "points to send", error);
     for (size_t i = 0; status == KILN_OK && i < sizeof counts / sizeof *counts; i++)
         status = kiln_allocate(counts[i], ranks, sizeof(int), "the exchange of points", error);
     return status;
@@ -282,7 +282,8 @@ int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kil
         e->ghosts = ghosts;
         e->record = sizeof(struct kiln_texel_record) + layers->planes.count * sizeof(float);
         e->type = MPI_DATATYPE_NULL;
-        if (MPI_Comm_size(result->communicator, &e->ranks) != MPI_SUCCESS ||
+        if (MPI_Comm_rank(result->communicator, &e->rank) != MPI_SUCCESS ||
+            MPI_Comm_size(result->communicator, &e->ranks) != MPI_SUCCESS ||
             MPI_Type_contiguous((int)e->record, MPI_BYTE, &e->type) != MPI_SUCCESS ||
             MPI_Type_commit(&e->type) != MPI_SUCCESS)
             status = kiln_fail(error, KILN_SITE, "MPI refused a datatype of %zu bytes", e->record);
@@ -425,9 +426,23 @@ static int mpi_failed(const char *what, struct kiln_error *error)
                      what);
 }
 
+/* Makes room for so many records to come, in place of those of the pass before. */
+static int make_room(struct kiln_texel_gather *e, size_t records, struct kiln_error *error)
+{
+    if (records <= e->in_capacity)
+        return KILN_OK;
+    kiln_free(&e->in);
+    e->in_capacity = 0;
+    const int status = kiln_allocate_bare(&e->in, records, e->record, "points received", error);
+    e->in_capacity = status == KILN_OK ? records : 0;
+    return status;
+}
+
+/* Sends what is for other ranks. */
 static int travel(struct kiln_texel_gather *e, int *received, struct kiln_error *error)
 {
     const MPI_Comm comm = e->result->communicator;
+    e->out_counts[e->rank] = 0;
     if (MPI_Alltoall(e->out_counts, 1, MPI_INT, e->in_counts, 1, MPI_INT, comm) != MPI_SUCCESS)
         return mpi_failed("MPI_Alltoall", error);
     *received = 0;
@@ -435,13 +450,21 @@ static int travel(struct kiln_texel_gather *e, int *received, struct kiln_error 
         e->in_starts[r] = *received;
         *received += e->in_counts[r];
     }
-    int status = kiln_grow(&e->in, &e->in_capacity, (size_t)*received, e->record, "points received", error);
-    if ((status = kiln_agree(comm, status, error)) != KILN_OK)
+    const int status = kiln_agree(comm, make_room(e, (size_t)*received, error), error);
+    if (status != KILN_OK)
         return status;
     if (MPI_Alltoallv(e->out, e->out_counts, e->out_starts, e->type, e->in, e->in_counts, e->in_starts, e->type,
                       comm) != MPI_SUCCESS)
         return mpi_failed("MPI_Alltoallv", error);
     return KILN_OK;
+}
+
+static void put_all(const struct kiln_texel_gather *e, const uint8_t *records, int count,
+                    void (*put)(void *, const struct kiln_texel_record *), void *context)
+{
+#pragma omp parallel for schedule(static)
+    for (int i = 0; i < count; i++)
+        put(context, (const void *)(records + (size_t)i * e->record));
 }
 
 int kiln_texel_gather_round(struct kiln_texel_gather *e, uint32_t round,
@@ -454,13 +477,13 @@ int kiln_texel_gather_round(struct kiln_texel_gather *e, uint32_t round,
     for (int more = 1; more != 0;) {
         int mine = 0, received = 0;
         int status = kiln_agree(comm, pack_pass(e, round, &mine, error), error);
-        if (status == KILN_OK)
-            status = travel(e, &received, error);
         if (status != KILN_OK)
             return status;
-#pragma omp parallel for schedule(static)
-        for (int i = 0; i < received; i++)
-            put(context, (const void *)(e->in + (size_t)i * e->record));
+        put_all(e, e->out + (size_t)e->out_starts[e->rank] * e->record, e->out_counts[e->rank], put, context);
+        status = travel(e, &received, error);
+        if (status != KILN_OK)
+            return status;
+        put_all(e, e->in, received, put, context);
         if (MPI_Allreduce(&mine, &more, 1, MPI_INT, MPI_MAX, comm) != MPI_SUCCESS)
             return mpi_failed("MPI_Allreduce", error);
     }
