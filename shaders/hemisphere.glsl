@@ -5,15 +5,12 @@
  *
  * The kernel that includes this says what a ray adds. Before it stand push constants with the members `chunk` and
  * `hemisphere`, `struct Sums`, what a thread adds up, and NO_SUMS, its zeros. The kernel defines the functions that are
- * declared here; it may define HEMISPHERE_POINT, which point of the chunk thread x has, where each has several threads,
- * HEMISPHERE_BEGIN, what is done with the point's index in its block before its rays, HEMISPHERE_RAY and
- * HEMISPHERE_RAY_DONE, what is done with a sample's number before and after its ray, HEMISPHERE_NUMBER, which sample
- * comes i-th, HEMISPHERE_PLACES, whether add_ray wants places of point p, and HEMISPHERE_SEEDS, whether it wants seeds
- * in any scene. All else stands in kiln_kernel, not in functions of its own, which cost the gather 4 % on an H200.
+ * declared here; it may define HEMISPHERE_BEGIN, what is done with the point's index in its block before its rays,
+ * HEMISPHERE_RAY and HEMISPHERE_RAY_DONE, what is done with a sample's number before and after its ray,
+ * HEMISPHERE_NUMBER, which sample comes i-th, HEMISPHERE_PLACES, whether add_ray wants places of point p, and
+ * HEMISPHERE_SEEDS, whether it wants seeds in any scene. All else stands in kiln_kernel, not in functions of its own,
+ * which cost the gather 4 % on an H200.
  */
-#ifndef HEMISPHERE_POINT
-#    define HEMISPHERE_POINT(x) x
-#endif
 #ifndef HEMISPHERE_BEGIN
 #    define HEMISPHERE_BEGIN(index)
 #endif
@@ -64,7 +61,7 @@ FloatArray hemisphere_floats(uint row, uint floats)
 void kiln_kernel(uint x, uint y)
 {
     const uint row = push.hemisphere.row_first + y;
-    const uint index = kiln_point_of_thread(push.chunk, HEMISPHERE_POINT(x));
+    const uint index = kiln_point_of_thread(push.chunk, x);
     if (index == KILN_GPU_NONE || row >= 4u * push.hemisphere.per_quarter)
         return;
     const kiln_gpu_point p = PointArray(push.chunk.points).at[index];

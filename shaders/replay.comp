@@ -1,65 +1,43 @@
 /* The gather pass from rows (kept_rows.glsl): what rays have met is read in the place of traced, under up to
- * KILN_ROW_LIGHTS lights at once, which share one read of the rows. Of each light the sums are those of gather.glsl, in
- * the same order. Directions are made for points with smooth normals alone, whose rays weigh by them. Lights lie side
- * by side: the radiosity of point i under light l is pair i * LIGHTS + l of words. A thread has KILN_GPU_REPLAY_LIGHTS
- * of them at most, and those beside it the others of the same point: so what a ray has met is read by neighbouring
- * threads in one piece, and the sums of a thread fit its registers. The slices of a light follow those of the one
- * before; replay_reduce.comp adds them up, or replay_take.comp. */
+ * KILN_ROW_LIGHTS lights at once, which share one read of the rows. Of each light the sums are those of gather.glsl,
+ * in the same order. Directions are made for points with smooth normals alone, whose rays weigh by them. Lights lie
+ * side by side: the radiosity of point i under light l is pair i * LIGHTS + l of words. The slices of a light follow
+ * those of the one before; replay_reduce.comp adds them up, or replay_take.comp. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
-#include "shaders/shared/rows.h"
 #include "shaders/shared/streams.h"
 
 KILN_PUSH(kiln_gpu_rows_push);
 layout(constant_id = 6) const uint LIGHTS = 1u;
 
-const uint EACH = KILN_GPU_REPLAY_LIGHTS, THREADS_EACH = (LIGHTS + EACH - 1u) / EACH; /* of a point */
-uint first_light; /* of the thread */
-
-uint replay_point(uint x)
-{
-    first_light = x % THREADS_EACH * EACH;
-    return x / THREADS_EACH;
-}
-
 #include "shaders/kept_rows.glsl"
-#define HEMISPHERE_POINT(x) replay_point(x)
 #define HEMISPHERE_BEGIN(index) row_begin((index)-push.chunk.origin)
 #define HEMISPHERE_RAY(k) row_recall(k)
 #define HEMISPHERE_PLACES(p) is_smooth(p)
 
 struct Sums {
-    vec3 incident[EACH], irradiance[EACH];
-    float luminance[EACH], escaped, blocked;
+    vec3 incident[KILN_ROW_LIGHTS], irradiance[KILN_ROW_LIGHTS];
+    float luminance[KILN_ROW_LIGHTS], escaped, blocked;
 };
 #define FOUR(x) x, x, x, x
-const vec3 NOTHING[EACH] = vec3[](FOUR(vec3(0.0)));
-#define NO_SUMS Sums(NOTHING, NOTHING, float[](FOUR(0.0)), 0.0, 0.0)
+#define SIXTEEN(x) FOUR(x), FOUR(x), FOUR(x), FOUR(x)
+const vec3 NOTHING[KILN_ROW_LIGHTS] = vec3[](SIXTEEN(vec3(0.0)));
+#define NO_SUMS Sums(NOTHING, NOTHING, float[](SIXTEEN(0.0)), 0.0, 0.0)
 
 bool is_smooth(kiln_gpu_point p) { return HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u; }
 
 #include "shaders/hemisphere.glsl"
 
-KILN_ARRAY(PairsOfLights, uvec4, 16);
-
 /* What the ray finds under each light. */
 void add_lights(inout Sums sums, bool sends, float facet, float weight)
 {
-    const uint64_t lights =
-        push.lights + uint64_t(sends ? row_word : 0u) * uint64_t(8u * LIGHTS) + uint64_t(8u * first_light);
-    uvec4 two = uvec4(0u);
-    for (uint l = 0u; l < EACH; l++) {
-        if (l >= LIGHTS || first_light + l >= LIGHTS)
+    RadiosityWords lights = RadiosityWords(push.lights + uint64_t(sends ? row_word : 0u) * uint64_t(8u * LIGHTS));
+    for (uint l = 0u; l < KILN_ROW_LIGHTS; l++) {
+        if (l >= LIGHTS)
             break;
-        if (LIGHTS % 2u != 0u)
-            two.xy = RadiosityWords(lights).at[l];
-        else if (l % 2u == 0u)
-            two = PairsOfLights(lights).at[l / 2u];
-        else
-            two.xy = two.zw;
-        const vec3 rgb = sends ? kiln_radiosity_unpack(two.xy) : vec3(0.0);
+        const vec3 rgb = sends ? kiln_radiosity_unpack(lights.at[l]) : vec3(0.0);
         sums.incident[l] += facet * rgb;
         if (HAS_SMOOTH != 0u)
             sums.irradiance[l] += weight * rgb;
@@ -95,12 +73,12 @@ void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good)
 void store(Sums sums, uint x, uint row)
 {
     const uint step = push.chunk.total, rows = 4u * push.hemisphere.per_quarter * push.hemisphere.row_step;
-    for (uint l = 0u; l < EACH; l++) {
-        if (l >= LIGHTS || first_light + l >= LIGHTS)
+    for (uint l = 0u; l < KILN_ROW_LIGHTS; l++) {
+        if (l >= LIGHTS)
             break;
-        const uint slice = (first_light + l) * rows + row * push.hemisphere.row_step;
-        FloatArray floats =
-            FloatArray(push.hemisphere.slices + uint64_t(slice * KILN_GPU_SLICE_FLOATS) * push.chunk.total * 4ul);
+        FloatArray floats = FloatArray(push.hemisphere.slices +
+                                       uint64_t((l * rows + row * push.hemisphere.row_step) * KILN_GPU_SLICE_FLOATS) *
+                                           push.chunk.total * 4ul);
         for (uint c = 0u; c < 3u; c++) {
             floats.at[c * step + x] = sums.incident[l][c];
             floats.at[(3u + c) * step + x] = HAS_SMOOTH != 0u ? sums.irradiance[l][c] : sums.incident[l][c];

@@ -7,7 +7,6 @@
 #define KILN_ROW_BLOCKED 0xfffffffdu /* the back of a single-sided surface */
 #define KILN_ROW_POINTS 0xfffffff0u  /* so many surface points at most can be told apart */
 
-#define KILN_ROW_LIGHTS 16u       /* that a device gathers at once, */
-#define KILN_GPU_REPLAY_LIGHTS 4u /* and of these a thread: replay.comp */
+#define KILN_ROW_LIGHTS 16u /* that a device gathers at once */
 
 #endif

@@ -169,12 +169,6 @@ static void record_sums(const struct hemisphere *h, const struct vulkan_chunk *c
     vulkan_record(recording, h->reduce, chunk->all.total, 1, &push, bytes);
 }
 
-/* Of a point. */
-static uint32_t threads_of(const struct vulkan_hemisphere *pass)
-{
-    return pass->lights > 0 ? (pass->lights + KILN_GPU_REPLAY_LIGHTS - 1) / KILN_GPU_REPLAY_LIGHTS : 1;
-}
-
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
                   struct kiln_error *error)
 {
@@ -196,8 +190,8 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     buried.shared.hemisphere.slice /= h->slices.split;
     buried.shared.hemisphere.row_step = 1;
     const struct vulkan_dispatch both[2] = {
-        {h->buried, chunk->buried.count * threads_of(pass), chunk->row_count * h->slices.split, &buried},
-        {h->whole, chunk->all.count * threads_of(pass), chunk->row_count, &push}};
+        {h->buried, chunk->buried.count, chunk->row_count * h->slices.split, &buried},
+        {h->whole, chunk->all.count, chunk->row_count, &push}};
     record_no_chains(h, chunk, recording);
     vulkan_record_both(recording, both, sizeof push.shared + pass->own_bytes);
     record_chains(h, chunk, recording);
