@@ -20,11 +20,12 @@ static void fill_descriptors(void)
 }
 
 /* Without this the C library raises the size from which blocks go back to the system to that of the largest block that
- * was freed, 32 MiB at most. What a process then keeps of blocks below depends on the order in which threads free. */
+ * was freed, 32 MiB at most. What a process then keeps of blocks below depends on the order in which threads free. A
+ * smaller size costs page faults: with 4 MiB the Cornell box of 200,000 points takes 7 % more of the processor. */
 static void settle_memory(void)
 {
 #ifdef __GLIBC__
-    enum { LARGE = 4 << 20, KEPT = 64 << 20 };
+    enum { LARGE = 32 << 20, KEPT = 64 << 20 };
     (void)mallopt(M_MMAP_THRESHOLD, LARGE);
     (void)mallopt(M_TRIM_THRESHOLD, KEPT);
 #endif
