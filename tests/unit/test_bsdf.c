@@ -104,6 +104,7 @@ static void ask(void *context, const struct kiln_bsdf_lobes *lobes, size_t lobes
                 const struct lobes_query *queries, size_t count, struct lobes_answer *answers)
 {
     (void)context, (void)lobes_count;
+#pragma omp parallel for schedule(static)
     for (size_t k = 0; k < count; k++)
         answers[k] = answer(&lobes[queries[k].lobes], &queries[k]);
 }
