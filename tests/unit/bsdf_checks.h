@@ -119,14 +119,23 @@ static inline struct lobes_query *batch_add(struct lobes_batch *b, uint32_t lobe
 
 /* Random numbers of draw k: points of Sobol's sequence, Owen-scrambled, or independent ones. */
 enum numbers { EVEN, INDEPENDENT };
+enum { EVEN_MOST = 4096 };
+static inline const float *even_numbers(uint32_t k)
+{
+    static float points[EVEN_MOST][3];
+    assert_true(k < EVEN_MOST);
+    if (points[k][0] == 0.0f)
+        for (uint32_t c = 0; c < 3; c++)
+            points[k][c] = kiln_unit_float(kiln_owen_scramble(kiln_sobol(k, c), kiln_hash1(c)));
+    return points[k];
+}
 static inline void batch_draw(struct lobes_batch *b, uint32_t lobes, struct kiln_vec3 o, uint32_t k,
                               enum numbers numbers)
 {
     struct lobes_query *q = batch_add(b, lobes, o);
     float p[3];
     for (uint32_t c = 0; c < 3; c++)
-        p[c] = kiln_unit_float(numbers == EVEN ? kiln_owen_scramble(kiln_sobol(k, c), kiln_hash1(c))
-                                               : kiln_hash1(3 * k + c));
+        p[c] = numbers == EVEN ? even_numbers(k)[c] : kiln_unit_float(kiln_hash1(3 * k + c));
     q->pick = p[0];
     q->u = p[1];
     q->v = p[2];
@@ -163,13 +172,17 @@ static inline int next_angle(const struct lobes_source *s, int i) { return i + (
 enum { AZIMUTHS = 5 };
 static const float azimuths[AZIMUTHS] = {0.3f, 0.0f, 0.75f, 1.2f, 1.5707964f};
 
+static inline int azimuths_of(const struct material *m) { return m->anisotropy > 0.0f ? AZIMUTHS : 1; }
+/* Layers take the azimuth as their tables do, of which all are looked at. */
+static inline int next_azimuth(const struct material *m, int a) { return a + (m->textured ? AZIMUTHS - 1 : 1); }
+
 /* Least and largest share of the light from all angles that is sent on. */
 static inline void furnace_of(const struct lobes_source *s, const struct material *m, float alpha, double range[2])
 {
     struct lobes_batch b = {.source = s, .lobes_count = 1};
     const uint32_t draws = alpha < 0.02f && m->coat == 0.0f && m->anisotropy == 0.0f ? 1024 : 4096;
     batch_prepare(&b, 0, m, white_material(m, alpha));
-    for (int a = 0; a < (m->anisotropy > 0.0f ? AZIMUTHS : 1); a += m->textured ? 2 : 1) /* as the one table does it */
+    for (int a = 0; a < azimuths_of(m); a = next_azimuth(m, a))
         for (int j = 0; j < ANGLES; j = next_angle(s, j))
             for (uint32_t k = 0; k < draws && (a == 0 || degrees[j] > 0.0f); k++) /* the normal has no azimuth */
                 batch_draw(&b, 0, direction(degrees[j], azimuths[a], m->behind), k, EVEN);

@@ -78,7 +78,7 @@ static void stored_diffuse(void **state)
     for (size_t i = 0; i < MATERIALS; i++) {
         const bool matt = materials[i].metallic == 0.0f && materials[i].transmission == 0.0f;
         for (int a = 0; a < ALPHAS && matt && (materials[i].coat > 0.0f || materials[i].anisotropy > 0.0f); a++)
-            for (int k = 0; k < AZIMUTHS && (k == 0 || materials[i].anisotropy > 0.0f); k++)
+            for (int k = 0; k < azimuths_of(&materials[i]); k = next_azimuth(&materials[i], k))
                 stored_of(&materials[i], alphas[a], azimuths[k]);
     }
 }

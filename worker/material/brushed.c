@@ -10,8 +10,9 @@
 #define DENSE_LESS 0.0045
 #define HELD_LESS 0.0025
 #define COAT_LESS 0.0006
-#define BETWEEN_LESS 0.0004f /* between roughnesses */
-#define FRESNEL_MORE 0.0006  /* the matt layer gets what is not reflected */
+#define HELD_BETWEEN_LESS 0.0004f /* between roughnesses */
+#define COAT_BETWEEN_LESS 0.0008f
+#define FRESNEL_MORE 0.0006 /* the matt layer gets what is not reflected */
 
 /* Facets of a direction: a lattice of Fibonacci numbers. */
 enum { FACETS = 987, FACETS_BEFORE = 610, FEW_FACETS = 377, FEW_FACETS_BEFORE = 233 };
@@ -467,7 +468,7 @@ void kiln_brushed_stack(struct kiln_brushed_table *tables, const struct kiln_bsd
         struct kiln_bsdf_lobes l = layer_lobes(p, anisotropy, layers, k);
         kiln_brushed_tabulate(&tables[k], &l);
         for (int at = 0; at < KILN_BRUSHED_T * KILN_BRUSHED_U && l.coat.strength > 0.0f; at++)
-            tables[k].at[at * KILN_BRUSHED_VALUES + KILN_BRUSHED_COAT] *= 1.0f - BETWEEN_LESS;
+            tables[k].at[at * KILN_BRUSHED_VALUES + KILN_BRUSHED_COAT] *= 1.0f - COAT_BETWEEN_LESS;
         kiln_brushed_use(&l, &tables[k]);
         tables[k].means = means_of(&l);
         tables[k].first = layers.first;
@@ -486,7 +487,7 @@ static struct kiln_curve held_curve(const struct kiln_bsdf *p, float roughness, 
     struct kiln_bsdf_lobes l = kiln_bsdf_begin(own);
     l.holds = 1;
     struct kiln_curve curve = kiln_bsdf_held_curve(l);
-    curve.c[0] -= BETWEEN_LESS;
+    curve.c[0] -= HELD_BETWEEN_LESS;
     return curve;
 }
 
