@@ -226,7 +226,6 @@ static void begin_lobes(struct kiln_bsdf_lobes lobes[ROUGHNESSES], const struct 
         const float roughness = (float)k / (float)(ROUGHNESSES - 1);
         lobes[k] = kiln_bsdf_begin(colored_material(m, roughness * roughness));
         kiln_bsdf_means(&lobes[k]);
-        kiln_bsdf_dye(&lobes[k], lobes[k].p.base_color);
     }
 }
 
