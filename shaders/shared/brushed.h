@@ -8,7 +8,11 @@
  *     u = sqrt(|z| / sqrt(1 - y^2))
  *
  * From within the denser medium nothing gets out where y > 1 / index; what is lost bends there, and so t has a knot at
- * that place, `corner`, with more points below it. Between points values are linear in both. */
+ * that place, `corner`, with more points below it. Between points values are linear in both.
+ *
+ * Where roughness has a texture there are several tables in a row, layers, one for each roughness of a grid that the
+ * texture comes near to, with the means that lobes need. Between them values are those of the cubic polynomial through
+ * four. */
 #ifndef KILN_SHADERS_SHARED_BRUSHED_H
 #define KILN_SHADERS_SHARED_BRUSHED_H
 
