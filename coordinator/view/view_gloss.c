@@ -5,7 +5,7 @@
 #include "coordinator/view/view_grain.h"
 #include "coordinator/view/view_lamps.h"
 #include "worker/base/memory.h"
-#include "worker/material/surface_bsdf.h"
+#include "worker/material/scene_lobes.h"
 #include "worker/sampling/keys.h"
 #include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"

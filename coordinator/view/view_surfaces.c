@@ -5,6 +5,7 @@
 #include "coordinator/view/view_gloss.h"
 #include "worker/backend/particle.h"
 #include "worker/base/memory.h"
+#include "worker/material/scene_lobes.h"
 #include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"
 

@@ -49,6 +49,7 @@ struct kiln_bsdf_lobes {
     KILN_U32 base_is_mirror, coat_is_mirror, disperses; /* 0 or 1: buffers hold no bool */
     KILN_U32 holds;                                     /* 0 or 1: `held` is known */
     KILN_U32 brushed_low, brushed_high;                 /* address of a struct kiln_brushed_table; 0: there is none */
+    float brushed_part;                                 /* of the way to the next layer */
     KILN_STRUCT kiln_interface face;
     KILN_STRUCT kiln_boundary boundary; /* set for a rough boundary of glass */
     KILN_STRUCT kiln_coat coat;
@@ -141,15 +142,16 @@ KILN_FUNCTION float kiln_bsdf_coat_albedo(KILN_STRUCT kiln_bsdf_lobes l, bool fr
 {
     return kiln_bsdf_coated(l, front) ? kiln_coat_albedo(l.coat, mu) : 0.0f;
 }
-/* Whether what brushed facets do is in a table of the material's (shaders/shared/brushed.h), as where none of its
- * numbers has a texture. `face` has their means over the azimuth then. */
+/* Whether what brushed facets do is in a table of the material's (shaders/shared/brushed.h). `face` has their means
+ * over the azimuth then. */
 KILN_FUNCTION bool kiln_bsdf_has_table(KILN_STRUCT kiln_bsdf_lobes l)
 {
     return KILN_BRUSHED_THERE && (l.brushed_low | l.brushed_high) != 0u;
 }
 KILN_FUNCTION float kiln_bsdf_from_table(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w, KILN_I32 value)
 {
-    return kiln_brushed_at(l.brushed_low, l.brushed_high, l.alpha_x < l.alpha_y ? w.y : w.x, w.z, value);
+    return kiln_brushed_at(l.brushed_low, l.brushed_high, l.brushed_part, l.alpha_x < l.alpha_y ? w.y : w.x, w.z,
+                           value);
 }
 
 /* The factor of what the base scatters under a coat, for a direction of either sign of z. */
@@ -227,8 +229,7 @@ KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool fro
  * that it is nowhere more than what was held back. The rest is `held`, spread as held(o) held(i) / (pi mean held), as
  * Kulla and Conty ("Revisiting Physically Based Shading at Imageworks", 2017) do with what facets lose. It
  * hangs on the cosine, the index and both roughnesses, and is found for each material by adding up what its facets send
- * on: 377 facets at each of 9 cosines. That is too much at each hit of a material with textures
- * (kiln_bsdf_prepare_hit): there all goes into mirror directions, and a furnace is off by up to 1.7 %. */
+ * on: 377 facets at each of 9 cosines. That is too much at each hit of a material with textures, which has a table. */
 
 KILN_FUNCTION bool kiln_bsdf_holds(KILN_STRUCT kiln_bsdf_lobes l)
 {
@@ -321,6 +322,27 @@ KILN_FUNCTION float kiln_bsdf_held(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
     return float_max(x * a - b + l.held.c[0], 0.0f);
 }
 
+/* The curve by roughness, for a material whose roughness has a texture: `bare` where the coat's strength is 0, `coated`
+ * where it is 1, at equal steps of roughness and, where that has a texture too, of the coat's. It is linear in the
+ * strength, and between steps in both roughnesses. */
+#define KILN_HELD_LAYERS 17
+#define KILN_HELD_COATS 9
+struct kiln_held_table {
+    float first, last;           /* places of the first and the last roughness, 0 to KILN_HELD_LAYERS - 1, */
+    float coat_first, coat_last; /* and of the coat's, 0 to KILN_HELD_COATS - 1; the same where there is one */
+    KILN_STRUCT kiln_curve bare[KILN_HELD_LAYERS];
+    KILN_STRUCT kiln_curve coated[KILN_HELD_COATS * KILN_HELD_LAYERS]; /* of the coat's roughness, of roughness */
+};
+#ifdef KILN_GLSL
+KILN_ARRAY(HeldTables, kiln_held_table, 4);
+#    define KILN_HELD_THERE (HAS_HELD != 0u)
+#    define KILN_HELD_TABLE(low, high) HeldTables(packUint2x32(uvec2(low, high))).at[0]
+#else
+#    define KILN_HELD_THERE true
+#    define KILN_HELD_TABLE(low, high)                                                                                 \
+        (*(const struct kiln_held_table *)(uintptr_t)((uint64_t)(high) << 32 | (uint64_t)(low)))
+#endif
+
 /* ---- the diffuse surface, for what stores its radiosity ----
  *
  * Irradiance counts with weight `in` of the direction that it comes from; with the reflectance `color` it becomes
@@ -351,6 +373,14 @@ KILN_FUNCTION float kiln_diffuse_out(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR 
 
 /* ---- preparing ---- */
 
+/* Fills in `held_mean`. */
+KILN_FUNCTION void kiln_bsdf_mean_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
+{
+    for (int k = 0; k < KILN_MEAN_POINTS; k++)
+        KILN_AT(l).held_mean +=
+            KILN_MEAN_WEIGHTS[k] * kiln_bsdf_held(KILN_AT(l), vec3(0.0f, 0.0f, KILN_MEAN_COSINES[k]));
+}
+
 /* Fills in `holds`, `held` and `held_mean`, of lobes that are prepared but for these. */
 KILN_FUNCTION void kiln_bsdf_find_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
 {
@@ -358,9 +388,7 @@ KILN_FUNCTION void kiln_bsdf_find_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l
     if (KILN_AT(l).holds == 0u)
         return;
     KILN_AT(l).held = kiln_bsdf_held_curve(KILN_AT(l));
-    for (int k = 0; k < KILN_MEAN_POINTS; k++)
-        KILN_AT(l).held_mean +=
-            KILN_MEAN_WEIGHTS[k] * kiln_bsdf_held(KILN_AT(l), vec3(0.0f, 0.0f, KILN_MEAN_COSINES[k]));
+    kiln_bsdf_mean_held(l);
 }
 
 KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
@@ -408,8 +436,8 @@ KILN_FUNCTION void kiln_bsdf_dye(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KILN
              kiln_bsdf_spread(kiln_schlick_mean(color.z), lost));
 }
 
-/* Lobes of what a hit has; quick, and so less exact of a coat over rough glass, seen from behind. */
-KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare_hit(KILN_STRUCT kiln_bsdf p)
+/* Lobes but for what tables have of them, for means and for the colour of what metals give back. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_begin(KILN_STRUCT kiln_bsdf p)
 {
     KILN_STRUCT kiln_bsdf_lobes l;
     const float index = float_max(p.eta.y, 1.0f / p.eta.y);
@@ -437,10 +465,137 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare_hit(KILN_STRUCT kiln
     l.holds = 0u;
     l.brushed_low = 0u;
     l.brushed_high = 0u;
+    l.brushed_part = 0.0f;
     for (int k = 0; k < KILN_HELD_POINTS; k++)
         l.held.c[k] = 0.0f;
     l.held_mean = 0.0f;
-    kiln_bsdf_means(KILN_TO(l));
+    return l;
+}
+
+/* ---- with the tables that a material with textures has ---- */
+
+struct kiln_bsdf_tables {
+    KILN_U32 brushed_low, brushed_high; /* address of the first layer of brushed facets; 0: there is none */
+    KILN_U32 held_low, held_high;       /* of a struct kiln_held_table */
+};
+
+/* The matt layer's share of all light, from what a coat lets in, what facets keep of it, and their Fresnel share. */
+KILN_FUNCTION float kiln_bsdf_under(KILN_STRUCT kiln_bsdf_lobes l, float let_in, float kept, float share)
+{
+    const float normal = kiln_fresnel_normal(l.face.index), largest = kiln_bsdf_largest(l.p.specular_color);
+    const float low = kiln_bsdf_scaled(l.p, normal, normal, largest),
+                high = kiln_bsdf_scaled(l.p, 1.0f, normal, largest);
+    return float_max(let_in - low * kept - (high - low) * share, KILN_FLOAT_TINY);
+}
+
+KILN_FUNCTION void kiln_curve_add(KILN_INOUT(KILN_STRUCT kiln_curve) sum, KILN_STRUCT kiln_curve a, float weight)
+{
+    KILN_AT(sum).c[0] += weight * a.c[0];
+    KILN_AT(sum).c[1] += weight * a.c[1];
+    KILN_AT(sum).c[2] += weight * a.c[2];
+    KILN_AT(sum).c[3] += weight * a.c[3];
+    KILN_AT(sum).c[4] += weight * a.c[4];
+    KILN_AT(sum).c[5] += weight * a.c[5];
+    KILN_AT(sum).c[6] += weight * a.c[6];
+    KILN_AT(sum).c[7] += weight * a.c[7];
+    KILN_AT(sum).c[8] += weight * a.c[8];
+}
+
+/* Means `part` of the way from a layer on. */
+KILN_FUNCTION KILN_STRUCT kiln_brushed_means kiln_brushed_means_at(KILN_U32 low, KILN_U32 high, KILN_I32 layer,
+                                                                   float part)
+{
+    KILN_STRUCT kiln_brushed_means sum = KILN_BRUSHED_TABLE(low, high, layer).means;
+    for (KILN_I32 k = 0; k < 4; k++) { /* what is there already counts less by 1 */
+        const float weight = kiln_brushed_weight(k, part) - (k == 0 ? 1.0f : 0.0f);
+        const KILN_STRUCT kiln_brushed_means m = KILN_BRUSHED_TABLE(low, high, layer + k).means;
+        sum.lost += weight * m.lost;
+        sum.glass_front += weight * m.glass_front;
+        sum.glass_back += weight * m.glass_back;
+        sum.glass_coat += weight * m.glass_coat;
+        sum.held += weight * m.held;
+        sum.in_front += weight * m.in_front;
+        sum.kept_front += weight * m.kept_front;
+        sum.share_front += weight * m.share_front;
+        sum.in_back += weight * m.in_back;
+        sum.kept_back += weight * m.kept_back;
+        sum.share_back += weight * m.share_back;
+        kiln_curve_add(KILN_TO(sum.face_lost), m.face_lost, weight);
+        kiln_curve_add(KILN_TO(sum.face_effective), m.face_effective, weight);
+    }
+    return sum;
+}
+
+/* Has lobes use layers, and fills in their means. */
+KILN_FUNCTION void kiln_bsdf_take_layers(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KILN_U32 low, KILN_U32 high)
+{
+    const float first = KILN_BRUSHED_TABLE(low, high, 0).first, last = KILN_BRUSHED_TABLE(low, high, 0).last;
+    const float alpha = float_min(KILN_AT(l).p.alpha_x, KILN_AT(l).p.alpha_y);
+    const float place = float_min(float_max(kiln_brushed_layer(alpha), first), last) - first;
+    const KILN_I32 layer = KILN_TO_I32(float_max(float_min(place - 1.0f, last - first - 3.0f), 0.0f));
+    const float part = place - KILN_TO_F32(layer);
+    KILN_STRUCT kiln_brushed_means m = KILN_BRUSHED_TABLE(low, high, layer).means;
+    kiln_brushed_step(low, high, layer, KILN_TO(KILN_AT(l).brushed_low), KILN_TO(KILN_AT(l).brushed_high));
+    KILN_AT(l).brushed_part = part;
+    if (part != 0.0f)
+        m = kiln_brushed_means_at(low, high, layer, part);
+    KILN_AT(l).face.lost = m.face_lost;
+    KILN_AT(l).face.effective = m.face_effective;
+    KILN_AT(l).lost_mean = m.lost;
+    KILN_AT(l).glass_lost_front = m.glass_front;
+    KILN_AT(l).glass_lost_back = m.glass_back;
+    KILN_AT(l).glass_lost_coat = m.glass_coat;
+    KILN_AT(l).holds = kiln_bsdf_holds(KILN_AT(l)) ? 1u : 0u;
+    KILN_AT(l).held_mean = KILN_AT(l).holds != 0u ? m.held : 0.0f;
+    KILN_AT(l).under_front = 1.0f;
+    KILN_AT(l).under_back = 1.0f;
+    if (KILN_AT(l).matt > 0.0f) {
+        KILN_AT(l).under_front = kiln_bsdf_under(KILN_AT(l), m.in_front, m.kept_front, m.share_front);
+        KILN_AT(l).under_back = kiln_bsdf_under(KILN_AT(l), m.in_back, m.kept_back, m.share_back);
+    }
+}
+
+KILN_FUNCTION float kiln_between(float a, float b, float part) { return (1.0f - part) * a + part * b; }
+
+/* Fills in `holds`, `held` and `held_mean` by a table. */
+KILN_FUNCTION void kiln_held_take(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KILN_U32 low, KILN_U32 high)
+{
+    if (!kiln_bsdf_holds(KILN_AT(l)) || KILN_AT(l).base_is_mirror != 0u)
+        return;
+    const float steps = KILN_TO_F32(KILN_HELD_LAYERS - 1), coats = KILN_TO_F32(KILN_HELD_COATS - 1);
+    const float first = KILN_HELD_TABLE(low, high).first, last = KILN_HELD_TABLE(low, high).last;
+    const float coat_first = KILN_HELD_TABLE(low, high).coat_first, coat_last = KILN_HELD_TABLE(low, high).coat_last;
+    const float r = float_min(float_max(float_sqrt(KILN_AT(l).p.alpha_x) * steps, first), last) - first;
+    const float s =
+        float_min(float_max(float_sqrt(KILN_AT(l).p.coat_alpha) * coats, coat_first), coat_last) - coat_first;
+    const KILN_I32 i = KILN_TO_I32(float_max(float_min(r, last - first - 1.0f), 0.0f));
+    const KILN_I32 j = KILN_TO_I32(float_max(float_min(s, coat_last - coat_first - 1.0f), 0.0f));
+    const KILN_I32 i_next = last > first ? i + 1 : i, j_next = coat_last > coat_first ? j + 1 : j;
+    const float a = r - KILN_TO_F32(i), b = s - KILN_TO_F32(j);
+    for (KILN_I32 k = 0; k < KILN_HELD_POINTS; k++) {
+        const float bare =
+            kiln_between(KILN_HELD_TABLE(low, high).bare[i].c[k], KILN_HELD_TABLE(low, high).bare[i_next].c[k], a);
+        const float here = kiln_between(KILN_HELD_TABLE(low, high).coated[KILN_HELD_LAYERS * j + i].c[k],
+                                        KILN_HELD_TABLE(low, high).coated[KILN_HELD_LAYERS * j + i_next].c[k], a);
+        const float there = kiln_between(KILN_HELD_TABLE(low, high).coated[KILN_HELD_LAYERS * j_next + i].c[k],
+                                         KILN_HELD_TABLE(low, high).coated[KILN_HELD_LAYERS * j_next + i_next].c[k], a);
+        KILN_AT(l).held.c[k] = kiln_between(bare, kiln_between(here, there, b), KILN_AT(l).coat.strength);
+    }
+    KILN_AT(l).holds = 1u;
+    kiln_bsdf_mean_held(l);
+}
+
+/* Lobes of what a hit has. */
+KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare_hit(KILN_STRUCT kiln_bsdf p,
+                                                                KILN_STRUCT kiln_bsdf_tables tables)
+{
+    KILN_STRUCT kiln_bsdf_lobes l = kiln_bsdf_begin(p);
+    if (KILN_BRUSHED_THERE && (tables.brushed_low | tables.brushed_high) != 0u && l.base_is_mirror == 0u)
+        kiln_bsdf_take_layers(KILN_TO(l), tables.brushed_low, tables.brushed_high);
+    else
+        kiln_bsdf_means(KILN_TO(l));
+    if (KILN_HELD_THERE && (tables.held_low | tables.held_high) != 0u)
+        kiln_held_take(KILN_TO(l), tables.held_low, tables.held_high);
     kiln_bsdf_dye(KILN_TO(l), p.base_color);
     return l;
 }
@@ -448,7 +603,9 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare_hit(KILN_STRUCT kiln
 /* Lobes of a material: some tenths of a millisecond where a coat lies over rough glass. */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare(KILN_STRUCT kiln_bsdf p)
 {
-    KILN_STRUCT kiln_bsdf_lobes l = kiln_bsdf_prepare_hit(p);
+    KILN_STRUCT kiln_bsdf_lobes l = kiln_bsdf_begin(p);
+    kiln_bsdf_means(KILN_TO(l));
+    kiln_bsdf_dye(KILN_TO(l), p.base_color);
     kiln_bsdf_find_held(KILN_TO(l));
     return l;
 }

@@ -67,8 +67,9 @@ struct kiln_gpu_gloss { /* struct kiln_gloss of the material of the same index *
     KILN_REAL32 coat, coat_roughness, anisotropy, exponent;
     KILN_REAL32 turn_cosine, turn_sine; /* of anisotropy_rotation */
     KILN_STRUCT kiln_gpu_gloss_texture textures[KILN_GPU_GLOSS_USES];
+    KILN_WORD brushed[2], held[2]; /* struct kiln_bsdf_tables, of what is not PREPARED */
 };
-KILN_SIZE_IS(kiln_gpu_gloss, 352);
+KILN_SIZE_IS(kiln_gpu_gloss, 368);
 
 struct kiln_gpu_gloss_place {
     KILN_REAL32 at[6]; /* texture coordinates of a coating's corners, for the textures of its gloss */

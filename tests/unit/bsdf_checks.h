@@ -50,15 +50,59 @@ struct lobes_batch {
     struct kiln_brushed_table *tables[ALPHAS]; /* those that lobes use; NULL: none */
 };
 
-/* Lobes number `at` of the batch: those of a material. */
+/* Tables of the material that was asked for last, as if its roughness had a texture with all values. */
+struct textured {
+    const struct material *material;
+    float index;
+    struct kiln_brushed_table stack[KILN_BRUSHED_LAYERS];
+    struct kiln_held_table held;
+    struct kiln_bsdf_tables tables;
+};
+static inline struct kiln_bsdf_tables textured_tables(const struct material *m, struct kiln_bsdf p)
+{
+    static struct textured last;
+    if (last.material == m && last.index == p.eta.y)
+        return last.tables;
+    const float coat = sqrtf(p.coat_alpha);
+    last.material = m;
+    last.index = p.eta.y;
+    last.tables = (struct kiln_bsdf_tables){0};
+    const void *table = m->anisotropy > 0.0f ? (const void *)last.stack : &last.held;
+    const uint32_t low = (uint32_t)(uintptr_t)table, high = (uint32_t)((uint64_t)(uintptr_t)table >> 32);
+    if (m->anisotropy > 0.0f) {
+        kiln_brushed_stack(last.stack, &p, m->anisotropy,
+                           (struct kiln_layers){0.0f, KILN_BRUSHED_LAYERS - 1, KILN_BRUSHED_LAYERS});
+        last.tables.brushed_low = low;
+        last.tables.brushed_high = high;
+    } else {
+        kiln_held_tabulate(&last.held, &p, kiln_layers_of(0.0f, 1.0f, KILN_HELD_LAYERS - 1),
+                           m->coat_varies ? kiln_layers_of(0.0f, 1.0f, KILN_HELD_COATS - 1)
+                                          : kiln_layers_of(coat, coat, KILN_HELD_COATS - 1));
+        last.tables.held_low = low;
+        last.tables.held_high = high;
+    }
+    return last.tables;
+}
+
+/* Lobes number `at` of the batch: those of a material. The table of those before is taken where it is the same. */
 static inline void batch_prepare(struct lobes_batch *b, size_t at, const struct material *m, struct kiln_bsdf p)
 {
-    b->lobes[at] = m->hit ? kiln_bsdf_prepare_hit(p) : kiln_bsdf_prepare(p);
-    if (m->hit || !kiln_brushed_wanted(&b->lobes[at]))
+    static struct kiln_bsdf_lobes before;
+    static struct kiln_brushed_table last;
+    if (m->textured) {
+        b->lobes[at] = kiln_bsdf_prepare_hit(p, textured_tables(m, p));
         return;
+    }
+    b->lobes[at] = kiln_bsdf_prepare(p);
+    if (!kiln_brushed_wanted(&b->lobes[at]))
+        return;
+    if (!kiln_brushed_wanted(&before) || !kiln_brushed_same(&before, &b->lobes[at])) {
+        before = b->lobes[at];
+        kiln_brushed_tabulate(&last, &before);
+    }
     b->tables[at] = malloc(sizeof *b->tables[at]);
     assert_non_null(b->tables[at]);
-    kiln_brushed_tabulate(b->tables[at], &b->lobes[at]);
+    *b->tables[at] = last;
     kiln_brushed_use(&b->lobes[at], b->tables[at]);
 }
 
@@ -75,14 +119,23 @@ static inline struct lobes_query *batch_add(struct lobes_batch *b, uint32_t lobe
 
 /* Random numbers of draw k: points of Sobol's sequence, Owen-scrambled, or independent ones. */
 enum numbers { EVEN, INDEPENDENT };
+enum { EVEN_MOST = 4096 };
+static inline const float *even_numbers(uint32_t k)
+{
+    static float points[EVEN_MOST][3];
+    assert_true(k < EVEN_MOST);
+    if (points[k][0] == 0.0f)
+        for (uint32_t c = 0; c < 3; c++)
+            points[k][c] = kiln_unit_float(kiln_owen_scramble(kiln_sobol(k, c), kiln_hash1(c)));
+    return points[k];
+}
 static inline void batch_draw(struct lobes_batch *b, uint32_t lobes, struct kiln_vec3 o, uint32_t k,
                               enum numbers numbers)
 {
     struct lobes_query *q = batch_add(b, lobes, o);
     float p[3];
     for (uint32_t c = 0; c < 3; c++)
-        p[c] = kiln_unit_float(numbers == EVEN ? kiln_owen_scramble(kiln_sobol(k, c), kiln_hash1(c))
-                                               : kiln_hash1(3 * k + c));
+        p[c] = numbers == EVEN ? even_numbers(k)[c] : kiln_unit_float(kiln_hash1(3 * k + c));
     q->pick = p[0];
     q->u = p[1];
     q->v = p[2];
@@ -119,15 +172,19 @@ static inline int next_angle(const struct lobes_source *s, int i) { return i + (
 enum { AZIMUTHS = 5 };
 static const float azimuths[AZIMUTHS] = {0.3f, 0.0f, 0.75f, 1.2f, 1.5707964f};
 
+static inline int azimuths_of(const struct material *m) { return m->anisotropy > 0.0f ? AZIMUTHS : 1; }
+/* Layers take the azimuth as their tables do, of which all are looked at. */
+static inline int next_azimuth(const struct material *m, int a) { return a + (m->textured ? AZIMUTHS - 1 : 1); }
+
 /* Least and largest share of the light from all angles that is sent on. */
 static inline void furnace_of(const struct lobes_source *s, const struct material *m, float alpha, double range[2])
 {
     struct lobes_batch b = {.source = s, .lobes_count = 1};
     const uint32_t draws = alpha < 0.02f && m->coat == 0.0f && m->anisotropy == 0.0f ? 1024 : 4096;
     batch_prepare(&b, 0, m, white_material(m, alpha));
-    for (int a = 0; a < (m->anisotropy > 0.0f ? AZIMUTHS : 1); a++)
+    for (int a = 0; a < azimuths_of(m); a = next_azimuth(m, a))
         for (int j = 0; j < ANGLES; j = next_angle(s, j))
-            for (uint32_t k = 0; k < draws; k++)
+            for (uint32_t k = 0; k < draws && (a == 0 || degrees[j] > 0.0f); k++) /* the normal has no azimuth */
                 batch_draw(&b, 0, direction(degrees[j], azimuths[a], m->behind), k, EVEN);
     batch_ask(&b);
     for (size_t at = 0; at < b.count; at += draws) {

@@ -11,7 +11,8 @@ struct material {
     float metallic, transmission, index, coat, coat_alpha, anisotropy;
     bool thin_wall, behind; /* behind: light comes from behind the face */
     bool draws;             /* draws are held against densities, too */
-    bool hit;               /* prepared as at a hit of a material with textures */
+    bool textured;          /* prepared as at a hit, for its roughness has a texture; */
+    bool coat_varies;       /* the coat's has one, too */
     float darkest, brightest;
 };
 
@@ -36,8 +37,6 @@ static const struct material materials[] = {
      .darkest = 0.99f, .brightest = 1.001f},
     {"rough coat over glass from behind", .transmission = 1, .index = 1.5f, .coat = 1, .coat_alpha = 0.3f,
      .behind = true, .darkest = 0.99f, .brightest = 1.001f},
-    {"coated glass from behind, at a hit", .transmission = 1, .index = 1.5f, .coat = 1, .behind = true, .hit = true,
-     .darkest = 0.983f, .brightest = 1.009f},
     /* peaks near the critical angle are wider than what 9 cosines tell of them */
     {"coated water from behind", .transmission = 1, .index = 1.33f, .coat = 1, .behind = true, .darkest = 0.99f,
      .brightest = 1.004f},
@@ -77,6 +76,36 @@ static const struct material materials[] = {
      .darkest = 0.99f, .brightest = 1.001f},
     {"brushed mixture", .metallic = 0.3f, .transmission = 0.5f, .index = 1.5f, .coat = 0.5f, .coat_alpha = 0.3f,
      .anisotropy = 0.4f, .draws = true, .darkest = 0.99f, .brightest = 1.001f},
+    {"textured coated glass from behind", .transmission = 1, .index = 1.5f, .coat = 1, .behind = true, .textured = true,
+     .draws = true, .darkest = 0.99f, .brightest = 1.001f},
+    {"textured rough coat over glass from behind", .transmission = 1, .index = 1.5f, .coat = 0.7f, .coat_alpha = 0.3f,
+     .behind = true, .textured = true, .coat_varies = true, .darkest = 0.99f, .brightest = 1.001f},
+    {"textured coated water from behind", .transmission = 1, .index = 1.33f, .coat = 1, .behind = true,
+     .textured = true, .darkest = 0.99f, .brightest = 1.004f},
+    {"textured coated glass", .transmission = 1, .index = 1.5f, .coat = 1, .textured = true, .darkest = 0.99f,
+     .brightest = 1.001f},
+    {"textured brushed metal", .metallic = 1, .index = 1.5f, .anisotropy = 0.4f, .textured = true, .darkest = 0.99f,
+     .brightest = 1.001f},
+    {"textured brushed matt", .index = 1.5f, .anisotropy = 0.4f, .textured = true, .draws = true, .darkest = 0.99f,
+     .brightest = 1.001f},
+    {"textured much brushed matt", .index = 1.5f, .anisotropy = 0.8f, .textured = true, .darkest = 0.99f,
+     .brightest = 1.001f},
+    {"textured brushed glass", .transmission = 1, .index = 1.5f, .anisotropy = 0.4f, .textured = true, .darkest = 0.99f,
+     .brightest = 1.001f},
+    {"textured brushed glass from behind", .transmission = 1, .index = 1.5f, .anisotropy = 0.4f, .behind = true,
+     .textured = true, .draws = true, .darkest = 0.99f, .brightest = 1.001f},
+    {"textured much brushed glass from behind", .transmission = 1, .index = 1.5f, .anisotropy = 0.8f, .behind = true,
+     .textured = true, .darkest = 0.99f, .brightest = 1.001f},
+    {"textured brushed water from behind", .transmission = 1, .index = 1.33f, .anisotropy = 0.4f, .behind = true,
+     .textured = true, .darkest = 0.99f, .brightest = 1.002f},
+    {"textured coated brushed metal", .metallic = 1, .index = 1.5f, .coat = 1, .anisotropy = 0.4f, .textured = true,
+     .darkest = 0.99f, .brightest = 1.001f},
+    {"textured coated brushed matt", .index = 1.5f, .coat = 1, .coat_alpha = 0.1f, .anisotropy = 0.4f, .textured = true,
+     .darkest = 0.99f, .brightest = 1.001f},
+    {"textured coated brushed glass from behind", .transmission = 1, .index = 1.5f, .coat = 1, .anisotropy = 0.4f,
+     .behind = true, .textured = true, .darkest = 0.988f, .brightest = 1.002f},
+    {"textured brushed mixture", .metallic = 0.3f, .transmission = 0.5f, .index = 1.5f, .coat = 0.5f,
+     .coat_alpha = 0.3f, .anisotropy = 0.4f, .textured = true, .darkest = 0.99f, .brightest = 1.001f},
 };
 #define MATERIALS (sizeof materials / sizeof *materials)
 

@@ -78,7 +78,7 @@ static void stored_diffuse(void **state)
     for (size_t i = 0; i < MATERIALS; i++) {
         const bool matt = materials[i].metallic == 0.0f && materials[i].transmission == 0.0f;
         for (int a = 0; a < ALPHAS && matt && (materials[i].coat > 0.0f || materials[i].anisotropy > 0.0f); a++)
-            for (int k = 0; k < AZIMUTHS && (k == 0 || materials[i].anisotropy > 0.0f); k++)
+            for (int k = 0; k < azimuths_of(&materials[i]); k = next_azimuth(&materials[i], k))
                 stored_of(&materials[i], alphas[a], azimuths[k]);
     }
 }
@@ -104,6 +104,7 @@ static void ask(void *context, const struct kiln_bsdf_lobes *lobes, size_t lobes
                 const struct lobes_query *queries, size_t count, struct lobes_answer *answers)
 {
     (void)context, (void)lobes_count;
+#pragma omp parallel for schedule(static)
     for (size_t k = 0; k < count; k++)
         answers[k] = answer(&lobes[queries[k].lobes], &queries[k]);
 }

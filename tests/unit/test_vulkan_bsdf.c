@@ -14,6 +14,7 @@
 #include "shaders/shared/random.h"
 #include "tests/bsdf.h"
 #include "tests/bsdf_lobes.h"
+#include "tests/bsdf_prepare.h"
 #include "tests/unit/bsdf_checks.h"
 #include "tests/unit/vulkan_device.h"
 
@@ -140,7 +141,8 @@ static void ask_lobes(void *context, const struct kiln_bsdf_lobes *lobes, size_t
         const struct kiln_brushed_table *table = kiln_brushed_of(&lobes[i]);
         if (table == NULL)
             continue;
-        assert_int_equal(gpu_buffer_of(d->gpu, &tables[i], table, sizeof *table, "a table", NULL), KILN_OK);
+        const size_t layers = lobes[i].brushed_part != 0.0f ? 4 : 1;
+        assert_int_equal(gpu_buffer_of(d->gpu, &tables[i], table, layers * sizeof *table, "a table", NULL), KILN_OK);
         kiln_brushed_move(&moved[i], tables[i].address);
     }
     assert_int_equal(gpu_buffer_of(d->gpu, &buffers[0], moved, lobes_count * sizeof *lobes, "lobes", NULL), KILN_OK);
@@ -174,9 +176,106 @@ static void whole_materials(void **state)
     gpu_kernel_destroy(device.gpu, &device.kernel);
 }
 
+/* ---- hits of materials with textures ---- */
+
+enum { ROUGHNESSES = 64 };
+
+struct prepare_push {
+    uint64_t scene, lobes;
+    struct kiln_bsdf_tables tables;
+    uint32_t count;
+};
+
+/* The tables on the device; `buffer` holds them. */
+static struct kiln_bsdf_tables upload_tables(struct gpu *gpu, const struct kiln_bsdf_tables *host,
+                                             struct gpu_buffer *buffer)
+{
+    struct kiln_bsdf_tables there = {0};
+    const bool brushed = (host->brushed_low | host->brushed_high) != 0;
+    const uint32_t low = brushed ? host->brushed_low : host->held_low;
+    const uint32_t high = brushed ? host->brushed_high : host->held_high;
+    const void *table = (const void *)(uintptr_t)((uint64_t)high << 32 | low);
+    const size_t bytes =
+        brushed ? KILN_BRUSHED_LAYERS * sizeof(struct kiln_brushed_table) : sizeof(struct kiln_held_table);
+    assert_int_equal(gpu_buffer_of(gpu, buffer, table, bytes, "tables", NULL), KILN_OK);
+    *(brushed ? &there.brushed_low : &there.held_low) = (uint32_t)buffer->address;
+    *(brushed ? &there.brushed_high : &there.held_high) = (uint32_t)(buffer->address >> 32);
+    return there;
+}
+
+/* By how much lobes are apart, but for where their tables are: they are numbers of 32 bits, few of them integers. */
+static double lobes_apart(struct kiln_bsdf_lobes a, struct kiln_bsdf_lobes b)
+{
+    double off = 0.0;
+    a.brushed_low = b.brushed_low;
+    a.brushed_high = b.brushed_high;
+    assert_true(a.holds == b.holds && a.base_is_mirror == b.base_is_mirror && a.disperses == b.disperses);
+    for (size_t k = 0; k < sizeof a / sizeof(float); k++) {
+        float x, y;
+        memcpy(&x, (const char *)&a + k * sizeof x, sizeof x);
+        memcpy(&y, (const char *)&b + k * sizeof y, sizeof y);
+        off = fmax(off, fabs((double)x - (double)y) / fmax(1.0, fabs((double)x)));
+    }
+    return off;
+}
+
+/* Lobes of all roughnesses, before they take anything from tables. */
+static void begin_lobes(struct kiln_bsdf_lobes lobes[ROUGHNESSES], const struct material *m)
+{
+    for (int k = 0; k < ROUGHNESSES; k++) {
+        const float roughness = (float)k / (float)(ROUGHNESSES - 1);
+        lobes[k] = kiln_bsdf_begin(colored_material(m, roughness * roughness));
+        kiln_bsdf_means(&lobes[k]);
+    }
+}
+
+static double prepared(struct gpu *gpu, struct gpu_kernel *kernel, const struct material *m)
+{
+    struct kiln_bsdf_lobes lobes[ROUGHNESSES];
+    struct gpu_buffer buffers[2];
+    begin_lobes(lobes, m);
+    const struct kiln_bsdf_tables tables = textured_tables(m, lobes[0].p);
+    const struct kiln_bsdf_tables moved = upload_tables(gpu, &tables, &buffers[1]);
+    assert_int_equal(gpu_buffer_of(gpu, &buffers[0], lobes, sizeof lobes, "lobes", NULL), KILN_OK);
+    const struct prepare_push push = {0, buffers[0].address, moved, ROUGHNESSES};
+    const struct gpu_step step = {
+        .kernel = kernel, .threads_x = ROUGHNESSES, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
+    assert_int_equal(gpu_run(gpu, &step, 1, NULL, NULL), KILN_OK);
+    assert_int_equal(gpu_download(gpu, &buffers[0], 0, lobes, sizeof lobes, NULL), KILN_OK);
+    double off = 0.0;
+    const uint64_t first = buffers[1].address, host = (uint64_t)tables.brushed_high << 32 | tables.brushed_low;
+    for (int k = 0; k < ROUGHNESSES; k++) {
+        const struct kiln_bsdf_lobes l = kiln_bsdf_prepare_hit(lobes[k].p, tables);
+        const uint64_t there = (uint64_t)lobes[k].brushed_high << 32 | lobes[k].brushed_low;
+        off = fmax(off, lobes_apart(lobes[k], l));
+        if (host != 0 && l.base_is_mirror == 0)
+            assert_true(there - first == (uint64_t)(uintptr_t)kiln_brushed_of(&l) - host);
+    }
+    for (int i = 0; i < 2; i++)
+        gpu_buffer_destroy(gpu, &buffers[i]);
+    return off;
+}
+
+static void hits_with_textures(void **state)
+{
+    const struct gpu_kernel_params params = {
+        .name = "prepare", .code = kiln_spirv_bsdf_prepare, .code_bytes = sizeof kiln_spirv_bsdf_prepare};
+    struct gpu_kernel *kernel = NULL;
+    assert_int_equal(gpu_kernel_create(*state, &kernel, &params, NULL), KILN_OK);
+    for (size_t i = 0; i < MATERIALS; i++) {
+        if (!materials[i].textured)
+            continue;
+        const double off = prepared(*state, kernel, &materials[i]);
+        print_message("%s: lobes apart by at most %.1e\n", materials[i].name, off);
+        assert_true(off < 1e-4);
+    }
+    gpu_kernel_destroy(*state, &kernel);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(same_as_host), cmocka_unit_test(whole_materials)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(same_as_host), cmocka_unit_test(hits_with_textures),
+                                       cmocka_unit_test(whole_materials)};
     if (!vulkan_device_is_there())
         return 77;
     return cmocka_run_group_tests(tests, vulkan_device_open, vulkan_device_close);

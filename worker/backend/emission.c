@@ -14,6 +14,7 @@
 #include "worker/backend/particle.h"
 #include "worker/base/memory.h"
 #include "worker/light/lights.h"
+#include "worker/material/scene_lobes.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"

@@ -10,6 +10,8 @@
 #define DENSE_LESS 0.0045
 #define HELD_LESS 0.0025
 #define COAT_LESS 0.0006
+#define HELD_BETWEEN_LESS 0.0004f /* between roughnesses */
+#define COAT_BETWEEN_LESS 0.0008f
 #define FRESNEL_MORE 0.0006 /* the matt layer gets what is not reflected */
 
 /* Facets of a direction: a lattice of Fibonacci numbers. */
@@ -46,65 +48,131 @@ void kiln_brushed_move(struct kiln_bsdf_lobes *l, uint64_t address)
     l->brushed_high = (uint32_t)(address >> 32);
 }
 
-/* ---- what facets do with light from one direction ---- */
+/* ---- facets that a direction sees ----
+ *
+ * Loops over facets have no branches and no calls that stay, so that compilers make lanes of them. */
 
-struct tally {
-    double whole, reflected, thin, dense, sent; /* means over facets; `sent`: from behind a coat */
+/* Points of the unit square that facets are drawn by, the same for all directions. */
+struct lattice {
+    int count;
+    float cosine[FACETS], sine[FACETS], v[FACETS];
+};
+
+/* count and `before` are neighbours among Fibonacci's numbers. */
+static void lattice_make(struct lattice *g, int count, int before)
+{
+    g->count = count;
+    for (int j = 0; j < count; j++) {
+        kiln_turn(((float)(j * before % count) + 0.5f) / (float)count, &g->sine[j], &g->cosine[j]);
+        g->v[j] = ((float)j + 0.5f) / (float)count;
+    }
+}
+
+/* Facets, the cosine to them, the cosine to the normal of the direction they reflect to, and how much of that is seen:
+ * G2 / G1, 0 beyond the horizon. */
+struct facets {
+    float x[FACETS], y[FACETS], z[FACETS], cosine[FACETS], share[FACETS];
 };
 
 /* G2 / G1 of a direction on either side; `own` is the stretch of the one that light comes from, over its cosine. */
-static double seen(const struct kiln_bsdf_lobes *l, double own, struct kiln_vec3 i)
+static inline float seen(float alpha_x, float alpha_y, float own, struct kiln_vec3 i)
 {
-    return (1.0 + own) / (own + (double)(kiln_ggx_stretch(i, l->alpha_x, l->alpha_y) / fabsf(i.z)));
+    return (1.0f + own) / (own + kiln_ggx_stretch(i, alpha_x, alpha_y) / fabsf(i.z));
 }
 
-/* What goes through the facet h, into a medium `eta` times as dense. */
-static double through(const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, struct kiln_vec3 h, double own, float eta,
-                      double reflected)
+static inline float own_of(const struct kiln_bsdf_lobes *l, struct kiln_vec3 o)
 {
-    const float cosine = vec3_dot(o, h), behind = kiln_refracted_cosine(cosine, eta);
-    if (!(reflected < 1.0))
-        return 0.0;
-    const struct kiln_vec3 i = kiln_refracted(o, h, 1.0f / eta, cosine, behind);
-    return i.z < 0.0f ? (1.0 - reflected) * seen(l, own, i) : 0.0;
+    return kiln_ggx_stretch(o, l->alpha_x, l->alpha_y) / o.z;
 }
 
-static void add_facet(struct tally *t, const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, struct kiln_vec3 h)
+/* Those that o sees, as kiln_ggx_sample draws them. */
+static void see(struct facets *f, const struct lattice *g, const struct kiln_bsdf_lobes *l, struct kiln_vec3 o)
 {
-    const float cosine = vec3_dot(o, h), index = l->face.index;
-    const struct kiln_vec3 i = kiln_reflected(o, h);
-    const double own = (double)(kiln_ggx_stretch(o, l->alpha_x, l->alpha_y) / o.z);
-    const double thin = (double)kiln_fresnel(cosine, index), dense = (double)kiln_fresnel(cosine, 1.0f / index);
-    const double share = i.z > 0.0f ? seen(l, own, i) : 0.0;
-    t->whole += share / FACETS;
-    t->reflected += share * thin / FACETS;
+    const float alpha_x = l->alpha_x, alpha_y = l->alpha_y, own = own_of(l, o);
+    const struct kiln_vec3 s = kiln_direction_of(vec3(alpha_x * o.x, alpha_y * o.y, o.z));
+    for (int j = 0; j < g->count; j++) {
+        const float z = (1.0f - g->v[j]) * (1.0f + s.z) - s.z;
+        const float r = sqrtf(fmaxf(0.0f, (1.0f - z) * (1.0f + z)));
+        const float x = alpha_x * (r * g->cosine[j] + s.x), y = alpha_y * (r * g->sine[j] + s.y),
+                    up = fmaxf(z + s.z, 0.0f);
+        const float scale = 1.0f / sqrtf(x * x + y * y + up * up);
+        const struct kiln_vec3 h = vec3(x * scale, y * scale, up * scale), i = kiln_reflected(o, h);
+        const float share = seen(alpha_x, alpha_y, own, i);
+        f->x[j] = h.x;
+        f->y[j] = h.y;
+        f->z[j] = h.z;
+        f->cosine[j] = vec3_dot(o, h);
+        f->share[j] = i.z > 0.0f ? share : 0.0f;
+    }
+}
+
+static double mean_of(const float *values, int count)
+{
+    double sum = 0.0;
+    for (int j = 0; j < count; j++)
+        sum += (double)values[j];
+    return sum / count;
+}
+
+/* What they reflect, as an interface with the index does. */
+static double reflected(const struct facets *f, int count, float index)
+{
+    float of[FACETS];
+    for (int j = 0; j < count; j++)
+        of[j] = f->share[j] * kiln_fresnel(f->cosine[j], index);
+    return mean_of(of, count);
+}
+
+/* What goes through them, into a medium `eta` times as dense. */
+static double through(const struct facets *f, int count, const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, float eta)
+{
+    const float alpha_x = l->alpha_x, alpha_y = l->alpha_y, own = own_of(l, o), ratio = 1.0f / eta;
+    float of[FACETS];
+    for (int j = 0; j < count; j++) {
+        const float cosine = f->cosine[j], behind = kiln_refracted_cosine(cosine, eta),
+                    back = kiln_fresnel(cosine, eta);
+        const float along = ratio * cosine - behind; /* kiln_refracted */
+        const float x = f->x[j] * along - ratio * o.x, y = f->y[j] * along - ratio * o.y,
+                    z = f->z[j] * along - ratio * o.z;
+        const float scale = 1.0f / sqrtf(x * x + y * y + z * z);
+        const float share = seen(alpha_x, alpha_y, own, vec3(x * scale, y * scale, z * scale));
+        of[j] = z < 0.0f ? (1.0f - back) * share : 0.0f;
+    }
+    return mean_of(of, count);
+}
+
+/* What they send on, to both sides, from behind a coat. */
+static double sent_behind(const struct facets *f, int count, const struct kiln_bsdf_lobes *l, struct kiln_vec3 o)
+{
+    double sum = 0.0;
+    for (int j = 0; j < count; j++)
+        sum += (double)kiln_bsdf_sent_behind(*l, o, vec3(f->x[j], f->y[j], f->z[j]));
+    return sum / count;
+}
+
+static void tabulate(float at[KILN_BRUSHED_VALUES], const struct lattice *g, const struct kiln_bsdf_lobes *l,
+                     struct kiln_vec3 o)
+{
+    struct facets f;
+    const float index = l->face.index;
+    see(&f, g, l, o);
+    const double whole = mean_of(f.share, g->count), from_thin = reflected(&f, g->count, index);
+    at[KILN_BRUSHED_WHOLE] = (float)fmax(1.0 - WHOLE_LESS - whole, 0.0);
+    at[KILN_BRUSHED_FRESNEL] = (float)(whole > 0.0 ? fmin(from_thin / whole + FRESNEL_MORE, 1.0) : 1.0);
+    at[KILN_BRUSHED_THIN] = 0.0f;
+    at[KILN_BRUSHED_DENSE] = 0.0f;
+    at[KILN_BRUSHED_HELD] = 0.0f;
+    at[KILN_BRUSHED_COAT] = l->coat.strength > 0.0f ? kiln_coat_factor(l->coat, o.z) : 1.0f;
     if (!is_glass(l))
         return;
-    t->thin += (share * thin + through(l, o, h, own, index, thin)) / FACETS;
-    t->dense += (share * dense + through(l, o, h, own, 1.0f / index, dense)) / FACETS;
-    if (l->holds != 0)
-        t->sent += (double)kiln_bsdf_sent_behind(*l, o, h) / FACETS;
-}
-
-/* Facet j of `count` that o sees; count and `before` are neighbours among Fibonacci's numbers. */
-static struct kiln_vec3 facet(const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, int j, int count, int before)
-{
-    const float u = ((float)(j * before % count) + 0.5f) / (float)count, v = ((float)j + 0.5f) / (float)count;
-    return kiln_ggx_sample(o, l->alpha_x, l->alpha_y, u, v);
-}
-
-static void tabulate(float at[KILN_BRUSHED_VALUES], const struct kiln_bsdf_lobes *l, struct kiln_vec3 o)
-{
-    struct tally t = {0.0, 0.0, 0.0, 0.0, 0.0};
-    for (int j = 0; j < FACETS; j++)
-        add_facet(&t, l, o, facet(l, o, j, FACETS, FACETS_BEFORE));
-    const double bare = l->p.eta.y < 1.0f ? t.thin : t.dense; /* from behind, were there no coat */
-    at[KILN_BRUSHED_WHOLE] = (float)fmax(1.0 - WHOLE_LESS - t.whole, 0.0);
-    at[KILN_BRUSHED_FRESNEL] = (float)(t.whole > 0.0 ? fmin(t.reflected / t.whole + FRESNEL_MORE, 1.0) : 1.0);
-    at[KILN_BRUSHED_THIN] = (float)fmax(1.0 - THIN_LESS - t.thin, 0.0);
-    at[KILN_BRUSHED_DENSE] = (float)fmax(1.0 - DENSE_LESS - t.dense, 0.0);
-    at[KILN_BRUSHED_HELD] = l->holds != 0 ? (float)fmax(bare - t.sent - HELD_LESS, 0.0) : 0.0f;
-    at[KILN_BRUSHED_COAT] = l->coat.strength > 0.0f ? kiln_coat_factor(l->coat, o.z) : 1.0f;
+    const double thin = from_thin + through(&f, g->count, l, o, index);
+    const double dense = reflected(&f, g->count, 1.0f / index) + through(&f, g->count, l, o, 1.0f / index);
+    at[KILN_BRUSHED_THIN] = (float)fmax(1.0 - THIN_LESS - thin, 0.0);
+    at[KILN_BRUSHED_DENSE] = (float)fmax(1.0 - DENSE_LESS - dense, 0.0);
+    if (l->holds != 0) {
+        const double bare = l->p.eta.y < 1.0f ? thin : dense; /* from behind, were there no coat */
+        at[KILN_BRUSHED_HELD] = (float)fmax(bare - sent_behind(&f, g->count, l, o) - HELD_LESS, 0.0);
+    }
 }
 
 /* The direction of a table's point. */
@@ -142,21 +210,23 @@ static struct base base_of(const struct kiln_bsdf_lobes *l)
 }
 
 /* What facets reflect of light from o, without the coat's factor of where it goes and with it. */
-static void reflect(const struct kiln_bsdf_lobes *l, struct base base, struct kiln_vec3 o, double *without,
-                    double *with)
+static void reflect(const struct lattice *g, const struct kiln_bsdf_lobes *l, struct base base, struct kiln_vec3 o,
+                    double *without, double *with)
 {
-    const double own = (double)(kiln_ggx_stretch(o, l->alpha_x, l->alpha_y) / o.z);
-    *without = 0.0;
-    *with = 0.0;
-    for (int j = 0; j < FEW_FACETS; j++) {
-        const struct kiln_vec3 h = facet(l, o, j, FEW_FACETS, FEW_FACETS_BEFORE), i = kiln_reflected(o, h);
-        if (!(i.z > 0.0f))
-            continue;
-        const double fresnel = (double)kiln_fresnel(vec3_dot(o, h), l->face.index);
-        const double share = (base.all + base.partial * fresnel) * seen(l, own, i) / FEW_FACETS;
-        *without += share;
-        *with += share * (double)kiln_bsdf_coat_factor(*l, true, i);
+    struct facets f;
+    float share[FACETS];
+    see(&f, g, l, o);
+    for (int j = 0; j < g->count; j++)
+        share[j] = f.share[j] * ((float)base.all + (float)base.partial * kiln_fresnel(f.cosine[j], l->face.index));
+    *without = mean_of(share, g->count);
+    const bool turned = l->alpha_x < l->alpha_y;
+    for (int j = 0; j < g->count; j++) {
+        const struct kiln_vec3 i = kiln_reflected(o, vec3(f.x[j], f.y[j], f.z[j]));
+        if (share[j] > 0.0f)
+            share[j] *=
+                kiln_brushed_at(l->brushed_low, l->brushed_high, 0.0f, turned ? i.y : i.x, i.z, KILN_BRUSHED_COAT);
     }
+    *with = mean_of(share, g->count);
 }
 
 /* What the coat's factor takes of light that facets give back: the mean of it by what they lose. */
@@ -174,19 +244,20 @@ static double given_back_by(const struct kiln_bsdf_lobes *l)
 
 /* Finds the coat's factor h, with which a white base sends on what the coat lets in from each direction: h(o) integral
  * h(i) f(o, i) |cos| di = (1 - coat albedo(o)) integral f(o, i) |cos| di, by Sinkhorn's balancing. */
-static void balance(struct kiln_brushed_table *table, const struct kiln_bsdf_lobes *l)
+static void balance(struct kiln_brushed_table *table, const struct lattice *g, const struct kiln_bsdf_lobes *l)
 {
     const struct base base = base_of(l);
     for (int k = 0; k < BALANCINGS; k++) {
         enum { points = KILN_BRUSHED_T * KILN_BRUSHED_U };
         float next[points];
         const double back = given_back_by(l);
+#pragma omp parallel for schedule(dynamic)
         for (int at = 0; at < points; at++) {
             const float *values = &table->at[at * KILN_BRUSHED_VALUES];
             const struct kiln_vec3 o = point_direction(table, l, at);
             const double lost = base.all * (double)values[KILN_BRUSHED_WHOLE];
             double without, with;
-            reflect(l, base, o, &without, &with);
+            reflect(g, l, base, o, &without, &with);
             const double goal =
                 (1.0 - COAT_LESS) * (1.0 - (double)kiln_bsdf_coat_albedo(*l, true, o.z)) * (without + lost);
             next[at] = (float)sqrt((double)values[KILN_BRUSHED_COAT] * goal / fmax(with + lost * back, 1e-12));
@@ -197,14 +268,15 @@ static void balance(struct kiln_brushed_table *table, const struct kiln_bsdf_lob
 }
 
 /* The matt layer gets what is let in and not reflected. */
-static void reflect_by_coat(struct kiln_brushed_table *table, const struct kiln_bsdf_lobes *l)
+static void reflect_by_coat(struct kiln_brushed_table *table, const struct lattice *g, const struct kiln_bsdf_lobes *l)
 {
+#pragma omp parallel for schedule(dynamic)
     for (int at = 0; at < KILN_BRUSHED_T * KILN_BRUSHED_U; at++) {
         float *values = &table->at[at * KILN_BRUSHED_VALUES];
         const struct kiln_vec3 o = point_direction(table, l, at);
         const double lets_in = 1.0 - (double)kiln_bsdf_coat_albedo(*l, true, o.z);
         double without, with;
-        reflect(l, (struct base){0.0, 1.0}, o, &without, &with);
+        reflect(g, l, (struct base){0.0, 1.0}, o, &without, &with);
         if (without > 0.0)
             values[KILN_BRUSHED_FRESNEL] =
                 (float)fmin((double)(values[KILN_BRUSHED_FRESNEL] * values[KILN_BRUSHED_COAT]) * with /
@@ -215,17 +287,21 @@ static void reflect_by_coat(struct kiln_brushed_table *table, const struct kiln_
 
 void kiln_brushed_tabulate(struct kiln_brushed_table *table, const struct kiln_bsdf_lobes *l)
 {
+    struct lattice lattice, few;
+    lattice_make(&lattice, FACETS, FACETS_BEFORE);
+    lattice_make(&few, FEW_FACETS, FEW_FACETS_BEFORE);
     const float inside = 1.0f - 1.0f / (l->face.index * l->face.index);
     table->corner = fminf(fmaxf(sqrtf(sqrtf(inside)), 0.25f), 0.9f);
+#pragma omp parallel for schedule(dynamic)
     for (int at = 0; at < KILN_BRUSHED_T * KILN_BRUSHED_U; at++)
-        tabulate(&table->at[at * KILN_BRUSHED_VALUES], l, point_direction(table, l, at));
+        tabulate(&table->at[at * KILN_BRUSHED_VALUES], &lattice, l, point_direction(table, l, at));
     if (!(l->coat.strength > 0.0f))
         return;
     struct kiln_bsdf_lobes own = *l;
     kiln_brushed_move(&own, (uint64_t)(uintptr_t)table);
-    balance(table, &own);
+    balance(table, &few, &own);
     if (l->matt > 0.0f)
-        reflect_by_coat(table, &own);
+        reflect_by_coat(table, &few, &own);
 }
 
 /* ---- means ---- */
@@ -323,10 +399,111 @@ static void find_face(struct kiln_bsdf_lobes *l)
     l->face.effective = curve_through(x, off);
 }
 
+/* ---- layers ---- */
+
+/* The means that lobes of a layer have, of lobes that use it. */
+static struct kiln_brushed_means means_of(const struct kiln_bsdf_lobes *l)
+{
+    double in[2] = {0.0, 0.0}, kept[2] = {0.0, 0.0}, share[2] = {0.0, 0.0};
+    const float normal = kiln_fresnel_normal(l->face.index);
+    for (int k = 0; k < RINGS * SECTORS; k++) {
+        const float mu = sqrtf(((float)(k / SECTORS) + 0.5f) / (float)RINGS);
+        const struct kiln_vec3 w = direction_of(mu, k % SECTORS);
+        const double facets = 1.0 - (double)kiln_bsdf_from_table(*l, w, KILN_BRUSHED_WHOLE);
+        const float exact = kiln_bsdf_from_table(*l, w, KILN_BRUSHED_FRESNEL);
+        for (int side = 0; side < 2; side++) {
+            const double lets_in = 1.0 - (double)kiln_bsdf_coat_albedo(*l, side == 0, mu);
+            in[side] += lets_in;
+            kept[side] += lets_in * facets;
+            share[side] += lets_in * facets * (double)kiln_fresnel_share(exact, normal);
+        }
+    }
+    const double all = 1.0 / (RINGS * SECTORS);
+    return (struct kiln_brushed_means){.lost = l->lost_mean,
+                                       .glass_front = l->glass_lost_front,
+                                       .glass_back = l->glass_lost_back,
+                                       .glass_coat = l->glass_lost_coat,
+                                       .held = l->held_mean,
+                                       .in_front = (float)(in[0] * all),
+                                       .kept_front = (float)(kept[0] * all),
+                                       .share_front = (float)(share[0] * all),
+                                       .in_back = (float)(in[1] * all),
+                                       .kept_back = (float)(kept[1] * all),
+                                       .share_back = (float)(share[1] * all),
+                                       .face_lost = l->face.lost,
+                                       .face_effective = l->face.effective};
+}
+
 void kiln_brushed_use(struct kiln_bsdf_lobes *l, const struct kiln_brushed_table *table)
 {
     kiln_brushed_move(l, (uint64_t)(uintptr_t)table);
     find_face(l);
     find_means(l);
     kiln_bsdf_dye(l, l->p.base_color);
+}
+
+struct kiln_layers kiln_layers_of(float least, float most, int steps)
+{
+    const float low = least * (float)steps, high = most * (float)steps;
+    if (low == high)
+        return (struct kiln_layers){low, low, 1};
+    const float first = floorf(low), last = ceilf(high);
+    return (struct kiln_layers){first, last, 1 + (int)(last - first)};
+}
+
+/* The material of layer k. */
+static struct kiln_bsdf_lobes layer_lobes(const struct kiln_bsdf *p, float anisotropy, struct kiln_layers layers, int k)
+{
+    struct kiln_bsdf own = *p;
+    const float step = (1.0f - KILN_BRUSHED_LEAST) / (float)(KILN_BRUSHED_LAYERS - 1);
+    const float root = fminf(KILN_BRUSHED_LEAST + step * (layers.first + (float)k), 1.0f);
+    kiln_bsdf_alphas(root * root, anisotropy, &own.alpha_x, &own.alpha_y);
+    return kiln_bsdf_prepare(own);
+}
+
+void kiln_brushed_stack(struct kiln_brushed_table *tables, const struct kiln_bsdf *p, float anisotropy,
+                        struct kiln_layers layers)
+{
+    for (int k = 0; k < layers.count; k++) {
+        struct kiln_bsdf_lobes l = layer_lobes(p, anisotropy, layers, k);
+        kiln_brushed_tabulate(&tables[k], &l);
+        for (int at = 0; at < KILN_BRUSHED_T * KILN_BRUSHED_U && l.coat.strength > 0.0f; at++)
+            tables[k].at[at * KILN_BRUSHED_VALUES + KILN_BRUSHED_COAT] *= 1.0f - COAT_BETWEEN_LESS;
+        kiln_brushed_use(&l, &tables[k]);
+        tables[k].means = means_of(&l);
+        tables[k].first = layers.first;
+        tables[k].last = layers.last;
+    }
+}
+
+/* ---- what a coat over rough glass holds back ---- */
+
+static struct kiln_curve held_curve(const struct kiln_bsdf *p, float roughness, float coat, float coat_roughness)
+{
+    struct kiln_bsdf own = *p;
+    own.alpha_x = own.alpha_y = fmaxf(roughness * roughness, KILN_MIRROR_ALPHA);
+    own.coat = coat;
+    own.coat_alpha = coat_roughness * coat_roughness;
+    struct kiln_bsdf_lobes l = kiln_bsdf_begin(own);
+    l.holds = 1;
+    struct kiln_curve curve = kiln_bsdf_held_curve(l);
+    curve.c[0] -= HELD_BETWEEN_LESS;
+    return curve;
+}
+
+void kiln_held_tabulate(struct kiln_held_table *table, const struct kiln_bsdf *p, struct kiln_layers layers,
+                        struct kiln_layers coats)
+{
+    *table = (struct kiln_held_table){
+        .first = layers.first, .last = layers.last, .coat_first = coats.first, .coat_last = coats.last};
+#pragma omp parallel for collapse(2) schedule(dynamic)
+    for (int j = -1; j < coats.count; j++) /* -1: without a coat */
+        for (int k = 0; k < layers.count; k++) {
+            const float roughness = (layers.first + (float)k) / (float)(KILN_HELD_LAYERS - 1);
+            if (j < 0)
+                table->bare[k] = held_curve(p, roughness, 0.0f, 0.0f);
+            else
+                table->coated[KILN_HELD_LAYERS * j + k] =
+                    held_curve(p, roughness, 1.0f, (coats.first + (float)j) / (float)(KILN_HELD_COATS - 1));
+        }
 }

@@ -17,4 +17,21 @@ void kiln_brushed_use(struct kiln_bsdf_lobes *lobes, const struct kiln_brushed_t
 const struct kiln_brushed_table *kiln_brushed_of(const struct kiln_bsdf_lobes *lobes);
 void kiln_brushed_move(struct kiln_bsdf_lobes *lobes, uint64_t address);
 
+/* ---- tables of materials with textures ---- */
+
+/* Places on a grid of roughnesses, 0 to `steps`, that roughnesses from `least` to `most` need: whole numbers, or the
+ * one place that they all have. */
+struct kiln_layers {
+    float first, last;
+    int count;
+};
+struct kiln_layers kiln_layers_of(float least, float most, int steps);
+
+/* Fills in layers.count tables, of a material with any roughness. `layers`: of KILN_BRUSHED_LAYERS - 1 steps. */
+void kiln_brushed_stack(struct kiln_brushed_table *tables, const struct kiln_bsdf *material, float anisotropy,
+                        struct kiln_layers layers);
+/* Of KILN_HELD_LAYERS - 1 and KILN_HELD_COATS - 1 steps; of a material with any roughness and any coat. */
+void kiln_held_tabulate(struct kiln_held_table *table, const struct kiln_bsdf *material, struct kiln_layers layers,
+                        struct kiln_layers coats);
+
 #endif

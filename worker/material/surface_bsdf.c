@@ -3,8 +3,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "worker/base/memory.h"
-#include "worker/material/brushed.h"
 #include "worker/scene/texture.h"
 
 /* A position of a gloss's surface. */
@@ -152,75 +150,15 @@ struct kiln_gloss_lobes kiln_gloss_lobes(const struct kiln_scene *scene, uint32_
     return of;
 }
 
-/* ---- tables of brushed facets: they stand behind the lobes, in one piece of memory ---- */
-
-static bool wants_table(const struct kiln_gloss_lobes *of) { return of->ready && kiln_brushed_wanted(&of->lobes); }
-
-/* The first material whose table serves this one. */
-static size_t same_table(const struct kiln_gloss_lobes *lobes, size_t material)
-{
-    size_t first = 0;
-    while (first < material &&
-           !(wants_table(&lobes[first]) && kiln_brushed_same(&lobes[first].lobes, &lobes[material].lobes)))
-        first++;
-    return first;
-}
-
-static int add_tables(struct kiln_gloss_lobes **lobes, size_t count, size_t tables, struct kiln_error *error)
-{
-    struct kiln_gloss_lobes *grown = NULL;
-    const size_t own = count * sizeof **lobes;
-    const int status = kiln_allocate(&grown, own + tables * sizeof(struct kiln_brushed_table), 1,
-                                     "the lobes of materials with brushed facets", error);
-    if (status != KILN_OK)
-        return status;
-    struct kiln_brushed_table *next = (struct kiln_brushed_table *)(void *)(grown + count);
-    memcpy(grown, *lobes, own);
-    for (size_t i = 0; i < count; i++) {
-        if (!wants_table(&grown[i]))
-            continue;
-        const size_t first = same_table(*lobes, i);
-        if (first == i)
-            kiln_brushed_tabulate(next, &grown[i].lobes);
-        kiln_brushed_use(&grown[i].lobes, first == i ? next++ : kiln_brushed_of(&grown[first].lobes));
-    }
-    kiln_free(lobes);
-    *lobes = grown;
-    return KILN_OK;
-}
-
-size_t kiln_scene_table_count(const struct kiln_gloss_lobes *lobes, size_t count)
-{
-    size_t tables = 0;
-    for (size_t i = 0; i < count; i++)
-        tables += wants_table(&lobes[i]) && same_table(lobes, i) == i ? 1 : 0;
-    return tables;
-}
-
-int kiln_scene_lobes(struct kiln_gloss_lobes **lobes, const struct kiln_scene *scene, struct kiln_error *error)
-{
-    const size_t count = scene->material_count;
-    *lobes = NULL;
-    if (scene->taken == NULL)
-        return KILN_OK;
-    int status = kiln_allocate(lobes, count, sizeof **lobes, "the lobes of materials", error);
-    for (uint32_t i = 0; status == KILN_OK && i < count; i++)
-        (*lobes)[i] = kiln_gloss_lobes(scene, i);
-    const size_t tables = status == KILN_OK ? kiln_scene_table_count(*lobes, count) : 0;
-    if (tables != 0)
-        status = add_tables(lobes, count, tables, error);
-    if (status != KILN_OK)
-        kiln_free(lobes);
-    return status;
-}
-
 struct kiln_bsdf_lobes kiln_surface_lobes(const struct kiln_scene *scene, const struct kiln_gloss_lobes *of,
                                           const struct kiln_mesh *mesh, uint64_t triangle, float b1, float b2,
                                           bool colored)
 {
     if (!of->ready)
-        return kiln_bsdf_prepare_hit(kiln_surface_bsdf(
-            scene, kiln_gloss_taken(scene, scene->triangle_materials[triangle]), mesh, triangle, b1, b2));
+        return kiln_bsdf_prepare_hit(kiln_surface_bsdf(scene,
+                                                       kiln_gloss_taken(scene, scene->triangle_materials[triangle]),
+                                                       mesh, triangle, b1, b2),
+                                     of->tables);
     struct kiln_bsdf_lobes lobes = of->lobes;
     if (of->dyed && (colored || lobes.metal > 0.0f || lobes.glass > 0.0f)) {
         float base[4];

@@ -20,21 +20,13 @@ struct kiln_bsdf kiln_gloss_bsdf(const struct kiln_gloss *gloss, const float bas
 
 /* The lobes of a material that is taken with its gloss, made ready once for all its surface. */
 struct kiln_gloss_lobes {
-    bool ready; /* they are the same all over, but for their colour; else `lobes` is not set */
+    bool ready; /* they are the same all over, but for their colour; else `lobes` is not set, */
     bool dyed;  /* their base colour is the surface's (kiln_bsdf_dye) */
     struct kiln_bsdf_lobes lobes;
+    struct kiln_bsdf_tables tables; /* and these are what a hit's lobes use */
 };
-/* Not ready for a material that is not taken with its gloss. Without the table of brushed facets. */
+/* Not ready for a material that is not taken with its gloss. Without tables. */
 struct kiln_gloss_lobes kiln_gloss_lobes(const struct kiln_scene *scene, uint32_t material);
-/* Of all materials of a scene, with the tables of brushed facets, which stand in an array behind the lobes; NULL where
- * none is taken. The caller frees it with kiln_free. KILN_SYSTEM. */
-int kiln_scene_lobes(struct kiln_gloss_lobes **lobes, const struct kiln_scene *scene, struct kiln_error *error);
-/* These tables, of `count` materials, and how many there are. */
-static inline const struct kiln_brushed_table *kiln_scene_tables(const struct kiln_gloss_lobes *lobes, size_t count)
-{
-    return (const struct kiln_brushed_table *)(const void *)(lobes + count);
-}
-size_t kiln_scene_table_count(const struct kiln_gloss_lobes *lobes, size_t count);
 /* The lobes at a position, arguments as kiln_surface_bsdf; `of`: those of its material, which is taken with its gloss.
  * `colored`: the colour of the diffuse part is wanted; else it may be any. */
 struct kiln_bsdf_lobes kiln_surface_lobes(const struct kiln_scene *scene, const struct kiln_gloss_lobes *of,

@@ -14,6 +14,7 @@
 #include "worker/backend/embree/reference.h"
 #include "worker/base/memory.h"
 #include "worker/light/light_groups.h"
+#include "worker/material/scene_lobes.h"
 #include "worker/pass/groups.h"
 
 unsigned embree_enter(void)

@@ -12,7 +12,7 @@
 
 /* Copied to the device as they are. */
 _Static_assert(sizeof(struct kiln_gpu_record) == sizeof(struct kiln_hit_record), "hit records");
-_Static_assert(sizeof(struct kiln_bsdf_lobes) == 520, "lobes of materials");
+_Static_assert(sizeof(struct kiln_bsdf_lobes) == 524, "lobes of materials");
 _Static_assert(sizeof(struct kiln_gpu_result) == sizeof(struct kiln_point_result), "results");
 
 #endif

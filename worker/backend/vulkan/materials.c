@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "worker/base/memory.h"
-#include "worker/material/brushed.h"
+#include "worker/material/scene_lobes.h"
 #include "worker/scene/texture.h"
 
 /* of a buffer: every device allows as much in one allocation */
@@ -195,33 +195,50 @@ static void fill_gloss(struct kiln_gpu_gloss *to, const struct kiln_gloss *from)
     fill_gloss_textures(to, from);
 }
 
+/* The device's address of a table of the host's, in two words; none for none. */
+static void move_table(const struct staging *s, const struct vulkan_materials *m, uint32_t *low, uint32_t *high)
+{
+    const uint64_t host = (uint64_t)*high << 32 | *low;
+    if (host == 0)
+        return;
+    const uint64_t first = (uint64_t)(uintptr_t)kiln_scene_tables(m->lobes, s->params->scene->material_count);
+    const uint64_t address = m->tables.address + (host - first);
+    *low = (uint32_t)address;
+    *high = (uint32_t)(address >> 32);
+}
+
 static void prepare_lobes(struct staging *s, const struct vulkan_materials *m, uint32_t material)
 {
     const struct kiln_gloss_lobes *of = &m->lobes[material];
+    struct kiln_gpu_gloss *gloss = &s->glosses[material];
     if (!of->ready) {
+        gloss->brushed[0] = of->tables.brushed_low;
+        gloss->brushed[1] = of->tables.brushed_high;
+        gloss->held[0] = of->tables.held_low;
+        gloss->held[1] = of->tables.held_high;
+        move_table(s, m, &gloss->brushed[0], &gloss->brushed[1]);
+        move_table(s, m, &gloss->held[0], &gloss->held[1]);
         s->varied = true;
         return;
     }
-    s->glosses[material].flags |= KILN_GPU_GLOSS_PREPARED | (of->dyed ? KILN_GPU_GLOSS_DYED : 0u);
+    gloss->flags |= KILN_GPU_GLOSS_PREPARED | (of->dyed ? KILN_GPU_GLOSS_DYED : 0u);
     s->lobes[material] = of->lobes;
-    const struct kiln_brushed_table *table = kiln_brushed_of(&of->lobes);
-    if (table != NULL) {
-        const size_t count = s->params->scene->material_count;
-        kiln_brushed_move(&s->lobes[material],
-                          m->tables.address + (uint64_t)(table - kiln_scene_tables(m->lobes, count)) * sizeof *table);
-    }
+    move_table(s, m, &s->lobes[material].brushed_low, &s->lobes[material].brushed_high);
 }
 
-/* Lobes on the host, and the tables of brushed facets. */
+/* Lobes on the host, and their tables. */
 static int prepare_tables(struct staging *s, struct vulkan_materials *m, struct kiln_error *error)
 {
     const struct kiln_scene *scene = s->params->scene;
     int status = kiln_scene_lobes(&m->lobes, scene, error);
-    const size_t count = status == KILN_OK ? kiln_scene_table_count(m->lobes, scene->material_count) : 0;
-    m->brushed = count != 0;
-    if (m->brushed)
-        status = gpu_buffer_of(s->gpu, &m->tables, kiln_scene_tables(m->lobes, scene->material_count),
-                               count * sizeof(struct kiln_brushed_table), "the tables of brushed facets", error);
+    if (status != KILN_OK)
+        return status;
+    const struct kiln_scene_table_bytes bytes = kiln_scene_table_bytes(m->lobes, scene->material_count);
+    m->brushed = bytes.brushed != 0;
+    m->held = bytes.held != 0;
+    if (bytes.all != 0)
+        status = gpu_buffer_of(s->gpu, &m->tables, kiln_scene_tables(m->lobes, scene->material_count), bytes.all,
+                               "the tables of materials", error);
     return status;
 }
 

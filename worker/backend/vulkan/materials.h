@@ -19,10 +19,10 @@ struct vulkan_materials {
     struct gpu_buffer *texels;
     size_t texel_buffers;
     struct kiln_gloss_lobes *lobes; /* of each material, on the host; NULL: all are diffuse to kernels */
-    struct gpu_buffer tables;       /* of brushed facets (struct kiln_brushed_table) */
+    struct gpu_buffer tables;       /* kiln_scene_tables */
     bool gloss;                     /* some materials are not only diffuse to kernels */
     bool varied;                    /* and the lobes of some are not the same all over (KILN_GPU_GLOSS_PREPARED) */
-    bool brushed;                   /* and some have tables */
+    bool brushed, held;             /* and some have tables of brushed facets, of what coats hold back */
 };
 
 /* Uploads and writes the addresses into `layout` (all 0 when there is nothing); with `all` the coatings of all

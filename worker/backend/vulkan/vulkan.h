@@ -68,6 +68,7 @@ enum vulkan_constant {
     VULKAN_HAS_VARIED,
     VULKAN_HAS_GLOSSY,
     VULKAN_HAS_BRUSHED,
+    VULKAN_HAS_HELD,
     VULKAN_CONSTANTS
 };
 
