@@ -56,7 +56,7 @@ real3 flux_then() { return real3_of(more.flux); }
 /* A path that ends after `length` surfaces and lands nowhere. */
 kiln_gpu_landing landing_of(uint end, uint length)
 {
-    return kiln_gpu_landing(float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, KILN_GPU_NONE,
+    return kiln_gpu_landing(float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, KILN_GPU_NONE, KILN_GPU_NONE,
                             end | length << KILN_GPU_LAND_LENGTH);
 }
 
@@ -65,10 +65,12 @@ kiln_gpu_landing land(Vertex v, float taken_up)
 {
     kiln_gpu_landing landing = landing_of(LANDED, path.surface);
     const float above = dot(v.m.normal, v.from);
-    landing.u = hit.u;
-    landing.v = hit.v;
-    landing.triangle =
-        (more.flags & KILN_GPU_LAND_IMAGED) != 0u ? KILN_GPU_NONE : hit.triangle | (hit.back ? KILN_GPU_BOTH_BACK : 0u);
+    uint64_t point;
+    if ((more.flags & KILN_GPU_LAND_IMAGED) == 0u &&
+        kiln_store_landing(kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back), point)) {
+        landing.point_low = uint(point);
+        landing.point_high = uint(point >> 32);
+    }
     landing.shading = above > 0.0 ? max(0.0, dot(v.m.shading, v.from)) / above : 1.0;
     landing.taken_up = taken_up;
     if (SHARES) {
@@ -87,5 +89,5 @@ void finish(kiln_gpu_landing landing, real3 flux)
     const uint end = landing.end & KILN_GPU_LAND_END;
     if (end == LANDED || end == ESCAPED || end == BLOCKED)
         landing.flux = floats_of(vec3(flux * real3(weight)));
-    LandingArray(push.sums + 44ul * slot).at[0] = landing;
+    LandingArray(push.sums + 40ul * slot).at[0] = landing;
 }

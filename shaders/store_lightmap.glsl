@@ -55,10 +55,11 @@ kiln_store_way kiln_store_enter(uint triangle, float u, float v, bool back)
     return to;
 }
 
-/* The surface point there; false: there is none. */
-bool kiln_store_point(kiln_store_way to, out uint64_t point)
+/* The surface point there; false: there is none. `beyond`: that it lies beyond a wall that divides its texel. */
+bool kiln_store_find(kiln_store_way to, out uint64_t point, out bool beyond)
 {
     point = 0ul;
+    beyond = false;
     if (HAS_OCTREE != 0u && to.tile == 0ul)
         return false;
     uvec4 tile = TileWords(to.tile).at[0];
@@ -75,13 +76,26 @@ bool kiln_store_point(kiln_store_way to, out uint64_t point)
             const uint64_t number = uint64_t(tile.w & ~KILN_TILE_SPLIT_HIGH) << 32 | tile.z;
             const uint64_t before = number * uint64_t(KILN_GPU_DIVIDED_BYTES);
             const kiln_gpu_divided texel = DividedArray(SCENE.store.divided + before).at[0];
-            const bool beyond = texel.face[0] * to.place.x + texel.face[1] * to.place.y > texel.middle;
+            beyond = texel.face[0] * to.place.x + texel.face[1] * to.place.y > texel.middle;
             point = beyond ? texel.beyond : texel.point;
             return true;
         }
     }
     point = (uint64_t(tile.w) << 32 | tile.z) + kiln_bits_below(tile.xy, to.bit);
     return true;
+}
+
+bool kiln_store_point(kiln_store_way to, out uint64_t point)
+{
+    bool beyond;
+    return kiln_store_find(to, point, beyond);
+}
+
+/* The point that light lands on there (worker/store/landing.h): none beyond a wall. */
+bool kiln_store_landing(kiln_store_way to, out uint64_t point)
+{
+    bool beyond;
+    return kiln_store_find(to, point, beyond) && !beyond;
 }
 
 /* Radiosity there, W/m2; 0 beside every point. */

@@ -62,11 +62,10 @@ KILN_SIZE_IS(kiln_gpu_spheres, 120);
 struct kiln_gpu_landing {
     KILN_REAL32 flux[3];
     KILN_REAL32 shading, taken_up, others, sampled; /* struct kiln_land_result */
-    KILN_REAL32 u, v;
-    KILN_WORD triangle; /* with KILN_GPU_BOTH_BACK: met from behind; KILN_GPU_NONE: it has landed beside all points */
-    KILN_WORD end;      /* enum kiln_land_end, KILN_GPU_LAND_..., and from KILN_GPU_LAND_LENGTH on the surfaces met */
+    KILN_WORD point_low, point_high; /* the surface point's global number; KILN_NO_POINT: it has landed beside all */
+    KILN_WORD end; /* enum kiln_land_end, KILN_GPU_LAND_..., and from KILN_GPU_LAND_LENGTH on the surfaces met */
 };
-KILN_SIZE_IS(kiln_gpu_landing, 44);
+KILN_SIZE_IS(kiln_gpu_landing, 40);
 #define KILN_GPU_LAND_END 0xffu
 #define KILN_GPU_LAND_MISSED 0x100u /* its last ray has met nothing */
 #define KILN_GPU_LAND_LENGTH 16u

@@ -10,7 +10,6 @@
 #include "worker/light/aims.h"
 #include "worker/pass/land.h"
 #include "worker/pass/weighed.h"
-#include "worker/store/landing.h"
 
 /* Paths that are under way at once, at most; where the pacer begins. */
 enum { MOST_PATHS = 1 << 20, FIRST_GUESS = 1 << 15, LEAST = 64 };
@@ -27,7 +26,6 @@ struct portion {
 struct land_run {
     struct vulkan_backend *b;
     struct both_run *paths; /* b->both */
-    struct kiln_store store;
     struct portion portions[2];
     size_t room;                      /* paths of a portion */
     struct kiln_land_result *results; /* in b->results, which stays: new memory takes as long as half the paths do */
@@ -47,7 +45,7 @@ static void read_landing(const struct land_run *r, const struct kiln_gpu_landing
 {
     *aim = kiln_aims_find_next(r->aims, path % r->aims->paths, *aim);
     const uint32_t length = l->end >> KILN_GPU_LAND_LENGTH;
-    *result = (struct kiln_land_result){.point = KILN_NO_POINT,
+    *result = (struct kiln_land_result){.point = (uint64_t)l->point_high << 32 | l->point_low,
                                         .flux = {l->flux[0], l->flux[1], l->flux[2]},
                                         .shading = l->shading,
                                         .taken_up = l->taken_up,
@@ -57,9 +55,6 @@ static void read_landing(const struct land_run *r, const struct kiln_gpu_landing
                                         .length = (uint16_t)length};
     if (r->shares)
         result->sampled = l->sampled;
-    if (result->end == KILN_LAND_LANDED && l->triangle != KILN_GPU_NONE)
-        result->point = kiln_store_landing(&r->store, l->triangle & ~KILN_GPU_BOTH_BACK, l->u, l->v,
-                                           (l->triangle & KILN_GPU_BOTH_BACK) != 0);
 }
 
 /* Waits for a portion's answers and takes them over. */
@@ -133,7 +128,6 @@ static int prepare(struct land_run *r, const struct kiln_land_parameters *p, siz
     r->spheres = p->spheres;
     r->pacer = &b->pacers[r->spheres != NULL ? (size_t)VULKAN_PACE_SPHERES : (size_t)KILN_PASS_INDEX_land];
     r->shares = p->techniques != NULL && kiln_mis_has_factors(p->techniques->mis);
-    kiln_store_build(&r->store, b->surface, b->params.geometry);
     int status = vulkan_surfaces(b, error);
     if (status == KILN_OK)
         status = prepare_paths(r, count, p->techniques != NULL, error);
