@@ -11,6 +11,7 @@
 #include "coordinator/integrate/senders.h"
 #include "coordinator/integrate/nodes.h"
 #include "coordinator/integrate/energy.h"
+#include "coordinator/run/process.h"
 #include "coordinator/run/process_memory.h"
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/integrate/land.h"
@@ -134,6 +135,7 @@ static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *
     const struct kiln_field_set fields = fields_of(job);
     const uint64_t named = m->textures + m->scene + m->geometry + m->bvh + all_bytes(p->surface, p->geometry) +
                            rank_surface_bytes(p->surface, &fields);
+    kiln_process_give_back(); /* what is free is nobody's */
     const uint64_t resident = kiln_process_memory(KILN_MEMORY_NOW);
     m->program = KILN_PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
 }
