@@ -85,6 +85,7 @@ bool kiln_store_find(kiln_store_way to, out uint64_t point, out bool beyond)
     return true;
 }
 
+/* The surface point there, on either side of a wall; false: there is none. */
 bool kiln_store_point(kiln_store_way to, out uint64_t point)
 {
     bool beyond;

@@ -46,7 +46,7 @@ struct kiln_probe_paths_params {
 int kiln_probe_paths_leaves(const struct kiln_integrate_settings *settings, const struct kiln_lights *lights,
                             uint32_t samples, uint32_t *leaves, struct kiln_error *error);
 
-/* Tells the backend that the paths will come, if `leaves` is not 0 (kiln_backend_expect). Not collective. KILN_SYSTEM.
+/* Tells the backend that the paths will come (kiln_backend_expect), if `leaves` is not 0. Not collective; KILN_SYSTEM.
  */
 int kiln_probe_paths_expect(const struct kiln_integrate_settings *settings, struct kiln_backend *backend,
                             uint32_t leaves, struct kiln_error *error);

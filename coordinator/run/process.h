@@ -8,8 +8,8 @@
 /* Call it first, also in child processes. Each of the descriptors 0 to 2 that is closed is opened on /dev/null, so that
  * no file or pipe gets its number and then the text that is meant for a terminal. /dev/null is opened in the wrong
  * direction for that descriptor, so that using it still fails. SIGXFSZ is ignored, so that a file beyond the size limit
- * (ulimit -f) gives EFBIG, which kiln can report. Blocks of some MiB go back to the system when they are freed, so that
- * the peak of memory is what was in use at once, in every run. */
+ * (ulimit -f) gives EFBIG, which kiln can report. Blocks of 32 MiB and more go back to the system when they are freed,
+ * whatever was freed before; smaller ones stay with the process. */
 void kiln_process_begin(void);
 
 /* Gives memory that has been freed back to the system, so that the process' memory is what is in use. */

@@ -125,8 +125,7 @@ KILN_FUNCTION float kiln_brushed_at(KILN_U32 address_low, KILN_U32 address_high,
     const KILN_I32 j = KILN_TO_I32(float_min(u, last - 1.0f));
     const float a = float_min(p - KILN_TO_F32(i), 1.0f), b = u - KILN_TO_F32(j);
     const KILN_I32 k = (i * KILN_BRUSHED_U + j) * KILN_BRUSHED_VALUES + value;
-    const KILN_I32 layers =
-        part == 0.0f ? 1 : 4; /* a number that compilers do not know: else the code is there four times */
+    const KILN_I32 layers = part == 0.0f ? 1 : 4; /* not known to compilers, which would write the loop out */
     float sum = 0.0f;
     for (KILN_I32 layer = 0; layer < layers; layer++)
         sum += (layers == 1 ? 1.0f : kiln_brushed_weight(layer, part)) *

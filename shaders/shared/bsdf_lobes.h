@@ -325,22 +325,23 @@ KILN_FUNCTION float kiln_bsdf_held(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
 /* The curve by roughness, for a material whose roughness has a texture: `bare` where the coat's strength is 0, `coated`
  * where it is 1, at equal steps of roughness and, where that has a texture too, of the coat's. It is linear in the
  * strength, and between steps in both roughnesses. */
-#define KILN_HELD_LAYERS 17
-#define KILN_HELD_COATS 9
-struct kiln_held_table {
-    float first, last;           /* places of the first and the last roughness, 0 to KILN_HELD_LAYERS - 1, */
-    float coat_first, coat_last; /* and of the coat's, 0 to KILN_HELD_COATS - 1; the same where there is one */
-    KILN_STRUCT kiln_curve bare[KILN_HELD_LAYERS];
-    KILN_STRUCT kiln_curve coated[KILN_HELD_COATS * KILN_HELD_LAYERS]; /* of the coat's roughness, of roughness */
+#define KILN_BSDF_HELD_LAYERS 17
+#define KILN_BSDF_HELD_COATS 9
+struct kiln_bsdf_held_table {
+    float first, last;           /* places of the first and the last roughness, 0 to KILN_BSDF_HELD_LAYERS - 1, */
+    float coat_first, coat_last; /* and of the coat's, 0 to KILN_BSDF_HELD_COATS - 1; the same where there is one */
+    KILN_STRUCT kiln_curve bare[KILN_BSDF_HELD_LAYERS];
+    KILN_STRUCT kiln_curve
+        coated[KILN_BSDF_HELD_COATS * KILN_BSDF_HELD_LAYERS]; /* of the coat's roughness, of roughness */
 };
 #ifdef KILN_GLSL
-KILN_ARRAY(HeldTables, kiln_held_table, 4);
-#    define KILN_HELD_THERE (HAS_HELD != 0u)
-#    define KILN_HELD_TABLE(low, high) HeldTables(packUint2x32(uvec2(low, high))).at[0]
+KILN_ARRAY(BsdfHeldTables, kiln_bsdf_held_table, 4);
+#    define KILN_BSDF_HELD_THERE (HAS_HELD != 0u)
+#    define KILN_BSDF_HELD_TABLE(low, high) BsdfHeldTables(packUint2x32(uvec2(low, high))).at[0]
 #else
-#    define KILN_HELD_THERE true
-#    define KILN_HELD_TABLE(low, high)                                                                                 \
-        (*(const struct kiln_held_table *)(uintptr_t)((uint64_t)(high) << 32 | (uint64_t)(low)))
+#    define KILN_BSDF_HELD_THERE true
+#    define KILN_BSDF_HELD_TABLE(low, high)                                                                            \
+        (*(const struct kiln_bsdf_held_table *)(uintptr_t)((uint64_t)(high) << 32 | (uint64_t)(low)))
 #endif
 
 /* ---- the diffuse surface, for what stores its radiosity ----
@@ -476,7 +477,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_begin(KILN_STRUCT kiln_bsdf 
 
 struct kiln_bsdf_tables {
     KILN_U32 brushed_low, brushed_high; /* address of the first layer of brushed facets; 0: there is none */
-    KILN_U32 held_low, held_high;       /* of a struct kiln_held_table */
+    KILN_U32 held_low, held_high;       /* of a struct kiln_bsdf_held_table */
 };
 
 /* The matt layer's share of all light, from what a coat lets in, what facets keep of it, and their Fresnel share. */
@@ -558,13 +559,14 @@ KILN_FUNCTION void kiln_bsdf_take_layers(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes)
 KILN_FUNCTION float kiln_between(float a, float b, float part) { return (1.0f - part) * a + part * b; }
 
 /* Fills in `holds`, `held` and `held_mean` by a table. */
-KILN_FUNCTION void kiln_held_take(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KILN_U32 low, KILN_U32 high)
+KILN_FUNCTION void kiln_bsdf_take_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KILN_U32 low, KILN_U32 high)
 {
     if (!kiln_bsdf_holds(KILN_AT(l)) || KILN_AT(l).base_is_mirror != 0u)
         return;
-    const float steps = KILN_TO_F32(KILN_HELD_LAYERS - 1), coats = KILN_TO_F32(KILN_HELD_COATS - 1);
-    const float first = KILN_HELD_TABLE(low, high).first, last = KILN_HELD_TABLE(low, high).last;
-    const float coat_first = KILN_HELD_TABLE(low, high).coat_first, coat_last = KILN_HELD_TABLE(low, high).coat_last;
+    const float steps = KILN_TO_F32(KILN_BSDF_HELD_LAYERS - 1), coats = KILN_TO_F32(KILN_BSDF_HELD_COATS - 1);
+    const float first = KILN_BSDF_HELD_TABLE(low, high).first, last = KILN_BSDF_HELD_TABLE(low, high).last;
+    const float coat_first = KILN_BSDF_HELD_TABLE(low, high).coat_first,
+                coat_last = KILN_BSDF_HELD_TABLE(low, high).coat_last;
     const float r = float_min(float_max(float_sqrt(KILN_AT(l).p.alpha_x) * steps, first), last) - first;
     const float s =
         float_min(float_max(float_sqrt(KILN_AT(l).p.coat_alpha) * coats, coat_first), coat_last) - coat_first;
@@ -573,12 +575,14 @@ KILN_FUNCTION void kiln_held_take(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KIL
     const KILN_I32 i_next = last > first ? i + 1 : i, j_next = coat_last > coat_first ? j + 1 : j;
     const float a = r - KILN_TO_F32(i), b = s - KILN_TO_F32(j);
     for (KILN_I32 k = 0; k < KILN_HELD_POINTS; k++) {
-        const float bare =
-            kiln_between(KILN_HELD_TABLE(low, high).bare[i].c[k], KILN_HELD_TABLE(low, high).bare[i_next].c[k], a);
-        const float here = kiln_between(KILN_HELD_TABLE(low, high).coated[KILN_HELD_LAYERS * j + i].c[k],
-                                        KILN_HELD_TABLE(low, high).coated[KILN_HELD_LAYERS * j + i_next].c[k], a);
-        const float there = kiln_between(KILN_HELD_TABLE(low, high).coated[KILN_HELD_LAYERS * j_next + i].c[k],
-                                         KILN_HELD_TABLE(low, high).coated[KILN_HELD_LAYERS * j_next + i_next].c[k], a);
+        const float bare = kiln_between(KILN_BSDF_HELD_TABLE(low, high).bare[i].c[k],
+                                        KILN_BSDF_HELD_TABLE(low, high).bare[i_next].c[k], a);
+        const float here =
+            kiln_between(KILN_BSDF_HELD_TABLE(low, high).coated[KILN_BSDF_HELD_LAYERS * j + i].c[k],
+                         KILN_BSDF_HELD_TABLE(low, high).coated[KILN_BSDF_HELD_LAYERS * j + i_next].c[k], a);
+        const float there =
+            kiln_between(KILN_BSDF_HELD_TABLE(low, high).coated[KILN_BSDF_HELD_LAYERS * j_next + i].c[k],
+                         KILN_BSDF_HELD_TABLE(low, high).coated[KILN_BSDF_HELD_LAYERS * j_next + i_next].c[k], a);
         KILN_AT(l).held.c[k] = kiln_between(bare, kiln_between(here, there, b), KILN_AT(l).coat.strength);
     }
     KILN_AT(l).holds = 1u;
@@ -594,8 +598,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare_hit(KILN_STRUCT kiln
         kiln_bsdf_take_layers(KILN_TO(l), tables.brushed_low, tables.brushed_high);
     else
         kiln_bsdf_means(KILN_TO(l));
-    if (KILN_HELD_THERE && (tables.held_low | tables.held_high) != 0u)
-        kiln_held_take(KILN_TO(l), tables.held_low, tables.held_high);
+    if (KILN_BSDF_HELD_THERE && (tables.held_low | tables.held_high) != 0u)
+        kiln_bsdf_take_held(KILN_TO(l), tables.held_low, tables.held_high);
     kiln_bsdf_dye(KILN_TO(l), p.base_color);
     return l;
 }

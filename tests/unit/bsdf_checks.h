@@ -55,7 +55,7 @@ struct textured {
     const struct material *material;
     float index;
     struct kiln_brushed_table stack[KILN_BRUSHED_LAYERS];
-    struct kiln_held_table held;
+    struct kiln_bsdf_held_table held;
     struct kiln_bsdf_tables tables;
 };
 static inline struct kiln_bsdf_tables textured_tables(const struct material *m, struct kiln_bsdf p)
@@ -75,9 +75,9 @@ static inline struct kiln_bsdf_tables textured_tables(const struct material *m, 
         last.tables.brushed_low = low;
         last.tables.brushed_high = high;
     } else {
-        kiln_held_tabulate(&last.held, &p, kiln_layers_of(0.0f, 1.0f, KILN_HELD_LAYERS - 1),
-                           m->coat_varies ? kiln_layers_of(0.0f, 1.0f, KILN_HELD_COATS - 1)
-                                          : kiln_layers_of(coat, coat, KILN_HELD_COATS - 1));
+        kiln_bsdf_held_tabulate(&last.held, &p, kiln_layers_of(0.0f, 1.0f, KILN_BSDF_HELD_LAYERS - 1),
+                                m->coat_varies ? kiln_layers_of(0.0f, 1.0f, KILN_BSDF_HELD_COATS - 1)
+                                               : kiln_layers_of(coat, coat, KILN_BSDF_HELD_COATS - 1));
         last.tables.held_low = low;
         last.tables.held_high = high;
     }

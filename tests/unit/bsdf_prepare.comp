@@ -23,7 +23,7 @@ void kiln_kernel(uint x, uint y)
     if ((push.tables.brushed_low | push.tables.brushed_high) != 0u && l.base_is_mirror == 0u)
         kiln_bsdf_take_layers(l, push.tables.brushed_low, push.tables.brushed_high);
     if ((push.tables.held_low | push.tables.held_high) != 0u)
-        kiln_held_take(l, push.tables.held_low, push.tables.held_high);
+        kiln_bsdf_take_held(l, push.tables.held_low, push.tables.held_high);
     kiln_bsdf_dye(l, l.p.base_color);
     Lobes(push.lobes).at[x] = l;
 }

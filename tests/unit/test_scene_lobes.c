@@ -117,7 +117,7 @@ static void coats_over_rough_glass(void **state)
         gloss->ior = i == 2 ? 1.33f : 1.5f;
     }
     struct kiln_gloss_lobes *lobes = lobes_of(f, &bytes);
-    assert_int_equal(bytes.held, 2 * sizeof(struct kiln_held_table));
+    assert_int_equal(bytes.held, 2 * sizeof(struct kiln_bsdf_held_table));
     assert_int_equal(bytes.brushed, 0);
     assert_true(lobes[0].tables.held_low == lobes[1].tables.held_low);
     assert_true(lobes[0].tables.held_low != lobes[2].tables.held_low);

@@ -196,7 +196,7 @@ static struct kiln_bsdf_tables upload_tables(struct gpu *gpu, const struct kiln_
     const uint32_t high = brushed ? host->brushed_high : host->held_high;
     const void *table = (const void *)(uintptr_t)((uint64_t)high << 32 | low);
     const size_t bytes =
-        brushed ? KILN_BRUSHED_LAYERS * sizeof(struct kiln_brushed_table) : sizeof(struct kiln_held_table);
+        brushed ? KILN_BRUSHED_LAYERS * sizeof(struct kiln_brushed_table) : sizeof(struct kiln_bsdf_held_table);
     assert_int_equal(gpu_buffer_of(gpu, buffer, table, bytes, "tables", NULL), KILN_OK);
     *(brushed ? &there.brushed_low : &there.held_low) = (uint32_t)buffer->address;
     *(brushed ? &there.brushed_high : &there.held_high) = (uint32_t)(buffer->address >> 32);

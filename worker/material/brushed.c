@@ -491,19 +491,19 @@ static struct kiln_curve held_curve(const struct kiln_bsdf *p, float roughness, 
     return curve;
 }
 
-void kiln_held_tabulate(struct kiln_held_table *table, const struct kiln_bsdf *p, struct kiln_layers layers,
-                        struct kiln_layers coats)
+void kiln_bsdf_held_tabulate(struct kiln_bsdf_held_table *table, const struct kiln_bsdf *p, struct kiln_layers layers,
+                             struct kiln_layers coats)
 {
-    *table = (struct kiln_held_table){
+    *table = (struct kiln_bsdf_held_table){
         .first = layers.first, .last = layers.last, .coat_first = coats.first, .coat_last = coats.last};
 #pragma omp parallel for collapse(2) schedule(dynamic)
     for (int j = -1; j < coats.count; j++) /* -1: without a coat */
         for (int k = 0; k < layers.count; k++) {
-            const float roughness = (layers.first + (float)k) / (float)(KILN_HELD_LAYERS - 1);
+            const float roughness = (layers.first + (float)k) / (float)(KILN_BSDF_HELD_LAYERS - 1);
             if (j < 0)
                 table->bare[k] = held_curve(p, roughness, 0.0f, 0.0f);
             else
-                table->coated[KILN_HELD_LAYERS * j + k] =
-                    held_curve(p, roughness, 1.0f, (coats.first + (float)j) / (float)(KILN_HELD_COATS - 1));
+                table->coated[KILN_BSDF_HELD_LAYERS * j + k] =
+                    held_curve(p, roughness, 1.0f, (coats.first + (float)j) / (float)(KILN_BSDF_HELD_COATS - 1));
         }
 }
