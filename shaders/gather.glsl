@@ -31,8 +31,8 @@ KILN_ARRAY(AreaArray, float, 4);
 #elif defined(KILN_KEEP)
 KILN_PUSH(kiln_gpu_rows_push);
 #    include "shaders/kept_rows.glsl"
-#    define PROBES push.lights /* any address will do: such rays ask no probes */
-#    define NEAR_PROBES push.lights
+#    define PROBES push.rows /* any address will do: such rays ask no probes */
+#    define NEAR_PROBES push.rows
 #    define GUIDE_BEGIN(index) row_begin((index)-push.chunk.origin);
 #    define HEMISPHERE_RAY_DONE(k) row_keep(k)
 #elif defined(KILN_DIRECTIONS)

@@ -9,6 +9,7 @@
 KILN_PUSH(kiln_gpu_held_push);
 
 #include "shaders/held.glsl"
+const uint LANES = 1u;
 #include "shaders/held_sums.glsl"
 
 /* The answer of a point: means. */
@@ -79,11 +80,11 @@ void tally(Direct r, vec3 albedo, double area, kiln_gpu_held_light about)
     const double per_unit = held_power_of_two(-int(about.unit)), error = double(r.error);
     for (uint c = 0u; c < 3u; c++) {
         precise const double arrives = area * double(r.incident[c]), goes = arrives * double(albedo[c]);
-        set_power(INCIDENT + c, arrives, per_unit);
-        set_power(REFLECTED + c, goes, per_unit);
+        add_power(INCIDENT + c, arrives, per_unit);
+        add_power(REFLECTED + c, goes, per_unit);
     }
     precise const double variance = area * area * error * error;
-    set_power(VARIANCE, variance, held_power_of_two(-int(about.unit_squared)));
+    add_power(VARIANCE, variance, held_power_of_two(-int(about.unit_squared)));
 }
 
 void put(uint64_t floats, vec3 rgb)
@@ -121,7 +122,7 @@ void kiln_kernel(uint x, uint y)
         if (about.part_count != KILN_GPU_NONE)
             take(held, y, about, push.first + x);
     }
-    add_up(held, y, x / THREADS, push.count);
+    add_up(held, y, x / THREADS);
 }
 
 #include "shaders/main.glsl"

@@ -2,46 +2,17 @@
  * of other points each `split`-th. Before it stand three constants: FLOATS, how many floats a slice has; MOST_FLOATS, a
  * literal, how many it may have; MEASURED, the float whose quarters are wanted (KILN_GPU_NONE: of none). As constants
  * they let the compiler unroll the loops and keep the sums in registers. HEMISPHERE_REDUCE_PUSH may name other push
- * constants, which have the same members, HEMISPHERE_SLICES where the slices begin. */
+ * constants, which have the same members. */
 #ifndef HEMISPHERE_REDUCE_PUSH
 #    define HEMISPHERE_REDUCE_PUSH kiln_gpu_hemisphere_reduce_push
 #endif
-#ifndef HEMISPHERE_SLICES
-#    define HEMISPHERE_SLICES push.slices
-#endif
-#include "shaders/sum.glsl"
+#include "shaders/totals.glsl"
 
 KILN_PUSH(HEMISPHERE_REDUCE_PUSH);
 
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 KILN_ARRAY(WordArray, uint, 4);
 KILN_ARRAY(FloatArray, float, 4);
-
-struct Totals {
-    float sum[MOST_FLOATS];
-    float quarters[4]; /* what the four quarters of the samples have of float MEASURED */
-};
-
-float float_of(kiln_sum sum) { return sum.high + sum.low; }
-
-/* Standard error of the mean of four sub-nets, from their means: more than the error of the whole net, whose parts
- * balance one another. Squares are of differences over a power of two near the largest, so that they fit a float. */
-float quarters_error(float quarters[4])
-{
-    const float middle = 0.25 * (quarters[0] + quarters[1] + quarters[2] + quarters[3]);
-    float most = 0.0, square = 0.0;
-    for (uint q = 0u; q < 4u; q++)
-        most = max(most, abs(quarters[q] - middle));
-    int exponent;
-    frexp(most, exponent);
-    exponent = clamp(exponent, -126, 126);
-    const float down = ldexp(1.0, -exponent);
-    for (uint q = 0u; q < 4u; q++) {
-        const float off = down * (quarters[q] - middle);
-        square += off * off;
-    }
-    return ldexp(1.0, exponent) * sqrt(square / 12.0);
-}
 
 /* False for an invalid point. */
 bool hemisphere_totals(uint x, out Totals totals)
@@ -61,7 +32,7 @@ bool hemisphere_totals(uint x, out Totals totals)
         kiln_sum quarter = kiln_sum(0.0, 0.0);
         for (uint i = 0u; i < rows; i += step) {
             const uint64_t row = uint64_t((q * rows + i) * FLOATS) * push.chunk.total * 4ul;
-            FloatArray slice = FloatArray(HEMISPHERE_SLICES + row);
+            FloatArray slice = FloatArray(push.slices + row);
             for (uint c = 0u; c < MOST_FLOATS; c++)
                 if (c < FLOATS)
                     kiln_add(sums[c], slice.at[c * push.chunk.total + x]);

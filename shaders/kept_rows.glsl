@@ -10,4 +10,3 @@ uint row_word;        /* of the ray */
 
 void row_begin(uint x) { row_address = push.rows + 4ul + uint64_t(x) * uint64_t(4u * (1u + push.hemisphere.samples)); }
 void row_keep(uint k) { RowWords(row_address).at[k] = row_word; }
-void row_recall(uint k) { row_word = RowWords(row_address).at[k]; }

@@ -1,23 +1,55 @@
-/* Adds up the slices of light y of replay.comp, and takes the answers over on the device: what the integrator "cells"
- * does on the host (coordinator/integrate/cells/take.c), with the same bits, and its sums of power (ledger.c), in whole
- * units, so that no order counts. Each workgroup leaves its own sums; held_powers.comp adds these up. */
+/* Takes the answers of replay_held.comp over on the device: what the integrator "cells" does on the host
+ * (coordinator/integrate/cells/take.c), with the same bits, and its sums of power (ledger.c), in whole units, so that no
+ * order counts. A workgroup has 64 points under all LIGHTS lights, and leaves its own sums; held_powers.comp adds these
+ * up. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
 
-uint light;
-#define HEMISPHERE_REDUCE_PUSH kiln_gpu_replay_reduce_push
-#define HEMISPHERE_SLICES (push.slices + uint64_t(light) * push.light_bytes)
-#define GATHER_KERNEL
-#include "shaders/gather_reduce.glsl"
+KILN_PUSH(kiln_gpu_replay_push);
+layout(constant_id = 6) const uint LIGHTS = 1u;
+const uint LANES = LIGHTS > 8u ? 16u : LIGHTS > 4u ? 8u : LIGHTS > 2u ? 4u : LIGHTS; /* as replay.glsl has them */
+
 #include "shaders/held.glsl"
 #include "shaders/held_sums.glsl"
+
+KILN_ARRAY(PointArray, kiln_gpu_point, 8);
+KILN_ARRAY(WordArray, uint, 4);
+KILN_ARRAY(FloatArray, float, 4);
+
+/* The answer of a valid point: sums over its samples. */
+struct Answer {
+    vec3 incident, irradiance;
+    float escaped, blocked, error, present;
+};
+
+float float_of(uint c, uint x, uint light)
+{
+    return FloatArray(push.results + (uint64_t(c) * push.chunk.total + x) * uint64_t(4u * LIGHTS)).at[light];
+}
+
+vec3 floats_of(uint c, uint x, uint light)
+{
+    return vec3(float_of(c, x, light), float_of(c + 1u, x, light), float_of(c + 2u, x, light));
+}
+
+Answer answer_of(uint x, uint light)
+{
+    Answer r;
+    r.incident = floats_of(KILN_GPU_REPLAY_INCIDENT, x, light);
+    r.irradiance = HAS_SMOOTH != 0u ? floats_of(KILN_GPU_REPLAY_IRRADIANCE, x, light) : r.incident;
+    r.escaped = float_of(KILN_GPU_REPLAY_ESCAPED, x, light);
+    r.blocked = float_of(KILN_GPU_REPLAY_BLOCKED, x, light);
+    r.error = float_of(KILN_GPU_REPLAY_ERROR, x, light);
+    r.present = PointArray(push.chunk.points).at[push.chunk.origin + x].present;
+    return r;
+}
 
 /* kiln_mean: what doubles say of a quotient of floats is near enough for its rounding. */
 float mean_of(float sum) { return float(double(sum) / double(push.samples)); }
 
 /* kiln_tally_add; `area` in m2 */
-void tally(kiln_gpu_result r, vec3 incident, vec3 albedo, vec3 sent, double area, kiln_gpu_held_light about)
+void tally(Answer r, vec3 incident, vec3 albedo, vec3 sent, double area, kiln_gpu_held_light about)
 {
     const double per_unit = held_power_of_two(-int(about.unit));
     const double escaped = double(mean_of(r.escaped)), blocked = double(mean_of(r.blocked)),
@@ -27,19 +59,19 @@ void tally(kiln_gpu_result r, vec3 incident, vec3 albedo, vec3 sent, double area
         precise const double arrives = area * double(incident[c]), goes = arrives * double(albedo[c]);
         precise const double leaves = area * double(sent[c]), escapes = leaves * escaped, stops = leaves * blocked;
         power[c] = leaves;
-        set_power(INCIDENT + c, arrives, per_unit);
-        set_power(REFLECTED + c, goes, per_unit);
-        set_power(SENT + c, leaves, per_unit);
-        set_power(ESCAPED + c, escapes, per_unit);
-        set_power(BLOCKED + c, stops, per_unit);
+        add_power(INCIDENT + c, arrives, per_unit);
+        add_power(REFLECTED + c, goes, per_unit);
+        add_power(SENT + c, leaves, per_unit);
+        add_power(ESCAPED + c, escapes, per_unit);
+        add_power(BLOCKED + c, stops, per_unit);
     }
     const double luminance = 0.2126LF * power.r + 0.7152LF * power.g + 0.0722LF * power.b;
-    set_power(VARIANCE, area * area * error * error + luminance * luminance * lost * (1.0LF - lost) / double(r.count),
+    add_power(VARIANCE, area * area * error * error + luminance * luminance * lost * (1.0LF - lost) / double(push.samples),
               held_power_of_two(-int(about.unit_squared)));
 }
 
-/* Point `own` in the light. */
-void take(kiln_gpu_held held, uint64_t own, bool valid, kiln_gpu_result r)
+/* Point `own` under the light. */
+void take(kiln_gpu_held held, uint64_t own, uint light, bool valid, Answer r)
 {
     const kiln_gpu_held_light about = HeldLights(held.lights).at[light];
     const kiln_gpu_held_point p = HeldPoints(held.of_point + own * 16ul).at[0];
@@ -64,24 +96,26 @@ void take(kiln_gpu_held held, uint64_t own, bool valid, kiln_gpu_result r)
     else
         HeldPairs(held.to + pair).at[0] = held_next(held, p, radiosity, int(about.scale));
     const double area = packDouble2x32(uvec2(p.area[0], p.area[1])) * double(r.present);
-    const uvec2 sent = HeldPairs(held.from + pair).at[0];
     if (valid && area > 0.0LF)
-        tally(r, incident, albedo, kiln_radiosity_unpack(sent), area, about);
-    if (r.error < 0.0)
+        tally(r, incident, albedo, kiln_radiosity_unpack(HeldPairs(held.from + pair).at[0]), area, about);
+    if (valid && r.error < 0.0)
         HeldWords(held.powers + uint64_t(held.count * POWERS) * 16ul).at[0] = 1u;
 }
 
-void kiln_kernel(uint x, uint y)
+void kiln_kernel(uint thread, uint y)
 {
-    const kiln_gpu_held held = HeldRef(push.results).value;
-    light = y;
+    const kiln_gpu_held held = HeldRef(push.held).value;
+    const uint lane = gl_LocalInvocationID.x, light = lane % LANES, group = thread / THREADS;
     no_powers();
-    if (x < push.chunk.total && y < push.lights) {
-        kiln_gpu_result r;
-        const bool valid = gather_result(x, r);
-        take(held, push.first + uint64_t(x), valid, r);
+    for (uint i = 0u; i < THREADS && light < LIGHTS; i += THREADS / LANES) {
+        const uint x = group * THREADS + i + lane / LANES;
+        if (x >= push.chunk.total)
+            break;
+        const bool valid = (WordArray(push.chunk.states).at[push.chunk.origin + x] & KILN_GPU_STATE_MASK) !=
+                           KILN_GPU_STATE_INVALID;
+        take(held, push.first + uint64_t(x), light, valid, answer_of(x, light));
     }
-    add_up(held, light, x / THREADS, push.chunk.total);
+    add_up(held, 0u, group);
 }
 
 #include "shaders/main.glsl"

@@ -33,6 +33,15 @@ struct kiln_gpu_held_part {
 };
 KILN_SIZE_IS(kiln_gpu_held_part, 24);
 
+/* Of the answer of a gather under a light, so many floats: incident, irradiance (3 each; the same where no normal is
+ * smooth, and not there), escaped, blocked, error. */
+#define KILN_GPU_REPLAY_FLOATS 9u
+#define KILN_GPU_REPLAY_INCIDENT 0u
+#define KILN_GPU_REPLAY_IRRADIANCE 3u
+#define KILN_GPU_REPLAY_ESCAPED 6u
+#define KILN_GPU_REPLAY_BLOCKED 7u
+#define KILN_GPU_REPLAY_ERROR 8u
+
 /* What a step adds up, in this order: incident, reflected, sent, escaped, blocked (3 each), variance. */
 #define KILN_GPU_HELD_POWERS 16u
 /* A sum of whole units: high x 2^40 + low. */
@@ -50,7 +59,7 @@ struct kiln_gpu_held {
     KILN_ADDRESS mixes;         /* struct kiln_gpu_held_part each */
     KILN_ADDRESS of_point;      /* struct kiln_gpu_held_point each */
     KILN_ADDRESS lights;        /* struct kiln_gpu_held_light each */
-    KILN_ADDRESS parts; /* sums of power of workgroup g under light l: from (g * count + l) * KILN_GPU_HELD_POWERS on */
+    KILN_ADDRESS parts; /* sums of power of group g of points under light l: from (g * count + l) * KILN_GPU_HELD_POWERS on */
     KILN_ADDRESS powers; /* of all: of light l from l * KILN_GPU_HELD_POWERS on; then a word: an answer is not good */
     KILN_WORD64 points;
     KILN_WORD count;   /* lights */

@@ -75,17 +75,17 @@ KILN_SIZE_IS(kiln_gpu_gather_push, 128);
 KILN_OFFSET_IS(kiln_gpu_gather_push, hemisphere, 56);
 KILN_OFFSET_IS(kiln_gpu_gather_push, probes, 112);
 
-/* keep.comp, replay.comp: the bounce pass whose rays are kept, or were. */
+/* keep.comp: the bounce pass whose rays are kept. */
 struct kiln_gpu_rows_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_STRUCT kiln_gpu_hemisphere hemisphere;
-    KILN_ADDRESS lights; /* of replay.comp: packed radiosity, of each point under each light */
-    KILN_ADDRESS rows;   /* words: the row of the chunk's point x from x * (1 + samples) on */
+    KILN_ADDRESS reserved;
+    KILN_ADDRESS rows; /* words: the row of the chunk's point x from x * (1 + samples) on */
 };
 KILN_SIZE_IS(kiln_gpu_rows_push, 128);
 KILN_OFFSET_IS(kiln_gpu_rows_push, hemisphere, 56);
-KILN_OFFSET_IS(kiln_gpu_rows_push, lights, 112);
+KILN_OFFSET_IS(kiln_gpu_rows_push, rows, 120);
 
 /* directions.comp: the directions pass. */
 struct kiln_gpu_directions_push {
@@ -152,20 +152,23 @@ KILN_OFFSET_IS(kiln_gpu_guided_reduce_push, guided, 96);
 #include "shaders/shared/layout_held.h"
 #include "shaders/shared/layout_regression.h"
 
-/* replay_reduce.comp, replay_take.comp: the same of the gather pass from rows, of light y. */
-struct kiln_gpu_replay_reduce_push {
+/* replay.comp, replay_held.comp: the gather pass from rows; replay_take.comp, which takes answers over on the device. */
+struct kiln_gpu_replay_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
-    KILN_ADDRESS slices;
-    KILN_ADDRESS results; /* of point x under light y: number x * lights + y; or struct kiln_gpu_held */
-    KILN_WORD64 first;    /* of replay_take.comp: the own point of x = 0 */
-    KILN_WORD samples, per_quarter, split;
-    KILN_WORD lights;
-    KILN_WORD64 light_bytes; /* of the slices of a light */
+    KILN_ADDRESS lights;  /* packed radiosity: of point i under light l pair i * lights + l */
+    KILN_ADDRESS rows;    /* words: the row of the chunk's point x from x * (1 + samples) on */
+    KILN_ADDRESS weights; /* row_weights.comp */
+    KILN_ADDRESS results; /* of point x under light l: number x * lights + l; of replay_held.comp floats */
+    KILN_ADDRESS held;    /* of replay_take.comp: struct kiln_gpu_held */
+    KILN_WORD64 first;    /* likewise: the own point of x = 0 */
+    KILN_WORD samples;
+    KILN_WORD slice, split; /* of a whole point a slice has so many samples, of a partly buried one `split` times fewer */
+    KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_replay_reduce_push, 104);
-KILN_OFFSET_IS(kiln_gpu_replay_reduce_push, samples, 80);
-KILN_OFFSET_IS(kiln_gpu_replay_reduce_push, light_bytes, 96);
+KILN_SIZE_IS(kiln_gpu_replay_push, 120);
+KILN_OFFSET_IS(kiln_gpu_replay_push, lights, 56);
+KILN_OFFSET_IS(kiln_gpu_replay_push, first, 96);
 
 /* held.comp, held_direct.comp, held_powers.comp: light that stays on the device. */
 struct kiln_gpu_held_push {
@@ -173,7 +176,7 @@ struct kiln_gpu_held_push {
     KILN_ADDRESS held;      /* struct kiln_gpu_held */
     KILN_ADDRESS bytes;     /* of held.comp: what the host has brought of a light, or fetches */
     KILN_WORD light;        /* whose that is */
-    KILN_WORD groups;       /* of held_powers.comp: workgroups whose sums are added */
+    KILN_WORD groups;       /* of held_powers.comp: whose sums are added */
     KILN_WORD first, count; /* of held_direct.comp: points */
 };
 KILN_SIZE_IS(kiln_gpu_held_push, 40);

@@ -6,8 +6,8 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 
-/* Threads of a workgroup; and that follow chains: what fills a GPU. */
-enum { GROUP = 64, CHAIN_THREADS = 1 << 18 };
+/* Threads that follow chains: what fills a GPU. */
+enum { CHAIN_THREADS = 1 << 18 };
 
 struct hemisphere {
     struct vulkan_backend *b;
@@ -15,7 +15,6 @@ struct hemisphere {
     const struct kiln_batch *batch;
     struct gpu_kernel *whole, *reduce;
     struct gpu_kernel *between;                          /* NULL: none */
-    struct gpu_kernel *powers;                           /* likewise */
     struct gpu_kernel *apart, *apart_begin, *apart_sums; /* likewise */
     struct gpu_kernel *buried;                           /* made when there is a point for it: it takes its time */
     struct kiln_slices slices;
@@ -67,9 +66,7 @@ static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *
         skip_points(h, chunk, own + 1);
 }
 
-static uint32_t lights_of(const struct hemisphere *h) { return h->pass->lights > 0 ? h->pass->lights : 1; }
-
-/* Bytes of a point's slices, of one light. */
+/* Bytes of a point's slices. */
 static size_t slice_bytes(const struct hemisphere *h)
 {
     return (size_t)4 * h->slices.per_quarter * h->slices.split * h->pass->floats * sizeof(float);
@@ -124,30 +121,6 @@ static void record_chains(const struct hemisphere *h, const struct vulkan_chunk 
     vulkan_record(recording, h->apart_sums, push.points, push.row_last - push.row_first, &push, sizeof push);
 }
 
-/* The sums of answers under lights, all in one dispatch. */
-static void record_lights(const struct hemisphere *h, const struct vulkan_chunk *chunk,
-                          struct vulkan_recording *recording)
-{
-    const struct kiln_surface *s = h->b->surface;
-    const uint32_t lights = lights_of(h);
-    const struct kiln_gpu_replay_reduce_push push = {
-        .scene = h->b->scene.address,
-        .chunk = chunk->all,
-        .slices = chunk->scratch,
-        .results = h->pass->held != 0 ? h->pass->held : chunk->results,
-        .first = kiln_own_of_global(s, s->tile_runs[chunk->tile_run_first].first).at,
-        .samples = h->batch->samples,
-        .per_quarter = h->slices.per_quarter,
-        .split = h->slices.split,
-        .lights = lights,
-        .light_bytes = (uint64_t)chunk->all.total * slice_bytes(h)};
-    const struct kiln_gpu_held_push powers = {
-        .scene = push.scene, .held = h->pass->held, .groups = (chunk->all.total + GROUP - 1) / GROUP};
-    vulkan_record(recording, h->reduce, chunk->all.total, lights, &push, sizeof push);
-    if (h->pass->held != 0)
-        vulkan_record(recording, h->powers, GROUP * KILN_GPU_HELD_POWERS, lights, &powers, sizeof powers);
-}
-
 static void record_sums(const struct hemisphere *h, const struct vulkan_chunk *chunk,
                         struct vulkan_recording *recording)
 {
@@ -169,16 +142,14 @@ static void record_sums(const struct hemisphere *h, const struct vulkan_chunk *c
     vulkan_record(recording, h->reduce, chunk->all.total, 1, &push, bytes);
 }
 
-static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
-                  struct kiln_error *error)
+/* The first kernel over a portion, with the points that are partly buried apart. */
+static int record_rays(struct hemisphere *h, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
+                       struct kiln_error *error)
 {
-    struct hemisphere *h = context;
     const struct vulkan_hemisphere *pass = h->pass;
-    int status = chunk->buried.count > 0 ? vulkan_kernel_of(h->b, pass->shader, true, pass->constant, &h->buried, error)
-                                         : KILN_OK;
-    if (status == KILN_OK && pass->bring != NULL && chunk->row_first == 0)
-        status = pass->bring(h->b, pass->parameters, h->batch, chunk,
-                             chunk->scratch + (uint64_t)chunk->all.total * slice_bytes(h), recording, error);
+    const int status = chunk->buried.count > 0
+                           ? vulkan_kernel_of(h->b, pass->shader, true, pass->constant, &h->buried, error)
+                           : KILN_OK;
     if (status != KILN_OK)
         return status;
     struct constants push, buried;
@@ -195,11 +166,25 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     record_no_chains(h, chunk, recording);
     vulkan_record_both(recording, both, sizeof push.shared + pass->own_bytes);
     record_chains(h, chunk, recording);
-    if (chunk->last && pass->lights > 0)
-        record_lights(h, chunk, recording);
-    else if (chunk->last)
-        record_sums(h, chunk, recording);
     return KILN_OK;
+}
+
+static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
+                  struct kiln_error *error)
+{
+    struct hemisphere *h = context;
+    const struct vulkan_hemisphere *pass = h->pass;
+    const uint64_t room = chunk->scratch + (uint64_t)chunk->all.total * slice_bytes(h);
+    int status = KILN_OK;
+    if (pass->bring != NULL && chunk->row_first == 0)
+        status = pass->bring(h->b, pass->parameters, h->batch, chunk, room, recording, error);
+    if (status == KILN_OK && pass->shader != NULL)
+        status = record_rays(h, chunk, recording, error);
+    if (status == KILN_OK && chunk->last && pass->finish != NULL)
+        pass->finish(h->b, pass->parameters, chunk, &h->slices, room, recording);
+    else if (status == KILN_OK && chunk->last)
+        record_sums(h, chunk, recording);
+    return status;
 }
 
 /* Whether an own point traces rays. */
@@ -213,7 +198,7 @@ static bool traces(const struct hemisphere *h, struct kiln_own_point own)
 /* Bytes of a point's result on the device. */
 static size_t result_bytes(const struct vulkan_hemisphere *pass)
 {
-    return pass->lengthen != NULL ? pass->result_bytes : pass->pass->result_bytes;
+    return pass->lengthen != NULL || pass->finish != NULL ? pass->result_bytes : pass->pass->result_bytes;
 }
 
 /* Adds the tile runs' rays. */
@@ -242,7 +227,7 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     struct hemisphere *h = context;
     const struct kiln_batch *batch = h->batch;
     int status = KILN_OK;
-    if (h->pass->held != 0)
+    if (h->pass->holds)
         return KILN_OK;
     if (h->pass->kept_words > 0)
         status = h->pass->take_words(h->pass->context, tile_run_first, tile_run_count, results, words, error);
@@ -261,12 +246,10 @@ static int prepare(void *context, struct kiln_error *error)
     const struct vulkan_hemisphere *pass = h->pass;
     /* a lone light gets as many samples as there are rays, rounded up at most */
     int status = vulkan_sobol(h->b, h->batch->first_sample + h->batch->samples + (pass->counts_rays ? 1 : 0), error);
-    if (status == KILN_OK)
+    if (status == KILN_OK && pass->shader != NULL)
         status = vulkan_kernel_of(h->b, pass->shader, false, pass->constant, &h->whole, error);
-    if (status == KILN_OK)
+    if (status == KILN_OK && pass->sums != NULL)
         status = vulkan_kernel_of(h->b, pass->sums, false, pass->sums_constant, &h->reduce, error);
-    if (status == KILN_OK && pass->powers != NULL)
-        status = vulkan_kernel_of(h->b, pass->powers, false, 0, &h->powers, error);
     if (status == KILN_OK && pass->apart != NULL)
         status = vulkan_kernel_of(h->b, pass->apart, false, 0, &h->apart, error);
     if (status == KILN_OK && pass->apart != NULL)
@@ -296,18 +279,17 @@ int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphe
     assert(pass->own_bytes <= VULKAN_HEMISPHERE_OWN);
     struct hemisphere h = {
         .b = b, .pass = pass, .batch = batch, .slices = slices_of(b, pass, batch->samples), .rays = 0};
-    const uint32_t rows = 4 * h.slices.per_quarter;
+    const uint32_t rows = pass->shader != NULL ? 4 * h.slices.per_quarter : 1;
     const struct vulkan_chunked chunked = {.pass = pass->pass,
                                            .pace = pass->pace,
                                            .states = true,
-                                           .result_bytes = pass->held != 0 ? 0 : result_bytes(pass) * lights_of(&h),
-                                           .holds = pass->held != 0,
+                                           .result_bytes = result_bytes(pass),
+                                           .holds = pass->holds,
                                            .failed_offset = pass->failed_offset,
                                            .rows = rows,
                                            .work = (double)batch->samples / rows,
                                            .first_guess = 1 << 19,
-                                           .scratch_bytes =
-                                               slice_bytes(&h) * lights_of(&h) + pass->room_bytes + apart_bytes(&h),
+                                           .scratch_bytes = slice_bytes(&h) + pass->room_bytes + apart_bytes(&h),
                                            .keeps_rays = pass->apart != NULL,
                                            .wants_words = pass->counts_rays || pass->kept_words > 0,
                                            .words = pass->kept_words,

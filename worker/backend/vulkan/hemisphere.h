@@ -11,7 +11,7 @@ enum { VULKAN_HEMISPHERE_OWN = VULKAN_CONSTANT_BYTES - sizeof(struct kiln_gpu_he
 
 struct vulkan_hemisphere {
     const struct kiln_pass *pass;
-    const struct vulkan_shader *shader, *sums;
+    const struct vulkan_shader *shader, *sums; /* `shader` NULL: `finish` needs nothing before it */
     bool chains; /* rays may go on in chains: the loops of a thread are longer than those of other passes */
     /* The kernels that follow chains apart, and add what these and others have found to the slices' sums
      * (shaders/gather_chains.glsl); NULL: the first kernel follows chains itself, or there are none. */
@@ -43,13 +43,11 @@ struct vulkan_hemisphere {
     /* Bytes of each point of the batch's tile runs, in order, whose address is the second of its own push constants;
      * kernels get that of the chunk's first point. 0: there are none. */
     size_t point_bytes;
-    /* The gather pass from rows: under so many lights each point has an answer. They lie side by side, and `sums` takes
-     * struct kiln_gpu_replay_reduce_push. 0: it is another pass */
-    uint32_t lights;
-    /* and where light stays on the device (held.h): the address of struct kiln_gpu_held. Nothing is handed to the host;
-     * the last kernel runs on what the workgroups of `sums` have left. 0: answers are */
-    uint64_t held;
-    const struct vulkan_shader *powers;
+    /* The gather pass from rows, which adds up and more in kernels of its own, in place of `sums`; its results are of
+     * result_bytes. NULL: `sums` does. `room` is the address of room_bytes for each point of the chunk. */
+    void (*finish)(struct vulkan_backend *b, const void *parameters, const struct vulkan_chunk *chunk,
+                   const struct kiln_slices *slices, uint64_t room, struct vulkan_recording *recording);
+    bool holds; /* results stay on the device, which works on what is there alone: see struct vulkan_chunked */
     /* The first kernel leaves `kept_words` words for each point, whose address stands in the place of the second of the
      * pass's own push constants; `take_words` gets those of the tile runs whose results the batch's taker gets next. */
     uint32_t kept_words;
@@ -63,7 +61,7 @@ struct vulkan_hemisphere {
     int (*bring)(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch,
                  const struct vulkan_chunk *chunk, uint64_t room, struct vulkan_recording *recording,
                  struct kiln_error *error);
-    const void *parameters;              /* for `bring` */
+    const void *parameters;              /* for `bring` and `finish` */
     size_t room_bytes;                   /* of a point */
     const struct vulkan_shader *between; /* a kernel over all points, before `sums`; NULL: none */
 };

@@ -11,18 +11,21 @@
 #include "shaders/keep.h"
 #include "shaders/keep_pipeline.h"
 #include "shaders/replay.h"
-#include "shaders/replay_pipeline.h"
-#include "shaders/replay_reduce.h"
+#include "shaders/replay_held.h"
 #include "shaders/replay_take.h"
+#include "shaders/row_weights.h"
 
 static const struct vulkan_shader keep_shader = {
     .name = "gather, kept", .compute = VULKAN_CODE(keep), .pipeline = VULKAN_CODE(keep_pipeline)};
-static const struct vulkan_shader replay_shader = {
-    .name = "gather from rows", .compute = VULKAN_CODE(replay), .pipeline = VULKAN_CODE(replay_pipeline)};
-static const struct vulkan_shader sums_shader = {.name = "gather from rows: sums",
-                                                 .compute = VULKAN_CODE(replay_reduce)};
+static const struct vulkan_shader weights_shader = {.name = "gather from rows: weights",
+                                                    .compute = VULKAN_CODE(row_weights)};
+static const struct vulkan_shader replay_shader = {.name = "gather from rows", .compute = VULKAN_CODE(replay)};
+static const struct vulkan_shader replay_held_shader = {.name = "gather from rows, that stays",
+                                                        .compute = VULKAN_CODE(replay_held)};
 static const struct vulkan_shader take_shader = {.name = "gather from rows: taken over",
                                                  .compute = VULKAN_CODE(replay_take)};
+
+enum { GROUP = 64 /* threads of a workgroup */ };
 
 /* Bytes of rows that are read from a file at a time. */
 enum { PART_BYTES = 256 << 20 };
@@ -41,11 +44,12 @@ struct rows_run {
     uint64_t *mixed;                  /* `lights` side by side */
     struct vulkan_resident *resident; /* rows on the device; NULL: they are brought */
     const struct kiln_batch *batch;   /* being replayed */
-    uint64_t own[2];                  /* push constants: see struct kiln_gpu_rows_push */
-    bool holds;                       /* lights are those that are held, and answers stay */
+    uint64_t light_words, row_words;  /* addresses: of lights, and of the row of the batch's first point, if resident */
+    struct gpu_kernel *gather, *take, *powers;
+    bool holds; /* lights are those that are held, and answers stay */
 };
 
-static size_t row_words(const struct rows_run *r) { return 1 + (size_t)r->samples; }
+static size_t words_of_row(const struct rows_run *r) { return 1 + (size_t)r->samples; }
 
 bool vulkan_keeps_rows(const struct vulkan_backend *b)
 {
@@ -69,13 +73,13 @@ static void write_run(const struct rows_run *r, const struct kiln_tile_run *run,
     const uint64_t first = run->first.at;
     for (uint32_t k = 0, next; k < run->count; k = next) {
         for (next = k; next < run->count && results[next].count > 0; next++) {
-            uint32_t *row = words + next * row_words(r);
+            uint32_t *row = words + next * words_of_row(r);
             row[0] = kiln_rows_check(r->rows->key, first + next, row + 1, r->samples);
             if (r->samples != r->rows->samples)
                 (void)kiln_rows_store(r->rows, row, first + next, 1, r->samples);
         }
         if (next > k && r->samples == r->rows->samples)
-            (void)kiln_rows_store(r->rows, words + k * row_words(r), first + k, next - k, r->samples);
+            (void)kiln_rows_store(r->rows, words + k * words_of_row(r), first + k, next - k, r->samples);
         next += next == k;
     }
 }
@@ -90,7 +94,7 @@ static int take_words(void *context, size_t tile_run_first, size_t tile_run_coun
 #pragma omp parallel for num_threads((int)r->b->threads) schedule(dynamic, 64) if (tile_run_count > 64)
     for (size_t f = 0; f < tile_run_count; f++) {
         const uint64_t at = runs[f].first.at - runs[0].first.at;
-        write_run(r, &runs[f], of + at, rows + at * row_words(r));
+        write_run(r, &runs[f], of + at, rows + at * words_of_row(r));
     }
     return end(r, KILN_OK, error);
 }
@@ -103,7 +107,7 @@ static int trace(struct rows_run *r, const struct kiln_batch *batch, uint64_t *r
     struct vulkan_hemisphere pass = vulkan_gather_pass(r->b, batch, own);
     if (keeps) {
         pass.shader = &keep_shader;
-        pass.kept_words = (uint32_t)row_words(r);
+        pass.kept_words = (uint32_t)words_of_row(r);
         pass.take_words = take_words;
         pass.context = r;
     }
@@ -199,34 +203,93 @@ static int bring(struct vulkan_backend *b, const void *parameters, const struct 
     struct vulkan_slot *slot = &b->slots[chunk->slot];
     const struct kiln_tile_run *runs = b->surface->tile_runs;
     const uint64_t place = runs[chunk->tile_run_first].first.at - runs[r->first].first.at;
-    const size_t bytes = chunk->all.total * row_words(r) * sizeof(uint32_t);
+    const size_t bytes = chunk->all.total * words_of_row(r) * sizeof(uint32_t);
     const int status = vulkan_slot_room(b, slot, bytes, "rows of a chunk", error);
     if (status != KILN_OK)
         return status;
-    memcpy(slot->guides_host.mapped, r->words + place * row_words(r), bytes);
+    memcpy(slot->guides_host.mapped, r->words + place * words_of_row(r), bytes);
     vulkan_record_copy(recording, &slot->guides_host, &slot->guides, bytes);
     return KILN_OK;
+}
+
+/* Where the rows of a chunk begin. */
+static uint64_t rows_of(const struct rows_run *r, const struct vulkan_chunk *chunk)
+{
+    const struct kiln_tile_run *runs = r->b->surface->tile_runs;
+    const uint64_t place = runs[chunk->tile_run_first].first.at - runs[r->batch->first].first.at;
+    return r->resident == NULL ? r->b->slots[chunk->slot].guides.address
+                               : r->row_words + place * words_of_row(r) * sizeof(uint32_t);
+}
+
+/* Threads of a point: shaders/replay.glsl. */
+static uint32_t lanes_of(const struct rows_run *r)
+{
+    uint32_t lanes = 1;
+    while (lanes < r->count)
+        lanes *= 2;
+    return lanes;
+}
+
+/* Of a point, in scenes with smooth normals: shaders/row_weights.comp. */
+static size_t weight_bytes(const struct rows_run *r)
+{
+    return r->b->constants[VULKAN_HAS_SMOOTH] != 0 ? 2 * sizeof(float) * r->samples : 0;
+}
+
+/* vulkan_hemisphere.finish: the sums of a chunk, and what becomes of them. Its room has the weights of rays, then the
+ * answers that stay. */
+static void finish(struct vulkan_backend *b, const void *parameters, const struct vulkan_chunk *chunk,
+                   const struct kiln_slices *slices, uint64_t room, struct vulkan_recording *recording)
+{
+    const struct rows_run *r = parameters;
+    const struct kiln_surface *s = b->surface;
+    const uint32_t total = chunk->all.total, points = GROUP / lanes_of(r), groups = (total + GROUP - 1) / GROUP;
+    const struct kiln_gpu_replay_push push = {.scene = b->scene.address,
+                                              .chunk = chunk->all,
+                                              .lights = r->light_words,
+                                              .rows = rows_of(r, chunk),
+                                              .weights = room,
+                                              .results = r->holds ? room + total * weight_bytes(r) : chunk->results,
+                                              .held = b->held.root.address,
+                                              .first =
+                                                  kiln_own_of_global(s, s->tile_runs[chunk->tile_run_first].first).at,
+                                              .samples = r->samples,
+                                              .slice = slices->samples,
+                                              .split = slices->split};
+    const struct kiln_gpu_held_push powers = {.scene = push.scene, .held = push.held, .groups = groups};
+    vulkan_record(recording, r->gather, (total + points - 1) / points * GROUP, 1, &push, sizeof push);
+    if (!r->holds)
+        return;
+    vulkan_record(recording, r->take, groups * GROUP, 1, &push, sizeof push);
+    vulkan_record(recording, r->powers, GROUP * KILN_GPU_HELD_POWERS, r->count, &powers, sizeof powers);
 }
 
 static int bring_lights(struct rows_run *r, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
     const size_t bytes = (size_t)b->surface->point_count * r->count * sizeof *r->mixed;
-    r->own[0] = r->holds ? b->held.layout.from : b->radiosity_buffer.address;
+    r->light_words = r->holds ? b->held.layout.from : b->radiosity_buffer.address;
     if (r->lights == NULL)
         return KILN_OK;
     int status = vulkan_grow_buffer(b, &b->row_lights, bytes, GPU_DEVICE, "the radiosity of states", error);
     if (status == KILN_OK)
         status = gpu_upload(b->gpu, &b->row_lights, 0, r->mixed, bytes, error);
-    r->own[0] = b->row_lights.address;
+    r->light_words = b->row_lights.address;
     return status;
 }
 
-/* vulkan_hemisphere.prepare: sets the push constants. */
+/* vulkan_hemisphere.prepare */
 static int prepare(struct vulkan_backend *b, void *context, struct kiln_error *error)
 {
     struct rows_run *r = context;
-    int status = bring_lights(r, error);
+    int status =
+        vulkan_kernel_of(b, r->holds ? &replay_held_shader : &replay_shader, false, r->count, &r->gather, error);
+    if (status == KILN_OK && r->holds)
+        status = vulkan_kernel_of(b, &take_shader, false, r->count, &r->take, error);
+    if (status == KILN_OK && r->holds)
+        status = vulkan_kernel_of(b, &vulkan_held_powers, false, 0, &r->powers, error);
+    if (status == KILN_OK)
+        status = bring_lights(r, error);
     if (status != KILN_OK || r->resident == NULL)
         return status;
     status = find_resident(b, r->rows, &r->resident, error);
@@ -235,9 +298,9 @@ static int prepare(struct vulkan_backend *b, void *context, struct kiln_error *e
     if (status == KILN_OK)
         status = fill_resident(r, error);
     if (status == KILN_OK)
-        r->own[1] =
+        r->row_words =
             r->resident->words.address + (b->surface->tile_runs[r->batch->first].first.at - r->rows->resident->first) *
-                                             row_words(r) * sizeof(uint32_t);
+                                             words_of_row(r) * sizeof(uint32_t);
     return status;
 }
 
@@ -250,21 +313,21 @@ static int replay(struct rows_run *r, const struct kiln_batch *batch, struct kil
     if (status != KILN_OK)
         return status;
     r->batch = batch;
-    struct vulkan_hemisphere pass = vulkan_gather_pass(r->b, batch, r->own);
-    pass.shader = &replay_shader;
-    pass.sums = &sums_shader;
-    pass.constant = pass.lights = r->count;
-    if (r->holds) {
-        pass.sums = &take_shader;
-        pass.powers = &vulkan_held_powers;
-        pass.held = r->b->held.root.address;
-    }
-    pass.pace = VULKAN_PACE_REPLAY;
-    pass.prepare = prepare;
-    pass.context = r;
-    pass.parameters = r;
-    pass.bring = r->resident == NULL ? bring : NULL;
-    *(r->resident == NULL ? &pass.moved_bytes : &pass.point_bytes) = row_words(r) * sizeof(uint32_t);
+    const struct vulkan_hemisphere pass = {
+        .pass = &kiln_pass_gather,
+        .shader = weight_bytes(r) > 0 ? &weights_shader : NULL,
+        .finish = finish,
+        .pace = VULKAN_PACE_REPLAY,
+        .stream = batch->stream,
+        .failed_offset = offsetof(struct kiln_gpu_result, error),
+        .result_bytes = r->holds ? 0 : r->count * sizeof(struct kiln_gpu_result),
+        .holds = r->holds,
+        .prepare = prepare,
+        .context = r,
+        .parameters = r,
+        .bring = r->resident == NULL ? bring : NULL,
+        .moved_bytes = r->resident == NULL ? words_of_row(r) * sizeof(uint32_t) : 0,
+        .room_bytes = weight_bytes(r) + (r->holds ? r->count * KILN_GPU_REPLAY_FLOATS * sizeof(float) : 0)};
     status = vulkan_hemisphere_run(r->b, &pass, batch, &rays, error);
     r->rows->found += rays;
     return status;
@@ -279,7 +342,7 @@ static bool look(const struct rows_run *r, const struct kiln_batch *batch, size_
     const struct kiln_tile_run *run = &s->tile_runs[f];
     const uint64_t first = run->first.at, asked = kiln_batch_points(batch, f),
                    own = kiln_own_of_global(s, run->first).at;
-    uint32_t *read = r->read != NULL ? r->read + (first - s->tile_runs[r->first].first.at) * row_words(r) : NULL;
+    uint32_t *read = r->read != NULL ? r->read + (first - s->tile_runs[r->first].first.at) * words_of_row(r) : NULL;
     const bool whole = r->samples == r->rows->samples;
     if (read == NULL && r->rows->resident->ready[f] != 0)
         return true;
@@ -288,9 +351,9 @@ static bool look(const struct rows_run *r, const struct kiln_batch *batch, size_
     for (uint32_t k = 0; k < run->count; k++) {
         if ((asked >> k & 1u) == 0 || !kiln_point_valid(s, (struct kiln_own_point){own + k}))
             continue;
-        if (read != NULL && !whole && !kiln_rows_load(r->rows, read + k * row_words(r), first + k, 1, r->samples))
+        if (read != NULL && !whole && !kiln_rows_load(r->rows, read + k * words_of_row(r), first + k, 1, r->samples))
             return false;
-        const uint32_t *row = read != NULL ? read + k * row_words(r)
+        const uint32_t *row = read != NULL ? read + k * words_of_row(r)
                                            : kiln_resident_row(r->rows->resident, first + k - r->rows->resident->first);
         if (!kiln_rows_there(r->rows, row, first + k, r->samples, s->point_count))
             return false;
@@ -319,7 +382,7 @@ static size_t part_of(const struct rows_run *r, const struct kiln_batch *batch, 
     size_t f = first + 1;
     if (r->read == NULL)
         return end_ - first;
-    while (f < end_ && kiln_tile_runs_points(&runs[first], &runs[f]) * row_words(r) * sizeof(uint32_t) <= PART_BYTES)
+    while (f < end_ && kiln_tile_runs_points(&runs[first], &runs[f]) * words_of_row(r) * sizeof(uint32_t) <= PART_BYTES)
         f++;
     return f - first;
 }
@@ -340,8 +403,8 @@ static int run_part(struct rows_run *r, const struct kiln_batch *part, uint64_t 
 static int make_room(struct rows_run *r, const struct kiln_batch *batch, struct kiln_error *error)
 {
     const struct kiln_tile_run *runs = r->b->surface->tile_runs + batch->first;
-    const size_t all = (size_t)kiln_tile_runs_points(runs, runs + batch->count - 1) * row_words(r),
-                 most = PART_BYTES / sizeof *r->read + KILN_TILE_TEXELS * row_words(r);
+    const size_t all = (size_t)kiln_tile_runs_points(runs, runs + batch->count - 1) * words_of_row(r),
+                 most = PART_BYTES / sizeof *r->read + KILN_TILE_TEXELS * words_of_row(r);
     const bool stays = r->rows->resident != NULL && r->samples == r->rows->samples;
     int status = kiln_allocate(&r->there, batch->count, 1, "the rows of a batch", error);
     if (status == KILN_OK && !stays)

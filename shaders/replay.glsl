@@ -1,0 +1,188 @@
+/* The gather pass from rows (shaders/shared/rows.h): what rays have met is read in the place of traced, under LIGHTS
+ * lights at once, which share one read of the rows. Of each light the sums are those of gather.glsl and
+ * gather_reduce.glsl, in the same order: floats within a slice, and pairs of floats over slices, which never leave the
+ * thread that adds them up.
+ *
+ * Neighbouring threads are of the same point, under neighbouring lights, whose radiosity lies side by side: that of
+ * point i under light l is pair i * LIGHTS + l of push.lights. A workgroup has POINTS points and reads RAYS words of
+ * each at a time. Who includes this defines put_answer, what becomes of the answer of point x under a light. */
+#include "shaders/kernel.glsl"
+#include "shaders/shared/color.h"
+#include "shaders/shared/rows.h"
+#include "shaders/shared/streams.h"
+#include "shaders/radiosity.glsl"
+
+KILN_PUSH(kiln_gpu_replay_push);
+layout(constant_id = 6) const uint LIGHTS = 1u;
+
+/* Threads of a point: those of a workgroup are a multiple. */
+const uint LANES = LIGHTS > 8u ? 16u : LIGHTS > 4u ? 8u : LIGHTS > 2u ? 4u : LIGHTS;
+const uint THREADS = 64u, POINTS = THREADS / LANES, RAYS = 16u, AT_ONCE = 4u;
+
+const uint TINTED_FLOATS = KILN_GPU_SLICE_FLOATS, MOST_FLOATS = KILN_GPU_SLICE_FLOATS, LUMINANCE = 8u;
+#include "shaders/totals.glsl"
+#include "shaders/gather_answer.glsl"
+
+void put_answer(uint x, uint light, kiln_gpu_result r);
+
+KILN_ARRAY(PointArray, kiln_gpu_point, 8);
+KILN_ARRAY(WordArray, uint, 4);
+KILN_ARRAY(WeightArray, vec2, 4);
+KILN_ARRAY(RadiosityWords, uvec2, 8);
+
+/* Ray i of the workgroup's point p at p * ROW + i: threads that go on together read different banks. */
+const uint ROW = RAYS + 1u;
+shared uint words[POINTS * ROW];
+shared vec2 weights[HAS_SMOOTH != 0u ? POINTS * ROW : 1u];
+
+uint state_of(uint x)
+{
+    return x < push.chunk.total ? WordArray(push.chunk.states).at[push.chunk.origin + x] & KILN_GPU_STATE_MASK
+                                : KILN_GPU_STATE_INVALID;
+}
+
+vec2 weights_of(uint x, uint k)
+{
+    const bool smooth_point = (PointArray(push.chunk.points).at[push.chunk.origin + x].flags & KILN_GPU_POINT_SMOOTH) != 0u;
+    return smooth_point ? WeightArray(push.weights + uint64_t(x) * uint64_t(8u * push.samples)).at[k] : vec2(1.0);
+}
+
+/* Samples [from, from + RAYS) of the workgroup's points, of which the first is point `first` of the chunk. Row x begins
+ * with a word that is the host's. */
+void bring_rays(uint first, uint from)
+{
+    for (uint e = gl_LocalInvocationID.x; e < POINTS * RAYS; e += THREADS) {
+        const uint p = e / RAYS, x = first + p, k = from + e % RAYS, at = p * ROW + e % RAYS;
+        const bool there = k < push.samples && state_of(x) != KILN_GPU_STATE_INVALID;
+        words[at] = there ? WordArray(push.rows + uint64_t(x) * uint64_t(4u * (1u + push.samples))).at[1u + k]
+                          : KILN_ROW_NO_POINT;
+        if (HAS_SMOOTH != 0u)
+            weights[at] = there ? weights_of(x, k) : vec2(0.0);
+    }
+}
+
+/* A slice under way, and what the slices before it add up to. */
+struct Sums {
+    float slice[MOST_FLOATS];
+    kiln_sum sums[MOST_FLOATS], quarter;
+    float quarters[4];
+    uint q, end, quarter_end; /* the samples at which the slice and its quarter end */
+    bool good;
+};
+
+void begin_slice(inout Sums s)
+{
+    for (uint c = 0u; c < MOST_FLOATS; c++)
+        s.slice[c] = 0.0;
+}
+
+void begin_quarter(inout Sums s, uint slice)
+{
+    s.quarter = kiln_sum(0.0, 0.0);
+    s.quarter_end = kiln_quarter_first(s.q + 1u, push.samples);
+    s.end = min(s.quarter_end, kiln_quarter_first(s.q, push.samples) + slice);
+}
+
+/* Slices and quarters that end at sample k. */
+void end_slices(inout Sums s, uint k, uint slice)
+{
+    while (k == s.end && s.q < 4u) {
+        for (uint c = 0u; c < MOST_FLOATS; c++)
+            if (HAS_SMOOTH != 0u || c < 3u || c >= 6u)
+                kiln_add(s.sums[c], s.slice[c]);
+        kiln_add(s.quarter, s.slice[LUMINANCE]);
+        begin_slice(s);
+        if (s.end < s.quarter_end) {
+            s.end = min(s.quarter_end, s.end + slice);
+            continue;
+        }
+        for (uint i = 0u; i < 4u; i++)
+            s.quarters[i] = i == s.q ? float_of(s.quarter) : s.quarters[i];
+        s.q++;
+        begin_quarter(s, slice);
+    }
+}
+
+/* A ray that has met what `word` says, which sends `packed`. */
+void add_ray(inout Sums s, uint word, uvec2 packed, vec2 weight)
+{
+    const vec3 rgb = kiln_radiosity_unpack(packed);
+    if (HAS_SMOOTH != 0u)
+        s.good = s.good && !(weight.x < 0.0);
+    for (uint c = 0u; c < 3u; c++) {
+        s.slice[c] += weight.x * rgb[c];
+        if (HAS_SMOOTH != 0u)
+            s.slice[3u + c] += weight.y * rgb[c];
+    }
+    s.slice[6] += word == KILN_ROW_ESCAPED ? weight.x : 0.0;
+    s.slice[7] += word == KILN_ROW_BLOCKED ? weight.x : 0.0;
+    s.slice[LUMINANCE] += weight.y * float_luminance(rgb);
+}
+
+/* Samples [from, from + RAYS) of the workgroup's point p under the light. */
+void add_rays(inout Sums s, uint p, uint light, uint from, uint slice)
+{
+    for (uint i = 0u; i < RAYS; i += AT_ONCE) {
+        uint word[AT_ONCE];
+        uvec2 packed[AT_ONCE];
+        vec2 weight[AT_ONCE];
+        for (uint j = 0u; j < AT_ONCE; j++) {
+            const uint at = p * ROW + i + j;
+            word[j] = words[at];
+            weight[j] = HAS_SMOOTH != 0u ? weights[at] : vec2(1.0);
+            const bool sends = word[j] < KILN_ROW_POINTS && weight[j].x > 0.0;
+            packed[j] = RadiosityWords(push.lights +
+                                       (uint64_t(sends ? word[j] : 0u) * uint64_t(LIGHTS) + uint64_t(light)) * 8ul)
+                            .at[0];
+            packed[j] = sends ? packed[j] : uvec2(0u);
+        }
+        for (uint j = 0u; j < AT_ONCE; j++) {
+            if (from + i + j < push.samples)
+                add_ray(s, word[j], packed[j], weight[j]);
+            end_slices(s, from + i + j + 1u, slice);
+        }
+    }
+}
+
+/* The answer of point x, for which sums stand. */
+kiln_gpu_result answer_of(Sums s, uint x)
+{
+    Totals totals;
+    for (uint c = 0u; c < MOST_FLOATS; c++)
+        totals.sum[c] = float_of(s.sums[HAS_SMOOTH == 0u && c >= 3u && c < 6u ? c - 3u : c]);
+    totals.quarters = s.quarters;
+    if (!s.good || s.q < 4u)
+        totals.sum[6] = -1.0e9;
+    return gather_answer(totals, push.samples, PointArray(push.chunk.points).at[push.chunk.origin + x].present);
+}
+
+void kiln_kernel(uint thread, uint y)
+{
+    const uint p = gl_LocalInvocationID.x / LANES, light = gl_LocalInvocationID.x % LANES,
+               first = thread / THREADS * POINTS, x = first + p, state = state_of(x);
+    const uint slice = state == KILN_GPU_STATE_BURIED ? push.slice / push.split : push.slice;
+    Sums s;
+    begin_slice(s);
+    for (uint c = 0u; c < MOST_FLOATS; c++)
+        s.sums[c] = kiln_sum(0.0, 0.0);
+    s.quarters = float[4](0.0, 0.0, 0.0, 0.0);
+    s.q = 0u;
+    s.good = true;
+    begin_quarter(s, slice);
+    end_slices(s, 0u, slice);
+    for (uint from = 0u; from < push.samples; from += RAYS) {
+        barrier();
+        bring_rays(first, from);
+        barrier();
+        if (state != KILN_GPU_STATE_INVALID && light < LIGHTS)
+            add_rays(s, p, light, from, slice);
+    }
+    if (x >= push.chunk.total || light >= LIGHTS)
+        return;
+    kiln_gpu_result r = no_answer();
+    if (state != KILN_GPU_STATE_INVALID)
+        r = answer_of(s, x);
+    put_answer(x, light, r);
+}
+
+#include "shaders/main.glsl"
