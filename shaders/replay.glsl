@@ -6,6 +6,7 @@
  * Neighbouring threads are of the same point, under neighbouring lights, whose radiosity lies side by side: that of
  * point i under light l is pair i * LIGHTS + l of push.lights. A workgroup has POINTS points and reads RAYS words of
  * each at a time. Who includes this defines put_answer, what becomes of the answer of point x under a light. */
+#extension GL_EXT_control_flow_attributes : require
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/shared/rows.h"
@@ -17,7 +18,7 @@ layout(constant_id = 6) const uint LIGHTS = 1u;
 
 /* Threads of a point: those of a workgroup are a multiple. */
 const uint LANES = LIGHTS > 8u ? 16u : LIGHTS > 4u ? 8u : LIGHTS > 2u ? 4u : LIGHTS;
-const uint THREADS = 64u, POINTS = THREADS / LANES, RAYS = 16u, AT_ONCE = 4u;
+const uint THREADS = 64u, POINTS = THREADS / LANES, RAYS = 16u;
 
 const uint TINTED_FLOATS = KILN_GPU_SLICE_FLOATS, MOST_FLOATS = KILN_GPU_SLICE_FLOATS, LUMINANCE = 8u;
 #include "shaders/totals.glsl"
@@ -51,8 +52,9 @@ vec2 weights_of(uint x, uint k)
  * with a word that is the host's. */
 void bring_rays(uint first, uint from)
 {
-    for (uint e = gl_LocalInvocationID.x; e < POINTS * RAYS; e += THREADS) {
-        const uint p = e / RAYS, x = first + p, k = from + e % RAYS, at = p * ROW + e % RAYS;
+    [[unroll]] for (uint i = 0u; i < POINTS * RAYS; i += THREADS)
+    {
+        const uint e = i + gl_LocalInvocationID.x, p = e / RAYS, x = first + p, k = from + e % RAYS, at = p * ROW + e % RAYS;
         const bool there = k < push.samples && state_of(x) != KILN_GPU_STATE_INVALID;
         words[at] = there ? WordArray(push.rows + uint64_t(x) * uint64_t(4u * (1u + push.samples))).at[1u + k]
                           : KILN_ROW_NO_POINT;
@@ -72,7 +74,7 @@ struct Sums {
 
 void begin_slice(inout Sums s)
 {
-    for (uint c = 0u; c < MOST_FLOATS; c++)
+    [[unroll]] for (uint c = 0u; c < MOST_FLOATS; c++)
         s.slice[c] = 0.0;
 }
 
@@ -83,64 +85,83 @@ void begin_quarter(inout Sums s, uint slice)
     s.end = min(s.quarter_end, kiln_quarter_first(s.q, push.samples) + slice);
 }
 
-/* Slices and quarters that end at sample k. */
-void end_slices(inout Sums s, uint k, uint slice)
+/* The slice that ends at sample s.end, and its quarter if that does; quarters without samples are passed over. */
+void end_slice(inout Sums s, uint slice)
 {
-    while (k == s.end && s.q < 4u) {
-        for (uint c = 0u; c < MOST_FLOATS; c++)
-            if (HAS_SMOOTH != 0u || c < 3u || c >= 6u)
-                kiln_add(s.sums[c], s.slice[c]);
-        kiln_add(s.quarter, s.slice[LUMINANCE]);
-        begin_slice(s);
-        if (s.end < s.quarter_end) {
-            s.end = min(s.quarter_end, s.end + slice);
-            continue;
-        }
-        for (uint i = 0u; i < 4u; i++)
-            s.quarters[i] = i == s.q ? float_of(s.quarter) : s.quarters[i];
+    [[unroll]] for (uint c = 0u; c < MOST_FLOATS; c++)
+    {
+        if (HAS_SMOOTH != 0u || c < 3u || c >= 6u)
+            kiln_add(s.sums[c], s.slice[c]);
+    }
+    kiln_add(s.quarter, s.slice[LUMINANCE]);
+    begin_slice(s);
+    if (s.end < s.quarter_end) {
+        s.end = min(s.quarter_end, s.end + slice);
+        return;
+    }
+    s.quarters[0] = s.q == 0u ? float_of(s.quarter) : s.quarters[0];
+    s.quarters[1] = s.q == 1u ? float_of(s.quarter) : s.quarters[1];
+    s.quarters[2] = s.q == 2u ? float_of(s.quarter) : s.quarters[2];
+    s.quarters[3] = s.q == 3u ? float_of(s.quarter) : s.quarters[3];
+    do {
         s.q++;
         begin_quarter(s, slice);
-    }
+    } while (s.q < 4u && kiln_quarter_first(s.q, push.samples) == s.quarter_end);
 }
 
-/* A ray that has met what `word` says, which sends `packed`. */
-void add_ray(inout Sums s, uint word, uvec2 packed, vec2 weight)
+/* What ray i of the workgroup's has met, of which the first is one of the thread's point; behind the last: nothing. */
+struct Ray {
+    uint word;
+    uvec2 packed; /* what that sends under the thread's light */
+    vec2 weight;
+};
+
+Ray ray_of(uint i, bool there, uint64_t lights)
 {
-    const vec3 rgb = kiln_radiosity_unpack(packed);
+    Ray ray;
+    ray.word = there ? words[i] : KILN_ROW_NO_POINT;
+    ray.weight = HAS_SMOOTH != 0u && there ? weights[i] : vec2(1.0);
+    const bool sends = ray.word < KILN_ROW_POINTS && ray.weight.x > 0.0;
+    ray.packed = RadiosityWords(lights + uint64_t(sends ? ray.word : 0u) * uint64_t(8u * LIGHTS)).at[0];
+    ray.packed = sends ? ray.packed : uvec2(0u);
+    return ray;
+}
+
+void add_ray(inout Sums s, Ray ray)
+{
+    const vec3 rgb = kiln_radiosity_unpack(ray.packed);
     if (HAS_SMOOTH != 0u)
-        s.good = s.good && !(weight.x < 0.0);
-    for (uint c = 0u; c < 3u; c++) {
-        s.slice[c] += weight.x * rgb[c];
+        s.good = s.good && !(ray.weight.x < 0.0);
+    [[unroll]] for (uint c = 0u; c < 3u; c++)
+    {
+        s.slice[c] += ray.weight.x * rgb[c];
         if (HAS_SMOOTH != 0u)
-            s.slice[3u + c] += weight.y * rgb[c];
+            s.slice[3u + c] += ray.weight.y * rgb[c];
     }
-    s.slice[6] += word == KILN_ROW_ESCAPED ? weight.x : 0.0;
-    s.slice[7] += word == KILN_ROW_BLOCKED ? weight.x : 0.0;
-    s.slice[LUMINANCE] += weight.y * float_luminance(rgb);
+    s.slice[6] += ray.word == KILN_ROW_ESCAPED ? ray.weight.x : 0.0;
+    s.slice[7] += ray.word == KILN_ROW_BLOCKED ? ray.weight.x : 0.0;
+    s.slice[LUMINANCE] += ray.weight.y * float_luminance(rgb);
 }
 
-/* Samples [from, from + RAYS) of the workgroup's point p under the light. */
-void add_rays(inout Sums s, uint p, uint light, uint from, uint slice)
+/* Samples [from, from + RAYS) of the workgroup's point p, under the light that begins at `lights`; the first at which a
+ * slice ends comes behind `from`. Four rays are on their way at a time. */
+void add_rays(inout Sums s, uint p, uint64_t lights, uint from, uint slice)
 {
-    for (uint i = 0u; i < RAYS; i += AT_ONCE) {
-        uint word[AT_ONCE];
-        uvec2 packed[AT_ONCE];
-        vec2 weight[AT_ONCE];
-        for (uint j = 0u; j < AT_ONCE; j++) {
-            const uint at = p * ROW + i + j;
-            word[j] = words[at];
-            weight[j] = HAS_SMOOTH != 0u ? weights[at] : vec2(1.0);
-            const bool sends = word[j] < KILN_ROW_POINTS && weight[j].x > 0.0;
-            packed[j] = RadiosityWords(push.lights +
-                                       (uint64_t(sends ? word[j] : 0u) * uint64_t(LIGHTS) + uint64_t(light)) * 8ul)
-                            .at[0];
-            packed[j] = sends ? packed[j] : uvec2(0u);
+    const uint to = min(from + RAYS, push.samples);
+    for (uint k = from; k < to;) {
+        const uint until = min(to, s.end);
+        for (; k < until; k += 4u) {
+            const uint i = p * ROW + k - from;
+            const Ray a = ray_of(i, true, lights), b = ray_of(i + 1u, k + 1u < until, lights),
+                      c = ray_of(i + 2u, k + 2u < until, lights), d = ray_of(i + 3u, k + 3u < until, lights);
+            add_ray(s, a);
+            add_ray(s, b);
+            add_ray(s, c);
+            add_ray(s, d);
         }
-        for (uint j = 0u; j < AT_ONCE; j++) {
-            if (from + i + j < push.samples)
-                add_ray(s, word[j], packed[j], weight[j]);
-            end_slices(s, from + i + j + 1u, slice);
-        }
+        k = until;
+        if (k == s.end)
+            end_slice(s, slice);
     }
 }
 
@@ -148,7 +169,7 @@ void add_rays(inout Sums s, uint p, uint light, uint from, uint slice)
 kiln_gpu_result answer_of(Sums s, uint x)
 {
     Totals totals;
-    for (uint c = 0u; c < MOST_FLOATS; c++)
+    [[unroll]] for (uint c = 0u; c < MOST_FLOATS; c++)
         totals.sum[c] = float_of(s.sums[HAS_SMOOTH == 0u && c >= 3u && c < 6u ? c - 3u : c]);
     totals.quarters = s.quarters;
     if (!s.good || s.q < 4u)
@@ -163,19 +184,18 @@ void kiln_kernel(uint thread, uint y)
     const uint slice = state == KILN_GPU_STATE_BURIED ? push.slice / push.split : push.slice;
     Sums s;
     begin_slice(s);
-    for (uint c = 0u; c < MOST_FLOATS; c++)
+    [[unroll]] for (uint c = 0u; c < MOST_FLOATS; c++)
         s.sums[c] = kiln_sum(0.0, 0.0);
     s.quarters = float[4](0.0, 0.0, 0.0, 0.0);
     s.q = 0u;
     s.good = true;
     begin_quarter(s, slice);
-    end_slices(s, 0u, slice);
     for (uint from = 0u; from < push.samples; from += RAYS) {
         barrier();
         bring_rays(first, from);
         barrier();
         if (state != KILN_GPU_STATE_INVALID && light < LIGHTS)
-            add_rays(s, p, light, from, slice);
+            add_rays(s, p, push.lights + uint64_t(8u * light), from, slice);
     }
     if (x >= push.chunk.total || light >= LIGHTS)
         return;

@@ -45,8 +45,13 @@ Answer answer_of(uint x, uint light)
     return r;
 }
 
-/* kiln_mean: what doubles say of a quotient of floats is near enough for its rounding. */
-float mean_of(float sum) { return float(double(sum) / double(push.samples)); }
+/* kiln_mean: what doubles say of a quotient of floats is near enough for its rounding, and by a power of two a product
+ * is the quotient. */
+float mean_of(float sum)
+{
+    const float n = float(push.samples);
+    return (push.samples & (push.samples - 1u)) == 0u ? sum * (1.0 / n) : float(double(sum) / double(push.samples));
+}
 
 /* kiln_tally_add; `area` in m2 */
 void tally(Answer r, vec3 incident, vec3 albedo, vec3 sent, double area, kiln_gpu_held_light about)

@@ -11,14 +11,12 @@ KILN_PUSH(kiln_gpu_hemisphere_push);
 uint weight_point, weight_sample; /* of the ray under way */
 #define HEMISPHERE_BEGIN(index) weight_point = (index)-push.chunk.origin
 #define HEMISPHERE_RAY(k) weight_sample = k
-#define HEMISPHERE_PLACES(p) is_smooth(p)
+#define HEMISPHERE_SKIPS(p) ((p.flags & KILN_GPU_POINT_SMOOTH) == 0u)
 
 struct Sums {
     uint none;
 };
 #define NO_SUMS Sums(0u)
-
-bool is_smooth(kiln_gpu_point p) { return HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u; }
 
 #include "shaders/hemisphere.glsl"
 
@@ -32,8 +30,6 @@ void keep_weights(uint k, vec2 weights)
 
 void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed)
 {
-    if (!is_smooth(p))
-        return;
     const vec3 soft = kiln_shading(p, normal), both = normal + soft;
     const vec3 axis = both == vec3(0.0) ? both : normalize(both);
     float cosine;
@@ -44,7 +40,7 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
 
 void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good)
 {
-    if (!good && is_smooth(p))
+    if (!good)
         keep_weights(kiln_quarter_first(row / push.hemisphere.per_quarter, push.hemisphere.samples) +
                          row % push.hemisphere.per_quarter * push.hemisphere.slice,
                      vec2(-1.0));
