@@ -181,7 +181,7 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     if (status == KILN_OK && pass->shader != NULL)
         status = record_rays(h, chunk, recording, error);
     if (status == KILN_OK && chunk->last && pass->finish != NULL)
-        pass->finish(h->b, pass->parameters, chunk, &h->slices, room, recording);
+        pass->finish(h->b, pass->parameters, chunk, room, recording);
     else if (status == KILN_OK && chunk->last)
         record_sums(h, chunk, recording);
     return status;
@@ -268,6 +268,8 @@ static struct kiln_slices slices_of(const struct vulkan_backend *b, const struct
                                     uint32_t samples)
 {
     struct kiln_slices s = vulkan_slices_of(b, samples);
+    if (pass->few_slices && s.split == 1)
+        return (struct kiln_slices){.samples = s.samples * s.per_quarter, .per_quarter = 1, .split = 1};
     if (!pass->chains)
         return s;
     return (struct kiln_slices){.samples = s.samples / s.split, .per_quarter = s.per_quarter * s.split, .split = 1};

@@ -12,6 +12,7 @@ enum { VULKAN_HEMISPHERE_OWN = VULKAN_CONSTANT_BYTES - sizeof(struct kiln_gpu_he
 struct vulkan_hemisphere {
     const struct kiln_pass *pass;
     const struct vulkan_shader *shader, *sums; /* `shader` NULL: `finish` needs nothing before it */
+    bool few_slices;                           /* no sums hang on slices: there need be no more than fill a device */
     bool chains; /* rays may go on in chains: the loops of a thread are longer than those of other passes */
     /* The kernels that follow chains apart, and add what these and others have found to the slices' sums
      * (shaders/gather_chains.glsl); NULL: the first kernel follows chains itself, or there are none. */
@@ -45,8 +46,8 @@ struct vulkan_hemisphere {
     size_t point_bytes;
     /* The gather pass from rows, which adds up and more in kernels of its own, in place of `sums`; its results are of
      * result_bytes. NULL: `sums` does. `room` is the address of room_bytes for each point of the chunk. */
-    void (*finish)(struct vulkan_backend *b, const void *parameters, const struct vulkan_chunk *chunk,
-                   const struct kiln_slices *slices, uint64_t room, struct vulkan_recording *recording);
+    void (*finish)(struct vulkan_backend *b, const void *parameters, const struct vulkan_chunk *chunk, uint64_t room,
+                   struct vulkan_recording *recording);
     bool holds; /* results stay on the device, which works on what is there alone: see struct vulkan_chunked */
     /* The first kernel leaves `kept_words` words for each point, whose address stands in the place of the second of the
      * pass's own push constants; `take_words` gets those of the tile runs whose results the batch's taker gets next. */

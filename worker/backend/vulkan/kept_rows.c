@@ -238,11 +238,12 @@ static size_t weight_bytes(const struct rows_run *r)
 
 /* vulkan_hemisphere.finish: the sums of a chunk, and what becomes of them. Its room has the weights of rays, then the
  * answers that stay. */
-static void finish(struct vulkan_backend *b, const void *parameters, const struct vulkan_chunk *chunk,
-                   const struct kiln_slices *slices, uint64_t room, struct vulkan_recording *recording)
+static void finish(struct vulkan_backend *b, const void *parameters, const struct vulkan_chunk *chunk, uint64_t room,
+                   struct vulkan_recording *recording)
 {
     const struct rows_run *r = parameters;
     const struct kiln_surface *s = b->surface;
+    const struct kiln_slices slices = vulkan_slices_of(b, r->samples);
     const uint32_t total = chunk->all.total, points = GROUP / lanes_of(r), groups = (total + GROUP - 1) / GROUP;
     const struct kiln_gpu_replay_push push = {.scene = b->scene.address,
                                               .chunk = chunk->all,
@@ -254,8 +255,8 @@ static void finish(struct vulkan_backend *b, const void *parameters, const struc
                                               .first =
                                                   kiln_own_of_global(s, s->tile_runs[chunk->tile_run_first].first).at,
                                               .samples = r->samples,
-                                              .slice = slices->samples,
-                                              .split = slices->split};
+                                              .slice = slices.samples,
+                                              .split = slices.split};
     const struct kiln_gpu_held_push powers = {.scene = push.scene, .held = push.held, .groups = groups};
     vulkan_record(recording, r->gather, (total + points - 1) / points * GROUP, 1, &push, sizeof push);
     if (!r->holds)
@@ -316,6 +317,7 @@ static int replay(struct rows_run *r, const struct kiln_batch *batch, struct kil
     const struct vulkan_hemisphere pass = {
         .pass = &kiln_pass_gather,
         .shader = weight_bytes(r) > 0 ? &weights_shader : NULL,
+        .few_slices = true,
         .finish = finish,
         .pace = VULKAN_PACE_REPLAY,
         .stream = batch->stream,

@@ -208,7 +208,7 @@ size_t gpu_buffer_skip(const struct gpu_buffer *buffer)
 
 /* ---- to and from the device ---- */
 
-enum { PART = 1 << 20, MOST_COPIERS = 4 };
+enum { PART = 1 << 20, MOST_COPIERS = 8 };
 
 int gpu_staging_create(struct gpu *gpu, struct kiln_error *error)
 {
