@@ -19,6 +19,7 @@ layout(constant_id = 6) const uint LIGHTS = 1u;
 /* Threads of a point: those of a workgroup are a multiple. */
 const uint LANES = LIGHTS > 8u ? 16u : LIGHTS > 4u ? 8u : LIGHTS > 2u ? 4u : LIGHTS;
 const uint THREADS = 64u, POINTS = THREADS / LANES, RAYS = 16u;
+const uint ROUNDS = POINTS * RAYS / THREADS;
 
 const uint TINTED_FLOATS = KILN_GPU_SLICE_FLOATS, MOST_FLOATS = KILN_GPU_SLICE_FLOATS, LUMINANCE = 8u;
 #include "shaders/totals.glsl"
@@ -42,24 +43,53 @@ uint state_of(uint x)
                                 : KILN_GPU_STATE_INVALID;
 }
 
-vec2 weights_of(uint x, uint k)
+/* Of the workgroup's points, whether they have smooth normals; whether one has. */
+shared uint smooth_points[HAS_SMOOTH != 0u ? POINTS : 1u];
+shared uint any_smooth;
+
+void find_smooth(uint first)
 {
-    const bool smooth_point = (PointArray(push.chunk.points).at[push.chunk.origin + x].flags & KILN_GPU_POINT_SMOOTH) != 0u;
-    return smooth_point ? WeightArray(push.weights + uint64_t(x) * uint64_t(8u * push.samples)).at[k] : vec2(1.0);
+    const uint p = gl_LocalInvocationID.x, x = first + p;
+    if (HAS_SMOOTH == 0u)
+        return;
+    if (p == 0u)
+        any_smooth = 0u;
+    barrier();
+    if (p < POINTS && state_of(x) != KILN_GPU_STATE_INVALID) {
+        smooth_points[p] = PointArray(push.chunk.points).at[push.chunk.origin + x].flags & KILN_GPU_POINT_SMOOTH;
+        if (smooth_points[p] != 0u)
+            any_smooth = 1u;
+    }
+}
+
+vec2 weights_of(uint p, uint x, uint k)
+{
+    return smooth_points[p] != 0u ? WeightArray(push.weights + uint64_t(x) * uint64_t(8u * push.samples)).at[k]
+                                  : vec2(1.0);
 }
 
 /* Samples [from, from + RAYS) of the workgroup's points, of which the first is point `first` of the chunk. Row x begins
- * with a word that is the host's. */
+ * with a word that is the host's. What stands in rows of points that are not valid nobody asks. */
 void bring_rays(uint first, uint from)
 {
-    [[unroll]] for (uint i = 0u; i < POINTS * RAYS; i += THREADS)
-    {
-        const uint e = i + gl_LocalInvocationID.x, p = e / RAYS, x = first + p, k = from + e % RAYS, at = p * ROW + e % RAYS;
-        const bool there = k < push.samples && state_of(x) != KILN_GPU_STATE_INVALID;
-        words[at] = there ? WordArray(push.rows + uint64_t(x) * uint64_t(4u * (1u + push.samples))).at[1u + k]
-                          : KILN_ROW_NO_POINT;
-        if (HAS_SMOOTH != 0u)
-            weights[at] = there ? weights_of(x, k) : vec2(0.0);
+    const uint some = min(ROUNDS, 4u);
+    for (uint round = 0u; round < ROUNDS; round += some) {
+        uint word[4];
+        [[unroll]] for (uint j = 0u; j < 4u; j++)
+        {
+            const uint e = (round + j) * THREADS + gl_LocalInvocationID.x, x = first + e / RAYS, k = from + e % RAYS;
+            if (j < some && x < push.chunk.total && k < push.samples)
+                word[j] = WordArray(push.rows + uint64_t(x) * uint64_t(4u * (1u + push.samples))).at[1u + k];
+        }
+        [[unroll]] for (uint j = 0u; j < 4u; j++)
+        {
+            const uint e = (round + j) * THREADS + gl_LocalInvocationID.x, p = e / RAYS, k = from + e % RAYS;
+            if (j >= some)
+                continue;
+            words[p * ROW + e % RAYS] = word[j];
+            if (HAS_SMOOTH != 0u && any_smooth != 0u && first + p < push.chunk.total && k < push.samples)
+                weights[p * ROW + e % RAYS] = weights_of(p, first + p, k);
+        }
     }
 }
 
@@ -120,7 +150,7 @@ Ray ray_of(uint i, bool there, uint64_t lights)
 {
     Ray ray;
     ray.word = there ? words[i] : KILN_ROW_NO_POINT;
-    ray.weight = HAS_SMOOTH != 0u && there ? weights[i] : vec2(1.0);
+    ray.weight = HAS_SMOOTH != 0u && any_smooth != 0u && there ? weights[i] : vec2(1.0);
     const bool sends = ray.word < KILN_ROW_POINTS && ray.weight.x > 0.0;
     ray.packed = RadiosityWords(lights + uint64_t(sends ? ray.word : 0u) * uint64_t(8u * LIGHTS)).at[0];
     ray.packed = sends ? ray.packed : uvec2(0u);
@@ -190,6 +220,7 @@ void kiln_kernel(uint thread, uint y)
     s.q = 0u;
     s.good = true;
     begin_quarter(s, slice);
+    find_smooth(first);
     for (uint from = 0u; from < push.samples; from += RAYS) {
         barrier();
         bring_rays(first, from);
