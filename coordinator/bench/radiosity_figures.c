@@ -267,7 +267,7 @@ static void add_seen_pictures(const struct kiln_sweep *sweep, struct kiln_html *
 {
     size_t i;
     const json_t *row;
-    kiln_html_add(page, "<h2>What a texel sees, by rays and by voxels; white: seen (figure 6.14)</h2>\n<div>\n");
+    kiln_html_add(page, "<h2>What a texel sees, by rays and by voxels; white: seen, blue: hidden (figure 6.14)</h2>\n<div>\n");
     json_array_foreach(json_object_get(sweep->kept, "seen"), i, row)
     {
         char file[KILN_PICTURE_NAME];

@@ -199,7 +199,7 @@ static int prepare(struct view *v, const struct kiln_job *job, const char *direc
 /* What the picture says of itself where something was made for it. */
 static void describe_made(struct view *v)
 {
-    v->picture.key = v->made.voxels != NULL ? &v->made.key : NULL;
+    v->picture.key = v->made.key.pairs > 0 ? &v->made.key : NULL;
     v->picture.note = v->made.note[0] != '\0' ? v->made.note : NULL;
 }
 

@@ -210,6 +210,16 @@ static int read_command_line(struct kiln_job *job, const struct kiln_command *co
     return KILN_OK;
 }
 
+/* The first one that begins with the command itself. */
+static const char *example_of(const struct kiln_command *command)
+{
+    const size_t length = strlen(command->name);
+    for (size_t i = 0; command->examples[i] != NULL; i++)
+        if (strncmp(command->examples[i] + strlen("kiln "), command->name, length) == 0)
+            return command->examples[i];
+    return command->examples[0];
+}
+
 static int check_arguments(const struct kiln_job *job, const struct kiln_command *command, struct kiln_error *error)
 {
     const size_t count = job->argument_count;
@@ -222,7 +232,7 @@ static int check_arguments(const struct kiln_job *job, const struct kiln_command
                          job->arguments[command->maximum], command->name, command->arguments);
     if (count < command->minimum)
         return kiln_fail(error, KILN_USAGE, "kiln %s needs %s; for example: %s", command->name, command->arguments,
-                         command->examples[0]);
+                         example_of(command));
     return KILN_OK;
 }
 

@@ -44,16 +44,17 @@ static const struct made {
      {.name = "seen",
       .unit = "1",
       .meaning = KILN_FIELD_COLOR,
-      .components = 1,
-      .dataset = "/points/area",
-      .description = "surface points that a texel sees: white"}},
+      .components = 3,
+      .dataset = "/points/position",
+      .description =
+          "surface points that a texel sees: white; hidden ones: blue; those turned away: dark; the texel: orange"}},
     {KILN_SHOW_LINKS,
      {.name = "links",
       .unit = "%",
       .meaning = KILN_FIELD_SCALE,
       .components = 1,
       .dataset = "/points/area",
-      .description = "view factors of the nodes that a texel gathers from"}},
+      .description = "view factors of the nodes that a texel gathers from; -1: the texel itself"}},
 };
 
 /* Sentences of --help; those of the rest are the descriptions of the fields. `meaning`: of fields, unless theirs. */

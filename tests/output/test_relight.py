@@ -145,7 +145,7 @@ with tempfile.TemporaryDirectory() as top:
     refused(USAGE, "folder of the bake that is relit", "relight", at("kept"), "-o", at("kept"))
     refused(66, "has kept no transport", "relight", at("plain"), "-o", at("no"))
     for option in (["--guide", "auto"], ["--tracing-range", "1"], ["--method", "path"]):
-        refused(USAGE, "--keep-transport rows: of these rays", "bake", scene, *OPTIONS, *KEEP, *option, "-o", at("no"))
+        refused(USAGE, "--keep-transport rows: ", "bake", scene, *OPTIONS, *KEEP, *option, "-o", at("no"))
 
     assert kiln("verify", at("kept"), "--quiet").returncode == 0
     for place, words in ((20, "not as it was written, or of another bake"), (None, "the row of surface point")):

@@ -193,7 +193,7 @@ def main(top):
     reached(mended, sunny, at, coarse, target)
 
     refused(USAGE, "this bake has none", "bake", lamp, *PLAIN[:-1], *KEEP, "-o", at("no"))
-    refused(USAGE, "of these rays --method cells alone", "bake", lamp, *LINKS, "--keep-transport", "rows", "-o",
+    refused(USAGE, "those are kept that --method cells gathers by", "bake", lamp, *LINKS, "--keep-transport", "rows", "-o",
             at("no"))
     with open(at("states.yaml"), "w") as file:
         file.write("dark: {lights: {sun: {on: false}}}\n")
