@@ -200,6 +200,7 @@ def check_scaled(kiln, checks):
     if all([checks.baked(bake) for bake in bakes]):
         checks.that(np.allclose(half.points.indirect, 0.5 * full.points.indirect, rtol=1e-6, atol=0),
                     '--albedo-scale 0.5 is not half of one bounce', half.process)
+        checks.energy(half, '--albedo-scale 0.5')
         said = [tuple(bake.run['job'][key] for key in ('lights', 'clamp', 'albedo_scale')) for bake in bakes]
         wanted = [('sampled', False, 1), ('sampled', False, 0.5), ('patches', False, 1), ('patches', True, 1)]
         checks.that(said == wanted, 'run.json has other settings: %s' % said, half.process)
