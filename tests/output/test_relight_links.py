@@ -208,6 +208,8 @@ def main(top):
             file.write(data)
         refused(harness.BAD_INPUT, words, "relight", at("hurt"), edited, "-o", at("no"))
         refused(harness.BAD_INPUT, "transport/links", "verify", at("hurt"))
+    os.remove(os.path.join(at("hurt"), "transport", "links"))
+    refused(harness.BAD_INPUT, "transport/links' is missing", "relight", at("hurt"), edited, "-o", at("no"))
     print("%d links of %d points kept in %d bytes" % (count, len(kept.area), len(kept.file())))
 
 
