@@ -193,8 +193,8 @@ def main(top):
     reached(mended, sunny, at, coarse, target)
 
     refused(USAGE, "this bake has none", "bake", lamp, *PLAIN[:-1], *KEEP, "-o", at("no"))
-    refused(USAGE, "those are kept that --method cells gathers by", "bake", lamp, *LINKS, "--keep-transport", "rows", "-o",
-            at("no"))
+    refused(USAGE, "those are kept that --method cells gathers by", "bake", lamp, *LINKS, "--keep-transport", "rows",
+            "-o", at("no"))
     with open(at("states.yaml"), "w") as file:
         file.write("dark: {lights: {sun: {on: false}}}\n")
     refused(USAGE, "serve one state at a time", "relight", at("kept"), "--states", at("states.yaml"), "-o", at("no"))
