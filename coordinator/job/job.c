@@ -512,12 +512,14 @@ static int patches_by_embree(struct kiln_job *job, struct kiln_error *error)
 /* Patches are diffuse; without links their light has no chance in it whose error could be stated. */
 static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
 {
-    const struct unused_option others[] = {{"merge-radius", given(job, "merge-radius")},
-                                           {"samples-bounce", given(job, "samples-bounce")},
-                                           {"target-error", job->target_error > 0.0 && !kiln_job_has_links(job)},
-                                           {"error-map", job->error_map && !kiln_job_has_links(job)},
-                                           {"only-visible-from", job->only_visible_from != NULL},
-                                           {"exchange-points", job->exchange_points == KILN_EXCHANGE_VISIBLE}};
+    const struct unused_option others[] = {
+        {"merge-radius", given(job, "merge-radius")},
+        {"samples-bounce", given(job, "samples-bounce")},
+        {"schedule lean", given(job, "schedule") && job->schedule == KILN_SCHEDULE_LEAN},
+        {"target-error", job->target_error > 0.0 && !kiln_job_has_links(job)},
+        {"error-map", job->error_map && !kiln_job_has_links(job)},
+        {"only-visible-from", job->only_visible_from != NULL},
+        {"exchange-points", job->exchange_points == KILN_EXCHANGE_VISIBLE}};
     int status = refuse_cells(job, error);
     if (status == KILN_OK)
         status = refuse_unused(job, others, sizeof others / sizeof *others, error);

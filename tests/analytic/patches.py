@@ -249,10 +249,11 @@ def check_interrupted(kiln, checks, few, wanted):
 
 def check_refusals(kiln, checks):
     refused = [('radiosity', more) for more in (
-        ('--error-map', ), ('--target-error', 0.1), ('--schedule', 'equal'), ('--samples-bounce', 4),
-        ('--indirect-scale', 4), ('--materials', 'full'), ('--caustics', 'gather'), ('--tracing-range', 1),
-        ('--exchange-points', 'visible'), ('--merge-radius', 0.1), ('--sampling-window', 2), ('--node-max', 2),
-        ('--undersample', 'mipmap', '--subdivide', 0.1), ('--undersample', 'mipmap', '--store', 'octree'))]
+        ('--error-map', ), ('--target-error', 0.1), ('--schedule', 'equal'), ('--schedule', 'lean'),
+        ('--samples-bounce', 4), ('--indirect-scale', 4), ('--materials', 'full'), ('--caustics', 'gather'),
+        ('--tracing-range', 1), ('--exchange-points', 'visible'), ('--merge-radius', 0.1), ('--sampling-window', 2),
+        ('--node-max', 2), ('--undersample', 'mipmap', '--subdivide', 0.1),
+        ('--undersample', 'mipmap', '--store', 'octree'))]
     refused += [('cells', ('--lights', 'patches')), ('path', ('--lights', 'patches')), ('cells', ('--clamp', )),
                 ('cells', ('--undersample', 'stride')), ('cells', ('--subdivide', 0.1))]
     for method, more in refused:
