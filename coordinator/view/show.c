@@ -179,6 +179,7 @@ int kiln_show_find(struct kiln_show *show, const char *name, struct kiln_error *
     for (size_t i = 0; i < MADE; i++)
         if (strcmp(made[i].field.name, name) == 0) {
             show->kind = made[i].kind;
+            show->squares = show->kind == KILN_SHOW_SEEN || show->kind == KILN_SHOW_LINKS;
             show->field = made[i].field;
             return KILN_OK;
         }
@@ -187,6 +188,7 @@ int kiln_show_find(struct kiln_show *show, const char *name, struct kiln_error *
         return refuse(name, error);
     show->field = *field;
     const struct shown *shown = find_shown(name);
+    show->squares = strcmp(name, "node") == 0;
     if (shown != NULL && shown->meaning != KILN_FIELD_AMOUNT)
         show->field.meaning = shown->meaning;
     return KILN_OK;
