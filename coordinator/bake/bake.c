@@ -60,7 +60,10 @@ static int save_early(struct kiln_bake *b, struct kiln_error *error)
         return KILN_STOPPED;
     kiln_control_why(b->control);
     if (!b->light_done)
-        return kiln_stopped_early(b->control, b->job->resume ? kiln_checkpoint_generation(b->checkpoint) : 0, error);
+        return b->job->listen || b->job->states != NULL
+                   ? kiln_stopped_between(b->control, error)
+                   : kiln_stopped_early(b->control, b->job->resume ? kiln_checkpoint_generation(b->checkpoint) : 0,
+                                        error);
     return kiln_bake_save(b, error);
 }
 

@@ -243,6 +243,9 @@ static int sort(struct kiln_bake *b, struct kiln_error *error)
     if (why != NULL)
         return kiln_fail(error, KILN_USAGE, "--light-groups: %s", why);
     const uint32_t patches = kiln_sky_patches[b->job->sky_patches];
+    if (patches > 0 && b->job->relight == NULL && b->prepared->scene->environment->kind == KILN_ENVIRONMENT_NONE)
+        return kiln_fail(error, KILN_USAGE,
+                         "--sky-patches: the scene has no sky; give --environment, or leave --sky-patches out");
     struct rules r = {b->prepared->scene, json_loads(b->job->grouped != NULL ? b->job->grouped : "{}", 0, NULL),
                       (uint32_t)b->job->group_count};
     g->count = r.count;

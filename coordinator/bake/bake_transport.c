@@ -30,15 +30,16 @@ static bool goes_on_elsewhere(const struct kiln_job *job, const struct kiln_prep
 static const char *why_not(const struct kiln_job *job, const struct kiln_prepared *p)
 {
     if (kiln_job_is_reference(job) || kiln_job_is_radiosity(job))
-        return "--method cells alone gathers from surface points: leave --method out";
+        return "those are kept that --method cells gathers by: leave --method out, or give --patches links and "
+               "--keep-transport links";
     if (kiln_job_has_probes(job))
-        return "some end at radiance probes: leave --tracing-range out";
+        return "some rays end at radiance probes: leave --tracing-range out";
     if (job->guide > 0)
-        return "a guide sends them where the light is: leave --guide out";
+        return "a guide sends rays where the light is: leave --guide out";
     if (goes_on_elsewhere(job, p))
-        return "some go on from gloss, or are tinted, which Embree alone keeps: give --backend embree";
+        return "some rays go on from gloss, or are tinted, which Embree alone keeps: give --backend embree";
     if (p->surface->point_count >= (kiln_transport_goes_on(job, p) ? KILN_CHAIN_POINTS : KILN_ROW_POINTS))
-        return "there are more surface points than their words can tell apart: give fewer --texels-per-metre";
+        return "there are more surface points than words of rays can tell apart: give fewer --texels-per-metre";
     return NULL;
 }
 
@@ -57,7 +58,7 @@ static int refuse_what_cannot_be_kept(const struct kiln_job *job, const struct k
                          "--keep-transport links: this bake has none; give --method radiosity --patches links, or "
                          "--keep-transport rows");
     if (job->keep_transport == KILN_KEEP_ROWS && why != NULL)
-        return kiln_fail(error, KILN_USAGE, "--keep-transport rows: of these rays %s", why);
+        return kiln_fail(error, KILN_USAGE, "--keep-transport rows: %s", why);
     if (job->relight != NULL && !is_of_links(job) && goes_on_elsewhere(job, p))
         return kiln_fail(error, KILN_USAGE,
                          "rays of %.300s go on from gloss, or are tinted, which Embree alone looks up: give --backend "

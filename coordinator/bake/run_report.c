@@ -940,6 +940,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
                             json_pack("{s:I}", "count", (json_int_t)run->vertices->first[run->vertices->object_count]));
     if (run->job->group_count > 0)
         json_object_set_new(root, "light_groups", groups_json(run->job));
+    if (run->job->grouped != NULL)
+        json_object_set_new(root, "light_group_rules", json_loads(run->job->grouped, 0, NULL));
     json_object_set_new(root, "objects", objects_json(run));
     json_object_set_new(root, "borders", borders_json(run));
     json_object_set_new(root, "denoise", denoise_json(run));

@@ -198,6 +198,8 @@ static const char *cause_of_imbalance(const json_t *report)
     const double count = number_of(points, "count"), area = number_of(points, "area"),
                  whole_area = number_of(points, "geometry_area");
     const double emitted = luminance_of(json_object_get(report, "energy"), "emitted");
+    if (json_is_true(json_object_get(json_object_get(report, "job"), "clamp")))
+        return "--clamp cuts off what near patches bring, and rows are not closed";
     if (whole_area > 0.0 && emitted / whole_area < FAINTEST)
         return "the light is so faint that floats lose it; make the lights brighter, by 1e10 for example";
     if (json_is_true(json_object_get(tail, "diverges")) || number_of(tail, "error") > NOTE_TAIL)

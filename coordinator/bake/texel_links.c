@@ -1,9 +1,7 @@
 #include "coordinator/bake/texel_links.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "coordinator/bake/light_settings.h"
 #include "coordinator/bake/materials.h"
@@ -12,6 +10,7 @@
 #include "coordinator/files/folder.h"
 #include "coordinator/files/temporary.h"
 #include "coordinator/integrate/patches.h"
+#include "coordinator/view/texel_place.h"
 #include "worker/base/memory.h"
 #include "worker/pass/link_factors.h"
 
@@ -109,40 +108,21 @@ static int read_links(struct work *w, struct kiln_error *error)
 
 /* ---- the texel ---- */
 
-/* The number of its point; its name is what stands before the last two commas. */
 static int find_point(const struct kiln_prepared *p, const char *texel, uint64_t *point, struct kiln_error *error)
 {
     const struct kiln_surface *s = p->surface;
-    const char *last = strrchr(texel, ','), *middle = last;
-    while (middle != NULL && middle > texel && (middle == last || *middle != ','))
-        middle--;
-    const size_t length = middle != NULL && *middle == ',' ? (size_t)(middle - texel) : 0;
-    uint32_t x, y, object = 0;
-    char more;
-    if (length == 0 || sscanf(middle, ",%u,%u%c", &x, &y, &more) != 2)
-        return kiln_fail(error, KILN_USAGE, "--texel %.100s: give OBJECT,X,Y, such as floor,3,4", texel);
+    struct kiln_texel_place at;
+    const int status = kiln_texel_place_read(&at, p->scene, texel, error);
+    if (status != KILN_OK)
+        return status;
     if (s->bricks != NULL)
         return kiln_fail(error, KILN_USAGE, "--texel %.100s: a bake with --store octree has no texels", texel);
-    for (; object < s->object_count; object++) {
-        const char *name = kiln_scene_string(p->scene, p->scene->objects[object].name);
-        if (strlen(name) == length && strncmp(name, texel, length) == 0)
-            break;
-    }
-    if (object == s->object_count)
-        return kiln_fail(error, KILN_USAGE,
-                         "--texel %.100s: the scene has no object of that name (kiln info lists them)", texel);
-    const struct kiln_lightmap *map = &s->lightmaps[object];
-    if (x >= map->width || y >= map->height)
+    const struct kiln_lightmap *map = &s->lightmaps[at.object];
+    if (at.x >= map->width || at.y >= map->height)
         return kiln_fail(error, KILN_USAGE, "--texel %.100s: that lightmap has %u x %u texels, counted from 0,0", texel,
                          map->width, map->height);
-    *point = kiln_surface_find(s, object, x, y).at;
-    if (*point != KILN_NO_POINT)
-        return KILN_OK;
-    return kiln_fail(
-        error, KILN_USAGE,
-        "--texel %.100s: no surface lies in that texel; kiln view --show texels --atlas OBJECT shows which "
-        "have some",
-        texel);
+    *point = kiln_surface_find(s, at.object, at.x, at.y).at;
+    return *point != KILN_NO_POINT ? KILN_OK : kiln_texel_place_refuse(texel, error);
 }
 
 /* The tile run that has the point, and the point's bit. */
@@ -223,6 +203,7 @@ static int take_links(struct work *w, const char *texel, struct kiln_texel_links
             add_link(w, &p->points[point], scale, f->tinted[i].to, ((double)t[0] + (double)t[1] + (double)t[2]) / 3.0,
                      links);
     }
+    links->share[point] = -1.0f;
     return KILN_OK;
 }
 

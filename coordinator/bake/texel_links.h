@@ -9,7 +9,7 @@
 
 struct kiln_texel_links {
     /* of each surface point, by global index: the view factor of what the texel is linked to that has this point, %;
-     * NaN: it does not see it */
+     * NaN: it does not see it; -1: it is the texel's own */
     float *share;
     uint64_t points;
     uint32_t nodes, single; /* that it sees: nodes, and points that are linked to by themselves */

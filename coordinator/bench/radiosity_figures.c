@@ -267,7 +267,8 @@ static void add_seen_pictures(const struct kiln_sweep *sweep, struct kiln_html *
 {
     size_t i;
     const json_t *row;
-    kiln_html_add(page, "<h2>What a texel sees, by rays and by voxels; white: seen (figure 6.14)</h2>\n<div>\n");
+    kiln_html_add(
+        page, "<h2>What a texel sees, by rays and by voxels; white: seen, blue: hidden (figure 6.14)</h2>\n<div>\n");
     json_array_foreach(json_object_get(sweep->kept, "seen"), i, row)
     {
         char file[KILN_PICTURE_NAME];
@@ -386,7 +387,10 @@ static void add_6_12(const struct kiln_sweep *sweep, struct kiln_html *page)
         const struct kiln_setting_result *r = pure_of(sweep, i);
         if (r == NULL)
             continue;
-        struct line *line = add_line(&f, (int)f.count, false, scene_of(sweep, &sweep->settings[i]));
+        const char *scene = scene_of(sweep, &sweep->settings[i]), *space = strchr(scene, ' '); /* before an option */
+        char name[LINE_NAME];
+        (void)snprintf(name, sizeof name, "%.*s, %.0f", (int)(space != NULL ? space - scene : 20), scene, r->triangles);
+        struct line *line = add_line(&f, (int)f.count, false, name);
         line->loose = true;
         add_point(line, r->triangles, 1e9 * pass_of(r) / (r->points * r->points), NULL);
     }

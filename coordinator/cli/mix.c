@@ -12,6 +12,7 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/mix_factors.h"
 #include "coordinator/cli/mix_maps.h"
+#include "coordinator/cli/mix_scene.h"
 #include "coordinator/cli/mix_volume.h"
 #include "coordinator/files/json.h"
 #include "coordinator/mpi/agree.h"
@@ -39,6 +40,7 @@ struct mix {
     size_t map_count;
     double *ratios;             /* of each map: kiln_mix_map */
     bool has_scene, has_volume; /* scene.glb; volume.hdf */
+    json_t *as_baked;           /* names: kiln_mix_scene_write */
     double begin;
 };
 
@@ -245,15 +247,15 @@ static void change_report(const struct mix *m)
     }
     (void)json_object_set_new(m->run, "output", kiln_json_string(m->output));
     (void)json_object_set_new(m->run, "seconds", json_real(MPI_Wtime() - m->begin));
-    (void)json_object_set_new(
-        m->run, "mix",
-        json_pack("{s:o, s:o}", "from", kiln_json_string(m->directory), "factors", kiln_mix_factors_json(&m->factors)));
+    (void)json_object_set_new(m->run, "mix",
+                              json_pack("{s:o, s:o, s:O}", "from", kiln_json_string(m->directory), "factors",
+                                        kiln_mix_factors_json(&m->factors), "shown_as_baked", m->as_baked));
 }
 
 /* Rank 0. Scene, links and report. */
 static int write_others(const struct mix *m, struct kiln_error *error)
 {
-    int status = copy_file(m, "scene.kscene", error);
+    int status = kiln_mix_scene_write(m->output, m->results, m->run, &m->factors, m->as_baked, error);
     if (status == KILN_OK && m->has_scene)
         status = copy_file(m, "scene.glb", error);
     if (status != KILN_OK)
@@ -299,12 +301,20 @@ static int tell(const struct mix *m, struct kiln_error *error)
     if (!m->job->quiet)
         kiln_print(stdout, "%s: %zu lightmaps, mixed of %zu groups of lights\n", m->output, m->map_count,
                    m->factors.count);
+    if (!m->job->quiet && json_array_size(m->as_baked) > 0)
+        kiln_print(
+            stdout, "NOTE views show %s%s with the brightness that the bake had: its parts have different factors\n",
+            json_string_value(json_array_get(m->as_baked, 0)), json_array_size(m->as_baked) > 1 ? " and others" : "");
     return KILN_OK;
 }
 
 int kiln_command_mix(struct kiln_job *job, struct kiln_error *error)
 {
-    struct mix m = {.job = job, .directory = job->arguments[0], .output = job->output, .begin = MPI_Wtime()};
+    struct mix m = {.job = job,
+                    .directory = job->arguments[0],
+                    .output = job->output,
+                    .as_baked = json_array(),
+                    .begin = MPI_Wtime()};
     (void)MPI_Comm_rank(MPI_COMM_WORLD, &m.rank);
     (void)MPI_Comm_size(MPI_COMM_WORLD, &m.ranks);
     int status = open_bake(&m, error);
@@ -318,6 +328,7 @@ int kiln_command_mix(struct kiln_job *job, struct kiln_error *error)
     kiln_mix_factors_release(&m.factors);
     kiln_free(&m.maps);
     kiln_free(&m.ratios);
+    json_decref(m.as_baked);
     json_decref(m.run);
     kiln_results_close(&m.results);
     return status;

@@ -13,8 +13,26 @@
 #include "coordinator/job/light_groups.h"
 #include "coordinator/job/options.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/output/read/results.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
+
+/* Whether all files of transport that the manifest lists are there; without them rays would be traced in silence. */
+static int check_files(const char *directory, struct kiln_error *error)
+{
+    struct kiln_results *results = NULL;
+    int status = kiln_results_open(&results, directory, error);
+    const struct kiln_manifest *manifest = status == KILN_OK ? kiln_results_manifest(results) : NULL;
+    for (size_t i = 0; manifest != NULL && status == KILN_OK && i < manifest->count; i++) {
+        const char *path = manifest->files[i].path;
+        if (strncmp(path, "transport/", strlen("transport/")) == 0 && !kiln_results_has(results, path))
+            status = kiln_fail(error, KILN_BAD_INPUT,
+                               "'%.500s/%.200s' is missing: put it back, or bake again with --keep-transport",
+                               directory, path);
+    }
+    kiln_results_close(&results);
+    return status;
+}
 
 /* Rank 0 reads the index, the others receive it. Collective. */
 static int read_index(json_t **index, const char *directory, struct kiln_error *error)
@@ -28,7 +46,8 @@ static int read_index(json_t **index, const char *directory, struct kiln_error *
         (void)json_object_del(*index, "identity"); /* which the bake compares itself */
         text = json_dumps(*index, JSON_COMPACT);
         size = text != NULL ? strlen(text) : 0;
-        status = text != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the index of the transport");
+        status = text != NULL ? check_files(directory, error)
+                              : kiln_fail(error, KILN_SYSTEM, "out of memory: the index of the transport");
     }
     status = kiln_agree(MPI_COMM_WORLD, status, error);
     if (status == KILN_OK)

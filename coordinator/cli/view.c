@@ -154,6 +154,12 @@ static int open_backend(struct view *v, const struct kiln_job *job, struct kiln_
     return kiln_backend_create(&v->backend, job->backend, &params, error);
 }
 
+static bool was_given(const struct kiln_job *job, const char *name)
+{
+    const struct kiln_job_owned *owned = job->strings;
+    return owned->given[kiln_option_find_for(name, KILN_FOR_VIEW) - kiln_options];
+}
+
 static struct kiln_view_source source_of(struct view *v, const struct kiln_job *job, const char *directory)
 {
     struct kiln_view_source source = {.directory = directory,
@@ -164,7 +170,8 @@ static struct kiln_view_source source_of(struct view *v, const struct kiln_job *
                                       .backend = v->backend,
                                       .texels = v->show.texels,
                                       .field = v->field,
-                                      .nearest = job->view_filter == KILN_VIEW_FILTER_NEAREST,
+                                      .nearest = was_given(job, "filter") ? job->view_filter == KILN_VIEW_FILTER_NEAREST
+                                                                          : v->show.squares,
                                       .no_normal_maps = !job->normal_maps,
                                       .maps = v->maps};
     kiln_view_made_lend(&v->made, &source);
@@ -199,7 +206,7 @@ static int prepare(struct view *v, const struct kiln_job *job, const char *direc
 /* What the picture says of itself where something was made for it. */
 static void describe_made(struct view *v)
 {
-    v->picture.key = v->made.voxels != NULL ? &v->made.key : NULL;
+    v->picture.key = v->made.key.pairs > 0 ? &v->made.key : NULL;
     v->picture.note = v->made.note[0] != '\0' ? v->made.note : NULL;
 }
 
@@ -425,12 +432,6 @@ static int check_names(const struct view *v, const char *directory, struct kiln_
 }
 
 /* ---- options of one method ---- */
-
-static bool was_given(const struct kiln_job *job, const char *name)
-{
-    const struct kiln_job_owned *owned = job->strings;
-    return owned->given[kiln_option_find_for(name, KILN_FOR_VIEW) - kiln_options];
-}
 
 static const char *view_method(const struct kiln_job *job)
 {

@@ -77,12 +77,12 @@ static int make_links(struct kiln_view_made *m, const struct kiln_job *job, cons
     if (status == KILN_OK)
         status = kiln_point_rows_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error);
     if (status == KILN_OK)
-        status = kiln_point_rows_replace(m->rows, links.share, links.points, error);
+        status = kiln_point_rows_replace(m->rows, links.share, 1, links.points, error);
     m->nodes = links.nodes;
     m->single = links.single;
     m->all = links.all;
     (void)snprintf(m->note, sizeof m->note,
-                   "the texel %s gathers from %u nodes and %u single texels, %.4g %% of its view",
+                   "the texel %s gathers from %u nodes and %u single texels, %.4g %% of its view; orange: itself",
                    kiln_text_plain(texel, sizeof texel, job->view_texel), m->nodes, m->single, m->all);
     kiln_texel_links_release(&links);
     return status;
@@ -103,7 +103,8 @@ static int make_seen(struct kiln_view_made *m, const struct kiln_job *job, const
     if (status == KILN_OK)
         status = kiln_point_rows_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error);
     if (status == KILN_OK)
-        status = kiln_point_rows_replace(m->rows, s->value, s->points, error);
+        status = kiln_point_rows_replace(m->rows, s->color, 3, s->points, error);
+    kiln_seen_key(&m->key);
     (void)snprintf(by, sizeof by, ", by %u voxels %llu, of which %llu are the same ones", job->view_voxels,
                    (unsigned long long)s->by_voxels, (unsigned long long)s->by_both);
     (void)snprintf(m->note, sizeof m->note, "the texel %s faces %llu texels, and sees %llu of them by rays%s",

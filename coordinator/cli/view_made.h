@@ -13,7 +13,7 @@ struct kiln_view_made {
     struct kiln_voxels *voxels;         /* NULL: none are shown */
     bool boxes;                         /* they are drawn as such */
     struct kiln_view_renderer renderer; /* then, of these */
-    struct kiln_color_key key;          /* of voxels */
+    struct kiln_color_key key;          /* of voxels, or of what a texel sees; pairs 0: of neither */
     struct kiln_point_rows *rows;       /* of links, or of what a texel sees; NULL: neither is shown */
     uint32_t nodes, single;             /* as in struct kiln_texel_links, as is: */
     double all;

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "coordinator/files/publish.h"
+#include "coordinator/job/options.h"
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
@@ -133,6 +134,18 @@ static const struct kind {
              {"materials", "material", material_settings, material_count, material_name, change_material}};
 enum { KINDS = sizeof kinds / sizeof *kinds };
 
+/* Of those of a kind the one whose name is most like it; empty: there are none. */
+static const char *nearest(const struct kiln_changeable *s, const struct kind *kind, const char *pattern)
+{
+    const char *best = "";
+    for (size_t i = 0; i < kind->count(s); i++) {
+        const char *name = s->strings + kind->name(s, i);
+        if (i == 0 || kiln_edit_distance(pattern, name) < kiln_edit_distance(pattern, best))
+            best = name;
+    }
+    return best;
+}
+
 static int apply_rule(const struct kiln_changeable *s, const struct kind *kind, const char *pattern,
                       const json_t *settings, struct kiln_error *error)
 {
@@ -147,10 +160,14 @@ static int apply_rule(const struct kiln_changeable *s, const struct kind *kind, 
         kind->change(s, i, settings);
         matched++;
     }
-    return status == KILN_OK && matched == 0
-               ? kiln_fail(error, KILN_USAGE, "changes: no %s of the scene has a name that matches '%.200s'", kind->one,
-                           pattern)
-               : status;
+    if (status != KILN_OK || matched > 0)
+        return status;
+    return kind->count(s) == 0
+               ? kiln_fail(error, KILN_USAGE, "changes: the scene has no %s, and so none of the name '%.200s'",
+                           kind->one, pattern)
+               : kiln_fail(error, KILN_USAGE,
+                           "changes: no %s of the scene has a name that matches '%.200s'; the nearest is '%.200s'",
+                           kind->one, pattern, nearest(s, kind, pattern));
 }
 
 static int apply_kind(const struct kiln_changeable *s, const struct kind *kind, const json_t *rules,

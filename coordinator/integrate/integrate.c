@@ -159,7 +159,8 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
     kiln_radiosity_allgather_unlimit(solution->allgather);
     if (p->settings->probes)
         kiln_exchange_total_radiosity(&l->exchange, kiln_solution_step(solution));
-    kiln_energy_close(&solution->report.energy, &solution->report.steps, p->emission, caustics_found(p->settings));
+    kiln_energy_close(&solution->report.energy, &solution->report.steps, p->emission, caustics_found(p->settings),
+                      p->settings->patches != NULL ? p->settings->patches->albedo_scale : 1.0);
     if (l->radiance != NULL)
         kiln_radiance_end(l->radiance);
     solution->report.received = kiln_radiosity_allgather_received(solution->allgather);

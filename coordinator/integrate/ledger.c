@@ -271,14 +271,15 @@ static void open_energy(struct kiln_energy *e, const struct kiln_emission_result
 }
 
 /* What a counted step found, of which the bake has `share`: one part's. */
-static void add_step(struct kiln_energy *e, const struct kiln_step_energy *p, double share)
+static void add_step(struct kiln_energy *e, const struct kiln_step_energy *p, double share, double albedo_scale)
 {
+    const double read = share * albedo_scale;
     for (int c = 0; c < 3; c++) {
-        e->absorbed[c] += share * (p->incident[c] - p->reflected[c]);
-        e->escaped[c] += share * p->escaped[c];
-        e->blocked[c] += share * p->blocked[c];
-        e->glass[c] += share * p->glass[c];
-        e->gloss[c] += share * p->gloss[c];
+        e->absorbed[c] += share * (p->incident[c] - p->reflected[c] + (1.0 - albedo_scale) * p->sent[c]);
+        e->escaped[c] += read * p->escaped[c];
+        e->blocked[c] += read * p->blocked[c];
+        e->glass[c] += read * p->glass[c];
+        e->gloss[c] += read * p->gloss[c];
         e->left_over[c] += share * (p->reflected[c] - p->sent[c]);
     }
 }
@@ -318,7 +319,7 @@ static void compare_firsts(struct kiln_energy *e, const struct kiln_step_reports
 }
 
 void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *steps,
-                       const struct kiln_emission_result *emission, enum kiln_caustics caustics)
+                       const struct kiln_emission_result *emission, enum kiln_caustics caustics, double albedo_scale)
 {
     double variance = 0.0, residual[3];
     uint32_t parts = 1;
@@ -330,7 +331,7 @@ void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *st
     for (size_t i = 0; i < steps->count; i++) {
         if (!steps->of[i].step.counted)
             continue;
-        add_step(e, &steps->of[i].energy, share);
+        add_step(e, &steps->of[i].energy, share, albedo_scale);
         variance += share * share * steps->of[i].energy.variance;
     }
     for (int c = 0; c < 3; c++)

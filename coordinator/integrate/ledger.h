@@ -95,8 +95,9 @@ int kiln_ledger_end_step(struct kiln_ledger *ledger, MPI_Comm communicator, stru
                          struct kiln_error *error);
 
 /* The balance of a whole bake: emitted light against where the counted steps found it; and what of it has met no
- * diffuse surface before, traced from the lights against found. */
+ * diffuse surface before, traced from the lights against found. `albedo_scale`: of what a point sends, the part that
+ * gathers read (--albedo-scale, else 1); the rest counts as absorbed. */
 void kiln_energy_close(struct kiln_energy *energy, const struct kiln_step_reports *steps,
-                       const struct kiln_emission_result *emission, enum kiln_caustics caustics);
+                       const struct kiln_emission_result *emission, enum kiln_caustics caustics, double albedo_scale);
 
 #endif

@@ -107,13 +107,12 @@ static int document(struct reader *r, json_t **json, struct kiln_error *error)
     const bool empty = event.type != YAML_DOCUMENT_START_EVENT;
     yaml_event_delete(&event);
     if (empty)
-        return kiln_fail(error, KILN_BAD_INPUT, "%.500s: is empty; it names lights, materials or environment", r->path);
+        return kiln_fail(error, KILN_BAD_INPUT, "%.500s: is empty; nothing is named in it", r->path);
     status = next(r, &event, error);
     if (status == KILN_OK)
         status = value(r, &event, 0, json, error);
     return status == KILN_OK && !json_is_object(*json)
-               ? kiln_fail(error, KILN_BAD_INPUT, "%.500s: is one mapping, of lights, materials and environment",
-                           r->path)
+               ? kiln_fail(error, KILN_BAD_INPUT, "%.500s: is one mapping, NAME: {...}", r->path)
                : status;
 }
 

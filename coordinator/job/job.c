@@ -210,6 +210,16 @@ static int read_command_line(struct kiln_job *job, const struct kiln_command *co
     return KILN_OK;
 }
 
+/* The first one that begins with the command itself. */
+static const char *example_of(const struct kiln_command *command)
+{
+    const size_t length = strlen(command->name);
+    for (size_t i = 0; command->examples[i] != NULL; i++)
+        if (strncmp(command->examples[i] + strlen("kiln "), command->name, length) == 0)
+            return command->examples[i];
+    return command->examples[0];
+}
+
 static int check_arguments(const struct kiln_job *job, const struct kiln_command *command, struct kiln_error *error)
 {
     const size_t count = job->argument_count;
@@ -222,7 +232,7 @@ static int check_arguments(const struct kiln_job *job, const struct kiln_command
                          job->arguments[command->maximum], command->name, command->arguments);
     if (count < command->minimum)
         return kiln_fail(error, KILN_USAGE, "kiln %s needs %s; for example: %s", command->name, command->arguments,
-                         command->examples[0]);
+                         example_of(command));
     return KILN_OK;
 }
 
@@ -502,12 +512,14 @@ static int patches_by_embree(struct kiln_job *job, struct kiln_error *error)
 /* Patches are diffuse; without links their light has no chance in it whose error could be stated. */
 static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
 {
-    const struct unused_option others[] = {{"merge-radius", given(job, "merge-radius")},
-                                           {"samples-bounce", given(job, "samples-bounce")},
-                                           {"target-error", job->target_error > 0.0 && !kiln_job_has_links(job)},
-                                           {"error-map", job->error_map && !kiln_job_has_links(job)},
-                                           {"only-visible-from", job->only_visible_from != NULL},
-                                           {"exchange-points", job->exchange_points == KILN_EXCHANGE_VISIBLE}};
+    const struct unused_option others[] = {
+        {"merge-radius", given(job, "merge-radius")},
+        {"samples-bounce", given(job, "samples-bounce")},
+        {"schedule lean", given(job, "schedule") && job->schedule == KILN_SCHEDULE_LEAN},
+        {"target-error", job->target_error > 0.0 && !kiln_job_has_links(job)},
+        {"error-map", job->error_map && !kiln_job_has_links(job)},
+        {"only-visible-from", job->only_visible_from != NULL},
+        {"exchange-points", job->exchange_points == KILN_EXCHANGE_VISIBLE}};
     int status = refuse_cells(job, error);
     if (status == KILN_OK)
         status = refuse_unused(job, others, sizeof others / sizeof *others, error);

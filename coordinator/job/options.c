@@ -1201,7 +1201,7 @@ const struct kiln_option kiln_options[] = {
      .kind = KILN_OPTION_CHOICE_ENUM,
      .fallback = "linear",
      .choices = view_filter_names,
-     .help = "texels of lightmaps mixed with their neighbours, or as squares",
+     .help = "texels of lightmaps mixed with their neighbours, or as squares, as --show node, links, seen are",
      .commands = KILN_FOR_VIEW,
      .offset = AT(view_filter)},
 

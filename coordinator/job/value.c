@@ -130,7 +130,9 @@ static int set_choice(struct kiln_job *job, const struct kiln_option *option, co
         (void)snprintf(list + used, sizeof list - used, "%s%s", i == 0 ? "" : ", ", option->choices[i]);
     }
     return kiln_fail(error, option->refusal != 0 ? option->refusal : status,
-                     "%s: this build has no %s '%.200s'; it has: %s", where, option->name, text, list);
+                     option->refusal != 0 ? "%s: this build has no %s '%.200s'; it has: %s"
+                                          : "%s: there is no %s '%.200s'; there is: %s",
+                     where, option->name, text, list);
 }
 
 /* Parses three numbers separated by commas. */

@@ -30,8 +30,10 @@
 #include "worker/scene/radiosity.h"
 #include "worker/store/store.h"
 
-/* Bounces that `--bounces all` is taken to make, the final gather among them: scenes settle after 5 to 8. */
-enum { TYPICAL_BOUNCES = 7 };
+/* Bounces that `--bounces all` is taken to make, the final gather among them: scenes settle after 5 to 8. With equal
+ * samples in each, as patches have it, they go on until 1e-5 of the light is left: 15 to 20, or half as many pairs by
+ * unshot power. */
+enum { TYPICAL_BOUNCES = 7, TYPICAL_EQUAL = 18, TYPICAL_UNSHOT = 9 };
 /* Tile runs traced at a place: so many that every thread gets some, or a GPU is busy. */
 enum { THREAD_TILE_RUNS = 4, LEAST_TILE_RUNS = 8, DEVICE_TILE_RUNS = 2048, SAMPLE_PROBES = 256, LEAST_SAMPLES = 8 };
 enum { CHEAP_TILE_RUNS = 4 }; /* so many times as many for a gather of fewer samples than another one has */
@@ -773,11 +775,18 @@ static int find_visible(struct kiln_plan *plan, const struct kiln_prepared *p, c
     return status;
 }
 
+static uint32_t typical_bounces(const struct kiln_job *job)
+{
+    if (job->patches.order == KILN_ORDER_UNSHOT)
+        return TYPICAL_UNSHOT;
+    return job->schedule == KILN_SCHEDULE_EQUAL ? TYPICAL_EQUAL : TYPICAL_BOUNCES;
+}
+
 int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job,
                    const struct kiln_phases *phases, struct kiln_error *error)
 {
     *plan = (struct kiln_plan){.triangles = prepared->geometry->triangle_count,
-                               .bounces = job->bounces < 0 ? TYPICAL_BOUNCES : (uint32_t)job->bounces};
+                               .bounces = job->bounces < 0 ? typical_bounces(job) : (uint32_t)job->bounces};
     known_memory(plan, prepared);
     measure_program(plan, prepared, job);
     struct kiln_surface *rank_surface = NULL;
@@ -797,7 +806,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
         status = kiln_volume_grid(&volume, prepared->scene, job->probe_spacing, error);
     const struct kiln_integrate_settings settings = kiln_light_settings(job, prepared->lights, plan->surface.points);
     if (status == KILN_OK)
-        status = kiln_planned_steps_make(&plan->steps, &settings, TYPICAL_BOUNCES, error);
+        status = kiln_planned_steps_make(&plan->steps, &settings, typical_bounces(job), error);
     if (status == KILN_OK) {
         plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
         plan_disk(plan, prepared, job);

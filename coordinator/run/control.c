@@ -473,6 +473,13 @@ int kiln_stopped(const struct kiln_control *c, struct kiln_error *error)
                      "stopped by %s; a checkpoint was written, and the same command goes on from it", reason_text(c));
 }
 
+int kiln_stopped_between(const struct kiln_control *c, struct kiln_error *error)
+{
+    return kiln_fail(error, KILN_STOPPED,
+                     "stopped by %s: what is written is whole, and the same command starts from the beginning",
+                     reason_text(c));
+}
+
 int kiln_stopped_early(const struct kiln_control *c, uint64_t generation, struct kiln_error *error)
 {
     if (generation == 0)

@@ -115,6 +115,9 @@ int kiln_stopped(const struct kiln_control *control, struct kiln_error *error);
  * 0: none. */
 int kiln_stopped_early(const struct kiln_control *control, uint64_t generation, struct kiln_error *error);
 
+/* The same of what keeps nothing but results that are whole: states of kiln relight. */
+int kiln_stopped_between(const struct kiln_control *control, struct kiln_error *error);
+
 /* Rank 0, before results are replaced: checks that this bake still holds the lock of the folder (kiln_lock_check). */
 int kiln_control_check_folder(const struct kiln_control *control, struct kiln_error *error);
 

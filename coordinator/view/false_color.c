@@ -15,6 +15,7 @@
 #pragma GCC diagnostic pop
 
 enum { MARGIN = 8, BAR = 14, TEXT_TOP = 27, QUADS = 512, MISSING = 96, PAPER = 24, INK = 235, WIDE = 800 };
+static const uint8_t marked[3] = {255, 120, 0};
 static const double SHARE = 0.005; /* of the pixels that lie beyond each end of a scale */
 
 /* ---- the range ---- */
@@ -25,12 +26,12 @@ static int compare_floats(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* The finite values of a plane, sorted; returns their number. */
-static size_t sort_finite(const float *plane, size_t pixels, float *sorted)
+/* The finite values of a plane from `least` on, sorted; returns their number. */
+static size_t sort_finite(const float *plane, size_t pixels, float least, float *sorted)
 {
     size_t count = 0;
     for (size_t i = 0; i < pixels; i++)
-        if (isfinite(plane[i]))
+        if (isfinite(plane[i]) && plane[i] >= least)
             sorted[count++] = plane[i];
     qsort(sorted, count, sizeof *sorted, compare_floats);
     return count;
@@ -39,11 +40,13 @@ static size_t sort_finite(const float *plane, size_t pixels, float *sorted)
 int kiln_false_color_fit(struct kiln_picture *picture, struct kiln_error *error)
 {
     const size_t pixels = (size_t)picture->image->width * picture->image->height;
-    const double share = picture->meaning == KILN_FIELD_SCALE ? SHARE : 0.0;
+    const bool scale = picture->meaning == KILN_FIELD_SCALE;
+    const double share = scale ? SHARE : 0.0;
     float *planes[3], *sorted = NULL;
     const int status = kiln_allocate(&sorted, pixels, sizeof *sorted, "the values of a picture", error);
     for (int c = 0; status == KILN_OK && kiln_image_rgb(picture->image, "", planes) && c < 3; c++) {
-        const size_t count = sort_finite(planes[c], pixels, sorted), beyond = (size_t)(share * (double)count);
+        const size_t count = sort_finite(planes[c], pixels, scale ? 0.0f : -INFINITY, sorted),
+                     beyond = (size_t)(share * (double)count);
         picture->low[c] = count > 0 ? (double)sorted[beyond] : 0.0;
         picture->high[c] = count > 0 ? (double)sorted[count - 1 - beyond] : 0.0;
     }
@@ -91,7 +94,9 @@ static void color_pixel(const struct kiln_picture *p, float *const planes[3], si
     memset(rgb, MISSING, 3);
     if (!isfinite(planes[0][i]) || !isfinite(planes[1][i]) || !isfinite(planes[2][i]))
         return;
-    if (scale)
+    if (scale && planes[0][i] < 0.0f)
+        memcpy(rgb, marked, 3);
+    else if (scale)
         color_of(place_in(p, 0, (double)planes[0][i]), rgb);
     for (int c = 0; c < 3 && !scale; c++)
         rgb[c] = (uint8_t)lround(255.0 * fmin(fmax(place_in(p, c, (double)planes[c][i]), 0.0), 1.0));

@@ -75,16 +75,19 @@ int kiln_point_rows_read(struct kiln_point_rows **rows, struct kiln_results *res
     return status;
 }
 
-int kiln_point_rows_replace(struct kiln_point_rows *r, const float *values, uint64_t count, struct kiln_error *error)
+int kiln_point_rows_replace(struct kiln_point_rows *r, const float *values, size_t components, uint64_t count,
+                            struct kiln_error *error)
 {
     if (count != r->image->width)
         return kiln_fail(error, KILN_BAD_INPUT, "kiln.h5 has %u surface points, and the scene %llu; bake again",
                          r->image->width, (unsigned long long)count);
-    const int status = kiln_allocate(&r->own, (size_t)count, sizeof *r->own, "the points of a bake", error);
+    const int status =
+        kiln_allocate(&r->own, components * (size_t)count, sizeof *r->own, "the points of a bake", error);
     if (status != KILN_OK)
         return status;
-    memcpy(r->own, values, (size_t)count * sizeof *r->own);
-    r->value[0] = r->value[1] = r->value[2] = r->own;
+    memcpy(r->own, values, components * (size_t)count * sizeof *r->own);
+    for (size_t c = 0; c < 3; c++)
+        r->value[c] = r->own + (c < components ? c : components - 1) * (size_t)count;
     return KILN_OK;
 }
 

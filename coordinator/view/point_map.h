@@ -12,9 +12,9 @@ struct kiln_point_rows;
  * have it; KILN_BAD_INPUT. */
 int kiln_point_rows_read(struct kiln_point_rows **rows, struct kiln_results *results, const struct kiln_field *field,
                          uint32_t objects, struct kiln_error *error);
-/* Puts other values in the place of the dataset's, one for each of the bake's `count` points; they are copied.
- * KILN_BAD_INPUT: the rows have another number of points. */
-int kiln_point_rows_replace(struct kiln_point_rows *rows, const float *values, uint64_t count,
+/* Puts other values in the place of the dataset's, one for each of the bake's `count` points, or `components` 3: as
+ * many of red, then of green, then of blue; they are copied. KILN_BAD_INPUT: the rows have another number of points. */
+int kiln_point_rows_replace(struct kiln_point_rows *rows, const float *values, size_t components, uint64_t count,
                             struct kiln_error *error);
 /* NULL is accepted. */
 void kiln_point_rows_destroy(struct kiln_point_rows **rows);

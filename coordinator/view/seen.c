@@ -5,11 +5,21 @@
 #include <string.h>
 
 #include "coordinator/output/read/rows.h"
+#include "coordinator/view/texel_place.h"
 #include "worker/backend/backend.h"
 #include "worker/base/memory.h"
 #include "worker/light/lights.h"
 
 #define NEAR 1e-4f /* of the way between two points: what is met nearer to either is its own surface */
+
+enum kind { SEEN_YES, SEEN_HIDDEN, SEEN_TURNED, SEEN_TEXEL, SEEN_KINDS };
+static const struct {
+    const char *word;
+    float rgb[3];
+} kinds[SEEN_KINDS] = {[SEEN_YES] = {"seen", {1.0f, 1.0f, 1.0f}},
+                       [SEEN_HIDDEN] = {"hidden", {0.02f, 0.08f, 0.3f}},
+                       [SEEN_TURNED] = {"turned away", {0.03f, 0.03f, 0.03f}},
+                       [SEEN_TEXEL] = {"the texel", {1.0f, 0.3f, 0.0f}}};
 
 /* The points of kiln.h5; side NULL: all are fronts. */
 struct points {
@@ -62,41 +72,18 @@ static struct kiln_vec3 normal_of(const struct points *p, uint32_t i)
 
 /* ---- the texel ---- */
 
-/* The point of a texel; its object's name is what stands before the last two commas. */
 static int find_texel(const struct points *p, const struct kiln_scene *scene, const char *texel, uint32_t *point,
                       struct kiln_error *error)
 {
-    const char *last = strrchr(texel, ','), *middle = last;
-    while (middle != NULL && middle > texel && (middle == last || *middle != ','))
-        middle--;
-    const size_t length = middle != NULL && *middle == ',' ? (size_t)(middle - texel) : 0;
-    uint32_t x, y;
-    char more;
-    if (length == 0 || sscanf(middle, ",%u,%u%c", &x, &y, &more) != 2)
-        return kiln_fail(error, KILN_USAGE, "--texel %.100s: give OBJECT,X,Y, such as floor,3,4", texel);
-    bool named = false;
-    for (uint32_t object = 0; object < scene->object_count && !named; object++) {
-        const char *name = kiln_scene_string(scene, scene->objects[object].name);
-        named = strlen(name) == length && strncmp(name, texel, length) == 0;
-    }
-    if (!named)
-        return kiln_fail(error, KILN_USAGE,
-                         "--texel %.100s: the scene has no object of that name (kiln info lists them)", texel);
-    for (uint32_t i = 0; i < p->count; i++) {
-        const uint32_t object = (uint32_t)p->object[i];
-        if (object >= scene->object_count || p->x[i] != (float)x || p->y[i] != (float)y || !is_front(p, i))
-            continue;
-        const char *name = kiln_scene_string(scene, scene->objects[object].name);
-        if (strlen(name) == length && strncmp(name, texel, length) == 0) {
-            *point = i;
+    struct kiln_texel_place at;
+    const int status = kiln_texel_place_read(&at, scene, texel, error);
+    if (status != KILN_OK)
+        return status;
+    for (*point = 0; *point < p->count; ++*point)
+        if ((uint32_t)p->object[*point] == at.object && p->x[*point] == (float)at.x && p->y[*point] == (float)at.y &&
+            is_front(p, *point))
             return KILN_OK;
-        }
-    }
-    return kiln_fail(
-        error, KILN_USAGE,
-        "--texel %.100s: no surface lies in that texel; kiln view --show texels --atlas OBJECT shows which "
-        "have some",
-        texel);
+    return kiln_texel_place_refuse(texel, error);
 }
 
 /* Of the object with most surface the point that is nearest to the middle of its points. */
@@ -185,12 +172,19 @@ static int trace(struct looks *l, const struct kiln_scene *scene, const struct k
     return status;
 }
 
+/* SEEN_KINDS: none of them. */
+static void color_point(struct kiln_seen *seen, uint32_t i, enum kind kind)
+{
+    for (uint32_t c = 0; c < 3; c++)
+        seen->color[(size_t)c * seen->points + i] = kind < SEEN_KINDS ? kinds[kind].rgb[c] : NAN;
+}
+
 static void count(struct kiln_seen *seen, const struct looks *l, const struct points *p, const struct kiln_scene *scene,
                   uint32_t from, const struct kiln_voxels *voxels)
 {
     const struct kiln_vec3 at = place_of(p, scene, from), n = normal_of(p, from);
     for (uint32_t i = 0; i < p->count; i++)
-        seen->value[i] = p->valid[i] > 0.0f && i != from ? 0.0f : NAN;
+        color_point(seen, i, i == from ? SEEN_TEXEL : p->valid[i] > 0.0f ? SEEN_TURNED : SEEN_KINDS);
     seen->facing = l->count;
     for (uint32_t k = 0; k < l->count; k++) {
         const uint32_t i = l->to[k];
@@ -200,7 +194,7 @@ static void count(struct kiln_seen *seen, const struct looks *l, const struct po
         seen->by_rays += by_ray;
         seen->by_voxels += by_voxels;
         seen->by_both += by_ray && by_voxels;
-        seen->value[i] = (voxels != NULL ? by_voxels : by_ray) ? 1.0f : 0.0f;
+        color_point(seen, i, (voxels != NULL ? by_voxels : by_ray) ? SEEN_YES : SEEN_HIDDEN);
     }
 }
 
@@ -211,7 +205,7 @@ int kiln_seen_find(struct kiln_seen *seen, struct kiln_results *results, const s
     struct points p = {.image = NULL};
     struct looks l = {.count = 0};
     uint32_t from = 0;
-    *seen = (struct kiln_seen){.value = NULL};
+    *seen = (struct kiln_seen){.color = NULL};
     int status = read_points(&p, results, error);
     if (status == KILN_OK)
         status = texel != NULL ? find_texel(&p, scene, texel, &from, error) : choose_texel(&p, scene, &from, error);
@@ -220,7 +214,7 @@ int kiln_seen_find(struct kiln_seen *seen, struct kiln_results *results, const s
     if (status == KILN_OK)
         status = trace(&l, scene, geometry, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&seen->value, p.count, sizeof *seen->value, "what a texel sees", error);
+        status = kiln_allocate(&seen->color, 3 * (size_t)p.count, sizeof *seen->color, "what a texel sees", error);
     if (status == KILN_OK) {
         seen->points = p.count;
         (void)snprintf(seen->texel, sizeof seen->texel, "%.70s,%.0f,%.0f",
@@ -237,4 +231,16 @@ int kiln_seen_find(struct kiln_seen *seen, struct kiln_results *results, const s
     return status;
 }
 
-void kiln_seen_release(struct kiln_seen *seen) { kiln_free(&seen->value); }
+void kiln_seen_release(struct kiln_seen *seen) { kiln_free(&seen->color); }
+
+void kiln_seen_key(struct kiln_color_key *key)
+{
+    *key = (struct kiln_color_key){.pairs = SEEN_KINDS};
+    for (int i = 0; i < SEEN_KINDS; i++) {
+        (void)snprintf(key->of[i].text, sizeof key->of[i].text, "%s", kinds[i].word);
+        for (int turn = 0; turn < 2; turn++)
+            memcpy(key->of[i].rgb[turn], kinds[i].rgb, sizeof kinds[i].rgb);
+    }
+    (void)snprintf(key->note, sizeof key->note,
+                   "white: seen; blue: something stands between; dark: turned away; orange: the texel itself");
+}

@@ -4,12 +4,13 @@
 #define KILN_COORDINATOR_VIEW_SEEN_H
 
 #include "coordinator/output/read/results.h"
+#include "coordinator/view/view.h"
 #include "worker/scene/voxels.h"
 
 struct kiln_seen {
-    /* of each point, as kiln.h5 has them: 1 where the texel sees it, by voxels where there are any, else by rays; 0
-     * where it does not; NaN for itself, and where no light could be gathered */
-    float *value;
+    /* red of each point, as kiln.h5 has them, then green, then blue: whether the texel sees it, by voxels where there
+     * are any, else by rays, in the colours of kiln_seen_key; NaN where no light could be gathered */
+    float *color;
     uint64_t points;
     char texel[100]; /* OBJECT,X,Y */
     /* points that it faces and that face it; those of them that it sees by rays, by voxels, by both */
@@ -24,5 +25,7 @@ int kiln_seen_find(struct kiln_seen *seen, struct kiln_results *results, const s
                    const struct kiln_geometry *geometry, const char *texel, const struct kiln_voxels *voxels,
                    struct kiln_error *error);
 void kiln_seen_release(struct kiln_seen *seen);
+
+void kiln_seen_key(struct kiln_color_key *key);
 
 #endif

@@ -44,16 +44,17 @@ static const struct made {
      {.name = "seen",
       .unit = "1",
       .meaning = KILN_FIELD_COLOR,
-      .components = 1,
-      .dataset = "/points/area",
-      .description = "surface points that a texel sees: white"}},
+      .components = 3,
+      .dataset = "/points/position",
+      .description =
+          "surface points that a texel sees: white; hidden ones: blue; those turned away: dark; the texel: orange"}},
     {KILN_SHOW_LINKS,
      {.name = "links",
       .unit = "%",
       .meaning = KILN_FIELD_SCALE,
       .components = 1,
       .dataset = "/points/area",
-      .description = "view factors of the nodes that a texel gathers from"}},
+      .description = "view factors of the nodes that a texel gathers from; -1: the texel itself"}},
 };
 
 /* Sentences of --help; those of the rest are the descriptions of the fields. `meaning`: of fields, unless theirs. */
@@ -178,6 +179,7 @@ int kiln_show_find(struct kiln_show *show, const char *name, struct kiln_error *
     for (size_t i = 0; i < MADE; i++)
         if (strcmp(made[i].field.name, name) == 0) {
             show->kind = made[i].kind;
+            show->squares = show->kind == KILN_SHOW_SEEN || show->kind == KILN_SHOW_LINKS;
             show->field = made[i].field;
             return KILN_OK;
         }
@@ -186,6 +188,7 @@ int kiln_show_find(struct kiln_show *show, const char *name, struct kiln_error *
         return refuse(name, error);
     show->field = *field;
     const struct shown *shown = find_shown(name);
+    show->squares = strcmp(name, "node") == 0;
     if (shown != NULL && shown->meaning != KILN_FIELD_AMOUNT)
         show->field.meaning = shown->meaning;
     return KILN_OK;

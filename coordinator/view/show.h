@@ -20,6 +20,7 @@ enum kiln_show_kind {
 struct kiln_show {
     enum kiln_show_kind kind;
     bool texels;             /* the checkerboard; else light, where `field` has no name */
+    bool squares;            /* texels are drawn as such unless told otherwise: what lies between two of them is none */
     struct kiln_field field; /* what is read; name NULL: none */
     /* of a group of lights, whose names no table has */
     char dataset[KILN_GROUP_NAME + 16], channel[3][KILN_GROUP_NAME + 16];

@@ -123,6 +123,9 @@ static void scale_text(const struct kiln_picture *picture, const struct kiln_loo
                        "red, green and blue are x from %.4g to %.4g, y from %.4g to %.4g, z from %.4g to %.4g%s%s",
                        picture->low[0], picture->high[0], picture->low[1], picture->high[1], picture->low[2],
                        picture->high[2], unit != NULL ? " " : "", unit != NULL ? unit : "");
+    else if (picture->meaning == KILN_FIELD_SCALE && !(picture->low[0] < picture->high[0]))
+        (void)snprintf(text, 200, "dark violet: %.4g%s%s; grey: no value", picture->low[0], unit != NULL ? " " : "",
+                       unit != NULL ? unit : "");
     else if (picture->meaning == KILN_FIELD_SCALE)
         (void)snprintf(text, 200, "from dark violet, %.4g or less, to yellow, %.4g or more%s%s; grey: no value",
                        picture->low[0], picture->high[0], unit != NULL ? " " : "", unit != NULL ? unit : "");

@@ -151,7 +151,7 @@ enum kiln_metering { KILN_METERED_PICTURE, KILN_METERED_PATH, KILN_METERED_NOTHI
 
 /* What colours stand for where neither exposure nor range says it: pairs of colours, with a word each that stands under
  * them, and a sentence. */
-enum { KILN_KEY_PAIRS = 3 };
+enum { KILN_KEY_PAIRS = 4 };
 struct kiln_color_key {
     int pairs;
     struct {

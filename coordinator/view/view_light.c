@@ -306,11 +306,30 @@ static bool find_planes(const struct kiln_view_source *source, struct map *map)
     return true;
 }
 
+/* Adds the groups of lights that the bake has told apart, the first ones of many. */
+static void list_groups(const struct kiln_view_source *source, char *list, size_t size)
+{
+    enum { FEW = 8 };
+    struct kiln_error ignored;
+    json_t *run = NULL;
+    if (kiln_results_json(source->results, "run.json", &run, &ignored) != KILN_OK)
+        return;
+    const json_t *groups = json_object_get(run, "light_groups");
+    for (size_t g = 0; g < json_array_size(groups) && g < FEW; g++) {
+        const char *name = json_string_value(json_object_get(json_array_get(groups, g), "name"));
+        const size_t used = strlen(list);
+        (void)snprintf(list + used, size - used, ", group:%s", name != NULL ? name : "");
+    }
+    if (json_array_size(groups) > FEW)
+        (void)snprintf(list + strlen(list), size - strlen(list), " and more groups");
+    json_decref(run);
+}
+
 /* KILN_NO_INPUT: the lightmap `name` lacks the field that is to be shown. */
 static int no_field(const struct kiln_view_source *source, const char *name, struct kiln_error *error)
 {
     const struct kiln_field *fields[KILN_FIELDS_MAX];
-    char list[256] = "light";
+    char list[1024] = "light";
     size_t count;
     const int status = kiln_results_fields(source->results, name, fields, &count, error);
     if (status != KILN_OK)
@@ -319,6 +338,7 @@ static int no_field(const struct kiln_view_source *source, const char *name, str
         const size_t used = strlen(list);
         (void)snprintf(list + used, sizeof list - used, ", %s", kiln_field_shown_name(fields[i]));
     }
+    list_groups(source, list, sizeof list);
     return kiln_fail(error, KILN_NO_INPUT, "'%s/%s' has no layer '%s': this bake's lightmaps have %s",
                      source->directory, name, kiln_field_shown_name(source->field), list);
 }

@@ -200,6 +200,7 @@ def check_scaled(kiln, checks):
     if all([checks.baked(bake) for bake in bakes]):
         checks.that(np.allclose(half.points.indirect, 0.5 * full.points.indirect, rtol=1e-6, atol=0),
                     '--albedo-scale 0.5 is not half of one bounce', half.process)
+        checks.energy(half, '--albedo-scale 0.5')
         said = [tuple(bake.run['job'][key] for key in ('lights', 'clamp', 'albedo_scale')) for bake in bakes]
         wanted = [('sampled', False, 1), ('sampled', False, 0.5), ('patches', False, 1), ('patches', True, 1)]
         checks.that(said == wanted, 'run.json has other settings: %s' % said, half.process)
@@ -248,10 +249,11 @@ def check_interrupted(kiln, checks, few, wanted):
 
 def check_refusals(kiln, checks):
     refused = [('radiosity', more) for more in (
-        ('--error-map', ), ('--target-error', 0.1), ('--schedule', 'equal'), ('--samples-bounce', 4),
-        ('--indirect-scale', 4), ('--materials', 'full'), ('--caustics', 'gather'), ('--tracing-range', 1),
-        ('--exchange-points', 'visible'), ('--merge-radius', 0.1), ('--sampling-window', 2), ('--node-max', 2),
-        ('--undersample', 'mipmap', '--subdivide', 0.1), ('--undersample', 'mipmap', '--store', 'octree'))]
+        ('--error-map', ), ('--target-error', 0.1), ('--schedule', 'equal'), ('--schedule', 'lean'),
+        ('--samples-bounce', 4), ('--indirect-scale', 4), ('--materials', 'full'), ('--caustics', 'gather'),
+        ('--tracing-range', 1), ('--exchange-points', 'visible'), ('--merge-radius', 0.1), ('--sampling-window', 2),
+        ('--node-max', 2), ('--undersample', 'mipmap', '--subdivide', 0.1),
+        ('--undersample', 'mipmap', '--store', 'octree'))]
     refused += [('cells', ('--lights', 'patches')), ('path', ('--lights', 'patches')), ('cells', ('--clamp', )),
                 ('cells', ('--undersample', 'stride')), ('cells', ('--subdivide', 0.1))]
     for method, more in refused:

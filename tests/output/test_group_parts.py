@@ -95,6 +95,12 @@ class GroupParts(unittest.TestCase):
             self.assertLess(abs(light.mean() - wanted.mean()), 0.01 * wanted.mean())
             self.assertLess(np.abs(light - wanted).mean(), 0.1 * wanted.mean())
 
+    def test_no_sky(self):
+        answer = kiln('bake', self.screens('dark', lambda x, y: True), *SMALL, '--sky-patches', 145, '-o',
+                      os.path.join(self.folder, 'out'))
+        self.assertEqual(answer.code, 64)
+        self.assertIn('the scene has no sky', answer.err)
+
     def test_blocks_need_coordinates(self):
         groups = self.write('groups.yaml', 'a: {lights: [sun], blocks: [2, 2]}\n')
         out = os.path.join(self.folder, 'out')

@@ -1,5 +1,7 @@
 """kiln mix: with 1 for all groups it writes the bake's lightmaps, bit for bit; with other factors the sum of the
-groups' layers, which is as a bake of those lights alone; on any number of ranks the same bytes. What it refuses."""
+groups' layers, which is as a bake of those lights alone; on any number of ranks the same bytes. Views show what
+shines with its factor. What it refuses."""
+import json
 import os
 import shutil
 import sys
@@ -12,6 +14,8 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, '../cli'))
 sys.path.insert(0, os.path.join(HERE, '../common'))
 import exr  # noqa: E402
+import glb  # noqa: E402
+import png  # noqa: E402
 from kiln_cli import kiln  # noqa: E402
 
 SCENE = os.path.join(HERE, '../data/punctual_zoo.glb')
@@ -35,8 +39,8 @@ class Mix(unittest.TestCase):
         return os.path.join(cls.folder, name)
 
     @classmethod
-    def bake(cls, name, *options):
-        answer = kiln('bake', SCENE, *SMALL, *options, '-o', cls.path(name), timeout=120)
+    def bake(cls, name, *options, scene=SCENE):
+        answer = kiln('bake', scene, *SMALL, *options, '-o', cls.path(name), timeout=120)
         if answer.code != 0:
             raise AssertionError(answer.err)
 
@@ -100,6 +104,31 @@ class Mix(unittest.TestCase):
                                                atol=1e-6)
                 off = mixed[file]['direct.' + colour] + mixed[file]['indirect.' + colour] - mixed[file][colour]
                 self.assertLess(np.quantile(np.abs(off), 0.95), 1e-5)
+
+    def test_shown(self):
+        """What shines is shown with its factor, if its parts have one; parts that differ as the bake had them."""
+        scene = glb.Scene()
+        scene.quad('screen', [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)], scene.material('Screen', radiance=(2, 2, 2)))
+        scene.document['images'] = [{'uri': png.data_uri(np.full((4, 4, 3), 255, np.uint8))}]
+        scene.document['textures'] = [{'source': 0}]
+        scene.document['materials'][0]['emissiveTexture'] = {'index': 0}
+        scene.environment((1, 1, 1))
+        groups = self.path('screen.yaml')
+        with open(groups, 'w', encoding='utf-8') as file:
+            file.write('screen: {materials: [Screen], blocks: [2, 1]}\nsky: {environment: true}\n')
+        self.bake('shown', '--light-groups', groups, scene=scene.write(self.path('screen.glb')))
+        for factors, wanted, told in ((('screen.*=0.5', 'sky=0,1,2'), (1, 1, 1), []),
+                                      (('screen.0.0=0', ), (2, 2, 2), ['Screen'])):
+            answer = kiln('mix', self.path('shown'), *(word for factor in factors for word in ('--set', factor)), '-o',
+                          self.path('shown_mix'))
+            self.assertEqual((answer.code, 'NOTE views show Screen' in answer.out), (0, bool(told)), answer.err)
+            with open(self.path('shown_mix/run.json'), encoding='utf-8') as file:
+                self.assertEqual(json.load(file)['mix']['shown_as_baked'], told)
+            view = self.path('shown.exr')
+            self.assertEqual(kiln('view', self.path('shown_mix'), '--from', '1,1,4', '--to', '1,1,0', '--width', 64,
+                                  '--height', 64, '-o', view, timeout=60).code, 0)
+            np.testing.assert_allclose(exr.rgb(view)[32, 32], wanted, rtol=0.01)
+            np.testing.assert_allclose(exr.rgb(view)[0, 0], (0, 1, 2) if not told else (1, 1, 1), rtol=0.01)
 
     def test_alone(self):
         with open(self.path('off.yaml'), 'w', encoding='utf-8') as file:

@@ -3,17 +3,20 @@
 The room has a flat and a smooth object, a pane with holes and a hole to the sky. Kept transport changes no light; it is
 the same bytes from one rank, from three and from a bake that was stopped and gone on with. Nothing changed, and lights,
 colours, emission and sky changed: relit on one rank and on three, the room has the bits of its bake, and no ray was
-traced that was kept. Where other light takes other steps, these are traced. What is damaged, moved or cannot be kept is
-refused."""
+traced that was kept. So does one with textures, a lamp that has moved and a new one, relit on four ranks after it was
+stopped. Where other light takes other steps, these are traced. What is damaged, moved or cannot be kept is refused."""
 import json
 import os
 import shutil
 import sys
 import tempfile
 
+import numpy as np
+
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
 import harness  # noqa: E402
+import png  # noqa: E402
 from relit import done, kept_files, kiln, light, rays, refused, same  # noqa: E402
 
 OPTIONS = ["--texels-per-metre", "6", "--backend", "embree", "--samples-direct", "32", "--samples-bounce", "16",
@@ -22,8 +25,9 @@ KEEP = ["--keep-transport", "rows"]
 USAGE, STOPPED, SLOWNESS = 64, 75, 20
 
 
-def room(path, edited=False, moved=False, extra=False, white=None):
-    """`edited`: other lights, colours and sky; `moved`, `extra`: other geometry; `white`: albedo of the walls."""
+def room(path, edited=False, moved=False, extra=False, white=None, textured=False):
+    """`edited`: other lights, colours and sky; `moved`, `extra`: other geometry; `white`: albedo of the walls;
+    `textured`: textures of colour and emission, the sun from elsewhere, and one more lamp."""
     scene = glb.Scene()
     wall = scene.material("wall", (white,) * 3 if white else (0.3, 0.6, 0.7) if edited else (0.7, 0.7, 0.6))
     glow = scene.material("glow", (0.2, 0.2, 0.2), (1, 4, 2) if edited else (5, 4, 3))
@@ -39,7 +43,16 @@ def room(path, edited=False, moved=False, extra=False, white=None):
         next(n for n in scene.document["nodes"] if n["name"] == "ball")["translation"] = [0.1, 0, 0]
     if extra:
         glb.box(scene, "box", (1.4, 0, 0.4), (1.6, 0.3, 0.6), wall)
-    scene.light("sun", {"type": "directional", "intensity": 1.0 if edited else 3.0}, rotation=[-0.5, 0, 0, 0.866])
+    scene.light("sun", {"type": "directional", "intensity": 1.0 if edited else 3.0},
+                rotation=[-0.6, 0.1, 0, 0.794] if textured else [-0.5, 0, 0, 0.866])
+    if textured:
+        pictures = np.random.default_rng(1).integers(40, 255, (2, 8, 8, 3), np.uint8)
+        scene.document["images"] = [{"uri": png.data_uri(picture)} for picture in pictures]
+        scene.document["textures"] = [{"source": 0}, {"source": 1}]
+        scene.document["materials"][wall]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
+        scene.document["materials"][glow]["emissiveTexture"] = {"index": 1}
+        scene.light("spot", {"type": "spot", "intensity": 5.0, "spot": {"outerConeAngle": 0.6}},
+                    translation=[1.5, 1.6, 1.2], rotation=[-0.5, 0, 0, 0.866])
     scene.environment((2, 0.5, 0.2) if edited else (0.5, 0.6, 0.9))
     return scene.write(path)
 
@@ -106,6 +119,13 @@ with tempfile.TemporaryDirectory() as top:
         done("relight", at("three"), edited, "-o", out, ranks=ranks)
         same(at("edited"), out, f"edited scene on {ranks} ranks")
         assert rays(out)[0] > 0.9 * counted, rays(out)
+    textured = room(at("textured.glb"), textured=True)
+    done("bake", textured, *OPTIONS, "-o", at("textured"))
+    again = ("relight", at("kept"), textured, "-o", at("relit_textured"))
+    assert kiln(*again, "--quiet", "--max-time", "0.3", slowness=SLOWNESS).returncode == STOPPED, "not stopped"
+    done(*again, ranks=4)
+    same(at("textured"), at("relit_textured"), "textures, a moved and a new lamp")
+    assert rays(at("relit_textured"))[0] > 0.9 * counted, rays(at("relit_textured"))
     sky = ("--environment", "0.1,0.2,3")
     done("bake", scene, *OPTIONS, *sky, "-o", at("sky"))
     done("relight", at("kept"), *sky, "-o", at("relit_sky"))
@@ -145,7 +165,7 @@ with tempfile.TemporaryDirectory() as top:
     refused(USAGE, "folder of the bake that is relit", "relight", at("kept"), "-o", at("kept"))
     refused(66, "has kept no transport", "relight", at("plain"), "-o", at("no"))
     for option in (["--guide", "auto"], ["--tracing-range", "1"], ["--method", "path"]):
-        refused(USAGE, "--keep-transport rows: of these rays", "bake", scene, *OPTIONS, *KEEP, *option, "-o", at("no"))
+        refused(USAGE, "--keep-transport rows: ", "bake", scene, *OPTIONS, *KEEP, *option, "-o", at("no"))
 
     assert kiln("verify", at("kept"), "--quiet").returncode == 0
     for place, words in ((20, "not as it was written, or of another bake"), (None, "the row of surface point")):

@@ -193,8 +193,8 @@ def main(top):
     reached(mended, sunny, at, coarse, target)
 
     refused(USAGE, "this bake has none", "bake", lamp, *PLAIN[:-1], *KEEP, "-o", at("no"))
-    refused(USAGE, "of these rays --method cells alone", "bake", lamp, *LINKS, "--keep-transport", "rows", "-o",
-            at("no"))
+    refused(USAGE, "those are kept that --method cells gathers by", "bake", lamp, *LINKS, "--keep-transport", "rows",
+            "-o", at("no"))
     with open(at("states.yaml"), "w") as file:
         file.write("dark: {lights: {sun: {on: false}}}\n")
     refused(USAGE, "serve one state at a time", "relight", at("kept"), "--states", at("states.yaml"), "-o", at("no"))
@@ -208,6 +208,8 @@ def main(top):
             file.write(data)
         refused(harness.BAD_INPUT, words, "relight", at("hurt"), edited, "-o", at("no"))
         refused(harness.BAD_INPUT, "transport/links", "verify", at("hurt"))
+    os.remove(os.path.join(at("hurt"), "transport", "links"))
+    refused(harness.BAD_INPUT, "transport/links' is missing", "relight", at("hurt"), edited, "-o", at("no"))
     print("%d links of %d points kept in %d bytes" % (count, len(kept.area), len(kept.file())))
 
 

@@ -105,6 +105,7 @@ def check_links(folder):
         share[points] = image[at[:, 1], at[:, 0], 0]
     nodes, inverse = np.unique(share, return_inverse=True)
     seen = nodes > 0
+    assert share[one[0]] == -1 and (nodes[~seen] == -1).sum() == (share == -1).sum() == 1
     weight = np.bincount(inverse, p["area"])
     light = np.zeros(3)
     for c in range(3):
@@ -157,6 +158,12 @@ def check_seen(folder):
     coarse = said["seen"]
     assert coarse["rays"] == seen["rays"] and coarse["both"] <= min(coarse["rays"], coarse["voxels"]), coarse
     assert 0 < coarse["voxels"] != coarse["rays"], coarse
+    # hidden, turned away and the texel itself are told apart
+    tones = {tuple(np.round(t.astype(float), 2)) for t in image[at[:, 1], at[:, 0]]}
+    image, _ = shown(bake, "--show", "seen", "--texel", "wall,3,4", "--atlas", "wall", "--filter", "nearest", "--width",
+                     "1")
+    assert tones == {(1.0, 1.0, 1.0), (0.02, 0.08, 0.3)} and np.allclose(image[4, 3], (1, 0.3, 0), atol=0.01), tones
+    assert np.allclose(image[2, 2], 0.03, atol=0.01), image[2, 2]
     refused(USAGE, "give OBJECT,X,Y", "view", bake, "--show", "seen", "--texel", "wall")
     refused(USAGE, "no surface lies in that texel", "view", bake, "--show", "seen", "--texel", "wall,900,1")
 

@@ -201,12 +201,13 @@ void kiln_link_run_close(struct kiln_link_run *w)
     }
 }
 
-/* Standard error of the luminance of irradiance, as that is closed. */
+/* Standard error of the luminance of irradiance, as that is closed: of what closes a row by far the links that are
+ * seen, and not those that are not, whose view would have closed it. */
 static double error_of(double scale, const struct kiln_link_sums *s)
 {
-    const double irradiance = kiln_luminance(s->irradiance),
+    const double irradiance = kiln_luminance(s->irradiance), own = sqrt(fmax(0.0, s->variance)),
                  closed = kiln_patches_closed(scale, kiln_luminance(s->incident), irradiance);
-    return (irradiance > 0.0 ? closed / irradiance : scale) * sqrt(fmax(0.0, s->variance));
+    return fmin((irradiance > 0.0 ? closed / irradiance : scale) * own, fmax(closed, KILN_LINKS_CLOSED_MOST * own));
 }
 
 struct kiln_link_sums kiln_link_run_sums(const struct kiln_link_run *w, uint32_t bit)

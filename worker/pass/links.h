@@ -33,6 +33,8 @@
  * Error. What a point's links are off by, squared, is taken for the sum of F^2 (q (B^2 + S^2) + (1.5 rho S)^2), B^2 +
  * S^2 in the place of the last where F is that of k, S now of the light that is gathered. q is the variance of V, half
  * of the mean square by which the squares of points beside it differ that have rays of their own, and a little more.
+ * Closed as the row is, but by no more than KILN_LINKS_CLOSED_MOST, or until it is as much as the light: what closes a
+ * row by far is that links are not seen, and if they were it would not be.
  * Bounces go by the same links, so their errors add up, not their squares: light is that of all bounces so far, and the
  * bounce states what it adds to the square.
  *
@@ -59,6 +61,7 @@
 #define KILN_LINKS_UNSEEN 0.03
 #define KILN_LINKS_LEAST_LIGHT 0.005
 #define KILN_LINKS_BELOW_TARGET 8.0
+#define KILN_LINKS_CLOSED_MOST 2.0
 
 /* What a link goes to: a node, by its number, or with KILN_LINK_LEAF a single point, by its place in the tree's order.
  */
