@@ -78,6 +78,7 @@ real3 target_flat(kiln_area_light_sampler t, kiln_gpu_area_light light, real u, 
 bool kiln_area_light_sampler_draw(kiln_area_light_sampler t, real3 from, real u, real v, out kiln_light_sample s)
 {
     s.has_extent = true;
+    s.light = t.light;
     const kiln_gpu_area_light light = AreaLights(SCENE.lights.areas).at[t.light];
     real area;
     real3 on;

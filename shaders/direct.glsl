@@ -1,5 +1,5 @@
 /* What the kernels of the direct pass share: choose.comp, direct_pilot.comp, direct.comp, direct_precise.comp,
- * direct_reduce.comp. Their push constants are the same. */
+ * direct_reduce.comp, direct_groups.comp. Their push constants are the same. */
 
 KILN_PUSH(kiln_gpu_direct_push);
 
@@ -69,6 +69,12 @@ bool direct_has_pilots()
 }
 /* Where they have: the rays of a point's pilots. */
 DirectWords direct_pilot_rays() { return DirectWords(direct_counts_at() + 4ul * push.pass.room); }
+/* Float `number` of the groups' light in all rows. */
+DirectFloats direct_groups(uint number)
+{
+    const uint64_t words = uint64_t(push.pass.room) * (direct_has_pilots() ? 2ul : 1ul);
+    return DirectFloats(direct_counts_at() + 4ul * (words + direct_rows() * number));
+}
 /* How the point's samples are dealt out: slices of a quarter, and rows of a slice. `split_up`: in the kernel over
  * partly buried points. */
 void direct_slices(uint state, bool split_up, out uint slices, out uint split)

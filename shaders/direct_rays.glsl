@@ -10,9 +10,15 @@
 #include "shaders/position.glsl"
 #include "shaders/direct_sequence.glsl"
 #include "shaders/taken_up.glsl"
+#include "shaders/light_groups.glsl"
 #ifndef KILN_PRECISE
 #    include "shaders/area_light_sampler.glsl"
 #endif
+
+layout(constant_id = 6) const uint GROUPED = 0u; /* the light of groups is found besides (direct_groups.comp) */
+uint64_t group_row;                              /* the thread's among all */
+uint group_kind, group_index;                    /* of the choice under way, */
+real group_scale;                                /* and 1 over its samples */
 
 /* What a thread does. */
 struct Row {
@@ -95,6 +101,16 @@ void store_total(Row r, Total t)
                              stored[3](t.irradiance.x, t.irradiance.y, t.irradiance.z), t.variance, t.rays, t.stopped);
 }
 
+/* Adds what a sample brings to its group. */
+void add_to_group(uint group, real3 incident, real3 irradiance)
+{
+    for (uint c = 0u; c < GROUP_FLOATS; c++) {
+        const real value = c < 3u ? incident[c] : irradiance[c - 3u];
+        DirectFloats(uint64_t(direct_groups(group * GROUP_FLOATS + c)) + 4ul * group_row).at[0] +=
+            float(group_scale * value);
+    }
+}
+
 /* Counts a sample as the surface sees it, unless something is in the way of its ray, which starts `off` the surface. */
 void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 off, kiln_light_sample s)
 {
@@ -120,6 +136,8 @@ void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 o
     sums.irradiance += irradiance;
     sums.luminance += luminance;
     sums.square += luminance * luminance;
+    if (GROUPED != 0u)
+        add_to_group(light_group(group_kind, group_index, s, real3(position) - off), s.value * cosine, irradiance);
 }
 
 #ifdef KILN_PRECISE
@@ -128,6 +146,7 @@ bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, real3 sh
                 out kiln_light_sample s)
 {
     const uint light = LightNodes(SCENE.lights.nodes).at[choice.index].right;
+    s.light = light;
     return sample_area_light(light, place, 1, real_unit(draw(sequence, k, KILN_DIMENSION_U)),
                              real_unit(draw(sequence, k, KILN_DIMENSION_V)), s);
 }
@@ -218,6 +237,8 @@ void kiln_kernel(uint x, uint y)
     total = Total(real3_of(before.incident), real3_of(before.irradiance), before.variance, before.rays, before.stopped);
 #endif
     const kiln_gpu_point p = PointArray(push.chunk.points).at[r.index];
+    if (GROUPED != 0u)
+        group_row = direct_row(r.slot, r.row);
     uint i = 0u;
     for (; i < count; i++) {
         const kiln_gpu_choice packed = direct_choice(i).at[r.slot];
@@ -228,6 +249,9 @@ void kiln_kernel(uint x, uint y)
         share_of(r, i, samples, begin, end);
         if (!is_own(packed) || (begin >= end && samples < KILN_QUARTERS_FROM))
             continue;
+        group_kind = kind == KILN_GPU_CHOICE_TARGET ? KILN_CHOICE_NODE : kind;
+        group_index = index;
+        group_scale = 1 / real(samples);
         Sums sums;
 #ifndef KILN_PRECISE
         if (light_kind(KILN_GPU_KIND_AREA) && kind == KILN_GPU_CHOICE_TARGET)

@@ -255,6 +255,7 @@ void ADD_RAY(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     }
 #ifdef KILN_KEEP
     row_word = row_word_of(hit);
+    row_weights = vec2(facet, weight);
 #endif
     if (hit.triangle == KILN_GPU_NONE) {
         sums.escaped += facet;

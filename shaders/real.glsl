@@ -97,6 +97,9 @@ real real_atan2(real y, real x)
 /* Arc cosine of x in -1 .. 1. */
 real real_acos(real x) { return real_atan2(sqrt(max(real(0), (1 - x) * (1 + x))), x); }
 
+/* Arc sine likewise. */
+real real_asin(real x) { return real_atan2(x, sqrt(max(real(0), (1 - x) * (1 + x)))); }
+
 /* Unit vector along a; the zero vector stays zero. */
 real3 real_unit_vector(real3 a)
 {

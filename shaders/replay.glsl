@@ -4,8 +4,14 @@
  * thread that adds them up.
  *
  * Neighbouring threads are of the same point, under neighbouring lights, whose radiosity lies side by side: that of
- * point i under light l is pair i * LIGHTS + l of push.lights. A workgroup has POINTS points and reads RAYS words of
- * each at a time. Who includes this defines put_answer, what becomes of the answer of point x under a light. */
+ * point i under light l is pair i * LIGHTS_THERE + l of push.lights; row y of threads has lights from y * LIGHTS on. A
+ * workgroup has POINTS points and reads RAYS words of each at a time. Who includes this defines put_answer, what
+ * becomes of the answer of point x under a light; and it may define LIGHTS_THERE, and ROW_POINTS, what words that name
+ * a surface point are below. */
+#ifndef LIGHTS_THERE
+#    define LIGHTS_THERE LIGHTS
+#    define ROW_POINTS KILN_ROW_POINTS
+#endif
 #extension GL_EXT_control_flow_attributes : require
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
@@ -151,8 +157,8 @@ Ray ray_of(uint i, bool there, uint64_t lights)
     Ray ray;
     ray.word = there ? words[i] : KILN_ROW_NO_POINT;
     ray.weight = HAS_SMOOTH != 0u && any_smooth != 0u && there ? weights[i] : vec2(1.0);
-    const bool sends = ray.word < KILN_ROW_POINTS && ray.weight.x > 0.0;
-    ray.packed = RadiosityWords(lights + uint64_t(sends ? ray.word : 0u) * uint64_t(8u * LIGHTS)).at[0];
+    const bool sends = ray.word < ROW_POINTS && ray.weight.x > 0.0;
+    ray.packed = RadiosityWords(lights + uint64_t(sends ? ray.word : 0u) * uint64_t(8u * LIGHTS_THERE)).at[0];
     ray.packed = sends ? ray.packed : uvec2(0u);
     return ray;
 }
@@ -209,8 +215,9 @@ kiln_gpu_result answer_of(Sums s, uint x)
 
 void kiln_kernel(uint thread, uint y)
 {
-    const uint p = gl_LocalInvocationID.x / LANES, light = gl_LocalInvocationID.x % LANES,
+    const uint p = gl_LocalInvocationID.x / LANES, lane = gl_LocalInvocationID.x % LANES, light = y * LIGHTS + lane,
                first = thread / THREADS * POINTS, x = first + p, state = state_of(x);
+    const bool there = lane < LIGHTS && light < LIGHTS_THERE;
     const uint slice = state == KILN_GPU_STATE_BURIED ? push.slice / push.split : push.slice;
     Sums s;
     begin_slice(s);
@@ -225,10 +232,10 @@ void kiln_kernel(uint thread, uint y)
         barrier();
         bring_rays(first, from);
         barrier();
-        if (state != KILN_GPU_STATE_INVALID && light < LIGHTS)
+        if (state != KILN_GPU_STATE_INVALID && there)
             add_rays(s, p, push.lights + uint64_t(8u * light), from, slice);
     }
-    if (x >= push.chunk.total || light >= LIGHTS)
+    if (x >= push.chunk.total || !there)
         return;
     kiln_gpu_result r = no_answer();
     if (state != KILN_GPU_STATE_INVALID)

@@ -133,9 +133,10 @@ static void find_ranges(const struct kiln_group_light *g)
 }
 
 /* Collective. All ranks get what each has in `radiosity`. */
-static void share(const struct kiln_group_light *g)
+static void share(struct kiln_group_light *g)
 {
     MPI_Datatype point;
+    g->channel.changed = true;
     find_ranges(g);
     (void)MPI_Type_contiguous((int)g->channel.lights->count, MPI_UINT64_T, &point);
     (void)MPI_Type_commit(&point);
@@ -167,7 +168,7 @@ struct kiln_groups *kiln_group_light_total(struct kiln_group_light *g)
     return &g->channel;
 }
 
-void kiln_group_light_exchange(const struct kiln_group_light *g, bool restored)
+void kiln_group_light_exchange(struct kiln_group_light *g, bool restored)
 {
     if (g == NULL)
         return;

@@ -24,7 +24,7 @@ void kiln_group_light_take(const struct kiln_group_light *light, const struct ki
  * has them until the light is destroyed. */
 struct kiln_groups *kiln_group_light_total(struct kiln_group_light *light);
 /* Collective. What is gathered from is what the last step has made, or after a restart what was gathered from. */
-void kiln_group_light_exchange(const struct kiln_group_light *light, bool restored);
+void kiln_group_light_exchange(struct kiln_group_light *light, bool restored);
 /* Calls `change` for each group with the own data, whose direct, sum and next are the group's. */
 void kiln_group_light_each(const struct kiln_group_light *light, void (*change)(const struct kiln_rank_data *own));
 /* Of each group adds `factor` times the radiosity of the last step to the sums of `count` own points. */

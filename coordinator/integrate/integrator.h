@@ -35,7 +35,7 @@ struct kiln_integration {
     struct kiln_solution *solution;
     struct kiln_ledger *ledger;
     struct kiln_radiosity_exchange *exchange;
-    const struct kiln_group_light *groups; /* groups.h; NULL: none */
+    struct kiln_group_light *groups; /* groups.h; NULL: none */
 };
 
 struct kiln_integrator {

@@ -20,6 +20,7 @@ struct kiln_gpu_lights {
      * floats could tell from the cosines */
     KILN_ADDRESS rows;
     KILN_ADDRESS texels; /* float: the image, RGB, times its factor */
+    KILN_ADDRESS groups; /* struct kiln_gpu_light_groups; 0: nobody asks for their light */
     KILN_WORD area_count, directional_count;
     KILN_WORD width, height; /* of the image */
     KILN_REAL32 rotation;    /* radians about +y */
@@ -27,7 +28,21 @@ struct kiln_gpu_lights {
     KILN_REAL32 mean[3];     /* mean radiance of the environment */
     KILN_WORD environment;   /* 0 or 1: there is one that shines */
 };
-KILN_SIZE_IS(kiln_gpu_lights, 112);
+KILN_SIZE_IS(kiln_gpu_lights, 120);
+
+/* Groups of lights (worker/light/light_groups.h). */
+struct kiln_gpu_light_groups {
+    KILN_ADDRESS of_tree, of_directional; /* words */
+    KILN_ADDRESS blocks;                  /* struct kiln_gpu_light_block of each area light */
+    KILN_WORD count, of_environment, sky_divisions, reserved;
+};
+KILN_SIZE_IS(kiln_gpu_light_groups, 40);
+
+struct kiln_gpu_light_block { /* struct kiln_light_block */
+    KILN_REAL32 at[2], along1[2], along2[2];
+    KILN_WORD columns, rows;
+};
+KILN_SIZE_IS(kiln_gpu_light_block, 32);
 
 /* What choose.comp leaves for the kernels that trace, one a choice: kind in the two highest bits, index in the others.
  */
@@ -60,12 +75,16 @@ KILN_SIZE_IS(kiln_gpu_choice, 8);
  *   float luminances[slots * rows * room], for each choice i as the sums are: sum over the row's samples of choice i,
  *                for choices of KILN_QUARTERS_FROM samples and more
  *   word counts[room]: choices of a point; with KILN_GPU_COUNT_PRECISE where some of them are precise
- *   word pilot_rays[room]: where directional lights have pilots (direct_pilot.comp) */
+ *   word pilot_rays[room]: where directional lights have pilots (direct_pilot.comp)
+ *   float groups[count * GROUP_FLOATS * rows * room], where the light of groups is found besides: of each group
+ *                (shaders/light_groups.glsl) GROUP_FLOATS floats, for each of these as the sums are: sums over the
+ *                samples of all choices, each divided by how many its choice has */
 #define KILN_GPU_COUNT_PRECISE 0x80000000u
 #define KILN_GPU_DIRECT_ROW_BITS 26 /* the 6 others: up to 64 points of a tile run */
 struct kiln_gpu_direct {
-    KILN_ADDRESS results; /* struct kiln_gpu_result, one a point of the chunk */
-    KILN_ADDRESS sobol;   /* words: dimension d's points from d * sobol_stride on */
+    /* struct kiln_gpu_result, one a point of the chunk; of direct_groups.comp GROUP_FLOATS floats for each group */
+    KILN_ADDRESS results;
+    KILN_ADDRESS sobol; /* words: dimension d's points from d * sobol_stride on */
     KILN_ADDRESS scratch;
     KILN_ADDRESS rays; /* word: shadow rays of a point of the chunk */
     KILN_WORD room, slots, samples, limit, sobol_stride;

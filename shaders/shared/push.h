@@ -44,7 +44,7 @@ KILN_SIZE_IS(kiln_gpu_validity_push, 88);
 KILN_OFFSET_IS(kiln_gpu_validity_push, sobol, 56);
 KILN_OFFSET_IS(kiln_gpu_validity_push, stream, 72);
 
-/* choose.comp, direct.comp, direct_precise.comp, direct_reduce.comp: the direct pass. */
+/* choose.comp, direct.comp, direct_precise.comp, direct_reduce.comp, direct_groups.comp: the direct pass. */
 struct kiln_gpu_direct_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
@@ -80,8 +80,8 @@ struct kiln_gpu_rows_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_STRUCT kiln_gpu_hemisphere hemisphere;
-    KILN_ADDRESS reserved;
-    KILN_ADDRESS rows; /* words: the row of the chunk's point x from x * (1 + samples) on */
+    KILN_ADDRESS weights; /* of rays of smooth meshes, as row_weights.comp leaves them; 0: nobody asks */
+    KILN_ADDRESS rows;    /* words: the row of the chunk's point x from x * (1 + samples) on */
 };
 KILN_SIZE_IS(kiln_gpu_rows_push, 128);
 KILN_OFFSET_IS(kiln_gpu_rows_push, hemisphere, 56);
@@ -152,21 +152,26 @@ KILN_OFFSET_IS(kiln_gpu_guided_reduce_push, guided, 96);
 #include "shaders/shared/layout_held.h"
 #include "shaders/shared/layout_regression.h"
 
-/* replay.comp, replay_held.comp: the gather pass from rows; replay_take.comp, which takes answers over on the device. */
+/* replay.comp, replay_held.comp, replay_groups.comp: the gather pass from rows; replay_take.comp, which takes answers
+ * over on the device. */
 struct kiln_gpu_replay_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
-    KILN_ADDRESS lights;  /* packed radiosity: of point i under light l pair i * lights + l */
+    KILN_ADDRESS lights;  /* packed radiosity: of point i under light l pair i * lights + l, of so many lights */
     KILN_ADDRESS rows;    /* words: the row of the chunk's point x from x * (1 + samples) on */
     KILN_ADDRESS weights; /* row_weights.comp */
-    KILN_ADDRESS results; /* of point x under light l: number x * lights + l; of replay_held.comp floats */
-    KILN_ADDRESS held;    /* of replay_take.comp: struct kiln_gpu_held */
-    KILN_WORD64 first;    /* likewise: the own point of x = 0 */
+    /* of point x under light l: number x * lights + l; of replay_held.comp and replay_groups.comp floats */
+    KILN_ADDRESS results;
+    KILN_ADDRESS held; /* of replay_take.comp: struct kiln_gpu_held */
+    KILN_WORD64 first; /* likewise: the own point of x = 0 */
     KILN_WORD samples;
-    KILN_WORD slice, split; /* of a whole point a slice has so many samples, of a partly buried one `split` times fewer */
+    /* of a whole point a slice has so many samples, of a partly buried one `split` times fewer */
+    KILN_WORD slice, split;
+    /* of replay_groups.comp: lights, and all surface points (rows that nobody asks for may name others) */
+    KILN_WORD groups, points;
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_replay_push, 120);
+KILN_SIZE_IS(kiln_gpu_replay_push, 128);
 KILN_OFFSET_IS(kiln_gpu_replay_push, lights, 56);
 KILN_OFFSET_IS(kiln_gpu_replay_push, first, 96);
 

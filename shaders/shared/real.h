@@ -4,8 +4,8 @@
  * A constant with a fraction is KILN_RATIO(a, b), the number nearest to a / b, both integers: GLSL writes decimal
  * fractions of doubles with a suffix that C does not have.
  *
- * GLSL's real_sincos, real_atan2 and real_acos are in shaders/real.glsl: kernels include that file before the headers
- * that need this one. */
+ * GLSL's real_sincos, real_atan2, real_acos and real_asin are in shaders/real.glsl: kernels include that file before
+ * the headers that need this one. */
 #ifndef KILN_SHADERS_SHARED_REAL_H
 #define KILN_SHADERS_SHARED_REAL_H
 
@@ -63,6 +63,7 @@ typedef struct kiln_dvec3 kiln_real3;
 #    define real_is_infinite(x) isinf(x)
 #    define real_atan2 atan2
 #    define real_acos acos
+#    define real_asin asin
 static inline void real_sincos(double x, double *sine, double *cosine)
 {
     *sine = sin(x);

@@ -235,7 +235,7 @@ int kiln_backend_set_probes(struct kiln_backend *backend, const struct kiln_radi
  * until the next call; NULL: neither, as at first. */
 static inline void kiln_backend_set_rows(struct kiln_backend *backend, struct kiln_rows *rows) { backend->rows = rows; }
 /* From now on the direct and the gather pass find the light of each group beside that of all (worker/pass/groups.h).
- * Borrowed until the next call; NULL: they do not, as at first. Embree's backend alone does. */
+ * Borrowed until the next call; NULL: they do not, as at first. */
 static inline void kiln_backend_set_groups(struct kiln_backend *backend, struct kiln_groups *groups)
 {
     backend->groups = groups;

@@ -92,10 +92,12 @@ static int fallback_run(struct kiln_backend *backend, const struct kiln_pass *pa
         if (w.left != NULL)
             memcpy(w.left, batch->samples_each, batch->count * sizeof *w.left);
         kiln_backend_set_rows(present(f), f->base.rows);
+        kiln_backend_set_groups(present(f), f->base.groups);
         status = kiln_backend_run(present(f), pass, parameters, &watched, rays, error);
         if (status != KILN_OK && w.taken == KILN_OK && (status = change_over(f, status, error)) == KILN_OK) {
             const struct kiln_batch rest = rest_of(&w);
             kiln_backend_set_rows(f->embree, f->base.rows);
+            kiln_backend_set_groups(f->embree, f->base.groups);
             status = kiln_backend_run(f->embree, pass, parameters, &rest, rays, error);
         }
     }

@@ -223,6 +223,7 @@ static int verify_run(struct kiln_backend *backend, const struct kiln_pass *pass
 {
     struct verify_backend *v = (struct verify_backend *)backend;
     kiln_backend_set_rows(v->checked, v->base.rows);
+    kiln_backend_set_groups(v->checked, v->base.groups);
     if (pass->figures == NULL || pass->domain != KILN_DOMAIN_TILE_RUNS)
         return kiln_backend_run(v->checked, pass, parameters, batch, rays, error);
     struct verified_run run = {

@@ -7,37 +7,11 @@
 #ifndef KILN_WORKER_LIGHT_SKY_PATCHES_H
 #define KILN_WORKER_LIGHT_SKY_PATCHES_H
 
-#include <math.h>
-#include <stdint.h>
-
-#include "worker/base/vector.h"
+#include "shaders/shared/sky_patch.h"
 
 /* How many patches there are, by n: 0, 1, 2 and 4 in the order of enum kiln_sky_patches (coordinator/job/choices.h). */
 static const uint32_t kiln_sky_patches[] = {0, 145, 577, 2305};
 static const uint32_t kiln_sky_divisions[] = {0, 1, 2, 4};
-static const uint32_t kiln_sky_bands[] = {30, 30, 24, 24, 18, 12, 6};
-
-/* Radians. */
-static inline double kiln_sky_band_height(uint32_t n) { return 0.5 * KILN_PI / (7.0 * n + 0.5); }
-
-/* The patch that a unit direction away from the scene is in, of n divisions; the number of patches for one below the
- * horizon. */
-static inline uint32_t kiln_sky_patch(struct kiln_dvec3 d, uint32_t n)
-{
-    const double height = kiln_sky_band_height(n), altitude = asin(fmin(fmax(d.y, -1.0), 1.0));
-    const uint32_t bands = 7 * n, band = (uint32_t)fmin(fmax(altitude, 0.0) / height, (double)bands);
-    uint32_t first = 0;
-    if (d.y < 0.0)
-        return 144 * n * n + 1;
-    for (uint32_t b = 0; b < band; b++)
-        first += n * kiln_sky_bands[b / n];
-    if (band == bands)
-        return first;
-    const uint32_t count = n * kiln_sky_bands[band / n];
-    const double turn = atan2(d.x, -d.z) / (2.0 * KILN_PI) * count + 0.5;
-    const int64_t place = (int64_t)floor(turn);
-    return first + (uint32_t)((place % count + count) % count);
-}
 
 /* The unit direction of a patch's middle, and its solid angle, sr. */
 static inline struct kiln_dvec3 kiln_sky_patch_middle(uint32_t patch, uint32_t n, double *steradians)

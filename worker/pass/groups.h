@@ -3,11 +3,11 @@
  * to, and a gather ray reads the radiosity of each group where it reads that of all. So the groups of a point add up to
  * its light, but for how sums and radiosity are rounded. The probe pass does the same at places in space.
  *
- * Of Embree's backend, of gather rays that end at the first surface that they meet: without radiance probes, gloss and
- * tinted surfaces. */
+ * Of gather rays that end at the first surface that they meet: without radiance probes, gloss and tinted surfaces. */
 #ifndef KILN_WORKER_PASS_GROUPS_H
 #define KILN_WORKER_PASS_GROUPS_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -23,6 +23,7 @@ enum { KILN_GROUP_PROBE_FLOATS = 27 + 18 };
 struct kiln_groups {
     const struct kiln_light_groups *lights; /* borrowed */
     const uint64_t *radiosity;              /* packed, of all surface points: `lights->count` for each; borrowed */
+    bool changed; /* the radiosity is not what it was when the backend last read it, which sets this to false */
     /* Of the part of a batch that is being taken: its first surface point in the global order, or its first probe, and
      * of each from there on `lights->count` answers. The backend fills them in; release `answers` with kiln_free. */
     uint64_t first;

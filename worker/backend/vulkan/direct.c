@@ -1,7 +1,8 @@
 /* The direct pass (worker/pass/direct.h): shaders/choose.comp, direct_pilot.comp, direct.comp, direct_precise.comp and
- * direct_reduce.comp over the batch's points. */
+ * direct_reduce.comp over the batch's points; direct_groups.comp where the light of groups is found besides. */
 #include "worker/backend/vulkan/answers.h"
 #include "worker/backend/vulkan/chunks.h"
+#include "worker/backend/vulkan/groups.h"
 #include "worker/pass/direct.h"
 
 #include "shaders/shared/sun_pilot.h"
@@ -10,6 +11,8 @@
 #include "shaders/choose_float.h"
 #include "shaders/direct.h"
 #include "shaders/direct_float.h"
+#include "shaders/direct_groups.h"
+#include "shaders/direct_groups_float.h"
 #include "shaders/direct_pilot.h"
 #include "shaders/direct_pilot_float.h"
 #include "shaders/direct_pilot_pipeline.h"
@@ -38,6 +41,11 @@ static const struct vulkan_shader direct_precise_shader = {.name = "direct: near
                                                            .pipeline = VULKAN_CODE(direct_precise_pipeline)};
 static const struct vulkan_shader sums_shader = {
     .name = "direct: sums", .compute = VULKAN_CODE(direct_reduce), .compute_float = VULKAN_CODE(direct_reduce_float)};
+static const struct vulkan_shader groups_shader = {.name = "direct: sums of groups",
+                                                   .compute = VULKAN_CODE(direct_groups),
+                                                   .compute_float = VULKAN_CODE(direct_groups_float)};
+
+enum { CLEARS = 1, SUMS = 0 }; /* of direct_groups.comp */
 
 struct direct {
     struct vulkan_backend *b;
@@ -48,6 +56,8 @@ struct direct {
     uint32_t first_sample; /* of its sequence: with pilots a stretch has room for the most */
     uint32_t samples;      /* of each point; 0: they differ */
     struct gpu_kernel *choose, *pilot, *whole, *near, *reduce;
+    uint32_t groups; /* how many, whose light is found besides; 0: none */
+    struct gpu_kernel *clear, *group_sums;
     struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
     uint32_t limit, slots;
     struct kiln_slices slices; /* of the point that has most */
@@ -66,6 +76,15 @@ static uint64_t scene_of(const struct vulkan_backend *b)
     return b->params.direct_lights != NULL ? b->direct_scene.address : b->scene.address;
 }
 
+static int prepare_groups(struct direct *d, struct kiln_error *error)
+{
+    vulkan_groups_begin(d->b);
+    int status = vulkan_kernel_of(d->b, &groups_shader, false, CLEARS, &d->clear, error);
+    if (status == KILN_OK)
+        status = vulkan_kernel_of(d->b, &groups_shader, false, SUMS, &d->group_sums, error);
+    return status == KILN_OK ? vulkan_groups_of_lights(d->b, error) : status;
+}
+
 static int prepare(void *context, struct kiln_error *error)
 {
     struct direct *d = context;
@@ -76,12 +95,12 @@ static int prepare(void *context, struct kiln_error *error)
     if (status == KILN_OK && d->pilots)
         status = vulkan_kernel_of(d->b, &pilot_shader, false, 0, &d->pilot, error);
     if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &direct_shader, false, 0, &d->whole, error);
+        status = vulkan_kernel_of(d->b, &direct_shader, false, d->groups > 0, &d->whole, error);
     if (status == KILN_OK && d->precise)
-        status = vulkan_kernel_of(d->b, &direct_precise_shader, false, 0, &d->near, error);
+        status = vulkan_kernel_of(d->b, &direct_precise_shader, false, d->groups > 0, &d->near, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(d->b, &sums_shader, false, VULKAN_SHORT, &d->reduce, error);
-    return status;
+    return status == KILN_OK && d->groups > 0 ? prepare_groups(d, error) : status;
 }
 
 /* Rows of a point with so many samples of a choice. */
@@ -96,7 +115,7 @@ static size_t scratch_of_rows(const struct direct *d, size_t rows)
 {
     const size_t choice = sizeof(struct kiln_gpu_choice) + rows * sizeof(float);
     return rows * vulkan_lights_sums_bytes(d->b->float64) + d->slots * choice + (d->pilots ? 2 : 1) * sizeof(uint32_t) +
-           (d->samples == 0 ? 8 : 0);
+           (d->samples == 0 ? 8 : 0) + rows * vulkan_groups_floats(d->b) * sizeof(float);
 }
 
 /* Of vulkan_chunked, where points differ in their samples. */
@@ -137,12 +156,24 @@ static int record_places(struct direct *d, const struct vulkan_chunk *chunk, str
     return KILN_OK;
 }
 
+static void record_groups(const struct direct *d, const struct vulkan_chunk *chunk, struct kiln_gpu_direct_push push,
+                          struct vulkan_recording *recording)
+{
+    push.pass.results = d->b->slots[chunk->slot].groups.address;
+    vulkan_record(recording, d->group_sums, chunk->all.total, d->groups, &push, sizeof push);
+    vulkan_groups_bring(d->b, chunk, recording);
+}
+
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
                   struct kiln_error *error)
 {
     struct direct *d = context;
     const bool mixed = d->samples == 0;
-    int status = chunk->buried.count > 0 ? vulkan_kernel_of(d->b, &direct_shader, true, 0, &d->buried, error) : KILN_OK;
+    int status = chunk->buried.count > 0
+                     ? vulkan_kernel_of(d->b, &direct_shader, true, d->groups > 0, &d->buried, error)
+                     : KILN_OK;
+    if (status == KILN_OK && d->groups > 0 && chunk->row_first == 0)
+        status = vulkan_groups_room(d->b, chunk, error);
     if (status == KILN_OK && mixed && chunk->row_first == 0)
         status = record_places(d, chunk, recording, error);
     if (status != KILN_OK)
@@ -168,6 +199,9 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
         vulkan_record(recording, d->choose, chunk->all.total, 1, &push, sizeof push);
     if (chunk->row_first == 0 && d->pilots)
         vulkan_record(recording, d->pilot, chunk->all.total, 1, &push, sizeof push);
+    if (chunk->row_first == 0 && d->groups > 0)
+        vulkan_record(recording, d->clear, push.pass.slices * (mixed ? 1 : 4 * push.pass.split * push.pass.room),
+                      vulkan_groups_floats(d->b), &push, sizeof push);
     struct kiln_gpu_direct_push buried = push;
     buried.chunk = chunk->buried;
     buried.pass.row_first *= d->slices.split;
@@ -181,6 +215,8 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
         vulkan_record(recording, d->near, chunk->all.count, chunk->row_count, &push, sizeof push);
     if (chunk->last)
         vulkan_record(recording, d->reduce, chunk->all.total, 1, &push, sizeof push);
+    if (chunk->last && d->groups > 0)
+        record_groups(d, chunk, push, recording);
     return KILN_OK;
 }
 
@@ -195,6 +231,10 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     for (uint64_t i = 0; i < points; i++)
         rays += words[i];
     d->rays += rays;
+    const int status =
+        d->groups > 0 ? vulkan_groups_take(d->b, d->batch, tile_run_first, tile_run_count, error) : KILN_OK;
+    if (status != KILN_OK)
+        return status;
     return vulkan_take_short(d->b, vulkan_lengthen_direct, d->result_bytes, d->batch, tile_run_first, tile_run_count,
                              results, error);
 }
@@ -233,6 +273,7 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     const struct kiln_lights *lights = lights_of(b);
     const size_t tree = lights->area_count + lights->point_count;
     d.result_bytes = vulkan_answer_of_direct(b).words * sizeof(float);
+    d.groups = vulkan_groups_count(b);
     d.precise = has_near_lights(b);
     d.limit = kiln_cut_limit(samples);
     d.slots = (uint32_t)((tree < d.limit ? tree : d.limit) + lights->directional_count + 1);
@@ -253,6 +294,7 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
                                         .scratch_bytes = scratch_of_rows(&d, (size_t)rows * d.slices.split),
                                         .scratch_of = d.samples == 0 ? scratch_of : NULL,
                                         .wants_words = true,
+                                        .moved_bytes = vulkan_groups_floats(b) * sizeof(float),
                                         .prepare = prepare,
                                         .record = record,
                                         .take = take,

@@ -86,7 +86,8 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
         return vulkan_gather_rows(b, batch, rays, error);
     struct vulkan_hemisphere pass = vulkan_gather_pass(b, batch, own);
     shorten(b, batch, &pass);
-    return vulkan_hemisphere_run(b, &pass, batch, rays, error);
+    return b->base.groups != NULL ? vulkan_gather_groups(b, &pass, batch, rays, error)
+                                  : vulkan_hemisphere_run(b, &pass, batch, rays, error);
 }
 
 int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,

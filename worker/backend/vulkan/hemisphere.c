@@ -3,6 +3,7 @@
 #include <assert.h>
 #include <string.h>
 
+#include "worker/backend/vulkan/groups.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 
@@ -35,6 +36,27 @@ static void skip_points(const struct hemisphere *h, const struct vulkan_chunk *c
     *address += (here - first) * h->pass->point_bytes;
 }
 
+/* Bytes of a point's slices. */
+static size_t slice_bytes(const struct hemisphere *h)
+{
+    return (size_t)4 * h->slices.per_quarter * h->slices.split * h->pass->floats * sizeof(float);
+}
+
+/* The address of room_bytes for each point of the chunk. */
+static uint64_t room_of(const struct hemisphere *h, const struct vulkan_chunk *chunk)
+{
+    return chunk->scratch + (uint64_t)chunk->all.total * slice_bytes(h);
+}
+
+/* Where keep.comp leaves weights, and rows. */
+static void name_rows(const struct hemisphere *h, const struct vulkan_chunk *chunk, uint64_t own[2])
+{
+    const struct vulkan_hemisphere *pass = h->pass;
+    const uint64_t room = room_of(h, chunk);
+    own[0] = pass->room_bytes > pass->row_bytes ? room + (uint64_t)chunk->all.total * pass->row_bytes : 0;
+    own[1] = pass->kept_words > 0 ? chunk->words : room;
+}
+
 static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *chunk, struct constants *constants)
 {
     const uint32_t samples = h->batch->samples;
@@ -60,16 +82,12 @@ static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *
         own[1] = chunk->near_probes;
     if (h->pass->bring != NULL)
         own[1] = h->b->slots[chunk->slot].guides.address;
+    else if (h->pass->besides != NULL)
+        name_rows(h, chunk, own);
     else if (h->pass->kept_words > 0)
         own[1] = chunk->words;
     else if (h->pass->point_bytes > 0)
         skip_points(h, chunk, own + 1);
-}
-
-/* Bytes of a point's slices. */
-static size_t slice_bytes(const struct hemisphere *h)
-{
-    return (size_t)4 * h->slices.per_quarter * h->slices.split * h->pass->floats * sizeof(float);
 }
 
 /* Bytes of a point that chains apart take, and the few that come once: shaders/apart.glsl. */
@@ -88,7 +106,7 @@ static struct kiln_gpu_chains_push chains_of(const struct hemisphere *h, const s
     const bool software = gpu_about(h->b->gpu)->software; /* which ends a thread's loops after a number of rounds */
     return (struct kiln_gpu_chains_push){.scene = h->b->scene.address,
                                          .both = h->pass->apart_both != NULL ? *h->pass->apart_both : 0,
-                                         .room = chunk->scratch + (uint64_t)chunk->all.total * slice_bytes(h),
+                                         .room = room_of(h, chunk),
                                          .slices = chunk->scratch,
                                          .points = chunk->all.total,
                                          .samples = h->batch->samples,
@@ -174,9 +192,11 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
 {
     struct hemisphere *h = context;
     const struct vulkan_hemisphere *pass = h->pass;
-    const uint64_t room = chunk->scratch + (uint64_t)chunk->all.total * slice_bytes(h);
+    const uint64_t room = room_of(h, chunk);
     int status = KILN_OK;
-    if (pass->bring != NULL && chunk->row_first == 0)
+    if (pass->besides != NULL && chunk->row_first == 0)
+        status = vulkan_groups_room(h->b, chunk, error);
+    if (status == KILN_OK && pass->bring != NULL && chunk->row_first == 0)
         status = pass->bring(h->b, pass->parameters, h->batch, chunk, room, recording, error);
     if (status == KILN_OK && pass->shader != NULL)
         status = record_rays(h, chunk, recording, error);
@@ -184,6 +204,10 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
         pass->finish(h->b, pass->parameters, chunk, room, recording);
     else if (status == KILN_OK && chunk->last)
         record_sums(h, chunk, recording);
+    if (status == KILN_OK && chunk->last && pass->besides != NULL) {
+        pass->besides(h->b, pass->parameters, chunk, room, recording);
+        vulkan_groups_bring(h->b, chunk, recording);
+    }
     return status;
 }
 
@@ -229,7 +253,9 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     int status = KILN_OK;
     if (h->pass->holds)
         return KILN_OK;
-    if (h->pass->kept_words > 0)
+    if (h->pass->besides != NULL)
+        status = vulkan_groups_take(h->b, batch, tile_run_first, tile_run_count, error);
+    if (status == KILN_OK && h->pass->kept_words > 0)
         status = h->pass->take_words(h->pass->context, tile_run_first, tile_run_count, results, words, error);
     if (status != KILN_OK)
         return status;
@@ -282,6 +308,7 @@ int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphe
     struct hemisphere h = {
         .b = b, .pass = pass, .batch = batch, .slices = slices_of(b, pass, batch->samples), .rays = 0};
     const uint32_t rows = pass->shader != NULL ? 4 * h.slices.per_quarter : 1;
+    const size_t group_bytes = pass->besides != NULL ? vulkan_groups_floats(b) * sizeof(float) : 0;
     const struct vulkan_chunked chunked = {.pass = pass->pass,
                                            .pace = pass->pace,
                                            .states = true,
@@ -295,7 +322,8 @@ int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphe
                                            .keeps_rays = pass->apart != NULL,
                                            .wants_words = pass->counts_rays || pass->kept_words > 0,
                                            .words = pass->kept_words,
-                                           .moved_bytes = pass->moved_bytes + pass->kept_words * sizeof(uint32_t),
+                                           .moved_bytes =
+                                               pass->moved_bytes + pass->kept_words * sizeof(uint32_t) + group_bytes,
                                            .prepare = prepare,
                                            .record = record,
                                            .take = take,

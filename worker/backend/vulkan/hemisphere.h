@@ -54,6 +54,12 @@ struct vulkan_hemisphere {
     uint32_t kept_words;
     int (*take_words)(void *context, size_t tile_run_first, size_t tile_run_count, const void *results,
                       const uint32_t *words, struct kiln_error *error);
+    /* The light of groups is found besides (groups.h), from what rays have met: records it, after the sums. NULL:
+     * nobody asks. The first kernel then leaves rows and weights, of whose addresses the two of its own push constants
+     * are: kept_words, or row_bytes of each point's room; and what else there is of that. */
+    void (*besides)(struct vulkan_backend *b, const void *parameters, const struct vulkan_chunk *chunk, uint64_t room,
+                    struct vulkan_recording *recording);
+    size_t row_bytes;
     size_t moved_bytes; /* of a point, that `bring` brings */
     /* The guided pass and the gather pass from rows, which have more to a chunk; NULL: nothing. Called before the first
      * portion of a chunk; fills the slot's `guides` by steps that it records. That buffer's address stands in the place
@@ -62,7 +68,7 @@ struct vulkan_hemisphere {
     int (*bring)(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch,
                  const struct vulkan_chunk *chunk, uint64_t room, struct vulkan_recording *recording,
                  struct kiln_error *error);
-    const void *parameters;              /* for `bring` and `finish` */
+    const void *parameters;              /* for `bring`, `finish` and `besides` */
     size_t room_bytes;                   /* of a point */
     const struct vulkan_shader *between; /* a kernel over all points, before `sums`; NULL: none */
 };

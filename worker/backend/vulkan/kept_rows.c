@@ -2,8 +2,8 @@
 
 #include <string.h>
 
+#include "worker/backend/vulkan/groups.h"
 #include "worker/backend/vulkan/held.h"
-#include "worker/backend/vulkan/hemisphere.h"
 #include "worker/base/memory.h"
 #include "worker/pass/gather.h"
 #include "worker/pass/resident_rows.h"
@@ -11,6 +11,7 @@
 #include "shaders/keep.h"
 #include "shaders/keep_pipeline.h"
 #include "shaders/replay.h"
+#include "shaders/replay_groups.h"
 #include "shaders/replay_held.h"
 #include "shaders/replay_take.h"
 #include "shaders/row_weights.h"
@@ -22,6 +23,7 @@ static const struct vulkan_shader weights_shader = {.name = "gather from rows: w
 static const struct vulkan_shader replay_shader = {.name = "gather from rows", .compute = VULKAN_CODE(replay)};
 static const struct vulkan_shader replay_held_shader = {.name = "gather from rows, that stays",
                                                         .compute = VULKAN_CODE(replay_held)};
+static const struct vulkan_shader groups_shader = {.name = "gather of groups", .compute = VULKAN_CODE(replay_groups)};
 static const struct vulkan_shader take_shader = {.name = "gather from rows: taken over",
                                                  .compute = VULKAN_CODE(replay_take)};
 
@@ -47,6 +49,11 @@ struct rows_run {
     uint64_t light_words, row_words;  /* addresses: of lights, and of the row of the batch's first point, if resident */
     struct gpu_kernel *gather, *take, *powers;
     bool holds; /* lights are those that are held, and answers stay */
+    /* The light of groups is gathered besides, from rows that are traced in the same call (and kept for that alone: so
+     * many bytes of a point's room), or brought. */
+    bool traced;
+    size_t room_rows;
+    struct gpu_kernel *groups;
 };
 
 static size_t words_of_row(const struct rows_run *r) { return 1 + (size_t)r->samples; }
@@ -99,6 +106,30 @@ static int take_words(void *context, size_t tile_run_first, size_t tile_run_coun
     return end(r, KILN_OK, error);
 }
 
+static int prepare_groups(struct vulkan_backend *b, void *context, struct kiln_error *error);
+static void gather_groups(struct vulkan_backend *b, const void *parameters, const struct vulkan_chunk *chunk,
+                          uint64_t room, struct vulkan_recording *recording);
+
+/* Of a point, in scenes with smooth normals: shaders/row_weights.comp. */
+static size_t weight_bytes(const struct rows_run *r)
+{
+    return r->b->constants[VULKAN_HAS_SMOOTH] != 0 ? 2 * sizeof(float) * r->samples : 0;
+}
+
+/* Makes the pass that traces gather the light of groups besides. `kept`: it keeps rows for the host. */
+static void add_groups(struct rows_run *r, struct vulkan_hemisphere *pass, bool kept)
+{
+    r->traced = true;
+    r->room_rows = kept ? 0 : words_of_row(r) * sizeof(uint32_t);
+    pass->shader = &keep_shader;
+    pass->besides = gather_groups;
+    pass->row_bytes = r->room_rows;
+    pass->room_bytes = r->room_rows + weight_bytes(r);
+    pass->prepare = prepare_groups;
+    pass->context = r;
+    pass->parameters = r;
+}
+
 /* Traces, and keeps what rays meet, unless a file has it that is only read. */
 static int trace(struct rows_run *r, const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
@@ -111,6 +142,8 @@ static int trace(struct rows_run *r, const struct kiln_batch *batch, uint64_t *r
         pass.take_words = take_words;
         pass.context = r;
     }
+    if (r->b->base.groups != NULL)
+        add_groups(r, &pass, keeps);
     const int status = vulkan_hemisphere_run(r->b, &pass, batch, rays, error);
     if (keeps)
         r->rows->kept += *rays - before;
@@ -221,19 +254,27 @@ static uint64_t rows_of(const struct rows_run *r, const struct vulkan_chunk *chu
                                : r->row_words + place * words_of_row(r) * sizeof(uint32_t);
 }
 
-/* Threads of a point: shaders/replay.glsl. */
-static uint32_t lanes_of(const struct rows_run *r)
+/* Threads of so many points under so many lights: shaders/replay.glsl. */
+static uint32_t threads_of(uint32_t total, uint32_t lights)
 {
     uint32_t lanes = 1;
-    while (lanes < r->count)
+    while (lanes < lights)
         lanes *= 2;
-    return lanes;
+    const uint32_t points = GROUP / lanes;
+    return (total + points - 1) / points * GROUP;
 }
 
-/* Of a point, in scenes with smooth normals: shaders/row_weights.comp. */
-static size_t weight_bytes(const struct rows_run *r)
+static struct kiln_gpu_replay_push push_of(const struct rows_run *r, const struct vulkan_chunk *chunk)
 {
-    return r->b->constants[VULKAN_HAS_SMOOTH] != 0 ? 2 * sizeof(float) * r->samples : 0;
+    const struct kiln_surface *s = r->b->surface;
+    const struct kiln_slices slices = vulkan_slices_of(r->b, r->samples);
+    return (struct kiln_gpu_replay_push){.scene = r->b->scene.address,
+                                         .chunk = chunk->all,
+                                         .held = r->b->held.root.address,
+                                         .first = kiln_own_of_global(s, s->tile_runs[chunk->tile_run_first].first).at,
+                                         .samples = r->samples,
+                                         .slice = slices.samples,
+                                         .split = slices.split};
 }
 
 /* vulkan_hemisphere.finish: the sums of a chunk, and what becomes of them. Its room has the weights of rays, then the
@@ -241,29 +282,65 @@ static size_t weight_bytes(const struct rows_run *r)
 static void finish(struct vulkan_backend *b, const void *parameters, const struct vulkan_chunk *chunk, uint64_t room,
                    struct vulkan_recording *recording)
 {
+    (void)b;
     const struct rows_run *r = parameters;
-    const struct kiln_surface *s = b->surface;
-    const struct kiln_slices slices = vulkan_slices_of(b, r->samples);
-    const uint32_t total = chunk->all.total, points = GROUP / lanes_of(r), groups = (total + GROUP - 1) / GROUP;
-    const struct kiln_gpu_replay_push push = {.scene = b->scene.address,
-                                              .chunk = chunk->all,
-                                              .lights = r->light_words,
-                                              .rows = rows_of(r, chunk),
-                                              .weights = room,
-                                              .results = r->holds ? room + total * weight_bytes(r) : chunk->results,
-                                              .held = b->held.root.address,
-                                              .first =
-                                                  kiln_own_of_global(s, s->tile_runs[chunk->tile_run_first].first).at,
-                                              .samples = r->samples,
-                                              .slice = slices.samples,
-                                              .split = slices.split};
+    const uint32_t total = chunk->all.total, groups = (total + GROUP - 1) / GROUP;
+    struct kiln_gpu_replay_push push = push_of(r, chunk);
+    push.lights = r->light_words;
+    push.rows = rows_of(r, chunk);
+    push.weights = room;
+    push.results = r->holds ? room + total * weight_bytes(r) : chunk->results;
     const struct kiln_gpu_held_push powers = {.scene = push.scene, .held = push.held, .groups = groups};
-    vulkan_record(recording, r->gather, (total + points - 1) / points * GROUP, 1, &push, sizeof push);
+    vulkan_record(recording, r->gather, threads_of(total, r->count), 1, &push, sizeof push);
     if (!r->holds)
         return;
     vulkan_record(recording, r->take, groups * GROUP, 1, &push, sizeof push);
     vulkan_record(recording, r->powers, GROUP * KILN_GPU_HELD_POWERS, r->count, &powers, sizeof powers);
 }
+
+/* ---- the light of groups ---- */
+
+/* Lights of groups that are gathered at once. */
+static uint32_t groups_at_once(const struct vulkan_backend *b)
+{
+    const uint32_t count = vulkan_groups_count(b);
+    return count < KILN_ROW_LIGHTS ? count : KILN_ROW_LIGHTS;
+}
+
+/* vulkan_hemisphere.prepare */
+static int prepare_groups(struct vulkan_backend *b, void *context, struct kiln_error *error)
+{
+    struct rows_run *r = context;
+    vulkan_groups_begin(b);
+    const int status = vulkan_kernel_of(b, &groups_shader, false, groups_at_once(b), &r->groups, error);
+    return status == KILN_OK ? vulkan_groups_radiosity(b, error) : status;
+}
+
+/* vulkan_hemisphere.besides */
+static void gather_groups(struct vulkan_backend *b, const void *parameters, const struct vulkan_chunk *chunk,
+                          uint64_t room, struct vulkan_recording *recording)
+{
+    const struct rows_run *r = parameters;
+    const uint32_t total = chunk->all.total, count = vulkan_groups_count(b), some = groups_at_once(b);
+    struct kiln_gpu_replay_push push = push_of(r, chunk);
+    push.lights = b->group_lights.address;
+    push.rows = r->room_rows > 0 ? room : r->traced ? chunk->words : rows_of(r, chunk);
+    push.weights = room + total * r->room_rows;
+    push.results = b->slots[chunk->slot].groups.address;
+    push.groups = count;
+    push.points = (uint32_t)b->surface->point_count;
+    vulkan_record(recording, r->groups, threads_of(total, some), (count + some - 1) / some, &push, sizeof push);
+}
+
+int vulkan_gather_groups(struct vulkan_backend *b, struct vulkan_hemisphere *pass, const struct kiln_batch *batch,
+                         uint64_t *rays, struct kiln_error *error)
+{
+    struct rows_run r = {.b = b, .samples = batch->samples};
+    add_groups(&r, pass, false);
+    return vulkan_hemisphere_run(b, pass, batch, rays, error);
+}
+
+/* ---- replaying: the pass ---- */
 
 static int bring_lights(struct rows_run *r, struct kiln_error *error)
 {
@@ -291,6 +368,8 @@ static int prepare(struct vulkan_backend *b, void *context, struct kiln_error *e
         status = vulkan_kernel_of(b, &vulkan_held_powers, false, 0, &r->powers, error);
     if (status == KILN_OK)
         status = bring_lights(r, error);
+    if (status == KILN_OK && b->base.groups != NULL)
+        status = prepare_groups(b, r, error);
     if (status != KILN_OK || r->resident == NULL)
         return status;
     status = find_resident(b, r->rows, &r->resident, error);
@@ -314,11 +393,14 @@ static int replay(struct rows_run *r, const struct kiln_batch *batch, struct kil
     if (status != KILN_OK)
         return status;
     r->batch = batch;
+    r->traced = false;
+    r->room_rows = 0;
     const struct vulkan_hemisphere pass = {
         .pass = &kiln_pass_gather,
         .shader = weight_bytes(r) > 0 ? &weights_shader : NULL,
         .few_slices = true,
         .finish = finish,
+        .besides = r->b->base.groups != NULL ? gather_groups : NULL,
         .pace = VULKAN_PACE_REPLAY,
         .stream = batch->stream,
         .failed_offset = offsetof(struct kiln_gpu_result, error),

@@ -7,7 +7,7 @@
 #ifndef KILN_WORKER_BACKEND_VULKAN_KEPT_ROWS_H
 #define KILN_WORKER_BACKEND_VULKAN_KEPT_ROWS_H
 
-#include "worker/backend/vulkan/vulkan.h"
+#include "worker/backend/vulkan/hemisphere.h"
 
 /* Whether rays of the gather pass can be kept here: they end where they first meet something, and no light is tinted.
  */
@@ -16,6 +16,10 @@ bool vulkan_keeps_rows(const struct vulkan_backend *b);
 /* The gather pass with b->base.rows. */
 int vulkan_gather_rows(struct vulkan_backend *b, const struct kiln_batch *batch, uint64_t *rays,
                        struct kiln_error *error);
+
+/* The gather pass as it stands in `pass`, and the light of groups besides (groups.h). */
+int vulkan_gather_groups(struct vulkan_backend *b, struct vulkan_hemisphere *pass, const struct kiln_batch *batch,
+                         uint64_t *rays, struct kiln_error *error);
 
 /* kiln_backend_replay. */
 int vulkan_replay(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights, size_t count,

@@ -8,6 +8,7 @@
 #include "shaders/shared/chain.h"
 #include "worker/backend/vulkan/bright.h"
 #include "worker/backend/vulkan/chunks.h"
+#include "worker/backend/vulkan/groups.h"
 #include "worker/backend/vulkan/held.h"
 #include "worker/backend/vulkan/kept_rows.h"
 #include "worker/backend/vulkan/regression.h"
@@ -141,6 +142,7 @@ static void clear(struct vulkan_backend *b)
     vulkan_techniques_release(b);
     vulkan_spheres_release(b);
     vulkan_rows_release(b);
+    vulkan_groups_release(b);
     vulkan_held_release(b);
     vulkan_regression_release(b);
     gpu_buffer_destroy(b->gpu, &b->row_lights);

@@ -6,9 +6,9 @@
  * surfaces.c (of the scene, what paths and chains ask for), regression.c
  * (denoising), chunks.c (running a pass over tile runs in chunks), hemisphere.c (what passes that sample the hemisphere
  * over points have in common), answers.c (what a device hands over of points), points.c (surface points on the device),
- * kept_rows.c and held.c (kept rows, and light that stays with them), lights.c, materials.c and techniques.c (the scene
- * on the device), bvh.c, acceleration.c and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/
- * is Vulkan for compute and knows no light.
+ * kept_rows.c and held.c (kept rows, and light that stays with them), groups.c (the light of groups), lights.c,
+ * materials.c and techniques.c (the scene on the device), bvh.c, acceleration.c and tracer.c (what finds hits),
+ * layout.h (what C and the shaders share). gpu/ is Vulkan for compute and knows no light.
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
  * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
@@ -84,6 +84,8 @@ struct vulkan_kernel {
 struct vulkan_slot {
     struct gpu_buffer scratch, answers, host;
     struct gpu_buffer guides, guides_host; /* of the guided pass, or rows of kept rays */
+    struct gpu_buffer groups, groups_host; /* answers of groups (groups.h), of the chunk of these tile runs: */
+    size_t group_first, group_runs;
 };
 
 /* Rows of kept rays that stay on the device (kept_rows.h). */
@@ -219,6 +221,7 @@ struct vulkan_backend {
     struct gpu_buffer regression[VULKAN_REGRESSION_ARRAYS]; /* regression.c */
     double once_seconds, once_processor;                    /* struct kiln_backend_info */
     uint64_t returned;                                      /* bytes of answers so far */
+    struct gpu_buffer light_groups, group_lights;           /* groups.h */
     struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
     struct gpu_buffer direction_set;                 /* likewise: shaders/directions.glsl */
     struct gpu_buffer bright[VULKAN_BRIGHT_ARRAYS];  /* likewise: bright.h */
