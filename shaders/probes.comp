@@ -2,7 +2,8 @@
  * the whole sphere for what surfaces send, and as long a run of shadow rays to the lights, whose samples are counted
  * through choice after choice; the last slice has what is left of these. A constant sky is met by the rays over the
  * sphere. Directions, random numbers and estimators are those of worker/backend/embree/probes.c; probes_reduce.comp
- * adds up the slices. */
+ * adds up the slices. Where groups of lights are told apart (GROUPED), what each ray finds is kept for
+ * probes_groups.comp. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -16,12 +17,15 @@ KILN_PUSH(kiln_gpu_probes_push);
 #include "shaders/trace/trace.glsl"
 #include "shaders/surface.glsl"
 #include "shaders/lights.glsl"
+#include "shaders/light_groups.glsl"
 #ifdef KILN_GLOSS
 #    define KILN_WALK_LIGHTS
 #    define KILN_CHAIN_RADIOSITY
 #    define KILN_WALK_LEAVES push.leaves
 #    include "shaders/chain.glsl"
 #endif
+
+layout(constant_id = 6) const uint GROUPED = 0u;
 
 KILN_ARRAY(PositionArray, vec3, 4);
 KILN_ARRAY(SliceArray, float, 4);
@@ -33,32 +37,38 @@ struct Sums {
 };
 struct Place {
     vec3 position;
+    uint probe, sample_number; /* of the light sample that comes next */
 };
 
 #include "shaders/light_samples.glsl"
+#include "shaders/probe_direction.glsl"
+#include "shaders/probe_found.glsl"
 
 Sobol sobol() { return Sobol(push.sobol, push.sobol_stride); }
 
-/* Adds radiance x solid angle `value` that arrives from direction d: shaders/shared/harmonics.h. */
-void add_direction(inout Sums sums, vec3 d, vec3 value)
+/* What a ray of the sphere has met, as a word (probe_found.glsl). */
+uint found_word(kiln_hit hit, real3 direction)
 {
-#define KILN_ADD(index, y) sums.radiance[index] += y * value;
-    KILN_HARMONICS_EACH(KILN_ADD, d)
-#undef KILN_ADD
-    const vec3 positive = max(d, 0.0), negative = max(-d, 0.0);
-    for (int a = 0; a < 3; a++) {
-        sums.axes[2 * a] += positive[a] * value;
-        sums.axes[2 * a + 1] += negative[a] * value;
-    }
+    const kiln_light_sample sky = kiln_light_sample(direction, real(KILN_INFINITY), real3(0), 0, true, KILN_GPU_NONE);
+    if (hit.triangle == KILN_GPU_NONE)
+        return light_kind(KILN_GPU_KIND_SKY) ? FOUND_SKY | light_group(KILN_CHOICE_ENVIRONMENT, 0u, sky, real3(0))
+                                             : FOUND_NOTHING;
+    const kiln_store_way to = kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back);
+    uint64_t point;
+    if (hit.back && (to.material & KILN_RECORD_DOUBLE_SIDED) == 0u)
+        return FOUND_NOTHING;
+    return kiln_store_point(to, point) ? uint(point) : FOUND_NOTHING;
 }
 
-void sphere_sample(inout Sums sums, vec3 p, uint key, uint k)
+void sphere_sample(inout Sums sums, uint x, vec3 p, uint key, uint k)
 {
     const real3 direction = kiln_sphere_direction(scrambled(sobol(), k, KILN_DIMENSION_U, kiln_hash2(key, 0u)),
                                                   scrambled(sobol(), k, KILN_DIMENSION_V, kiln_hash2(key, 1u)));
     const vec3 d = vec3(direction);
     vec3 tint;
     const kiln_hit hit = kiln_trace_by_chance(p, d, kiln_hash2(key + 1u, k), tint);
+    if (GROUPED != 0u)
+        found_sphere(k, x).at[0] = Found(d, found_word(hit, direction));
     vec3 radiance = vec3(0.0);
     if (hit.triangle == KILN_GPU_NONE) {
         sums.distance += push.far;
@@ -87,14 +97,21 @@ void sphere_sample(inout Sums sums, vec3 p, uint key, uint k)
 void add_light(inout Sums sums, inout Place place, kiln_light_choice choice, uint identity, uint k)
 {
     kiln_light_sample s;
+    const uint number = place.sample_number++;
+    if (GROUPED != 0u)
+        found_light(number, place.probe).at[0] = FoundLight(vec3(0.0), vec3(0.0), FOUND_NOTHING);
     if (!draw_light(sobol(), choice, identity, k, real3(place.position), s))
         return;
     sums.rays += 1.0;
     const float limit = isinf(s.distance) ? KILN_INFINITY : float((s.distance - s.backoff) * KILN_SHADOW_LENGTH);
     const vec3 d = vec3(s.direction);
     const vec3 through = kiln_through(place.position, d, limit);
+    const vec3 value = vec3(s.value / real(choice.samples)) * through;
     if (through != vec3(0.0))
-        add_direction(sums, d, vec3(s.value / real(choice.samples)) * through);
+        add_direction(sums, d, value);
+    if (GROUPED != 0u)
+        found_light(number, place.probe).at[0] =
+            FoundLight(d, value, light_group(choice.kind, choice.index, s, real3(place.position)));
 }
 
 void store(Sums sums, uint x, uint slice)
@@ -131,16 +148,21 @@ void kiln_kernel(uint x, uint y)
     const uint from = slice * KILN_GPU_PROBE_SAMPLES, to = min(push.samples, from + KILN_GPU_PROBE_SAMPLES);
     uint k = from;
     for (; k < to; k++)
-        sphere_sample(sums, position, key, k);
+        sphere_sample(sums, x, position, key, k);
     sums.stopped = sums.stopped || k < to;
+    uint lights = 0u;
     if (LIGHT_KINDS != 0u && LIGHT_KINDS != KILN_GPU_KIND_SKY) {
-        Place place = Place(position);
+        Place place = Place(position, x, from);
         const uint candidates =
             kiln_lights_choose(real3(position), 0, real3(0), KILN_CUT_MAX, light_kind(KILN_GPU_KIND_IMAGE));
         if (!light_samples(sums, place, candidates, real3(0), push.samples, key, from,
                            slice + 1u == push.slice_count ? 0xffffffffu : to))
             sums.stopped = true;
+        if (GROUPED != 0u)
+            lights = light_sample_count(candidates, real3(0), push.samples);
     }
+    if (GROUPED != 0u && slice + 1u == push.slice_count)
+        found_lights(x).at[0] = lights;
     if (sums.stopped)
         sums.distance = -1.0e30;
     store(sums, x, slice);

@@ -222,8 +222,6 @@ static int check_patterns(const struct rules *r, struct kiln_error *error)
 /* Why this bake cannot have groups; NULL: it can. */
 static const char *why_not(const struct kiln_job *job, const struct kiln_prepared *p)
 {
-    if (strcmp(p->backend->api->name, "embree") != 0 && job->samples_probe > 0)
-        return "Embree alone finds their light at probes: give --backend embree, or --samples-probe 0";
     if (kiln_job_is_reference(job) || kiln_job_is_radiosity(job))
         return "--method cells alone has them: leave --method out";
     if (kiln_job_takes_gloss(job) || p->geometry->passage >= KILN_PASSAGE_TINT)

@@ -196,10 +196,24 @@ struct kiln_gpu_probes_push {
     KILN_WORD count, samples, slice_first, slice_count, sobol_stride, seed;
     KILN_REAL32 far;  /* m: stands in for the distance of escapes */
     KILN_WORD leaves; /* struct kiln_probe_parameters */
+    KILN_WORD lights; /* light samples of a probe that are kept at most; */
+    KILN_WORD reserved;
+    KILN_ADDRESS found; /* what is kept (probe_found.glsl); 0: nothing */
 };
-KILN_SIZE_IS(kiln_gpu_probes_push, 72);
+KILN_SIZE_IS(kiln_gpu_probes_push, 88);
 KILN_OFFSET_IS(kiln_gpu_probes_push, count, 40);
 KILN_OFFSET_IS(kiln_gpu_probes_push, far, 64);
+KILN_OFFSET_IS(kiln_gpu_probes_push, found, 80);
+
+/* probes_groups.comp: the light of groups at probes. */
+struct kiln_gpu_probe_groups_push {
+    KILN_ADDRESS scene;
+    KILN_ADDRESS found;     /* as above, as are lights, count and samples */
+    KILN_ADDRESS radiosity; /* packed, of each point that of all groups */
+    KILN_ADDRESS results;   /* KILN_GPU_PROBE_GROUP_FLOATS floats of each group of each probe */
+    KILN_WORD count, samples, lights, groups;
+};
+KILN_SIZE_IS(kiln_gpu_probe_groups_push, 48);
 
 /* radiance.comp: radiance at the elements of probes' maps. */
 struct kiln_gpu_radiance_push {

@@ -1,0 +1,29 @@
+/* What the rays of probes have found, kept for the light of groups: probes.comp, probes_groups.comp. All arrays are
+ * strided by push.count probes and lie at push.found, one after the other: what each ray over the sphere has met, light
+ * samples with what they bring (push.lights of them at most), and how many of these there are. */
+KILN_ARRAY(FoundWords, uint, 4);
+
+/* In the place of a surface point: a constant sky, its group in the lower bits; something that is dark. */
+const uint FOUND_SKY = 0x80000000u, FOUND_NOTHING = 0xffffffffu;
+
+struct Found {
+    vec3 direction;
+    uint word;
+};
+struct FoundLight {
+    vec3 direction, value; /* radiance x solid angle, as much as comes through */
+    uint group;            /* FOUND_NOTHING: nothing */
+};
+KILN_ARRAY(FoundArray, Found, 4);
+KILN_ARRAY(FoundLights, FoundLight, 4);
+
+FoundArray found_sphere(uint k, uint x) { return FoundArray(push.found + 16ul * (uint64_t(k) * push.count + x)); }
+uint64_t found_lights_at() { return push.found + 16ul * (uint64_t(push.samples) * push.count); }
+FoundLights found_light(uint k, uint x)
+{
+    return FoundLights(found_lights_at() + 28ul * (uint64_t(k) * push.count + x));
+}
+FoundWords found_lights(uint x)
+{
+    return FoundWords(found_lights_at() + 28ul * (uint64_t(push.lights) * push.count) + 4ul * x);
+}
