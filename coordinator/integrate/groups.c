@@ -113,8 +113,8 @@ void kiln_group_light_take(const struct kiln_group_light *g, const struct kiln_t
         struct kiln_step step = *taking->step;
         struct kiln_taking own = *taking;
         step.compact = false;
-        step.stream += (group + 1) * STREAMS;
         own.step = &step;
+        own.rounding = (group + 1) * STREAMS;
         answers_of(g, run, group, results, of);
         taking->settings->integrator->take(&own, &view, run, of, NULL, NULL);
         const uint64_t first = 3 * kiln_own_of_global(&data->surface, run->first).at;

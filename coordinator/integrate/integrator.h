@@ -26,6 +26,7 @@ struct kiln_taking {
     const uint64_t *radiosity; /* of all points, packed: what the step gathers from */
     double scale;              /* of the 4-byte form of radiosity */
     double unit;               /* W, of the exact sums */
+    uint32_t rounding;         /* added to the step's stream for the random bits that radiosity is rounded by */
 };
 
 /* What the collective functions of an integrator work on. Borrowed. */

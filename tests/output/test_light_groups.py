@@ -42,17 +42,22 @@ class LightGroups(unittest.TestCase):
         return found
 
     def test_groups_add_up(self):
+        groups = ('--light-groups', self.write('groups.yaml', GROUPS))
+        self.add_up(self.bake('blocks', '--schedule', 'lean', '--indirect-scale', 2, '--final-scale', 2, *groups))
         plain = self.bake('plain')
-        both = self.bake('both', '--light-groups', self.write('groups.yaml', GROUPS))
+        both = self.bake('both', *groups)
         for key, values in plain.items():
             self.assertEqual(values.tobytes(), both[key].tobytes(), key)
-        total = plain['irradiance/total'].astype(float)
-        found = sum(both[f'groups/{name}'].astype(float) for name in ('sun', 'points', 'rest'))
         self.assertGreater(both['groups/sun'].mean(), 0)
-        self.assertLess(np.abs(found - total).max(), 1e-3 * total.mean())
+        self.add_up(both)
         off = 'lights: {"pt*": {on: false}, "sp*": {on: false}}'
         alone = self.bake('alone', '--changes', self.write('off.yaml', off))['irradiance/total'].astype(float)
         self.assertLess(abs(both['groups/sun'].mean() - alone.mean()), 0.02 * alone.mean())
+
+    def add_up(self, found):
+        total = found['irradiance/total'].astype(float)
+        parts = sum(found[f'groups/{name}'].astype(float) for name in ('sun', 'points', 'rest'))
+        self.assertLess(np.abs(parts - total).max(), 1e-3 * total.mean())
 
     def same(self, found, wanted, what):
         self.assertEqual(found.keys(), wanted.keys())

@@ -3,6 +3,8 @@
 #include <string.h>
 
 #include "worker/base/memory.h"
+#include "worker/light/light_groups.h"
+#include "worker/pass/groups.h"
 
 struct few_run {
     const struct kiln_batch *batch;
@@ -13,7 +15,10 @@ struct few_run {
     uint32_t *samples;         /* of `points`; 0: it has none */
     size_t *place;             /* where its results begin in `kept`; and the end */
     char *kept;
-    char *whole; /* a part's results put together */
+    struct kiln_groups *groups; /* whose light is found besides; NULL: none */
+    size_t group_floats;        /* of a point */
+    float *kept_groups;         /* as `kept` */
+    char *whole;                /* a part's results put together */
     size_t whole_room;
 };
 
@@ -24,6 +29,7 @@ static void release(struct few_run *r)
     kiln_free(&r->samples);
     kiln_free(&r->place);
     kiln_free(&r->kept);
+    kiln_free(&r->kept_groups);
     kiln_free(&r->whole);
 }
 
@@ -55,7 +61,27 @@ static int divide(struct few_run *r, struct kiln_error *error)
         if (r->points[i] != 0)
             r->samples[i] = kiln_batch_few(batch->samples_each != NULL ? batch->samples_each[i] : batch->samples);
     }
-    return kiln_allocate(&r->kept, r->place[batch->count], r->bytes, "results of points with fewer samples", error);
+    const int status =
+        kiln_allocate(&r->kept, r->place[batch->count], r->bytes, "results of points with fewer samples", error);
+    return status == KILN_OK && r->groups != NULL
+               ? kiln_allocate(&r->kept_groups, r->place[batch->count], r->group_floats * sizeof *r->kept_groups,
+                               "the light of groups", error)
+               : status;
+}
+
+/* What groups have answered of a tile run, whose points with fewer samples have those from `place` on: keeps it, or
+ * puts it back. */
+static void move_groups(const struct few_run *r, const struct kiln_tile_run *run, uint64_t points, size_t place,
+                        bool back)
+{
+    if (r->groups == NULL)
+        return;
+    float *kept = r->kept_groups + place * r->group_floats,
+          *of_run = r->groups->answers + (run->first.at - r->groups->first) * r->group_floats;
+    for (uint64_t rest = points; rest != 0; rest &= rest - 1, kept += r->group_floats) {
+        float *answer = of_run + (size_t)__builtin_ctzll(rest) * r->group_floats;
+        memcpy(back ? answer : kept, back ? kept : answer, r->group_floats * sizeof *kept);
+    }
 }
 
 /* kiln_take_results of the points with fewer samples. */
@@ -68,6 +94,7 @@ static int keep(void *context, size_t first, size_t count, const void *results, 
         const size_t item = first + i - r->batch->first;
         const char *of_run = (const char *)results + (runs[i].first.at - runs[0].first.at) * r->bytes;
         char *to = r->kept + r->place[item] * r->bytes;
+        move_groups(r, &runs[i], r->points[item], r->place[item], false);
         for (uint64_t rest = r->points[item]; rest != 0; rest &= rest - 1, to += r->bytes)
             memcpy(to, of_run + (size_t)__builtin_ctzll(rest) * r->bytes, r->bytes);
     }
@@ -90,6 +117,7 @@ static int put_together(void *context, size_t first, size_t count, const void *r
     const char *from = r->kept + r->place[begin] * r->bytes;
     for (size_t i = 0; i < count; i++) {
         char *of_run = r->whole + (runs[i].first.at - runs[0].first.at) * r->bytes;
+        move_groups(r, &runs[i], r->points[begin + i], r->place[begin + i], true);
         for (uint64_t rest = r->points[begin + i]; rest != 0; rest &= rest - 1, from += r->bytes)
             memcpy(of_run + (size_t)__builtin_ctzll(rest) * r->bytes, from, r->bytes);
     }
@@ -117,7 +145,10 @@ static int run_both(struct few_run *r, struct kiln_backend *backend, const struc
 int kiln_backend_run_few(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                          const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
-    struct few_run r = {.batch = batch, .surface = backend->surface, .bytes = pass->result_bytes};
+    struct few_run r = {
+        .batch = batch, .surface = backend->surface, .bytes = pass->result_bytes, .groups = backend->groups};
+    if (r.groups != NULL)
+        r.group_floats = (size_t)r.groups->lights->count * KILN_GROUP_FLOATS;
     int status = make_room(&r, error);
     if (status == KILN_OK)
         status = divide(&r, error);

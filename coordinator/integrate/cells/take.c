@@ -148,7 +148,7 @@ static inline void pack_next(const struct kiln_taking *t, const struct kiln_rank
     if (t->step->compact)
         kiln_next_compact(data)[own.at] = kiln_radiosity_compact(radiosity, t->scale, compact_hash(tile, bit));
     else
-        data->next[own.at] = kiln_radiosity_pack(radiosity, kiln_packing_hash(f, bit, t->step->stream));
+        data->next[own.at] = kiln_radiosity_pack(radiosity, kiln_packing_hash(f, bit, t->step->stream + t->rounding));
 }
 
 /* Area, albedo and what was sent, as the ledger wants them. */
