@@ -16,6 +16,9 @@
 enum { LINKS = 1000 };   /* of a point, to begin with */
 enum { LEAVES = 8 };     /* a batch takes at most one part in so many of what is left */
 #define LEAST_HELP 0.005 /* s of work that is left to a rank, for others to take any of it */
+/* The same of a device, which has little to do at the begin and at the end of a batch; and its shortest batch */
+#define LEAST_DEVICE_HELP 0.03
+#define LEAST_DEVICE_BATCH 0.1
 /* rays a second and thread, to begin with: little, so that the first batch is short however slow they are */
 #define RATE_START 2e4
 
@@ -30,22 +33,60 @@ static uint64_t points_of(const struct kiln_surface *surface, struct kiln_range 
     return kiln_tile_runs_points(first, first + range.count - 1);
 }
 
-/* points a second */
+/* The samples of the tile runs of `data` in the step under way; NULL: all have the same. */
+static const uint32_t *samples_of(const struct kiln_batches *b, const struct kiln_rank_data *data)
+{
+    const struct kiln_field_set *fields = b->params->fields;
+    const char *name = b->report->step.samples_field;
+    if (name == NULL)
+        return NULL;
+    const size_t place = kiln_field_set_find(fields, name);
+    assert(place < fields->count && fields->entry[place].field->domain == KILN_DOMAIN_TILE_RUN &&
+           kiln_field_size(fields->entry[place].field) == sizeof(uint32_t));
+    return kiln_rank_field(data, fields, place);
+}
+
+/* What a tile run asks for: its points, or as many of the step's mean samples as have all its own. */
+static double work_of(const struct kiln_batches *b, const struct kiln_tile_run *run, const uint32_t *samples)
+{
+    return samples == NULL ? (double)run->count
+                           : (double)run->count * (double)*samples / (double)b->report->step.samples;
+}
+
+static double work_in(const struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range range)
+{
+    const uint32_t *samples = samples_of(b, data);
+    double work = 0.0;
+    if (samples == NULL)
+        return (double)points_of(&data->surface, range);
+    for (size_t f = range.first; f < range.first + range.count; f++)
+        work += work_of(b, &data->surface.tile_runs[f], &samples[f]);
+    return work;
+}
+
+/* work a second */
 static double speed_of(const struct kiln_batches *b) { return b->rate / (double)b->report->step.samples; }
+
+/* The same of another rank's points, which have to come here first. */
+static double help_speed(const struct kiln_batches *b, double work, uint64_t points)
+{
+    return work / (work / speed_of(b) + b->point_seconds * (double)points);
+}
 
 /* How many tile runs of what is left of the own work make a batch: one a thread at least, so that no core is idle;
  * towards the end of the step less and less, so that others can take the rest. */
 static size_t batch_of(const struct kiln_batches *b, struct kiln_range left)
 {
-    const struct kiln_surface *surface = &b->solution->own->surface;
-    const struct kiln_tile_run *tile_runs = surface->tile_runs + left.first;
+    const struct kiln_rank_data *own = b->solution->own;
+    const struct kiln_tile_run *tile_runs = own->surface.tile_runs + left.first;
+    const uint32_t *samples = samples_of(b, own);
     const int ranks = kiln_node_data_count(b->solution->node_data), parts = ranks < LEAVES ? ranks : LEAVES;
-    double wanted = speed_of(b) * kiln_control_batch_seconds(b->params->control);
+    double wanted = speed_of(b) * kiln_control_batch_seconds(b->params->control), work = 0.0;
     if (ranks > 1)
-        wanted = fmin(wanted, fmax((double)points_of(surface, left) / parts, KILN_LEAST_BATCH * speed_of(b)));
+        wanted = fmin(wanted, fmax(work_in(b, own, left) / parts, b->least_batch * speed_of(b)));
     size_t count = 0;
-    for (uint64_t points = 0; count < left.count && (count < b->params->threads || (double)points < wanted); count++)
-        points += tile_runs[count].count;
+    for (; count < left.count && (count < b->params->threads || work < wanted); count++)
+        work += work_of(b, &tile_runs[count], samples != NULL ? &samples[left.first + count] : NULL);
     return count;
 }
 
@@ -53,20 +94,25 @@ static size_t batch_of(const struct kiln_batches *b, struct kiln_range left)
  * may be more helpers. */
 static size_t help_of(const struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range left)
 {
-    const struct kiln_tile_run *end = data->surface.tile_runs + left.first + left.count;
-    const double own = speed_of(b), theirs = kiln_work_queue_speed(data->queue);
-    const double fair = 0.5 * (double)points_of(&data->surface, left) * own / (own + theirs);
-    const double wanted = fmin(fmax(fair, LEAST_HELP * own), own * kiln_control_batch_seconds(b->params->control));
+    const struct kiln_tile_run *tile_runs = data->surface.tile_runs;
+    const uint32_t *samples = samples_of(b, data);
+    const double all = work_in(b, data, left), own = help_speed(b, all, points_of(&data->surface, left)),
+                 theirs = kiln_work_queue_speed(data->queue), fair = 0.5 * all * own / (own + theirs),
+                 wanted = fmin(fmax(fair, b->least_help * own), own * kiln_control_batch_seconds(b->params->control));
+    const size_t end = left.first + left.count;
+    double work = 0.0;
     size_t count = 0;
-    for (uint64_t points = 0; count < left.count && (count < b->params->threads || (double)points < wanted);)
-        points += (end - ++count)->count;
+    while (count < left.count && (count < b->params->threads || work < wanted)) {
+        count++;
+        work += work_of(b, &tile_runs[end - count], samples != NULL ? &samples[end - count] : NULL);
+    }
     return count;
 }
 
 /* A batch's speed; not believed at once when it is much higher than before, as a device's first launches are slow. */
-static void note_rate(struct kiln_batches *b, uint64_t points, double seconds)
+static void note_rate(struct kiln_batches *b, double work, double seconds)
 {
-    const double rate = (double)points * (double)b->report->step.samples / fmax(seconds, 1e-6);
+    const double rate = work * (double)b->report->step.samples / fmax(seconds, 1e-6);
     b->rate = fmin(rate, 4.0 * b->rate);
     kiln_work_queue_set_speed(b->solution->own->queue, speed_of(b));
 }
@@ -97,6 +143,7 @@ static int take_part(void *context, size_t first, size_t count, const void *resu
     for (size_t i = 0; i < count; i++)
         data->cost[first + i] = (float)(seconds / (double)points * (double)tile_runs[i].count);
     b->points += points;
+    b->taken += work_in(b, data, (struct kiln_range){first, count});
     if (data != own)
         return KILN_OK;
     b->work->points_done += points;
@@ -117,14 +164,8 @@ static void be_slow(const struct kiln_batches *b, double seconds)
 /* The samples of the tile runs of the batch under way from `first` on; NULL: all have the same. */
 static const uint32_t *samples_from(const struct kiln_batches *b, size_t first)
 {
-    const struct kiln_field_set *fields = b->params->fields;
-    const char *name = b->report->step.samples_field;
-    if (name == NULL)
-        return NULL;
-    const size_t place = kiln_field_set_find(fields, name);
-    assert(place < fields->count && fields->entry[place].field->domain == KILN_DOMAIN_TILE_RUN &&
-           kiln_field_size(fields->entry[place].field) == sizeof(uint32_t));
-    return (const uint32_t *)kiln_rank_field(b->data, fields, place) + first;
+    const uint32_t *samples = samples_of(b, b->data);
+    return samples != NULL ? samples + first : NULL;
 }
 
 /* Points of the range that the step leaves out. */
@@ -206,6 +247,7 @@ static int run_batch(struct kiln_batches *b, const struct kiln_rank_data *data, 
     const struct kiln_integrate_params *p = b->params;
     b->data = data;
     b->points = 0;
+    b->taken = 0.0;
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
     b->since = start;
@@ -219,8 +261,10 @@ static int run_batch(struct kiln_batches *b, const struct kiln_rank_data *data, 
     kiln_trace_add(p->trace, data == b->solution->own ? KILN_TRACE_BATCH : KILN_TRACE_HELP, "batch", start,
                    start + *seconds, (int64_t)b->points);
     b->report->device_seconds += fmax(0.0, end.device_seconds - begin.device_seconds);
-    if (b->points > 0)
-        note_rate(b, b->points, *seconds);
+    if (b->points > 0) {
+        const double bringing = data != b->solution->own ? b->point_seconds * (double)b->points : 0.0;
+        note_rate(b, b->taken, fmax(*seconds - bringing, 0.1 * *seconds));
+    }
     return status;
 }
 
@@ -242,16 +286,15 @@ static const struct kiln_rank_data *who_is_behind(const struct kiln_batches *b, 
 {
     const struct kiln_node_data *node_data = b->solution->node_data;
     const struct kiln_rank_data *last = NULL;
-    double longest = LEAST_HELP;
+    double longest = b->least_help;
     /* what has landed, and links, are with the owner of the points */
     if (b->report->step.lands || !b->report->step.pass->is_stealable)
         return NULL;
     for (int i = 0; i < kiln_node_data_count(node_data); i++) {
         const struct kiln_rank_data *data = kiln_rank_data(node_data, i);
         const struct kiln_range there = kiln_work_queue_left(data->queue);
-        const double seconds = data == b->solution->own
-                                   ? 0.0
-                                   : (double)points_of(&data->surface, there) / kiln_work_queue_speed(data->queue);
+        const double seconds =
+            data == b->solution->own ? 0.0 : work_in(b, data, there) / kiln_work_queue_speed(data->queue);
         if (seconds > longest) {
             longest = seconds;
             last = data;
@@ -272,11 +315,12 @@ static int run_help(struct kiln_batches *b, const struct kiln_rank_data *data, s
     *seconds = 0.0;
     if (!kiln_work_queue_steal(data->queue, left, count, points))
         return KILN_OK;
-    int status = kiln_backend_set_surface(backend, &data->surface, error);
+    const struct kiln_others others = {&data->surface, range.first, range.count};
+    int status = kiln_backend_set_others(backend, others, error);
     if (status == KILN_OK)
         status = run_batch(b, data, range, seconds, error);
     if (status == KILN_OK)
-        status = kiln_backend_set_surface(backend, b->params->surface, error);
+        status = kiln_backend_set_others(backend, (struct kiln_others){.surface = NULL}, error);
     if (status != KILN_OK)
         return status; /* it stays away, and this rank's failure ends the step */
     kiln_work_queue_return(data->queue, points);
@@ -362,6 +406,11 @@ static double share_of_samples(const struct kiln_step *step)
 void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report, struct kiln_error *error)
 {
     const struct kiln_integrate_settings *settings = b->params->settings;
+    struct kiln_backend_info info;
+    kiln_backend_info(b->params->backend, &info);
+    b->point_seconds = info.point_seconds;
+    b->least_help = info.keeps_points ? LEAST_DEVICE_HELP : LEAST_HELP;
+    b->least_batch = info.keeps_points ? LEAST_DEVICE_BATCH : KILN_LEAST_BATCH;
     b->slowness = kiln_faults_slowness(&settings->faults, (uint32_t)b->params->rank);
     b->report = report;
     /* another pass may be many times slower: its first batch must be short */

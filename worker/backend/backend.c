@@ -110,8 +110,18 @@ void kiln_backend_destroy(struct kiln_backend **backend)
 int kiln_backend_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
 {
     assert(surface != NULL);
-    backend->surface = surface;
+    backend->surface = backend->own = surface;
+    backend->others = (struct kiln_others){.surface = NULL};
     return backend->api->set_surface(backend, surface, error);
+}
+
+int kiln_backend_set_others(struct kiln_backend *backend, struct kiln_others others, struct kiln_error *error)
+{
+    assert(backend->own != NULL);
+    backend->surface = others.surface != NULL ? others.surface : backend->own;
+    backend->others = others;
+    return backend->api->set_others != NULL ? backend->api->set_others(backend, &backend->others, error)
+                                            : backend->api->set_surface(backend, backend->surface, error);
 }
 
 int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)

@@ -25,7 +25,9 @@ static int change_over(struct fallback_backend *f, int status, struct kiln_error
         return status;
     if (kiln_backend_create(&embree, "embree", &f->base.params, &other) != KILN_OK)
         return status;
-    int result = f->base.surface != NULL ? kiln_backend_set_surface(embree, f->base.surface, &other) : KILN_OK;
+    int result = f->base.own != NULL ? kiln_backend_set_surface(embree, f->base.own, &other) : KILN_OK;
+    if (result == KILN_OK && f->base.others.surface != NULL)
+        result = kiln_backend_set_others(embree, f->base.others, &other);
     if (result == KILN_OK && f->base.radiosity != NULL)
         result = kiln_backend_set_radiosity(embree, f->base.radiosity, &other);
     if (result == KILN_OK && f->base.probes != NULL)
@@ -136,6 +138,13 @@ static int fallback_set_surface(struct kiln_backend *backend, const struct kiln_
     return status != KILN_OK ? change_over(f, status, error) : KILN_OK; /* which hands it over too */
 }
 
+static int fallback_set_others(struct kiln_backend *backend, const struct kiln_others *others, struct kiln_error *error)
+{
+    struct fallback_backend *f = (struct fallback_backend *)backend;
+    const int status = kiln_backend_set_others(present(f), *others, error);
+    return status != KILN_OK ? change_over(f, status, error) : KILN_OK;
+}
+
 static int fallback_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
 {
     struct fallback_backend *f = (struct fallback_backend *)backend;
@@ -244,6 +253,7 @@ int kiln_fallback_create(struct kiln_backend **backend, const struct kiln_backen
                                        .destroy = fallback_destroy,
                                        .info = fallback_info,
                                        .set_surface = fallback_set_surface,
+                                       .set_others = fallback_set_others,
                                        .set_radiosity = fallback_set_radiosity,
                                        .set_probes = fallback_set_probes,
                                        .mixed = UINT32_MAX,
