@@ -13,12 +13,12 @@
 #include "worker/base/memory.h"
 #include "worker/pass/patches.h"
 
-enum { LINKS = 1000 };   /* of a point, to begin with */
-enum { LEAVES = 8 };     /* a batch takes at most one part in so many of what is left */
-#define LEAST_HELP 0.005 /* s of work that is left to a rank, for others to take any of it */
-/* The same of a device, which has little to do at the begin and at the end of a batch; and its shortest batch */
-#define LEAST_DEVICE_HELP 0.03
-#define LEAST_DEVICE_BATCH 0.1
+enum { LINKS = 1000 };         /* of a point, to begin with */
+enum { LEAVES = 8 };           /* a batch takes at most one part in so many of what is left */
+#define LEAST_HELP 0.005       /* s of work that is left to a rank, for others to take any of it */
+#define LEAST_DEVICE_HELP 0.03 /* s, the same for a device, which has little to do as a batch begins and ends */
+#define LEAST_CLAIM 0.03       /* s of work that a device claims at once where others may help */
+enum { CLAIMS = 2 };           /* which are under way at once */
 /* rays a second and thread, to begin with: little, so that the first batch is short however slow they are */
 #define RATE_START 2e4
 
@@ -73,6 +73,20 @@ static double help_speed(const struct kiln_batches *b, double work, uint64_t poi
     return work / (work / speed_of(b) + b->point_seconds * (double)points);
 }
 
+/* Whether ranks may help each other in the step: what has landed, and links, are with the owner of the points. */
+static bool is_shared(const struct kiln_batches *b)
+{
+    return kiln_node_data_count(b->solution->node_data) > 1 && !b->report->step.lands &&
+           b->report->step.pass->is_stealable;
+}
+
+/* In how many parts what is left is to be done. */
+static int parts_of(const struct kiln_batches *b)
+{
+    const int ranks = kiln_node_data_count(b->solution->node_data);
+    return ranks < LEAVES ? ranks : LEAVES;
+}
+
 /* How many tile runs of what is left of the own work make a batch: one a thread at least, so that no core is idle;
  * towards the end of the step less and less, so that others can take the rest. */
 static size_t batch_of(const struct kiln_batches *b, struct kiln_range left)
@@ -80,10 +94,9 @@ static size_t batch_of(const struct kiln_batches *b, struct kiln_range left)
     const struct kiln_rank_data *own = b->solution->own;
     const struct kiln_tile_run *tile_runs = own->surface.tile_runs + left.first;
     const uint32_t *samples = samples_of(b, own);
-    const int ranks = kiln_node_data_count(b->solution->node_data), parts = ranks < LEAVES ? ranks : LEAVES;
     double wanted = speed_of(b) * kiln_control_batch_seconds(b->params->control), work = 0.0;
-    if (ranks > 1)
-        wanted = fmin(wanted, fmax(work_in(b, own, left) / parts, b->least_batch * speed_of(b)));
+    if (is_shared(b))
+        wanted = fmin(wanted, fmax(work_in(b, own, left) / parts_of(b), KILN_LEAST_BATCH * speed_of(b)));
     size_t count = 0;
     for (; count < left.count && (count < b->params->threads || work < wanted); count++)
         work += work_of(b, &tile_runs[count], samples != NULL ? &samples[left.first + count] : NULL);
@@ -109,11 +122,12 @@ static size_t help_of(const struct kiln_batches *b, const struct kiln_rank_data 
     return count;
 }
 
-/* A batch's speed; not believed at once when it is much higher than before, as a device's first launches are slow. */
+/* A batch's speed; not believed at once when it is much higher than before, as a device's first launches are slow. What
+ * is claimed hangs little on it. */
 static void note_rate(struct kiln_batches *b, double work, double seconds)
 {
     const double rate = work * (double)b->report->step.samples / fmax(seconds, 1e-6);
-    b->rate = fmin(rate, 4.0 * b->rate);
+    b->rate = b->claims ? rate : fmin(rate, 4.0 * b->rate);
     kiln_work_queue_set_speed(b->solution->own->queue, speed_of(b));
 }
 
@@ -128,13 +142,21 @@ static void send_done(struct kiln_batches *b, size_t end)
         kiln_radiosity_allgather_advance(b->solution->allgather, kiln_next_compact(own), points);
 }
 
+static void be_slow(const struct kiln_batches *b, double seconds)
+{
+    const double more = (b->slowness - 1.0) * seconds, whole = floor(more);
+    const struct timespec pause = {(time_t)whole, (long)(1e9 * (more - whole))};
+    if (more > 0.0)
+        (void)nanosleep(&pause, NULL);
+}
+
 /* kiln_take_results; the context is the kiln_batches. What the part cost is shared by its tile runs, by points. */
 static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     struct kiln_batches *b = context;
     const struct kiln_rank_data *data = b->data, *own = b->solution->own;
     const struct kiln_tile_run *tile_runs = data->surface.tile_runs + first;
-    const double now = MPI_Wtime(), seconds = b->slowness * (now - b->since);
+    const double before = b->since, now = MPI_Wtime(), seconds = b->slowness * (now - before);
     const uint64_t points = points_of(&data->surface, (struct kiln_range){first, count});
     b->since = now;
     const int status = kiln_taker_take(b->taker, data, first, count, results, error);
@@ -146,19 +168,16 @@ static int take_part(void *context, size_t first, size_t count, const void *resu
     b->taken += work_in(b, data, (struct kiln_range){first, count});
     if (data != own)
         return KILN_OK;
+    if (b->claims) {
+        be_slow(b, now - before);
+        b->since = MPI_Wtime();
+        note_rate(b, b->taken, b->since - b->begun);
+    }
     b->work->points_done += points;
     kiln_progress_advance(b->params->progress, kiln_step_work_points(b->work, own));
     if (b->report->step.samples_field == NULL) /* else what is before `first` may not be done yet */
         send_done(b, first + count);
     return KILN_OK;
-}
-
-static void be_slow(const struct kiln_batches *b, double seconds)
-{
-    const double more = (b->slowness - 1.0) * seconds, whole = floor(more);
-    const struct timespec pause = {(time_t)whole, (long)(1e9 * (more - whole))};
-    if (more > 0.0)
-        (void)nanosleep(&pause, NULL);
 }
 
 /* The samples of the tile runs of the batch under way from `first` on; NULL: all have the same. */
@@ -217,11 +236,48 @@ int kiln_batches_choose(struct kiln_batches *b, const struct kiln_rank_data *dat
     return KILN_OK;
 }
 
+/* How many of the next `count` tile runs a device claims where others may help. */
+static size_t share_of(const struct kiln_batches *b, struct kiln_range left, size_t count)
+{
+    const struct kiln_rank_data *own = b->solution->own;
+    const struct kiln_tile_run *tile_runs = own->surface.tile_runs + left.first;
+    const uint32_t *samples = samples_of(b, own);
+    const double wanted = fmax(work_in(b, own, left) / (CLAIMS * parts_of(b)), LEAST_CLAIM * speed_of(b));
+    double work = 0.0;
+    size_t some = 0;
+    for (; some < count && work < wanted; some++)
+        work += work_of(b, &tile_runs[some], samples != NULL ? &samples[left.first + some] : NULL);
+    return some;
+}
+
+/* kiln_claims.claim; the context is the kiln_batches. Others may take the rest, so that towards the end of the step
+ * parts get small; and a batch ends after its time. */
+static size_t claim(void *context, size_t first, size_t count)
+{
+    struct kiln_batches *b = context;
+    struct kiln_work_queue *queue = b->solution->own->queue;
+    if (b->claimed > 0 && MPI_Wtime() - b->begun > kiln_control_batch_seconds(b->params->control))
+        return 0;
+    struct kiln_range left;
+    size_t some;
+    do {
+        left = kiln_work_queue_left(queue);
+        some = count < left.count ? count : left.count;
+        if (is_shared(b))
+            some = share_of(b, left, some);
+    } while (some > 0 && !kiln_work_queue_take(queue, left, some));
+    assert(some == 0 || left.first == first);
+    (void)first;
+    b->claimed += some;
+    return some;
+}
+
 /* Runs the step's pass of the backend. */
 static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct kiln_error *error)
 {
     struct kiln_backend *backend = b->params->backend;
     const struct kiln_step *step = &b->report->step;
+    const struct kiln_claims claims = {claim, b};
     assert(b->data == b->solution->own || step->pass->is_stealable);
     struct kiln_batch batch = {.first = range.first,
                                .count = range.count,
@@ -230,6 +286,7 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
                                .first_sample = step->first_sample,
                                .samples_each = samples_from(b, range.first),
                                .may_lack = b->taker->may_lack,
+                               .claims = b->claims ? &claims : NULL,
                                .take = take_part,
                                .context = b};
     if (step->lands)
@@ -248,13 +305,17 @@ static int run_batch(struct kiln_batches *b, const struct kiln_rank_data *data, 
     b->data = data;
     b->points = 0;
     b->taken = 0.0;
+    b->claimed = 0;
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
-    b->since = start;
+    b->since = b->begun = start;
     const int status = trace_batch(b, range, error);
+    if (b->claims)
+        range.count = b->claimed;
     if (data == b->solution->own)
         b->work->points_done += points_left_out(b, range);
-    be_slow(b, MPI_Wtime() - start);
+    if (!b->claims)
+        be_slow(b, MPI_Wtime() - start);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
     b->report->seconds += *seconds;
@@ -268,16 +329,29 @@ static int run_batch(struct kiln_batches *b, const struct kiln_rank_data *data, 
     return status;
 }
 
+/* Whether the backend claims the step's work part by part, as it comes to it. */
+static bool is_claimed(const struct kiln_batches *b)
+{
+    const struct kiln_step *step = &b->report->step;
+    struct kiln_backend_info info;
+    kiln_backend_info(b->params->backend, &info);
+    return kiln_backend_claims(&info, step->pass, step->samples_field != NULL) && !step->lands && !has_masks(step) &&
+           b->params->transport == NULL;
+}
+
 static int run_own(struct kiln_batches *b, double *seconds, struct kiln_error *error)
 {
     const struct kiln_rank_data *own = b->solution->own;
-    struct kiln_range left;
+    struct kiln_range left = kiln_work_queue_left(own->queue);
     size_t count;
+    *seconds = 0.0;
+    b->claims = is_claimed(b);
+    if (b->claims)
+        return left.count > 0 ? run_batch(b, own, left, seconds, error) : KILN_OK;
     do {
         left = kiln_work_queue_left(own->queue);
         count = batch_of(b, left);
     } while (!kiln_work_queue_take(own->queue, left, count));
-    *seconds = 0.0;
     return count > 0 ? run_batch(b, own, (struct kiln_range){left.first, count}, seconds, error) : KILN_OK;
 }
 
@@ -287,8 +361,7 @@ static const struct kiln_rank_data *who_is_behind(const struct kiln_batches *b, 
     const struct kiln_node_data *node_data = b->solution->node_data;
     const struct kiln_rank_data *last = NULL;
     double longest = b->least_help;
-    /* what has landed, and links, are with the owner of the points */
-    if (b->report->step.lands || !b->report->step.pass->is_stealable)
+    if (!is_shared(b))
         return NULL;
     for (int i = 0; i < kiln_node_data_count(node_data); i++) {
         const struct kiln_rank_data *data = kiln_rank_data(node_data, i);
@@ -315,6 +388,7 @@ static int run_help(struct kiln_batches *b, const struct kiln_rank_data *data, s
     *seconds = 0.0;
     if (!kiln_work_queue_steal(data->queue, left, count, points))
         return KILN_OK;
+    b->claims = false;
     const struct kiln_others others = {&data->surface, range.first, range.count};
     int status = kiln_backend_set_others(backend, others, error);
     if (status == KILN_OK)
@@ -410,7 +484,6 @@ void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report,
     kiln_backend_info(b->params->backend, &info);
     b->point_seconds = info.point_seconds;
     b->least_help = info.keeps_points ? LEAST_DEVICE_HELP : LEAST_HELP;
-    b->least_batch = info.keeps_points ? LEAST_DEVICE_BATCH : KILN_LEAST_BATCH;
     b->slowness = kiln_faults_slowness(&settings->faults, (uint32_t)b->params->rank);
     b->report = report;
     /* another pass may be many times slower: its first batch must be short */

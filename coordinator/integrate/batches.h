@@ -22,12 +22,12 @@ struct kiln_batches {
     struct kiln_taker *taker;
     struct kiln_landing *landing; /* gives the answers of steps that land; NULL: there are none */
     /* own */
-    const struct kiln_pass *pass;   /* of the step under way; NULL: none yet */
-    bool has_masks;                 /* it leaves points out; likewise */
-    bool by_blocks;                 /* and which; likewise */
-    double rate;                    /* rays a second of this rank in such a step, as far as is known */
-    double point_seconds;           /* of its backend (kiln_backend_info) */
-    double least_help, least_batch; /* s, the shortest of either; a batch only where others may help */
+    const struct kiln_pass *pass; /* of the step under way; NULL: none yet */
+    bool has_masks;               /* it leaves points out; likewise */
+    bool by_blocks;               /* and which; likewise */
+    double rate;                  /* rays a second of this rank in such a step, as far as is known */
+    double point_seconds;         /* of its backend (kiln_backend_info) */
+    double least_help;            /* s of work that is left to a rank, for this one to take any of it */
     double slowness; /* how many times the time of a batch it shall take (for tests); 1: as long as it takes */
     struct kiln_step_report *report; /* of the step under way */
     int status;                      /* of it, on this rank */
@@ -37,7 +37,10 @@ struct kiln_batches {
     double taken;                      /* work of these: points, or as many of the mean samples */
     uint64_t *masks; /* of a step that leaves points out, with room for mask_room; after them those of few samples */
     size_t mask_room;
-    double since; /* when the part that is computed now was begun */
+    bool claims;    /* it has all that is left, and claims its tile runs one part after the other */
+    size_t claimed; /* own tile runs of it so far */
+    double begun;   /* when */
+    double since;   /* when the part that is computed now was begun */
 };
 
 /* A step begins, or is gone on with: what of it is to do stands in `work`. A failure is kept for kiln_batches_run. */

@@ -124,6 +124,8 @@ struct kiln_backend_info {
     bool keeps_points;        /* a device, on which points stay once they are there */
     double point_seconds;     /* that bringing a point there takes, as far as is known; 0: nothing */
     bool regresses;           /* kiln_backend_regress is quicker than the host's own way */
+    uint32_t mixed, claims;   /* passes that it takes with any numbers of samples at once; and those whose batches it
+                                 claims part by part: kiln_backend_claims */
     uint64_t part_points;     /* a batch's results are taken in parts of about so many points; 0: it depends */
     uint32_t recoveries;      /* how often it was lost or short of memory, and made anew */
     /* it failed for good and Embree went on: name, device, memory and build_seconds are Embree's */
@@ -164,6 +166,7 @@ struct kiln_backend_api {
     /* Passes that `run` takes with any numbers in samples_each: bit KILN_PASS_INDEX_...; `samples` is the largest then.
      * For other passes over tile runs each number is `samples` or 0, for those over positions samples_each is NULL. */
     uint32_t mixed;
+    uint32_t claims; /* likewise passes whose batches `run` claims part by part; it claims others as a whole */
     bool (*takes)(const struct kiln_backend *backend, const struct kiln_pass *pass,
                   const void *parameters); /* NULL: any */
     void (*expect)(struct kiln_backend *backend, const struct kiln_pass *pass,
@@ -258,6 +261,13 @@ static inline void kiln_backend_set_groups(struct kiln_backend *backend, struct 
  * header says, the same on all backends. When it fails, the parts that were taken before stand. */
 int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                      const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
+/* Whether the backend whose info this is claims a batch with claims part by part (kiln_claims), as a device does, which
+ * would be idle between batches: such a batch may have all that is left. Others, and all with rows, it claims as a
+ * whole. `mixed`: it has samples_each. */
+static inline bool kiln_backend_claims(const struct kiln_backend_info *info, const struct kiln_pass *pass, bool mixed)
+{
+    return ((mixed ? info->claims & info->mixed : info->claims) >> pass->index & 1u) != 0;
+}
 /* Whether kiln_backend_run takes the pass with these parameters, now: devices leave some to Embree (worker/pass/land.h,
  * weighed.h, reference.h), with KILN_USAGE. */
 static inline bool kiln_backend_takes(const struct kiln_backend *backend, const struct kiln_pass *pass,

@@ -363,6 +363,7 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
                                        .set_radiosity = verify_set_radiosity,
                                        .set_probes = verify_set_probes,
                                        .mixed = UINT32_MAX,
+                                       .claims = UINT32_MAX,
                                        .takes = verify_takes,
                                        .expect = verify_expect,
                                        .run = verify_run,

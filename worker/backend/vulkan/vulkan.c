@@ -343,6 +343,13 @@ void vulkan_once_end(struct vulkan_backend *b, struct vulkan_once begin)
     b->once_processor += (double)(clock() - begin.processor) / CLOCKS_PER_SEC;
 }
 
+/* Passes that take any numbers of samples; and those that run in chunks, with nothing for a whole batch. */
+enum {
+    MIXED = 1 << KILN_PASS_INDEX_direct,
+    CLAIMS = 1 << KILN_PASS_INDEX_direct | 1 << KILN_PASS_INDEX_gather | 1 << KILN_PASS_INDEX_guided |
+             1 << KILN_PASS_INDEX_caustic | 1 << KILN_PASS_INDEX_occlusion | 1 << KILN_PASS_INDEX_directional
+};
+
 /* What a point takes to come to the device, from those that have come. */
 static double point_seconds(const struct vulkan_backend *b)
 {
@@ -370,6 +377,8 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
                                        .computes_for_others = b->gpu != NULL,
                                        .keeps_points = true,
                                        .point_seconds = point_seconds(b),
+                                       .mixed = MIXED,
+                                       .claims = CLAIMS,
                                        .regresses = b->gpu != NULL && !gpu_about(b->gpu)->software};
     (void)snprintf(info->device, sizeof info->device, "%s", b->device_text);
     count_kernels(b, &info->kernels_found, &info->kernels_made);
@@ -652,7 +661,8 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .set_others = vulkan_set_others,
     .set_radiosity = vulkan_set_radiosity,
     .set_probes = vulkan_set_probes,
-    .mixed = 1u << KILN_PASS_INDEX_direct,
+    .mixed = MIXED,
+    .claims = CLAIMS,
     .run = vulkan_run,
     .takes = vulkan_takes,
     .expect = vulkan_expect,
