@@ -227,8 +227,7 @@ static int run_claimed(struct kiln_backend *backend, const struct kiln_pass *pas
                        const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     const size_t count = batch->claims->claim(batch->claims->context, batch->first, batch->count);
-    struct kiln_batch whole = kiln_batch_part(batch, batch->first, count);
-    whole.claims = NULL;
+    const struct kiln_batch whole = kiln_batch_part(batch, batch->first, count);
     return kiln_backend_run(backend, pass, parameters, &whole, rays, error);
 }
 

@@ -177,12 +177,13 @@ static inline size_t kiln_batch_stretch(const struct kiln_batch *batch, size_t f
     return i;
 }
 
-/* The items [first, first + count) of the batch, which lie in it. */
+/* The items [first, first + count) of the batch, which lie in it; all are computed. */
 static inline struct kiln_batch kiln_batch_part(const struct kiln_batch *batch, size_t first, size_t count)
 {
     struct kiln_batch part = *batch;
     part.first = first;
     part.count = count;
+    part.claims = NULL;
     if (batch->positions != NULL)
         part.positions = batch->positions + (first - batch->first);
     if (batch->samples_each != NULL)
