@@ -1,5 +1,5 @@
-"""Every malformed scene of ../shared/scenes/own/bad, read by the program with sanitizers as a fork server: status 65, one
-sentence that names the file, no report and no leak.
+"""Every malformed scene of ../shared/scenes/own/bad, read by the program with sanitizers as a fork server: status 65,
+one sentence that names the file, no report and no leak.
 
     bad_scenes.py --kiln PROGRAM --server FUZZ_SERVER
 
