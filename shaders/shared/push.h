@@ -152,7 +152,7 @@ KILN_OFFSET_IS(kiln_gpu_guided_reduce_push, guided, 96);
 #include "shaders/shared/layout_held.h"
 #include "shaders/shared/layout_regression.h"
 
-/* replay.comp, replay_held.comp: the gather pass from rows; replay_take.comp, which takes answers over on the device. */
+/* replay.comp, replay_held.comp: the gather pass from rows; replay_take.comp, which takes answers over. */
 struct kiln_gpu_replay_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
@@ -163,7 +163,8 @@ struct kiln_gpu_replay_push {
     KILN_ADDRESS held;    /* of replay_take.comp: struct kiln_gpu_held */
     KILN_WORD64 first;    /* likewise: the own point of x = 0 */
     KILN_WORD samples;
-    KILN_WORD slice, split; /* of a whole point a slice has so many samples, of a partly buried one `split` times fewer */
+    /* of a whole point a slice has so many samples, of a partly buried one `split` times fewer */
+    KILN_WORD slice, split;
     KILN_WORD reserved;
 };
 KILN_SIZE_IS(kiln_gpu_replay_push, 120);

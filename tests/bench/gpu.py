@@ -60,8 +60,8 @@ def scaling(kiln, scene, gpus):
 
 
 def pairs(kiln, scene):
-    """A bounce of all pairs: rays to nodes that face each other, and as many seconds as 768 x 768 texels would take. The
-    last has as many points."""
+    """A bounce of all pairs: rays to nodes that face each other, and as many seconds as 768 x 768 texels would take.
+    The last has as many points."""
     table = harness.Table(('points', 9), ('pairs', 8), ('rays', 8), ('device, s', 9), ('Grays/s', 8), ('768^2, s', 8))
     for density in (10, 20, 57):
         bake = kiln.bake(scene, '--method', 'radiosity', '--bounces', 1, '--texels-per-metre', density,
