@@ -1,5 +1,5 @@
-/* The answer of a point in the gather pass, from what its slices add up to (totals.glsl). Before it stands TINTED_FLOATS,
- * how many floats of them come before those of KILN_GLOSS. */
+/* The answer of a point in the gather pass, from what its slices add up to (totals.glsl). Before it stands
+ * TINTED_FLOATS, how many floats of them come before those of KILN_GLOSS. */
 
 /* The harmonics of radiance probes may be negative; a point's light is not. */
 float at_least_zero(float sum) { return sum < 0.0 ? 0.0 : sum; }

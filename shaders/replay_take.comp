@@ -1,7 +1,7 @@
 /* Takes the answers of replay_held.comp over on the device: what the integrator "cells" does on the host
- * (coordinator/integrate/cells/take.c), with the same bits, and its sums of power (ledger.c), in whole units, so that no
- * order counts. A workgroup has 64 points under all LIGHTS lights, and leaves its own sums; held_powers.comp adds these
- * up. */
+ * (coordinator/integrate/cells/take.c), with the same bits, and its sums of power (ledger.c), in whole units, so that
+ * no order counts. A workgroup has 64 points under all LIGHTS lights, and leaves its own sums; held_powers.comp adds
+ * these up. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -71,8 +71,8 @@ void tally(Answer r, vec3 incident, vec3 albedo, vec3 sent, double area, kiln_gp
         add_power(BLOCKED + c, stops, per_unit);
     }
     const double luminance = 0.2126LF * power.r + 0.7152LF * power.g + 0.0722LF * power.b;
-    add_power(VARIANCE, area * area * error * error + luminance * luminance * lost * (1.0LF - lost) / double(push.samples),
-              held_power_of_two(-int(about.unit_squared)));
+    const double chance = luminance * luminance * lost * (1.0LF - lost) / double(push.samples);
+    add_power(VARIANCE, area * area * error * error + chance, held_power_of_two(-int(about.unit_squared)));
 }
 
 /* Point `own` under the light. */

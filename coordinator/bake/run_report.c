@@ -304,22 +304,39 @@ static json_t *rebalance_json(const struct kiln_step_balance *b)
                      "predicted_gain", b->gain, "predicted_cost", b->cost, "points", (json_int_t)b->points);
 }
 
-/* The steps of light, or those of the quantities besides. `stolen`: for each step the number of points that another
- * rank than their own computed, over all ranks. */
-static json_t *steps_json(const struct kiln_integrate_report *t, const uint64_t *stolen, bool quantities)
+/* Buffers for the gathered numbers. */
+struct gathered {
+    uint64_t *values; /* rank 0: RANK_VALUES for each rank */
+    double *phases;   /* rank 0: KILN_PHASES_MAX for each rank */
+    uint64_t *stolen; /* for each step the number of points that another rank than their own computed, over all ranks */
+    uint64_t *rays;   /* of each step; on rank 0 for each rank */
+    int ranks;
+};
+
+/* What each rank traced in step i, of points of its own and of others. */
+static json_t *step_rays_json(const struct kiln_integrate_report *t, const struct gathered *g, size_t i)
+{
+    json_t *array = json_array();
+    for (size_t r = 0; r < (size_t)g->ranks; r++)
+        json_array_append_new(array, json_integer((json_int_t)g->rays[r * t->steps.count + i]));
+    return array;
+}
+
+/* The steps of light, or those of the quantities besides. */
+static json_t *steps_json(const struct kiln_integrate_report *t, const struct gathered *g, bool quantities)
 {
     json_t *array = json_array();
     for (size_t i = 0; i < t->steps.count; i++) {
         const struct kiln_step_report *p = &t->steps.of[i];
         if ((p->step.quantity != NULL) != quantities)
             continue;
-        json_t *step =
-            json_pack("{s:s, s:i, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o}", "kind",
-                      t->roles.of[p->step.role]->kind, "part", (int)p->step.part, "bounce", (int)p->step.bounce,
-                      "samples", (int)p->step.samples, "seconds", p->seconds, "exchange_seconds", p->exchange_seconds,
-                      "device_seconds", p->device_seconds, "energy", kiln_luminance(p->energy.incident), "incident",
-                      rgb_json(p->energy.incident), "reflected", rgb_json(p->energy.reflected), "stolen_points",
-                      (json_int_t)stolen[i], "rebalance", rebalance_json(&p->balance));
+        json_t *step = json_pack("{s:s, s:i, s:i, s:i, s:f, s:f, s:f, s:f, s:o, s:o, s:I, s:o, s:o}", "kind",
+                                 t->roles.of[p->step.role]->kind, "part", (int)p->step.part, "bounce",
+                                 (int)p->step.bounce, "samples", (int)p->step.samples, "seconds", p->seconds,
+                                 "exchange_seconds", p->exchange_seconds, "device_seconds", p->device_seconds, "energy",
+                                 kiln_luminance(p->energy.incident), "incident", rgb_json(p->energy.incident),
+                                 "reflected", rgb_json(p->energy.reflected), "stolen_points", (json_int_t)g->stolen[i],
+                                 "rays_per_rank", step_rays_json(t, g, i), "rebalance", rebalance_json(&p->balance));
         if (p->step.lands)
             (void)json_object_set_new(step, "iterations", json_integer((json_int_t)p->step.iterations));
         if (t->radiance.probes > 0 && p->probe_seconds > 0.0) {
@@ -859,8 +876,9 @@ static json_t *units_json(const struct kiln_run *run)
 }
 
 static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t *error_reached, json_t *mpi,
-                              const uint64_t *values, const uint64_t *stolen)
+                              const struct gathered *g)
 {
+    const uint64_t *values = g->values;
     const struct kiln_prepared *p = run->prepared;
     const struct kiln_integrate_report *t = &run->solution->report;
     double total_rays;
@@ -890,8 +908,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     json_object_set_new(root, "phases", phases);
     json_object_set_new(root, "rays", rays);
     json_object_set_new(root, "mrays_per_second", json_real(traced > 0.0 ? total_rays / traced * 1e-6 : 0.0));
-    json_object_set_new(root, "bounces", steps_json(t, stolen, false));
-    json_t *quantities = steps_json(t, stolen, true);
+    json_object_set_new(root, "bounces", steps_json(t, g, false));
+    json_t *quantities = steps_json(t, g, true);
     if (json_array_size(quantities) > 0)
         json_object_set(root, "quantities", quantities);
     json_decref(quantities);
@@ -949,19 +967,15 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     return root;
 }
 
-/* Buffers for the gathered numbers. */
-struct gathered {
-    uint64_t *values; /* rank 0: RANK_VALUES for each rank */
-    double *phases;   /* rank 0: KILN_PHASES_MAX for each rank */
-    uint64_t *stolen; /* one for each step */
-};
-
 /* Collective. */
 static int make_room(const struct kiln_run *run, struct gathered *g, struct kiln_error *error)
 {
     const struct kiln_prepared *p = run->prepared;
     const size_t ranks = (size_t)p->ranks;
     int status = kiln_allocate(&g->stolen, run->solution->report.steps.count, sizeof *g->stolen, "the report", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&g->rays, run->solution->report.steps.count * (p->rank == 0 ? ranks : 1),
+                               sizeof *g->rays, "the report", error);
     if (status == KILN_OK && p->rank == 0)
         status = kiln_allocate(&g->values, ranks * RANK_VALUES, sizeof *g->values, "the report", error);
     if (status == KILN_OK && p->rank == 0)
@@ -977,8 +991,12 @@ static void gather(const struct kiln_run *run, struct gathered *g)
     uint64_t own[RANK_VALUES] = {0};
     own_values(run, own);
     (void)MPI_Gather(own, RANK_VALUES, MPI_UINT64_T, g->values, RANK_VALUES, MPI_UINT64_T, 0, p->communicator);
-    for (size_t i = 0; i < t->steps.count; i++)
+    for (size_t i = 0; i < t->steps.count; i++) {
         g->stolen[i] = t->steps.of[i].given;
+        g->rays[i] = t->steps.of[i].rays;
+    }
+    (void)MPI_Gather(p->rank == 0 ? MPI_IN_PLACE : g->rays, (int)t->steps.count, MPI_UINT64_T, g->rays,
+                     (int)t->steps.count, MPI_UINT64_T, 0, p->communicator);
     (void)MPI_Reduce(p->rank == 0 ? MPI_IN_PLACE : g->stolen, g->stolen, (int)t->steps.count, MPI_UINT64_T, MPI_SUM, 0,
                      p->communicator);
 }
@@ -986,7 +1004,7 @@ static void gather(const struct kiln_run *run, struct gathered *g)
 int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_error *error)
 {
     const struct kiln_prepared *p = run->prepared;
-    struct gathered g = {.values = NULL};
+    struct gathered g = {.ranks = p->ranks};
     *report = NULL;
     const int status = make_room(run, &g, error);
     if (status == KILN_OK) {
@@ -995,7 +1013,7 @@ int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_err
         json_t *error_reached = error_json(run), *mpi = mpi_json(run), *ahead = ahead_json(run);
         json_t *loading = kiln_loading_report(p, run->phases);
         if (p->rank == 0) {
-            *report = report_on_root(run, phases, error_reached, mpi, g.values, g.stolen);
+            *report = report_on_root(run, phases, error_reached, mpi, &g);
             json_object_set_new(*report, "beside_loading", loading);
             json_object_set_new(*report, "beside_passes", ahead);
             json_object_set_new(*report, "notes", kiln_run_notes(*report));
@@ -1006,5 +1024,6 @@ int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_err
     kiln_free(&g.values);
     kiln_free(&g.phases);
     kiln_free(&g.stolen);
+    kiln_free(&g.rays);
     return status;
 }

@@ -41,8 +41,9 @@ static int hash_program(const struct kiln_import_params *params, uint64_t *hash,
     struct stat status;
     if (file < 0)
         return kiln_fail_errno(error, KILN_SYSTEM, "%s: the program cannot be read", program_of(params));
-    void *map =
-        fstat(file, &status) == 0 ? mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_PRIVATE, file, 0) : MAP_FAILED;
+    void *map = fstat(file, &status) == 0
+                    ? mmap(NULL, (size_t)status.st_size, PROT_READ, MAP_PRIVATE | MAP_POPULATE, file, 0)
+                    : MAP_FAILED;
     (void)close(file);
     if (map == MAP_FAILED)
         return kiln_fail_errno(error, KILN_SYSTEM, "%s: the program cannot be read", program_of(params));
@@ -269,8 +270,9 @@ int kiln_import(const struct kiln_import_params *params, struct kiln_import_repo
         return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT,
                                "%.512s: the scene cannot be opened", params->path);
     const bool scene_file = is_scene_file(params->path);
-    int status = scene_file ? KILN_OK : hash_program(params, &program, error);
-    if (status == KILN_OK && !scene_file && own < 0)
+    const bool kept = !scene_file && own < 0; /* others may find it: an unnamed file is of this process alone */
+    int status = kept ? hash_program(params, &program, error) : KILN_OK;
+    if (status == KILN_OK && kept)
         report->cached = is_fresh(params, program);
     if (status == KILN_OK && !report->cached)
         status = own >= 0 ? fill_own(params, program, own, error) : make(params, program, report, error);

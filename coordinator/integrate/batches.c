@@ -13,9 +13,12 @@
 #include "worker/base/memory.h"
 #include "worker/pass/patches.h"
 
-enum { LINKS = 1000 };   /* of a point, to begin with */
-enum { LEAVES = 8 };     /* a batch takes at most one part in so many of what is left */
-#define LEAST_HELP 0.005 /* s of work that is left to a rank, for others to take any of it */
+enum { LINKS = 1000 };         /* of a point, to begin with */
+enum { LEAVES = 8 };           /* a batch takes at most one part in so many of what is left */
+#define LEAST_HELP 0.005       /* s of work that is left to a rank, for others to take any of it */
+#define LEAST_DEVICE_HELP 0.03 /* s, the same for a device, which has little to do as a batch begins and ends */
+#define LEAST_CLAIM 0.03       /* s of work that a device claims at once where others may help */
+enum { CLAIMS = 2 };           /* which are under way at once */
 /* rays a second and thread, to begin with: little, so that the first batch is short however slow they are */
 #define RATE_START 2e4
 
@@ -30,22 +33,73 @@ static uint64_t points_of(const struct kiln_surface *surface, struct kiln_range 
     return kiln_tile_runs_points(first, first + range.count - 1);
 }
 
-/* points a second */
+/* The samples of the tile runs of `data` in the step under way; NULL: all have the same. */
+static const uint32_t *samples_of(const struct kiln_batches *b, const struct kiln_rank_data *data)
+{
+    const struct kiln_field_set *fields = b->params->fields;
+    const char *name = b->report->step.samples_field;
+    if (name == NULL)
+        return NULL;
+    const size_t place = kiln_field_set_find(fields, name);
+    assert(place < fields->count && fields->entry[place].field->domain == KILN_DOMAIN_TILE_RUN &&
+           kiln_field_size(fields->entry[place].field) == sizeof(uint32_t));
+    return kiln_rank_field(data, fields, place);
+}
+
+/* What a tile run asks for: its points, or as many of the step's mean samples as have all its own. */
+static double work_of(const struct kiln_batches *b, const struct kiln_tile_run *run, const uint32_t *samples)
+{
+    return samples == NULL ? (double)run->count
+                           : (double)run->count * (double)*samples / (double)b->report->step.samples;
+}
+
+static double work_in(const struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range range)
+{
+    const uint32_t *samples = samples_of(b, data);
+    double work = 0.0;
+    if (samples == NULL)
+        return (double)points_of(&data->surface, range);
+    for (size_t f = range.first; f < range.first + range.count; f++)
+        work += work_of(b, &data->surface.tile_runs[f], &samples[f]);
+    return work;
+}
+
+/* work a second */
 static double speed_of(const struct kiln_batches *b) { return b->rate / (double)b->report->step.samples; }
+
+/* The same of another rank's points, which have to come here first. */
+static double help_speed(const struct kiln_batches *b, double work, uint64_t points)
+{
+    return work / (work / speed_of(b) + b->point_seconds * (double)points);
+}
+
+/* Whether ranks may help each other in the step: what has landed, and links, are with the owner of the points. */
+static bool is_shared(const struct kiln_batches *b)
+{
+    return kiln_node_data_count(b->solution->node_data) > 1 && !b->report->step.lands &&
+           b->report->step.pass->is_stealable;
+}
+
+/* In how many parts what is left is to be done. */
+static int parts_of(const struct kiln_batches *b)
+{
+    const int ranks = kiln_node_data_count(b->solution->node_data);
+    return ranks < LEAVES ? ranks : LEAVES;
+}
 
 /* How many tile runs of what is left of the own work make a batch: one a thread at least, so that no core is idle;
  * towards the end of the step less and less, so that others can take the rest. */
 static size_t batch_of(const struct kiln_batches *b, struct kiln_range left)
 {
-    const struct kiln_surface *surface = &b->solution->own->surface;
-    const struct kiln_tile_run *tile_runs = surface->tile_runs + left.first;
-    const int ranks = kiln_node_data_count(b->solution->node_data), parts = ranks < LEAVES ? ranks : LEAVES;
-    double wanted = speed_of(b) * kiln_control_batch_seconds(b->params->control);
-    if (ranks > 1)
-        wanted = fmin(wanted, fmax((double)points_of(surface, left) / parts, KILN_LEAST_BATCH * speed_of(b)));
+    const struct kiln_rank_data *own = b->solution->own;
+    const struct kiln_tile_run *tile_runs = own->surface.tile_runs + left.first;
+    const uint32_t *samples = samples_of(b, own);
+    double wanted = speed_of(b) * kiln_control_batch_seconds(b->params->control), work = 0.0;
+    if (is_shared(b))
+        wanted = fmin(wanted, fmax(work_in(b, own, left) / parts_of(b), KILN_LEAST_BATCH * speed_of(b)));
     size_t count = 0;
-    for (uint64_t points = 0; count < left.count && (count < b->params->threads || (double)points < wanted); count++)
-        points += tile_runs[count].count;
+    for (; count < left.count && (count < b->params->threads || work < wanted); count++)
+        work += work_of(b, &tile_runs[count], samples != NULL ? &samples[left.first + count] : NULL);
     return count;
 }
 
@@ -53,21 +107,27 @@ static size_t batch_of(const struct kiln_batches *b, struct kiln_range left)
  * may be more helpers. */
 static size_t help_of(const struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range left)
 {
-    const struct kiln_tile_run *end = data->surface.tile_runs + left.first + left.count;
-    const double own = speed_of(b), theirs = kiln_work_queue_speed(data->queue);
-    const double fair = 0.5 * (double)points_of(&data->surface, left) * own / (own + theirs);
-    const double wanted = fmin(fmax(fair, LEAST_HELP * own), own * kiln_control_batch_seconds(b->params->control));
+    const struct kiln_tile_run *tile_runs = data->surface.tile_runs;
+    const uint32_t *samples = samples_of(b, data);
+    const double all = work_in(b, data, left), own = help_speed(b, all, points_of(&data->surface, left)),
+                 theirs = kiln_work_queue_speed(data->queue), fair = 0.5 * all * own / (own + theirs),
+                 wanted = fmin(fmax(fair, b->least_help * own), own * kiln_control_batch_seconds(b->params->control));
+    const size_t end = left.first + left.count;
+    double work = 0.0;
     size_t count = 0;
-    for (uint64_t points = 0; count < left.count && (count < b->params->threads || (double)points < wanted);)
-        points += (end - ++count)->count;
+    while (count < left.count && (count < b->params->threads || work < wanted)) {
+        count++;
+        work += work_of(b, &tile_runs[end - count], samples != NULL ? &samples[end - count] : NULL);
+    }
     return count;
 }
 
-/* A batch's speed; not believed at once when it is much higher than before, as a device's first launches are slow. */
-static void note_rate(struct kiln_batches *b, uint64_t points, double seconds)
+/* A batch's speed; not believed at once when it is much higher than before, as a device's first launches are slow. What
+ * is claimed hangs little on it. */
+static void note_rate(struct kiln_batches *b, double work, double seconds)
 {
-    const double rate = (double)points * (double)b->report->step.samples / fmax(seconds, 1e-6);
-    b->rate = fmin(rate, 4.0 * b->rate);
+    const double rate = work * (double)b->report->step.samples / fmax(seconds, 1e-6);
+    b->rate = b->claims ? rate : fmin(rate, 4.0 * b->rate);
     kiln_work_queue_set_speed(b->solution->own->queue, speed_of(b));
 }
 
@@ -82,30 +142,6 @@ static void send_done(struct kiln_batches *b, size_t end)
         kiln_radiosity_allgather_advance(b->solution->allgather, kiln_next_compact(own), points);
 }
 
-/* kiln_take_results; the context is the kiln_batches. What the part cost is shared by its tile runs, by points. */
-static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
-{
-    struct kiln_batches *b = context;
-    const struct kiln_rank_data *data = b->data, *own = b->solution->own;
-    const struct kiln_tile_run *tile_runs = data->surface.tile_runs + first;
-    const double now = MPI_Wtime(), seconds = b->slowness * (now - b->since);
-    const uint64_t points = points_of(&data->surface, (struct kiln_range){first, count});
-    b->since = now;
-    const int status = kiln_taker_take(b->taker, data, first, count, results, error);
-    if (status != KILN_OK)
-        return status;
-    for (size_t i = 0; i < count; i++)
-        data->cost[first + i] = (float)(seconds / (double)points * (double)tile_runs[i].count);
-    b->points += points;
-    if (data != own)
-        return KILN_OK;
-    b->work->points_done += points;
-    kiln_progress_advance(b->params->progress, kiln_step_work_points(b->work, own));
-    if (b->report->step.samples_field == NULL) /* else what is before `first` may not be done yet */
-        send_done(b, first + count);
-    return KILN_OK;
-}
-
 static void be_slow(const struct kiln_batches *b, double seconds)
 {
     const double more = (b->slowness - 1.0) * seconds, whole = floor(more);
@@ -114,17 +150,41 @@ static void be_slow(const struct kiln_batches *b, double seconds)
         (void)nanosleep(&pause, NULL);
 }
 
+/* kiln_take_results; the context is the kiln_batches. What the part cost is shared by its tile runs, by points. */
+static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    struct kiln_batches *b = context;
+    const struct kiln_rank_data *data = b->data, *own = b->solution->own;
+    const struct kiln_tile_run *tile_runs = data->surface.tile_runs + first;
+    const double before = b->since, now = MPI_Wtime(), seconds = b->slowness * (now - before);
+    const uint64_t points = points_of(&data->surface, (struct kiln_range){first, count});
+    b->since = now;
+    const int status = kiln_taker_take(b->taker, data, first, count, results, error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < count; i++)
+        data->cost[first + i] = (float)(seconds / (double)points * (double)tile_runs[i].count);
+    b->points += points;
+    b->taken += work_in(b, data, (struct kiln_range){first, count});
+    if (data != own)
+        return KILN_OK;
+    if (b->claims) {
+        be_slow(b, now - before);
+        b->since = MPI_Wtime();
+        note_rate(b, b->taken, b->since - b->begun);
+    }
+    b->work->points_done += points;
+    kiln_progress_advance(b->params->progress, kiln_step_work_points(b->work, own));
+    if (b->report->step.samples_field == NULL) /* else what is before `first` may not be done yet */
+        send_done(b, first + count);
+    return KILN_OK;
+}
+
 /* The samples of the tile runs of the batch under way from `first` on; NULL: all have the same. */
 static const uint32_t *samples_from(const struct kiln_batches *b, size_t first)
 {
-    const struct kiln_field_set *fields = b->params->fields;
-    const char *name = b->report->step.samples_field;
-    if (name == NULL)
-        return NULL;
-    const size_t place = kiln_field_set_find(fields, name);
-    assert(place < fields->count && fields->entry[place].field->domain == KILN_DOMAIN_TILE_RUN &&
-           kiln_field_size(fields->entry[place].field) == sizeof(uint32_t));
-    return (const uint32_t *)kiln_rank_field(b->data, fields, place) + first;
+    const uint32_t *samples = samples_of(b, b->data);
+    return samples != NULL ? samples + first : NULL;
 }
 
 /* Points of the range that the step leaves out. */
@@ -176,11 +236,48 @@ int kiln_batches_choose(struct kiln_batches *b, const struct kiln_rank_data *dat
     return KILN_OK;
 }
 
+/* How many of the next `count` tile runs a device claims where others may help. */
+static size_t share_of(const struct kiln_batches *b, struct kiln_range left, size_t count)
+{
+    const struct kiln_rank_data *own = b->solution->own;
+    const struct kiln_tile_run *tile_runs = own->surface.tile_runs + left.first;
+    const uint32_t *samples = samples_of(b, own);
+    const double wanted = fmax(work_in(b, own, left) / (CLAIMS * parts_of(b)), LEAST_CLAIM * speed_of(b));
+    double work = 0.0;
+    size_t some = 0;
+    for (; some < count && work < wanted; some++)
+        work += work_of(b, &tile_runs[some], samples != NULL ? &samples[left.first + some] : NULL);
+    return some;
+}
+
+/* kiln_claims.claim; the context is the kiln_batches. Others may take the rest, so that towards the end of the step
+ * parts get small; and a batch ends after its time. */
+static size_t claim(void *context, size_t first, size_t count)
+{
+    struct kiln_batches *b = context;
+    struct kiln_work_queue *queue = b->solution->own->queue;
+    if (b->claimed > 0 && MPI_Wtime() - b->begun > kiln_control_batch_seconds(b->params->control))
+        return 0;
+    struct kiln_range left;
+    size_t some;
+    do {
+        left = kiln_work_queue_left(queue);
+        some = count < left.count ? count : left.count;
+        if (is_shared(b))
+            some = share_of(b, left, some);
+    } while (some > 0 && !kiln_work_queue_take(queue, left, some));
+    assert(some == 0 || left.first == first);
+    (void)first;
+    b->claimed += some;
+    return some;
+}
+
 /* Runs the step's pass of the backend. */
 static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct kiln_error *error)
 {
     struct kiln_backend *backend = b->params->backend;
     const struct kiln_step *step = &b->report->step;
+    const struct kiln_claims claims = {claim, b};
     assert(b->data == b->solution->own || step->pass->is_stealable);
     struct kiln_batch batch = {.first = range.first,
                                .count = range.count,
@@ -189,6 +286,7 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
                                .first_sample = step->first_sample,
                                .samples_each = samples_from(b, range.first),
                                .may_lack = b->taker->may_lack,
+                               .claims = b->claims ? &claims : NULL,
                                .take = take_part,
                                .context = b};
     if (step->lands)
@@ -206,34 +304,54 @@ static int run_batch(struct kiln_batches *b, const struct kiln_rank_data *data, 
     const struct kiln_integrate_params *p = b->params;
     b->data = data;
     b->points = 0;
+    b->taken = 0.0;
+    b->claimed = 0;
     kiln_backend_info(p->backend, &begin);
     const double start = MPI_Wtime();
-    b->since = start;
+    b->since = b->begun = start;
     const int status = trace_batch(b, range, error);
+    if (b->claims)
+        range.count = b->claimed;
     if (data == b->solution->own)
         b->work->points_done += points_left_out(b, range);
-    be_slow(b, MPI_Wtime() - start);
+    if (!b->claims)
+        be_slow(b, MPI_Wtime() - start);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
     b->report->seconds += *seconds;
     kiln_trace_add(p->trace, data == b->solution->own ? KILN_TRACE_BATCH : KILN_TRACE_HELP, "batch", start,
                    start + *seconds, (int64_t)b->points);
     b->report->device_seconds += fmax(0.0, end.device_seconds - begin.device_seconds);
-    if (b->points > 0)
-        note_rate(b, b->points, *seconds);
+    if (b->points > 0) {
+        const double bringing = data != b->solution->own ? b->point_seconds * (double)b->points : 0.0;
+        note_rate(b, b->taken, fmax(*seconds - bringing, 0.1 * *seconds));
+    }
     return status;
+}
+
+/* Whether the backend claims the step's work part by part, as it comes to it. */
+static bool is_claimed(const struct kiln_batches *b)
+{
+    const struct kiln_step *step = &b->report->step;
+    struct kiln_backend_info info;
+    kiln_backend_info(b->params->backend, &info);
+    return kiln_backend_claims(&info, step->pass, step->samples_field != NULL) && !step->lands && !has_masks(step) &&
+           b->params->transport == NULL;
 }
 
 static int run_own(struct kiln_batches *b, double *seconds, struct kiln_error *error)
 {
     const struct kiln_rank_data *own = b->solution->own;
-    struct kiln_range left;
+    struct kiln_range left = kiln_work_queue_left(own->queue);
     size_t count;
+    *seconds = 0.0;
+    b->claims = is_claimed(b);
+    if (b->claims)
+        return left.count > 0 ? run_batch(b, own, left, seconds, error) : KILN_OK;
     do {
         left = kiln_work_queue_left(own->queue);
         count = batch_of(b, left);
     } while (!kiln_work_queue_take(own->queue, left, count));
-    *seconds = 0.0;
     return count > 0 ? run_batch(b, own, (struct kiln_range){left.first, count}, seconds, error) : KILN_OK;
 }
 
@@ -242,16 +360,14 @@ static const struct kiln_rank_data *who_is_behind(const struct kiln_batches *b, 
 {
     const struct kiln_node_data *node_data = b->solution->node_data;
     const struct kiln_rank_data *last = NULL;
-    double longest = LEAST_HELP;
-    /* what has landed, and links, are with the owner of the points */
-    if (b->report->step.lands || !b->report->step.pass->is_stealable)
+    double longest = b->least_help;
+    if (!is_shared(b))
         return NULL;
     for (int i = 0; i < kiln_node_data_count(node_data); i++) {
         const struct kiln_rank_data *data = kiln_rank_data(node_data, i);
         const struct kiln_range there = kiln_work_queue_left(data->queue);
-        const double seconds = data == b->solution->own
-                                   ? 0.0
-                                   : (double)points_of(&data->surface, there) / kiln_work_queue_speed(data->queue);
+        const double seconds =
+            data == b->solution->own ? 0.0 : work_in(b, data, there) / kiln_work_queue_speed(data->queue);
         if (seconds > longest) {
             longest = seconds;
             last = data;
@@ -272,11 +388,13 @@ static int run_help(struct kiln_batches *b, const struct kiln_rank_data *data, s
     *seconds = 0.0;
     if (!kiln_work_queue_steal(data->queue, left, count, points))
         return KILN_OK;
-    int status = kiln_backend_set_surface(backend, &data->surface, error);
+    b->claims = false;
+    const struct kiln_others others = {&data->surface, range.first, range.count};
+    int status = kiln_backend_set_others(backend, others, error);
     if (status == KILN_OK)
         status = run_batch(b, data, range, seconds, error);
     if (status == KILN_OK)
-        status = kiln_backend_set_surface(backend, b->params->surface, error);
+        status = kiln_backend_set_others(backend, (struct kiln_others){.surface = NULL}, error);
     if (status != KILN_OK)
         return status; /* it stays away, and this rank's failure ends the step */
     kiln_work_queue_return(data->queue, points);
@@ -362,6 +480,10 @@ static double share_of_samples(const struct kiln_step *step)
 void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report, struct kiln_error *error)
 {
     const struct kiln_integrate_settings *settings = b->params->settings;
+    struct kiln_backend_info info;
+    kiln_backend_info(b->params->backend, &info);
+    b->point_seconds = info.point_seconds;
+    b->least_help = info.keeps_points ? LEAST_DEVICE_HELP : LEAST_HELP;
     b->slowness = kiln_faults_slowness(&settings->faults, (uint32_t)b->params->rank);
     b->report = report;
     /* another pass may be many times slower: its first batch must be short */

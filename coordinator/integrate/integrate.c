@@ -1,6 +1,7 @@
 #include "coordinator/integrate/integrate.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "coordinator/integrate/blocks.h"
 #include "coordinator/integrate/groups.h"
@@ -13,17 +14,15 @@
 
 /* ---- making ---- */
 
-static bool backend_computes_for_others(const struct kiln_integrate_params *p)
+/* Whether the ranks of this node compute for each other: all of them want to and can, and devices, whose bits differ,
+ * are of one kind. Collective on the node. */
+static bool steals_work(const struct kiln_integrate_params *p, const struct kiln_backend_info *info)
 {
-    struct kiln_backend_info info;
-    kiln_backend_info(p->backend, &info);
-    return info.computes_for_others;
-}
-
-/* Whether the ranks of this node compute for each other: all of them want to and can. Collective on the node. */
-static bool steals_work(const struct kiln_integrate_params *p)
-{
-    int steals = p->settings->work_stealing && backend_computes_for_others(p);
+    char first[sizeof info->device];
+    memcpy(first, info->device, sizeof first);
+    kiln_node_broadcast(p->node, first, sizeof first);
+    const bool alike = !info->keeps_points || strcmp(first, info->device) == 0;
+    int steals = p->settings->work_stealing && info->computes_for_others && alike;
     (void)MPI_Allreduce(MPI_IN_PLACE, &steals, 1, MPI_INT, MPI_LAND, kiln_node_communicator(p->node));
     return steals != 0;
 }
@@ -32,17 +31,20 @@ static bool steals_work(const struct kiln_integrate_params *p)
 static int make_data(struct kiln_lockstep *l, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
-    int status = kiln_node_data_create(&l->solution->node_data, p->node, p->surface, p->fields, steals_work(p), error);
+    struct kiln_backend_info info;
+    kiln_backend_info(p->backend, &info);
+    int status =
+        kiln_node_data_create(&l->solution->node_data, p->node, p->surface, p->fields, steals_work(p, &info), error);
     if (status == KILN_OK) {
         kiln_node_data_set_radiosity(l->solution->node_data, l->solution->radiosity);
         kiln_solution_refresh(l->solution);
-        /* its arrays have moved; a device, whose ranks lend nothing, keeps what it has of them */
-        if (p->surface->own_is_borrowed)
+        /* its arrays may have moved, where the backend finds them; what a device has of the points it keeps */
+        if (p->backend->own != p->surface)
             status = kiln_backend_set_surface(p->backend, p->surface, error);
     }
-    int all_compute_for_others = backend_computes_for_others(p);
-    (void)MPI_Allreduce(MPI_IN_PLACE, &all_compute_for_others, 1, MPI_INT, MPI_LAND, p->communicator);
-    l->may_repartition = kiln_repartition_is_allowed(p->settings->rebalance, all_compute_for_others != 0);
+    int any_keeps = info.keeps_points;
+    (void)MPI_Allreduce(MPI_IN_PLACE, &any_keeps, 1, MPI_INT, MPI_LOR, p->communicator);
+    l->may_repartition = kiln_repartition_is_allowed(p->settings->rebalance, any_keeps != 0);
     return kiln_agree(p->communicator, status, error);
 }
 

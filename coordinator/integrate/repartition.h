@@ -4,8 +4,8 @@
  * and the steps to come would gain more by it than it costs, the ranks' ranges of the global order get new bounds by
  * these costs, between cells (objects) where that is as good. Points and all that is known of them go to their new
  * owners. Times settle the bounds, so that these may differ from run to run; results do not. By itself this is done
- * only where every backend computes any rank's points: a device would have to be given all its points again, and the
- * time of its first batches says more about kernels being made than about points. */
+ * only where no backend keeps points: a device would have to be given all its points again, and the time of its first
+ * batches says more about kernels being made than about points. There ranks of a host help each other (batches.h). */
 #ifndef KILN_COORDINATOR_INTEGRATE_REPARTITION_H
 #define KILN_COORDINATOR_INTEGRATE_REPARTITION_H
 

@@ -6,9 +6,9 @@
 #define MOVE_BYTES 300e6 /* a second and rank, packed, sent and unpacked */
 #define MOVE_START 0.02  /* s */
 
-bool kiln_repartition_is_allowed(enum kiln_rebalance mode, bool computes_for_others)
+bool kiln_repartition_is_allowed(enum kiln_rebalance mode, bool keeps_points)
 {
-    return mode == KILN_REBALANCE_ALWAYS || (mode == KILN_REBALANCE_AUTO && computes_for_others);
+    return mode == KILN_REBALANCE_ALWAYS || (mode == KILN_REBALANCE_AUTO && !keeps_points);
 }
 
 bool kiln_repartition_is_due(enum kiln_rebalance mode, const struct kiln_repartition_steps *steps)

@@ -15,9 +15,8 @@ struct kiln_repartition_steps {
     struct kiln_outlook outlook;
 };
 
-/* Whether it is done at all: `computes_for_others` where every backend computes any rank's points (kiln_backend_info).
- */
-bool kiln_repartition_is_allowed(enum kiln_rebalance mode, bool computes_for_others);
+/* Whether it is done at all: `keeps_points` where some rank's backend does (kiln_backend_info). */
+bool kiln_repartition_is_allowed(enum kiln_rebalance mode, bool keeps_points);
 /* Whether the last step says enough of those to come: another pass says little, and where more than one step comes a
  * step of their own pass is waited for. */
 bool kiln_repartition_is_due(enum kiln_rebalance mode, const struct kiln_repartition_steps *steps);

@@ -636,6 +636,7 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
                   .tile_runs = plan->surface.tile_runs,
                   .threads = p->threads,
                   .computes_for_others = info.computes_for_others,
+                  .keeps_points = info.keeps_points,
                   .part_points = info.part_points,
                   .moved_bytes = surface + (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT),
                   .bandwidth = job->node_bandwidth * 1e9,

@@ -255,7 +255,7 @@ static void consider(struct state *t, const struct kiln_planned_step *last, cons
     const struct kiln_light_simulation *s = t->s;
     const enum kiln_rebalance mode = s->settings->rebalance;
     const struct kiln_repartition_steps steps = {last->step, next->step, next->outlook};
-    if (t->ranks == 1 || !(shown->total > 0.0) || !kiln_repartition_is_allowed(mode, s->computes_for_others) ||
+    if (t->ranks == 1 || !(shown->total > 0.0) || !kiln_repartition_is_allowed(mode, s->keeps_points) ||
         !kiln_repartition_is_due(mode, &steps))
         return;
     const double gain = kiln_repartition_gain(&steps, shown->longest, shown->total / t->ranks);
@@ -283,7 +283,7 @@ static void run_trial(struct state *t, const struct kiln_planned_step *first, st
     const double points = t->density * t->points[s->cell_count] / t->ranks,
                  tile_runs = fmax(1.0, (double)s->tile_runs * t->density),
                  tile_run = t->density * t->points[s->cell_count] / tile_runs;
-    if (group == t->ranks || !kiln_repartition_is_allowed(s->settings->rebalance, s->computes_for_others) ||
+    if (group == t->ranks || !kiln_repartition_is_allowed(s->settings->rebalance, s->keeps_points) ||
         !kiln_trial_is_due(s->settings->rebalance, &first->step, (uint64_t)points))
         return;
     const struct shown shown = run_step(t, first->kind);

@@ -26,7 +26,8 @@ struct kiln_light_simulation {
     size_t cell_count;
     uint64_t tile_runs;        /* smallest units of work */
     uint32_t threads;          /* of a rank */
-    bool computes_for_others;  /* its backend computes any rank's points */
+    bool computes_for_others;  /* its backend computes points of other ranks, */
+    bool keeps_points;         /* and keeps its own: both as kiln_backend_info says */
     uint64_t part_points;      /* it knows what so many points cost together, no less; 0: exactly */
     double moved_bytes;        /* of a point, when it moves */
     double bandwidth, latency; /* of a node: bytes a second, seconds */

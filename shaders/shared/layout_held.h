@@ -59,7 +59,8 @@ struct kiln_gpu_held {
     KILN_ADDRESS mixes;         /* struct kiln_gpu_held_part each */
     KILN_ADDRESS of_point;      /* struct kiln_gpu_held_point each */
     KILN_ADDRESS lights;        /* struct kiln_gpu_held_light each */
-    KILN_ADDRESS parts; /* sums of power of group g of points under light l: from (g * count + l) * KILN_GPU_HELD_POWERS on */
+    /* sums of power of group g of points under light l: from (g * count + l) * KILN_GPU_HELD_POWERS on */
+    KILN_ADDRESS parts;
     KILN_ADDRESS powers; /* of all: of light l from l * KILN_GPU_HELD_POWERS on; then a word: an answer is not good */
     KILN_WORD64 points;
     KILN_WORD count;   /* lights */

@@ -22,6 +22,8 @@ FRESNEL = 0.04  # of an index of 1.5 at normal incidence
 
 def run(*arguments, code=0, ranks=0):
     start = ["mpirun", "-n", str(ranks)] if ranks else []
+    if arguments[0] == "view" and "--backend" not in arguments:
+        arguments += ("--backend", "embree")  # which does not load Vulkan's drivers to find no GPU
     done = subprocess.run([*start, KILN, *arguments], capture_output=True, text=True)
     assert done.returncode == code, f"kiln {' '.join(arguments)}: exit {done.returncode}, wanted {code}\n{done.stderr}"
     return done

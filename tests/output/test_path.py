@@ -21,6 +21,8 @@ RHO = 0.5
 
 def run(*arguments, code=0, ranks=0):
     start = ["mpirun", "-n", str(ranks)] if ranks else []
+    if arguments[0] == "view" and "--backend" not in arguments:
+        arguments += ("--backend", "embree")  # which does not load Vulkan's drivers to find no GPU
     done = subprocess.run([*start, KILN, *arguments], capture_output=True, text=True)
     assert done.returncode == code, f"kiln {' '.join(arguments)}: exit {done.returncode}, wanted {code}\n{done.stderr}"
     return done
@@ -62,7 +64,7 @@ class Paths(unittest.TestCase):
         is seen, one for direct light and one a bounce; also through the back of a wall."""
         eyes = (("0.1,0.2,0.1", "0.9,0.3,0.2"), ("0.5,0.5,-1.5", "0.5,0.5,0.5"))
         for backend in self.backends:
-            for bounces in ("0", "2", "all"):
+            for bounces in ("0", "2", "all") if backend == "embree" or price.full else ("2",):
                 for eye, target in eyes if bounces == "2" else eyes[:1]:
                     image = self.pixels(self.furnace, f"--from={eye}", f"--to={target}", "--bounces", bounces,
                                         "--width", "32", "--height", "24", "--field-of-view", "25", "--backend",

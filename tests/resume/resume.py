@@ -854,7 +854,7 @@ def try_paths(checks, tool):
     scene = os.path.join(tool.scratch, 'spheres.glb')
     tool.run('generate', 'cornell-spheres', '-o', scene)
     for which in ('land', 'vcm'):
-        more = ('--materials', 'auto', '--caustics', which, '--photons', 20000, '--iterations', 12, '--lightmap-size',
+        more = ('--materials', 'auto', '--caustics', which, '--photons', 8000, '--iterations', 12, '--lightmap-size',
                 16, '--samples-direct', 16, '--samples-bounce', 8, '--samples-indirect', 64, '--bounces', 2,
                 '--samples-probe', 8, '--no-export')
         within = kill_by_turns(checks, tool, random.Random(seed), more, kills, scene)

@@ -17,7 +17,7 @@
 
 enum { LAST_GOOD = 9, OWN_FAILURE = KILN_IO };
 
-/* Does the first LAST_GOOD tile runs, in parts of 4. */
+/* Does the first LAST_GOOD tile runs, in parts of 4; of a batch with claims it claims 4 more. */
 struct quitter {
     struct kiln_backend base;
     struct kiln_backend_api api;
@@ -49,6 +49,8 @@ static int keep(void *context, size_t first, size_t count, const void *part_resu
 static int quit_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                     const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
+    if (batch->claims != NULL)
+        assert_int_equal(batch->claims->claim(batch->claims->context, 0, LAST_GOOD + 4), LAST_GOOD + 4);
     for (size_t first = 0; first + 4 <= LAST_GOOD; first += 4) {
         const struct kiln_batch part = kiln_batch_part(batch, first, 4);
         const int status = kiln_backend_run(((struct quitter *)backend)->embree, pass, parameters, &part, rays, error);
@@ -74,6 +76,15 @@ static void quit_destroy(struct kiln_backend **backend)
     kiln_backend_destroy(&((struct quitter *)*backend)->embree);
     free(*backend);
     *backend = NULL;
+}
+
+/* kiln_claims.claim: all that is asked for; the context is what was claimed so far. */
+static size_t claim_all(void *context, size_t first, size_t count)
+{
+    size_t *claimed = context;
+    assert_int_equal(first, *claimed);
+    *claimed += count;
+    return count;
 }
 
 static void embree_goes_on(void **state)
@@ -106,7 +117,11 @@ static void embree_goes_on(void **state)
     assert_int_equal(kiln_backend_run(embree, &kiln_pass_direct, NULL, &batch, &rays, &error), KILN_OK);
     kiln_backend_destroy(&embree);
 
-    for (int own = 0; own < 2; own++) { /* 1: it is the caller who fails */
+    enum { DEVICE_FAILS, CALLER_FAILS, CLAIMED };
+    for (int way = DEVICE_FAILS; way <= CLAIMED; way++) {
+        const bool own = way == CALLER_FAILS;
+        size_t claimed = 0;
+        const struct kiln_claims claims = {claim_all, &claimed};
         struct quitter *q = calloc(1, sizeof *q);
         struct kiln_backend *backend = &q->base;
         struct answers got = {.stop = own ? 5 : SIZE_MAX, .surface = surface, .results = malloc(bytes)};
@@ -114,13 +129,25 @@ static void embree_goes_on(void **state)
                                            .destroy = quit_destroy,
                                            .info = quit_info,
                                            .set_surface = quit_surface,
+                                           .claims = UINT32_MAX,
                                            .run = quit_run};
         q->base.api = &q->api;
         assert_int_equal(kiln_backend_create(&q->embree, "embree", &params, &error), KILN_OK);
         assert_int_equal(kiln_fallback_create(&backend, &params, &error), KILN_OK);
         assert_int_equal(kiln_backend_set_surface(backend, surface, &error), KILN_OK);
         batch.context = &got;
-        for (int pass = 0; pass < 2 - own; pass++) { /* the second is Embree's from the start */
+        if (way == CLAIMED) { /* what the device has claimed is computed; what it has not is left */
+            batch.claims = &claims;
+            assert_int_equal(kiln_backend_run(backend, &kiln_pass_direct, NULL, &batch, &rays, &error), KILN_OK);
+            assert_true(got.next == LAST_GOOD + 4 && claimed == got.next && got.next < batch.count);
+            struct kiln_batch rest = kiln_batch_part(&batch, got.next, batch.count - got.next);
+            rest.claims = &claims;
+            assert_int_equal(kiln_backend_run(backend, &kiln_pass_direct, NULL, &rest, &rays, &error), KILN_OK);
+            assert_true(claimed == batch.count && got.next == claimed);
+            assert_memory_equal(got.results, expected.results, bytes);
+            batch.claims = NULL;
+        }
+        for (int pass = 0; pass < 2 - own && way != CLAIMED; pass++) { /* the second is Embree's from the start */
             got.next = 0;
             assert_int_equal(kiln_backend_run(backend, &kiln_pass_direct, NULL, &batch, &rays, &error),
                              own ? OWN_FAILURE : KILN_OK);

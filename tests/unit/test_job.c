@@ -256,7 +256,7 @@ static void test_refusals(void **state)
         {"--backend", "optix", "auto, embree, vulkan", KILN_NO_DEVICE},
         {"--verify-fraction", "1.5", "from 0 to 1", KILN_USAGE},
         {"--instruction-set", "neon", "sse2, sse4.2", KILN_NO_DEVICE},
-        {"--method", "paths", "it has: cells, radiosity, path, bdpt, vcm", KILN_USAGE},
+        {"--method", "paths", "there is: cells, radiosity, path, bdpt, vcm", KILN_USAGE},
         {"--qualtiy", "draft", "nearest one is --quality", KILN_USAGE},
         {"--camera", "main", "it belongs to view", KILN_USAGE},
     };

@@ -375,6 +375,83 @@ static void points_may_take_fewer(struct kiln_backend *backend, const struct wor
     drop(&few);
 }
 
+/* A third of the items goes to others, from the end; the rest is given out in parts of up to `most`. */
+struct given {
+    size_t next, end, most;
+};
+
+static size_t give(void *context, size_t first, size_t count)
+{
+    struct given *g = context;
+    const size_t left = g->end - g->next, some = count < g->most ? count : g->most;
+    assert_int_equal(first, g->next); /* in order, none twice */
+    g->next += some < left ? some : left;
+    return g->next - first;
+}
+
+/* A batch that is claimed, `numbers`: with different numbers of samples, against one that is not: what is claimed has
+ * the same results, and nothing else is computed. */
+static void items_may_be_claimed(struct kiln_backend *backend, const struct world *w, const struct kiln_pass *pass,
+                                 const uint32_t *numbers)
+{
+    struct kiln_batch all;
+    struct kiln_backend_info info;
+    struct kept some = keeper(w, pass, &all), every = keeper(w, pass, &all);
+    struct given given = {all.first, all.first + all.count * 2 / 3, 3};
+    const struct kiln_claims claims = {give, &given};
+    kiln_backend_info(backend, &info);
+    all.samples = 9;
+    all.samples_each = numbers;
+    some.taken = calloc(all.count, sizeof *some.taken);
+    every.taken = calloc(all.count, sizeof *every.taken);
+    (void)run(backend, pass, all, &every);
+    all.claims = &claims;
+    (void)run(backend, pass, all, &some);
+    assert_true(given.next == (kiln_backend_claims(&info, pass, numbers != NULL) ? given.end : all.first + given.most));
+    for (size_t i = 0; i < all.count; i++) {
+        const uint64_t begin = some.offset[i] * pass->result_bytes, end = some.offset[i + 1] * pass->result_bytes;
+        if (all.first + i < given.next)
+            assert_memory_equal(some.results + begin, every.results + begin, end - begin);
+        assert_int_equal(some.taken[i], all.first + i < given.next && (numbers == NULL || numbers[i] > 0));
+    }
+    drop(&some);
+    drop(&every);
+}
+
+/* Some tile runs of another rank, whose surface is like the own one, and then the own ones again. */
+static void others_may_be_computed(struct kiln_backend *backend, const struct world *w, const struct kiln_pass *pass)
+{
+    struct kiln_error error = {""};
+    struct kiln_batch all;
+    struct kept every = keeper(w, pass, &all), some = keeper(w, pass, &all), again = keeper(w, pass, &all);
+    const struct kiln_surface other = *w->surface;
+    all.samples = 9;
+    (void)run(backend, pass, all, &every);
+    const struct kiln_others others = {&other, all.count / 3, all.count / 3};
+    const size_t begin = some.offset[others.first] * pass->result_bytes,
+                 end = some.offset[others.first + others.count] * pass->result_bytes;
+    assert_int_equal(kiln_backend_set_others(backend, others, &error), KILN_OK);
+    (void)run(backend, pass, kiln_batch_part(&all, others.first, others.count), &some);
+    assert_int_equal(kiln_backend_set_others(backend, (struct kiln_others){.surface = NULL}, &error), KILN_OK);
+    (void)run(backend, pass, all, &again);
+    assert_memory_equal(some.results + begin, every.results + begin, end - begin);
+    assert_memory_equal(again.results, every.results, every.offset[all.count] * pass->result_bytes);
+    drop(&every);
+    drop(&some);
+    drop(&again);
+}
+
+static void ranks_may_help(struct kiln_backend *backend, const struct world *w, const struct kiln_pass *pass)
+{
+    uint32_t *numbers = calloc(w->surface->tile_run_count, sizeof *numbers);
+    for (size_t i = 0; i < w->surface->tile_run_count; i++)
+        numbers[i] = number_of(i);
+    items_may_be_claimed(backend, w, pass, NULL);
+    items_may_be_claimed(backend, w, pass, numbers);
+    others_may_be_computed(backend, w, pass);
+    free(numbers);
+}
+
 /* Sum over all points of the irradiance that a stretch of samples adds up to, red; and samples of all points. */
 static double stretch(struct kiln_backend *backend, const struct world *w, const struct kiln_pass *pass, uint32_t first,
                       uint32_t samples, uint64_t *count)
@@ -491,6 +568,8 @@ static void run_all(const struct world *w, const char *name, uint64_t rays[KILN_
             points_may_take_fewer(backend, w, pass);
         if (pass->is_divisible)
             sums_add_up(backend, w, pass);
+        if (pass->is_stealable)
+            ranks_may_help(backend, w, pass);
     }
     kiln_backend_destroy(&backend);
 }

@@ -105,7 +105,7 @@ static void repartitioned(void **state)
     assert_true(fabs(automatic.kept - 0.5) < 1e-9 && automatic.trial > 0.0);
     assert_true(automatic.first[DIRECT] < 0.02 && automatic.first[BOUNCE] < 0.02 && automatic.last[FINAL] < 0.02);
     assert_true(seconds(&automatic) < 0.8 * seconds(&never) && automatic.points_most > never.points_most);
-    w.simulation.computes_for_others = false; /* devices keep theirs */
+    w.simulation.keeps_points = true; /* devices */
     assert_int_equal(simulate(&w, 2).repartitions, 0);
     w.settings.rebalance = KILN_REBALANCE_ALWAYS;
     assert_true(simulate(&w, 2).first[BOUNCE] < 0.02);
@@ -143,6 +143,8 @@ static void stolen_work(void **state)
     w.settings.work_stealing = false;
     assert_true(simulate(&w, 2).repartitions == 1);
     w.settings.work_stealing = true;
+    w.simulation.keeps_points = true;
+    assert_true(simulate(&w, 2).imbalance < 0.01); /* devices of one host */
     w.simulation.computes_for_others = false;
     assert_true(fabs(simulate(&w, 2).imbalance - 0.5) < 1e-9);
     fill(&w, 1e-5, 3.0); /* two nodes of two: within a node all is even, between them it is not */

@@ -110,8 +110,18 @@ void kiln_backend_destroy(struct kiln_backend **backend)
 int kiln_backend_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
 {
     assert(surface != NULL);
-    backend->surface = surface;
+    backend->surface = backend->own = surface;
+    backend->others = (struct kiln_others){.surface = NULL};
     return backend->api->set_surface(backend, surface, error);
+}
+
+int kiln_backend_set_others(struct kiln_backend *backend, struct kiln_others others, struct kiln_error *error)
+{
+    assert(backend->own != NULL);
+    backend->surface = others.surface != NULL ? others.surface : backend->own;
+    backend->others = others;
+    return backend->api->set_others != NULL ? backend->api->set_others(backend, &backend->others, error)
+                                            : backend->api->set_surface(backend, backend->surface, error);
 }
 
 int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
@@ -204,11 +214,30 @@ static int run_mixed(struct kiln_backend *backend, const struct kiln_pass *pass,
     return all.samples > 0 ? backend->api->run(backend, pass, parameters, &all, rays, error) : KILN_OK;
 }
 
+/* Whether what runs the batch asks for it part by part. */
+static bool is_claimed(const struct kiln_backend *backend, const struct kiln_pass *pass, const struct kiln_batch *batch)
+{
+    const bool mixed = (backend->api->mixed >> pass->index & 1u) != 0;
+    return (backend->api->claims >> pass->index & 1u) != 0 && backend->rows == NULL && batch->few_masks == NULL &&
+           (batch->samples_each == NULL || mixed);
+}
+
+/* Claims the batch as a whole. */
+static int run_claimed(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
+                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
+{
+    const size_t count = batch->claims->claim(batch->claims->context, batch->first, batch->count);
+    const struct kiln_batch whole = kiln_batch_part(batch, batch->first, count);
+    return kiln_backend_run(backend, pass, parameters, &whole, rays, error);
+}
+
 int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                      const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     if (batch->count == 0)
         return KILN_OK;
+    if (batch->claims != NULL && !is_claimed(backend, pass, batch))
+        return run_claimed(backend, pass, parameters, batch, rays, error);
     if (!is_well_formed(backend, pass, parameters, batch))
         return kiln_fail(error, KILN_BUG,
                          "the pass '%s' was given a batch, parameters or a state of the backend that do not fit it; "

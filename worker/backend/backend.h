@@ -119,13 +119,15 @@ struct kiln_backend_info {
     /* processor time of the direct and gather passes so far, summed over threads, without waiting for each other; 0: a
      * device does the work */
     double thread_seconds;
-    uint32_t take_threads; /* more than these are not worth having to take answers over; 0: any number is */
-    /* kiln_backend_set_surface costs nothing: the backend can run stealable passes (worker/pass/pass.h) over tile runs
-     * of another rank between its own. A device keeps its points, so it cannot, and no rank of its node steals work */
-    bool computes_for_others;
-    bool regresses;       /* kiln_backend_regress is quicker than the host's own way */
-    uint64_t part_points; /* a batch's results are taken in parts of about so many points; 0: it depends */
-    uint32_t recoveries;  /* how often it was lost or short of memory, and made anew */
+    uint32_t take_threads;    /* more than these are not worth having to take answers over; 0: any number is */
+    bool computes_for_others; /* it runs stealable passes (worker/pass/pass.h) over tile runs of other ranks */
+    bool keeps_points;        /* a device, on which points stay once they are there */
+    double point_seconds;     /* that bringing a point there takes, as far as is known; 0: nothing */
+    bool regresses;           /* kiln_backend_regress is quicker than the host's own way */
+    uint32_t mixed, claims;   /* passes that it takes with any numbers of samples at once; and those whose batches it
+                                 claims part by part: kiln_backend_claims */
+    uint64_t part_points;     /* a batch's results are taken in parts of about so many points; 0: it depends */
+    uint32_t recoveries;      /* how often it was lost or short of memory, and made anew */
     /* it failed for good and Embree went on: name, device, memory and build_seconds are Embree's */
     bool fell_back;
     /* names of what has computed so far: the passes of the Embree backend, the kernels of the Vulkan backend */
@@ -139,6 +141,12 @@ struct kiln_backend_info {
     double worst;      /* the largest difference of one, over what rounding and noise explain */
 };
 
+/* Tile runs of another rank: some of its surface, which has the same map. Zero: none. */
+struct kiln_others {
+    const struct kiln_surface *surface; /* borrowed; NULL: none */
+    size_t first, count;                /* its tile runs */
+};
+
 struct kiln_backend;
 
 struct kiln_backend_api {
@@ -150,12 +158,15 @@ struct kiln_backend_api {
     int (*devices)(struct kiln_device *list, size_t room, size_t *count, struct kiln_error *error);
     void (*info)(const struct kiln_backend *backend, struct kiln_backend_info *info);
     int (*set_surface)(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error);
+    int (*set_others)(struct kiln_backend *backend, const struct kiln_others *others,
+                      struct kiln_error *error); /* NULL: set_surface does it */
     int (*set_radiosity)(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error);
     int (*set_probes)(struct kiln_backend *backend, const struct kiln_radiance_probes *probes,
                       struct kiln_error *error);
     /* Passes that `run` takes with any numbers in samples_each: bit KILN_PASS_INDEX_...; `samples` is the largest then.
      * For other passes over tile runs each number is `samples` or 0, for those over positions samples_each is NULL. */
     uint32_t mixed;
+    uint32_t claims; /* likewise passes whose batches `run` claims part by part; it claims others as a whole */
     bool (*takes)(const struct kiln_backend *backend, const struct kiln_pass *pass,
                   const void *parameters); /* NULL: any */
     void (*expect)(struct kiln_backend *backend, const struct kiln_pass *pass,
@@ -193,9 +204,11 @@ struct kiln_backend_api {
 /* The first member of each backend's own struct. */
 struct kiln_backend {
     const struct kiln_backend_api *api;
-    struct kiln_backend_params params; /* as kiln_backend_create filled them in */
+    struct kiln_backend_params params;  /* as kiln_backend_create filled them in */
+    const struct kiln_surface *surface; /* that passes run over; NULL: none yet */
+    struct kiln_others others;          /* whose surface that is; none: it is `own` */
     /* what kiln_backend_set_surface, _set_radiosity and _set_probes were given last; NULL: nothing yet */
-    const struct kiln_surface *surface;
+    const struct kiln_surface *own;
     const uint64_t *radiosity;
     const struct kiln_radiance_probes *probes;
     struct kiln_rows *rows;     /* likewise of kiln_backend_set_rows */
@@ -223,6 +236,9 @@ void kiln_backend_destroy(struct kiln_backend **backend);
 /* Hands over the surface (borrowed). Must come before any pass over tile runs. */
 int kiln_backend_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface,
                              struct kiln_error *error);
+/* From now on stealable passes run over these tile runs of another rank; none: over the own surface again. A device
+ * keeps what it has of its own meanwhile. */
+int kiln_backend_set_others(struct kiln_backend *backend, struct kiln_others others, struct kiln_error *error);
 /* Hands over the radiosity of all points, packed, surface->point_count values (borrowed until the next call). Must come
  * before any pass that reads radiosity. */
 int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error);
@@ -245,6 +261,13 @@ static inline void kiln_backend_set_groups(struct kiln_backend *backend, struct 
  * header says, the same on all backends. When it fails, the parts that were taken before stand. */
 int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                      const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
+/* Whether the backend whose info this is claims a batch with claims part by part (kiln_claims), as a device does, which
+ * would be idle between batches: such a batch may have all that is left. Others, and all with rows, it claims as a
+ * whole. `mixed`: it has samples_each. */
+static inline bool kiln_backend_claims(const struct kiln_backend_info *info, const struct kiln_pass *pass, bool mixed)
+{
+    return ((mixed ? info->claims & info->mixed : info->claims) >> pass->index & 1u) != 0;
+}
 /* Whether kiln_backend_run takes the pass with these parameters, now: devices leave some to Embree (worker/pass/land.h,
  * weighed.h, reference.h), with KILN_USAGE. */
 static inline bool kiln_backend_takes(const struct kiln_backend *backend, const struct kiln_pass *pass,

@@ -25,7 +25,9 @@ static int change_over(struct fallback_backend *f, int status, struct kiln_error
         return status;
     if (kiln_backend_create(&embree, "embree", &f->base.params, &other) != KILN_OK)
         return status;
-    int result = f->base.surface != NULL ? kiln_backend_set_surface(embree, f->base.surface, &other) : KILN_OK;
+    int result = f->base.own != NULL ? kiln_backend_set_surface(embree, f->base.own, &other) : KILN_OK;
+    if (result == KILN_OK && f->base.others.surface != NULL)
+        result = kiln_backend_set_others(embree, f->base.others, &other);
     if (result == KILN_OK && f->base.radiosity != NULL)
         result = kiln_backend_set_radiosity(embree, f->base.radiosity, &other);
     if (result == KILN_OK && f->base.probes != NULL)
@@ -50,6 +52,7 @@ struct watched_run {
     const struct kiln_batch *batch; /* the caller's */
     size_t next;                    /* first item not handed over; or, where items differ in their samples, */
     uint32_t *left;                 /* the samples of each, 0 once it is handed over; else NULL */
+    size_t end;                     /* of the items that are claimed so far */
     int taken;                      /* what the caller said last */
 };
 
@@ -65,14 +68,24 @@ static int take_part(void *context, size_t first, size_t count, const void *resu
     return w->taken;
 }
 
-/* What has not been handed over; `left` lasts as long as that. */
+/* kiln_claims that remembers likewise. */
+static size_t claim_part(void *context, size_t first, size_t count)
+{
+    struct watched_run *w = context;
+    const struct kiln_claims *claims = w->batch->claims;
+    const size_t claimed = claims->claim(claims->context, first, count);
+    w->end = first + claimed;
+    return claimed;
+}
+
+/* What has not been handed over of what was claimed; `left` lasts as long as that. */
 static struct kiln_batch rest_of(const struct watched_run *w)
 {
     const struct kiln_batch *batch = w->batch;
-    if (w->left == NULL)
-        return kiln_batch_part(batch, w->next, batch->first + batch->count - w->next);
-    struct kiln_batch rest = *batch;
-    rest.samples_each = w->left;
+    const size_t first = w->left == NULL ? w->next : batch->first;
+    struct kiln_batch rest = kiln_batch_part(batch, first, w->end - first);
+    if (w->left != NULL)
+        rest.samples_each = w->left;
     return rest;
 }
 
@@ -81,8 +94,11 @@ static int fallback_run(struct kiln_backend *backend, const struct kiln_pass *pa
                         const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     struct fallback_backend *f = (struct fallback_backend *)backend;
-    struct watched_run w = {.batch = batch, .next = batch->first};
+    struct watched_run w = {
+        .batch = batch, .next = batch->first, .end = batch->first + (batch->claims == NULL ? batch->count : 0)};
+    const struct kiln_claims claims = {claim_part, &w};
     struct kiln_batch watched = *batch;
+    watched.claims = batch->claims != NULL ? &claims : NULL;
     watched.take = take_part;
     watched.context = &w;
     int status = KILN_OK;
@@ -136,6 +152,13 @@ static int fallback_set_surface(struct kiln_backend *backend, const struct kiln_
     struct fallback_backend *f = (struct fallback_backend *)backend;
     const int status = kiln_backend_set_surface(present(f), surface, error);
     return status != KILN_OK ? change_over(f, status, error) : KILN_OK; /* which hands it over too */
+}
+
+static int fallback_set_others(struct kiln_backend *backend, const struct kiln_others *others, struct kiln_error *error)
+{
+    struct fallback_backend *f = (struct fallback_backend *)backend;
+    const int status = kiln_backend_set_others(present(f), *others, error);
+    return status != KILN_OK ? change_over(f, status, error) : KILN_OK;
 }
 
 static int fallback_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
@@ -246,9 +269,11 @@ int kiln_fallback_create(struct kiln_backend **backend, const struct kiln_backen
                                        .destroy = fallback_destroy,
                                        .info = fallback_info,
                                        .set_surface = fallback_set_surface,
+                                       .set_others = fallback_set_others,
                                        .set_radiosity = fallback_set_radiosity,
                                        .set_probes = fallback_set_probes,
                                        .mixed = UINT32_MAX,
+                                       .claims = UINT32_MAX,
                                        .takes = fallback_takes,
                                        .expect = fallback_expect,
                                        .run = fallback_run,

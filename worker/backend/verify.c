@@ -305,6 +305,13 @@ static int verify_set_surface(struct kiln_backend *backend, const struct kiln_su
     return status == KILN_OK ? kiln_backend_set_surface(v->embree, surface, error) : status;
 }
 
+static int verify_set_others(struct kiln_backend *backend, const struct kiln_others *others, struct kiln_error *error)
+{
+    struct verify_backend *v = (struct verify_backend *)backend;
+    const int status = kiln_backend_set_others(v->checked, *others, error);
+    return status == KILN_OK ? kiln_backend_set_others(v->embree, *others, error) : status;
+}
+
 static int verify_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
 {
     struct verify_backend *v = (struct verify_backend *)backend;
@@ -353,9 +360,11 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
                                        .destroy = verify_destroy,
                                        .info = verify_info,
                                        .set_surface = verify_set_surface,
+                                       .set_others = verify_set_others,
                                        .set_radiosity = verify_set_radiosity,
                                        .set_probes = verify_set_probes,
                                        .mixed = UINT32_MAX,
+                                       .claims = UINT32_MAX,
                                        .takes = verify_takes,
                                        .expect = verify_expect,
                                        .run = verify_run,

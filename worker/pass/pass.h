@@ -114,6 +114,14 @@ static inline float kiln_mean(float sum, uint32_t count)
 typedef int (*kiln_take_results)(void *context, size_t first, size_t count, const void *results,
                                  struct kiln_error *error);
 
+/* A batch whose items others may take until they are begun. Before a part is begun, claim() is asked whether this
+ * backend computes its items, [first, first + count), and says how many of them, from the first on. It is asked for the
+ * others again; 0 ends the run. By the thread that called kiln_backend_run, in order. */
+struct kiln_claims {
+    size_t (*claim)(void *context, size_t first, size_t count);
+    void *context;
+};
+
 /* A range of items and what is done with them. Any length: a backend cuts it up as suits its device. */
 struct kiln_batch {
     size_t first, count; /* items. Tile runs: of the backend's surface. Positions: of all that there are; random numbers
@@ -137,9 +145,10 @@ struct kiln_batch {
     /* NULL, or with point_masks `count` masks, one a tile run: its points of these have fewer samples than the others
      * (kiln_batch_few), and the same bits as in a batch of that many. */
     const uint64_t *few_masks;
-    bool may_lack;          /* some radiosity is absent: who takes the results looks at them (kiln_pass.lacks) */
-    kiln_take_results take; /* NULL: results are dropped */
-    void *context;          /* given to `take` */
+    bool may_lack; /* some radiosity is absent: who takes the results looks at them (kiln_pass.lacks) */
+    const struct kiln_claims *claims; /* NULL: all items are computed */
+    kiln_take_results take;           /* NULL: results are dropped */
+    void *context;                    /* given to `take` */
 };
 
 static inline bool kiln_batch_leaves_out(const struct kiln_batch *batch, size_t item)
@@ -168,12 +177,13 @@ static inline size_t kiln_batch_stretch(const struct kiln_batch *batch, size_t f
     return i;
 }
 
-/* The items [first, first + count) of the batch, which lie in it. */
+/* The items [first, first + count) of the batch, which lie in it; all are computed. */
 static inline struct kiln_batch kiln_batch_part(const struct kiln_batch *batch, size_t first, size_t count)
 {
     struct kiln_batch part = *batch;
     part.first = first;
     part.count = count;
+    part.claims = NULL;
     if (batch->positions != NULL)
         part.positions = batch->positions + (first - batch->first);
     if (batch->samples_each != NULL)

@@ -69,6 +69,7 @@ struct run {
     const struct vulkan_chunked *pass;
     const struct kiln_batch *batch;
     size_t next, end;      /* tile runs not yet begun */
+    size_t claimed;        /* end of those that are this device's: `end` without claims */
     size_t taken;          /* first tile run not yet handed over */
     uint32_t most_points;  /* that a slot holds, */
     uint64_t most_scratch; /* and their bytes */
@@ -243,6 +244,34 @@ static void take_tile_runs(struct run *r, const struct vulkan_block *block, uint
         ;
 }
 
+/* Claims tile runs up to `end`; false: others have them. */
+static bool claim(struct run *r, size_t end)
+{
+    const struct kiln_claims *claims = r->batch->claims;
+    const size_t claimed = claims->claim(claims->context, r->claimed, end - r->claimed);
+    r->claimed += claimed;
+    return claimed > 0;
+}
+
+/* Claims the flight's tile runs, and cuts from its end what this device does not get now; ends the run where it gets
+ * none. */
+static void claim_flight(struct run *r, struct flight *flight)
+{
+    const size_t first = flight->tile_run_first, end = first + flight->tile_run_count;
+    while (r->claimed < end) {
+        if (!claim(r, end))
+            r->end = r->claimed;
+        if (r->claimed > first || r->claimed == r->end)
+            break; /* else these were tile runs before it, which are left out */
+    }
+    if (r->claimed >= end)
+        return;
+    *flight = (struct flight){.tile_run_first = first};
+    r->next = first < r->claimed ? first : r->claimed;
+    while (r->next < r->claimed && take_tile_run(r, UINT64_MAX, flight))
+        ;
+}
+
 /* Passes over tile runs that are left out. */
 static void skip_left_out(struct run *r)
 {
@@ -408,6 +437,9 @@ static int start(struct run *r, struct kiln_error *error)
     struct flight *flight = &r->flights[r->slot];
     size_chunk(r, &points, &rows);
     take_tile_runs(r, block, points, flight);
+    claim_flight(r, flight);
+    if (flight->tile_run_count == 0)
+        return KILN_OK;
     describe(r, block, flight, &chunk);
     for (uint32_t row = 0; row < r->pass->rows && status == KILN_OK; row += chunk.row_count) {
         if (row != 0) {
@@ -466,6 +498,7 @@ int vulkan_run_in_chunks(struct vulkan_backend *b, const struct vulkan_chunked *
                     .batch = batch,
                     .next = batch->first,
                     .end = batch->first + batch->count,
+                    .claimed = batch->first + (batch->claims == NULL ? batch->count : 0),
                     .taken = batch->first};
     int status = run_left(&r, error);
     while (status != KILN_OK && !r.refused && !pass->holds && vulkan_can_recover(b) &&
@@ -473,6 +506,8 @@ int vulkan_run_in_chunks(struct vulkan_backend *b, const struct vulkan_chunked *
         r.next = r.taken; /* what was handed over is not done again */
         status = run_left(&r, error);
     }
+    while (status == KILN_OK && r.claimed < r.end && claim(&r, r.end)) /* what comes last is left out */
+        ;
     if (b->points != NULL) /* gone when the device could not be made anew */
         vulkan_points_choose(b->points, NULL, false);
     return status;

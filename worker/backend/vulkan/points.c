@@ -6,6 +6,7 @@
 
 #include "shaders/shared/layout_point_gloss.h"
 #include "shaders/shared/streams.h"
+#include "worker/base/clock.h"
 #include "worker/base/memory.h"
 #include "worker/material/surface_bsdf.h"
 #include "worker/sampling/keys.h"
@@ -18,15 +19,15 @@ static uint64_t pieces_of(const struct kiln_surface *s, size_t tile_run)
     return s->piece_base[tile_run + 1] - s->piece_base[tile_run];
 }
 
-/* Cuts the tile runs into blocks; with `blocks` NULL only counts them. */
-static size_t cut(const struct kiln_surface *s, struct vulkan_block *blocks)
+/* Cuts the tile runs [begin, end) into blocks; with `blocks` NULL only counts them. */
+static size_t cut(const struct kiln_surface *s, size_t begin, size_t end, struct vulkan_block *blocks)
 {
     size_t count = 0;
-    for (size_t f = 0; f < s->tile_run_count;) {
+    for (size_t f = begin; f < end;) {
         const size_t first = f;
         uint64_t points = 0, pieces = 0;
-        while (f < s->tile_run_count && (f == first || (points + s->tile_runs[f].count <= BLOCK_POINTS &&
-                                                        pieces + pieces_of(s, f) <= BLOCK_PIECES))) {
+        while (f < end && (f == first || (points + s->tile_runs[f].count <= BLOCK_POINTS &&
+                                          pieces + pieces_of(s, f) <= BLOCK_PIECES))) {
             points += s->tile_runs[f].count;
             pieces += pieces_of(s, f++);
         }
@@ -38,6 +39,16 @@ static size_t cut(const struct kiln_surface *s, struct vulkan_block *blocks)
         count++;
     }
     return count;
+}
+
+static int make_blocks(struct vulkan_points *p, size_t begin, size_t end, struct kiln_error *error)
+{
+    p->block_count = cut(p->surface, begin, end, NULL);
+    const int status =
+        kiln_allocate(&p->blocks, p->block_count, sizeof *p->blocks, "the device's blocks of points", error);
+    if (status == KILN_OK)
+        (void)cut(p->surface, begin, end, p->blocks);
+    return status;
 }
 
 int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const struct kiln_backend_params *params,
@@ -55,11 +66,30 @@ int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const s
     p->threads = params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs();
     for (size_t i = 0; i < params->scene->mesh_count; i++)
         p->smooth = p->smooth || (params->scene->meshes[i].flags & KILN_MESH_SMOOTH) != 0;
-    p->block_count = cut(surface, NULL);
-    status = kiln_allocate(&p->blocks, p->block_count, sizeof *p->blocks, "the device's blocks of points", error);
-    if (status == KILN_OK)
-        (void)cut(surface, p->blocks);
-    else
+    status = make_blocks(p, 0, surface->tile_run_count, error);
+    if (status != KILN_OK)
+        vulkan_points_destroy(points);
+    return status;
+}
+
+/* They make their blocks where those of `own` are made. */
+int vulkan_points_of_others(struct vulkan_points **points, struct vulkan_points *own, const struct kiln_others *others,
+                            struct kiln_error *error)
+{
+    int status = kiln_allocate(points, 1, sizeof **points, "the device's points of another rank", error);
+    if (status != KILN_OK)
+        return status;
+    **points = (struct vulkan_points){.gpu = own->gpu,
+                                      .params = own->params,
+                                      .surface = others->surface,
+                                      .materials = own->materials,
+                                      .idle = own,
+                                      .threads = own->threads,
+                                      .workspace = own->workspace,
+                                      .smooth = own->smooth};
+    own->workspace = NULL;
+    status = make_blocks(*points, others->first, others->first + others->count, error);
+    if (status != KILN_OK)
         vulkan_points_destroy(points);
     return status;
 }
@@ -93,7 +123,13 @@ void vulkan_points_destroy(struct vulkan_points **points)
     for (size_t i = 0; p->blocks != NULL && i < p->block_count; i++)
         release(p, &p->blocks[i]);
     kiln_free(&p->blocks);
-    workspace_destroy(&p->workspace);
+    if (p->idle != NULL) {
+        p->idle->workspace = p->workspace;
+        p->idle->seconds += p->seconds;
+        p->idle->brought += p->brought;
+    } else {
+        workspace_destroy(&p->workspace);
+    }
     kiln_free(points);
 }
 
@@ -505,6 +541,7 @@ static int upload(struct vulkan_points *p, struct vulkan_block *block, const str
 
 static int bring(struct vulkan_points *p, struct vulkan_block *block, uint64_t since, struct kiln_error *error)
 {
+    const double start = kiln_clock_seconds();
     int status = make_workspace(p, block, error);
     struct maker m = {.p = p, .block = block, .w = p->workspace};
     if (status == KILN_OK)
@@ -512,11 +549,14 @@ static int bring(struct vulkan_points *p, struct vulkan_block *block, uint64_t s
     const uint64_t words = p->surface->near_probes != NULL ? 3 : 2;
     const uint64_t wanted = block->count * (sizeof(struct kiln_gpu_point) + words * sizeof(uint32_t)) +
                             m.part_count * sizeof(struct kiln_gpu_part) + RESERVE;
-    while (status == KILN_OK && gpu_memory_left(p->gpu) < wanted && make_way(p, since))
+    while (status == KILN_OK && gpu_memory_left(p->gpu) < wanted &&
+           (make_way(p, since) || (p->idle != NULL && make_way(p->idle, UINT64_MAX))))
         ;
     if (status == KILN_OK)
         status = upload(p, block, &m, error);
     block->resident = true; /* also when only a part of it is there: release takes it back */
+    p->seconds += kiln_clock_seconds() - start;
+    p->brought += block->count;
     if (status != KILN_OK)
         release(p, block);
     return status;

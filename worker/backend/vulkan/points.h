@@ -33,6 +33,9 @@ struct vulkan_points {
     size_t block_count;
     struct vulkan_block *blocks;
     uint64_t clock;
+    struct vulkan_points *idle;         /* whose blocks make way for these, all of them; NULL: there are none */
+    double seconds;                     /* that bringing points took so far */
+    uint64_t brought;                   /* points, once for each time */
     uint32_t threads;                   /* that make points */
     struct points_workspace *workspace; /* private: what blocks are made in, kept from one to the next */
     bool smooth;                        /* some object has shading normals of its own */
@@ -54,6 +57,10 @@ static inline uint32_t vulkan_light_threads(uint32_t threads)
 int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const struct kiln_backend_params *params,
                          const struct kiln_surface *surface, const struct vulkan_materials *materials,
                          struct kiln_error *error);
+/* The same of some tile runs of another rank. Lasts for less time than `own`, of whose points none are asked for
+ * meanwhile. */
+int vulkan_points_of_others(struct vulkan_points **points, struct vulkan_points *own, const struct kiln_others *others,
+                            struct kiln_error *error);
 void vulkan_points_destroy(struct vulkan_points **points);
 
 /* The block that holds `tile run`, on the device; `states`: with what surface->visible says now (else states are

@@ -101,8 +101,20 @@ static int upload_probes(struct vulkan_backend *b, struct kiln_error *error)
 
 /* ---- life ---- */
 
+/* Back to the own points. */
+static void leave_others(struct vulkan_backend *b)
+{
+    if (b->own_points == NULL)
+        return;
+    vulkan_points_destroy(&b->points);
+    b->points = b->own_points;
+    b->own_points = NULL;
+    b->surface = b->own;
+}
+
 static void clear_surface(struct vulkan_backend *b)
 {
+    leave_others(b);
     vulkan_points_destroy(&b->points);
     for (size_t i = 0; i < KILN_STORE_ARRAYS; i++)
         gpu_buffer_destroy(b->gpu, &b->store_arrays[i]);
@@ -333,6 +345,20 @@ void vulkan_once_end(struct vulkan_backend *b, struct vulkan_once begin)
     b->once_processor += (double)(clock() - begin.processor) / CLOCKS_PER_SEC;
 }
 
+/* Passes that take any numbers of samples; and those that run in chunks, with nothing for a whole batch. */
+enum {
+    MIXED = 1 << KILN_PASS_INDEX_direct,
+    CLAIMS = 1 << KILN_PASS_INDEX_direct | 1 << KILN_PASS_INDEX_gather | 1 << KILN_PASS_INDEX_guided |
+             1 << KILN_PASS_INDEX_caustic | 1 << KILN_PASS_INDEX_occlusion | 1 << KILN_PASS_INDEX_directional
+};
+
+/* What a point takes to come to the device, from those that have come. */
+static double point_seconds(const struct vulkan_backend *b)
+{
+    const struct vulkan_points *p = b->own_points != NULL ? b->own_points : b->points;
+    return p != NULL && p->brought > 0 ? p->seconds / (double)p->brought : 0.0;
+}
+
 static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     const struct vulkan_backend *b = (const struct vulkan_backend *)backend;
@@ -350,6 +376,11 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
                                        .starting = b->base.starting,
                                        .making = b->making,
                                        .take_threads = b->threads,
+                                       .computes_for_others = b->gpu != NULL,
+                                       .keeps_points = true,
+                                       .point_seconds = point_seconds(b),
+                                       .mixed = MIXED,
+                                       .claims = CLAIMS,
                                        .regresses = b->gpu != NULL && !gpu_about(b->gpu)->software};
     (void)snprintf(info->device, sizeof info->device, "%s", b->device_text);
     count_kernels(b, &info->kernels_found, &info->kernels_made);
@@ -378,11 +409,26 @@ static int upload_store(struct vulkan_backend *b, const struct kiln_store *store
     return status;
 }
 
+/* To the points of the others, where there are some. */
+static int enter_others(struct vulkan_backend *b, struct kiln_error *error)
+{
+    struct vulkan_points *points;
+    if (b->others.surface == NULL)
+        return KILN_OK;
+    const int status = vulkan_points_of_others(&points, b->points, &b->others, error);
+    if (status != KILN_OK)
+        return status;
+    b->own_points = b->points;
+    b->points = points;
+    b->surface = b->others.surface;
+    return KILN_OK;
+}
+
 static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
 {
-    const struct kiln_surface *s = b->surface;
     struct kiln_store store;
     clear_surface(b);
+    const struct kiln_surface *s = b->own;
     kiln_store_build(&store, s, b->params.geometry);
     int status = upload_store(b, &store, error);
     if (status == KILN_OK)
@@ -395,7 +441,9 @@ static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
     b->constants[VULKAN_HAS_DIVIDED] = s->divided_count > 0;
     b->constants[VULKAN_HAS_OCTREE] = s->bricks != NULL;
     b->layout.radiosity = b->radiosity_buffer.address;
-    return status == KILN_OK ? vulkan_upload_root(b, error) : status;
+    if (status == KILN_OK)
+        status = vulkan_upload_root(b, error);
+    return status == KILN_OK ? enter_others(b, error) : status;
 }
 
 static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error)
@@ -408,12 +456,21 @@ static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_su
                               struct kiln_error *error)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    b->surface = surface;
+    b->surface = b->own = surface;
+    b->others.surface = NULL;
     b->radiosity = NULL;
     const int status = upload_surface(b, error);
     if (status == KILN_OK)
         vulkan_kernels_ahead(b, true);
     return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
+}
+
+static int vulkan_set_others(struct kiln_backend *backend, const struct kiln_others *others, struct kiln_error *error)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    leave_others(b);
+    b->others = *others;
+    return enter_others(b, error);
 }
 
 static int vulkan_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
@@ -603,9 +660,11 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .devices = gpu_list,
     .info = vulkan_info,
     .set_surface = vulkan_set_surface,
+    .set_others = vulkan_set_others,
     .set_radiosity = vulkan_set_radiosity,
     .set_probes = vulkan_set_probes,
-    .mixed = 1u << KILN_PASS_INDEX_direct,
+    .mixed = MIXED,
+    .claims = CLAIMS,
     .run = vulkan_run,
     .takes = vulkan_takes,
     .expect = vulkan_expect,

@@ -172,8 +172,12 @@ enum vulkan_pace {
 struct vulkan_backend {
     struct kiln_backend base;
     struct kiln_backend_params params;
-    const struct kiln_surface *surface; /* NULL: not given yet */
+    const struct kiln_surface *surface; /* that passes run over; NULL: not given yet */
     const uint64_t *radiosity;          /* NULL: not given yet */
+    /* while that is of another rank: the tile runs of it, the own surface, and the points of that */
+    struct kiln_others others;
+    const struct kiln_surface *own;
+    struct vulkan_points *own_points;
     /* NULL: it was lost and could not be made anew; only info and destroy may follow */
     struct gpu *gpu;
     struct gpu_faults faults;
