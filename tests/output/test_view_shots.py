@@ -167,7 +167,7 @@ class Shots(unittest.TestCase):
         self.refused("--frames 3: there is no path", "--frames", "3")
         self.refused("--path and --to: .* leave --to out", "--path", self.path, "--to", "0,0,0")
         self.refused("--path and --camera", "--path", self.path, "--camera", "front")
-        self.refused("no tone-map 'sepia'; it has: filmic, reinhard, aces, none", "--tone-map", "sepia")
+        self.refused("there is no tone-map 'sepia'; there is: filmic, reinhard, aces, none", "--tone-map", "sepia")
         broken = self.table("broken.csv", [KEYS[0]])
         run = kiln("view", self.bake, "-o", os.path.join(self.folder, "no.png"), "--path", broken, code=65)
         self.assertIn("broken.csv: it has 1 key frames", run.stderr)
