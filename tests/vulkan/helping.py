@@ -1,7 +1,7 @@
 """Devices of one host help each other: a rank that is done computes points of one that is not, which it brings to its
-device first. One rank is made slow (KILN_SLOW_RANK): it traces less than its share, all together trace the same rays,
-and all bits are those of one rank; after the pilot of direct light, and with --full with kept rays and where a device is
-lost as well.
+device first. One rank is made slow (KILN_SLOW_RANK): it traces less than its share, all together trace the same
+rays, and all bits are those of one rank; after the pilot of direct light, and with --full with kept rays and where
+a device is lost as well.
 """
 import os
 import sys
