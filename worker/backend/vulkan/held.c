@@ -477,7 +477,7 @@ static int fetch_errors(struct vulkan_backend *b, size_t array, uint16_t *to, st
     if (to == NULL)
         return KILN_OK;
     b->returned += bytes;
-    return gpu_fetch(b->gpu, &b->held.bytes, array * ((points + 1) / 2 * 2) * sizeof *to, to, bytes, error);
+    return gpu_download(b->gpu, &b->held.bytes, array * ((points + 1) / 2 * 2) * sizeof *to, to, bytes, error);
 }
 
 static int fetch_light(struct vulkan_backend *b, const struct gpu_buffer *from, uint32_t light, float *to,
@@ -487,7 +487,7 @@ static int fetch_light(struct vulkan_backend *b, const struct gpu_buffer *from, 
     if (to == NULL)
         return KILN_OK;
     b->returned += bytes;
-    return gpu_fetch(b->gpu, from, light * bytes, to, bytes, error);
+    return gpu_download(b->gpu, from, light * bytes, to, bytes, error);
 }
 
 int vulkan_hold_fetch(struct kiln_backend *backend, uint32_t light, const struct kiln_held_fetch *to,

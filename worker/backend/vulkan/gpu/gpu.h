@@ -87,9 +87,6 @@ int gpu_download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset
  * device has a queue for copies. */
 int gpu_fill(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, const void *data, size_t size,
              struct kiln_error *error);
-/* gpu_download of what nothing that is under way writes, likewise. */
-int gpu_fetch(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, void *data, size_t size,
-              struct kiln_error *error);
 /* gpu_buffer_create of GPU_DEVICE and gpu_fill of the whole in one. */
 int gpu_buffer_of(struct gpu *gpu, struct gpu_buffer *buffer, const void *data, size_t size, const char *what,
                   struct kiln_error *error);

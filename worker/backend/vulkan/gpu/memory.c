@@ -285,8 +285,8 @@ int gpu_fill(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, co
 }
 
 /* While one piece is copied out of the staging memory the next one is on its way. */
-static int download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, void *data, size_t size,
-                    bool alone, struct kiln_error *error)
+int gpu_download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, void *data, size_t size,
+                 struct kiln_error *error)
 {
     int status = KILN_OK;
     assert(offset <= buffer->size && size <= buffer->size - offset);
@@ -298,7 +298,7 @@ static int download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t off
                                       .from_offset = offset + at,
                                       .size = i < pieces ? piece_size(size, at) : 0};
         if (i < pieces)
-            status = submit_copy(gpu, &gpu->slots[GPU_SLOTS + k], &step, alone, error);
+            status = submit_copy(gpu, &gpu->slots[GPU_SLOTS + k], &step, false, error);
         if (i == 0 || status != KILN_OK)
             continue;
         const size_t last = (i - 1) % GPU_STAGING_PIECES;
@@ -308,18 +308,6 @@ static int download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t off
                             piece_size(size, at - GPU_STAGING_BYTES));
     }
     return drain(gpu, status, error);
-}
-
-int gpu_download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, void *data, size_t size,
-                 struct kiln_error *error)
-{
-    return download(gpu, buffer, offset, data, size, false, error);
-}
-
-int gpu_fetch(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, void *data, size_t size,
-              struct kiln_error *error)
-{
-    return download(gpu, buffer, offset, data, size, true, error);
 }
 
 int gpu_buffer_of(struct gpu *gpu, struct gpu_buffer *buffer, const void *data, size_t size, const char *what,
