@@ -12,6 +12,7 @@
 
 enum {
     STREAMS = 1 << 20,     /* of random bits between those of two groups */
+    AT_ONCE = 64,          /* points */
     TOTAL_STREAM = 0x10000 /* of those by which total radiosity is rounded, as radiosity_exchange.c has it */
 };
 
@@ -148,6 +149,7 @@ struct kiln_groups *kiln_group_light_total(struct kiln_group_light *g)
 {
     const struct kiln_rank_data *own = g->solution->own;
     const uint64_t count = g->channel.lights->count;
+#pragma omp parallel for schedule(static)
     for (size_t f = 0; f < own->surface.tile_run_count; f++) {
         const struct kiln_tile_run *run = &own->surface.tile_runs[f];
         struct kiln_own_point at = kiln_own_of_global(&own->surface, run->first);
@@ -168,19 +170,30 @@ struct kiln_groups *kiln_group_light_total(struct kiln_group_light *g)
     return &g->channel;
 }
 
+/* Own points from `begin` to `end`: what each group sends lies apart there, and together for the rays that read it. */
+static void exchange_some(const struct kiln_group_light *g, uint64_t begin, uint64_t end, bool restored)
+{
+    const struct kiln_rank_data *own = g->solution->own;
+    const uint64_t count = g->channel.lights->count;
+    uint64_t *together = g->radiosity + (own->surface.first.at + begin) * count;
+    for (uint32_t group = 0; group < count; group++) {
+        uint64_t *source = field_of(g, own, group, KILN_GROUP_SOURCE);
+        if (!restored)
+            memcpy(source + begin, (uint64_t *)field_of(g, own, group, KILN_GROUP_NEXT) + begin,
+                   (end - begin) * sizeof *source);
+        for (uint64_t i = begin; i < end; i++)
+            together[(i - begin) * count + group] = source[i];
+    }
+}
+
 void kiln_group_light_exchange(struct kiln_group_light *g, bool restored)
 {
     if (g == NULL)
         return;
-    const struct kiln_rank_data *own = g->solution->own;
-    const uint64_t count = g->channel.lights->count, first = own->surface.first.at;
-    for (uint32_t group = 0; group < count; group++) {
-        uint64_t *source = field_of(g, own, group, KILN_GROUP_SOURCE);
-        if (!restored && own->surface.count > 0)
-            memcpy(source, field_of(g, own, group, KILN_GROUP_NEXT), own->surface.count * sizeof *source);
-        for (uint64_t i = 0; i < own->surface.count; i++)
-            g->radiosity[(first + i) * count + group] = source[i];
-    }
+    const uint64_t points = g->solution->own->surface.count;
+#pragma omp parallel for schedule(static)
+    for (uint64_t begin = 0; begin < points; begin += AT_ONCE)
+        exchange_some(g, begin, begin + AT_ONCE < points ? begin + AT_ONCE : points, restored);
     share(g);
 }
 

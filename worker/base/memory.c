@@ -1,36 +1,47 @@
 #include "worker/base/memory.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
 enum { ALIGNMENT = 64 };
 
-static void *aligned_block(size_t count, size_t size)
+/* Before a block lies the address that free() wants. */
+static void **base_of(void *block) { return (void **)block - 1; }
+
+/* Blocks that are cleared come from calloc(), which leaves the pages of a large one to the system: these are cleared
+ * when they are first written, by the thread that writes them. */
+static void *aligned_block(size_t count, size_t size, bool cleared)
 {
     if (size != 0 && count > (SIZE_MAX - ALIGNMENT) / size)
         return NULL;
-    const size_t bytes = (count * size + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
-    return aligned_alloc(ALIGNMENT, bytes == 0 ? ALIGNMENT : bytes);
+    const size_t bytes = count * size + ALIGNMENT;
+    unsigned char *base = cleared ? calloc(1, bytes) : malloc(bytes);
+    if (base == NULL)
+        return NULL;
+    void *block = base + (ALIGNMENT - (uintptr_t)base % ALIGNMENT);
+    *base_of(block) = base;
+    return block;
 }
 
-int kiln_allocate_bare(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
+static int allocate(void *pointer, size_t count, size_t size, bool cleared, const char *what, struct kiln_error *error)
 {
-    void *block = aligned_block(count, size);
+    void *block = aligned_block(count, size, cleared);
     memcpy(pointer, &block, sizeof block);
     if (block == NULL)
         return kiln_fail(error, KILN_SYSTEM, "out of memory: %zu elements of %zu bytes for %s", count, size, what);
     return KILN_OK;
 }
 
+int kiln_allocate_bare(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
+{
+    return allocate(pointer, count, size, false, what, error);
+}
+
 int kiln_allocate(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
 {
-    const int status = kiln_allocate_bare(pointer, count, size, what, error);
-    void *block;
-    memcpy(&block, pointer, sizeof block);
-    if (status == KILN_OK)
-        memset(block, 0, count * size);
-    return status;
+    return allocate(pointer, count, size, true, what, error);
 }
 
 int kiln_grow(void *pointer, size_t *capacity, size_t needed, size_t size, const char *what, struct kiln_error *error)
@@ -45,12 +56,12 @@ int kiln_grow(void *pointer, size_t *capacity, size_t needed, size_t size, const
     }
     void *old;
     memcpy(&old, pointer, sizeof old);
-    void *block = aligned_block(target, size);
+    void *block = aligned_block(target, size, false);
     if (block == NULL)
         return kiln_fail(error, KILN_SYSTEM, "out of memory: %zu elements of %zu bytes for %s", target, size, what);
     if (old != NULL)
         memcpy(block, old, *capacity * size);
-    free(old);
+    kiln_free(&old);
     memcpy(pointer, &block, sizeof block);
     *capacity = target;
     return KILN_OK;
@@ -60,7 +71,8 @@ void kiln_free(void *pointer)
 {
     void *block;
     memcpy(&block, pointer, sizeof block);
-    free(block);
+    if (block != NULL)
+        free(*base_of(block));
     block = NULL;
     memcpy(pointer, &block, sizeof block);
 }

@@ -26,8 +26,10 @@ static const struct kiln_role roles[] = {
 /* A group's sum is its light, of which this is the first part. */
 static void begin_with_direct(const struct kiln_rank_data *own)
 {
-    if (own->surface.count > 0)
-        memcpy(own->sum, own->direct, 3 * own->surface.count * sizeof *own->sum);
+    const uint64_t count = 3 * own->surface.count;
+#pragma omp parallel for schedule(static)
+    for (uint64_t i = 0; i < count; i++)
+        own->sum[i] = own->direct[i];
 }
 
 static int begin_step(struct kiln_integration *in, struct kiln_step_report *last, const struct kiln_step *step,
