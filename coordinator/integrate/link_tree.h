@@ -24,7 +24,7 @@ void kiln_link_tree_destroy(struct kiln_link_tree **tree);
 /* Of memory for so many points, at most. */
 uint64_t kiln_link_tree_bytes(uint64_t points);
 
-/* Radiosity of a point, W/m2. */
+/* Radiosity of a point, W/m2. Called by several threads. */
 typedef void (*kiln_link_of_point)(const void *context, uint64_t point, float radiosity[3]);
 /* Takes the radiosity of all points in a bounce, and finds that of the nodes. What was sent in earlier bounces, which
  * has gone by the same links and so is off the same way, is taken for the first light, and, of bounces from the second
