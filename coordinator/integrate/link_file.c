@@ -13,7 +13,7 @@
 #include "worker/base/memory.h"
 
 #define MAGIC "kilnlnks"
-enum { VERSION = 2, BEGIN = 4096 }; /* bytes before the table */
+enum { VERSION = 3, BEGIN = 4096 }; /* bytes before the table */
 
 /* The first bytes of the file; the rest up to BEGIN is 0. */
 struct header {

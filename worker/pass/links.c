@@ -8,14 +8,15 @@
 /* The code of a tile run: flags; the numbers of links and of tinted ones; of each point what its rays have met, and its
  * shading normal; then link by link. Numbers have seven bits a byte, the highest of which says that more follow. A link
  * has one such number: what it goes to, as the step from the node, or the point, of the link before, and two bits that
- * say whether a mask of those that have asked, and of those that see, comes behind it: a byte that has a bit for each
- * byte of the mask that is not 0, then these. */
+ * say whether masks come behind it: of those that have asked, where they are others than at the link before, by what
+ * differs; and of those that see, where not all of these do. A mask is a byte that has a bit for each byte of it that
+ * is not 0, then these. */
 #define SAMPLES 0.4 /* of a net, whose error goes with their power of -3/4 (Mitchell 1996) */
 enum { LEAST_SAMPLES = 16 };
 #define SHARED 0.7 /* radii of a node; more with the square of the error, where that is above the next */
 #define SHARED_AT 0.02
 enum { HAS_GLASS = 1, HAS_PRESENT = 2, IS_SMOOTH = 4, OPENED_SHIFT = 3 }; /* of the flags' byte */
-enum { TO_LEAF = 1, SOME_ASKED = 2, SOME_SEEN = 4, STEP_SHIFT = 3 };
+enum { TO_LEAF = 1, OTHERS_ASKED = 2, SOME_SEEN = 4, STEP_SHIFT = 3 };
 
 double kiln_links_shared(double error)
 {
@@ -139,15 +140,17 @@ static uint64_t lit_of(const struct kiln_found_links *f, uint64_t mask)
 static void put_links(struct writer *w, const struct kiln_found_links *f, uint64_t all)
 {
     uint32_t last[2] = {0, 0};
+    uint64_t asked = all;
     for (uint32_t i = 0; i < f->count; i++) {
         const uint32_t leaf = (f->to[i] & KILN_LINK_LEAF) != 0, at = f->to[i] & ~KILN_LINK_LEAF;
-        const bool some_asked = f->asked[i] != all, some_seen = f->seen[i] != f->asked[i];
+        const bool others_asked = f->asked[i] != asked, some_seen = f->seen[i] != f->asked[i];
         const uint64_t flags =
-            (leaf ? TO_LEAF : 0u) | (some_asked ? SOME_ASKED : 0u) | (some_seen ? (unsigned)SOME_SEEN : 0u);
+            (leaf ? TO_LEAF : 0u) | (others_asked ? OTHERS_ASKED : 0u) | (some_seen ? (unsigned)SOME_SEEN : 0u);
         put_number(w, (uint64_t)(at - last[leaf]) << STEP_SHIFT | flags);
         last[leaf] = at;
-        if (some_asked)
-            put_mask(w, f->asked[i]);
+        if (others_asked)
+            put_mask(w, f->asked[i] ^ asked);
+        asked = f->asked[i];
         if (some_seen)
             put_mask(w, f->seen[i]);
     }
@@ -249,11 +252,12 @@ static void get_point(struct reader *r, struct kiln_linked_point *p, float shadi
 
 static void get_links(struct reader *r, struct kiln_found_links *f, uint64_t all, const uint64_t most[2])
 {
-    uint64_t last[2] = {0, 0};
+    uint64_t last[2] = {0, 0}, asked = all;
     for (uint32_t i = 0; i < f->count && !r->bad; i++) {
         const uint64_t code = get_number(r), leaf = code & TO_LEAF;
         last[leaf] += code >> STEP_SHIFT;
-        f->asked[i] = (code & SOME_ASKED) != 0 ? get_mask(r) : all;
+        asked ^= (code & OTHERS_ASKED) != 0 ? get_mask(r) : 0;
+        f->asked[i] = asked;
         f->seen[i] = (code & SOME_SEEN) != 0 ? get_mask(r) : f->asked[i];
         r->bad = r->bad || last[leaf] >= most[leaf] || (f->asked[i] & ~all) != 0 || (f->seen[i] & ~f->asked[i]) != 0;
         f->to[i] = (uint32_t)last[leaf] | (leaf != 0 ? KILN_LINK_LEAF : 0);
