@@ -31,6 +31,7 @@
 #include "worker/backend/vulkan/tracer.h"
 #include "worker/light/lights.h"
 #include "worker/pass/path.h"
+#include "worker/scene/voxels.h"
 #include "worker/store/store.h"
 
 #include "shaders/shared/push.h"
@@ -139,6 +140,23 @@ struct vulkan_held {
     size_t answer_count, answer_room;
 };
 
+/* What pairs of patches see of each other (visibility.h). */
+struct vulkan_visibility {
+    struct kiln_voxel_arrays grid; /* that is there; words NULL: none */
+    struct gpu_buffer words, before, plane_of, reals;
+    struct gpu_buffer root; /* struct kiln_gpu_sight */
+    /* whose pairs are kept, NULL: none; and what they were made for */
+    const struct kiln_visibility_cache *of;
+    const struct kiln_surface *surface;
+    uint64_t moved, first, count, groups;
+    uint64_t step;              /* that was forgotten for last */
+    uint64_t *places;           /* of each own tile run, the points that are computed */
+    struct gpu_buffer *buffers; /* tile runs' words */
+    size_t buffer_count, buffer_room;
+    struct gpu_buffer runs, changes; /* changes: the columns of the step's nodes, which are the same, who forgets all */
+    struct gpu_kernel *open, *close, *store;
+};
+
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
 
 enum { VULKAN_REGRESSION_SWEEPS = 5, VULKAN_REGRESSION_ARRAYS = 8 };
@@ -234,6 +252,7 @@ struct vulkan_backend {
     struct gpu_buffer link_rays[VULKAN_LINK_GROUPS]; /* of groups: link_views.c, as are the next */
     struct gpu_buffer link_answers[VULKAN_LINK_GROUPS];
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
+    struct vulkan_visibility visibility;
     struct gpu_pacer pacers[VULKAN_PACES];
     struct both_run *both; /* what the bidirectional or the land pass has made, for its next call; or NULL */
     double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */
