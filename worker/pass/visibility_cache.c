@@ -119,7 +119,8 @@ void kiln_visibility_cache_tell(struct kiln_visibility_cache *c, const struct ki
 uint64_t kiln_visibility_device_bytes(uint64_t most, uint64_t own, uint64_t points)
 {
     const double groups = (double)groups_of(points),
-                 all = groups * ((double)own * 8.0 + (double)groups_of(own) * 4.0 * KILN_VISIBILITY_DEVICE_WORDS);
+                 runs = 2.0 * (double)groups_of(own), /* of half as many points as a tile has at most */
+        all = groups * ((double)own * 8.0 + runs * 4.0 * KILN_VISIBILITY_DEVICE_WORDS);
     return all < (double)most ? (uint64_t)all : most;
 }
 
