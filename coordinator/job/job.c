@@ -473,12 +473,17 @@ static int check_nodes(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
+/* Of a filter if nobody says it: finer ones free few more rays than they cost. */
+enum { FILTER_VOXELS = 8 };
+
 static int check_visibility(struct kiln_job *job, struct kiln_error *error)
 {
     if (job->patches.visibility == KILN_VISIBILITY_RAYS && given(job, "voxels"))
         return kiln_fail(error, KILN_USAGE,
                          "--voxels: rays say what patches see; give --visibility voxels or filter, or leave --voxels "
                          "out");
+    if (job->patches.visibility == KILN_VISIBILITY_FILTER && !given(job, "voxels"))
+        job->patches.voxels = FILTER_VOXELS;
     if (job->patches.visibility == KILN_VISIBILITY_FILTER && job->patches.voxels > KILN_VOXELS_FILTER_MOST)
         return kiln_fail(error, KILN_USAGE, "--voxels %u: --visibility filter has %d along the longest side at most",
                          job->patches.voxels, KILN_VOXELS_FILTER_MOST);

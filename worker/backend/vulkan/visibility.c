@@ -1,5 +1,6 @@
 #include "worker/backend/vulkan/visibility.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "worker/base/memory.h"
@@ -42,6 +43,27 @@ size_t vulkan_visibility_scratch(const struct vulkan_backend *b, const struct ki
 
 /* ---- the grid ---- */
 
+/* Whether a plane lies along two axes: then floats have it exactly, and the height over it of a place nearby. */
+static bool is_along_axes(const float n[3])
+{
+    int ones = 0, zeros = 0;
+    for (int k = 0; k < 3; k++) {
+        ones += fabsf(n[k]) == 1.0f;
+        zeros += n[k] == 0.0f;
+    }
+    return ones == 1 && zeros == 2;
+}
+
+/* Over other planes a place may seem to be higher in floats than it is, by the rounding of three products and sums. */
+static void narrow(const struct vulkan_backend *b, const double *reals, float *floats, size_t count)
+{
+    const float rounding = 0x1p-21f * b->params.geometry->extent;
+    for (size_t i = 0; i < count; i++)
+        floats[i] = (float)reals[i];
+    for (size_t i = KILN_GPU_GRID_REALS; i < count; i += KILN_GPU_PLANE_REALS)
+        floats[i + KILN_GPU_PLANE_REALS - 1] += is_along_axes(&floats[i]) ? 0.0f : rounding;
+}
+
 /* The grid's numbers as the kernels' `real`. */
 static int bring_reals(struct vulkan_backend *b, const struct kiln_voxel_arrays *a, struct kiln_error *error)
 {
@@ -56,8 +78,7 @@ static int bring_reals(struct vulkan_backend *b, const struct kiln_voxel_arrays 
         memcpy(reals, grid, sizeof grid);
         if (a->number_count > 0)
             memcpy(reals + KILN_GPU_GRID_REALS, a->numbers, a->number_count * sizeof *reals);
-        for (size_t i = 0; i < count; i++)
-            floats[i] = (float)reals[i];
+        narrow(b, reals, floats, count);
         status = gpu_buffer_of(b->gpu, &b->visibility.reals, b->float64 ? (const void *)reals : floats,
                                count * (b->float64 ? sizeof *reals : sizeof *floats), "the voxels' planes", error);
     }
