@@ -77,7 +77,7 @@ def pairs(kiln, scene):
         bake.remove()
 
 
-def visibility(kiln, scene):
+def visibility(kiln, scene, density=20):
     """Two bounces of all pairs, by who says what they see: rays in all, seconds of the device bounce by bounce, what is
     kept, and by how much the sum of all light differs from that by rays."""
     table = harness.Table(('options', 44), ('rays', 8), ('1st, s', 7), ('2nd, s', 7), ('GiB', 6), ('light', 8))
@@ -85,7 +85,7 @@ def visibility(kiln, scene):
     for more in ((), ('--visibility', 'filter', '--voxels', 8), ('--visibility', 'filter', '--voxels', 32),
                  ('--visibility', 'voxels', '--voxels', 64), ('--visibility-cache', 24), ('--visibility-cache', 0.5),
                  ('--visibility-cache', 24, '--visibility', 'filter', '--voxels', 8)):
-        bake = measure.must(kiln.bake(scene, '--method', 'radiosity', '--bounces', 2, '--texels-per-metre', 20,
+        bake = measure.must(kiln.bake(scene, '--method', 'radiosity', '--bounces', 2, '--texels-per-metre', density,
                                       '--samples-direct', 16, '--samples-indirect', 64, '--samples-probe', 0,
                                       '--denoise', 'none', '--no-export', *more, timeout=3600))
         seconds = [b['device_seconds'] for b in bake.run['bounces'] if b['kind'] != 'direct']
