@@ -1,6 +1,7 @@
 /* The patches pass: thread (x, y) goes through row y of the nodes for point x. Neighbouring threads have neighbouring
  * points and the same nodes, which come from the caches; each looks for its next node that faces it before a ray is
- * traced, so that threads trace together. patches_reduce.comp adds up the rows.
+ * traced, so that threads trace together. patches_reduce.comp adds up the rows. What pairs see may be known, or told by
+ * a grid (SIGHT).
  *
  * Floats, but for what is near: there the factors are differences. */
 #version 460
@@ -20,6 +21,37 @@ KILN_PUSH(kiln_gpu_patches_push);
 KILN_ARRAY(OwnPatches, kiln_gpu_patch, 4);
 layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer NodeQuads { vec4 at[]; };
 KILN_ARRAY(FloatArray, float, 4);
+
+layout(constant_id = 6) const uint SIGHT = 0u; /* KILN_GPU_SIGHT_... */
+
+#include "shaders/sight.glsl"
+
+#ifdef KILN_DOUBLES
+#    define REAL_BYTES 8
+#else
+#    define REAL_BYTES 4
+#endif
+
+KILN_ARRAY(GridReals, real, REAL_BYTES);
+
+/* The grid, for threads that ask one. */
+kiln_gpu_sight sight;
+kiln_real3 grid_low;
+real grid_scale;
+
+#define KILN_VOXEL_GRID uint /* there is one */
+#define KILN_VOXEL_LOW(grid) grid_low
+#define KILN_VOXEL_SCALE(grid) grid_scale
+#define KILN_VOXEL_COUNT(grid, axis) int(sight.n[KILN_VOXEL_AXIS_##axis])
+#define KILN_VOXEL_AXIS_x 0
+#define KILN_VOXEL_AXIS_y 1
+#define KILN_VOXEL_AXIS_z 2
+#define KILN_VOXEL_WORD(grid, i) Words(sight.words).at[i]
+#define KILN_VOXEL_BEFORE(grid, i) Words(sight.before).at[i]
+#define KILN_VOXEL_PLANE_OF(grid, i) Words(sight.plane_of).at[i]
+#define KILN_VOXEL_PLANE_REAL(grid, i) GridReals(sight.reals).at[KILN_GPU_GRID_REALS + (i)]
+
+#include "shaders/shared/voxels.h"
 
 const float NEAR = 8.0, FLAT = 9.5367431640625e-7; /* KILN_PATCHES_NEAR, KILN_PATCHES_FLAT */
 const float PI = 3.14159265358979;
@@ -98,21 +130,105 @@ void add_node(Node node, vec3 through)
     }
 }
 
+/* ---- what pairs see ---- */
+
+const uint UNKNOWN = 0u, OPEN = KILN_GPU_PAIRS_OPEN, SHUT = KILN_GPU_PAIRS_SHUT, PARTIAL = KILN_GPU_PAIRS_PARTIAL;
+const uint NO_WORD = 0xffffffffu;
+
+/* Of the point's tile run what is kept, and a word of it: 32 columns. */
+kiln_gpu_sight_run run;
+uint point_in_chunk;
+uint word, word_known, word_open, word_found, word_new, word_partial;
+uint facing, known, traced; /* pairs of the row so far */
+
+/* Notes in what is kept what was found of the word's pairs. */
+void leave_word()
+{
+    if (word == NO_WORD || word_found == 0u)
+        return;
+    Words words = Words(run.words);
+    const uint found_at = kiln_found_at(sight.groups) + word / 2u;
+    if (word_new != 0u)
+        atomicOr(Words(kiln_open_word(push.open, word, push.chunk.total, point_in_chunk)).at[0], word_new);
+    if ((words.at[found_at] & word_found) != word_found)
+        atomicOr(words.at[found_at], word_found);
+    if (word_partial != 0u)
+        atomicOr(words.at[kiln_partial_at(sight.groups) + word], word_partial);
+}
+
+/* What is known of a pair that face each other: the point and the node at a number. */
+uint look(uint number)
+{
+    if (run.words == 0ul)
+        return UNKNOWN;
+    if (number / 32u != word) {
+        leave_word();
+        word = number / 32u;
+        word_known = Words(run.words).at[word];
+        word_open = Words(kiln_open_word(push.open, word, push.chunk.total, point_in_chunk)).at[0];
+        word_found = word_new = word_partial = 0u;
+    }
+    const uint bit = 1u << number % 32u;
+    return (word_known & bit) == 0u ? UNKNOWN : (word_open & bit) != 0u ? OPEN : SHUT;
+}
+
+/* Notes what was found of the pair that was looked at last. */
+void note(uint number, uint seen)
+{
+    const uint bit = 1u << number % 32u;
+    word_found |= seen | KILN_GPU_PAIRS_NEW;
+    word_new |= seen == OPEN ? bit : 0u;
+    word_partial |= seen == PARTIAL ? bit : 0u;
+}
+
+/* What a grid says of a pair. */
+uint ask_grid(uint number, vec3 normal, vec3 place)
+{
+    const bool first = own.number < number;
+    const kiln_real3 from = real3(first ? own.place : place), to = real3(first ? place : own.place);
+    if ((SIGHT & KILN_GPU_SIGHT_FILTER) != 0u)
+        return kiln_voxel_is_free(0u, from, to) ? OPEN : UNKNOWN;
+    return kiln_voxel_lets_see(0u, from, real3(first ? own.normal : normal), to, real3(first ? normal : own.normal))
+               ? OPEN
+               : SHUT;
+}
+
+/* What is known of a pair that face each other, without a ray. */
+uint sight_of(uint number, vec3 normal, uint k)
+{
+    uint seen = UNKNOWN;
+    if (number == own.number)
+        return SHUT;
+    facing++;
+    if ((SIGHT & KILN_GPU_SIGHT_KEPT) != 0u)
+        seen = look(number);
+    known += seen != UNKNOWN ? 1u : 0u;
+    if ((SIGHT & (KILN_GPU_SIGHT_VOXELS | KILN_GPU_SIGHT_FILTER)) != 0u && seen == UNKNOWN) {
+        seen = ask_grid(number, normal, NodeQuads(push.shapes).at[3u * k].xyz);
+        if ((SIGHT & KILN_GPU_SIGHT_KEPT) != 0u && seen != UNKNOWN)
+            note(number, seen);
+    }
+    return seen;
+}
+
 /* Traces the ray between the two places: the same whichever of the points asks, from the one with the lower number.
- * False: they are one place, and there is none. */
-bool trace(Node node)
+ * What comes through; 0 too where they are one place, and there is no ray. */
+vec3 trace(Node node)
 {
     const bool first = own.number < node.number;
     const vec3 from = first ? own.place : node.place, to = first ? node.place : own.place;
     const vec3 way = to - from;
     const float apart = sqrt(dot(way, way));
     if (!(apart > 0.0))
-        return false;
+        return vec3(0.0);
     const vec3 through = kiln_through(from, way / apart, float(real(apart) * KILN_SHADOW_LENGTH));
-    if (through != vec3(0.0))
-        add_node(node, through);
-    return true;
+    traced++;
+    if ((SIGHT & KILN_GPU_SIGHT_KEPT) != 0u)
+        note(node.number, through == vec3(0.0) ? SHUT : through == vec3(1.0) ? OPEN : PARTIAL);
+    return through;
 }
+
+/* ---- nodes ---- */
 
 Node node_of(uint k, vec4 centre_area, vec4 normal_number)
 {
@@ -133,30 +249,40 @@ Node node_of(uint k, vec4 centre_area, vec4 normal_number)
     return node;
 }
 
-/* Goes through nodes k .. end-1; how many of them face the point, or -1e9: the device has ended the loop early. */
-float go_through(uint k, uint end)
+/* Goes through nodes k .. end-1. False: the device has ended the loop early. */
+bool go_through(uint k, uint end)
 {
-    NodeQuads facing = NodeQuads(push.facing);
+    NodeQuads facings = NodeQuads(push.facing);
     const float coplanar = FLAT * SCENE.trace.extent;
-    float traced = 0.0;
     bool any = true;
     while (any) {
         vec4 centre_area, normal_number;
+        uint seen = UNKNOWN;
         any = false;
         while (k < end && !any) {
-            centre_area = facing.at[2u * k];
-            normal_number = facing.at[2u * k + 1u];
+            centre_area = facings.at[2u * k];
+            normal_number = facings.at[2u * k + 1u];
             const vec3 d = centre_area.xyz - own.place;
             any = dot(own.normal, d) > coplanar && dot(normal_number.xyz, d) < -coplanar;
+            if (any) {
+                seen = sight_of(floatBitsToUint(normal_number.w), normal_number.xyz, k);
+                any = seen != SHUT;
+            }
             k++;
         }
-        if (any && trace(node_of(k - 1u, centre_area, normal_number)))
-            traced += 1.0;
+        if (any) {
+            const Node node = node_of(k - 1u, centre_area, normal_number);
+            const vec3 through = seen == OPEN ? vec3(1.0) : trace(node);
+            if (through != vec3(0.0))
+                add_node(node, through);
+        }
     }
-    return any || k < end ? -1.0e9 : traced;
+    if ((SIGHT & KILN_GPU_SIGHT_KEPT) != 0u)
+        leave_word();
+    return !any && k >= end;
 }
 
-void store(uint x, uint y, float traced)
+void store(uint x, uint y, bool good)
 {
     FloatArray floats = FloatArray(push.slices + uint64_t(y * KILN_GPU_PATCH_FLOATS) * push.chunk.total * 4ul);
     const uint step = push.chunk.total;
@@ -166,7 +292,22 @@ void store(uint x, uint y, float traced)
             HAS_SMOOTH != 0u ? irradiance[c].high + irradiance[c].low : incident[c].high + incident[c].low;
     }
     floats.at[6u * step + x] = row.high + row.low;
-    floats.at[7u * step + x] = traced;
+    floats.at[7u * step + x] =
+        good ? float((facing * KILN_GPU_PAIRS_BASE + known) * KILN_GPU_PAIRS_BASE + traced) : -1.0e9;
+}
+
+void find_sight(uint x)
+{
+    sight = SightRef(push.sight).value;
+    point_in_chunk = x;
+    word = NO_WORD;
+    if ((SIGHT & KILN_GPU_SIGHT_KEPT) != 0u)
+        run = SightRuns(sight.runs).at[own.run];
+    if ((SIGHT & (KILN_GPU_SIGHT_VOXELS | KILN_GPU_SIGHT_FILTER)) != 0u) {
+        GridReals reals = GridReals(sight.reals);
+        grid_low = real3_make(reals.at[0], reals.at[1], reals.at[2]);
+        grid_scale = reals.at[3];
+    }
 }
 
 void kiln_kernel(uint x, uint y)
@@ -179,6 +320,9 @@ void kiln_kernel(uint x, uint y)
     own = OwnPatches(push.points).at[x];
     soft = kiln_shading(p, own.normal);
     smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
+    if (SIGHT != 0u)
+        find_sight(x);
+    facing = known = traced = 0u;
     row = kiln_sum(0.0, 0.0);
     for (uint c = 0u; c < 3u; c++)
         incident[c] = irradiance[c] = kiln_sum(0.0, 0.0);

@@ -19,15 +19,18 @@ void kiln_kernel(uint x, uint y)
     kiln_sum sums[SUMS];
     for (uint c = 0u; c < SUMS; c++)
         sums[c] = kiln_sum(0.0, 0.0);
-    uint rays = 0u, r = 0u;
+    uint pairs[KILN_GPU_PAIRS_WORDS] = {0u, 0u, 0u};
+    uint r = 0u;
     bool good = true;
     for (; state != KILN_GPU_STATE_INVALID && r < push.rows; r++) {
         FloatArray floats = FloatArray(push.slices + uint64_t(r * KILN_GPU_PATCH_FLOATS) * push.chunk.total * 4ul);
         for (uint c = 0u; c < SUMS; c++)
             kiln_add(sums[c], floats.at[c * push.chunk.total + x]);
-        const float traced = floats.at[SUMS * push.chunk.total + x];
-        good = good && traced >= 0.0;
-        rays += uint(max(traced, 0.0));
+        const float counts = floats.at[SUMS * push.chunk.total + x];
+        good = good && counts >= 0.0;
+        uint left = uint(max(counts, 0.0));
+        for (uint i = 0u; i < KILN_GPU_PAIRS_WORDS; i++, left /= KILN_GPU_PAIRS_BASE)
+            pairs[i] += left % KILN_GPU_PAIRS_BASE;
     }
     kiln_gpu_patch_sums result;
     for (uint c = 0u; c < 3u; c++) {
@@ -38,7 +41,8 @@ void kiln_kernel(uint x, uint y)
     if (!good || (state != KILN_GPU_STATE_INVALID && r < push.rows))
         result.row = -1.0;
     ResultArray(push.results).at[x] = result;
-    WordArray(push.rays).at[x] = rays;
+    for (uint i = 0u; i < KILN_GPU_PAIRS_WORDS; i++)
+        WordArray(push.rays).at[KILN_GPU_PAIRS_WORDS * x + i] = pairs[i];
 }
 
 #include "shaders/main.glsl"

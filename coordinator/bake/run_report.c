@@ -101,9 +101,9 @@ static void add_patches(json_t *settings, const struct kiln_job *job)
     json_object_set_new(settings, "patches", json_string(p->patches == KILN_PATCHES_LINKS ? "links" : "all"));
     if (p->patches == KILN_PATCHES_LINKS)
         json_object_set_new(settings, "link_error", json_real(p->link_error));
-    json_object_set_new(settings, "visibility",
-                        json_string(p->visibility == KILN_VISIBILITY_VOXELS ? "voxels" : "rays"));
-    if (p->visibility == KILN_VISIBILITY_VOXELS)
+    static const char *const visibility[] = {"rays", "voxels", "filter"};
+    json_object_set_new(settings, "visibility", json_string(visibility[p->visibility]));
+    if (p->visibility != KILN_VISIBILITY_RAYS)
         json_object_set_new(settings, "voxels", json_integer(p->voxels));
     json_object_set_new(settings, "order", json_string(p->order == KILN_ORDER_UNSHOT ? "unshot" : "lockstep"));
     if (p->order == KILN_ORDER_UNSHOT)

@@ -8,6 +8,7 @@
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/light_groups.h"
 #include "coordinator/job/options.h"
+#include "worker/scene/voxels.h"
 #include "worker/base/memory.h"
 #include "worker/pass/caustic_weights.h"
 #include "worker/sampling/direction_set.h"
@@ -413,7 +414,8 @@ static int check_links(struct kiln_job *job, struct kiln_error *error)
                                            {"clamp", job->patches.clamp},
                                            {"visibility-cache", job->patches.visibility_cache > 0.0},
                                            {"order unshot", job->patches.order == KILN_ORDER_UNSHOT},
-                                           {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS}};
+                                           {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS},
+                                           {"visibility filter", job->patches.visibility == KILN_VISIBILITY_FILTER}};
     if (job->patches.patches != KILN_PATCHES_LINKS && given(job, "link-error"))
         return kiln_fail(error, KILN_USAGE,
                          "--link-error: all texels are patches; give --patches links, or leave --link-error out");
@@ -471,12 +473,26 @@ static int check_nodes(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
+/* Of a filter if nobody says it: finer ones free few more rays than they cost. */
+enum { FILTER_VOXELS = 8 };
+
+static int check_visibility(struct kiln_job *job, struct kiln_error *error)
+{
+    if (job->patches.visibility == KILN_VISIBILITY_RAYS && given(job, "voxels"))
+        return kiln_fail(error, KILN_USAGE,
+                         "--voxels: rays say what patches see; give --visibility voxels or filter, or leave --voxels "
+                         "out");
+    if (job->patches.visibility == KILN_VISIBILITY_FILTER && !given(job, "voxels"))
+        job->patches.voxels = FILTER_VOXELS;
+    if (job->patches.visibility == KILN_VISIBILITY_FILTER && job->patches.voxels > KILN_VOXELS_FILTER_MOST)
+        return kiln_fail(error, KILN_USAGE, "--voxels %u: --visibility filter has %d along the longest side at most",
+                         job->patches.voxels, KILN_VOXELS_FILTER_MOST);
+    return KILN_OK;
+}
+
 /* Rounds of unshot light close rows as the step before them found these to be. */
 static int check_order(struct kiln_job *job, struct kiln_error *error)
 {
-    if (job->patches.visibility != KILN_VISIBILITY_VOXELS && given(job, "voxels"))
-        return kiln_fail(error, KILN_USAGE,
-                         "--voxels: rays say what patches see; give --visibility voxels, or leave --voxels out");
     const struct unused_option others[] = {{"undersample random", job->patches.undersample == KILN_SAMPLE_RANDOM},
                                            {"subdivide", job->patches.subdivide > 0.0},
                                            {"clamp", job->patches.clamp}};
@@ -491,21 +507,6 @@ static int check_order(struct kiln_job *job, struct kiln_error *error)
                              "--%s is not for --order unshot, whose nodes and view factors stay from round to round: "
                              "leave one of the two out",
                              others[i].name);
-    return KILN_OK;
-}
-
-/* What of patches Embree alone has. */
-static int patches_by_embree(struct kiln_job *job, struct kiln_error *error)
-{
-    const struct unused_option of_embree[] = {{"visibility-cache", job->patches.visibility_cache > 0.0},
-                                              {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS}};
-    for (size_t i = 0; i < sizeof of_embree / sizeof *of_embree; i++) {
-        if (!of_embree[i].wanted)
-            continue;
-        if (strcmp(job->backend, "vulkan") == 0)
-            return kiln_fail(error, KILN_USAGE, "--%s traces with Embree: give --backend embree", of_embree[i].name);
-        return kiln_job_keep(job, "embree", strlen("embree"), &job->backend, error);
-    }
     return KILN_OK;
 }
 
@@ -537,7 +538,7 @@ static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = check_order(job, error);
     if (status == KILN_OK)
-        status = patches_by_embree(job, error);
+        status = check_visibility(job, error);
     if (status != KILN_OK)
         return status;
     job->materials = KILN_GLOSS_MODE_DIFFUSE;

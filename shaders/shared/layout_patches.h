@@ -1,12 +1,14 @@
 /* Patches on the device (worker/pass/patches.h); part of shaders/shared/push.h. */
 
-/* Of struct kiln_patch what a point needs that gathers, and its albedo. */
+/* Of struct kiln_patch what a point needs that gathers, and its albedo; its tile run among the own ones, and its place
+ * in that. */
 struct kiln_gpu_patch {
     KILN_VECTOR place, normal;
     KILN_WORD number;
     KILN_REAL32 albedo[3];
+    KILN_WORD run, place_in_run;
 };
-KILN_SIZE_IS(kiln_gpu_patch, 40);
+KILN_SIZE_IS(kiln_gpu_patch, 48);
 
 /* Of struct kiln_patch_node what says whether it faces a point, which is asked of every pair; */
 struct kiln_gpu_node_facing {
@@ -25,8 +27,53 @@ struct kiln_gpu_node_shape {
 KILN_SIZE_IS(kiln_gpu_node_shape, 48);
 
 /* Nodes lie in rows, one a thread; a row of a point has so many floats: incident, irradiance (3 each), the sum of its
- * factors, and how many pairs face each other. */
+ * factors, and three numbers of pairs, of which a row has KILN_GPU_PAIRS_BASE - 1 at most: those that face each other
+ * times KILN_GPU_PAIRS_BASE^2, of these those that were known times KILN_GPU_PAIRS_BASE, and those that were traced. */
 #define KILN_GPU_PATCH_FLOATS 8u
+#define KILN_GPU_PAIRS_BASE 128u
+#define KILN_GPU_PAIRS_WORDS 3u /* of a point: traced, known, facing */
+
+/* What pairs see of each other besides by rays: patches.comp's own constant. */
+#define KILN_GPU_SIGHT_VOXELS 1u /* in the place of rays */
+#define KILN_GPU_SIGHT_FILTER 2u /* rays that it frees are not traced */
+#define KILN_GPU_SIGHT_KEPT 4u   /* what is known is not asked again, and what is found is kept */
+
+/* The grid (worker/scene/voxels.h), and what is kept (worker/backend/vulkan/visibility.h). `reals` are of the kernel's
+ * `real`: the grid's corner, cells a metre, and from KILN_GPU_GRID_REALS on planes of KILN_GPU_PLANE_REALS each:
+ * normal, place along that, how far places may be off. */
+struct kiln_gpu_sight {
+    KILN_ADDRESS words, before, plane_of, reals;
+    KILN_ADDRESS runs; /* struct kiln_gpu_sight_run of each own tile run */
+    KILN_WORD n[3];
+    KILN_WORD groups; /* of 64 columns */
+};
+KILN_SIZE_IS(kiln_gpu_sight, 56);
+#define KILN_GPU_GRID_REALS 4u
+#define KILN_GPU_PLANE_REALS 5u
+
+/* What is kept of a tile run: words, in this order, with g groups and n points: known columns of each group (2 g),
+ * columns that some pair is partly open in (2 g), where the tile pair's bits are (g), what its pairs were found to be
+ * (g), and for each tile pair with bits those of its points (2 n). */
+struct kiln_gpu_sight_run {
+    KILN_ADDRESS words;                   /* 0: there is no room */
+    KILN_WORD count, room, used;          /* points; tile pairs that may have bits, and that have some */
+    KILN_WORD open, shut, mixed, unknown; /* tile pairs, as struct kiln_visibility_counts has them */
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_sight_run, 40);
+
+/* Where a tile pair's bits are, if it has none; else its number among those with bits. */
+#define KILN_GPU_PAIRS_NONE 0xffffffffu    /* unknown */
+#define KILN_GPU_PAIRS_NOTHING 0xfffffffeu /* no pair was asked for */
+#define KILN_GPU_PAIRS_ALL_OPEN 0xfffffffdu
+#define KILN_GPU_PAIRS_ALL_SHUT 0xfffffffcu
+#define KILN_GPU_PAIRS_BITS 0xfffffffbu /* numbers are below */
+
+/* What pairs were found to be, as enum kiln_pairs has it; KILN_GPU_PAIRS_NEW: in this step. */
+#define KILN_GPU_PAIRS_OPEN 1u
+#define KILN_GPU_PAIRS_SHUT 2u
+#define KILN_GPU_PAIRS_PARTIAL 4u
+#define KILN_GPU_PAIRS_NEW 8u
 
 struct kiln_gpu_patch_sums { /* of all rows */
     KILN_REAL32 incident[3], irradiance[3];

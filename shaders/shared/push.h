@@ -332,8 +332,10 @@ struct kiln_gpu_patches_push {
     KILN_WORD row_first;                 /* row of y = 0 */
     KILN_REAL32 most_factor, most_added; /* struct kiln_patches_parameters */
     KILN_WORD reserved;
+    KILN_ADDRESS sight; /* struct kiln_gpu_sight */
+    KILN_ADDRESS open;  /* words: w of point x at w * chunk.total + x; two a group, bits of open pairs */
 };
-KILN_SIZE_IS(kiln_gpu_patches_push, 112);
+KILN_SIZE_IS(kiln_gpu_patches_push, 128);
 KILN_OFFSET_IS(kiln_gpu_patches_push, nodes, 88);
 
 /* patches_reduce.comp: adds up the rows. */
@@ -341,12 +343,34 @@ struct kiln_gpu_patches_reduce_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_ADDRESS slices, results; /* results: struct kiln_gpu_patch_sums */
-    KILN_ADDRESS rays;            /* word: pairs of a point that face each other */
+    KILN_ADDRESS rays;            /* KILN_GPU_PAIRS_WORDS words a point */
     KILN_WORD rows;
     KILN_WORD reserved;
 };
 KILN_SIZE_IS(kiln_gpu_patches_reduce_push, 88);
 KILN_OFFSET_IS(kiln_gpu_patches_reduce_push, rows, 80);
+
+/* sight_forget.comp: group x of own tile run y. */
+struct kiln_gpu_sight_forget_push {
+    KILN_ADDRESS sight;
+    KILN_ADDRESS same;   /* two words a group: columns of which something may be known still */
+    KILN_ADDRESS forget; /* word of each own tile run: 1: nothing is */
+    KILN_WORD runs;
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_sight_forget_push, 32);
+
+/* sight_open.comp and sight_store.comp: word y of point x of a chunk, between what is kept and what patches.comp reads
+ * and writes. sight_close.comp: tile run x of the chunk. */
+struct kiln_gpu_sight_push {
+    KILN_ADDRESS sight;
+    KILN_ADDRESS points, open; /* as in struct kiln_gpu_patches_push */
+    KILN_ADDRESS columns;      /* two words a group: those of the step's nodes */
+    KILN_WORD total;           /* points, */
+    KILN_WORD run_first, runs; /* and own tile runs */
+    KILN_WORD reserved;
+};
+KILN_SIZE_IS(kiln_gpu_sight_push, 48);
 
 #include "shaders/shared/layout_links.h"
 

@@ -273,7 +273,8 @@ def main():
     check_furnace(kiln, checks, table, known['furnace_cube_rho0.5'])
     check_furnace(kiln, checks, table, known['furnace_cube_rho0.9'])
     for more in (('--undersample', 'stride'), ('--undersample', 'random'), ('--undersample', 'mipmap'),
-                 ('--subdivide', 0.5), ('--order', 'unshot'), ('--visibility', 'voxels')):
+                 ('--subdivide', 0.5), ('--order', 'unshot'), ('--visibility', 'voxels'),
+                 ('--visibility', 'filter')):
         check_furnace(kiln, checks, table, known['furnace_cube_rho0.5'], *more)
     check_convergence(kiln, checks, table)
     check_contact(kiln, checks, table)

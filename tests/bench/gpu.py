@@ -1,12 +1,13 @@
 """Rays per second of whole bounce passes on a GPU, by traversal and scene, and one bake over several GPUs; what pairs
 of patches, links and states of kept rays take; rays of light paths that land, and of gathers with gloss and without.
 
-  /usr/bin/python3 tests/bench/gpu.py --kiln build/release/kiln [--gpus 1 2 4] [--only rates scaling pairs states links
-      gloss]
+  /usr/bin/python3 tests/bench/gpu.py --kiln build/release/kiln [--gpus 1 2 4] [--only rates scaling pairs visibility
+      states links gloss]
 
 The aims on one H200 are 8, 2.5 and 2.0 billion rays a second in the Cornell box, at 250 thousand and at 4 million
 triangles. The bake is the city's, at least 16 million points; its table shows what of each pass the devices were busy.
-All pairs of 768 x 768 texels are to take 60 s a bounce, a state of 3 million points 20 ms, of sixteen at once 10.
+All pairs of 768 x 768 texels are to take 60 s a bounce; what grids and kept visibility add or save is of two bounces. A
+state of 3 million points 20 ms, of sixteen at once 10.
 Links are of the statue's box with as many texels as 256 x 256 and 1024 x 1024: a bounce in which they are found, one
 in which they are added up, and a relight from them. With gloss, light paths that land are to trace 0.4 times the rays a
 second of the gather.
@@ -73,6 +74,26 @@ def pairs(kiln, scene):
         seconds = sum(b['device_seconds'] for b in bake.run['bounces'] if b['kind'] != 'direct')
         table.row(points, '%.2g' % points**2, '%.2g' % rays, '%.3f' % seconds, '%.2f' % (rays / seconds / 1e9),
                   '%.1f' % (seconds * (768 * 768 / points)**2))
+        bake.remove()
+
+
+def visibility(kiln, scene, density=20):
+    """Two bounces of all pairs, by who says what they see: rays in all, seconds of the device bounce by bounce, what is
+    kept, and by how much the sum of all light differs from that by rays."""
+    table = harness.Table(('options', 44), ('rays', 8), ('1st, s', 7), ('2nd, s', 7), ('GiB', 6), ('light', 8))
+    by_rays = None
+    for more in ((), ('--visibility', 'filter', '--voxels', 8), ('--visibility', 'filter', '--voxels', 32),
+                 ('--visibility', 'voxels', '--voxels', 64), ('--visibility-cache', 24), ('--visibility-cache', 0.5),
+                 ('--visibility-cache', 24, '--visibility', 'filter', '--voxels', 8)):
+        bake = measure.must(kiln.bake(scene, '--method', 'radiosity', '--bounces', 2, '--texels-per-metre', density,
+                                      '--samples-direct', 16, '--samples-indirect', 64, '--samples-probe', 0,
+                                      '--denoise', 'none', '--no-export', *more, timeout=3600))
+        seconds = [b['device_seconds'] for b in bake.run['bounces'] if b['kind'] != 'direct']
+        light = (bake.points.total.T @ bake.points.area).sum()
+        by_rays = light if by_rays is None else by_rays
+        table.row(' '.join(map(str, more)), '%.2g' % bake.run['rays']['bounces'], '%.3f' % seconds[0],
+                  '%.3f' % seconds[1], '%.2f' % (bake.run.get('visibility_cache', {}).get('bytes', 0) / 2**30),
+                  '%+.1e' % (light / by_rays - 1))
         bake.remove()
 
 
@@ -184,7 +205,7 @@ def gloss(kiln):
             table.row(name, materials, 64, '%.3f' % seconds, '%.1f' % (1e3 * seconds / 64))
 
 
-WHAT = ('rates', 'scaling', 'pairs', 'states', 'links', 'gloss')
+WHAT = ('rates', 'scaling', 'pairs', 'visibility', 'states', 'links', 'gloss')
 
 
 def main():
@@ -195,6 +216,8 @@ def main():
     kiln.backend = 'vulkan'
     if 'pairs' in arguments.only:
         pairs(kiln, measure.made(kiln, 'cornell-statue', '--triangles', 29429))
+    if 'visibility' in arguments.only:
+        visibility(kiln, measure.made(kiln, 'cornell-statue', '--triangles', 29429))
     if 'links' in arguments.only:
         links(kiln, measure.made(kiln, *SCENES[1][1]))
     if 'gloss' in arguments.only:

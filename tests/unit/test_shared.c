@@ -23,6 +23,7 @@
 #include "shaders/intersect.h"
 #include "shaders/occlusion.h"
 #include "shaders/occlusion_reduce.h"
+#include "shaders/patches.h"
 #include "shaders/path.h"
 #include "shaders/probes.h"
 #include "shaders/probes_reduce.h"
@@ -32,6 +33,9 @@
 #include "shaders/shared/mask.h"
 #include "shaders/shared/push.h"
 #include "shaders/shared/warp.h"
+#include "shaders/sight_close.h"
+#include "shaders/sight_forget.h"
+#include "shaders/sight_open.h"
 #include "shaders/validity.h"
 
 /* ---- a reader of SPIR-V: names and offsets of struct members (SPIR-V specification, sections 2.3 and 3.42) ---- */
@@ -49,11 +53,12 @@ struct module {
 #        kernel, kiln_spirv_##kernel, sizeof kiln_spirv_##kernel / sizeof(uint32_t)                                    \
     }
 static const struct module modules[] = {
-    MODULE(choose),     MODULE(direct),           MODULE(gather),       MODULE(gather_reduce),
-    MODULE(probes),     MODULE(probes_reduce),    MODULE(intersect),    MODULE(validity),
-    MODULE(occlusion),  MODULE(occlusion_reduce), MODULE(directional),  MODULE(directional_reduce),
-    MODULE(path),       MODULE(guided),           MODULE(guided_learn), MODULE(guided_reduce),
-    MODULE(replay_take)};
+    MODULE(choose),      MODULE(direct),           MODULE(gather),       MODULE(gather_reduce),
+    MODULE(probes),      MODULE(probes_reduce),    MODULE(intersect),    MODULE(validity),
+    MODULE(occlusion),   MODULE(occlusion_reduce), MODULE(directional),  MODULE(directional_reduce),
+    MODULE(path),        MODULE(guided),           MODULE(guided_learn), MODULE(guided_reduce),
+    MODULE(replay_take), MODULE(patches),          MODULE(sight_forget), MODULE(sight_open),
+    MODULE(sight_close)};
 
 /* The next instruction from *at on with this code; NULL: none. */
 static const uint32_t *next(const struct module *m, size_t *at, uint32_t code)
@@ -152,6 +157,16 @@ static void offsets(void **state)
                                             MEMBER(kiln_gpu_replay_push, samples),
                                             MEMBER(kiln_gpu_replay_push, split),
                                             MEMBER(kiln_gpu_replay_push, groups),
+                                            MEMBER(kiln_gpu_patches_push, most_added),
+                                            MEMBER(kiln_gpu_patches_push, open),
+                                            MEMBER(kiln_gpu_patch, place_in_run),
+                                            MEMBER(kiln_gpu_sight, reals),
+                                            MEMBER(kiln_gpu_sight, groups),
+                                            MEMBER(kiln_gpu_sight_run, used),
+                                            MEMBER(kiln_gpu_sight_run, unknown),
+                                            MEMBER(kiln_gpu_sight_forget_push, runs),
+                                            MEMBER(kiln_gpu_sight_push, columns),
+                                            MEMBER(kiln_gpu_sight_push, runs),
                                             MEMBER(kiln_gpu_held, powers),
                                             MEMBER(kiln_gpu_held, count),
                                             MEMBER(kiln_gpu_held, seed),

@@ -18,8 +18,10 @@ import same_bits  # noqa: E402
 
 # More than one slice of a probe's samples, quarters that differ by a sample, choices of lights with few samples and
 # with many.
-OPTIONS = ('--quality', 'draft', '--samples-direct', 19, '--samples-bounce', 4, '--samples-indirect', 21,
-           '--samples-probe', 18)
+OPTIONS = ('--quality', 'draft', '--samples-direct', 19, '--samples-indirect', 21, '--samples-probe', 18)
+BOUNCE = ('--samples-bounce', 4)  # which patches have none of
+# What is kept, and a filter, change no bit of it.
+RADIOSITY = ('--texels-per-metre', 1, '--method', 'radiosity', '--lights', 'patches', '--bounces', 2)
 SKY = 'sky.hdr'
 GLASS = 'glass.glb'  # made when wanted
 CASES = (  # scene, options of all its bakes, guarded bakes: guard, ranks, more options
@@ -29,6 +31,7 @@ CASES = (  # scene, options of all its bakes, guarded bakes: guard, ranks, more 
     ('cornell.glb', ('--texels-per-metre', 3),
      (('before', 0, ('--traversal', 'binary')), ('after', 0, ('--verify-fraction', 0.2)))),
     ('penumbra_alphamask.glb', ('--lightmap-max', 16, '--environment', SKY), (('after', 0, ('--traversal', 'four')),)),
+    ('cornell.glb', RADIOSITY, (('after', 0, ('--visibility-cache', 4e-5)), ('before', 2, ('--visibility', 'filter')))),
     ('punctual_zoo.glb', ('--lightmap-max', 12, '--environment', '0.1,0.2,0.3'), (('after', 0, ()),)),
     ('textured_emitter.glb', ('--lightmap-max', 16), (('after', 0, ('--traversal', 'all')),)),
     ('many_lights.glb', ('--lightmap-max', 4), (('after', 0, ()),)),
@@ -71,8 +74,8 @@ def bits(bake):
 
 def run_case(kiln, checks, device, case):
     name, options, ways = case
-    options = OPTIONS + tuple(os.path.join(kiln.scratch, o) if o == SKY else o
-                              for o in options) + ('--device', device, '--threads', 1)
+    options = OPTIONS + (() if options == RADIOSITY else BOUNCE) + tuple(
+        os.path.join(kiln.scratch, o) if o == SKY else o for o in options) + ('--device', device, '--threads', 1)
     if SKY in case[1]:
         write_sky(os.path.join(kiln.scratch, SKY))
     kiln.environment['KILN_VULKAN_GUARD'] = '0'

@@ -4,7 +4,10 @@ rays that pass by an edge, which rounding may decide otherwise.
 - The Cornell box, lamps as patches: the same number of rays but for 1e-4 of them; light of 99 % of the texels within
   1e-5, relative to at least a thousandth of the mean; the sum of all light within 1e-6 where no texel is apart.
 - The same for windows of texels, joined texels and clamps.
-- The same by rays in the place of pairs, with those to bright patches; cached pairs and voxels are refused.
+- The same by rays in the place of pairs, with those to bright patches.
+- By a grid of voxels the same pairs see each other as on Embree; a filter frees the same rays, and a cache saves the
+  same. With either the bits are those of rays, with room for all pairs and for some, with glass between patches, over 3
+  ranks whose points move, in rounds, and from a device that was lost.
 - Smooth normals, and layers that let light through.
 - The same bits from other dispatches, memory and ranks, and from a device that was lost.
 - A closed furnace within 0.1 %.
@@ -17,9 +20,10 @@ import sys
 import numpy as np
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-sys.path[:0] = [os.path.join(HERE, '..', 'common'), os.path.join(HERE, '..', 'mpi')]
+sys.path[:0] = [os.path.join(HERE, '..', folder) for folder in ('common', 'mpi', 'analytic')]
 import harness  # noqa: E402
 import same_result  # noqa: E402
+import visibility  # noqa: E402
 
 CORNELL = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
 MORE = ('cornell_spheres.glb', 'cornell_layers.glb')  # where they are
@@ -30,7 +34,8 @@ NODES = (('--undersample', 'mipmap', '--sampling-window', 2), ('--subdivide', 0.
          ('--order', 'unshot'))
 RAYS = (('--gather', 'even', '--directions', 64), ('--gather', 'cosine'))
 MIXED = ('--gather', 'mixed', '--directions', 64)
-REFUSED = (('--visibility-cache', 1), ('--visibility', 'voxels'))
+VOXELS, FILTER = ('--visibility', 'voxels', '--voxels', 32), ('--visibility', 'filter', '--voxels', 16)
+ALL, SOME = ('--visibility-cache', 1), ('--visibility-cache', 4e-5)
 
 
 def on(kiln, backend, scene, *options, **more):
@@ -84,11 +89,63 @@ def check_same_bits(kiln, checks, wanted, options=(), box=BOX,
             bake.remove()
 
 
-def check_refused(kiln, checks):
-    for more in REFUSED:
-        bake = on(kiln, 'vulkan', CORNELL, *BOX, *more)
-        checks.that(bake.process.status == 64 and 'traces with Embree' in bake.process.stderr,
-                    '%s: %d: %s' % (more, bake.process.status, bake.process.sentence()), bake.process)
+def check_cache(kiln, checks, what, bake, rays):
+    """Of a bake with kept visibility, and the rays of bounces of one without."""
+    said = bake.run.get('visibility_cache')
+    checks.that(said is not None and rays - bake.run['rays']['bounces'] == said['rays_saved'] > 0,
+                '%s: %d rays without, %s of it' % (what, rays, said), bake.process)
+    return said
+
+
+def check_few(kiln, checks, table):
+    """A filter and a cache in one bake, which costs little: rays and light as on Embree, without either."""
+    both = compare(kiln, checks, table, 'filter, cache', CORNELL, *BOX, *FILTER, *ALL, both=True)
+    rays = on(kiln, 'embree', CORNELL, *BOX)
+    if both is None or not checks.baked(rays):
+        return
+    found, wanted = light(both[0])[0], light(rays)[0]
+    off = np.abs(found - wanted).max()
+    checks.that(off == 0, 'on Embree a filter and a cache change light by %g' % off, both[0].process)
+    first = [bake.run['rays']['emitters'] for bake in (*both, rays)]
+    checks.that(first[0] == first[1] < 0.7 * first[2], 'the filter leaves %s rays' % first)
+    said = [bake.run['visibility_cache'] for bake in both]
+    checks.that(all(said[0][key] == said[1][key] for key in ('cached', 'open', 'shut', 'pairs', 'rays_saved')),
+                'of the cache it is said %s' % said, both[1].process)
+
+
+def check_visibility(kiln, checks, table, wanted, rays):
+    """The Cornell box's bits by rays alone, and its rays of bounces."""
+    ways = ((0, (), {}),)
+    lost = ((0, ('--dispatch-time', 1), {'KILN_GPU_FAULT': 'lost:250'}),
+            (3, ('--threads', 1, '--rebalance', 'always'), {}))
+    for options, more in ((FILTER, ways), (SOME, ways + lost), (FILTER + ALL, lost)):
+        check_same_bits(kiln, checks, wanted, options, ways=more)
+    said = []
+    for options in (ALL, SOME):
+        bake = on(kiln, 'vulkan', CORNELL, *BOX, *options)
+        if checks.baked(bake):
+            said.append(check_cache(kiln, checks, options, bake, rays))
+    if len(said) == 2:
+        checks.that(said[0]['cached'] == 1 > said[1]['cached'] > 0 and said[1]['bytes'] <= SOME[1] * 2 ** 30 and
+                    0 < said[1]['rays_saved'] < said[0]['rays_saved'], 'all and some: %s' % said)
+    voxels = compare(kiln, checks, table, 'voxels', CORNELL, *BOX, *VOXELS)
+    if voxels is not None:
+        checks.that(same_result.points(voxels) != wanted, 'voxels: the bits of rays', voxels.process)
+        check_same_bits(kiln, checks, same_result.points(voxels), VOXELS + ALL, ways=ways + lost[1:])
+    glass = visibility.with_glass(os.path.join(kiln.scratch, 'glass.glb'))
+    for scene, more in ((glass, ()), (CORNELL, ('--order', 'unshot')), (CORNELL, ('--undersample', 'random'))):
+        check_scene(kiln, checks, scene, *more)
+
+
+def check_scene(kiln, checks, scene, *options):
+    plain = on(kiln, 'vulkan', scene, *BOX, *options)
+    for more in (FILTER + SOME, ALL):
+        bake = on(kiln, 'vulkan', scene, *BOX, *options, *more)
+        if checks.baked(plain) and checks.baked(bake):
+            checks.that(same_result.points(bake) == same_result.points(plain),
+                        '%s %s %s: other bits than by rays' % (scene, options, more), bake.process)
+            rays = [sum(b.run['rays'][key] for key in ('bounces', 'rounds', 'emitters')) for b in (plain, bake)]
+            checks.that(rays[1] < rays[0], '%s %s %s: %s rays' % (scene, options, more, rays), bake.process)
 
 
 def check_furnace(kiln, checks, *options):
@@ -102,17 +159,25 @@ def check_furnace(kiln, checks, *options):
 
 
 def main():
-    add = lambda p: p.add_argument('--traversal', default='auto', help='of the Vulkan backend')
+    def add(parser):
+        parser.add_argument('--traversal', default='auto', help='of the Vulkan backend')
+        parser.add_argument('--few', action='store_true', help='a filter and a cache alone')
+
     arguments, kiln = harness.start(__doc__, add)
     kiln.environment['KILN_VULKAN_VALIDATION'] = os.environ.get('KILN_VULKAN_VALIDATION', '1')
     checks = harness.Checks()
     table = harness.Table(('scene', 44), ('rays', 9), ('more', 5), ('median', 8), ('worst', 8), ('apart', 5),
                           ('all', 9))
+    if arguments.few:
+        check_few(kiln, checks, table)
+        checks.end()
+        return
     box = compare(kiln, checks, table, 'Cornell box', CORNELL, *BOX, '--traversal', arguments.traversal)
     if box is not None:
         said = box.run['backend']
         checks.that(said['name'] == 'vulkan' and 'pairs of patches' in said['kernels'], 'run.json says %s' % said)
         check_same_bits(kiln, checks, same_result.points(box))
+        check_visibility(kiln, checks, table, same_result.points(box), box.run['rays']['bounces'])
     mixed = compare(kiln, checks, table, ' '.join(map(str, MIXED)), CORNELL, *BOX, *MIXED)
     if mixed is not None:
         check_same_bits(kiln, checks, same_result.points(mixed), MIXED,
@@ -122,7 +187,6 @@ def main():
     for name in filter(harness.own_scene, MORE):
         compare(kiln, checks, table, name, harness.own_scene(name), *FEW, '--texels-per-metre', 2, '--bounces', 1)
     check_furnace(kiln, checks)
-    check_refused(kiln, checks)
     checks.end()
 
 

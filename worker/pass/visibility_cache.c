@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "worker/base/clock.h"
 #include "worker/base/memory.h"
 
 /* What a tile pair's place among the bits is where it has none. */
@@ -29,7 +30,10 @@ struct kiln_visibility_cache {
     uint64_t first, count;  /* own points */
     struct entry **entries; /* of the tile run whose first point it is */
     uint64_t *columns;      /* of each group: numbers that the step's nodes have */
-    struct ends *ends;      /* of each number, of the node that had it last */
+    uint64_t *same;         /* likewise: those whose pairs are as in the step before */
+    uint64_t moved, step;
+    struct kiln_visibility_counts on_device;
+    struct ends *ends; /* of each number, of the node that had it last */
     struct kiln_visibility_counts counts;
 };
 
@@ -42,9 +46,12 @@ int kiln_visibility_cache_create(struct kiln_visibility_cache **cache, uint64_t 
     int status = kiln_allocate(&c, 1, sizeof *c, "the visibility cache", error);
     if (status == KILN_OK) {
         c->most = bytes;
+        c->step = (uint64_t)(kiln_clock_seconds() * 1e9); /* no two caches have one in common */
         c->groups = groups_of(points);
         status = kiln_allocate(&c->columns, (size_t)c->groups, sizeof *c->columns, "the visibility cache", error);
     }
+    if (status == KILN_OK)
+        status = kiln_allocate(&c->same, (size_t)c->groups, sizeof *c->same, "the visibility cache", error);
     if (status == KILN_OK)
         status = kiln_allocate(&c->ends, (size_t)(64 * c->groups), sizeof *c->ends, "the visibility cache", error);
     if (status != KILN_OK)
@@ -76,6 +83,7 @@ void kiln_visibility_cache_destroy(struct kiln_visibility_cache **cache)
         return;
     forget_all(*cache);
     kiln_free(&(*cache)->columns);
+    kiln_free(&(*cache)->same);
     kiln_free(&(*cache)->ends);
     kiln_free(cache);
 }
@@ -88,9 +96,32 @@ static uint64_t entry_bytes(uint64_t groups, uint64_t words)
 
 uint64_t kiln_visibility_cache_bytes(uint64_t most, uint64_t own, uint64_t points)
 {
-    const uint64_t groups = groups_of(points), fixed = groups * (8 + 64 * sizeof(struct ends)) + own * sizeof(void *);
+    const uint64_t groups = groups_of(points), fixed = groups * (16 + 64 * sizeof(struct ends)) + own * sizeof(void *);
     const double all = (double)own * (double)groups * 8.0 + (double)groups_of(own) * (double)entry_bytes(groups, 0);
     return fixed + (all < (double)most ? (uint64_t)all : most);
+}
+
+/* ---- kept by a device ---- */
+
+struct kiln_visibility_of_step kiln_visibility_cache_of_step(const struct kiln_visibility_cache *c)
+{
+    return (struct kiln_visibility_of_step){c->most, c->groups, c->moved, c->step, c->same, c->columns};
+}
+
+void kiln_visibility_cache_tell(struct kiln_visibility_cache *c, const struct kiln_visibility_counts *counts)
+{
+    const uint64_t asked = c->on_device.asked + counts->asked, answered = c->on_device.answered + counts->answered;
+    c->on_device = *counts;
+    c->on_device.asked = asked;
+    c->on_device.answered = answered;
+}
+
+uint64_t kiln_visibility_device_bytes(uint64_t most, uint64_t own, uint64_t points)
+{
+    const double groups = (double)groups_of(points),
+                 runs = 2.0 * (double)groups_of(own), /* of half as many points as a tile has at most */
+        all = groups * ((double)own * 8.0 + runs * 4.0 * KILN_VISIBILITY_DEVICE_WORDS);
+    return all < (double)most ? (uint64_t)all : most;
 }
 
 /* ---- a step ---- */
@@ -100,6 +131,7 @@ static int take_points(struct kiln_visibility_cache *c, const struct kiln_surfac
     if (c->entries != NULL && c->first == surface->first.at && c->count == surface->count)
         return KILN_OK;
     forget_all(c);
+    c->moved++;
     c->first = surface->first.at;
     c->count = surface->count;
     return kiln_allocate(&c->entries, (size_t)c->count, sizeof *c->entries, "the visibility cache", error);
@@ -116,11 +148,10 @@ static void keep_columns(struct kiln_visibility_cache *c, const uint64_t *same)
 int kiln_visibility_cache_begin(struct kiln_visibility_cache *c, const struct kiln_surface *surface,
                                 const struct kiln_patch_node *nodes, uint64_t count, struct kiln_error *error)
 {
-    uint64_t *same = NULL;
-    int status = kiln_allocate(&same, (size_t)c->groups, sizeof *same, "the visibility cache", error);
-    if (status == KILN_OK)
-        status = take_points(c, surface, error);
+    uint64_t *same = c->same;
+    const int status = take_points(c, surface, error);
     if (status == KILN_OK) {
+        c->step++;
         memset(same, 0xff, c->groups * sizeof *same);
         memset(c->columns, 0, c->groups * sizeof *c->columns);
         for (uint64_t k = 0; k < count; k++) {
@@ -133,13 +164,15 @@ int kiln_visibility_cache_begin(struct kiln_visibility_cache *c, const struct ki
         }
         keep_columns(c, same);
     }
-    kiln_free(&same);
     return status;
 }
 
 struct kiln_visibility_counts kiln_visibility_cache_count(const struct kiln_visibility_cache *c)
 {
-    struct kiln_visibility_counts counts = c->counts;
+    struct kiln_visibility_counts counts = c->on_device;
+    counts.bytes += c->counts.bytes;
+    counts.asked += c->counts.asked;
+    counts.answered += c->counts.answered;
     for (uint64_t i = 0; i < c->count; i++)
         for (uint64_t g = 0; c->entries != NULL && c->entries[i] != NULL && g < c->groups; g++) {
             const uint32_t at = c->entries[i]->at[g];

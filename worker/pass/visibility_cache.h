@@ -10,7 +10,10 @@
  *
  * Memory is shared out by points: a tile run has its part of the whole, and when that is used up the rest of its tile
  * pairs are traced in each step. So what is kept does not hang on the order of work. A tile run that another process
- * has computed is kept when this one computes it. */
+ * has computed is kept when this one computes it.
+ *
+ * A device keeps it likewise, in its own memory (worker/backend/vulkan/visibility.h): the cache then says what it may
+ * take, and what is to be forgotten, and has its counts. */
 #ifndef KILN_WORKER_PASS_VISIBILITY_CACHE_H
 #define KILN_WORKER_PASS_VISIBILITY_CACHE_H
 
@@ -78,6 +81,31 @@ uint64_t kiln_visibility_cache_bytes(uint64_t most, uint64_t own, uint64_t point
 int kiln_visibility_cache_begin(struct kiln_visibility_cache *cache, const struct kiln_surface *surface,
                                 const struct kiln_patch_node *nodes, uint64_t count, struct kiln_error *error);
 struct kiln_visibility_counts kiln_visibility_cache_count(const struct kiln_visibility_cache *cache);
+
+/* ---- kept by a device ---- */
+
+/* What a device must know. Borrowed until the next step. */
+struct kiln_visibility_of_step {
+    uint64_t most;           /* bytes */
+    uint64_t groups;         /* of columns */
+    uint64_t moved;          /* another number than before: of other points; all is to be forgotten */
+    uint64_t step;           /* its number, one more than that of the step before; `same` goes from that to this */
+    const uint64_t *same;    /* of each group, a bit a column: 0: what is known of it is to be forgotten */
+    const uint64_t *columns; /* of each group: numbers that the step's nodes have */
+};
+
+struct kiln_visibility_of_step kiln_visibility_cache_of_step(const struct kiln_visibility_cache *cache);
+/* What has come of it: `asked` and `answered` are added to those before, the others are as they are now. All 0: it
+ * keeps nothing. */
+void kiln_visibility_cache_tell(struct kiln_visibility_cache *cache, const struct kiln_visibility_counts *counts);
+/* Bytes that a device takes at most. */
+uint64_t kiln_visibility_device_bytes(uint64_t most, uint64_t own, uint64_t points);
+
+/* Words of 32 bits of a tile run on a device, besides its bits, for a group of columns: known and partial columns, its
+ * place among the bits, what was found. */
+#define KILN_VISIBILITY_DEVICE_WORDS 6u
+
+/* ---- kept in this process's memory ---- */
 
 /* A thread's own. `cache` NULL: there is none. KILN_SYSTEM. */
 int kiln_visibility_work_create(struct kiln_visibility_work *work, const struct kiln_visibility_cache *cache,

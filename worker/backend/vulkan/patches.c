@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "worker/backend/vulkan/hemisphere.h"
+#include "worker/backend/vulkan/visibility.h"
 #include "worker/base/memory.h"
 
 #include "shaders/patches.h"
@@ -37,6 +38,7 @@ struct patches_run {
     struct gpu_kernel *pairs, *sums;
     uint32_t row, rows; /* nodes of a row; rows */
     uint64_t rays;
+    struct kiln_visibility_counts seen;
 };
 
 /* Of the batch's points, the first of a tile run. */
@@ -60,6 +62,12 @@ static void describe_points(const struct patches_run *r, struct kiln_gpu_patch *
         for (uint64_t c = 0; c < 3; c++)
             to[i].albedo[c] = (float)s->albedo[3 * (own.at + i) + c] / 65535.0f;
     }
+    for (size_t f = r->batch->first; f < r->batch->first + r->batch->count; f++)
+        for (uint32_t i = 0; i < s->tile_runs[f].count; i++) {
+            struct kiln_gpu_patch *point = &to[place_of(r, f) + i];
+            point->run = (uint32_t)f;
+            point->place_in_run = i;
+        }
 }
 
 static void describe_nodes(const struct patches_run *r, struct kiln_gpu_node_facing *facings,
@@ -161,13 +169,18 @@ static int gather(struct patches_run *r, struct kiln_error *error)
 static int prepare(void *context, struct kiln_error *error)
 {
     struct patches_run *r = context;
-    int status = vulkan_kernel_of(r->b, &pairs_shader, false, 0, &r->pairs, error);
+    int status = vulkan_kernel_of(r->b, &pairs_shader, false, vulkan_visibility_sight(r->b, r->p), &r->pairs, error);
     if (status == KILN_OK)
         status = vulkan_kernel_of(r->b, &sums_shader, false, 0, &r->sums, error);
     if (status == KILN_OK)
         status = bring_points(r, error);
+    if (status == KILN_OK)
+        status = vulkan_visibility_prepare(r->b, r->p, r->batch, error);
     return status == KILN_OK ? bring_nodes(r, error) : status;
 }
+
+/* Of a point's rows in the scratch. */
+static size_t row_bytes(const struct patches_run *r) { return r->rows * KILN_GPU_PATCH_FLOATS * sizeof(float); }
 
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
                   struct kiln_error *error)
@@ -186,10 +199,17 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
                                                .nodes_a_row = r->row,
                                                .row_first = chunk->row_first,
                                                .most_factor = (float)r->p->most_factor,
-                                               .most_added = (float)r->p->most_added};
+                                               .most_added = (float)r->p->most_added,
+                                               .sight = b->visibility.root.address,
+                                               .open = chunk->scratch + row_bytes(r) * chunk->all.total};
+    const bool keeps = (vulkan_visibility_sight(b, r->p) & KILN_GPU_SIGHT_KEPT) != 0;
+    if (keeps && chunk->row_first == 0)
+        vulkan_visibility_open(b, chunk, &push, recording);
     vulkan_record(recording, r->pairs, chunk->all.count, chunk->row_count, &push, sizeof push);
     if (!chunk->last)
         return KILN_OK;
+    if (keeps)
+        vulkan_visibility_close(b, chunk, &push, recording);
     const struct kiln_gpu_patches_reduce_push sums = {.scene = b->scene.address,
                                                       .chunk = chunk->all,
                                                       .slices = chunk->scratch,
@@ -230,13 +250,17 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     const uint64_t count = kiln_tile_runs_points(runs, runs + tile_run_count - 1);
     const struct kiln_gpu_patch_sums *sums = results;
     const uint64_t first = place_of(r, tile_run_first);
-    uint64_t rays = 0;
-#pragma omp parallel for num_threads((int)r->b->threads) reduction(+ : rays) if (count > 1 << 14)
+    uint64_t rays = 0, known = 0, facing = 0;
+#pragma omp parallel for num_threads((int)r->b->threads) reduction(+ : rays, known, facing) if (count > 1 << 14)
     for (uint64_t i = 0; i < count; i++) {
         finish_point(r, first + i, &sums[i]);
-        rays += words[i];
+        rays += words[KILN_GPU_PAIRS_WORDS * i];
+        known += words[KILN_GPU_PAIRS_WORDS * i + 1];
+        facing += words[KILN_GPU_PAIRS_WORDS * i + 2];
     }
     r->rays += rays;
+    r->seen.answered += known;
+    r->seen.asked += facing;
     return r->batch->take != NULL
                ? r->batch->take(r->batch->context, tile_run_first, tile_run_count, r->results + first, error)
                : KILN_OK;
@@ -255,13 +279,20 @@ static int run_pairs(struct patches_run *r, struct kiln_error *error)
                                            .rows = r->rows,
                                            .work = nodes > 0 ? (double)nodes / r->rows : 1.0,
                                            .first_guess = 1 << 19,
-                                           .scratch_bytes = r->rows * KILN_GPU_PATCH_FLOATS * sizeof(float),
+                                           .scratch_bytes = row_bytes(r) + vulkan_visibility_scratch(r->b, r->p),
                                            .wants_words = true,
+                                           .words = KILN_GPU_PAIRS_WORDS,
                                            .prepare = prepare,
                                            .record = record,
                                            .take = take,
                                            .context = r};
-    return vulkan_run_in_chunks(r->b, &chunked, r->batch, error);
+    const bool keeps = (vulkan_visibility_sight(r->b, r->p) & KILN_GPU_SIGHT_KEPT) != 0;
+    int status = vulkan_run_in_chunks(r->b, &chunked, r->batch, error);
+    if (status == KILN_OK && keeps)
+        status = vulkan_visibility_count(r->b, &r->seen, error);
+    if (keeps)
+        kiln_visibility_cache_tell(r->p->cache, &r->seen);
+    return status;
 }
 
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,

@@ -13,6 +13,7 @@
 #include "worker/backend/vulkan/kept_rows.h"
 #include "worker/backend/vulkan/regression.h"
 #include "worker/backend/vulkan/spheres.h"
+#include "worker/backend/vulkan/visibility.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/sequence.h"
 
@@ -169,6 +170,7 @@ static void clear(struct vulkan_backend *b)
     gpu_buffer_destroy(b->gpu, &b->patches);
     gpu_buffer_destroy(b->gpu, &b->node_facings);
     gpu_buffer_destroy(b->gpu, &b->node_shapes);
+    vulkan_visibility_release(b);
     gpu_buffer_destroy(b->gpu, &b->sobol);
     b->sobol_count = 0;
     gpu_buffer_destroy(b->gpu, &b->rays);

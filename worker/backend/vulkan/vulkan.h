@@ -6,9 +6,10 @@
  * surfaces.c (of the scene, what paths and chains ask for), regression.c
  * (denoising), chunks.c (running a pass over tile runs in chunks), hemisphere.c (what passes that sample the hemisphere
  * over points have in common), answers.c (what a device hands over of points), points.c (surface points on the device),
- * kept_rows.c and held.c (kept rows, and light that stays with them), groups.c (the light of groups), lights.c,
- * materials.c and techniques.c (the scene on the device), bvh.c, acceleration.c and tracer.c (what finds hits),
- * layout.h (what C and the shaders share). gpu/ is Vulkan for compute and knows no light.
+ * visibility.c (what pairs of patches see), kept_rows.c and held.c (kept rows, and light that stays with them),
+ * groups.c (the light of groups), lights.c, materials.c and techniques.c (the scene on the device), bvh.c,
+ * acceleration.c and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute
+ * and knows no light.
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
  * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
@@ -31,6 +32,7 @@
 #include "worker/backend/vulkan/tracer.h"
 #include "worker/light/lights.h"
 #include "worker/pass/path.h"
+#include "worker/scene/voxels.h"
 #include "worker/store/store.h"
 
 #include "shaders/shared/push.h"
@@ -139,6 +141,23 @@ struct vulkan_held {
     size_t answer_count, answer_room;
 };
 
+/* What pairs of patches see of each other (visibility.h). */
+struct vulkan_visibility {
+    struct kiln_voxel_arrays grid; /* that is there; words NULL: none */
+    struct gpu_buffer words, before, plane_of, reals;
+    struct gpu_buffer root; /* struct kiln_gpu_sight */
+    /* whose pairs are kept, NULL: none; and what they were made for */
+    const struct kiln_visibility_cache *of;
+    const struct kiln_surface *surface;
+    uint64_t moved, first, count, groups;
+    uint64_t step;              /* that was forgotten for last */
+    uint64_t *places;           /* of each own tile run, the points that are computed */
+    struct gpu_buffer *buffers; /* tile runs' words */
+    size_t buffer_count, buffer_room;
+    struct gpu_buffer runs, changes; /* changes: the columns of the step's nodes, which are the same, who forgets all */
+    struct gpu_kernel *open, *close, *store;
+};
+
 #define VULKAN_USUAL_SCRATCH (512ull << 20) /* bytes */
 
 enum { VULKAN_REGRESSION_SWEEPS = 5, VULKAN_REGRESSION_ARRAYS = 8 };
@@ -234,6 +253,7 @@ struct vulkan_backend {
     struct gpu_buffer link_rays[VULKAN_LINK_GROUPS]; /* of groups: link_views.c, as are the next */
     struct gpu_buffer link_answers[VULKAN_LINK_GROUPS];
     struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
+    struct vulkan_visibility visibility;
     struct gpu_pacer pacers[VULKAN_PACES];
     struct both_run *both; /* what the bidirectional or the land pass has made, for its next call; or NULL */
     double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */
