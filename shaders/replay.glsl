@@ -22,8 +22,7 @@
 KILN_PUSH(kiln_gpu_replay_push);
 layout(constant_id = 6) const uint LIGHTS = 1u;
 
-/* Threads of a point: those of a workgroup are a multiple. */
-const uint LANES = LIGHTS > 8u ? 16u : LIGHTS > 4u ? 8u : LIGHTS > 2u ? 4u : LIGHTS;
+const uint LANES = KILN_ROW_LANES(LIGHTS);
 const uint THREADS = 64u, POINTS = THREADS / LANES, RAYS = 16u;
 const uint ROUNDS = POINTS * RAYS / THREADS;
 

@@ -5,10 +5,11 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
+#include "shaders/shared/rows.h"
 
 KILN_PUSH(kiln_gpu_replay_push);
 layout(constant_id = 6) const uint LIGHTS = 1u;
-const uint LANES = LIGHTS > 8u ? 16u : LIGHTS > 4u ? 8u : LIGHTS > 2u ? 4u : LIGHTS; /* as replay.glsl has them */
+const uint LANES = KILN_ROW_LANES(LIGHTS);
 
 #include "shaders/held.glsl"
 #include "shaders/held_sums.glsl"

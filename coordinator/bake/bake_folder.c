@@ -66,6 +66,8 @@ static int remove_stale(const struct kiln_bake *b, struct kiln_error *error)
                                               .more_count = b->transport_file_count};
     const int status =
         kiln_manifest_prune(b->job->output, b->prepared->scene, b->prepared->surface, &parts, &pruned, error);
+    if (status == KILN_OK && b->job->keep_transport == KILN_KEEP_NONE)
+        (void)kiln_rmdir_below(b->job->output, "transport"); /* if that has left it empty */
     if (status == KILN_OK && pruned.removed > 0 && !b->job->quiet)
         (void)fprintf(stderr, "kiln: removed %zu file%s of the previous bake that this one does not write\n",
                       pruned.removed, pruned.removed == 1 ? "" : "s");

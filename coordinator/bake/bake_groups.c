@@ -192,6 +192,32 @@ static uint32_t group_of_sky(const struct rules *r)
     return found;
 }
 
+static bool emits(const struct kiln_material *m)
+{
+    return m->emission[0] > 0.0f || m->emission[1] > 0.0f || m->emission[2] > 0.0f;
+}
+
+/* Refuses a pattern for materials that matches none that emits. A relight may have turned them off. */
+static int check_emission(const struct kiln_bake *b, const struct rules *r, struct kiln_error *error)
+{
+    const char *name;
+    json_t *rules, *pattern;
+    size_t i;
+    json_object_foreach(r->groups, name, rules) json_array_foreach(json_object_get(rules, "materials"), i, pattern)
+    {
+        bool any = b->job->relight != NULL;
+        for (size_t n = 0; n < r->scene->material_count && !any; n++)
+            any = emits(&r->scene->materials[n]) &&
+                  fnmatch(json_string_value(pattern), kiln_scene_string(r->scene, r->scene->materials[n].name), 0) == 0;
+        if (!any)
+            return kiln_fail(error, KILN_USAGE,
+                             "--light-groups: %.300s: %s: the material '%.200s' emits no light; name one that does, or "
+                             "leave it out",
+                             b->job->light_groups, name, json_string_value(pattern));
+    }
+    return KILN_OK;
+}
+
 /* Whether anything of the scene has a name that each pattern matches. */
 static int check_patterns(const struct rules *r, struct kiln_error *error)
 {
@@ -256,6 +282,8 @@ static int sort(struct kiln_bake *b, struct kiln_error *error)
         status = kiln_allocate(&g->block_of, l->area_count + 1, sizeof *g->block_of, "groups", error);
     if (status == KILN_OK)
         status = check_patterns(&r, error);
+    if (status == KILN_OK)
+        status = check_emission(b, &r, error);
     if (status == KILN_OK)
         status = sort_areas(&r, l, g, error);
     if (status == KILN_OK)

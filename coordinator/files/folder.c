@@ -194,18 +194,22 @@ int kiln_open_below(const char *directory, const char *name, int flags, mode_t m
     return status;
 }
 
-int kiln_unlink_below(const char *directory, const char *name)
+static int remove_below(const char *directory, const char *name, int flags)
 {
     struct kiln_folder folder;
     const char *base;
     if (open_parent(&folder, directory, name, &base, NULL) != KILN_OK)
         return -1;
-    const int result = kiln_unlinkat(folder.descriptor, base, 0);
+    const int result = kiln_unlinkat(folder.descriptor, base, flags);
     const int number = errno;
     kiln_folder_close(&folder);
     errno = number;
     return result;
 }
+
+int kiln_unlink_below(const char *directory, const char *name) { return remove_below(directory, name, 0); }
+
+int kiln_rmdir_below(const char *directory, const char *name) { return remove_below(directory, name, AT_REMOVEDIR); }
 
 int kiln_read_file_below(const char *directory, const char *name, size_t limit, char **bytes, size_t *size,
                          struct kiln_error *error)

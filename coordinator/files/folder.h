@@ -46,6 +46,9 @@ int kiln_open_below(const char *directory, const char *name, int flags, mode_t m
  * one is a link. */
 int kiln_unlink_below(const char *directory, const char *name);
 
+/* The same of a folder; ENOTEMPTY if something is in it. */
+int kiln_rmdir_below(const char *directory, const char *name);
+
 /* Reads the file DIRECTORY/NAME, as kiln_read_file (publish.h) does. */
 int kiln_read_file_below(const char *directory, const char *name, size_t limit, char **bytes, size_t *size,
                          struct kiln_error *error);

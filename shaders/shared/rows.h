@@ -9,4 +9,7 @@
 
 #define KILN_ROW_LIGHTS 16u /* that a device gathers at once */
 
+/* Threads of a point under so many lights: those of a workgroup are a multiple. */
+#define KILN_ROW_LANES(lights) ((lights) > 8u ? KILN_ROW_LIGHTS : (lights) > 4u ? 8u : (lights) > 2u ? 4u : (lights))
+
 #endif

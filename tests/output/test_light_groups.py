@@ -86,11 +86,14 @@ class LightGroups(unittest.TestCase):
     def mpi(self, ranks):
         return os.environ.get('MPIRUN', 'mpirun'), '-n', str(ranks), '--oversubscribe'
 
-    def test_unknown_name(self):
-        groups = self.write('groups.yaml', 'a: {objects: [nowhere]}\n')
-        answer = kiln('bake', SCENE, *SMALL, '--light-groups', groups, '-o', os.path.join(self.folder, 'out'))
-        self.assertEqual(answer.code, 64)
-        self.assertIn("'nowhere'", answer.err)
+    def test_refused_names(self):
+        for text, parts in (('a: {objects: [nowhere]}\n', ("'nowhere'",)),
+                            ('lamps: {materials: [white]}\n', ('groups.yaml', 'lamps', "'white' emits no light"))):
+            groups = self.write('groups.yaml', text)
+            answer = kiln('bake', SCENE, *SMALL, '--light-groups', groups, '-o', os.path.join(self.folder, 'out'))
+            self.assertEqual(answer.code, 64, answer.err)
+            for part in parts:
+                self.assertIn(part, answer.err)
 
 
 if __name__ == '__main__':

@@ -75,6 +75,12 @@ with tempfile.TemporaryDirectory() as folder:
     with open(os.path.join(out, "manifest")) as file:
         assert "gone.exr" not in file.read()
 
+    # nothing is left of transport that was kept
+    bake(one, out, "--samples-probe", "0", "--no-preview", "--keep-transport", "rows")
+    assert os.listdir(os.path.join(out, "transport"))
+    bake(one, out, "--samples-probe", "0", "--no-preview")
+    assert not os.path.exists(os.path.join(out, "transport")), listing(out)
+
     # a refused bake removes nothing; a manifest that names a file outside is not believed
     there = listing(out)
     write(os.path.join(folder, "broken.glb"), "no scene")

@@ -34,8 +34,7 @@ SOME = (
      {'KILN_GPU_FAULT': 'memory:120'}),
     (SIDES, 'verified, little memory, binary BVH', 0,
      ('--verify-fraction', 0.2, '--device-memory', 0.26, '--traversal', 'binary'), {}),
-    (LIGHTS, '2 ranks, dispatches of 2 ms', 2, ('--dispatch-time', 2), {}),
-    (SIDES, 'lost, dispatches of 1 ms', 0, ('--dispatch-time', 1), {'KILN_GPU_FAULT': 'lost:150'}),
+    (SIDES, '2 ranks, lost, dispatches of 1 ms', 2, ('--dispatch-time', 1), {'KILN_GPU_FAULT': 'lost:150'}),
 )
 
 

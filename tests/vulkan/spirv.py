@@ -3,33 +3,27 @@ does not run: those whose names match a pattern, or all."""
 import argparse
 import glob
 import os
-import re
 import shutil
 import subprocess
 import sys
 
 
-def words(path):
-    with open(path) as file:
-        return b''.join(int(word, 16).to_bytes(4, 'little') for word in re.findall(r'0x([0-9a-f]{8})', file.read()))
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--shaders', required=True, help='folder of the headers that shaders become')
+    parser.add_argument('--shaders', required=True, help='folder of what shaders become')
     parser.add_argument('patterns', nargs='*', default=['*'], help='of names of shaders')
     arguments = parser.parse_args()
     if shutil.which('spirv-val') is None:
         print('spirv-val is not here: it comes with spirv-tools')
         sys.exit(77)
     files = sorted({path for pattern in arguments.patterns
-                    for path in glob.glob(os.path.join(arguments.shaders, pattern + '.h'))})
+                    for path in glob.glob(os.path.join(arguments.shaders, pattern + '.spv'))})
     wrong = 0
     for path in files:
-        done = subprocess.run(['spirv-val', '--target-env', 'vulkan1.2', '--scalar-block-layout'], input=words(path),
-                              capture_output=True, check=False)
+        done = subprocess.run(['spirv-val', '--target-env', 'vulkan1.2', '--scalar-block-layout', path],
+                              capture_output=True, text=True, check=False)
         if done.returncode != 0:
-            print('%s: %s' % (os.path.basename(path), done.stderr.decode().strip()))
+            print('%s: %s' % (os.path.basename(path), done.stderr.strip()))
             wrong += 1
     print('%d shaders, of which %d are not valid' % (len(files), wrong))
     sys.exit(1 if wrong or len(files) < len(arguments.patterns) else 0)

@@ -257,10 +257,7 @@ static uint64_t rows_of(const struct rows_run *r, const struct vulkan_chunk *chu
 /* Threads of so many points under so many lights: shaders/replay.glsl. */
 static uint32_t threads_of(uint32_t total, uint32_t lights)
 {
-    uint32_t lanes = 1;
-    while (lanes < lights)
-        lanes *= 2;
-    const uint32_t points = GROUP / lanes;
+    const uint32_t points = GROUP / KILN_ROW_LANES(lights);
     return (total + points - 1) / points * GROUP;
 }
 
