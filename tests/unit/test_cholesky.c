@@ -144,7 +144,7 @@ static void check_system(size_t count, size_t cliques, bool anywhere)
     }
     printf("%zu unknowns, %zu eliminated, %.1f entries a column: residual %.2g\n", count, e.eliminated,
            (double)kiln_elimination_entries(&e) / (double)count, worst);
-    assert_true(worst < (anywhere ? 1e-6 : 1e-9));
+    assert_true(worst < (anywhere ? 1e-5 : 1e-9));
     free(all);
     free(one);
     free(product);

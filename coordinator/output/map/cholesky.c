@@ -9,7 +9,7 @@
 enum { NONE = UINT32_MAX, MOST_ITERATIONS = 1000 };
 
 /* Conjugate gradients end when the square of the residual is so small relative to the right side's. */
-#define SMALL 1e-18
+#define SMALL 1e-16
 
 /* `lanes` is a constant where these functions are used. */
 #define LANE_CODE static inline __attribute__((always_inline))
@@ -40,6 +40,8 @@ int kiln_cholesky_create(struct kiln_cholesky *c, const struct kiln_elimination 
     if (status == KILN_OK)
         status = kiln_allocate_bare(&c->next, count, sizeof *c->next, what, error);
     if (status == KILN_OK)
+        status = kiln_allocate(&c->core, core, lanes * sizeof *c->core, what, error);
+    if (status == KILN_OK)
         status = kiln_allocate_bare(&c->residual, core, lanes * sizeof *c->residual, what, error);
     if (status == KILN_OK)
         status = kiln_allocate_bare(&c->direction, core, lanes * sizeof *c->direction, what, error);
@@ -57,6 +59,7 @@ void kiln_cholesky_destroy(struct kiln_cholesky *c)
     kiln_free(&c->waiting);
     kiln_free(&c->behind);
     kiln_free(&c->next);
+    kiln_free(&c->core);
     kiln_free(&c->residual);
     kiln_free(&c->direction);
     kiln_free(&c->product);
@@ -201,25 +204,37 @@ LANE_CODE void turn_core(struct kiln_cholesky *c, const size_t lanes, const doub
             c->direction[i + l] = c->residual[i + l] / diagonal[i + l] + part[l] * c->direction[i + l];
 }
 
+/* Begins with the solution before, as a step from 0: gives the preconditioned norm of its residual, and what is small
+ * enough for it. x are the right sides, and then that solution. */
+LANE_CODE void begin_core(struct kiln_cholesky *c, const size_t lanes, double *x, double norm[KILN_CHOLESKY_LANES],
+                          double enough[KILN_CHOLESKY_LANES])
+{
+    const size_t size = (c->elimination->count - c->elimination->eliminated) * lanes * sizeof *x;
+    double step[KILN_CHOLESKY_LANES] = {0.0};
+    memcpy(c->residual, x, size);
+    memset(x, 0, size);
+    memcpy(c->direction, c->core, size);
+    multiply_core(c, lanes, norm);
+    step_core(c, lanes, x, step, norm);
+    for (size_t l = 0; l < lanes; l++) {
+        enough[l] = SMALL * norm[l];
+        step[l] = 1.0;
+    }
+    step_core(c, lanes, x, step, norm);
+}
+
 /* Replaces the core's right sides by the solutions. A lane that has arrived takes steps of no length. */
 LANE_CODE void solve_core(struct kiln_cholesky *c, const size_t lanes, double *x)
 {
-    const size_t count = c->elimination->count - c->elimination->eliminated;
-    double norm[KILN_CHOLESKY_LANES], next[KILN_CHOLESKY_LANES], enough[KILN_CHOLESKY_LANES],
-        step[KILN_CHOLESKY_LANES] = {0.0}, part[KILN_CHOLESKY_LANES] = {0.0};
-    memcpy(c->residual, x, count * lanes * sizeof *x);
-    memset(x, 0, count * lanes * sizeof *x);
-    memset(c->direction, 0, count * lanes * sizeof *x);
-    memset(c->product, 0, count * lanes * sizeof *x);
-    step_core(c, lanes, x, step, norm);
-    for (size_t l = 0; l < lanes; l++)
-        enough[l] = SMALL * norm[l];
+    double norm[KILN_CHOLESKY_LANES], next[KILN_CHOLESKY_LANES], enough[KILN_CHOLESKY_LANES], step[KILN_CHOLESKY_LANES],
+        part[KILN_CHOLESKY_LANES] = {0.0};
+    begin_core(c, lanes, x, norm, enough);
     for (int iteration = 0; iteration < MOST_ITERATIONS; iteration++) {
         bool any = false;
         for (size_t l = 0; l < lanes; l++)
             any = any || norm[l] > enough[l];
         if (!any)
-            return;
+            break;
         turn_core(c, lanes, part);
         multiply_core(c, lanes, step);
         for (size_t l = 0; l < lanes; l++)
@@ -229,6 +244,13 @@ LANE_CODE void solve_core(struct kiln_cholesky *c, const size_t lanes, double *x
             part[l] = norm[l] > enough[l] ? next[l] / norm[l] : 0.0;
         memcpy(norm, next, sizeof norm);
     }
+    memcpy(c->core, x, (c->elimination->count - c->elimination->eliminated) * lanes * sizeof *x);
+}
+
+void kiln_cholesky_forget(struct kiln_cholesky *c)
+{
+    const size_t core = c->elimination->count - c->elimination->eliminated;
+    memset(c->core, 0, core * c->lanes * sizeof *c->core);
 }
 
 /* ---- solutions ---- */

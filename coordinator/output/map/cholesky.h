@@ -17,13 +17,13 @@ enum { KILN_CHOLESKY_LANES = 8 };
 struct kiln_cholesky {
     const struct kiln_elimination *elimination; /* borrowed */
     size_t lanes;
-    double *matrix;                         /* one number for each entry below the diagonal, the same in all lanes */
-    double *diagonal;                       /* of the matrices; then D, and the core's */
-    double *entries;                        /* of L, and of the core */
-    double *column;                         /* working memory */
-    uint32_t *waiting, *behind;             /* columns by the next row that they have an entry in, as lists */
-    size_t *next;                           /* that entry of each column */
-    double *residual, *direction, *product; /* of the core */
+    double *matrix;             /* one number for each entry below the diagonal, the same in all lanes */
+    double *diagonal;           /* of the matrices; then D, and the core's */
+    double *entries;            /* of L, and of the core */
+    double *column;             /* working memory */
+    uint32_t *waiting, *behind; /* columns by the next row that they have an entry in, as lists */
+    size_t *next;               /* that entry of each column */
+    double *core, *residual, *direction, *product; /* of the core; core: its solution, with which the next one begins */
 };
 
 /* The number of lanes for so many matrices: 1, 2, 4, 6 or 8. */
@@ -36,6 +36,8 @@ void kiln_cholesky_destroy(struct kiln_cholesky *cholesky);
 
 /* Replaces `diagonal`. */
 void kiln_cholesky_factorize(struct kiln_cholesky *cholesky);
+/* Forgets the solution that the next one would begin with, if there is a core. */
+void kiln_cholesky_forget(struct kiln_cholesky *cholesky);
 /* Replaces the right sides by the solutions. */
 void kiln_cholesky_solve(struct kiln_cholesky *cholesky, double *x);
 

@@ -9,9 +9,9 @@ enum { NONE = UINT32_MAX };
 
 /* The work of a factor that is too much, as the sum of the squares of entries in columns: for each unknown, and where
  * there are few. */
-enum { MUCH_WORK = 1000, MUCH_WORK_OF_FEW = 1 << 20 };
+enum { MUCH_WORK = 300, MUCH_WORK_OF_FEW = 1 << 18 };
 /* Where it is too much, unknowns with more neighbours than that are the core. */
-enum { MANY_NEIGHBOURS = 24 };
+enum { MANY_NEIGHBOURS = 14 };
 
 /* A set of unknowns that have entries with one another: a clique, or what is left of an eliminated unknown's. */
 struct element {

@@ -52,8 +52,9 @@ struct solver {
     float *baked;
     float *low, *high; /* range of the baked values around each unknown */
     bool *held;
-    double *change, *row;    /* x - baked; and of samples in the place of unknowns */
-    bool solves[LANES_MOST]; /* lanes whose change is sought */
+    double *change, *next;   /* x - baked, as it is and as it is found now */
+    double *row;             /* of samples in the place of unknowns */
+    bool solves[LANES_MOST]; /* lanes whose change is sought; none with values that are not finite */
 };
 
 int kiln_seam_system_create(struct kiln_seam_system **system, size_t unknown_count, size_t sample_count,
@@ -137,6 +138,7 @@ static void free_solver(struct solver *v)
     kiln_free(&v->high);
     kiln_free(&v->held);
     kiln_free(&v->change);
+    kiln_free(&v->next);
     kiln_free(&v->row);
 }
 
@@ -314,6 +316,15 @@ static int make_matrix(struct solver *v, struct kiln_error *error)
 
 /* ---- the solution ---- */
 
+/* Takes what has been found into the lanes that are solved: the others have what they had been solved for. */
+static void keep_change(struct solver *v)
+{
+    for (size_t u = 0; u < v->unknown_count; u++)
+        for (size_t l = 0; l < v->lanes; l++)
+            if (v->solves[l])
+                v->change[u * v->lanes + l] = v->next[u * v->lanes + l];
+}
+
 /* Solves (A^T A + diag(pull)) change = -A^T A baked, in each lane by itself. */
 static void find_change(struct solver *v)
 {
@@ -330,11 +341,12 @@ static void find_change(struct solver *v)
             double sum = 0.0;
             for (size_t t = v->readers.first[u]; t < v->readers.first[u + 1]; t++)
                 sum -= (double)v->readers.terms[t].weight * v->row[v->readers.terms[t].sample * lanes + l];
-            v->change[u * lanes + l] = sum;
+            v->next[u * lanes + l] = sum;
             v->factor.diagonal[u * lanes + l] = v->diagonal[u] + (v->held[u * lanes + l] ? hold : v->pull[u]);
         }
     kiln_cholesky_factorize(&v->factor);
-    kiln_cholesky_solve(&v->factor, v->change);
+    kiln_cholesky_solve(&v->factor, v->next);
+    keep_change(v);
 }
 
 static void find_ranges(struct solver *v, size_t lane)
@@ -374,15 +386,18 @@ static bool hold_values(struct solver *v, size_t lane)
     return any;
 }
 
-/* Solves again where values had to be held, a few times. */
+/* Solves lanes again where values had to be held, a few times. */
 static void solve_and_hold(struct solver *v)
 {
     bool any = true;
+    kiln_cholesky_forget(&v->factor);
     for (int round = 0; round <= MOST_ROUNDS && any; round++) {
         find_change(v);
         any = false;
-        for (size_t l = 0; l < v->planes && round < MOST_ROUNDS; l++)
-            any = hold_values(v, l) || any;
+        for (size_t l = 0; l < v->lanes && round < MOST_ROUNDS; l++) {
+            v->solves[l] = v->solves[l] && hold_values(v, l);
+            any = any || v->solves[l];
+        }
     }
 }
 
@@ -401,22 +416,22 @@ static size_t lanes_for(size_t planes, size_t entries)
 static void take_plane(struct solver *v, size_t lane, const float *plane)
 {
     v->solves[lane] = true;
-    for (size_t i = 0; i < v->unknown_count; i++) {
-        v->baked[i * v->lanes + lane] = plane[v->unknowns[i]];
-        v->solves[lane] = v->solves[lane] && isfinite(plane[v->unknowns[i]]);
+    for (size_t i = 0, at = lane; i < v->unknown_count; i++, at += v->lanes) {
+        v->baked[at] = plane[v->unknowns[i]];
+        v->change[at] = 0.0;
+        v->held[at] = false;
+        v->solves[lane] = v->solves[lane] && isfinite(v->baked[at]);
     }
-    for (size_t i = lane; i < v->unknown_count * v->lanes; i += v->lanes)
-        v->held[i] = false;
     find_ranges(v, lane);
 }
 
 /* The plane is that of a lane with its change, within the ranges. */
 static void give_plane(const struct solver *v, size_t lane, float *plane)
 {
-    for (size_t i = 0; i < v->unknown_count && v->solves[lane]; i++) {
-        const size_t at = i * v->lanes + lane;
+    for (size_t i = 0, at = lane; i < v->unknown_count; i++, at += v->lanes) {
         const float value = (float)((double)v->baked[at] + v->change[at]);
-        plane[v->unknowns[i]] = fmaxf(v->low[at], fminf(v->high[at], value));
+        if (isfinite(v->baked[at]))
+            plane[v->unknowns[i]] = fmaxf(v->low[at], fminf(v->high[at], value));
     }
 }
 
@@ -428,6 +443,8 @@ static int allocate_lanes(struct solver *v, struct kiln_error *error)
     int status = kiln_allocate(&v->row, v->sample_count * v->lanes, sizeof *v->row, what, error);
     if (status == KILN_OK)
         status = kiln_allocate(&v->change, count, sizeof *v->change, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&v->next, count, sizeof *v->next, what, error);
     if (status == KILN_OK)
         status = kiln_allocate(&v->held, count, sizeof *v->held, what, error);
     for (size_t i = 0; status == KILN_OK && i < sizeof floats / sizeof *floats; i++)
@@ -471,6 +488,7 @@ static void solve_sets(struct solver *v, const struct planes *planes)
 {
     for (size_t first = 0; first < planes->count; first += v->lanes) {
         v->planes = planes->count - first < v->lanes ? planes->count - first : v->lanes;
+        memset(v->solves, 0, sizeof v->solves);
         for (size_t l = 0; l < v->planes; l++)
             take_plane(v, l, v->system->planes[planes->first + (first + l) * planes->step]);
         solve_and_hold(v);
