@@ -184,7 +184,7 @@ static void check_same(const struct kiln_seam_system *a, const struct kiln_seam_
         assert_memory_equal(a->planes[p], b->planes[p], a->unknown_count * sizeof(float));
 }
 
-/* Planes that are solved side by side, by few threads or by a team of many, are what each is alone. */
+/* Planes that are solved side by side, by few threads or by many, are what each is alone. */
 static void check_threads(size_t unknowns, size_t samples, const int *threads, size_t count)
 {
     struct kiln_seam_system *alone = NULL;
@@ -211,17 +211,43 @@ static void test_planes_side_by_side(void **state)
     check_threads(300, 200, (const int[]){1, 2, 3, 4, 5, 6, 7, 8, 9}, 9);
 }
 
-static void test_team(void **state)
+static void test_large(void **state)
 {
     (void)state;
     check_threads(21000, 4000, (const int[]){5, 7}, 2);
-    check_threads(140000, 4000, (const int[]){4}, 1); /* so many that few planes are under way */
+    check_threads(140000, 4000, (const int[]){4}, 1);
+}
+
+/* Two parts, the first of which has a value that is not finite: it stays, and the other is solved. */
+static void test_not_finite(void **state)
+{
+    (void)state;
+    struct kiln_seam_system *s = NULL;
+    assert_int_equal(kiln_seam_system_create(&s, 16, 2, 2, NULL), 0);
+    for (uint32_t i = 0; i < 2; i++)
+        for (uint32_t k = 0; k < KILN_SEAM_ENTRIES; k++) {
+            s->samples[i].at[k] = 8 * i + k;
+            s->samples[i].weight[k] = k < KILN_SEAM_SIDE ? 0.25f : -0.25f;
+        }
+    for (uint32_t u = 0; u < 16; u++) {
+        s->area[u] = 1.0f;
+        s->planes[0][u] = s->planes[1][u] = u % 8 < KILN_SEAM_SIDE ? 1.0f : 2.0f;
+    }
+    s->planes[0][1] = INFINITY;
+    assert_int_equal(kiln_seam_system_solve(s, 0, 1, NULL), 0);
+    for (uint32_t u = 0; u < 16; u++) {
+        const float was = u == 1 ? INFINITY : u % 8 < KILN_SEAM_SIDE ? 1.0f : 2.0f;
+        assert_true((s->planes[0][u] == was) == (u < 8));
+        assert_true(fabsf(s->planes[1][u] - 1.5f) < 0.2f); /* both sides have come nearer */
+    }
+    kiln_seam_system_destroy(&s);
 }
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_charts_and_seam), cmocka_unit_test(test_smoothing),
-                                       cmocka_unit_test(test_what_stays), cmocka_unit_test(test_planes_side_by_side),
-                                       cmocka_unit_test(test_team)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_charts_and_seam), cmocka_unit_test(test_smoothing),
+        cmocka_unit_test(test_what_stays),      cmocka_unit_test(test_planes_side_by_side),
+        cmocka_unit_test(test_large),           cmocka_unit_test(test_not_finite)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,33 +1,35 @@
 #include "coordinator/output/map/seam_system.h"
 
 #include <math.h>
-#include <omp.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "coordinator/output/image.h"
-#include "coordinator/output/map/team.h"
-#include "worker/base/clones.h"
+#include "coordinator/output/map/cholesky.h"
 #include "worker/base/memory.h"
 
-enum { SIDE = KILN_SEAM_SIDE, ENTRIES = KILN_SEAM_ENTRIES, MOST_ITERATIONS = 200, MOST_ROUNDS = 4 };
+enum { SIDE = KILN_SEAM_SIDE, ENTRIES = KILN_SEAM_ENTRIES, LANES_MOST = KILN_CHOLESKY_LANES, MOST_ROUNDS = 4 };
 
 /* In place of the relative area of values that stand for none. */
 static const double margin_pull = 0.01;
 /* The weight of a value that is held where it is. */
 static const double hold = 1e3;
 
-/* Planes that are solved side by side at most. Each is computed as if it were alone: their values stand next to one
- * another, so that what a sample reads of all of them is one place in memory, and the processor's lanes have one each.
- */
-enum { LANES_MOST = 8 };
-/* Of more unknowns than these one plane after the other is solved: some 500 bytes of each for eight would be much. */
-enum { SHARED_MOST = 1 << 17 };
+/* Numbers of a factor at most, unless one plane alone has more. */
+enum { MOST_NUMBERS = 1 << 24 };
+/* Systems of fewer unknowns are solved by one thread. */
+enum { ALONE = 1 << 10 };
 
-/* Where several threads work on the same planes: unknowns of each, at least, and lanes, at least. */
-enum { ENOUGH = 1 << 12, TEAM_LANES = 4, TEAM_LEAST = 5 };
+/* Unknowns and samples by parts: those that samples connect, directly or through others. */
+struct parts {
+    size_t count;
+    uint32_t *part_of; /* of each unknown; before, another of its part, or itself */
+    uint32_t *unknowns, *samples;
+    size_t *first, *first_sample; /* of each part in these lists, and the end */
+    uint32_t *order;              /* of parts by size, the largest first */
+};
 
-/* What reads an unknown: terms[first[u]] to terms[first[u + 1]] in the order of samples. So every unknown is summed by
- * one thread, in that order. */
+/* What reads an unknown: terms[first[u]] to terms[first[u + 1]] in the order of samples. */
 struct readers {
     uint32_t *first;
     struct term {
@@ -36,21 +38,23 @@ struct readers {
     } * terms;
 };
 
-/* Working memory of conjugate gradients for some planes. Arrays have `lanes` numbers for each unknown. */
+/* A part with some of its planes. Unknowns are numbered in the order of elimination; arrays have `lanes` numbers for
+ * each. */
 struct solver {
     const struct kiln_seam_system *system;
-    const struct readers *readers;
-    size_t lanes, planes; /* planes: lanes that are in use */
-    int threads;          /* that work on them */
+    size_t unknown_count, sample_count, lanes, planes; /* planes: lanes that are in use */
+    uint32_t *unknowns;                                /* their numbers in the system */
+    struct kiln_seam_sample *samples;
+    struct readers readers;
+    struct kiln_elimination elimination;
+    struct kiln_cholesky factor;
+    double *pull, *diagonal; /* one of each unknown: w a (seam_system.h), and of A^T A */
     float *baked;
-    double *pull;                                     /* w a of each unknown (seam_system.h) */
-    double *diagonal;                                 /* of the matrix */
-    double *x, *residual, *direction, *product, *row; /* `row` is of samples in the place of unknowns */
-    double *change;                                   /* x where it was found; the next solution begins with it */
-    float *low, *high;                                /* range of the baked values around each unknown */
-    bool solves[LANES_MOST];                          /* lanes whose change x is sought */
-    bool again;                                       /* some values are held now that were not before */
-    double enough[LANES_MOST];                        /* the norm of the residual that is small enough */
+    float *low, *high; /* range of the baked values around each unknown */
+    bool *held;
+    double *change, *next;   /* x - baked, as it is and as it is found now */
+    double *row;             /* of samples in the place of unknowns */
+    bool solves[LANES_MOST]; /* lanes whose change is sought; none with values that are not finite */
 };
 
 int kiln_seam_system_create(struct kiln_seam_system **system, size_t unknown_count, size_t sample_count,
@@ -119,471 +123,439 @@ double kiln_seam_difference(float *const *planes, const struct kiln_seam_sample 
     return count == 0 ? 0.0 : sqrt(sum / (double)count);
 }
 
-static int allocate_solver(struct solver *v, struct kiln_error *error)
+static void free_solver(struct solver *v)
 {
-    double **doubles[] = {&v->pull, &v->diagonal, &v->x, &v->residual, &v->direction, &v->product, &v->change};
-    float **floats[] = {&v->baked, &v->low, &v->high};
-    const size_t count = v->system->unknown_count * v->lanes;
-    int status = kiln_allocate(&v->row, v->system->sample_count * v->lanes, sizeof(double), "seam samples", error);
-    for (size_t i = 0; status == KILN_OK && i < sizeof doubles / sizeof *doubles; i++)
-        status = kiln_allocate(doubles[i], count, sizeof(double), "a seam's system", error);
-    for (size_t i = 0; status == KILN_OK && i < sizeof floats / sizeof *floats; i++)
-        status = kiln_allocate(floats[i], count, sizeof(float), "a seam's system", error);
+    kiln_free(&v->unknowns);
+    kiln_free(&v->samples);
+    kiln_free(&v->readers.first);
+    kiln_free(&v->readers.terms);
+    kiln_elimination_destroy(&v->elimination);
+    kiln_cholesky_destroy(&v->factor);
+    kiln_free(&v->pull);
+    kiln_free(&v->diagonal);
+    kiln_free(&v->baked);
+    kiln_free(&v->low);
+    kiln_free(&v->high);
+    kiln_free(&v->held);
+    kiln_free(&v->change);
+    kiln_free(&v->next);
+    kiln_free(&v->row);
+}
+
+/* ---- parts ---- */
+
+static uint32_t leader_of(uint32_t *leader, uint32_t u)
+{
+    while (leader[u] != u)
+        u = leader[u] = leader[leader[u]];
+    return u;
+}
+
+/* Each unknown gets the number of its part; parts are numbered by their least unknowns. */
+static void number_parts(struct parts *p, const struct kiln_seam_system *s)
+{
+    for (uint32_t u = 0; u < s->unknown_count; u++)
+        p->part_of[u] = u;
+    for (size_t i = 0; i < s->sample_count; i++)
+        for (int k = 1; k < ENTRIES; k++) {
+            const uint32_t a = leader_of(p->part_of, s->samples[i].at[0]),
+                           b = leader_of(p->part_of, s->samples[i].at[k]);
+            p->part_of[a > b ? a : b] = a > b ? b : a;
+        }
+    for (uint32_t u = 0; u < s->unknown_count; u++) /* what leads is less, and has its number by now */
+        p->part_of[u] = p->part_of[u] == u ? (uint32_t)p->count++ : p->part_of[p->part_of[u]];
+}
+
+/* Lists the numbers 0 to count - 1 by parts. first[part] is where those of a part begin. */
+static void list_by_parts(size_t *first, size_t parts, uint32_t *list, const uint32_t *part_of, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        first[part_of[i] + 1]++;
+    for (size_t p = 0; p < parts; p++)
+        first[p + 1] += first[p];
+    for (size_t i = 0; i < count; i++)
+        list[first[part_of[i]]++] = (uint32_t)i;
+    for (size_t p = parts; p > 0; p--)
+        first[p] = first[p - 1];
+    first[0] = 0;
+}
+
+static int compare_sizes(const void *a, const void *b, void *context)
+{
+    const struct parts *p = context;
+    const uint32_t i = *(const uint32_t *)a, j = *(const uint32_t *)b;
+    const size_t m = p->first[i + 1] - p->first[i], n = p->first[j + 1] - p->first[j];
+    return m != n ? (m < n ? 1 : -1) : i < j ? -1 : i > j;
+}
+
+static int list_samples(struct parts *p, const struct kiln_seam_system *s, struct kiln_error *error)
+{
+    uint32_t *part_of = NULL;
+    const int status = kiln_allocate_bare(&part_of, s->sample_count, sizeof *part_of, "a seam's system", error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < s->sample_count; i++)
+        part_of[i] = p->part_of[s->samples[i].at[0]];
+    list_by_parts(p->first_sample, p->count, p->samples, part_of, s->sample_count);
+    kiln_free(&part_of);
+    return KILN_OK;
+}
+
+static int list_parts(struct parts *p, const struct kiln_seam_system *s, struct kiln_error *error)
+{
+    const char *what = "a seam's system";
+    int status = kiln_allocate_bare(&p->part_of, s->unknown_count, sizeof *p->part_of, what, error);
+    if (status != KILN_OK)
+        return status;
+    number_parts(p, s);
+    status = kiln_allocate_bare(&p->unknowns, s->unknown_count, sizeof *p->unknowns, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&p->samples, s->sample_count, sizeof *p->samples, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&p->first, p->count + 1, sizeof *p->first, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&p->first_sample, p->count + 1, sizeof *p->first_sample, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&p->order, p->count, sizeof *p->order, what, error);
+    if (status != KILN_OK)
+        return status;
+    list_by_parts(p->first, p->count, p->unknowns, p->part_of, s->unknown_count);
+    for (size_t i = 0; i < p->count; i++)
+        p->order[i] = (uint32_t)i;
+    qsort_r(p->order, p->count, sizeof *p->order, compare_sizes, p);
+    return list_samples(p, s, error);
+}
+
+static void free_parts(struct parts *p)
+{
+    kiln_free(&p->part_of);
+    kiln_free(&p->unknowns);
+    kiln_free(&p->samples);
+    kiln_free(&p->first);
+    kiln_free(&p->first_sample);
+    kiln_free(&p->order);
+}
+
+/* ---- the matrix of a part ---- */
+
+static int list_readers(struct solver *v, struct kiln_error *error)
+{
+    struct readers *r = &v->readers;
+    int status = kiln_allocate(&r->first, v->unknown_count + 1, sizeof *r->first, "a seam's system", error);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&r->terms, v->sample_count * ENTRIES, sizeof *r->terms, "a seam's system", error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < v->sample_count; i++)
+        for (int k = 0; k < ENTRIES; k++)
+            r->first[v->samples[i].at[k]]++;
+    for (size_t u = 0, sum = 0; u <= v->unknown_count; u++) /* where the terms end */
+        r->first[u] = (uint32_t)(sum += r->first[u]);
+    for (size_t i = v->sample_count; i-- > 0;)
+        for (int k = ENTRIES; k-- > 0;)
+            r->terms[--r->first[v->samples[i].at[k]]] = (struct term){(uint32_t)i, v->samples[i].weight[k]};
+    return KILN_OK;
+}
+
+/* Copies the part's samples, and numbers its unknowns in the order of elimination. */
+static int order_unknowns(struct solver *v, const uint32_t *unknowns, const uint32_t *samples, uint32_t *number,
+                          struct kiln_error *error)
+{
+    const char *what = "a seam's system";
+    uint32_t *cliques = NULL;
+    int status = kiln_allocate_bare(&v->unknowns, v->unknown_count, sizeof *v->unknowns, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&v->samples, v->sample_count, sizeof *v->samples, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&cliques, v->sample_count * ENTRIES, sizeof *cliques, what, error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < v->unknown_count; i++)
+        number[unknowns[i]] = (uint32_t)i;
+    for (size_t i = 0; i < v->sample_count; i++) {
+        v->samples[i] = v->system->samples[samples[i]];
+        for (int k = 0; k < ENTRIES; k++)
+            cliques[i * ENTRIES + (size_t)k] = number[v->samples[i].at[k]];
+    }
+    status = kiln_elimination_create(&v->elimination, v->unknown_count, cliques, v->sample_count, ENTRIES, error);
+    for (size_t i = 0; status == KILN_OK && i < v->unknown_count; i++)
+        v->unknowns[v->elimination.place[i]] = unknowns[i];
+    for (size_t i = 0; status == KILN_OK && i < v->sample_count * ENTRIES; i++)
+        v->samples[i / ENTRIES].at[i % ENTRIES] = v->elimination.place[cliques[i]];
+    kiln_free(&cliques);
     return status;
 }
 
-static void free_solver(struct solver *v)
+/* A column of A^T A. `column` is 0, before and after. */
+static void make_column(struct solver *v, size_t u, double *column)
 {
-    kiln_free(&v->baked);
-    kiln_free(&v->pull);
-    kiln_free(&v->diagonal);
-    kiln_free(&v->x);
-    kiln_free(&v->residual);
-    kiln_free(&v->direction);
-    kiln_free(&v->product);
-    kiln_free(&v->row);
-    kiln_free(&v->change);
-    kiln_free(&v->low);
-    kiln_free(&v->high);
+    const struct kiln_elimination *e = &v->elimination;
+    const struct term *terms = v->readers.terms;
+    for (size_t t = v->readers.first[u]; t < v->readers.first[u + 1]; t++) {
+        const struct kiln_seam_sample *sample = &v->samples[terms[t].sample];
+        for (int k = 0; k < ENTRIES; k++)
+            column[sample->at[k]] += (double)terms[t].weight * (double)sample->weight[k];
+    }
+    v->diagonal[u] = column[u];
+    for (size_t k = e->first[u]; k < e->first[u + 1]; k++)
+        v->factor.matrix[k] = column[e->rows[e->first_row[u] + (k - e->first[u])]];
+    for (size_t t = v->readers.first[u]; t < v->readers.first[u + 1]; t++)
+        for (int k = 0; k < ENTRIES; k++)
+            column[v->samples[terms[t].sample].at[k]] = 0.0;
 }
 
-/* Sets pull and diagonal of the lanes. */
-static void weigh_unknowns(struct solver *v)
+static int make_matrix(struct solver *v, struct kiln_error *error)
 {
-    const struct kiln_seam_system *s = v->system;
-    double mean = 0.0;
-    size_t count = 0;
-    for (size_t i = 0; i < s->unknown_count; i++) {
-        mean += (double)s->area[i];
-        count += s->area[i] > 0.0f;
-    }
-    mean /= (double)count; /* not a number without area; then all weigh the same */
-    for (size_t i = 0; i < s->unknown_count; i++) {
-        const double relative = mean > 0.0 ? (double)s->area[i] / mean : 1.0,
-                     pull = KILN_SEAM_WEIGHT * (s->area[i] > 0.0f ? fmax(relative, 0.1) : margin_pull);
+    double *column = NULL;
+    const int status = kiln_allocate(&column, v->unknown_count, sizeof *column, "a seam's system", error);
+    for (size_t u = 0; status == KILN_OK && u < v->unknown_count; u++)
+        make_column(v, u, column);
+    kiln_free(&column);
+    return status;
+}
+
+/* ---- the solution ---- */
+
+/* Takes what has been found into the lanes that are solved: the others have what they had been solved for. */
+static void keep_change(struct solver *v)
+{
+    for (size_t u = 0; u < v->unknown_count; u++)
         for (size_t l = 0; l < v->lanes; l++)
-            v->pull[i * v->lanes + l] = pull;
-    }
-    /* A value that occurs twice in a sample (through margin texels) has the square of its summed weight on the
-     * diagonal. The sum of squares here differs, but is only used in the preconditioner. */
-#pragma omp parallel for schedule(static) num_threads(v->threads) if (v->threads > 1)
-    for (size_t i = 0; i < s->unknown_count; i++) {
-        double diagonal = v->pull[i * v->lanes];
-        for (size_t k = v->readers->first[i]; k < v->readers->first[i + 1]; k++)
-            diagonal += (double)v->readers->terms[k].weight * (double)v->readers->terms[k].weight;
-        for (size_t l = 0; l < v->lanes; l++)
-            v->diagonal[i * v->lanes + l] = diagonal;
-    }
+            if (v->solves[l])
+                v->change[u * v->lanes + l] = v->next[u * v->lanes + l];
 }
 
-/* ---- conjugate gradients, by the threads of a team; `lanes` is a constant where these functions are used ---- */
-
-#define LANE_CODE static inline __attribute__((always_inline))
-
-/* row = A x `of` */
-LANE_CODE void apply_rows(const struct solver *v, const struct kiln_team_member *m, const size_t lanes,
-                          const double *restrict of)
+/* Solves (A^T A + diag(pull)) change = -A^T A baked, in each lane by itself. */
+static void find_change(struct solver *v)
 {
-    const struct kiln_seam_system *s = v->system;
-    double *restrict row = v->row;
-    size_t begin, end;
-    kiln_team_part(m, s->sample_count, &begin, &end);
-    for (size_t i = begin; i < end; i++) {
-        double sum[LANES_MOST] = {0.0};
-        for (int k = 0; k < ENTRIES; k++) {
-            const double weight = (double)s->samples[i].weight[k], *values = of + s->samples[i].at[k] * lanes;
-#pragma omp simd
-            for (size_t l = 0; l < lanes; l++)
-                sum[l] += weight * values[l];
-        }
-        for (size_t l = 0; l < lanes; l++)
-            row[i * lanes + l] = sum[l];
-    }
-}
-
-/* sum += sign x A^T row, of one unknown */
-LANE_CODE void add_transposed(const struct solver *v, const size_t lanes, size_t unknown, double sign,
-                              double sum[LANES_MOST])
-{
-    const struct term *terms = v->readers->terms;
-    for (size_t k = v->readers->first[unknown]; k < v->readers->first[unknown + 1]; k++) {
-        const double weight = sign * (double)terms[k].weight, *row = v->row + terms[k].sample * lanes;
-#pragma omp simd
-        for (size_t l = 0; l < lanes; l++)
-            sum[l] += weight * row[l];
-    }
-}
-
-/* Adds up the products, times `factor` unless that is NULL. */
-LANE_CODE void add_up(const struct solver *v, struct kiln_team_member *m, const size_t lanes,
-                      const double *restrict factor, double sums[LANES_MOST])
-{
-    const double *restrict product = v->product;
-    double sum[LANES_MOST], *shared = kiln_team_begin_sum(m);
-    size_t begin, end;
-    kiln_team_part(m, v->system->unknown_count, &begin, &end);
-    memcpy(sum, shared, sizeof sum);
-    for (size_t i = begin * lanes; i < end * lanes; i += lanes)
-#pragma omp simd
-        for (size_t l = 0; l < lanes; l++)
-            sum[l] += factor != NULL ? factor[i + l] * product[i + l] : product[i + l];
-    memcpy(shared, sum, sizeof sum);
-    kiln_team_end_sum(m);
-    memcpy(sums, shared, sizeof sum);
-}
-
-/* Begins with x as it was found before, at first 0: sets residual and direction, and the preconditioned norm of the
- * residual. */
-LANE_CODE void begin_lanes(struct solver *v, struct kiln_team_member *m, const size_t lanes, double norm[LANES_MOST])
-{
-    size_t begin, end;
-    kiln_team_part(m, v->system->unknown_count, &begin, &end);
-    for (size_t i = begin * lanes; i < end * lanes; i++) {
-        v->x[i] = v->change[i];
-        v->direction[i] = (double)v->baked[i] + v->x[i];
-    }
-    kiln_team_meet(m);
-    apply_rows(v, m, lanes, v->direction);
-    kiln_team_meet(m);
-    for (size_t u = begin; u < end; u++) {
-        double left[LANES_MOST] = {0.0};
-        add_transposed(v, lanes, u, -1.0, left);
-        for (size_t l = 0, i = u * lanes; l < lanes; l++, i++) {
-            const double residual = left[l] - v->pull[i] * v->x[i];
-            v->residual[i] = residual;
-            v->direction[i] = residual / v->diagonal[i];
-            v->product[i] = residual * residual / v->diagonal[i];
-        }
-    }
-    add_up(v, m, lanes, NULL, norm);
-}
-
-/* product = (A^T A + diag(pull)) direction. Gives direction x product. Few lanes are added up on the way, by a thread
- * that is alone; more would not fit into registers. */
-LANE_CODE void multiply(struct solver *v, struct kiln_team_member *m, const size_t lanes, double curvature[LANES_MOST])
-{
-    const bool few = lanes < TEAM_LANES;
-    const double *restrict pull = v->pull, *restrict direction = v->direction;
-    double *restrict product = v->product, total[LANES_MOST] = {0.0};
-    size_t begin, end;
-    kiln_team_part(m, v->system->unknown_count, &begin, &end);
-    kiln_team_meet(m);
-    apply_rows(v, m, lanes, v->direction);
-    kiln_team_meet(m);
-    for (size_t u = begin; u < end; u++) {
-        double sum[LANES_MOST] = {0.0};
-        for (size_t l = 0; l < lanes; l++)
-            sum[l] = pull[u * lanes + l] * direction[u * lanes + l];
-        add_transposed(v, lanes, u, 1.0, sum);
+    const size_t lanes = v->lanes;
+    for (size_t i = 0; i < v->sample_count; i++)
         for (size_t l = 0; l < lanes; l++) {
-            product[u * lanes + l] = sum[l];
-            if (few)
-                total[l] += direction[u * lanes + l] * sum[l];
+            double sum = 0.0;
+            for (int k = 0; k < ENTRIES; k++)
+                sum += (double)v->samples[i].weight[k] * (double)v->baked[v->samples[i].at[k] * lanes + l];
+            v->row[i * lanes + l] = sum;
         }
-    }
-    memcpy(curvature, total, sizeof total);
-    if (!few)
-        add_up(v, m, lanes, v->direction, curvature);
-}
-
-/* The residual after a step along the direction. Gives its preconditioned norm. */
-LANE_CODE void find_residual(struct solver *v, struct kiln_team_member *m, const size_t lanes,
-                             const double step[LANES_MOST], double norm[LANES_MOST])
-{
-    const bool few = lanes < TEAM_LANES;
-    double *restrict residual = v->residual, *restrict product = v->product, total[LANES_MOST] = {0.0};
-    const double *restrict diagonal = v->diagonal;
-    size_t begin, end;
-    kiln_team_part(m, v->system->unknown_count, &begin, &end);
-    for (size_t i = begin * lanes; i < end * lanes; i += lanes)
-#pragma omp simd
+    for (size_t u = 0; u < v->unknown_count; u++)
         for (size_t l = 0; l < lanes; l++) {
-            const double left = residual[i + l] - step[l] * product[i + l], term = left * left / diagonal[i + l];
-            residual[i + l] = left;
-            if (few)
-                total[l] += term;
-            else
-                product[i + l] = term;
+            double sum = 0.0;
+            for (size_t t = v->readers.first[u]; t < v->readers.first[u + 1]; t++)
+                sum -= (double)v->readers.terms[t].weight * v->row[v->readers.terms[t].sample * lanes + l];
+            v->next[u * lanes + l] = sum;
+            v->factor.diagonal[u * lanes + l] = v->diagonal[u] + (v->held[u * lanes + l] ? hold : v->pull[u]);
         }
-    memcpy(norm, total, sizeof total);
-    if (!few)
-        add_up(v, m, lanes, NULL, norm);
+    kiln_cholesky_factorize(&v->factor);
+    kiln_cholesky_solve(&v->factor, v->next);
+    keep_change(v);
 }
-
-/* Goes the step, and turns. */
-LANE_CODE void go(struct solver *v, const struct kiln_team_member *m, const size_t lanes, const double step[LANES_MOST],
-                  const double part[LANES_MOST])
-{
-    double *restrict direction = v->direction, *restrict x = v->x;
-    const double *restrict residual = v->residual, *restrict diagonal = v->diagonal;
-    size_t begin, end;
-    kiln_team_part(m, v->system->unknown_count, &begin, &end);
-    for (size_t i = begin * lanes; i < end * lanes; i += lanes)
-#pragma omp simd
-        for (size_t l = 0; l < lanes; l++) {
-            const double along = direction[i + l];
-            x[i + l] += step[l] * along;
-            direction[i + l] = residual[i + l] / diagonal[i + l] + part[l] * along;
-        }
-}
-
-static void keep_change(struct solver *v, const struct kiln_team_member *m, size_t lane)
-{
-    size_t begin, end;
-    kiln_team_part(m, v->system->unknown_count, &begin, &end);
-    for (size_t i = begin * v->lanes + lane; i < end * v->lanes; i += v->lanes)
-        v->change[i] = v->x[i];
-}
-
-/* Solves (A^T A + diag(pull)) x = -A^T A baked for the change x, in each lane by itself: what a lane goes on to do when
- * it has arrived is not used. */
-LANE_CODE void conjugate_gradients(struct solver *v, struct kiln_team_member *m, const size_t lanes)
-{
-    double norm[LANES_MOST], next[LANES_MOST], step[LANES_MOST], part[LANES_MOST], curvature[LANES_MOST],
-        enough[LANES_MOST] = {0.0};
-    bool goes[LANES_MOST];
-    begin_lanes(v, m, lanes, norm);
-    for (size_t l = 0; l < lanes; l++)
-        enough[l] = v->again ? v->enough[l] : norm[l] * 1e-14;
-    if (m->thread == 0 && !v->again)
-        memcpy(v->enough, enough, sizeof enough);
-    memcpy(goes, v->solves, sizeof goes);
-    for (int iteration = 0;; iteration++) {
-        bool any = false;
-        for (size_t l = 0; l < lanes; l++) {
-            if (goes[l] && !(iteration < MOST_ITERATIONS && norm[l] > enough[l])) {
-                keep_change(v, m, l);
-                goes[l] = false;
-            }
-            any = any || goes[l];
-        }
-        if (!any)
-            return;
-        multiply(v, m, lanes, curvature);
-        for (size_t l = 0; l < lanes; l++)
-            step[l] = norm[l] / curvature[l];
-        find_residual(v, m, lanes, step, next);
-        for (size_t l = 0; l < lanes; l++)
-            part[l] = next[l] / norm[l];
-        go(v, m, lanes, step, part);
-        memcpy(norm, next, sizeof norm);
-    }
-}
-
-#define LANES(count)                                                                                                   \
-    KILN_CLONES static void conjugate_gradients_##count(struct solver *v, struct kiln_team_member *m)                  \
-    {                                                                                                                  \
-        conjugate_gradients(v, m, count);                                                                              \
-    }
-LANES(1)
-LANES(2)
-LANES(4)
-LANES(6)
-LANES(8)
-
-static void solve_part(struct solver *v, struct kiln_team_member *m)
-{
-    if (v->lanes == 1)
-        conjugate_gradients_1(v, m);
-    else if (v->lanes == 2)
-        conjugate_gradients_2(v, m);
-    else if (v->lanes == 4)
-        conjugate_gradients_4(v, m);
-    else if (v->lanes == 6)
-        conjugate_gradients_6(v, m);
-    else
-        conjugate_gradients_8(v, m);
-}
-
-/* The team is as large as the threads that there are. */
-static void solve_lanes(struct solver *v)
-{
-    struct kiln_team team = {.threads = 1};
-    if (v->threads == 1) {
-        solve_part(v, &(struct kiln_team_member){.team = &team});
-        return;
-    }
-#pragma omp parallel num_threads(v->threads)
-    {
-#pragma omp single
-        team.threads = (unsigned)omp_get_num_threads();
-        struct kiln_team_member member = {.team = &team, .thread = (unsigned)omp_get_thread_num()};
-        solve_part(v, &member);
-    }
-}
-
-/* ---- ranges ---- */
 
 static void find_ranges(struct solver *v, size_t lane)
 {
-    const struct kiln_seam_system *s = v->system;
     const size_t lanes = v->lanes;
-    for (size_t u = lane; u < s->unknown_count * lanes; u += lanes)
+    for (size_t u = lane; u < v->unknown_count * lanes; u += lanes)
         v->low[u] = v->high[u] = v->baked[u];
-    for (size_t i = 0; i < s->sample_count; i++) {
+    for (size_t i = 0; i < v->sample_count; i++) {
         float low = INFINITY, high = -INFINITY;
         for (int k = 0; k < ENTRIES; k++) {
-            const float value = v->baked[s->samples[i].at[k] * lanes + lane];
+            const float value = v->baked[v->samples[i].at[k] * lanes + lane];
             low = fminf(low, value);
             high = fmaxf(high, value);
         }
         for (int k = 0; k < ENTRIES; k++) {
-            const size_t u = s->samples[i].at[k] * lanes + lane;
+            const size_t u = v->samples[i].at[k] * lanes + lane;
             v->low[u] = fminf(v->low[u], low);
             v->high[u] = fmaxf(v->high[u], high);
         }
     }
 }
 
-/* Takes the change x, and holds those values at the ends of their ranges that it leads beyond. Returns whether there
- * are any: what the others are depends on them. */
+/* Holds those values at the ends of their ranges that the change leads beyond. Returns whether there are any that were
+ * not held there before: what the others are depends on them. */
 static bool hold_values(struct solver *v, size_t lane)
 {
     bool any = false;
-    for (size_t i = lane; i < v->system->unknown_count * v->lanes; i += v->lanes) {
+    for (size_t i = lane; i < v->unknown_count * v->lanes; i += v->lanes) {
         const float value = (float)((double)v->baked[i] + v->change[i]),
                     within = fmaxf(v->low[i], fminf(v->high[i], value));
-        if (value == within)
+        if (value == within || (v->held[i] && v->baked[i] == within))
             continue;
         v->baked[i] = within;
-        v->change[i] = 0.0;
-        v->diagonal[i] += hold - v->pull[i];
-        v->pull[i] = hold;
+        v->held[i] = true;
         any = true;
     }
     return any;
 }
 
+/* Solves lanes again where values had to be held, a few times. */
+static void solve_and_hold(struct solver *v)
+{
+    bool any = true;
+    kiln_cholesky_forget(&v->factor);
+    for (int round = 0; round <= MOST_ROUNDS && any; round++) {
+        find_change(v);
+        any = false;
+        for (size_t l = 0; l < v->lanes && round < MOST_ROUNDS; l++) {
+            v->solves[l] = v->solves[l] && hold_values(v, l);
+            any = any || v->solves[l];
+        }
+    }
+}
+
 /* ---- planes ---- */
 
-/* Takes a plane into a lane. */
+/* Lanes for so many planes, if a factor has so many entries. */
+static size_t lanes_for(size_t planes, size_t entries)
+{
+    size_t sets = (planes + LANES_MOST - 1) / LANES_MOST;
+    while (sets < planes && kiln_cholesky_lanes((planes + sets - 1) / sets) * entries > MOST_NUMBERS)
+        sets++;
+    return kiln_cholesky_lanes((planes + sets - 1) / sets);
+}
+
+/* Takes a plane into a lane. Values that are no numbers are left as they are, and those with them. */
 static void take_plane(struct solver *v, size_t lane, const float *plane)
 {
-    for (size_t i = 0; i < v->system->unknown_count; i++)
-        v->baked[i * v->lanes + lane] = plane[i];
+    v->solves[lane] = true;
+    for (size_t i = 0, at = lane; i < v->unknown_count; i++, at += v->lanes) {
+        v->baked[at] = plane[v->unknowns[i]];
+        v->change[at] = 0.0;
+        v->held[at] = false;
+        v->solves[lane] = v->solves[lane] && isfinite(v->baked[at]);
+    }
     find_ranges(v, lane);
 }
 
 /* The plane is that of a lane with its change, within the ranges. */
 static void give_plane(const struct solver *v, size_t lane, float *plane)
 {
-    for (size_t i = 0; i < v->system->unknown_count; i++) {
-        const size_t at = i * v->lanes + lane;
+    for (size_t i = 0, at = lane; i < v->unknown_count; i++, at += v->lanes) {
         const float value = (float)((double)v->baked[at] + v->change[at]);
-        plane[i] = fmaxf(v->low[at], fminf(v->high[at], value));
+        if (isfinite(v->baked[at]))
+            plane[v->unknowns[i]] = fmaxf(v->low[at], fminf(v->high[at], value));
     }
 }
 
-/* Solves lanes again of which values had to be held, a few times. */
-static void solve_and_hold(struct solver *v)
+static int allocate_lanes(struct solver *v, struct kiln_error *error)
 {
-    bool any = true;
-    for (size_t l = 0; l < v->planes; l++)
-        v->solves[l] = true;
-    solve_lanes(v);
-    for (int round = 0; round < MOST_ROUNDS && any; round++) {
-        any = false;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(v->threads) reduction(|| : any) if (v->threads > 1)
-        for (size_t l = 0; l < v->planes; l++) {
-            v->solves[l] = v->solves[l] && hold_values(v, l);
-            any = any || v->solves[l];
-        }
-        v->again = true;
-        if (any)
-            solve_lanes(v);
+    const char *what = "a seam's system";
+    const size_t count = v->unknown_count * v->lanes;
+    float **floats[] = {&v->baked, &v->low, &v->high};
+    int status = kiln_allocate(&v->row, v->sample_count * v->lanes, sizeof *v->row, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&v->change, count, sizeof *v->change, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&v->next, count, sizeof *v->next, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&v->held, count, sizeof *v->held, what, error);
+    for (size_t i = 0; status == KILN_OK && i < sizeof floats / sizeof *floats; i++)
+        status = kiln_allocate(floats[i], count, sizeof **floats[i], what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&v->pull, v->unknown_count, sizeof *v->pull, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&v->diagonal, v->unknown_count, sizeof *v->diagonal, what, error);
+    if (status == KILN_OK)
+        status = kiln_cholesky_create(&v->factor, &v->elimination, v->lanes, error);
+    return status;
+}
+
+/* How much values are pulled to where they were; mean: of areas. */
+static void weigh_unknowns(struct solver *v, double mean)
+{
+    for (size_t u = 0; u < v->unknown_count; u++) {
+        const double area = (double)v->system->area[v->unknowns[u]], relative = mean > 0.0 ? area / mean : 1.0;
+        v->pull[u] = KILN_SEAM_WEIGHT * (area > 0.0 ? fmax(relative, 0.1) : margin_pull);
     }
 }
 
-/* How a system's planes are solved: `at_once` sets of `lanes` planes, each by so many threads. */
-struct way {
-    size_t lanes;
-    int at_once, threads;
+/* Not a number without area; then all weigh the same. */
+static double mean_area(const struct kiln_seam_system *s)
+{
+    double sum = 0.0;
+    size_t count = 0;
+    for (size_t i = 0; i < s->unknown_count; i++) {
+        sum += (double)s->area[i];
+        count += s->area[i] > 0.0f;
+    }
+    return sum / (double)count;
+}
+
+/* Which planes: every `step`-th from the first one on, so many. */
+struct planes {
+    size_t first, step, count;
 };
 
-/* Solves every `step`-th plane from the first one on, so many of them. */
-static int solve_planes(const struct kiln_seam_system *s, const struct readers *readers, const struct way *way,
-                        uint32_t first, uint32_t step, size_t count, struct kiln_error *error)
+static void solve_sets(struct solver *v, const struct planes *planes)
 {
-    struct solver v = {.system = s, .readers = readers, .lanes = way->lanes, .planes = count, .threads = way->threads};
-    const int status = allocate_solver(&v, error);
+    for (size_t first = 0; first < planes->count; first += v->lanes) {
+        v->planes = planes->count - first < v->lanes ? planes->count - first : v->lanes;
+        memset(v->solves, 0, sizeof v->solves);
+        for (size_t l = 0; l < v->planes; l++)
+            take_plane(v, l, v->system->planes[planes->first + (first + l) * planes->step]);
+        solve_and_hold(v);
+        for (size_t l = 0; l < v->planes; l++)
+            give_plane(v, l, v->system->planes[planes->first + (first + l) * planes->step]);
+    }
+}
+
+static int solve_part(const struct kiln_seam_system *s, const struct parts *p, uint32_t part, uint32_t *number,
+                      const struct planes *planes, double mean, struct kiln_error *error)
+{
+    const size_t first = p->first[part], first_sample = p->first_sample[part];
+    struct solver v = {.system = s,
+                       .unknown_count = p->first[part + 1] - first,
+                       .sample_count = p->first_sample[part + 1] - first_sample};
+    if (v.sample_count == 0)
+        return KILN_OK;
+    int status = order_unknowns(&v, p->unknowns + first, p->samples + first_sample, number, error);
     if (status == KILN_OK) {
-        weigh_unknowns(&v);
-#pragma omp parallel for schedule(dynamic, 1) num_threads(v.threads) if (v.threads > 1)
-        for (size_t l = 0; l < count; l++)
-            take_plane(&v, l, s->planes[first + l * step]);
-        solve_and_hold(&v);
-#pragma omp parallel for schedule(dynamic, 1) num_threads(v.threads) if (v.threads > 1)
-        for (size_t l = 0; l < count; l++)
-            give_plane(&v, l, s->planes[first + l * step]);
+        v.lanes = lanes_for(planes->count, kiln_elimination_entries(&v.elimination));
+        status = allocate_lanes(&v, error);
+    }
+    if (status == KILN_OK)
+        status = list_readers(&v, error);
+    if (status == KILN_OK)
+        status = make_matrix(&v, error);
+    if (status == KILN_OK) {
+        weigh_unknowns(&v, mean);
+        solve_sets(&v, planes);
     }
     free_solver(&v);
     return status;
 }
 
-/* Lanes for so many planes. */
-static size_t lanes_for(size_t planes) { return planes <= 2 ? planes : planes <= 4 ? 4 : planes <= 6 ? 6 : LANES_MOST; }
-
-/* Few threads have planes of their own. Many have all planes together, and unknowns of their own: so all of them have
- * something to do, and what a sample reads of all planes is in one place. In neither way more planes are under way than
- * there are threads, if they take much memory. */
-static struct way choose_way(size_t unknowns, size_t planes, size_t threads)
+/* Each part by one thread, the largest first. */
+static int solve_parts(const struct kiln_seam_system *s, const struct parts *p, const struct planes *planes,
+                       struct kiln_error *error)
 {
-    const size_t enough = unknowns / ENOUGH, team = threads < enough ? threads : enough,
-                 each = (planes + threads - 1) / threads;
-    const bool large = unknowns > SHARED_MOST;
-    if (team < (large ? TEAM_LANES : TEAM_LEAST) || planes >= LANES_MOST * threads || (large && planes < TEAM_LANES))
-        return (struct way){large && each > 2 ? 2 : lanes_for(each), (int)threads, 1};
-    const size_t most = lanes_for(planes < TEAM_LANES ? TEAM_LANES : planes),
-                 lanes = large && team < most ? TEAM_LANES : most;
-    return (struct way){lanes, 1, (int)team};
-}
-
-static void free_readers(struct readers *r)
-{
-    kiln_free(&r->first);
-    kiln_free(&r->terms);
-}
-
-static int list_readers(struct readers *r, const struct kiln_seam_system *s, struct kiln_error *error)
-{
-    int status = kiln_allocate(&r->first, s->unknown_count + 1, sizeof *r->first, "a seam's system", error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&r->terms, s->sample_count * ENTRIES, sizeof *r->terms, "a seam's system", error);
-    if (status != KILN_OK)
-        return status;
-    for (size_t i = 0; i < s->sample_count; i++)
-        for (int k = 0; k < ENTRIES; k++)
-            r->first[s->samples[i].at[k]]++;
-    for (size_t u = 0, sum = 0; u <= s->unknown_count; u++) /* where the terms end */
-        r->first[u] = (uint32_t)(sum += r->first[u]);
-    for (size_t i = s->sample_count; i-- > 0;)
-        for (int k = ENTRIES; k-- > 0;)
-            r->terms[--r->first[s->samples[i].at[k]]] = (struct term){(uint32_t)i, s->samples[i].weight[k]};
-    return KILN_OK;
+    const double mean = mean_area(s);
+    uint32_t *number = NULL;
+    int status = kiln_allocate_bare(&number, s->unknown_count, sizeof *number, "a seam's system", error);
+    const size_t count = status == KILN_OK ? p->count : 0;
+#pragma omp parallel for schedule(dynamic, 1) if (s->unknown_count > ALONE)
+    for (size_t i = 0; i < count; i++) {
+        struct kiln_error mine = {{0}};
+        const int result = solve_part(s, p, p->order[i], number, planes, mean, &mine);
+        if (result == KILN_OK)
+            continue;
+#pragma omp critical(kiln_solve_parts)
+        status = kiln_fail(error, result, "%s", mine.message);
+    }
+    kiln_free(&number);
+    return status;
 }
 
 int kiln_seam_system_solve(struct kiln_seam_system *s, uint32_t first, uint32_t step, struct kiln_error *error)
 {
-    struct readers readers = {NULL};
+    struct parts parts = {0};
     if (s->unknown_count == 0 || s->sample_count == 0 || first >= s->plane_count)
         return KILN_OK;
     if (s->sample_count > UINT32_MAX / ENTRIES)
         return kiln_fail(error, KILN_SYSTEM, "%zu samples at seams are too many to solve; use --no-stitch",
                          s->sample_count);
-    const size_t planes = (s->plane_count - first + step - 1) / step;
-    const struct way way = choose_way(s->unknown_count, planes, (size_t)omp_get_max_threads());
-    int status = list_readers(&readers, s, error);
-    const size_t sets = status == KILN_OK ? planes : 0;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(way.at_once) if (way.at_once > 1)
-    for (size_t p = 0; p < sets; p += way.lanes) {
-        struct kiln_error mine = {{0}};
-        const int result = solve_planes(s, &readers, &way, first + (uint32_t)p * step, step,
-                                        planes - p < way.lanes ? planes - p : way.lanes, &mine);
-        if (result == KILN_OK)
-            continue;
-#pragma omp critical(kiln_solve_planes)
-        status = kiln_fail(error, result, "%s", mine.message);
-    }
-    free_readers(&readers);
+    const struct planes planes = {first, step, (s->plane_count - first + step - 1) / step};
+    int status = list_parts(&parts, s, error);
+    if (status == KILN_OK)
+        status = solve_parts(s, &parts, &planes, error);
+    free_parts(&parts);
     return status;
 }

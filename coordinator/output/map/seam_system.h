@@ -7,11 +7,14 @@
  *     sum over samples (value on side 0 - value on side 1)^2 + w sum over values a (x - baked)^2,
  *
  * where a is the area that the value stands for relative to the mean of those that stand for any (at least 0.1; 0.01
- * for those that stand for none), and w = KILN_SEAM_WEIGHT. The minimum is found by conjugate gradients (after
- * Iwanicki, "Lighting technology of The Last of Us", 2013). The bilinear weights of both sides sum to one, so the sum
- * of a x does not change: energy moves across the seam, and none is created. A value that would leave the range of the
- * baked values around it is held at its end, and the others are solved again. Planes are solved separately, so that
- * direct + indirect = total still holds.
+ * for those that stand for none), and w = KILN_SEAM_WEIGHT (after Iwanicki, "Lighting technology of The Last of Us",
+ * 2013). The bilinear weights of both sides sum to one, so the sum of a x does not change: energy moves across the
+ * seam, and none is created. A value that would leave the range of the baked values around it is held at its end, and
+ * the others are solved again. Planes are solved separately, so that direct + indirect = total still holds.
+ *
+ * Values that samples connect, directly or through others, are a part of the system. Parts are solved separately, by
+ * Cholesky factors (cholesky.h), which give the minimum but for rounding. Planes with values in a part that are not
+ * finite stay as they are there.
  *
  * Nothing is collective. The result depends on the order of values and samples, and on nothing else. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_SEAM_SYSTEM_H
