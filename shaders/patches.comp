@@ -47,9 +47,6 @@ real grid_scale;
 #define KILN_VOXEL_AXIS_y 1
 #define KILN_VOXEL_AXIS_z 2
 #define KILN_VOXEL_WORD(grid, i) Words(sight.words).at[i]
-#define KILN_VOXEL_BEFORE(grid, i) Words(sight.before).at[i]
-#define KILN_VOXEL_PLANE_OF(grid, i) Words(sight.plane_of).at[i]
-#define KILN_VOXEL_PLANE_REAL(grid, i) GridReals(sight.reals).at[KILN_GPU_GRID_REALS + (i)]
 
 #include "shaders/shared/voxels.h"
 
@@ -186,8 +183,6 @@ uint ask_grid(uint number, vec3 normal, vec3 place)
 {
     const bool first = own.number < number;
     const kiln_real3 from = real3(first ? own.place : place), to = real3(first ? place : own.place);
-    if ((SIGHT & KILN_GPU_SIGHT_FILTER) != 0u)
-        return kiln_voxel_is_free(0u, from, to) ? OPEN : UNKNOWN;
     return kiln_voxel_lets_see(0u, from, real3(first ? own.normal : normal), to, real3(first ? normal : own.normal))
                ? OPEN
                : SHUT;
@@ -203,9 +198,9 @@ uint sight_of(uint number, vec3 normal, uint k)
     if ((SIGHT & KILN_GPU_SIGHT_KEPT) != 0u)
         seen = look(number);
     known += seen != UNKNOWN ? 1u : 0u;
-    if ((SIGHT & (KILN_GPU_SIGHT_VOXELS | KILN_GPU_SIGHT_FILTER)) != 0u && seen == UNKNOWN) {
+    if ((SIGHT & KILN_GPU_SIGHT_VOXELS) != 0u && seen == UNKNOWN) {
         seen = ask_grid(number, normal, NodeQuads(push.shapes).at[3u * k].xyz);
-        if ((SIGHT & KILN_GPU_SIGHT_KEPT) != 0u && seen != UNKNOWN)
+        if ((SIGHT & KILN_GPU_SIGHT_KEPT) != 0u)
             note(number, seen);
     }
     return seen;
@@ -303,7 +298,7 @@ void find_sight(uint x)
     word = NO_WORD;
     if ((SIGHT & KILN_GPU_SIGHT_KEPT) != 0u)
         run = SightRuns(sight.runs).at[own.run];
-    if ((SIGHT & (KILN_GPU_SIGHT_VOXELS | KILN_GPU_SIGHT_FILTER)) != 0u) {
+    if ((SIGHT & KILN_GPU_SIGHT_VOXELS) != 0u) {
         GridReals reals = GridReals(sight.reals);
         grid_low = real3_make(reals.at[0], reals.at[1], reals.at[2]);
         grid_scale = reals.at[3];

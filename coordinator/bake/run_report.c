@@ -101,7 +101,7 @@ static void add_patches(json_t *settings, const struct kiln_job *job)
     json_object_set_new(settings, "patches", json_string(p->patches == KILN_PATCHES_LINKS ? "links" : "all"));
     if (p->patches == KILN_PATCHES_LINKS)
         json_object_set_new(settings, "link_error", json_real(p->link_error));
-    static const char *const visibility[] = {"rays", "voxels", "filter"};
+    static const char *const visibility[] = {"rays", "voxels"};
     json_object_set_new(settings, "visibility", json_string(visibility[p->visibility]));
     if (p->visibility != KILN_VISIBILITY_RAYS)
         json_object_set_new(settings, "voxels", json_integer(p->voxels));

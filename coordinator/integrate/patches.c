@@ -38,8 +38,7 @@ struct kiln_patches {
     struct kiln_links *links;            /* NULL: not found yet, or there are none */
     bool links_of_emission;              /* made for what is emitted */
     struct kiln_visibility_cache *cache; /* NULL: none */
-    struct kiln_voxels *voxels;          /* NULL: rays say what patches see, */
-    struct kiln_voxels *filter;          /* but for those that it frees; NULL: none */
+    struct kiln_voxels *voxels;          /* NULL: rays say what patches see */
     struct kiln_senders *senders;        /* NULL: all nodes send in every step */
     struct kiln_directions *directions;  /* in the place of nodes; NULL: not made yet */
 };
@@ -64,7 +63,6 @@ void kiln_patches_destroy(struct kiln_patches **patches)
     kiln_free(&(*patches)->nodes);
     kiln_links_destroy(&(*patches)->links);
     kiln_voxels_destroy(&(*patches)->voxels);
-    kiln_voxels_destroy(&(*patches)->filter);
     kiln_senders_destroy(&(*patches)->senders);
     kiln_directions_destroy(&(*patches)->directions);
     kiln_visibility_cache_destroy(&(*patches)->cache);
@@ -89,24 +87,20 @@ static bool needs_shapes(const struct kiln_patch_settings *settings)
 }
 
 /* Of the grid, if there is one. */
-static uint64_t grid_bytes(const struct kiln_patch_settings *settings, uint64_t triangles)
+static uint64_t grid_bytes(const struct kiln_patch_settings *settings)
 {
-    return settings->visibility == KILN_VISIBILITY_VOXELS   ? kiln_voxels_bytes(settings->voxels)
-           : settings->visibility == KILN_VISIBILITY_FILTER ? kiln_voxels_filter_bytes(settings->voxels, triangles)
-                                                            : 0;
+    return settings->visibility == KILN_VISIBILITY_VOXELS ? kiln_voxels_bytes(settings->voxels) : 0;
 }
 
-uint64_t kiln_patches_device_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points,
-                                   uint64_t triangles)
+uint64_t kiln_patches_device_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points)
 {
     const uint64_t most = cache_bytes(settings);
     return !has_pairs(settings)
                ? 0
-               : grid_bytes(settings, triangles) + (most > 0 ? kiln_visibility_device_bytes(most, own, points) : 0);
+               : grid_bytes(settings) + (most > 0 ? kiln_visibility_device_bytes(most, own, points) : 0);
 }
 
-uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points,
-                            uint64_t triangles, bool device)
+uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points, bool device)
 {
     const uint64_t emission = settings->lights == KILN_LIGHTS_PATCHES ? 3 * sizeof(float) : 0,
                    most = cache_bytes(settings);
@@ -117,8 +111,8 @@ uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t
         return points * (needs_shapes(settings) ? sizeof(struct kiln_patch) + emission : 0) +
                kiln_directions_bytes(settings, points);
     return points * (sizeof(struct kiln_patch) + sizeof(struct kiln_patch_node) + emission) +
-           (most > 0 ? kiln_visibility_cache_bytes(device ? 0 : most, own, points) : 0) +
-           grid_bytes(settings, triangles) + (settings->order == KILN_ORDER_UNSHOT ? kiln_senders_bytes(points) : 0);
+           (most > 0 ? kiln_visibility_cache_bytes(device ? 0 : most, own, points) : 0) + grid_bytes(settings) +
+           (settings->order == KILN_ORDER_UNSHOT ? kiln_senders_bytes(points) : 0);
 }
 
 struct kiln_visibility_counts kiln_patches_visibility(const struct kiln_patches *p)
@@ -265,9 +259,6 @@ static int make_room(struct kiln_patches *p, struct kiln_error *error)
     if (status == KILN_OK && p->source.settings->patches->visibility == KILN_VISIBILITY_VOXELS)
         status = kiln_voxels_create(&p->voxels, p->source.backend->params.geometry, p->source.settings->patches->voxels,
                                     error);
-    if (status == KILN_OK && p->source.settings->patches->visibility == KILN_VISIBILITY_FILTER)
-        status = kiln_voxels_create_filter(&p->filter, p->source.backend->params.geometry,
-                                           p->source.settings->patches->voxels, error);
     if (status == KILN_OK && p->source.settings->patches->order == KILN_ORDER_UNSHOT)
         status = kiln_senders_create(&p->senders, points, error);
     const uint64_t cache = cache_bytes(p->source.settings->patches);
@@ -677,8 +668,7 @@ int kiln_patches_update(struct kiln_patches *p, const uint64_t *radiosity, const
                                                      .most_factor = clamps ? KILN_CLAMP_FACTOR : 0.0,
                                                      .most_added = clamps ? KILN_CLAMP_ADDED : 0.0,
                                                      .cache = p->cache,
-                                                     .voxels = p->voxels,
-                                                     .filter = p->filter};
+                                                     .voxels = p->voxels};
     make_nodes(p);
     if (first)
         warn_of_pairs(p);

@@ -53,12 +53,10 @@ int kiln_patches_create(struct kiln_patches **patches, const struct kiln_patches
 /* NULL is accepted. */
 void kiln_patches_destroy(struct kiln_patches **patches);
 
-/* Of memory that patches take at most, on a rank with `own` points, of so many surface points in all, in a scene of so
- * many triangles. `device`: one computes; the second is what is on that of grids and of what patches see. */
-uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points,
-                            uint64_t triangles, bool device);
-uint64_t kiln_patches_device_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points,
-                                   uint64_t triangles);
+/* Of memory that patches take at most, on a rank with `own` points, of so many surface points in all. `device`: one
+ * computes; the second is what is on that of a grid and of what patches see. */
+uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points, bool device);
+uint64_t kiln_patches_device_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points);
 /* What has come of the visibility that this rank has kept; all 0: it keeps none. */
 struct kiln_visibility_counts kiln_patches_visibility(const struct kiln_patches *patches);
 /* The links of points that this rank has kept, and the bytes that they take; 0: none. */

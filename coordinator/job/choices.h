@@ -34,9 +34,8 @@ enum kiln_gather_choice {
  * (coordinator/integrate/radiosity/unshot.h). */
 enum kiln_order { KILN_ORDER_LOCKSTEP = 0, KILN_ORDER_UNSHOT = 1 };
 
-/* Likewise: what says whether two patches see each other: a ray; voxels (worker/scene/voxels.h); or a ray where a
- * filter of voxels does not tell that it can meet nothing. */
-enum kiln_visibility { KILN_VISIBILITY_RAYS = 0, KILN_VISIBILITY_VOXELS = 1, KILN_VISIBILITY_FILTER = 2 };
+/* Likewise: what says whether two patches see each other: a ray, or voxels (worker/scene/voxels.h). */
+enum kiln_visibility { KILN_VISIBILITY_RAYS = 0, KILN_VISIBILITY_VOXELS = 1 };
 
 struct kiln_patch_settings {
     int patches;         /* enum kiln_patches_choice */
@@ -54,7 +53,7 @@ struct kiln_patch_settings {
     int gather;          /* enum kiln_gather_choice */
     uint32_t directions; /* rays of a point in a step, unless by pairs; 0: as many as a bounce has */
     int visibility;      /* enum kiln_visibility */
-    uint32_t voxels;     /* with KILN_VISIBILITY_VOXELS and _FILTER: along the scene's longest side */
+    uint32_t voxels;     /* with KILN_VISIBILITY_VOXELS: along the scene's longest side */
     int order;           /* enum kiln_order */
     double unshot_left;  /* with KILN_ORDER_UNSHOT: of all reflected power, the unshot share with which rounds end */
 };

@@ -414,8 +414,7 @@ static int check_links(struct kiln_job *job, struct kiln_error *error)
                                            {"clamp", job->patches.clamp},
                                            {"visibility-cache", job->patches.visibility_cache > 0.0},
                                            {"order unshot", job->patches.order == KILN_ORDER_UNSHOT},
-                                           {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS},
-                                           {"visibility filter", job->patches.visibility == KILN_VISIBILITY_FILTER}};
+                                           {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS}};
     if (job->patches.patches != KILN_PATCHES_LINKS && given(job, "link-error"))
         return kiln_fail(error, KILN_USAGE,
                          "--link-error: all texels are patches; give --patches links, or leave --link-error out");
@@ -473,20 +472,11 @@ static int check_nodes(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Of a filter if nobody says it: finer ones free few more rays than they cost. */
-enum { FILTER_VOXELS = 8 };
-
 static int check_visibility(struct kiln_job *job, struct kiln_error *error)
 {
     if (job->patches.visibility == KILN_VISIBILITY_RAYS && given(job, "voxels"))
         return kiln_fail(error, KILN_USAGE,
-                         "--voxels: rays say what patches see; give --visibility voxels or filter, or leave --voxels "
-                         "out");
-    if (job->patches.visibility == KILN_VISIBILITY_FILTER && !given(job, "voxels"))
-        job->patches.voxels = FILTER_VOXELS;
-    if (job->patches.visibility == KILN_VISIBILITY_FILTER && job->patches.voxels > KILN_VOXELS_FILTER_MOST)
-        return kiln_fail(error, KILN_USAGE, "--voxels %u: --visibility filter has %d along the longest side at most",
-                         job->patches.voxels, KILN_VOXELS_FILTER_MOST);
+                         "--voxels: rays say what patches see; give --visibility voxels, or leave --voxels out");
     return KILN_OK;
 }
 

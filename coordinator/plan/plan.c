@@ -170,10 +170,10 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     m->light = kiln_field_set_light_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
     if (kiln_job_is_radiosity(job))
         m->light += kiln_patches_bytes(&job->patches, (uint64_t)plan->here.light.points_most, plan->surface.points,
-                                       p->geometry->triangle_count, on_device(p));
+                                       on_device(p));
     if (kiln_job_is_radiosity(job) && on_device(p))
-        m->device += kiln_patches_device_bytes(&job->patches, (uint64_t)plan->here.light.points_most,
-                                               plan->surface.points, p->geometry->triangle_count);
+        m->device +=
+            kiln_patches_device_bytes(&job->patches, (uint64_t)plan->here.light.points_most, plan->surface.points);
     m->volume = plan->probes * (KILN_PROBE_BYTES + job->group_count * sizeof(struct kiln_probe_group)) +
                 plan->landing.probe_bytes;
     m->results = result_bytes(plan, p, job);

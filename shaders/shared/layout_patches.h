@@ -35,21 +35,18 @@ KILN_SIZE_IS(kiln_gpu_node_shape, 48);
 
 /* What pairs see of each other besides by rays: patches.comp's own constant. */
 #define KILN_GPU_SIGHT_VOXELS 1u /* in the place of rays */
-#define KILN_GPU_SIGHT_FILTER 2u /* rays that it frees are not traced */
-#define KILN_GPU_SIGHT_KEPT 4u   /* what is known is not asked again, and what is found is kept */
+#define KILN_GPU_SIGHT_KEPT 2u   /* what is known is not asked again, and what is found is kept */
 
 /* The grid (worker/scene/voxels.h), and what is kept (worker/backend/vulkan/visibility.h). `reals` are of the kernel's
- * `real`: the grid's corner, cells a metre, and from KILN_GPU_GRID_REALS on planes of KILN_GPU_PLANE_REALS each:
- * normal, place along that, how far places may be off. */
+ * `real`: the grid's corner, and cells a metre. */
 struct kiln_gpu_sight {
-    KILN_ADDRESS words, before, plane_of, reals;
+    KILN_ADDRESS words, reals;
     KILN_ADDRESS runs; /* struct kiln_gpu_sight_run of each own tile run */
     KILN_WORD n[3];
     KILN_WORD groups; /* of 64 columns */
 };
-KILN_SIZE_IS(kiln_gpu_sight, 56);
+KILN_SIZE_IS(kiln_gpu_sight, 40);
 #define KILN_GPU_GRID_REALS 4u
-#define KILN_GPU_PLANE_REALS 5u
 
 /* What is kept of a tile run: words, in this order, with g groups and n points: known columns of each group (2 g),
  * columns that some pair is partly open in (2 g), where the tile pair's bits are (g), what its pairs were found to be

@@ -6,29 +6,14 @@
  *     KILN_VOXEL_LOW(grid)               corner of the first cell, m, a kiln_real3
  *     KILN_VOXEL_SCALE(grid)             cells a metre
  *     KILN_VOXEL_COUNT(grid, axis)       cells along x, y and z
- *     KILN_VOXEL_WORD(grid, i)           32 cells, a bit each: which of them count
- *     KILN_VOXEL_BEFORE(grid, i)         how many count in the words before it
- *     KILN_VOXEL_PLANE_OF(grid, i)       word i of the planes of the cells that count, KILN_VOXEL_PLANES each
- *     KILN_VOXEL_PLANE_REAL(grid, i)     number i of the planes, each a struct kiln_voxel_plane
- *
- * The last three are a filter's. */
+ *     KILN_VOXEL_WORD(grid, i)           32 cells, a bit each: which of them count */
 #ifndef KILN_SHADERS_SHARED_VOXELS_H
 #define KILN_SHADERS_SHARED_VOXELS_H
 
 #include "shaders/shared/mask.h"
 #include "shaders/shared/real.h"
 
-/* Of a cell at most; a cell without any more has KILN_VOXEL_NO_PLANE, and one of more planes has that first. */
-#define KILN_VOXEL_PLANES 3u
-#define KILN_VOXEL_NO_PLANE 0xffffffffu
 #define KILN_VOXEL_NEVER kiln_real_of(1.0e30f) /* farther along a line than its end */
-
-/* A plane that triangles lie in, but for less than `off`, m: by that and by what a tracer may err. */
-struct kiln_voxel_plane {
-    kiln_real3 n;
-    kiln_real along, off; /* n . p of its places */
-};
-#define KILN_VOXEL_PLANE_REALS 5u
 
 /* A line on its way along one axis: the share of it at which the next border lies, and what lies between two. */
 struct kiln_voxel_axis {
@@ -162,41 +147,6 @@ KILN_FUNCTION bool kiln_voxel_lets_see(KILN_VOXEL_GRID grid, kiln_real3 from, ki
         kiln_voxel_step(KILN_TO(line));
     }
     return true;
-}
-
-/* Whether both places lie on one side of all planes of the cell at `at`, which counts. */
-KILN_FUNCTION bool kiln_voxel_is_passed(KILN_VOXEL_GRID grid, KILN_U32 at, kiln_real3 from, kiln_real3 to)
-{
-    const KILN_U32 below = KILN_VOXEL_WORD(grid, at / 32u) & ((1u << at % 32u) - 1u),
-                   cell = KILN_VOXEL_BEFORE(grid, at / 32u) + KILN_COUNT_BITS(below);
-    bool passed = KILN_VOXEL_PLANE_OF(grid, KILN_VOXEL_PLANES * cell) != KILN_VOXEL_NO_PLANE;
-    for (KILN_U32 k = 0u; k < KILN_VOXEL_PLANES && passed; k++) {
-        const KILN_U32 number = KILN_VOXEL_PLANE_OF(grid, KILN_VOXEL_PLANES * cell + k);
-        if (number == KILN_VOXEL_NO_PLANE)
-            break;
-        const KILN_U32 i = KILN_VOXEL_PLANE_REALS * number;
-        const kiln_real3 n = real3_make(KILN_VOXEL_PLANE_REAL(grid, i), KILN_VOXEL_PLANE_REAL(grid, i + 1u),
-                                        KILN_VOXEL_PLANE_REAL(grid, i + 2u));
-        const kiln_real along = KILN_VOXEL_PLANE_REAL(grid, i + 3u), off = KILN_VOXEL_PLANE_REAL(grid, i + 4u);
-        const kiln_real a = real3_dot(n, from) - along, b = real3_dot(n, to) - along;
-        passed = (a > off && b > off) || (a < -off && b < -off);
-    }
-    return passed;
-}
-
-/* Whether a ray between two places can meet nothing: each cell on its way is empty, or it stays on one side of all that
- * is in it. */
-KILN_FUNCTION bool kiln_voxel_is_free(KILN_VOXEL_GRID grid, kiln_real3 from, kiln_real3 to)
-{
-    const kiln_real3 none = real3_make(kiln_real_of(0), kiln_real_of(0), kiln_real_of(0));
-    const KILN_STRUCT kiln_voxel_end a = kiln_voxel_end_at(grid, from, none), b = kiln_voxel_end_at(grid, to, none);
-    KILN_STRUCT kiln_voxel_line line = kiln_voxel_line_of(grid, KILN_TO(a), KILN_TO(b));
-    bool found = true;
-    while (line.left >= 0 && found) {
-        found = !kiln_voxel_is_solid(grid, line.at) || kiln_voxel_is_passed(grid, line.at, from, to);
-        kiln_voxel_step(KILN_TO(line));
-    }
-    return found;
 }
 
 #endif

@@ -4,8 +4,6 @@
   with glass between patches, over 3 ranks whose points move, and after interruptions.
 - With room for all, later bounces trace no pair, and most tile pairs need no bits; memory is as `kiln plan` says at
   most.
-- With a filter of voxels the bits are those of rays, in the Cornell box, with glass and with a cache, and most rays
-  are not traced.
 - By voxels the light goes to that of rays as they get finer; a cache and ranks change no bit of it.
 - What it has no use for is refused.
 """
@@ -128,28 +126,10 @@ def check_voxels(kiln, checks):
     checks.that(off[0] > off[1] > off[2] and off[0] < 0.1 and 0 < off[2] < 0.025, 'voxels: off by %s' % off)
 
 
-def check_filter(kiln, checks, glass):
-    few = (*FEW, '--texels-per-metre', 3)
-    for scene, most in ((CORNELL, 0.5), (glass, 0.9)):
-        rays = kiln.bake(scene, *few)
-        for more in (('--voxels', 5), ('--voxels', 24), ('--voxels', 24, *ALL), ('--voxels', 256)):
-            bake = kiln.bake(scene, *few, '--visibility', 'filter', *more)
-            if not checks.baked(rays) or not checks.baked(bake):
-                return
-            checks.that(same_result.points(bake) == same_result.points(rays),
-                        '%s, filter, %s: other bits than by rays' % (scene, more), bake.process)
-            left = bake.run['rays']['bounces'] / rays.run['rays']['bounces']
-            checks.that(left < (most if more != ('--voxels', 5) else 1), '%s, filter, %s: %g of the rays are traced' %
-                        (scene, more, left), bake.process)
-            print('filter', os.path.basename(scene), *more, '%.3f of the rays' % left)
-            bake.remove()
-
-
 def check_refusals(kiln, checks):
     radiosity = ('--method', 'radiosity')
     for more in (('--voxels', 64), ('--visibility', 'voxels', '--patches', 'links'),
-                 ('--visibility', 'filter', '--patches', 'links'),
-                 ('--visibility', 'voxels', '--gather', 'even'), ('--visibility', 'filter', '--voxels', 257)):
+                 ('--visibility', 'voxels', '--gather', 'even')):
         process = kiln.bake(CORNELL, *radiosity, *more).process
         checks.that(process.status == 64 and '--v' in process.stderr and ': ' in process.sentence(),
                     '%s was not refused: %d, %s' % (more, process.status, process.stderr))
@@ -170,9 +150,7 @@ def main():
         check_plan(kiln, checks, found[1])
     for more in (('--undersample', 'random'), ('--undersample', 'mipmap'), ('--subdivide', 0.1)):
         check_same(kiln, checks, table, CORNELL, ' '.join(map(str, more)), *three, *more)
-    glass = with_glass(os.path.join(kiln.scratch, 'glass.glb'))
-    check_same(kiln, checks, table, glass, 'glass', *three)
-    check_filter(kiln, checks, glass)
+    check_same(kiln, checks, table, with_glass(os.path.join(kiln.scratch, 'glass.glb')), 'glass', *three)
     check_ranks(kiln, checks)
     check_voxels(kiln, checks)
     check_refusals(kiln, checks)

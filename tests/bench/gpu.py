@@ -82,9 +82,8 @@ def visibility(kiln, scene, density=20):
     kept, and by how much the sum of all light differs from that by rays."""
     table = harness.Table(('options', 44), ('rays', 8), ('1st, s', 7), ('2nd, s', 7), ('GiB', 6), ('light', 8))
     by_rays = None
-    for more in ((), ('--visibility', 'filter', '--voxels', 8), ('--visibility', 'filter', '--voxels', 32),
-                 ('--visibility', 'voxels', '--voxels', 64), ('--visibility-cache', 24), ('--visibility-cache', 0.5),
-                 ('--visibility-cache', 24, '--visibility', 'filter', '--voxels', 8)):
+    for more in ((), ('--visibility', 'voxels', '--voxels', 64), ('--visibility-cache', 24),
+                 ('--visibility-cache', 0.5)):
         bake = measure.must(kiln.bake(scene, '--method', 'radiosity', '--bounces', 2, '--texels-per-metre', density,
                                       '--samples-direct', 16, '--samples-indirect', 64, '--samples-probe', 0,
                                       '--denoise', 'none', '--no-export', *more, timeout=3600))

@@ -1,5 +1,5 @@
-"""--method radiosity: error against pairs of patches, bounce by bounce and by rounds of unshot light; what voxels
-cost and lose, and a filter of voxels costs and saves.
+"""--method radiosity: error against pairs of patches, bounce by bounce and by rounds of unshot light; and what voxels
+cost and lose.
 
   /usr/bin/python3 tests/bench/unshot.py --kiln build/release/kiln --density 3
 
@@ -48,8 +48,6 @@ def main():
         wanted = baked(kiln, table, None, scene, options, '--bounces', 1)
         for voxels in (32, 64, 128, 256):
             baked(kiln, table, wanted, scene, options, '--bounces', 1, '--visibility', 'voxels', '--voxels', voxels)
-        for voxels in (4, 8, 16, 32, 64):
-            baked(kiln, table, wanted, scene, options, '--bounces', 1, '--visibility', 'filter', '--voxels', voxels)
 
 
 if __name__ == '__main__':

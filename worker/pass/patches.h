@@ -24,8 +24,7 @@
  * Surfaces are diffuse: chains through gloss are not followed. What the rays meet that is no node's brings nothing.
  *
  * Where a part of all nodes send, rows cannot be closed: then they are multiplied as a step with all of them has found
- * (`closing`), and no ray measures shares. With `voxels` these say what pairs see, and no ray goes between them; with
- * `filter` none goes where that says that it can meet nothing.
+ * (`closing`), and no ray measures shares. With `voxels` these say what pairs see, and no ray goes between them.
  *
  * Items: tile runs. Result: struct kiln_patches_result; `error` is 0, for what pairs are off by is no chance. Samples:
  * rays that measure the shares. Streams: as the gather pass, with the same rays. Rays: the samples of all valid points,
@@ -88,8 +87,7 @@ struct kiln_patches_parameters {
      * 0: nothing is clamped. */
     double most_factor, most_added;
     struct kiln_visibility_cache *cache; /* borrowed; NULL: all pairs are traced */
-    const struct kiln_voxels *voxels;    /* what pairs see of each other; borrowed; NULL: rays say it, */
-    const struct kiln_voxels *filter;    /* but for those that it frees; borrowed; NULL: none */
+    const struct kiln_voxels *voxels;    /* what pairs see of each other; borrowed; NULL: rays say it */
     /* The nodes are a part of all, and rows are closed as the surface says. A bit a point, by global index, in words:
      * the points whose light they send. Borrowed; NULL: the nodes are all that there are. */
     const uint64_t *shot;

@@ -6,24 +6,14 @@
 #include "worker/base/memory.h"
 #include "worker/scene/footprint.h"
 
-/* Cells, which no line errs by that is reckoned in floats: along it KILN_VOXELS_FILTER_MOST sums of shares of its
- * length, which is 443 cells at most. */
-#define FILTER_MARGIN (1.0 / 64.0)
-/* Among which a triangle's plane is looked for: triangles of one wall mostly follow each other. */
-enum { LAST_PLANES = 16 };
-#define MANY (KILN_VOXEL_NO_PLANE - 1u) /* first of a cell's planes: it has too many */
+#define MARGIN 1e-6 /* cells: what comes nearer to a cell than this counts as in it */
 
 struct kiln_voxels {
     struct kiln_dvec3 low; /* corner of the first cell, m */
     double side, scale;    /* of a cell, m; cells a metre */
-    double margin;         /* cells: what comes nearer to a cell than this counts as in it */
     int n[3];
     uint64_t cells, filled;
     uint32_t *solid; /* a bit a cell */
-    /* of a filter: see kiln_voxel_arrays */
-    uint32_t *before, *plane_of;
-    struct kiln_voxel_plane *planes;
-    size_t plane_count, plane_room;
 };
 
 #define KILN_VOXEL_GRID const struct kiln_voxels *
@@ -34,9 +24,6 @@ struct kiln_voxels {
 #define KILN_VOXEL_AXIS_y 1
 #define KILN_VOXEL_AXIS_z 2
 #define KILN_VOXEL_WORD(grid, i) ((grid)->solid[i])
-#define KILN_VOXEL_BEFORE(grid, i) ((grid)->before[i])
-#define KILN_VOXEL_PLANE_OF(grid, i) ((grid)->plane_of[i])
-#define KILN_VOXEL_PLANE_REAL(grid, i) (((const double *)(grid)->planes)[i])
 #include "shaders/shared/voxels.h"
 
 static void components(struct kiln_dvec3 v, double out[3]) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
@@ -74,10 +61,10 @@ static void cross(const double a[3], const double b[3], double out[3])
         out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
 }
 
-/* Whether the triangle, in cells, comes into cell c, or nearer than the margin. */
-static bool comes_into(const double triangle[3][3], const int c[3], double margin)
+/* Whether the triangle, in cells, comes into cell c. */
+static bool comes_into(const double triangle[3][3], const int c[3])
 {
-    const double half = 0.5 + margin;
+    const double half = 0.5 + MARGIN;
     double corner[3][3], edge[3][3], axis[3];
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++)
@@ -101,11 +88,7 @@ static bool comes_into(const double triangle[3][3], const int c[3], double margi
     return true;
 }
 
-/* What is done with a cell that a triangle comes into; `value` is the caller's. */
-typedef void (*cell_function)(struct kiln_voxels *v, uint32_t cell, uint32_t value);
-
-static void each_cell(struct kiln_voxels *v, const struct kiln_geometry *g, size_t number, cell_function function,
-                      uint32_t value)
+static void fill_triangle(struct kiln_voxels *v, const struct kiln_geometry *g, size_t number)
 {
     struct kiln_vec3 p[3];
     double t[3][3];
@@ -114,110 +97,23 @@ static void each_cell(struct kiln_voxels *v, const struct kiln_geometry *g, size
     for (int i = 0; i < 3; i++)
         place_of(v, p[i], t[i]);
     for (int k = 0; k < 3; k++) {
-        low[k] = clamped(fmin(t[0][k], fmin(t[1][k], t[2][k])) - v->margin, v->n[k]);
-        high[k] = clamped(fmax(t[0][k], fmax(t[1][k], t[2][k])) + v->margin, v->n[k]);
+        low[k] = clamped(fmin(t[0][k], fmin(t[1][k], t[2][k])) - MARGIN, v->n[k]);
+        high[k] = clamped(fmax(t[0][k], fmax(t[1][k], t[2][k])) + MARGIN, v->n[k]);
     }
     for (c[2] = low[2]; c[2] <= high[2]; c[2]++)
         for (c[1] = low[1]; c[1] <= high[1]; c[1]++)
             for (c[0] = low[0]; c[0] <= high[0]; c[0]++)
-                if (comes_into(t, c, v->margin))
-                    function(v, cell_at(v, c), value);
-}
-
-/* cell_function */
-static void fill(struct kiln_voxels *v, uint32_t cell, uint32_t value)
-{
-    (void)value;
-    v->solid[cell / 32] |= 1u << cell % 32;
-}
-
-/* ---- planes of a filter's cells ---- */
-
-/* How far a triangle's corners are from the plane, m. */
-static double distance_from(const struct kiln_voxel_plane *plane, const struct kiln_vec3 corner[3])
-{
-    double most = 0.0;
-    for (int i = 0; i < 3; i++)
-        most = fmax(most, fabs(dvec3_dot(plane->n, dvec3_of(corner[i])) - plane->along));
-    return most;
-}
-
-/* The plane of a triangle: among the last ones that were made, or a new one. Half of the distance that rays need from a
- * surface is what they may err by at a place that has moved by rounding. */
-static int find_plane(struct kiln_voxels *v, const struct kiln_geometry *g, size_t number, uint32_t *plane,
-                      struct kiln_error *error)
-{
-    struct kiln_vec3 corner[3];
-    kiln_geometry_corners(g, number, corner);
-    const struct kiln_dvec3 o = dvec3_of(corner[0]);
-    struct kiln_dvec3 n = dvec3_cross(dvec3_sub(dvec3_of(corner[1]), o), dvec3_sub(dvec3_of(corner[2]), o));
-    const double length = dvec3_length(n);
-    *plane = KILN_VOXEL_NO_PLANE;
-    if (!(length > 0.0))
-        return KILN_OK; /* a triangle without area */
-    n = dvec3_scale(n, 1.0 / length);
-    const double off = 0.5 * (double)kiln_offset_distance(g, (uint32_t)number, vec3_of(n));
-    for (size_t i = 0; i < LAST_PLANES && i < v->plane_count; i++) {
-        struct kiln_voxel_plane *last = &v->planes[v->plane_count - 1 - i];
-        const double bent = distance_from(last, corner);
-        if (bent > 0.25 * off || bent > 0.25 * last->off)
-            continue;
-        last->off = fmax(last->off, off + bent);
-        *plane = (uint32_t)(v->plane_count - 1 - i);
-        return KILN_OK;
-    }
-    const int status = kiln_grow(&v->planes, &v->plane_room, v->plane_count + 1, sizeof *v->planes, "planes", error);
-    if (status != KILN_OK)
-        return status;
-    *plane = (uint32_t)v->plane_count;
-    v->planes[v->plane_count++] = (struct kiln_voxel_plane){n, dvec3_dot(n, o), off};
-    return KILN_OK;
-}
-
-/* cell_function: adds a plane to a cell that counts. */
-static void add_plane(struct kiln_voxels *v, uint32_t cell, uint32_t plane)
-{
-    const uint32_t below = v->solid[cell / 32] & ((1u << cell % 32) - 1u);
-    uint32_t *of = &v->plane_of[KILN_VOXEL_PLANES * (v->before[cell / 32] + KILN_COUNT_BITS(below))];
-    uint32_t i = 0;
-    if (of[0] == MANY)
-        return;
-    while (i < KILN_VOXEL_PLANES && of[i] != KILN_VOXEL_NO_PLANE && of[i] != plane)
-        i++;
-    if (i == KILN_VOXEL_PLANES || plane == KILN_VOXEL_NO_PLANE)
-        of[0] = MANY;
-    else
-        of[i] = plane;
+                if (comes_into(t, c)) {
+                    const uint32_t cell = cell_at(v, c);
+                    v->solid[cell / 32] |= 1u << cell % 32;
+                }
 }
 
 static void count_filled(struct kiln_voxels *v)
 {
     v->filled = 0;
-    for (size_t i = 0; i < words_of(v); i++) {
-        if (v->before != NULL)
-            v->before[i] = (uint32_t)v->filled;
+    for (size_t i = 0; i < words_of(v); i++)
         v->filled += KILN_COUNT_BITS(v->solid[i]);
-    }
-}
-
-static int add_planes(struct kiln_voxels *v, const struct kiln_geometry *g, struct kiln_error *error)
-{
-    static const char what[] = "the planes of voxels";
-    const size_t count = (size_t)KILN_VOXEL_PLANES * v->filled;
-    int status = kiln_allocate(&v->plane_of, count, sizeof *v->plane_of, what, error);
-    for (size_t i = 0; status == KILN_OK && i < count; i++)
-        v->plane_of[i] = KILN_VOXEL_NO_PLANE;
-    for (size_t i = 0; status == KILN_OK && i < kiln_geometry_hittable_count(g); i++) {
-        const size_t triangle = kiln_geometry_hittable(g, i);
-        uint32_t plane;
-        status = find_plane(v, g, triangle, &plane, error);
-        if (status == KILN_OK)
-            each_cell(v, g, triangle, add_plane, plane);
-    }
-    for (size_t i = 0; status == KILN_OK && i < count; i += KILN_VOXEL_PLANES)
-        if (v->plane_of[i] == MANY)
-            v->plane_of[i] = KILN_VOXEL_NO_PLANE;
-    return status;
 }
 
 /* ---- life ---- */
@@ -236,48 +132,22 @@ static void measure(struct kiln_voxels *v, const struct kiln_geometry *g, uint32
         v->n[k] = v->n[k] < 1 ? 1 : v->n[k];
 }
 
-static int create(struct kiln_voxels **voxels, const struct kiln_geometry *g, uint32_t along, double margin,
-                  struct kiln_error *error)
-{
-    struct kiln_voxels *v = NULL;
-    int status = kiln_allocate(&v, 1, sizeof *v, "the voxels", error);
-    if (status == KILN_OK) {
-        v->margin = margin;
-        measure(v, g, along);
-        v->cells = (uint64_t)v->n[0] * (uint64_t)v->n[1] * (uint64_t)v->n[2];
-        status = kiln_allocate(&v->solid, words_of(v), sizeof *v->solid, "the voxels", error);
-    }
-    *voxels = v;
-    return status;
-}
-
 int kiln_voxels_create(struct kiln_voxels **voxels, const struct kiln_geometry *g, uint32_t along,
                        struct kiln_error *error)
 {
-    const int status = create(voxels, g, along, 1e-6, error);
-    for (size_t t = 0; status == KILN_OK && t < g->opaque_count - g->opaque_receivers; t++)
-        each_cell(*voxels, g, t, fill, 0);
-    if (status == KILN_OK)
-        count_filled(*voxels);
-    else
-        kiln_voxels_destroy(voxels);
-    return status;
-}
-
-int kiln_voxels_create_filter(struct kiln_voxels **voxels, const struct kiln_geometry *g, uint32_t along,
-                              struct kiln_error *error)
-{
-    int status = create(voxels, g, along, FILTER_MARGIN, error);
-    struct kiln_voxels *v = *voxels;
-    for (size_t i = 0; status == KILN_OK && i < kiln_geometry_hittable_count(g); i++)
-        each_cell(v, g, kiln_geometry_hittable(g, i), fill, 0);
-    if (status == KILN_OK)
-        status = kiln_allocate(&v->before, words_of(v), sizeof *v->before, "the voxels", error);
-    if (status == KILN_OK) {
-        count_filled(v);
-        status = add_planes(v, g, error);
-    }
+    struct kiln_voxels *v = NULL;
+    int status = kiln_allocate(&v, 1, sizeof *v, "the voxels", error);
+    *voxels = v;
     if (status != KILN_OK)
+        return status;
+    measure(v, g, along);
+    v->cells = (uint64_t)v->n[0] * (uint64_t)v->n[1] * (uint64_t)v->n[2];
+    status = kiln_allocate(&v->solid, words_of(v), sizeof *v->solid, "the voxels", error);
+    for (size_t t = 0; status == KILN_OK && t < g->opaque_count - g->opaque_receivers; t++)
+        fill_triangle(v, g, t);
+    if (status == KILN_OK)
+        count_filled(v);
+    else
         kiln_voxels_destroy(voxels);
     return status;
 }
@@ -287,20 +157,10 @@ void kiln_voxels_destroy(struct kiln_voxels **voxels)
     if (*voxels == NULL)
         return;
     kiln_free(&(*voxels)->solid);
-    kiln_free(&(*voxels)->before);
-    kiln_free(&(*voxels)->plane_of);
-    kiln_free(&(*voxels)->planes);
     kiln_free(voxels);
 }
 
 uint64_t kiln_voxels_bytes(uint32_t along) { return (uint64_t)along * along * along / 8 + 8; }
-
-uint64_t kiln_voxels_filter_bytes(uint32_t along, uint64_t triangles)
-{
-    const uint64_t cells = (uint64_t)along * along * along;
-    return 2 * (cells / 8 + 8) + KILN_VOXEL_PLANES * sizeof(uint32_t) * cells +
-           2 * triangles * sizeof(struct kiln_voxel_plane);
-}
 
 /* ---- lines ---- */
 
@@ -310,25 +170,13 @@ bool kiln_voxels_open(const struct kiln_voxels *v, struct kiln_vec3 from, struct
     return kiln_voxel_lets_see(v, dvec3_of(from), dvec3_of(from_normal), dvec3_of(to), dvec3_of(to_normal));
 }
 
-bool kiln_voxels_free(const struct kiln_voxels *v, struct kiln_vec3 from, struct kiln_vec3 to)
-{
-    return kiln_voxel_is_free(v, dvec3_of(from), dvec3_of(to));
-}
-
-_Static_assert(sizeof(struct kiln_voxel_plane) == KILN_VOXEL_PLANE_REALS * sizeof(double), "planes are numbers");
-
 struct kiln_voxel_arrays kiln_voxels_arrays(const struct kiln_voxels *v)
 {
     return (struct kiln_voxel_arrays){.low = v->low,
                                       .scale = v->scale,
                                       .n = {v->n[0], v->n[1], v->n[2]},
                                       .words = v->solid,
-                                      .before = v->before,
-                                      .plane_of = v->plane_of,
-                                      .numbers = (const double *)v->planes,
                                       .word_count = words_of(v),
-                                      .plane_of_count = v->before != NULL ? KILN_VOXEL_PLANES * v->filled : 0,
-                                      .number_count = KILN_VOXEL_PLANE_REALS * v->plane_count,
                                       .filled = v->filled};
 }
 

@@ -4,33 +4,24 @@
  * Triangle-Box Overlap Testing", Journal of Graphics Tools 2001). A line goes from cell to cell (Amanatides and Woo, "A
  * Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987); those do not count that touch the cell of
  * either end, or that the plane of its surface goes through: the surfaces of the ends are in them. So what is nearer to
- * a surface than a cell casts no shadow on it.
- *
- * A filter is a grid that never errs. In it all count that rays can meet, surfaces that let light through among them,
- * and a margin about these. Cells have up to KILN_VOXEL_PLANES planes that their triangles lie in. A ray is free that
- * goes through empty cells, and through such as have all their planes with both its ends on one side, by more than
- * rounding: it can meet nothing. So the cells of its own ends, in which their surfaces lie, need not stop it. */
+ * a surface than a cell casts no shadow on it. */
 #ifndef KILN_WORKER_SCENE_VOXELS_H
 #define KILN_WORKER_SCENE_VOXELS_H
 
 #include "worker/scene/geometry.h"
 
-/* Along a side: 128 MiB of bits; and of a filter, whose margin is made for it. */
-enum { KILN_VOXELS_MOST = 1024, KILN_VOXELS_FILTER_MOST = 256 };
+/* Along a side: 128 MiB of bits. */
+enum { KILN_VOXELS_MOST = 1024 };
 
 struct kiln_voxels;
 
 /* `along` cells along the longest side, 1 to KILN_VOXELS_MOST. KILN_SYSTEM. */
 int kiln_voxels_create(struct kiln_voxels **voxels, const struct kiln_geometry *geometry, uint32_t along,
                        struct kiln_error *error);
-/* A filter of 1 to KILN_VOXELS_FILTER_MOST. KILN_SYSTEM. */
-int kiln_voxels_create_filter(struct kiln_voxels **voxels, const struct kiln_geometry *geometry, uint32_t along,
-                              struct kiln_error *error);
 /* NULL is accepted. */
 void kiln_voxels_destroy(struct kiln_voxels **voxels);
 /* Of memory, for a scene that is a cube: at most. */
 uint64_t kiln_voxels_bytes(uint32_t along);
-uint64_t kiln_voxels_filter_bytes(uint32_t along, uint64_t triangles);
 
 /* The grid: its corner, m from the scene's centre; the side of a cell, m; cells along each axis, and how many count. */
 struct kiln_voxel_grid {
@@ -58,18 +49,14 @@ bool kiln_voxels_meet(const struct kiln_voxels *voxels, struct kiln_vec3 origin,
 /* Whether no cell lies between two places, m from the scene's centre, on surfaces with these normals. Thread-safe. */
 bool kiln_voxels_open(const struct kiln_voxels *voxels, struct kiln_vec3 from, struct kiln_vec3 from_normal,
                       struct kiln_vec3 to, struct kiln_vec3 to_normal);
-/* By a filter: whether a ray between two places can meet nothing. Thread-safe. */
-bool kiln_voxels_free(const struct kiln_voxels *voxels, struct kiln_vec3 from, struct kiln_vec3 to);
 
 /* What lies in memory, for devices (shaders/shared/voxels.h says what it is). Borrowed. */
 struct kiln_voxel_arrays {
     struct kiln_dvec3 low;
     double scale;
     int n[3];
-    const uint32_t *words;             /* a bit a cell */
-    const uint32_t *before, *plane_of; /* of a filter; else NULL */
-    const double *numbers;             /* likewise: of its planes */
-    size_t word_count, plane_of_count, number_count;
+    const uint32_t *words; /* a bit a cell */
+    size_t word_count;
     uint64_t filled; /* cells */
 };
 

@@ -157,10 +157,6 @@ static bool ask(struct patches_work *w, const struct kiln_patch *own, const stru
         kiln_visibility_note(&w->visibility, w->place, other->number, open ? KILN_PAIRS_OPEN : KILN_PAIRS_SHUT);
         return open;
     }
-    if (w->job.p->filter != NULL && kiln_voxels_free(w->job.p->filter, from->place, to->place)) {
-        kiln_visibility_note(&w->visibility, w->place, other->number, KILN_PAIRS_OPEN);
-        return true;
-    }
     if (!patch_ray(&pairs->rays, pairs->ray_count, from->place, to->place))
         return false;
     pair->ray = (int)pairs->ray_count++;

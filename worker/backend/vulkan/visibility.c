@@ -1,6 +1,5 @@
 #include "worker/backend/vulkan/visibility.h"
 
-#include <math.h>
 #include <string.h>
 
 #include "worker/base/memory.h"
@@ -32,8 +31,7 @@ static bool keeps(const struct vulkan_backend *b, const struct kiln_patches_para
 
 uint32_t vulkan_visibility_sight(const struct vulkan_backend *b, const struct kiln_patches_parameters *p)
 {
-    return (p->voxels != NULL ? KILN_GPU_SIGHT_VOXELS : 0) | (p->filter != NULL ? KILN_GPU_SIGHT_FILTER : 0) |
-           (keeps(b, p) ? KILN_GPU_SIGHT_KEPT : 0);
+    return (p->voxels != NULL ? KILN_GPU_SIGHT_VOXELS : 0) | (keeps(b, p) ? KILN_GPU_SIGHT_KEPT : 0);
 }
 
 size_t vulkan_visibility_scratch(const struct vulkan_backend *b, const struct kiln_patches_parameters *p)
@@ -43,56 +41,21 @@ size_t vulkan_visibility_scratch(const struct vulkan_backend *b, const struct ki
 
 /* ---- the grid ---- */
 
-/* Whether a plane lies along two axes: then floats have it exactly, and the height over it of a place nearby. */
-static bool is_along_axes(const float n[3])
-{
-    int ones = 0, zeros = 0;
-    for (int k = 0; k < 3; k++) {
-        ones += fabsf(n[k]) == 1.0f;
-        zeros += n[k] == 0.0f;
-    }
-    return ones == 1 && zeros == 2;
-}
-
-/* Over other planes a place may seem to be higher in floats than it is, by the rounding of three products and sums. */
-static void narrow(const struct vulkan_backend *b, const double *reals, float *floats, size_t count)
-{
-    const float rounding = 0x1p-21f * b->params.geometry->extent;
-    for (size_t i = 0; i < count; i++)
-        floats[i] = (float)reals[i];
-    for (size_t i = KILN_GPU_GRID_REALS; i < count; i += KILN_GPU_PLANE_REALS)
-        floats[i + KILN_GPU_PLANE_REALS - 1] += is_along_axes(&floats[i]) ? 0.0f : rounding;
-}
-
 /* The grid's numbers as the kernels' `real`. */
 static int bring_reals(struct vulkan_backend *b, const struct kiln_voxel_arrays *a, struct kiln_error *error)
 {
-    const size_t count = KILN_GPU_GRID_REALS + a->number_count;
-    double *reals = NULL;
-    float *floats = NULL;
-    int status = kiln_allocate(&reals, count, sizeof *reals, "the voxels' planes", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&floats, count, sizeof *floats, "the voxels' planes", error);
-    if (status == KILN_OK) {
-        const double grid[KILN_GPU_GRID_REALS] = {a->low.x, a->low.y, a->low.z, a->scale};
-        memcpy(reals, grid, sizeof grid);
-        if (a->number_count > 0)
-            memcpy(reals + KILN_GPU_GRID_REALS, a->numbers, a->number_count * sizeof *reals);
-        narrow(b, reals, floats, count);
-        status = gpu_buffer_of(b->gpu, &b->visibility.reals, b->float64 ? (const void *)reals : floats,
-                               count * (b->float64 ? sizeof *reals : sizeof *floats), "the voxels' planes", error);
-    }
-    kiln_free(&reals);
-    kiln_free(&floats);
-    return status;
+    const double reals[KILN_GPU_GRID_REALS] = {a->low.x, a->low.y, a->low.z, a->scale};
+    float floats[KILN_GPU_GRID_REALS];
+    for (size_t i = 0; i < KILN_GPU_GRID_REALS; i++)
+        floats[i] = (float)reals[i];
+    return gpu_buffer_of(b->gpu, &b->visibility.reals, b->float64 ? (const void *)reals : floats,
+                         b->float64 ? sizeof reals : sizeof floats, "the voxels", error);
 }
 
 static void release_grid(struct vulkan_backend *b)
 {
     struct vulkan_visibility *v = &b->visibility;
     gpu_buffer_destroy(b->gpu, &v->words);
-    gpu_buffer_destroy(b->gpu, &v->before);
-    gpu_buffer_destroy(b->gpu, &v->plane_of);
     gpu_buffer_destroy(b->gpu, &v->reals);
     v->grid.words = NULL;
 }
@@ -104,10 +67,6 @@ static int bring_grid(struct vulkan_backend *b, const struct kiln_voxels *grid, 
     const struct kiln_voxel_arrays a = kiln_voxels_arrays(grid);
     release_grid(b);
     int status = gpu_buffer_of(b->gpu, &v->words, a.words, a.word_count * sizeof *a.words, what, error);
-    if (status == KILN_OK && a.before != NULL)
-        status = gpu_buffer_of(b->gpu, &v->before, a.before, a.word_count * sizeof *a.before, what, error);
-    if (status == KILN_OK && a.before != NULL)
-        status = gpu_buffer_of(b->gpu, &v->plane_of, a.plane_of, a.plane_of_count * sizeof *a.plane_of, what, error);
     if (status == KILN_OK)
         status = bring_reals(b, &a, error);
     v->grid = a;
@@ -119,8 +78,7 @@ static int bring_grid(struct vulkan_backend *b, const struct kiln_voxels *grid, 
 static bool has_grid(const struct vulkan_backend *b, const struct kiln_voxels *grid)
 {
     const struct kiln_voxel_arrays a = kiln_voxels_arrays(grid), *v = &b->visibility.grid;
-    return v->words == a.words && v->before == a.before && v->scale == a.scale && v->word_count == a.word_count &&
-           v->filled == a.filled;
+    return v->words == a.words && v->scale == a.scale && v->word_count == a.word_count && v->filled == a.filled;
 }
 
 /* ---- room for what is kept ---- */
@@ -356,21 +314,18 @@ int vulkan_visibility_prepare(struct vulkan_backend *b, const struct kiln_patche
                               const struct kiln_batch *batch, struct kiln_error *error)
 {
     struct vulkan_visibility *v = &b->visibility;
-    const struct kiln_voxels *grid = p->voxels != NULL ? p->voxels : p->filter;
     const bool kept = keeps(b, p);
     struct kiln_visibility_of_step of = {0};
     int status = KILN_OK;
     if (vulkan_visibility_sight(b, p) == 0)
         return KILN_OK;
-    if (grid != NULL && !has_grid(b, grid))
-        status = bring_grid(b, grid, error);
+    if (p->voxels != NULL && !has_grid(b, p->voxels))
+        status = bring_grid(b, p->voxels, error);
     if (kept)
         of = kiln_visibility_cache_of_step(p->cache);
     if (status == KILN_OK && kept && !has_room(b, p->cache, &of))
         status = make_room(b, p->cache, &of, error);
     const struct kiln_gpu_sight root = {.words = v->words.address,
-                                        .before = v->before.address,
-                                        .plane_of = v->plane_of.address,
                                         .reals = v->reals.address,
                                         .runs = v->runs.address,
                                         .n = {(uint32_t)v->grid.n[0], (uint32_t)v->grid.n[1], (uint32_t)v->grid.n[2]},

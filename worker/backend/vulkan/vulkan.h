@@ -144,7 +144,7 @@ struct vulkan_held {
 /* What pairs of patches see of each other (visibility.h). */
 struct vulkan_visibility {
     struct kiln_voxel_arrays grid; /* that is there; words NULL: none */
-    struct gpu_buffer words, before, plane_of, reals;
+    struct gpu_buffer words, reals;
     struct gpu_buffer root; /* struct kiln_gpu_sight */
     /* whose pairs are kept, NULL: none; and what they were made for */
     const struct kiln_visibility_cache *of;
