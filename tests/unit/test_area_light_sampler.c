@@ -11,6 +11,7 @@
 #include <stdlib.h>
 
 #include "shaders/shared/random.h"
+#include "worker/base/memory.h"
 #include "worker/light/area_light_sampler.h"
 #include "worker/light/tree.h"
 #include "worker/sampling/sequence.h"
@@ -116,7 +117,7 @@ static void same_as_one_by_one_at_the_centre(void **state)
             compare_at_centre(&lights, &target, p, &seed);
             *(target.spherical ? &spherical : &flat) += 1;
         }
-        free(lights.nodes);
+        kiln_free(&lights.nodes);
     }
     assert_true(spherical > 50 && flat > 50);
 }
@@ -175,7 +176,7 @@ static void closed_form_from_other_places(void **state)
             } else {
                 assert_true(distance < 1.0); /* a corner of the lamp comes near the point's plane, or below */
             }
-            free(lights.nodes);
+            kiln_free(&lights.nodes);
         }
 }
 
@@ -193,8 +194,8 @@ static void others_are_left_alone(void **state)
     assert_false(kiln_area_light_sampler(&one, &lone, above, 0.0, &target)); /* from behind */
     assert_true(kiln_area_light_sampler(&one, &lone, origin, 0.0, &target));
     assert_false(kiln_area_light_sampler(&one, &lone, origin, 0.2 * target.height, &target));
-    free(two.nodes);
-    free(one.nodes);
+    kiln_free(&two.nodes);
+    kiln_free(&one.nodes);
 }
 
 int main(void)

@@ -10,6 +10,7 @@
 
 #include <cmocka.h>
 
+#include "worker/base/memory.h"
 #include "coordinator/field/field.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/late.h"
@@ -358,7 +359,7 @@ static void outlook(void **state)
     }
     assert_true(plan.of[7].outlook.steps == 1 && plan.of[7].outlook.samples == 32.0);
     kiln_planned_steps_release(&plan);
-    free(reports.of);
+    kiln_free(&reports.of);
 }
 
 static void table(void **state)

@@ -163,9 +163,9 @@ static void release(struct world *w)
     kiln_surface_destroy(&w->surface);
     kiln_lights_destroy(&w->made);
     kiln_geometry_destroy(&w->geometry);
-    free(w->f->scene.taken);
-    free(w->f->scene.panes);
-    free(w->f->scene.own_materials);
+    kiln_free(&w->f->scene.taken);
+    kiln_free(&w->f->scene.panes);
+    kiln_free(&w->f->scene.own_materials);
     fixture_destroy(w->f);
 }
 

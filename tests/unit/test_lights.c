@@ -10,6 +10,7 @@
 #include <stdlib.h>
 
 #include "shaders/shared/random.h"
+#include "worker/base/memory.h"
 #include "worker/light/environment.h"
 #include "worker/light/lights.h"
 #include "worker/light/tree.h"
@@ -80,7 +81,7 @@ static void one_triangle_at_any_distance(void **state)
         const double exact = 2.0 * polygon_irradiance(v, p, n), sampled = sampled_irradiance(&lights, p, n, 4096, 5);
         if (fabs(sampled / exact - 1.0) > 2e-3)
             fail_msg("at distance %g: %g instead of %g", d, sampled, exact);
-        free(lights.nodes);
+        kiln_free(&lights.nodes);
     }
 }
 
@@ -95,11 +96,11 @@ static void sides_matter(void **state)
     kiln_light_tree_build(&lights, NULL);
     const struct kiln_dvec3 above = {0.2, 2.0, 0.2}, down = {0, -1, 0};
     assert_true(sampled_irradiance(&lights, above, down, 64, 1) == 0.0);
-    free(lights.nodes);
+    kiln_free(&lights.nodes);
     light.two_sided = true;
     kiln_light_tree_build(&lights, NULL);
     assert_true(sampled_irradiance(&lights, above, down, 64, 1) > 0.1);
-    free(lights.nodes);
+    kiln_free(&lights.nodes);
 }
 
 /* Many random triangles: the tree's estimate is unbiased and its importance never zero where something arrives. */
@@ -141,7 +142,7 @@ static void many_triangles_through_the_tree(void **state)
         if (fabs(sampled / exact - 1.0) > 0.01)
             fail_msg("%g instead of %g", sampled, exact);
     }
-    free(lights.nodes);
+    kiln_free(&lights.nodes);
     free(areas);
 }
 
@@ -158,7 +159,7 @@ static void points_spots_and_ranges(void **state)
     assert_true(fabs(sampled_irradiance(&lights, p, n, 1, 1) - 7.0 / 4.0 * (1.0 - 1.0 / 16.0)) < 1e-12);
     light.range = 1.9;
     assert_true(sampled_irradiance(&lights, p, n, 1, 1) == 0.0);
-    free(lights.nodes);
+    kiln_free(&lights.nodes);
     light = (struct kiln_point_light){.position = {0, 2, 0},
                                       .direction = {0, -1, 0},
                                       .intensity = {7, 7, 7},
@@ -170,7 +171,7 @@ static void points_spots_and_ranges(void **state)
     assert_true(sampled_irradiance(&lights, dvec3(2, 0, 0), n, 1, 1) == 0.0);
     const double cosine = 2.0 / sqrt(4.0 + 0.64), t = (cosine - 0.9) / 0.05, expected = 7.0 * cosine / 4.64 * t * t;
     assert_true(fabs(sampled_irradiance(&lights, dvec3(0.8, 0, 0), n, 1, 1) / expected - 1.0) < 1e-12);
-    free(lights.nodes);
+    kiln_free(&lights.nodes);
 }
 
 /* A sun of few texels in a dim sky: both strategies together give what the image's own sum says. */
@@ -211,8 +212,8 @@ static void environment_image(void **state)
         assert_true(fabs(dvec3_length(d) - 1.0) < 1e-12);
         assert_true(fabs(kiln_environment_density(&lights, d) / density - 1.0) < 1e-6);
     }
-    free(lights.marginal);
-    free(lights.conditional);
+    kiln_free(&lights.marginal);
+    kiln_free(&lights.conditional);
 }
 
 /* A bright light and a hundred that hardly matter beside it: these are one choice, whose samples tell their sum.
@@ -247,11 +248,11 @@ static void dim_lights_share_a_choice(void **state)
         }
     if (fabs(dim / exact - 1.0) > 1e-3)
         fail_msg("%g instead of %g", dim, exact);
-    free(lights.nodes);
+    kiln_free(&lights.nodes);
     lights.points++, lights.point_count = DIM;
     assert_int_equal(kiln_light_tree_build(&lights, NULL), KILN_OK);
     assert_int_equal(kiln_lights_choices(&lights, p, 0.0, n, KILN_CUT_MAX, choices), KILN_CUT_MAX);
-    free(lights.nodes);
+    kiln_free(&lights.nodes);
 }
 
 /* The irradiance about a shading normal that is `angle` off the geometric one, under a constant sky, and the most that

@@ -13,6 +13,7 @@
 
 #include "coordinator/surface/surface_build.h"
 #include "tests/unit/surface_scene.h"
+#include "worker/base/memory.h"
 #include "worker/store/store.h"
 
 struct world {
@@ -140,8 +141,9 @@ static void divide_a_tile(struct kiln_surface *s, uint64_t number, uint64_t beyo
     struct kiln_tile *tile = &s->tiles[number];
     const uint64_t points = (uint64_t)__builtin_popcountll(tile->mask);
     assert_true((tile->first & KILN_TILE_SPLIT) == 0 && points > 0 && s->divided_count == 0);
-    s->divided = calloc(points, sizeof *s->divided);
-    s->splits = realloc(s->splits, (s->split_count + points) * sizeof *s->splits);
+    size_t room = s->split_count;
+    assert_int_equal(kiln_allocate(&s->divided, points, sizeof *s->divided, "divided texels", NULL), KILN_OK);
+    assert_int_equal(kiln_grow(&s->splits, &room, s->split_count + points, sizeof *s->splits, "splits", NULL), KILN_OK);
     for (uint64_t rest = tile->mask; rest != 0; rest &= rest - 1, s->divided_count++) {
         const uint64_t i = s->divided_count;
         s->divided[i] = (struct kiln_divided_texel){

@@ -14,6 +14,7 @@
 #include "tests/unit/vulkan_device.h"
 #include "tests/vulkan_lights.h"
 #include "tests/vulkan_lights_float.h"
+#include "worker/base/memory.h"
 #include "worker/backend/vulkan/layout.h"
 #include "worker/backend/vulkan/lights.h"
 #include "worker/light/environment.h"
@@ -251,7 +252,7 @@ static void compare(struct gpu *gpu, struct kiln_lights *lights, double reach, c
         compare_variant(gpu, lights, true, queries, name);
     compare_variant(gpu, lights, false, queries, name);
     free(queries);
-    free(lights->nodes);
+    kiln_free(&lights->nodes);
     lights->nodes = NULL;
 }
 
@@ -359,8 +360,8 @@ static void everything(void **state)
     lights.directionals = (struct kiln_directional_light *)&sun;
     lights.directional_count = 1;
     compare(*state, &lights, 1.5, "everything");
-    free(lights.marginal);
-    free(lights.conditional);
+    kiln_free(&lights.marginal);
+    kiln_free(&lights.conditional);
     environment.kind = KILN_ENVIRONMENT_CONSTANT;
     lights = (struct kiln_lights){.scene = &scene};
     assert_int_equal(kiln_environment_build(&lights, NULL), KILN_OK);
