@@ -194,8 +194,9 @@ static int export_beside(const struct kiln_bake *b, struct kiln_error *error)
         status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
     if (status == KILN_OK)
         status = kiln_allocate(&backs, s->object_count, 1, "the export's links", error);
-    for (uint32_t i = s->object_count; status == KILN_OK && i < s->map_count; i++)
-        backs[i - s->object_count] = s->lightmaps[i].published != 0;
+    for (uint32_t i = kiln_front_maps(s); status == KILN_OK && i < s->map_count; i++)
+        if (s->lightmaps[i].published != 0)
+            backs[kiln_map_object(s, i)] = 1;
     if (status == KILN_OK)
         status = kiln_export_beside(
             b->job->output, b->job->scene, b->prepared->scene, backs, (const float(*)[3])b->vertices.irradiance,

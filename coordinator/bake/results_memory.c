@@ -14,8 +14,8 @@
 
 /* What writing the results takes, measured: see the rows' words. */
 static const double LIGHTMAP_WORK = 85.0; /* bytes a texel of the lightmaps under way */
-/* a point on its way to the lightmap's writer: sent and received */
-static const double RECORD_BYTES = 2 * 58.0;
+/* a point on its way to the lightmap's writer: as it is sent, and as it is received where ranks are several */
+static const double RECORD_BYTES = 58.0;
 /* bytes a point of kiln.h5 in hand; of them still held afterwards */
 static const double H5_ROW = 113.0, H5_KEPT = 90.0;
 /* Of kiln.h5, where several ranks write it: compressed bytes of a point that a rank has to itself until it knows where
@@ -65,7 +65,7 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
     const double denoised = denoises ? fmin(at_once, 2.0 * size->threads * largest) * points_a_texel : 0.0;
     const double of_groups = 24.0 * (double)size->job->group_count; /* bytes of a texel, and as many again denoised */
     const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (DENOISE_WORK + of_groups) * denoised +
-                             (RECORD_BYTES + 2.0 * planes) * rows;
+                             (size->ranks > 1.0 ? 2.0 : 1.0) * (RECORD_BYTES + planes) * rows;
     const double preview = size->job->preview ? preview_bytes(size->job, size->scene, size->points) +
                                                     PREVIEW_TEXEL * size->texels + (H5_KEPT + columns) * rows
                                               : 0.0;
