@@ -8,7 +8,6 @@
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/light_groups.h"
 #include "coordinator/job/options.h"
-#include "worker/scene/voxels.h"
 #include "worker/base/memory.h"
 #include "worker/pass/caustic_weights.h"
 #include "worker/sampling/direction_set.h"

@@ -9,10 +9,11 @@
 
 /* Allocates `count` elements of `size` bytes, zeroed and 64-byte aligned, and stores the pointer in *pointer (the
  * address of a pointer variable of any object type). A count of 0 gives a valid pointer too. `what` names the purpose
- * in the error sentence ("the lightmap tiles"). Free with kiln_free. */
+ * in the error sentence ("the lightmap tiles"). Large arrays take memory where they are written first. Free with
+ * kiln_free. */
 int kiln_allocate(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error);
 
-/* The same without zeroing: elements are not initialised, and large arrays take memory where they are written first. */
+/* The same without zeroing: elements are not initialised. */
 int kiln_allocate_bare(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error);
 
 /* Grows *pointer (from kiln_allocate or NULL) to at least `needed` elements. *capacity is the present number of
