@@ -6,13 +6,14 @@
 
 /* Measured once: `kiln bench rays` with AVX-512, one core a thread, in scenes of 32 and of 262,000 triangles, and an
  * H200 in scenes of 32, 250,000 and 4 million; a ray costs more by about as much with each doubling of the triangles. A
- * GPU ten times slower changes the choice only for bakes that processors do in a second or two. */
+ * GPU ten times slower changes the choice only for bakes that processors do in a second or two. The first bake with a
+ * GPU compiles its kernels, and takes a second or two more. */
 static const double EMBREE_RAY = 113e-9, EMBREE_RAY_DOUBLING = 35e-9; /* s of one thread */
 static const double VULKAN_RAY = 0.083e-9, VULKAN_RAY_DOUBLING = 0.008e-9;
 static const double EMBREE_TRIANGLE = 4e-6;   /* s of one thread, of a BVH */
 static const double VULKAN_TRIANGLE = 0.6e-6; /* s, likewise, with what is copied to the device */
-static const double VULKAN_START = 2.0;       /* s: driver, device and kernels */
-static const double VULKAN_STEP = 0.02;       /* s, of every step: dispatches and what returns */
+static const double VULKAN_START = 0.4;       /* s: driver and device, with kernels that are kept */
+static const double VULKAN_STEP = 0.005;      /* s, of every step: dispatches and what returns */
 enum { FIRST_DOUBLINGS = 5, TYPICAL_BOUNCES = 6, FIRST_BOUNCE = 3, TYPICAL_LEAN = 10 };
 static const double COVERED = 0.75, LIT = 0.5; /* of a lightmap's texels lie on geometry; of shadow rays are traced */
 

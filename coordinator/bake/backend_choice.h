@@ -1,5 +1,5 @@
 /* Which backend `--backend auto` takes: where the whole bake is expected to be done sooner. A GPU traces many times as
- * fast as processors do, but takes a second or more until it begins; a small bake is done by then. */
+ * fast as processors do, but takes some tenths of a second until it begins; a small bake is done by then. */
 #ifndef KILN_COORDINATOR_BAKE_BACKEND_CHOICE_H
 #define KILN_COORDINATOR_BAKE_BACKEND_CHOICE_H
 

@@ -190,7 +190,7 @@ static uint32_t passes_of(const struct kiln_job *job)
            (uint32_t)gathers << KILN_PASS_INDEX_gather;
 }
 
-/* What of the backend's parameters needs no scene. */
+/* What a device needs to start. */
 static struct kiln_backend_params device_params(const struct kiln_prepared *p, const struct kiln_job *job,
                                                 const struct kiln_prepare_care *care)
 {
@@ -198,6 +198,7 @@ static struct kiln_backend_params device_params(const struct kiln_prepared *p, c
                                          .instruction_set = p->instruction_set,
                                          .seed = job->seed,
                                          .chain_length = job->chain_length,
+                                         .rays = p->choice.question.rays / (double)p->ranks,
                                          .passes = passes_of(job),
                                          .regresses = kiln_job_denoises(job),
                                          .stop = stop_of(care)};
@@ -212,15 +213,6 @@ static void begin_device(struct kiln_prepared *p, const struct kiln_job *job, co
     const struct kiln_backend_params params = device_params(p, job, care);
     if (p->start == NULL)
         kiln_backend_begin(&p->start, name, &params);
-}
-
-/* Begins to start a device where one is wanted whatever the scene is. */
-static void begin_device_early(struct kiln_prepared *p, const struct kiln_job *job,
-                               const struct kiln_prepare_care *care)
-{
-    const bool open = job->backend == NULL || strcmp(job->backend, "auto") == 0;
-    if (!open || care->device_first)
-        begin_device(p, job, open ? "auto" : job->backend, care);
 }
 
 /* Collective. What the backends need of an open scene: geometry, lights and the backend itself. */
@@ -440,7 +432,6 @@ int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const s
         status = learn_about_ranks(p, job, error);
     }
     if (status == KILN_OK) {
-        begin_device_early(p, job, care);
         kiln_phase(phases, "import");
         kiln_progress_phase(progress, "import", 0);
         status = import_scene(p, job, scene_file, care, error);

@@ -295,7 +295,9 @@ static int start_mpi(bool many, int *rank, double seconds, struct kiln_error *er
     (void)setenv("HWLOC_COMPONENTS", "-opencl,-cuda,-nvml,-rsmi,-levelzero,-gl", 0);
     if (many) {
         kiln_watchdog_start(*rank, seconds);
-    } else { /* a single process needs no daemon of Open MPI */
+    } else { /* a single process talks to nobody: looking for networks (UCX, libfabric) takes 0.2 s where they are */
+        (void)setenv("OMPI_MCA_pml", "ob1", 0);
+        /* it needs no daemon of Open MPI */
         (void)setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
         /* and no session folder in TMPDIR: processes that start at the same time collide there, and a killed one leaves
          * it behind */

@@ -25,7 +25,8 @@ static void test_small_bakes_stay_on_processors(void **state)
     (void)state;
     assert_true(processors(1000, 1e6, 2));
     assert_false(processors(1000, 1e9, 2));
-    assert_true(processors(1000, 1e8, 32));    /* three rooms of 130,000 points: 0.55 s of 32 cores, 2.6 s of an H200 */
+    assert_true(processors(1000, 1e7, 16));
+    assert_false(processors(372, 3.7e7, 16));  /* three rooms of 140,000 points: 1.1 s of 16 cores, 0.8 s of an H200 */
     assert_false(processors(262000, 4e9, 16)); /* Sponza at production quality */
     assert_false(processors(4000000, 8e9, 16));
 }

@@ -437,6 +437,23 @@ static void too_deep(void **state)
     check_world(*state, w, 16, false, 4);
 }
 
+/* Ray tracing of the device's own is started where it may be used: not for a few rays, unless it is asked for. */
+static void few_rays(void **state)
+{
+    (void)state;
+    struct kiln_backend_params params = {.traversal = KILN_TRAVERSE_AUTO};
+    assert_true(vulkan_tracer_may_be_pipeline(&params)); /* nothing is known of the rays */
+    params.rays = 1e6;
+    assert_false(vulkan_tracer_may_be_pipeline(&params));
+    params.rays = 1e12;
+    assert_true(vulkan_tracer_may_be_pipeline(&params));
+    params.traversal = KILN_TRAVERSE_COMPUTE;
+    assert_false(vulkan_tracer_may_be_pipeline(&params));
+    params.traversal = KILN_TRAVERSE_PIPELINE;
+    params.rays = 1e6;
+    assert_true(vulkan_tracer_may_be_pipeline(&params));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(threads_do_not_matter),
@@ -446,7 +463,8 @@ int main(void)
                                        cmocka_unit_test(soup_and_needles),
                                        cmocka_unit_test(poor_triangles),
                                        cmocka_unit_test(hardly_any),
-                                       cmocka_unit_test(too_deep)};
+                                       cmocka_unit_test(too_deep),
+                                       cmocka_unit_test(few_rays)};
     if (!vulkan_device_is_there())
         return 77;
     return cmocka_run_group_tests(tests, tracer_open, tracer_close);

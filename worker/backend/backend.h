@@ -56,6 +56,7 @@ struct kiln_backend_params {
     uint32_t device;                  /* 1 + the number that `kiln info --devices` shows; 0: by local_rank */
     uint32_t local_rank, local_ranks; /* among the ranks of this node */
     enum kiln_traversal traversal;
+    double rays;            /* expected in all passes; where they are few, no traversal is tried. 0: not known */
     double slice_seconds;   /* what one dispatch may take; 0: 0.1 */
     uint64_t device_memory; /* bytes; 0: what the device has */
     /* surfaces of a chain that are met for certain (shaders/shared/chain.h); 0: KILN_CHAIN_LENGTH */

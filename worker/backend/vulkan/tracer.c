@@ -11,6 +11,7 @@
 
 enum { MOST_CANDIDATES = 8, TRIAL_RAYS = 1 << 20, MOST_TRIALS = 64 };
 static const double TRIAL_SECONDS = 0.05, LAYOUT_MARGIN = 1.1, PIPELINE_MARGIN = 1.25;
+static const double FEW_RAYS = 5e8; /* a tenth of a second of one H200 */
 
 const char *vulkan_tracer_name(const struct vulkan_tracer *tracer)
 {
@@ -148,6 +149,17 @@ static int try_all(struct vulkan_backend *b, const struct bvh *bvh, const uint32
     return status;
 }
 
+static bool has_few_rays(const struct kiln_backend_params *params)
+{
+    return params->rays > 0.0 && params->rays < FEW_RAYS;
+}
+
+bool vulkan_tracer_may_be_pipeline(const struct kiln_backend_params *params)
+{
+    return params->traversal == KILN_TRAVERSE_PIPELINE ||
+           (params->traversal == KILN_TRAVERSE_AUTO && !has_few_rays(params));
+}
+
 /* What may be tried, the pipeline last. */
 static size_t list_candidates(const struct vulkan_backend *b, const struct bvh *bvh, uint32_t *candidates)
 {
@@ -163,7 +175,7 @@ static size_t list_candidates(const struct vulkan_backend *b, const struct bvh *
         return 1;
     }
     size_t count = bvh_candidates(bvh, about->software, candidates, MOST_CANDIDATES - 1);
-    if (about->software || kiln_geometry_hittable_count(b->params.geometry) == 0)
+    if (about->software || has_few_rays(&b->params) || kiln_geometry_hittable_count(b->params.geometry) == 0)
         return 1;
     if (wish == KILN_TRAVERSE_AUTO && about->ray_tracing)
         candidates[count++] = KILN_TRAVERSAL_PIPELINE;

@@ -3,6 +3,7 @@
 #ifndef KILN_WORKER_BACKEND_VULKAN_TRACER_H
 #define KILN_WORKER_BACKEND_VULKAN_TRACER_H
 
+#include "worker/backend/backend.h"
 #include "worker/backend/vulkan/acceleration.h"
 #include "worker/backend/vulkan/bvh.h"
 #include "worker/backend/vulkan/gpu/gpu.h"
@@ -23,6 +24,9 @@ struct vulkan_tracer {
  * differ in the last bits, does not depend on the day. All compute layouts find the same hits. The rest of the scene
  * must be on the device. KILN_NO_DEVICE when the pipeline is asked for and not there. */
 int vulkan_tracer_create(struct vulkan_backend *b, struct kiln_error *error);
+/* Whether the device's own ray tracing may be asked for. Where few rays are expected (params.rays) AUTO and COMPUTE
+ * take the first candidate untried: to start ray tracing and to try it would take longer than all rays. */
+bool vulkan_tracer_may_be_pipeline(const struct kiln_backend_params *params);
 void vulkan_tracer_destroy(struct gpu *gpu, struct vulkan_tracer *tracer);
 const char *vulkan_tracer_name(const struct vulkan_tracer *tracer);
 

@@ -207,6 +207,7 @@ static int start_device(struct vulkan_backend *b, struct kiln_error *error)
                                       .slice_seconds = b->params.slice_seconds,
                                       .threads = b->threads,
                                       .memory_limit = b->params.device_memory,
+                                      .compute_only = !vulkan_tracer_may_be_pipeline(&b->params),
                                       .faults = &b->faults,
                                       .kernels = b->params.kernels};
     const int status = gpu_create(&b->gpu, &choice, error);

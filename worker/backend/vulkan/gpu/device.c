@@ -67,6 +67,7 @@ static int choose(struct gpu *gpu, const struct gpu_choice *choice, struct kiln_
     if (one != NULL) {
         gpu->physical = one->physical;
         gpu->about = one->about;
+        gpu->about.ray_tracing = one->about.ray_tracing && !choice->compute_only;
     }
     kiln_free(&found);
     return status;

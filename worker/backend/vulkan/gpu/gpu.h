@@ -41,6 +41,10 @@ struct gpu_choice {
      * KILN_VULKAN_VALIDATION=1 turns it on too, =gpu also looks into shaders (GPU-assisted validation; of no use on
      * software devices: see guarded buffers below). */
     bool validation;
+    /* Without ray tracing, whose parts of a driver start in 0.2 s (one H200): the device is described as if it had
+     * none.
+     */
+    bool compute_only;
     struct gpu_faults *faults;        /* borrowed; NULL: none */
     struct kiln_kernel_store kernels; /* where compiled kernels are kept */
 };
