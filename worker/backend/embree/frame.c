@@ -125,6 +125,7 @@ uint32_t frame_count_buried(const struct embree_backend *backend, const struct k
     int valid[PACKET] __attribute__((aligned(32)));
     struct embree_context context;
     embree_context_half(&context);
+    context.rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT; /* places of one texel, rays along one normal */
     for (uint32_t i = 0; i < PACKET; i++)
         valid[i] = i < count ? -1 : 0;
     for (int i = 0; i < BURIED_RAYS && count > 0; i++) {
