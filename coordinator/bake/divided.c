@@ -139,6 +139,12 @@ static void set_no_segment(struct segments *r, size_t i)
     r->lengths[i] = 0.0f;
 }
 
+/* The first `count` rays, as far as they are long. */
+static int trace(const struct segments *r, struct kiln_backend *backend, size_t count, struct kiln_error *error)
+{
+    return kiln_backend_intersect_within(backend, r->origins, r->directions, r->lengths, count, r->hits, error);
+}
+
 static bool meets(const struct segments *r, size_t i)
 {
     return r->lengths[i] > 0.0f && r->hits[i].triangle != KILN_NONE && r->hits[i].distance < r->lengths[i];
@@ -494,7 +500,7 @@ static int ask(const struct search *s, const struct sieve *by, struct candidate 
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
     for (size_t i = 0; i < some; i++)
         by->set(s, &list[i], r, i * by->rays);
-    const int status = kiln_backend_intersect(s->backend, r->origins, r->directions, some * by->rays, r->hits, error);
+    const int status = trace(r, s->backend, some * by->rays, error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
@@ -622,8 +628,7 @@ static int find_empty(struct search *s, size_t begin, size_t end, struct segment
     for (size_t f = begin; f < end; f++)
         if (empty[f - begin] != 0)
             set_grid(s, f, r, ray[f - begin]);
-    const int status =
-        rays > 0 ? kiln_backend_intersect(s->backend, r->origins, r->directions, rays, r->hits, error) : KILN_OK;
+    const int status = trace(r, s->backend, rays, error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(dynamic, 64) num_threads((int)s->threads)
@@ -650,7 +655,7 @@ static int trace_diagonals(struct search *s, size_t begin, size_t end, struct se
              k++, kiln_point_next(surface, &at))
             set_diagonals(s, &at, r, ray[f - begin] + SEGMENTS * (size_t)k);
     }
-    return rays > 0 ? kiln_backend_intersect(s->backend, r->origins, r->directions, rays, r->hits, error) : KILN_OK;
+    return trace(r, s->backend, rays, error);
 }
 
 /* How many rays of the points of a tile run have met something, `first` being the first. */
@@ -933,7 +938,7 @@ static int choose_sides(struct search *s, struct kiln_error *error)
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
         for (size_t i = 0; i < f->count; i++)
             set_rim(s, &f->list[i], &r, 2 * i);
-        status = kiln_backend_intersect(s->backend, r.origins, r.directions, 2 * f->count, r.hits, error);
+        status = trace(&r, s->backend, 2 * f->count, error);
     }
     for (size_t i = 0; status == KILN_OK && i < f->count; i++)
         if (is_rim(s, &r, 2 * i))
@@ -980,7 +985,7 @@ static int find_neighbours(const struct search *s, struct told *own, size_t *cou
     for (size_t i = 0; status == KILN_OK && i < f->count; i++)
         set_neighbours(s, &f->list[i], &r, i * NEIGHBOURS, points + i * NEIGHBOURS);
     if (status == KILN_OK)
-        status = kiln_backend_intersect(s->backend, r.origins, r.directions, f->count * NEIGHBOURS, r.hits, error);
+        status = trace(&r, s->backend, f->count * NEIGHBOURS, error);
     for (size_t i = 0; status == KILN_OK && i < f->count; i++) {
         size_t k = i * NEIGHBOURS;
         const size_t end = k + NEIGHBOURS;

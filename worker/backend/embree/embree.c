@@ -265,9 +265,12 @@ static int embree_run(struct kiln_backend *backend, const struct kiln_pass *pass
 
 /* ---- any rays ---- */
 
-static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
-                            const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
-                            struct kiln_error *error)
+/* Rounding may leave out what is met at the very end of a ray: they are traced a little farther. */
+static const float LENGTHENED = 1.0001f;
+
+static int embree_intersect_within(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                                   const struct kiln_vec3 *directions, const float *lengths, size_t count,
+                                   struct kiln_hit *hits, struct kiln_error *error)
 {
     (void)error;
     struct embree_backend *b = (struct embree_backend *)backend;
@@ -284,10 +287,12 @@ static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3
                                           .dir_x = directions[i].x,
                                           .dir_y = directions[i].y,
                                           .dir_z = directions[i].z,
-                                          .tfar = INFINITY,
+                                          .tfar = lengths != NULL ? LENGTHENED * lengths[i] : INFINITY,
                                           .mask = ~0u},
                                   .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
             hits[i] = (struct kiln_hit){.triangle = KILN_NONE, .tint = {1.0f, 1.0f, 1.0f}};
+            if (!(r.ray.tfar > 0.0f))
+                continue;
             embree_nearest1(b, &context, &r, kiln_ray_seed(origins[i], directions[i]), hits[i].tint);
             if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
                 continue;
@@ -300,6 +305,13 @@ static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3
         embree_leave(saved);
     }
     return KILN_OK;
+}
+
+static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                            const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
+                            struct kiln_error *error)
+{
+    return embree_intersect_within(backend, origins, directions, NULL, count, hits, error);
 }
 
 /* Rays [first, first + lanes) in one packet. */
@@ -373,6 +385,7 @@ const struct kiln_backend_api kiln_backend_embree = {
     .mixed = 1u << KILN_PASS_INDEX_direct,
     .run = embree_run,
     .intersect = embree_intersect,
+    .intersect_within = embree_intersect_within,
     .clearance = embree_clearance,
     .intersect_alike = embree_intersect_alike,
     .ceiling = embree_ceiling,
