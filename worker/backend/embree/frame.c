@@ -201,7 +201,7 @@ static void build_point(struct tile_run_frame *f, const struct embree_backend *b
     const uint64_t texel = (uint64_t)at->y * map->width + at->x;
     f->key[j] = kiln_texel_key(kiln_seed_key(b->params.seed), at->map, texel);
     kiln_footprint_prepare(p, b->params.scene, b->params.geometry, b->surface, at);
-    if (f->smooth) {
+    if (f->smooth && (wish & FRAME_PLACES) == 0) {
         struct kiln_vec3 mean, shading;
         kiln_footprint_normals(p, &mean, &shading);
         f->shading[0][j] = shading.x, f->shading[1][j] = shading.y, f->shading[2][j] = shading.z;
@@ -214,7 +214,7 @@ static void build_point(struct tile_run_frame *f, const struct embree_backend *b
     if (f->whole[j])
         build_whole(f, b, j, p->pieces[0]);
     f->glossy[j] = false;
-    if (b->lobes != NULL)
+    if (b->lobes != NULL && (wish & FRAME_PLACES) == 0)
         find_lobes(f, b, j);
     if ((wish & FRAME_EXTENT) != 0)
         f->extent[j] = kiln_footprint_extent(p);
