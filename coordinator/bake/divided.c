@@ -212,13 +212,15 @@ static void find_ends(const struct search *s, const struct kiln_point_cursor *at
     }
 }
 
-/* The two rays of a point: nearly from end to end, so that what stands at the texel's rim does not count. */
-static void set_diagonals(const struct search *s, const struct kiln_point_cursor *at, struct segments *r, size_t first)
+/* The two rays of a point, `apart` in the arrays, so that a ray's neighbours are those of other points that go the same
+ * way. They go nearly from end to end, so that what stands at the texel's rim does not count. */
+static void set_diagonals(const struct search *s, const struct kiln_point_cursor *at, struct segments *r, size_t first,
+                          size_t apart)
 {
     struct texel_plane plane;
     double ends[4][2];
     set_no_segment(r, first);
-    set_no_segment(r, first + 1);
+    set_no_segment(r, first + apart);
     if (!find_plane(s, at, &plane))
         return;
     find_ends(s, at, ends);
@@ -226,7 +228,7 @@ static void set_diagonals(const struct search *s, const struct kiln_point_cursor
         const double *a = ends[2 * k], *b = ends[2 * k + 1];
         const double x0 = a[0] + LIFT * (b[0] - a[0]), y0 = a[1] + LIFT * (b[1] - a[1]),
                      x1 = b[0] - LIFT * (b[0] - a[0]), y1 = b[1] - LIFT * (b[1] - a[1]);
-        set_segment(r, first + (size_t)k, place_of(&plane, x0, y0), place_of(&plane, x1, y1));
+        set_segment(r, first + (size_t)k * apart, place_of(&plane, x0, y0), place_of(&plane, x1, y1));
     }
 }
 
@@ -548,15 +550,16 @@ static bool is_same_line(const struct texel_line *a, const struct texel_line *b)
 
 /* Writes the candidates of one point: the planes that its rays have met. Returns their number, SEGMENTS at most. */
 static size_t point_candidates(const struct search *s, const struct kiln_point_cursor *at, size_t tile_run,
-                               const struct segments *r, size_t first, struct candidate *list)
+                               const struct segments *r, size_t first, size_t apart, struct candidate *list)
 {
     size_t count = 0;
     for (size_t k = 0; k < SEGMENTS; k++) {
+        const size_t ray = first + k * apart;
         struct candidate *new = &list[count];
-        if (!meets(r, first + k))
+        if (!meets(r, ray))
             continue;
         *new = (struct candidate){.at = *at, .tile_run = tile_run};
-        if (find_plane(s, at, &new->plane) && line_of(s, &new->plane, r->hits[first + k].triangle, new->line.line) &&
+        if (find_plane(s, at, &new->plane) && line_of(s, &new->plane, r->hits[ray].triangle, new->line.line) &&
             settle_line(s, at, &new->line) && (count == 0 || !is_same_line(&list[0].line, &new->line)))
             count++;
     }
@@ -650,10 +653,10 @@ static int trace_diagonals(struct search *s, size_t begin, size_t end, struct se
     }
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
     for (size_t f = begin; f < end; f++) {
+        const uint32_t points = surface->tile_runs[f].count;
         struct kiln_point_cursor at = kiln_point_first(surface, f);
-        for (uint32_t k = 0; k < surface->tile_runs[f].count && empty[f - begin] == 0;
-             k++, kiln_point_next(surface, &at))
-            set_diagonals(s, &at, r, ray[f - begin] + SEGMENTS * (size_t)k);
+        for (uint32_t k = 0; k < points && empty[f - begin] == 0; k++, kiln_point_next(surface, &at))
+            set_diagonals(s, &at, r, ray[f - begin] + k, points);
     }
     return trace(r, s->backend, rays, error);
 }
@@ -673,10 +676,11 @@ static size_t run_candidates(const struct search *s, size_t run, const struct se
                              struct candidate *list)
 {
     struct kiln_point_cursor at = kiln_point_first(s->surface, run);
+    const uint32_t points = s->surface->tile_runs[run].count;
     size_t count = 0;
-    for (uint32_t k = 0; k < s->surface->tile_runs[run].count; k++, kiln_point_next(s->surface, &at), first += SEGMENTS)
-        if (meets(r, first) || meets(r, first + 1))
-            count += point_candidates(s, &at, run, r, first, list + count);
+    for (uint32_t k = 0; k < points; k++, kiln_point_next(s->surface, &at), first++)
+        if (meets(r, first) || meets(r, first + points))
+            count += point_candidates(s, &at, run, r, first, points, list + count);
     return count;
 }
 

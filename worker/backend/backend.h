@@ -326,8 +326,8 @@ int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct
 int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                            const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                            struct kiln_error *error);
-/* The same where nothing counts that is `lengths` or farther off, m: such a hit may be given, or none. A ray of length 0
- * need not be traced. */
+/* The same where nothing counts that is `lengths` or farther off, m: such a hit may be given, or none. A ray of length
+ * 0 need not be traced. Rays of which neighbours go much the same way are traced soonest. */
 int kiln_backend_intersect_within(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                                   const struct kiln_vec3 *directions, const float *lengths, size_t count,
                                   struct kiln_hit *hits, struct kiln_error *error);
