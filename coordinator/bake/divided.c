@@ -139,6 +139,12 @@ static void set_no_segment(struct segments *r, size_t i)
     r->lengths[i] = 0.0f;
 }
 
+/* The first `count` rays, as far as they are long. */
+static int trace(const struct segments *r, struct kiln_backend *backend, size_t count, struct kiln_error *error)
+{
+    return kiln_backend_intersect_within(backend, r->origins, r->directions, r->lengths, count, r->hits, error);
+}
+
 static bool meets(const struct segments *r, size_t i)
 {
     return r->lengths[i] > 0.0f && r->hits[i].triangle != KILN_NONE && r->hits[i].distance < r->lengths[i];
@@ -206,13 +212,15 @@ static void find_ends(const struct search *s, const struct kiln_point_cursor *at
     }
 }
 
-/* The two rays of a point: nearly from end to end, so that what stands at the texel's rim does not count. */
-static void set_diagonals(const struct search *s, const struct kiln_point_cursor *at, struct segments *r, size_t first)
+/* The two rays of a point, `apart` in the arrays, so that a ray's neighbours are those of other points that go the same
+ * way. They go nearly from end to end, so that what stands at the texel's rim does not count. */
+static void set_diagonals(const struct search *s, const struct kiln_point_cursor *at, struct segments *r, size_t first,
+                          size_t apart)
 {
     struct texel_plane plane;
     double ends[4][2];
     set_no_segment(r, first);
-    set_no_segment(r, first + 1);
+    set_no_segment(r, first + apart);
     if (!find_plane(s, at, &plane))
         return;
     find_ends(s, at, ends);
@@ -220,7 +228,7 @@ static void set_diagonals(const struct search *s, const struct kiln_point_cursor
         const double *a = ends[2 * k], *b = ends[2 * k + 1];
         const double x0 = a[0] + LIFT * (b[0] - a[0]), y0 = a[1] + LIFT * (b[1] - a[1]),
                      x1 = b[0] - LIFT * (b[0] - a[0]), y1 = b[1] - LIFT * (b[1] - a[1]);
-        set_segment(r, first + (size_t)k, place_of(&plane, x0, y0), place_of(&plane, x1, y1));
+        set_segment(r, first + (size_t)k * apart, place_of(&plane, x0, y0), place_of(&plane, x1, y1));
     }
 }
 
@@ -494,7 +502,7 @@ static int ask(const struct search *s, const struct sieve *by, struct candidate 
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
     for (size_t i = 0; i < some; i++)
         by->set(s, &list[i], r, i * by->rays);
-    const int status = kiln_backend_intersect(s->backend, r->origins, r->directions, some * by->rays, r->hits, error);
+    const int status = trace(r, s->backend, some * by->rays, error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
@@ -542,15 +550,16 @@ static bool is_same_line(const struct texel_line *a, const struct texel_line *b)
 
 /* Writes the candidates of one point: the planes that its rays have met. Returns their number, SEGMENTS at most. */
 static size_t point_candidates(const struct search *s, const struct kiln_point_cursor *at, size_t tile_run,
-                               const struct segments *r, size_t first, struct candidate *list)
+                               const struct segments *r, size_t first, size_t apart, struct candidate *list)
 {
     size_t count = 0;
     for (size_t k = 0; k < SEGMENTS; k++) {
+        const size_t ray = first + k * apart;
         struct candidate *new = &list[count];
-        if (!meets(r, first + k))
+        if (!meets(r, ray))
             continue;
         *new = (struct candidate){.at = *at, .tile_run = tile_run};
-        if (find_plane(s, at, &new->plane) && line_of(s, &new->plane, r->hits[first + k].triangle, new->line.line) &&
+        if (find_plane(s, at, &new->plane) && line_of(s, &new->plane, r->hits[ray].triangle, new->line.line) &&
             settle_line(s, at, &new->line) && (count == 0 || !is_same_line(&list[0].line, &new->line)))
             count++;
     }
@@ -622,8 +631,7 @@ static int find_empty(struct search *s, size_t begin, size_t end, struct segment
     for (size_t f = begin; f < end; f++)
         if (empty[f - begin] != 0)
             set_grid(s, f, r, ray[f - begin]);
-    const int status =
-        rays > 0 ? kiln_backend_intersect(s->backend, r->origins, r->directions, rays, r->hits, error) : KILN_OK;
+    const int status = trace(r, s->backend, rays, error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(dynamic, 64) num_threads((int)s->threads)
@@ -645,12 +653,12 @@ static int trace_diagonals(struct search *s, size_t begin, size_t end, struct se
     }
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
     for (size_t f = begin; f < end; f++) {
+        const uint32_t points = surface->tile_runs[f].count;
         struct kiln_point_cursor at = kiln_point_first(surface, f);
-        for (uint32_t k = 0; k < surface->tile_runs[f].count && empty[f - begin] == 0;
-             k++, kiln_point_next(surface, &at))
-            set_diagonals(s, &at, r, ray[f - begin] + SEGMENTS * (size_t)k);
+        for (uint32_t k = 0; k < points && empty[f - begin] == 0; k++, kiln_point_next(surface, &at))
+            set_diagonals(s, &at, r, ray[f - begin] + k, points);
     }
-    return rays > 0 ? kiln_backend_intersect(s->backend, r->origins, r->directions, rays, r->hits, error) : KILN_OK;
+    return trace(r, s->backend, rays, error);
 }
 
 /* How many rays of the points of a tile run have met something, `first` being the first. */
@@ -668,10 +676,11 @@ static size_t run_candidates(const struct search *s, size_t run, const struct se
                              struct candidate *list)
 {
     struct kiln_point_cursor at = kiln_point_first(s->surface, run);
+    const uint32_t points = s->surface->tile_runs[run].count;
     size_t count = 0;
-    for (uint32_t k = 0; k < s->surface->tile_runs[run].count; k++, kiln_point_next(s->surface, &at), first += SEGMENTS)
-        if (meets(r, first) || meets(r, first + 1))
-            count += point_candidates(s, &at, run, r, first, list + count);
+    for (uint32_t k = 0; k < points; k++, kiln_point_next(s->surface, &at), first++)
+        if (meets(r, first) || meets(r, first + points))
+            count += point_candidates(s, &at, run, r, first, points, list + count);
     return count;
 }
 
@@ -933,7 +942,7 @@ static int choose_sides(struct search *s, struct kiln_error *error)
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)s->threads)
         for (size_t i = 0; i < f->count; i++)
             set_rim(s, &f->list[i], &r, 2 * i);
-        status = kiln_backend_intersect(s->backend, r.origins, r.directions, 2 * f->count, r.hits, error);
+        status = trace(&r, s->backend, 2 * f->count, error);
     }
     for (size_t i = 0; status == KILN_OK && i < f->count; i++)
         if (is_rim(s, &r, 2 * i))
@@ -980,7 +989,7 @@ static int find_neighbours(const struct search *s, struct told *own, size_t *cou
     for (size_t i = 0; status == KILN_OK && i < f->count; i++)
         set_neighbours(s, &f->list[i], &r, i * NEIGHBOURS, points + i * NEIGHBOURS);
     if (status == KILN_OK)
-        status = kiln_backend_intersect(s->backend, r.origins, r.directions, f->count * NEIGHBOURS, r.hits, error);
+        status = trace(&r, s->backend, f->count * NEIGHBOURS, error);
     for (size_t i = 0; status == KILN_OK && i < f->count; i++) {
         size_t k = i * NEIGHBOURS;
         const size_t end = k + NEIGHBOURS;

@@ -214,7 +214,7 @@ static void cover_texel(struct kiln_coverage_scratch *scratch, const struct tile
 }
 
 /* Adds the pieces of one triangle in one tile. The scratch has room for 64 more. */
-static void cover(const struct kiln_coverage *c, const struct tile_window *window, uint32_t triangle,
+static void cover(const struct kiln_coverage *c, const struct tile_window *window, uint64_t wanted, uint32_t triangle,
                   struct kiln_coverage_scratch *scratch)
 {
     double corner[3][2];
@@ -237,7 +237,8 @@ static void cover(const struct kiln_coverage *c, const struct tile_window *windo
             continue;
         const uint32_t x_last = clamped_index(high - x0, 1.0, window->width);
         for (uint32_t x = clamped_index(low - x0, 1.0, window->width); x <= x_last; x++)
-            cover_texel(scratch, window, triangle, corner, area, texels, x, y);
+            if ((wanted >> kiln_morton8(x, y) & 1u) != 0)
+                cover_texel(scratch, window, triangle, corner, area, texels, x, y);
     }
 }
 
@@ -349,8 +350,8 @@ static void cover_brick(const struct kiln_coverage *c, const struct kiln_texel_p
     }
 }
 
-int kiln_coverage_tile(const struct kiln_coverage *coverage, uint32_t tile, struct kiln_coverage_scratch *scratch,
-                       struct kiln_error *error)
+int kiln_coverage_tile(const struct kiln_coverage *coverage, uint32_t tile, uint64_t wanted,
+                       struct kiln_coverage_scratch *scratch, struct kiln_error *error)
 {
     const struct kiln_coverage *c = coverage;
     const struct kiln_texel_place brick =
@@ -367,7 +368,7 @@ int kiln_coverage_tile(const struct kiln_coverage *coverage, uint32_t tile, stru
         if (c->leaves)
             cover_brick(c, &brick, c->triangles[i], scratch);
         else
-            cover(c, &window, c->triangles[i], scratch);
+            cover(c, &window, wanted, c->triangles[i], scratch);
     }
     return KILN_OK;
 }

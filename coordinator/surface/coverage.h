@@ -46,11 +46,12 @@ int kiln_coverage_create(struct kiln_coverage *coverage, const struct kiln_scene
                          uint32_t threads, struct kiln_error *error);
 void kiln_coverage_destroy(struct kiln_coverage *coverage);
 
-/* Writes the pieces of tile number `tile` (y * tiles_x + x) into scratch->pieces, by ascending triangle. A triangle
+/* Writes the pieces of tile number `tile` (y * tiles_x + x) into scratch->pieces, by ascending triangle: of the texels
+ * whose bits `wanted` has at least, all of these. A triangle
  * without area in the world has no pieces. One without area in the lightmap has one piece, in the texel that holds its
  * centroid there. Thread-safe with one scratch for each thread. */
-int kiln_coverage_tile(const struct kiln_coverage *coverage, uint32_t tile, struct kiln_coverage_scratch *scratch,
-                       struct kiln_error *error);
+int kiln_coverage_tile(const struct kiln_coverage *coverage, uint32_t tile, uint64_t wanted,
+                       struct kiln_coverage_scratch *scratch, struct kiln_error *error);
 void kiln_coverage_scratch_destroy(struct kiln_coverage_scratch *scratch);
 
 #endif

@@ -267,7 +267,7 @@ static void add_to_texel(const struct kiln_build *build, struct texel_sum *sum, 
 static int cover_tile(const struct kiln_build *build, const struct kiln_coverage *coverage, uint32_t tile,
                       struct kiln_coverage_scratch *scratch, struct kiln_block *block, struct kiln_error *error)
 {
-    int status = kiln_coverage_tile(coverage, tile, scratch, error);
+    int status = kiln_coverage_tile(coverage, tile, UINT64_MAX, scratch, error);
     if (status == KILN_OK)
         status = kiln_grow(&block->runs, &block->capacity, block->count + KILN_TILE_TEXELS, sizeof *block->runs,
                            "the tile runs found", error);

@@ -11,10 +11,22 @@ static const double DITHERED_ALBEDO = 0.95; /* below it rounding costs at most 1
 
 enum { COLOR_SAMPLES = 16, COLOR_SIDE = 4 }; /* positions at which the texture of a whole texel is read */
 
+/* A triangle whose colour is sampled. */
+struct sampled {
+    uint32_t triangle; /* world triangle; KILN_NONE: none yet */
+    const struct kiln_scene *scene;
+    const struct kiln_mesh *mesh;
+    uint64_t stored;           /* the triangle among the scene's */
+    bool flipped, see_through; /* its corners 1 and 2 are exchanged; it has opacity */
+    bool glossy;               /* its material is taken with its gloss; else `paint` is ready */
+    struct kiln_paint paint;
+};
+
 /* Working memory of one thread. */
 struct fill_scratch {
     struct kiln_coverage_scratch coverage;
-    uint32_t *order; /* indices of the tile's pieces, sorted by texel, then by triangle */
+    struct sampled sampled; /* the triangle sampled last, which is mostly the next one too */
+    uint32_t *order;        /* indices of the tile's pieces, sorted by texel, then by triangle */
     size_t order_capacity;
     double *areas; /* for a texel with too many pieces */
     size_t areas_capacity;
@@ -25,21 +37,14 @@ struct color_sum {
     double all[3], area;      /* sums weighted with area, for texels whose opacity is 0 everywhere */
 };
 
-/* A triangle whose colour is sampled. */
-struct sampled {
-    const struct kiln_scene *scene;
-    const struct kiln_mesh *mesh;
-    uint64_t stored;           /* the triangle among the scene's */
-    bool flipped, see_through; /* its corners 1 and 2 are exchanged; it has opacity */
-    bool glossy;               /* its material is taken with its gloss; else `paint` is ready */
-    struct kiln_paint paint;
-};
-
 static void begin_samples(const struct kiln_build *build, uint32_t triangle, struct sampled *t)
 {
     const struct kiln_geometry *g = build->geometry;
     const struct kiln_scene *scene = build->scene;
     const struct kiln_object *object = &scene->objects[g->records[triangle].object];
+    if (t->triangle == triangle)
+        return;
+    t->triangle = triangle;
     t->scene = scene;
     t->mesh = &scene->meshes[object->mesh];
     t->stored = g->stored_triangle[triangle];
@@ -135,25 +140,25 @@ static void spread_in_polygon(const struct sampled *t, const struct kiln_texel_t
 }
 
 static void add_piece_color(const struct kiln_build *build, const struct kiln_coverage_piece *piece,
-                            const struct kiln_texel_place *place, double total, struct color_sum *sum)
+                            const struct kiln_texel_place *place, double total, struct sampled *t,
+                            struct color_sum *sum)
 {
     const struct kiln_hit_record *record = &build->geometry->records[piece->triangle];
     const uint32_t material = record->material & KILN_RECORD_MATERIAL;
     struct kiln_texel_triangle local;
-    struct sampled t;
     struct positions at;
     at.count = 0;
-    begin_samples(build, piece->triangle, &t);
+    begin_samples(build, piece->triangle, t);
     if (build->scene->materials[material].base_color_texture == KILN_NONE) {
-        add_position(&t, piece->b1, piece->b2, piece->area, &at);
+        add_position(t, piece->b1, piece->b2, piece->area, &at);
     } else {
         kiln_texel_triangle(build->scene, build->geometry, piece->triangle, place, &local);
         if (piece->whole)
-            spread_in_square(&t, local.corner, piece->area, &at);
+            spread_in_square(t, local.corner, piece->area, &at);
         else
-            spread_in_polygon(&t, &local, piece->area, piece->area / total, &at);
+            spread_in_polygon(t, &local, piece->area, piece->area / total, &at);
     }
-    sample_colors(&t, &at, sum);
+    sample_colors(t, &at, sum);
 }
 
 /* How texel (x, y) rounds a number between two whole ones: up where its fraction is above this. Neighbours differ as
@@ -233,7 +238,7 @@ static int fill_point(struct kiln_build *build, struct fill_scratch *scratch, ui
     struct color_sum color = {0};
     for (uint32_t i = 0; i < count; i++) {
         const struct kiln_coverage_piece *piece = &pieces[order[i]];
-        add_piece_color(build, piece, &place->texel, kept, &color);
+        add_piece_color(build, piece, &place->texel, kept, &scratch->sampled, &color);
         s->pieces[place->piece++] = piece->triangle;
         sum += piece->area;
         if (i + 1 < count)
@@ -277,7 +282,7 @@ static int fill_tile_run(struct kiln_build *build, const struct kiln_coverage *c
     struct kiln_surface *s = build->surface;
     const struct kiln_tile_run *tile_run = &s->tile_runs[f];
     size_t first[KILN_TILE_TEXELS + 1];
-    int status = kiln_coverage_tile(coverage, tile_run->tile, &scratch->coverage, error);
+    int status = kiln_coverage_tile(coverage, tile_run->tile, tile_run->mask, &scratch->coverage, error);
     if (status == KILN_OK)
         status = sort_pieces(scratch, first, error);
     struct point_place place = {
@@ -317,7 +322,7 @@ static void fill_map(struct kiln_build *build, uint32_t map, uint32_t threads, c
     const uint64_t count = maps->first[map + 1] - maps->first[map];
 #pragma omp parallel num_threads(team)
     {
-        struct fill_scratch scratch = {0};
+        struct fill_scratch scratch = {.sampled.triangle = KILN_NONE};
         struct kiln_error own;
 #pragma omp for schedule(dynamic, 16)
         for (uint64_t i = 0; i < count; i++) {

@@ -312,6 +312,17 @@ int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 
     return backend->api->intersect(backend, origins, directions, count, hits, error);
 }
 
+int kiln_backend_intersect_within(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                                  const struct kiln_vec3 *directions, const float *lengths, size_t count,
+                                  struct kiln_hit *hits, struct kiln_error *error)
+{
+    if (count == 0)
+        return KILN_OK;
+    if (backend->api->intersect_within == NULL)
+        return backend->api->intersect(backend, origins, directions, count, hits, error);
+    return backend->api->intersect_within(backend, origins, directions, lengths, count, hits, error);
+}
+
 int kiln_backend_intersect_alike(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                                  const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                                  struct kiln_error *error)

@@ -181,6 +181,10 @@ struct kiln_backend_api {
     int (*clearance)(struct kiln_backend *backend, const struct kiln_sphere *spheres, size_t count, float *clear,
                      struct kiln_error *error);
     /* NULL: `intersect` does it */
+    int (*intersect_within)(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                            const struct kiln_vec3 *directions, const float *lengths, size_t count,
+                            struct kiln_hit *hits, struct kiln_error *error);
+    /* NULL: `intersect` does it */
     int (*intersect_alike)(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                            const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                            struct kiln_error *error);
@@ -323,7 +327,12 @@ int kiln_backend_emission(struct kiln_backend *backend, uint32_t samples, struct
 int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                            const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                            struct kiln_error *error);
-/* The same for rays whose neighbours in the arrays go much the same way, which a backend may trace together. */
+/* The same where nothing counts that is `lengths` or farther off, m: such a hit may be given, or none. A ray of length
+ * 0 need not be traced. Rays of which neighbours go much the same way are traced soonest. */
+int kiln_backend_intersect_within(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                                  const struct kiln_vec3 *directions, const float *lengths, size_t count,
+                                  struct kiln_hit *hits, struct kiln_error *error);
+/* Closest hits of rays whose neighbours in the arrays go much the same way, which a backend may trace together. */
 int kiln_backend_intersect_alike(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                                  const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                                  struct kiln_error *error);

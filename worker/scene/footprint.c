@@ -51,11 +51,12 @@ static void prepare_whole(struct kiln_footprint *f)
  * + 2). */
 static void fan_areas(const struct kiln_clip_corner *polygon, uint32_t corners, double *until)
 {
-    struct kiln_clip_corner centroid;
+    const struct kiln_clip_corner *o = polygon;
     double sum = 0.0;
-    for (uint32_t i = 0; i + 2 < corners; i++) {
-        const struct kiln_clip_corner part[3] = {polygon[0], polygon[i + 1], polygon[i + 2]};
-        sum += kiln_clip_fraction(part, 3, &centroid);
+    for (uint32_t i = 0; i + 2 < corners; i++) { /* each as kiln_clip_fraction says */
+        const struct kiln_clip_corner *a = &polygon[i + 1], *b = &polygon[i + 2];
+        const double fraction = (a->b1 - o->b1) * (b->b2 - o->b2) - (b->b1 - o->b1) * (a->b2 - o->b2);
+        sum += fraction > 0.0 ? fraction : 0.0;
         until[i] = sum;
     }
     for (uint32_t i = 0; i + 2 < corners; i++)
@@ -133,16 +134,27 @@ static void sample_corners(const double b1[3], const double b2[3], double u1, do
     *out2 = fminf((float)s2, 1.0f - *out1); /* clipping and rounding may step outside the triangle by the last bit */
 }
 
-static void sample_polygon(const struct kiln_clip_corner *polygon, uint32_t corners, double u1, double u2, float *b1,
-                           float *b2)
+/* A piece that has been clipped, ready to be sampled. */
+struct clipped {
+    uint32_t triangle, corners; /* KILN_NONE: nothing */
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
+    float until[KILN_CLIP_CORNERS];
+};
+
+static void clip_piece(const struct kiln_footprint *f, uint32_t triangle, struct clipped *to)
 {
     double until[KILN_CLIP_CORNERS];
-    float cdf[KILN_CLIP_CORNERS];
-    fan_areas(polygon, corners, until);
-    for (uint32_t i = 0; i + 2 < corners; i++)
-        cdf[i] = (float)until[i];
-    const uint32_t i = invert_cdf(cdf, corners - 2, &u1);
-    const struct kiln_clip_corner *a = &polygon[0], *b = &polygon[i + 1], *c = &polygon[i + 2];
+    to->triangle = triangle;
+    to->corners = clip(f, triangle, to->polygon);
+    fan_areas(to->polygon, to->corners, until);
+    for (uint32_t i = 0; i + 2 < to->corners; i++)
+        to->until[i] = (float)until[i];
+}
+
+static void sample_clipped(const struct clipped *from, double u1, double u2, float *b1, float *b2)
+{
+    const uint32_t i = invert_cdf(from->until, from->corners - 2, &u1);
+    const struct kiln_clip_corner *a = &from->polygon[0], *b = &from->polygon[i + 1], *c = &from->polygon[i + 2];
     sample_corners((const double[3]){a->b1, b->b1, c->b1}, (const double[3]){a->b2, b->b2, c->b2}, u1, u2, b1, b2);
 }
 
@@ -154,17 +166,21 @@ static void sample_few(const struct kiln_footprint_polygon *polygon, double u1, 
     sample_corners(w1, w2, u1, u2, b1, b2);
 }
 
-static void sample_many(const struct kiln_footprint *f, uint32_t triangle, double u1, double u2, float *b1, float *b2)
+/* Some pieces of a footprint of KILN_FOOTPRINT_MANY, kept between samples. */
+enum { PIECES_KEPT = 8 };
+struct kept_pieces {
+    struct clipped at[PIECES_KEPT];
+};
+
+static void keep_none(struct kept_pieces *kept)
 {
-    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
-    const uint32_t corners = clip(f, triangle, polygon);
-    sample_polygon(polygon, corners, u1, u2, b1, b2);
+    for (int i = 0; i < PIECES_KEPT; i++)
+        kept->at[i].triangle = KILN_NONE;
 }
 
-void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, float u2, uint32_t *triangle, float *b1,
-                           float *b2)
+static inline void sample(const struct kiln_footprint *f, float u1, float u2, struct kept_pieces *kept,
+                          uint32_t *triangle, float *b1, float *b2)
 {
-    const struct kiln_footprint *f = footprint;
     double u = (double)u1;
     if (f->kind == KILN_FOOTPRINT_WHOLE) {
         *triangle = f->pieces[0];
@@ -174,10 +190,23 @@ void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, flo
     }
     const uint32_t piece = f->piece_count > 1 ? invert_cdf(f->area_cdf, f->piece_count, &u) : 0;
     *triangle = f->pieces[piece];
-    if (f->kind == KILN_FOOTPRINT_FEW)
+    if (f->kind == KILN_FOOTPRINT_FEW) {
         sample_few(&f->few[piece], u, (double)u2, b1, b2);
-    else
-        sample_many(f, f->pieces[piece], u, (double)u2, b1, b2);
+        return;
+    }
+    struct clipped *clipped = &kept->at[piece % PIECES_KEPT];
+    if (clipped->triangle != *triangle)
+        clip_piece(f, *triangle, clipped);
+    sample_clipped(clipped, u, (double)u2, b1, b2);
+}
+
+void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, float u2, uint32_t *triangle, float *b1,
+                           float *b2)
+{
+    struct kept_pieces kept;
+    if (footprint->kind == KILN_FOOTPRINT_MANY)
+        keep_none(&kept);
+    sample(footprint, u1, u2, &kept, triangle, b1, b2);
 }
 
 uint32_t kiln_footprint_triangles(const struct kiln_footprint *f, uint32_t piece,
@@ -318,12 +347,22 @@ static void fill_mask(struct kiln_mask *mask, const float *opacity, uint32_t sid
     }
 }
 
-static float look(const struct kiln_footprint *f, float u1, float u2)
+static float look(const struct kiln_footprint *f, float u1, float u2, struct kept_pieces *kept)
 {
     uint32_t triangle;
     float b1, b2;
-    kiln_footprint_sample(f, u1, u2, &triangle, &b1, &b2);
+    sample(f, u1, u2, kept, &triangle, &b1, &b2);
     return opacity_at(f, triangle, b1, b2);
+}
+
+/* Look i of side x side. */
+static float look_in_cell(const struct kiln_footprint *f, uint32_t key, uint32_t side, uint32_t i,
+                          struct kept_pieces *kept)
+{
+    const uint32_t hash = kiln_hash2(key, i);
+    const float x = (float)(i % side) + kiln_unit_float(hash),
+                y = (float)(i / side) + kiln_unit_float(kiln_hash1(hash));
+    return look(f, fminf(x / (float)side, 0x1.fffffep-1f), fminf(y / (float)side, 0x1.fffffep-1f), kept);
 }
 
 float kiln_footprint_opacity(const struct kiln_footprint *f, uint32_t key, struct kiln_mask *mask)
@@ -334,11 +373,12 @@ float kiln_footprint_opacity(const struct kiln_footprint *f, uint32_t key, struc
     const uint32_t side = lookups_of(f), count = side * side;
     uint32_t found = 0;
     float opacity[KILN_MASK_SIDE * KILN_MASK_SIDE], sum = 0.0f, low = 1.0f, high = 0.0f;
+    struct kept_pieces kept;
+    keep_none(&kept);
+    for (uint32_t x = 0; x < side; x++) /* looks of a column are mostly on the same pieces */
+        for (uint32_t i = x; i < count; i += side)
+            opacity[i] = look_in_cell(f, key, side, i, &kept);
     for (uint32_t i = 0; i < count; i++) {
-        const uint32_t hash = kiln_hash2(key, i);
-        const float x = (float)(i % side) + kiln_unit_float(hash),
-                    y = (float)(i / side) + kiln_unit_float(kiln_hash1(hash));
-        opacity[i] = look(f, fminf(x / (float)side, 0x1.fffffep-1f), fminf(y / (float)side, 0x1.fffffep-1f));
         sum += opacity[i];
         found += opacity[i] > 0.0f;
         low = fminf(low, opacity[i]);

@@ -74,7 +74,7 @@ typedef int32_t words __attribute__((vector_size(16)));
 #define ALL(value) ((colors){(value), (value), (value), (value)})
 
 /* Texel column or row for any integer, by the wrap mode. `size` is at most 65536; `at` is any value that fits. */
-static uint32_t wrapped(int64_t at, uint32_t size, uint32_t wrap)
+static inline uint32_t wrapped(int64_t at, uint32_t size, uint32_t wrap)
 {
     const int64_t n = size;
     if (at >= 0 && at < n)
@@ -184,11 +184,11 @@ static float texture_channel(const struct kiln_scene *scene, uint32_t index, str
     const double x = texel_coordinate(uv.x, t->width, t->wrap_u), y = texel_coordinate(uv.y, t->height, t->wrap_v);
     const double shift = t->nearest ? 0.0 : 0.5;
     const int64_t left = floor_of(x - shift), top = floor_of(y - shift);
+    const uint64_t row[2] = {wrapped(top, t->height, t->wrap_v), wrapped(top + 1, t->height, t->wrap_v)},
+                   column[2] = {wrapped(left, t->width, t->wrap_u), wrapped(left + 1, t->width, t->wrap_u)};
     float corner[4] = {0};
     for (int k = 0; k < (t->nearest ? 1 : 4); k++) {
-        const uint64_t row = wrapped(top + (k >> 1), t->height, t->wrap_v),
-                       column = wrapped(left + (k & 1), t->width, t->wrap_u);
-        const uint8_t code = scene->texels[t->first + 4 * (row * t->width + column) + (uint64_t)channel];
+        const uint8_t code = scene->texels[t->first + 4 * (row[k >> 1] * t->width + column[k & 1]) + (uint64_t)channel];
         corner[k] = t->srgb && channel < 3 ? linear_of_srgb[code] : (float)code / 255.0f;
     }
     if (t->nearest)

@@ -91,12 +91,18 @@ static struct box box_of(const struct kiln_dvec3 corner[3])
     return box;
 }
 
-static bool are_apart(const struct box *a, const struct box *b, double gap)
+static inline bool is_axis_far(float a, float b, float c, double low, double high)
 {
-    bool apart = false;
-    for (int axis = 0; axis < 3; axis++)
-        apart = apart || a->low[axis] > b->high[axis] + gap || b->low[axis] > a->high[axis] + gap;
-    return apart;
+    const float more = a > b ? a : b, less = a < b ? a : b, most = more > c ? more : c, least = less < c ? less : c;
+    return (double)least > high || (double)most < low;
+}
+
+/* Whether the triangle's box is farther than `gap` from that one. */
+static bool is_far(const struct kiln_vec3 at[3], const struct box *b, double gap)
+{
+    return is_axis_far(at[0].x, at[1].x, at[2].x, b->low[0] - gap, b->high[0] + gap) ||
+           is_axis_far(at[0].y, at[1].y, at[2].y, b->low[1] - gap, b->high[1] + gap) ||
+           is_axis_far(at[0].z, at[1].z, at[2].z, b->low[2] - gap, b->high[2] + gap);
 }
 
 /* In the sphere around a triangle that spans the scene is the scene. Where more triangles than MANY are in a sphere,
@@ -126,11 +132,12 @@ static bool consider_partner(struct RTCPointQueryFunctionArguments *arguments)
     }
     if (triangle == s->triangle)
         return false;
+    struct kiln_vec3 at[3];
+    kiln_geometry_corners(s->b->params.geometry, triangle, at);
+    if (is_far(at, &s->box, BOX_MARGINS * s->margin))
+        return false;
     struct kiln_dvec3 corner[3];
     corners_of(s->b->params.geometry, triangle, corner);
-    const struct box box = box_of(corner);
-    if (are_apart(&box, &s->box, BOX_MARGINS * s->margin))
-        return false;
     const struct flat other = flat_of(corner, s->margin);
     const bool opposite =
         s->own.low || other.low || dvec3_dot(s->own.normal, other.normal) <= PARALLEL * s->own.length * other.length;

@@ -265,6 +265,9 @@ static int embree_run(struct kiln_backend *backend, const struct kiln_pass *pass
 
 /* ---- any rays ---- */
 
+/* Rounding may leave out what is met at the very end of a ray: they are traced a little farther. */
+static const float LENGTHENED = 1.0001f;
+
 static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                             const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                             struct kiln_error *error)
@@ -302,9 +305,9 @@ static int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3
     return KILN_OK;
 }
 
-/* Rays [first, first + lanes) in one packet. */
+/* Rays [first, first + lanes) in one packet. `lengths`: NULL, as far as they go. */
 static void intersect8(const struct embree_backend *b, struct embree_context *context, const struct kiln_vec3 *origins,
-                       const struct kiln_vec3 *directions, uint32_t lanes, struct kiln_hit *hits)
+                       const struct kiln_vec3 *directions, const float *lengths, uint32_t lanes, struct kiln_hit *hits)
 {
     struct RTCRayHit8 r;
     int valid[PACKET] __attribute__((aligned(32)));
@@ -312,11 +315,11 @@ static void intersect8(const struct embree_backend *b, struct embree_context *co
     float tint[PACKET][3];
     for (uint32_t i = 0; i < PACKET; i++) {
         const uint32_t from = i < lanes ? i : 0;
-        valid[i] = i < lanes ? -1 : 0;
+        valid[i] = i < lanes && (lengths == NULL || lengths[i] > 0.0f) ? -1 : 0;
         r.ray.org_x[i] = origins[from].x, r.ray.org_y[i] = origins[from].y, r.ray.org_z[i] = origins[from].z;
         r.ray.dir_x[i] = directions[from].x, r.ray.dir_y[i] = directions[from].y, r.ray.dir_z[i] = directions[from].z;
         r.ray.tnear[i] = r.ray.time[i] = 0.0f;
-        r.ray.tfar[i] = INFINITY;
+        r.ray.tfar[i] = lengths != NULL ? LENGTHENED * lengths[from] : INFINITY;
         r.ray.mask[i] = ~0u;
         r.ray.flags[i] = 0;
         r.hit.geomID[i] = r.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
@@ -340,9 +343,9 @@ static void intersect8(const struct embree_backend *b, struct embree_context *co
 }
 
 /* Eight neighbours at a time. */
-static int embree_intersect_alike(struct kiln_backend *backend, const struct kiln_vec3 *origins,
-                                  const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
-                                  struct kiln_error *error)
+static int embree_intersect_within(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                                   const struct kiln_vec3 *directions, const float *lengths, size_t count,
+                                   struct kiln_hit *hits, struct kiln_error *error)
 {
     (void)error;
     struct embree_backend *b = (struct embree_backend *)backend;
@@ -354,11 +357,18 @@ static int embree_intersect_alike(struct kiln_backend *backend, const struct kil
         context.rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
 #pragma omp for schedule(dynamic, 512)
         for (size_t i = 0; i < count; i += PACKET)
-            intersect8(b, &context, origins + i, directions + i, count - i < PACKET ? (uint32_t)(count - i) : PACKET,
-                       hits + i);
+            intersect8(b, &context, origins + i, directions + i, lengths != NULL ? lengths + i : NULL,
+                       count - i < PACKET ? (uint32_t)(count - i) : PACKET, hits + i);
         embree_leave(saved);
     }
     return KILN_OK;
+}
+
+static int embree_intersect_alike(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                                  const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
+                                  struct kiln_error *error)
+{
+    return embree_intersect_within(backend, origins, directions, NULL, count, hits, error);
 }
 
 const struct kiln_backend_api kiln_backend_embree = {
@@ -373,6 +383,7 @@ const struct kiln_backend_api kiln_backend_embree = {
     .mixed = 1u << KILN_PASS_INDEX_direct,
     .run = embree_run,
     .intersect = embree_intersect,
+    .intersect_within = embree_intersect_within,
     .clearance = embree_clearance,
     .intersect_alike = embree_intersect_alike,
     .ceiling = embree_ceiling,

@@ -125,6 +125,7 @@ uint32_t frame_count_buried(const struct embree_backend *backend, const struct k
     int valid[PACKET] __attribute__((aligned(32)));
     struct embree_context context;
     embree_context_half(&context);
+    context.rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT; /* places of one texel, rays along one normal */
     for (uint32_t i = 0; i < PACKET; i++)
         valid[i] = i < count ? -1 : 0;
     for (int i = 0; i < BURIED_RAYS && count > 0; i++) {
@@ -200,7 +201,7 @@ static void build_point(struct tile_run_frame *f, const struct embree_backend *b
     const uint64_t texel = (uint64_t)at->y * map->width + at->x;
     f->key[j] = kiln_texel_key(kiln_seed_key(b->params.seed), at->map, texel);
     kiln_footprint_prepare(p, b->params.scene, b->params.geometry, b->surface, at);
-    if (f->smooth) {
+    if (f->smooth && (wish & FRAME_PLACES) == 0) {
         struct kiln_vec3 mean, shading;
         kiln_footprint_normals(p, &mean, &shading);
         f->shading[0][j] = shading.x, f->shading[1][j] = shading.y, f->shading[2][j] = shading.z;
@@ -213,7 +214,7 @@ static void build_point(struct tile_run_frame *f, const struct embree_backend *b
     if (f->whole[j])
         build_whole(f, b, j, p->pieces[0]);
     f->glossy[j] = false;
-    if (b->lobes != NULL)
+    if (b->lobes != NULL && (wish & FRAME_PLACES) == 0)
         find_lobes(f, b, j);
     if ((wish & FRAME_EXTENT) != 0)
         f->extent[j] = kiln_footprint_extent(p);

@@ -40,7 +40,8 @@ struct tile_run_frame {
 enum frame_wish {
     /* the invalid points too, and all of them as if nothing was buried: for the validity pass itself */
     FRAME_EVERY = 1,
-    FRAME_EXTENT = 2 /* `extent` too: for choosing lights */
+    FRAME_EXTENT = 2, /* `extent` too: for choosing lights */
+    FRAME_PLACES = 4  /* for frame_position alone: nothing of how light is scattered, no shading normals */
 };
 /* `points`: bit k says whether the k-th point is asked for. */
 void frame_build(struct tile_run_frame *frame, const struct embree_backend *backend, size_t tile_run, uint64_t points,
