@@ -118,13 +118,15 @@ static uint32_t keep_backs(const struct embree_backend *b, const struct RTCRayHi
     return count;
 }
 
-/* Leaves only those lanes valid whose place is buried; how many. */
-static uint32_t keep_buried(const struct embree_backend *backend, const struct kiln_vec3 *position,
-                            const struct kiln_vec3 *normal, int *valid, uint32_t count)
+uint32_t frame_count_buried(const struct embree_backend *backend, const struct kiln_vec3 *position,
+                            const struct kiln_vec3 *normal, uint32_t count)
 {
     struct RTCRayHit8 rays[BURIED_RAYS];
+    int valid[PACKET] __attribute__((aligned(32)));
     struct embree_context context;
     embree_context_half(&context);
+    for (uint32_t i = 0; i < PACKET; i++)
+        valid[i] = i < count ? -1 : 0;
     for (int i = 0; i < BURIED_RAYS && count > 0; i++) {
         start_packet(&rays[i], position, normal, valid, i);
         rtcIntersect8(valid, backend->scene, &context.rtc, &rays[i]);
@@ -135,15 +137,6 @@ static uint32_t keep_buried(const struct embree_backend *backend, const struct k
         count = keep_backs(backend, &rays[i], valid);
     }
     return count;
-}
-
-uint32_t frame_count_buried(const struct embree_backend *backend, const struct kiln_vec3 *position,
-                            const struct kiln_vec3 *normal, uint32_t count)
-{
-    int valid[PACKET] __attribute__((aligned(32)));
-    for (uint32_t i = 0; i < PACKET; i++)
-        valid[i] = i < count ? -1 : 0;
-    return keep_buried(backend, position, normal, valid, count);
 }
 
 static void draw_position(struct tile_run_frame *frame, const struct embree_backend *backend, uint32_t j, float s,
@@ -179,54 +172,6 @@ float frame_position(struct tile_run_frame *frame, const struct embree_backend *
         draw_position(frame, backend, j, kiln_unit_float(hash), kiln_unit_float(kiln_hash1(hash)), position, normal);
     }
     return frame->known_offset;
-}
-
-/* Leaves of the places in `open` those that are buried; how many. */
-static uint32_t keep_open(const struct embree_backend *backend, const struct frame_place *places, uint32_t *open,
-                          uint32_t count)
-{
-    uint32_t left = 0;
-    for (uint32_t first = 0; first < count; first += PACKET) {
-        const uint32_t lanes = count - first < PACKET ? count - first : PACKET;
-        int valid[PACKET] __attribute__((aligned(32))) = {0};
-        struct kiln_vec3 position[PACKET], normal[PACKET];
-        for (uint32_t i = 0; i < lanes; i++) {
-            position[i] = places[open[first + i]].position;
-            normal[i] = places[open[first + i]].normal;
-            valid[i] = -1;
-        }
-        if (lanes == 1)
-            valid[0] = frame_buried(backend, position[0], normal[0]);
-        else
-            (void)keep_buried(backend, position, normal, valid, lanes);
-        for (uint32_t i = 0; i < lanes; i++)
-            if (valid[i] != 0)
-                open[left++] = open[first + i];
-    }
-    return left;
-}
-
-void frame_positions(struct tile_run_frame *frame, const struct embree_backend *backend, struct frame_place *places,
-                     uint32_t count)
-{
-    uint32_t open[KILN_TILE_TEXELS], left = 0;
-    for (uint32_t i = 0; i < count; i++) {
-        struct frame_place *p = &places[i];
-        draw_position(frame, backend, p->j, p->s, p->t, &p->position, &p->normal);
-        if (frame->partly_buried[p->j])
-            open[left++] = i;
-    }
-    left = keep_open(backend, places, open, left);
-    for (uint32_t again = 0; left > 0 && again < KILN_BURIED_TRIES; again++) {
-        for (uint32_t i = 0; i < left; i++) {
-            struct frame_place *p = &places[open[i]];
-            const uint32_t hash = kiln_buried_retry(p->s, p->t, frame->key[p->j], again);
-            draw_position(frame, backend, p->j, kiln_unit_float(hash), kiln_unit_float(kiln_hash1(hash)), &p->position,
-                          &p->normal);
-        }
-        if (again + 1 < KILN_BURIED_TRIES)
-            left = keep_open(backend, places, open, left);
-    }
 }
 
 /* Where a material is taken with its gloss, what light does there: at the middle of the point's numbers. */

@@ -52,15 +52,6 @@ void frame_build(struct tile_run_frame *frame, const struct embree_backend *back
 float frame_position(struct tile_run_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
                      struct kiln_vec3 *position, struct kiln_vec3 *normal);
 
-/* frame_position of up to KILN_TILE_TEXELS samples at once, of points that are not whole: the same places. */
-struct frame_place {
-    uint32_t j;
-    float s, t;
-    struct kiln_vec3 position, normal; /* are set */
-};
-void frame_positions(struct tile_run_frame *frame, const struct embree_backend *backend, struct frame_place *places,
-                     uint32_t count);
-
 /* The shading normal of a sample of point j whose geometric normal is n: of a coarse texel's pieces some may turn away
  * from the mean of them all; those are lit as their own normal says. n itself where the frame is not smooth. */
 static inline struct kiln_vec3 frame_shading(const struct tile_run_frame *f, uint32_t j, struct kiln_vec3 n)

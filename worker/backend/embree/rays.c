@@ -233,51 +233,33 @@ static void place_as(struct tile_run_rays *r, uint32_t l, uint32_t from)
     }
 }
 
-/* Gives lanes their points' positions of the numbers that they have in `placed`. */
-static void place_anew(struct tile_run_rays *r, const struct embree_backend *b, const uint8_t *lane, uint32_t count)
+/* Gives lane l its point's position of this number. */
+static void place_anew(struct tile_run_rays *r, const struct embree_backend *b, uint32_t l, uint32_t number)
 {
-    struct frame_place places[RAY_LANES];
-    for (uint32_t i = 0; i < count; i++) {
-        const uint32_t l = lane[i], j = r->point[l], number = r->placed[l];
-        places[i] = (struct frame_place){.j = j,
-                                         .s = kiln_unit_float(r->scrambled[2][number] ^ r->shift_s[j]),
-                                         .t = kiln_unit_float(r->scrambled[3][number] ^ r->shift_t[j])};
-    }
-    frame_positions(&r->frame, b, places, count);
-    for (uint32_t i = 0; i < count; i++) {
-        const uint32_t l = lane[i];
-        const struct kiln_vec3 p = places[i].position, n = places[i].normal, axis = axis_of(r, r->point[l], n);
-        r->corner[0][l] = p.x, r->corner[1][l] = p.y, r->corner[2][l] = p.z;
-        r->axis[0][l] = axis.x, r->axis[1][l] = axis.y, r->axis[2][l] = axis.z;
-        r->facet[0][l] = n.x, r->facet[1][l] = n.y, r->facet[2][l] = n.z;
-    }
+    struct kiln_vec3 p, n;
+    (void)position_of(r, b, r->point[l], number, &p, &n);
+    const struct kiln_vec3 axis = axis_of(r, r->point[l], n);
+    r->corner[0][l] = p.x, r->corner[1][l] = p.y, r->corner[2][l] = p.z;
+    r->axis[0][l] = axis.x, r->axis[1][l] = axis.y, r->axis[2][l] = axis.z;
+    r->facet[0][l] = n.x, r->facet[1][l] = n.y, r->facet[2][l] = n.z;
 }
 
 /* The lanes of points that are not whole squares, for `copies` samples a point, of which `first` is the first. What a
- * lane wants its point's lane before it has, or the last one of the step before: that is taken over before any other
- * lane gets a new position, which all others get together. */
+ * lane wants its point's lane before it has, or the last one of the step before. */
 static void place(struct tile_run_rays *r, const struct embree_backend *b, uint32_t first, uint32_t copies)
 {
     const uint32_t count = r->frame.count;
-    uint8_t anew[RAY_LANES], later[RAY_LANES];
-    uint32_t anew_count = 0, later_count = 0;
     for (uint32_t i = 0; i < r->partial_lanes; i++) {
         const uint32_t l = r->partial_lane[i], number = (first + r->copy[l]) / r->reuse;
         if (r->copy[l] >= copies || r->placed[l] == number)
             continue;
         const uint32_t before = r->copy[l] > 0 ? l - count : r->lanes - count + l;
-        if (r->placed[before] != number)
-            anew[anew_count++] = (uint8_t)l;
-        else if (r->copy[l] > 0)
-            later[later_count++] = (uint8_t)l;
-        else
+        if (r->placed[before] == number)
             place_as(r, l, before);
+        else
+            place_anew(r, b, l, number);
         r->placed[l] = number;
     }
-    if (anew_count > 0)
-        place_anew(r, b, anew, anew_count);
-    for (uint32_t i = 0; i < later_count; i++)
-        place_as(r, later[i], later[i] - count);
 }
 
 uint32_t rays_make(struct tile_run_rays *r, const struct embree_backend *b, uint32_t step)
