@@ -13,9 +13,11 @@ struct kiln_rays_bench {
 };
 
 /* Traces `samples` rays for each point, alternately by the gather pass and by the bare tracer, `repeats` times. Embree:
- * uses tile runs at regular intervals and one thread (prepare with threads = 1); the tracer's rays are generated
- * beforehand, and only its calls are timed. GPU: uses all tile runs, or as many as keep it busy for a second; the
- * tracer generates the same rays and looks nothing up; times are those of the device. The radiosity is a synthetic
+ * uses tile runs at regular intervals and one thread (prepare with threads = 1), whose processor time counts; the
+ * tracer's is that of making and tracing rays less that of making them. What the tracer does is all that finds the
+ * nearest hits: callbacks for masks and blended surfaces, and fronts before backs that coincide with them. Rays that
+ * ask whether places are buried are the pass' alone. GPU: uses all tile runs, or as many as keep it busy for a second;
+ * the tracer generates the same rays and looks nothing up; times are those of the device. The radiosity is a synthetic
  * pattern, so that lookups have their usual cost. Not collective. KILN_USAGE if the scene has no surface points. */
 int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint32_t repeats,
                     struct kiln_rays_bench *result, struct kiln_error *error);

@@ -102,23 +102,25 @@ static inline void kiln_store_enter(const struct kiln_store *store, struct kiln_
     ways->bit[i] = kiln_store_morton[((uint32_t)y & 7u) << 3 | ((uint32_t)x & 7u)];
 }
 
-/* To the points of tiles; of a tile that lies in several cells, to its parts. */
+/* To the points of tiles; of a tile that lies in several cells, to its parts. No branch hangs on which it is: in scenes
+ * of many cells it is as good as random. */
 static inline uint32_t kiln_store_follow_tiles(const struct kiln_store *store, struct kiln_store_ways *ways,
                                                uint32_t count, const uint64_t *radiosity, uint64_t *places)
 {
+    const struct kiln_split_tile_run *splits = store->surface->splits;
     uint32_t split_count = 0;
     for (uint32_t i = 0; i < count; i++) {
         const struct kiln_tile *tile = ways->tile[i];
-        const uint64_t mask = tile->mask, first = tile->first, bit = 1ull << ways->bit[i];
-        if ((first & KILN_TILE_SPLIT) != 0) {
-            const struct kiln_split_tile_run *parts = store->surface->splits + (first & ~KILN_TILE_SPLIT);
-            __builtin_prefetch(parts);
-            ways->split_parts[split_count] = parts;
-            ways->open[split_count++] = (uint8_t)i;
-        }
-        places[i] = (mask & bit) != 0 ? first + (uint64_t)__builtin_popcountll(mask & (bit - 1)) : KILN_NO_POINT;
-        if ((first & KILN_TILE_SPLIT) == 0 && places[i] != KILN_NO_POINT)
-            __builtin_prefetch(&radiosity[places[i]]);
+        const uint64_t mask = tile->mask, first = tile->first, bit = 1ull << ways->bit[i],
+                       place = first + (uint64_t)__builtin_popcountll(mask & (bit - 1));
+        const bool is_there = (mask & bit) != 0, is_split = (first & KILN_TILE_SPLIT) != 0;
+        const uintptr_t part = (uintptr_t)splits + (first & ~KILN_TILE_SPLIT) * sizeof *splits,
+                        value = (uintptr_t)radiosity + place * sizeof *radiosity;
+        places[i] = is_there ? place : KILN_NO_POINT;
+        __builtin_prefetch((const void *)(is_split ? part : value));
+        ways->split_parts[split_count] = (const struct kiln_split_tile_run *)part;
+        ways->open[split_count] = (uint8_t)i;
+        split_count += is_split & is_there;
     }
     return split_count;
 }
@@ -131,10 +133,9 @@ static inline uint32_t kiln_store_follow(const struct kiln_store *store, struct 
     uint32_t open = 0;
     for (uint32_t k = 0; k < split_count; k++) {
         const uint8_t i = ways->open[k];
-        if (places[i] == KILN_NO_POINT)
-            continue;
         const uint64_t bit = 1ull << ways->bit[i];
         const struct kiln_split_tile_run *part = ways->split_parts[k];
+        part += (part->mask & bit) == 0; /* most such tiles have two parts */
         while ((part->mask & bit) == 0)
             part++;
         places[i] = part->first.at + (uint64_t)__builtin_popcountll(part->mask & (bit - 1));
