@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "coordinator/output/map/regression.h"
+#include "coordinator/output/map/regression_device.h"
 #include "tests/unit/surface_scene.h"
 #include "tests/unit/vulkan_device.h"
 #include "worker/base/memory.h"
@@ -74,14 +75,15 @@ static float noise(uint64_t *state)
     return (float)sum;
 }
 
-static struct kiln_backend *backend; /* NULL: the host */
+static struct kiln_backend *backend;
+static struct kiln_regression_device *device; /* NULL: the host */
 
 static void run(struct field *f)
 {
     struct kiln_neighbour_grid *grid = NULL;
     assert_int_equal(kiln_neighbour_grid_create(&grid, &f->points, f->count, NULL), KILN_OK);
     assert_null(f->points);
-    assert_int_equal(kiln_regression_run(grid, &f->light, 1, NULL, backend, NULL), KILN_OK);
+    assert_int_equal(kiln_regression_run(grid, &f->light, 1, NULL, device, NULL), KILN_OK);
     kiln_neighbour_grid_destroy(&grid);
 }
 
@@ -432,6 +434,8 @@ static int create_device(void **state)
         .scene = &world.fixture->scene, .geometry = world.geometry, .lights = world.lights};
     if (status == KILN_OK)
         status = kiln_backend_create(&backend, "vulkan", &params, &error);
+    if (status == KILN_OK)
+        status = kiln_regression_device_create(&device, backend, &error);
     if (status != KILN_OK)
         print_error("%s\n", error.message);
     return status == KILN_OK ? 0 : -1;
@@ -440,6 +444,7 @@ static int create_device(void **state)
 static int destroy_device(void **state)
 {
     (void)state;
+    kiln_regression_device_destroy(&device);
     vulkan_has_run(backend, "regression");
     kiln_backend_destroy(&backend);
     kiln_lights_destroy(&world.lights);
@@ -454,7 +459,7 @@ static void run_both(struct field *one, struct field *other, size_t lights)
     struct kiln_neighbour_grid *grid = NULL;
     struct kiln_regression_light both[2] = {one->light, other->light};
     assert_int_equal(kiln_neighbour_grid_create(&grid, &one->points, one->count, NULL), KILN_OK);
-    assert_int_equal(kiln_regression_run(grid, both, lights, NULL, backend, NULL), KILN_OK);
+    assert_int_equal(kiln_regression_run(grid, both, lights, NULL, device, NULL), KILN_OK);
     kiln_neighbour_grid_destroy(&grid);
 }
 
@@ -463,16 +468,16 @@ static void run_both(struct field *one, struct field *other, size_t lights)
 static void is_the_hosts(void **state)
 {
     (void)state;
-    struct kiln_backend *const device = backend;
+    struct kiln_regression_device *const there_is = device;
     for (size_t lights = 1; lights <= 2; lights++) {
         struct field *f[2][2] = {{make_waves(), make_waves()}, {make_waves(), make_waves()}}, *given = make_waves();
         for (int l = 0; l < 2; l++)
             for (size_t i = 0; i < given->count; i++) /* the second light is another */
                 for (int c = 0; c < 3 && l == 1; c++)
                     f[0][l]->value[c][i] = f[1][l]->value[c][i] = given->value[c][given->count - 1 - i];
-        backend = NULL;
+        device = NULL;
         run_both(f[0][0], f[0][1], lights);
-        backend = device;
+        device = there_is;
         run_both(f[1][0], f[1][1], lights);
         for (size_t l = 0; l < lights; l++) {
             double apart = 0.0, taken = 0.0, errors = 0.0;
@@ -496,6 +501,32 @@ static void is_the_hosts(void **state)
     }
 }
 
+/* Surfaces of many threads that go to the device together come to what each comes to alone. */
+static void same_bits_together(void **state)
+{
+    enum { MANY = 4 };
+    (void)state;
+    struct field *alone[MANY], *together[MANY];
+    for (int k = 0; k < MANY; k++) {
+        alone[k] = make_waves();
+        together[k] = make_waves();
+        for (size_t i = 0; i < alone[k]->count; i++)
+            for (int c = 0; c < 3; c++) /* each has other light */
+                alone[k]->value[c][i] = together[k]->value[c][i] *= 1.0f + 0.1f * (float)k;
+        run(alone[k]);
+    }
+#pragma omp parallel for num_threads(MANY) schedule(static, 1)
+    for (int k = 0; k < MANY; k++)
+        run(together[k]);
+    for (int k = 0; k < MANY; k++) {
+        for (int c = 0; c < 3; c++)
+            assert_memory_equal(alone[k]->value[c], together[k]->value[c], alone[k]->count * sizeof(float));
+        assert_memory_equal(alone[k]->variance, together[k]->variance, alone[k]->count * sizeof(float));
+        destroy(alone[k]);
+        destroy(together[k]);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest here[] = {cmocka_unit_test(keeps_what_is_linear),
@@ -512,7 +543,8 @@ int main(void)
                                       cmocka_unit_test(ranges_have_all_neighbours)};
     const struct CMUnitTest there[] = {cmocka_unit_test(keeps_what_is_linear),
                                        cmocka_unit_test(takes_noise_out_of_what_is_curved),
-                                       cmocka_unit_test(says_nothing_of_what_is_exact), cmocka_unit_test(is_the_hosts)};
+                                       cmocka_unit_test(says_nothing_of_what_is_exact), cmocka_unit_test(is_the_hosts),
+                                       cmocka_unit_test(same_bits_together)};
     const int failed = cmocka_run_group_tests(here, NULL, NULL);
     return vulkan_device_is_there() ? failed + cmocka_run_group_tests(there, create_device, destroy_device) : failed;
 }

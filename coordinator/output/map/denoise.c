@@ -11,7 +11,6 @@
 #include "coordinator/output/map/slices.h"
 #include "coordinator/output/map/stage.h"
 #include "coordinator/output/map/texel_gather.h"
-#include "worker/backend/backend.h"
 #include "worker/base/memory.h"
 
 /* Texels smaller than this part of the distance from the scene's centre have no places of their own in float. */
@@ -350,13 +349,10 @@ static void state_error(const struct kiln_neighbour_point *points, size_t count,
 /* ---- the regression ---- */
 
 /* A device is worth its while for maps of many points: those of all ranks count, so that results do not depend on how
- * a map is divided. Software devices are slower than the host. */
-static struct kiln_backend *device_for(const struct kiln_map_work *work, uint64_t points)
+ * a map is divided. */
+static struct kiln_regression_device *device_for(const struct kiln_map_work *work, uint64_t points)
 {
-    struct kiln_backend_info info = {.regresses = false};
-    if (points >= device_least && work->params->backend != NULL)
-        kiln_backend_info(work->params->backend, &info);
-    return info.regresses ? work->params->backend : NULL;
+    return points >= device_least ? work->device : NULL;
 }
 
 static size_t light_count(const struct kiln_map_work *work) { return work->params->denoise_direct ? 1 : 2; }

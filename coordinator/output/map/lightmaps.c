@@ -10,11 +10,13 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/exr_bands.h"
 #include "coordinator/output/map/bands.h"
+#include "coordinator/output/map/regression_device.h"
 #include "coordinator/output/map/texel_gather.h"
 #include "coordinator/output/map/stage.h"
 #include "coordinator/output/provenance.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/output/map/strip_exchange.h"
+#include "worker/backend/backend.h"
 #include "worker/base/memory.h"
 
 struct writer {
@@ -30,7 +32,8 @@ struct writer {
     int ghost_status;           /* of keeping those that come */
     struct kiln_error ghost_error;
     struct kiln_bands *bands;
-    bool keeps; /* maps of objects that touch stay in memory from joining to writing */
+    struct kiln_regression_device *device; /* of all maps; NULL: there is none */
+    bool keeps;                            /* maps of objects that touch stay in memory from joining to writing */
     uint32_t rank, ranks;
     int64_t seed;
     bool has_seed;
@@ -516,6 +519,7 @@ static int open_map(const struct writer *w, uint32_t object, struct kiln_error *
     work->params = w->params;
     work->layers = &w->layers;
     work->object = object;
+    work->device = w->device;
     work->report = &w->reports[object];
     *work->report = (struct kiln_lightmap_report){.map = object};
     return work->in_bands
@@ -984,6 +988,15 @@ static int make_folders(const struct writer *w, const struct kiln_surface *surfa
     return status;
 }
 
+/* Software devices are slower than the host. */
+static int find_device(struct writer *w, struct kiln_error *error)
+{
+    struct kiln_backend_info info = {.regresses = false};
+    if (w->params->backend != NULL)
+        kiln_backend_info(w->params->backend, &info);
+    return info.regresses ? kiln_regression_device_create(&w->device, w->params->backend, error) : KILN_OK;
+}
+
 int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                          struct kiln_lightmap_report *reports, struct kiln_error *error)
 {
@@ -1005,6 +1018,8 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
         status = kiln_allocate(&w.reports, maps, sizeof *w.reports, "reports on lightmaps", error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.works, maps, sizeof *w.works, "lightmaps", error);
+    if (status == KILN_OK)
+        status = find_device(&w, error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_bands_create(&w.bands, result->communicator, error);
@@ -1014,6 +1029,7 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
         status = kiln_agree(result->communicator, gather_reports(result, w.reports, rank, reports, error), error);
     for (size_t i = 0; w.works != NULL && i < maps; i++)
         drop_map(&w, (uint32_t)i);
+    kiln_regression_device_destroy(&w.device);
     kiln_bands_destroy(&w.bands);
     kiln_free(&w.works);
     kiln_free(&w.reports);

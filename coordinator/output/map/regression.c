@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "coordinator/output/image.h"
-#include "worker/backend/backend.h"
+#include "coordinator/output/map/regression_device.h"
 #include "worker/base/clones.h"
 #include "worker/base/memory.h"
 
@@ -785,11 +785,12 @@ static void take_results(void *context, size_t first, size_t count, const struct
 }
 
 /* The same by a device, if it can. */
-static int run_on_device(struct regression *r, struct kiln_backend *backend, bool *done, struct kiln_error *error)
+static int run_on_device(struct regression *r, struct kiln_regression_device *device, bool *done,
+                         struct kiln_error *error)
 {
     struct kiln_neighbour_ranges ranges;
     *done = false;
-    if (backend == NULL || most_others(r) > 0)
+    if (device == NULL || most_others(r) > 0)
         return KILN_OK;
     int status = kiln_neighbour_ranges_list(&ranges, r->grid, error);
     const struct kiln_regression_work work = {.count = (uint32_t)r->grid->count,
@@ -801,28 +802,27 @@ static int run_on_device(struct regression *r, struct kiln_backend *backend, boo
                                               .give = give_points,
                                               .take = take_results,
                                               .context = r};
-    /* a backend is used by one thread at a time, and small lightmaps are made side by side */
     if (status == KILN_OK)
-#pragma omp critical(kiln_regression_device)
-        status = kiln_backend_regress(backend, &work, done, error);
+        status = kiln_regression_device_run(device, &work, done, error);
     kiln_neighbour_ranges_release(&ranges);
     return status;
 }
 
-static int run_here(struct regression *r, struct kiln_backend *backend, struct kiln_error *error)
+static int run_here(struct regression *r, struct kiln_regression_device *device, struct kiln_error *error)
 {
     bool done;
     int status = take_values(r, error);
     if (status == KILN_OK)
-        status = run_on_device(r, backend, &done, error);
+        status = run_on_device(r, device, &done, error);
     return status == KILN_OK && !done ? run_sweeps(r, error) : status;
 }
 
 int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regression_light *lights, size_t count,
-                        const struct kiln_regression_part *part, struct kiln_backend *backend, struct kiln_error *error)
+                        const struct kiln_regression_part *part, struct kiln_regression_device *device,
+                        struct kiln_error *error)
 {
     struct regression r = {.grid = grid, .lights = lights, .light_count = count, .part = part};
-    int status = grid != NULL ? run_here(&r, backend, error) : KILN_OK;
+    int status = grid != NULL ? run_here(&r, device, error) : KILN_OK;
     if (part != NULL)
         status = part->agree(part->context, status, error);
     for (size_t l = 0; l < count; l++) {

@@ -35,7 +35,7 @@
 
 enum { KILN_REGRESSION_LIGHTS = 2 };
 
-struct kiln_backend;
+struct kiln_regression_device;
 
 /* One kind of light: planes of irradiance, W/m2 or lux, by the points' index. Borrowed. */
 struct kiln_regression_light {
@@ -63,11 +63,11 @@ struct kiln_regression_part {
 };
 
 /* Replaces the values of all lights, of which there are at most KILN_REGRESSION_LIGHTS. They are fitted apart, with the
- * same neighbours. `backend`: a device that does the sweeps where it can (worker/pass/regression.h) and no light has
- * further light; NULL: none does. `part` is NULL if the grid has all points of the surface; else it is collective, and
+ * same neighbours. `device`: does the sweeps where it can (regression_device.h) and no light has further light; NULL:
+ * none does. `part` is NULL if the grid has all points of the surface; else it is collective, and
  * `grid` may be NULL on a rank without points. KILN_SYSTEM: what the planes hold is of no use then. */
 int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regression_light *lights, size_t count,
-                        const struct kiln_regression_part *part, struct kiln_backend *backend,
+                        const struct kiln_regression_part *part, struct kiln_regression_device *device,
                         struct kiln_error *error);
 
 #endif

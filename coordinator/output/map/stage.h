@@ -20,6 +20,7 @@
 #include "coordinator/output/map/joined.h"
 #include "coordinator/output/map/layers.h"
 #include "coordinator/output/map/lightmaps.h"
+#include "coordinator/output/map/regression_device.h"
 #include "coordinator/output/output.h"
 
 /* What a stage can read that is no field. Made when the first stage that reads it is about to run, but for positions
@@ -46,12 +47,13 @@ struct kiln_map_work {
     uint32_t object;                  /* number of the lightmap */
     bool in_bands;                    /* all ranks have some of it (bands.h) */
     struct kiln_map *map;
-    struct kiln_lightmap_report *report; /* each stage fills in what it measures */
-    struct kiln_chart_graph *graph;      /* KILN_MAP_CHARTS */
-    struct kiln_map_ghosts ghosts;       /* if objects are denoised that touch */
-    const struct kiln_joined *joined;    /* if the object touches others, after joining; else NULL */
-    float shared;                        /* of the squared error, which neighbours share; mean_error.c, else 0 */
-    size_t next;                         /* the stage that runs next */
+    struct kiln_regression_device *device; /* takes noise out; NULL: the host does */
+    struct kiln_lightmap_report *report;   /* each stage fills in what it measures */
+    struct kiln_chart_graph *graph;        /* KILN_MAP_CHARTS */
+    struct kiln_map_ghosts ghosts;         /* if objects are denoised that touch */
+    const struct kiln_joined *joined;      /* if the object touches others, after joining; else NULL */
+    float shared;                          /* of the squared error, which neighbours share; mean_error.c, else 0 */
+    size_t next;                           /* the stage that runs next */
     /* KILN_MAP_NEAREST: for every texel, the surface texel whose values it gets when the map is dilated:
      * kiln_nearest_texels with KILN_TEXEL_FILLED, until the stage "borders" changes it */
     uint32_t *nearest;
