@@ -137,7 +137,7 @@ def ranks_of(process):
                 words = f.read().split(b'\0')
         except OSError:
             continue
-        if words[0].endswith(b'kiln') and words[1:2] == [b'bake']:
+        if os.path.basename(words[0]).startswith(b'kiln') and words[1:2] == [b'bake']:
             found.append(pid)
     return sorted(found)
 
@@ -452,6 +452,8 @@ def kill_and_go_on(checks, tool, dice, subject, kills, ranks=3):
             break
         kills.add(folder, began, *killed)
         interruptions += 1
+        if kills.most > 20:
+            print('kill %d, %s' % (kills.done(), moment), flush=True)
     shutil.rmtree(folder, ignore_errors=True)
 
 
