@@ -6,10 +6,11 @@
 
 #include "coordinator/bake/prepare.h"
 
-/* Collective. On rank 0 {first_pass_after, device: {seconds, waited_seconds}, kernels: {count, seconds,
- * waited_seconds}}, elsewhere NULL. Seconds are the largest of any rank, kernels those that threads made and passes
- * asked for, of all ranks; 0 where there is no device. waited_seconds of these overlapped with nothing. Adds both to
- * the phases' timeline. */
+/* Collective. On rank 0 {first_pass_after, device: {seconds, waited_seconds}, bvh: {seconds, waited_seconds}, kernels:
+ * {count, seconds, waited_seconds}}, elsewhere NULL. `bvh` is all of the backend that was built beside the search for
+ * surface points, and in which the device was waited for. Seconds are the largest of any rank, kernels those that
+ * threads made and passes asked for, of all ranks; 0 where there is no device. waited_seconds of these overlapped with
+ * nothing. Adds them to the phases' timeline. */
 json_t *kiln_loading_report(const struct kiln_prepared *prepared, const struct kiln_phases *phases);
 
 #endif

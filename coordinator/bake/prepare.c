@@ -1,6 +1,7 @@
 #include "coordinator/bake/prepare.h"
 #include "coordinator/bake/divided.h"
 
+#include <math.h>
 #include <omp.h>
 #include <sched.h>
 #include <stdio.h>
@@ -13,6 +14,7 @@
 #include "coordinator/bake/devices.h"
 #include "worker/backend/start.h"
 #include "worker/base/memory.h"
+#include "worker/base/thread.h"
 #include "worker/scene/gloss.h"
 #include "worker/scene/leaves.h"
 #include "worker/pass/validity.h"
@@ -215,7 +217,71 @@ static void begin_device(struct kiln_prepared *p, const struct kiln_job *job, co
         kiln_backend_begin(&p->start, name, &params);
 }
 
-/* Collective. What the backends need of an open scene: geometry, lights and the backend itself. */
+/* ---- a backend that is built beside other work ---- */
+
+/* What devices need of a scene is in part one thread's work, and in part waiting for drivers. */
+struct kiln_backend_building {
+    pthread_t thread;
+    const char *name;
+    struct kiln_backend_params params;
+    struct kiln_backend *backend;
+    struct kiln_aside aside;
+    int status;
+    struct kiln_error error;
+};
+
+static void *build(void *context)
+{
+    struct kiln_backend_building *b = context;
+    omp_set_num_threads((int)b->params.threads); /* of this thread's loops */
+    b->aside.begin = kiln_clock_seconds();
+    b->status = kiln_backend_create(&b->backend, b->name, &b->params, &b->error);
+    b->aside.end = kiln_clock_seconds();
+    return NULL;
+}
+
+/* False: there is no thread for it. */
+static bool begin_building(struct kiln_prepared *p, const char *name, const struct kiln_backend_params *params)
+{
+    struct kiln_backend_building *b = NULL;
+    if (kiln_allocate(&b, 1, sizeof *b, "the start of a backend", NULL) != KILN_OK)
+        return false;
+    b->name = name;
+    b->params = *params;
+    b->aside.count = 1;
+    if (kiln_thread_start(&b->thread, build, b))
+        p->building = b;
+    else
+        kiln_free(&b);
+    return p->building != NULL;
+}
+
+/* Waits for the backend, if it is being built. Not collective. */
+static int end_building(struct kiln_prepared *p, struct kiln_error *error)
+{
+    struct kiln_backend_building *b = p->building;
+    const double start = kiln_clock_seconds();
+    if (b == NULL)
+        return KILN_OK;
+    (void)pthread_join(b->thread, NULL);
+    p->backend = b->backend;
+    p->built = b->aside;
+    p->built.waited = fmax(p->built.end - fmax(start, p->built.begin), 0.0);
+    const int status = b->status;
+    if (status != KILN_OK && error != NULL)
+        *error = b->error;
+    kiln_free(&p->building);
+    kiln_backend_start_end(&p->start);
+    return status;
+}
+
+/* Processors have no idle time that a second task could use, and plans measure one thing after the other. */
+static bool builds_beside(const char *backend, const struct kiln_prepare_care *care)
+{
+    return care->control != NULL && strcmp(backend, "embree") != 0;
+}
+
+/* Collective. What the backends need of an open scene: geometry, lights and the backend itself, or its beginning. */
 static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care,
                          struct kiln_error *error)
 {
@@ -235,8 +301,10 @@ static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, co
         params.lights = p->lights;
         params.direct_lights = p->direct_lights;
         params.start = p->start;
-        status = kiln_backend_create(&p->backend, backend, &params, error);
-        kiln_backend_start_end(&p->start);
+        if (!builds_beside(backend, care) || !begin_building(p, backend, &params)) {
+            status = kiln_backend_create(&p->backend, backend, &params, error);
+            kiln_backend_start_end(&p->start);
+        }
     }
     return go_on(p, care, status, error);
 }
@@ -343,6 +411,8 @@ static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, co
     struct kiln_surface_meeting meeting = {.communicator = p->communicator};
     const struct kiln_surface_exchange exchange = kiln_surface_exchange_over(&meeting);
     int status = find_surface(p, job, &exchange, stop_of(care), &p->surface, &p->surface_report, error);
+    if (status == KILN_OK)
+        status = go_on(p, care, end_building(p, error), error);
     if (status == KILN_OK)
         status = kiln_divide_texels(p->surface, p->scene, p->geometry, p->backend, p->threads,
                                     p->ranks > 1 ? &exchange : NULL, stop_of(care), error);
@@ -507,6 +577,7 @@ void kiln_prepared_destroy(struct kiln_prepared **prepared)
     struct kiln_prepared *p = *prepared;
     if (p == NULL)
         return;
+    (void)end_building(p, NULL);
     kiln_backend_start_end(&p->start);
     kiln_backend_destroy(&p->backend);
     kiln_surface_destroy(&p->surface);

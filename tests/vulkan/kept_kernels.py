@@ -49,10 +49,12 @@ def check_loading(checks, b, timeline):
     loading = b.run['beside_loading']
     device, kernels = loading['device'], loading['kernels']
     checks.that(0 < device['seconds'] and device['waited_seconds'] <= device['seconds'] and kernels['count'] >= 5 and
-                kernels['seconds'] > 0 and loading['first_pass_after'] > 0, 'beside_loading: %s' % loading, b.process)
+                kernels['seconds'] > 0 and loading['first_pass_after'] > 0 and
+                0 <= loading['bvh']['waited_seconds'] <= loading['bvh']['seconds'],
+                'beside_loading: %s' % loading, b.process)
     with open(timeline) as f:
         names = [event['name'] for event in json.load(f)['traceEvents'] if event.get('cat') == 'beside the loading']
-    checks.that(names == ['start of the device', 'kernels'], 'in the timeline: %s' % names)
+    checks.that(names == ['start of the device', 'BVH', 'kernels'], 'in the timeline: %s' % names)
 
 
 def main():
