@@ -745,7 +745,7 @@ def try_landing(checks, tool):
     """Light paths go on where the checkpoint has them, and land alike, merged or not; other numbers of them are
     another bake."""
     iterations = 20
-    for which in ('land', 'merge'):
+    for which in ('land', 'merge') if tool.full else ('merge',):  # landing alone is in `paths`
         least = ('--materials', 'full', '--bounces', 1, '--samples-indirect', 16, '--no-error-map')
         more = (*least, '--caustics', which, '--photons', 100000, '--iterations', iterations)
         straight, folder = tool.folder(), tool.folder()
