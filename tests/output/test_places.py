@@ -16,8 +16,8 @@ import unittest
 
 KILN = os.path.abspath(os.environ["KILN"])
 SEED = int(os.environ.get("KILN_SEED", "1"))
-PAIRS = int(os.environ.get("KILN_PAIRS", "2"))
-KILLS = int(os.environ.get("KILN_KILLS", "6"))
+PAIRS = int(os.environ.get("KILN_PAIRS", "1"))
+KILLS = int(os.environ.get("KILN_KILLS", "3"))
 BAKE = ["--lightmap-size", "4", "--quality", "draft", "--backend", "embree", "--no-preview", "--quiet",
         "--samples-probe", "0", "--threads", "1"]
 SMALL = ["--width", "16", "--height", "16", "--backend", "embree"]
