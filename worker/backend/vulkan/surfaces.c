@@ -32,6 +32,7 @@ static int upload_triangles(struct vulkan_backend *b, struct kiln_error *error)
     struct kiln_gpu_path_triangle *triangles = NULL;
     int status = kiln_allocate(&triangles, g->triangle_count, sizeof *triangles, "the triangles of paths", error);
     if (status == KILN_OK) {
+#pragma omp parallel for schedule(static) num_threads((int)b->threads)
         for (size_t i = 0; i < g->triangle_count; i++)
             triangles[i] = triangle_of(b->params.scene, g, (uint32_t)i);
         status = gpu_buffer_of(b->gpu, &b->path_triangles, triangles, g->triangle_count * sizeof *triangles,
