@@ -1,5 +1,7 @@
 #include "worker/backend/start.h"
 
+#include <math.h>
+
 #include "worker/base/memory.h"
 #include "worker/base/thread.h"
 
@@ -66,7 +68,7 @@ static void join(struct kiln_backend_start *s)
         return;
     (void)pthread_join(s->thread, NULL);
     s->runs = false;
-    s->aside.waited = kiln_clock_seconds() - start;
+    s->aside.waited = fmax(s->aside.end - fmax(start, s->aside.begin), 0.0);
 }
 
 bool kiln_backend_has_gpu(struct kiln_backend_start *start, const struct kiln_backend_api *api)
