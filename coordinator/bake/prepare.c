@@ -275,7 +275,8 @@ static int end_building(struct kiln_prepared *p, struct kiln_error *error)
     return status;
 }
 
-/* Processors have no idle time that a second task could use, and plans measure one thing after the other. */
+/* Where Embree is asked for, or predicted to be quicker, processors have no idle time that a second task could use; and
+ * plans measure one thing after the other. Embree in the place of a device that is not there is built beside, too. */
 static bool builds_beside(const char *backend, const struct kiln_prepare_care *care)
 {
     return care->control != NULL && strcmp(backend, "embree") != 0;
