@@ -54,7 +54,8 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
     struct kiln_field_set fields;
     kiln_field_set_choose(&fields, size->job);
     const uint32_t plane_count = (uint32_t)(kiln_field_set_plane_bytes(&fields) / sizeof(float));
-    const double at_once = fmax(largest, fmin(size->texels / size->ranks, (double)kiln_lightmap_texels(plane_count)));
+    const double texels = size->texels / size->ranks,
+                 at_once = fmax(largest, fmin(texels, (double)kiln_lightmap_texels(plane_count, texels)));
     const double rows = fmin(size->own, fmin((double)ROWS_AT_ONCE, 64.0 * (double)ROWS_AT_ONCE / plane_count));
     const bool denoises = kiln_job_denoises(size->job);
     const double planes =

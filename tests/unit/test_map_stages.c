@@ -55,7 +55,10 @@ static void runs_in_order_what_is_wanted(void **state)
     const struct kiln_output_params params = {.stitch = true};
     struct kiln_lightmap_report report = {0};
     struct kiln_error error = {{0}};
-    struct kiln_map_work work = {.result = &result, .params = &params, .object = 1, .report = &report};
+    struct kiln_chart_graphs *graphs = NULL;
+    assert_int_equal(kiln_chart_graphs_create(&graphs, &s.scene, NULL), KILN_OK);
+    struct kiln_map_work work = {
+        .result = &result, .params = &params, .object = 1, .graphs = graphs, .report = &report};
     const struct kiln_map_stage *const some[] = {&plain, &skipped, &charts, &plain, &nearest, &guided, NULL},
                                        *const short_one[] = {&plain, &nearest, &failing, &charts, NULL};
     assert_int_equal(kiln_map_create(&work.map, WIDTH, HEIGHT / 2 + 1, &kiln_map_light, NULL), KILN_OK);
@@ -70,6 +73,41 @@ static void runs_in_order_what_is_wanted(void **state)
     assert_int_equal(report.valid, 2);
     assert_null(work.nearest);
     kiln_map_destroy(&work.map);
+    kiln_chart_graphs_destroy(&graphs);
+}
+
+/* Objects of one mesh and size have one graph, which stays for the next for a while; others have their own. */
+static void graphs_are_shared(void **state)
+{
+    (void)state;
+    enum { SIZES = KILN_CHART_GRAPHS_IDLE + 4, TAKES = 8 };
+    struct synthetic s;
+    struct kiln_chart_graphs *graphs = NULL;
+    const struct kiln_chart_graph *graph[SIZES][TAKES] = {{NULL}};
+    int failed = 0;
+    assert_int_equal(synthetic_create(&s, WIDTH, HEIGHT, 0, 1, NULL), KILN_OK);
+    assert_int_equal(kiln_chart_graphs_create(&graphs, &s.scene, NULL), KILN_OK);
+#pragma omp parallel for num_threads(TAKES) reduction(+ : failed) schedule(static, 1) collapse(2)
+    for (uint32_t k = 0; k < SIZES; k++)
+        for (uint32_t i = 0; i < TAKES; i++)
+            failed += kiln_chart_graphs_take(graphs, 0, WIDTH + k, HEIGHT, &graph[k][i], NULL) != KILN_OK;
+    assert_int_equal(failed, 0);
+    for (uint32_t k = 0; k < SIZES; k++)
+        for (uint32_t i = 0; i < TAKES; i++)
+            assert_true(graph[k][i] == graph[k][0] && (k == 0 || graph[k][i] != graph[k - 1][0]));
+    const struct kiln_chart_graph *const last = graph[SIZES - 1][0];
+    for (uint32_t k = 0; k < SIZES; k++)
+        for (uint32_t i = 0; i < TAKES; i++)
+            kiln_chart_graphs_give_back(graphs, &graph[k][i]);
+    assert_null(graph[0][0]);
+    assert_int_equal(kiln_chart_graphs_take(graphs, 0, WIDTH + SIZES - 1, HEIGHT, &graph[0][0], NULL), KILN_OK);
+    assert_ptr_equal(graph[0][0], last); /* it was kept; the first was not, and is made again */
+    assert_int_equal(kiln_chart_graphs_take(graphs, 0, WIDTH, HEIGHT, &graph[0][1], NULL), KILN_OK);
+    assert_int_equal(graph[0][1]->chart_count, 2);
+    assert_true(graph[0][1]->borders[0].texel[1][0] <= (float)WIDTH);
+    for (uint32_t i = 0; i < 2; i++)
+        kiln_chart_graphs_give_back(graphs, &graph[0][i]);
+    kiln_chart_graphs_destroy(&graphs);
 }
 
 static void planes_only_for_those_that_read_them(void **state)
@@ -196,8 +234,9 @@ static void features_arrive_with_the_texels(void **state)
 int main(int argc, char **argv)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(runs_in_order_what_is_wanted), cmocka_unit_test(planes_only_for_those_that_read_them),
-        cmocka_unit_test(finds_what_neighbours_share), cmocka_unit_test(features_arrive_with_the_texels)};
+        cmocka_unit_test(runs_in_order_what_is_wanted), cmocka_unit_test(graphs_are_shared),
+        cmocka_unit_test(planes_only_for_those_that_read_them), cmocka_unit_test(finds_what_neighbours_share),
+        cmocka_unit_test(features_arrive_with_the_texels)};
     if (MPI_Init(&argc, &argv) != MPI_SUCCESS)
         return 1;
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);

@@ -5,6 +5,8 @@
 #include "coordinator/output/map/stage.h"
 #include "worker/base/memory.h"
 
+enum { LAYER_ALONE = 1 << 10 }; /* texels of a layer from which on several threads share it */
+
 /* In bands, a texel next to the band is known one layer after its own band has filled it: just as one of its own. */
 struct layers {
     struct kiln_map *map;
@@ -31,16 +33,26 @@ static bool is_own(const struct kiln_map *map, uint32_t texel)
     return texel >= kiln_map_first(map) && texel < kiln_map_end(map);
 }
 
-/* Adds the unknown neighbours of `texel` in its chart to the next layer, each once. */
+/* Claims an unknown texel for the next layer. False: it is claimed already. */
+static bool claim(struct layers *work, uint32_t texel)
+{
+    uint8_t unknown = 0;
+    return __atomic_compare_exchange_n(&work->known[texel], &unknown, 2, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
+}
+
+/* Adds the unknown neighbours of `texel` in its chart to the next layer, each once; by several threads at a time. The
+ * order of a layer's texels says nothing: their values are those of the layers before. */
 static void spread(struct layers *work, uint32_t texel)
 {
     for (int k = 0; k < 8; k++) {
         const uint32_t other = neighbour(work->map, texel, k);
-        if (other == KILN_NONE || !is_own(work->map, other) || work->known[other] != 0 ||
-            work->map->state[other] != KILN_TEXEL_FILLED || work->map->chart[other] != work->map->chart[texel])
+        if (other == KILN_NONE || !is_own(work->map, other) || work->map->state[other] != KILN_TEXEL_FILLED ||
+            work->map->chart[other] != work->map->chart[texel] || !claim(work, other))
             continue;
-        work->known[other] = 2;
-        work->next[work->next_count++] = other;
+        size_t at;
+#pragma omp atomic capture
+        at = work->next_count++;
+        work->next[at] = other;
     }
 }
 
@@ -117,12 +129,19 @@ static void fill_layer(struct layers *work)
     work->layer_count = work->next_count;
     work->next = swap;
     work->next_count = 0;
-    for (size_t i = 0; i < work->layer_count; i++)
-        take_mean(work, work->layer[i]);
-    for (size_t i = 0; i < work->layer_count; i++)
-        work->known[work->layer[i]] = 1;
-    for (size_t i = 0; i < work->layer_count; i++)
-        spread(work, work->layer[i]);
+    const size_t count = work->layer_count;
+#pragma omp parallel if (count > LAYER_ALONE)
+    {
+#pragma omp for schedule(static)
+        for (size_t i = 0; i < count; i++)
+            take_mean(work, work->layer[i]);
+#pragma omp for schedule(static)
+        for (size_t i = 0; i < count; i++)
+            work->known[work->layer[i]] = 1;
+#pragma omp for schedule(static)
+        for (size_t i = 0; i < count; i++)
+            spread(work, work->layer[i]);
+    }
 }
 
 /* Whether a texel has a neighbour in its chart that is known. */
@@ -144,9 +163,14 @@ static void begin_layers(struct layers *work)
 #pragma omp parallel for schedule(static) if (end - first > KILN_IMAGE_ALONE)
     for (size_t i = first; i < end; i++)
         work->known[i] = map->state[i] == KILN_TEXEL_VALID;
+#pragma omp parallel for schedule(static) if (end - first > KILN_IMAGE_ALONE)
     for (size_t i = first; i < end; i++)
-        if (map->state[i] == KILN_TEXEL_FILLED && is_next(work, (uint32_t)i))
-            work->next[work->next_count++] = (uint32_t)i;
+        if (map->state[i] == KILN_TEXEL_FILLED && is_next(work, (uint32_t)i)) {
+            size_t at;
+#pragma omp atomic capture
+            at = work->next_count++;
+            work->next[at] = (uint32_t)i;
+        }
     for (size_t i = 0; i < work->next_count; i++)
         work->known[work->next[i]] = 2;
 }

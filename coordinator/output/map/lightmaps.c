@@ -32,7 +32,8 @@ struct writer {
     int ghost_status;           /* of keeping those that come */
     struct kiln_error ghost_error;
     struct kiln_bands *bands;
-    struct kiln_regression_device *device; /* of all maps; NULL: there is none */
+    struct kiln_chart_graphs *graphs;      /* of all maps */
+    struct kiln_regression_device *device; /* likewise; NULL: there is none */
     bool keeps;                            /* maps of objects that touch stay in memory from joining to writing */
     uint32_t rank, ranks;
     int64_t seed;
@@ -520,6 +521,7 @@ static int open_map(const struct writer *w, uint32_t object, struct kiln_error *
     work->layers = &w->layers;
     work->object = object;
     work->device = w->device;
+    work->graphs = w->graphs;
     work->report = &w->reports[object];
     *work->report = (struct kiln_lightmap_report){.map = object};
     return work->in_bands
@@ -547,15 +549,6 @@ static int open_round(const struct writer *w, const struct kiln_assignment *assi
     return KILN_OK;
 }
 
-/* Number of threads for an object, in proportion to its part of the round's texels; at least one. */
-static int threads_for(const struct writer *w, uint32_t object, uint64_t texels, int of)
-{
-    const struct kiln_lightmap *lightmap = &w->result->surface->lightmaps[object];
-    const double share = (double)lightmap->width * lightmap->height / (double)texels;
-    const long threads = lround(share * of);
-    return threads < 1 ? 1 : (int)threads;
-}
-
 static uint64_t texels_of(const struct writer *w, const uint32_t *own, size_t count)
 {
     uint64_t texels = 0;
@@ -564,22 +557,33 @@ static uint64_t texels_of(const struct writer *w, const uint32_t *own, size_t co
     return texels;
 }
 
-/* Calls `run` for some objects of a round, which has so many texels. Each thread takes one object; the loops within a
- * large object use several threads. Keeps the message of the first object that failed. */
-static int run_some(const struct writer *w, const uint32_t *own, size_t count, uint64_t texels,
-                    int (*run)(const struct writer *, uint32_t, struct kiln_error *), struct kiln_error *error)
+/* How many of the objects, of which the largest come first, are worked on one after the other, each by all threads:
+ * those that would keep one thread at work when the others have nothing left. */
+static size_t count_alone(const struct writer *w, const uint32_t *own, size_t count, uint64_t threads)
+{
+    enum { LEAST = 1 << 16 }; /* texels from which on many threads have enough to do */
+    uint64_t left = texels_of(w, own, count);
+    size_t alone = 0;
+    for (; alone < count; alone++) {
+        const uint64_t texels = texels_of(w, own + alone, 1);
+        if (texels < LEAST || 2 * threads * texels <= left)
+            break;
+        left -= texels;
+    }
+    return alone;
+}
+
+/* Calls `run` for each of the objects, by one thread. Keeps the message of the first object that failed. */
+static int run_side_by_side(const struct writer *w, const uint32_t *own, size_t count, int threads,
+                            int (*run)(const struct writer *, uint32_t, struct kiln_error *), struct kiln_error *error)
 {
     size_t first_failed = SIZE_MAX;
     int status = KILN_OK;
-    const int threads = omp_get_max_threads(), team = count < (size_t)threads ? (int)count : threads,
-              levels = omp_get_max_active_levels();
-    if (count <= 1) /* loops within loops would start their threads anew each time */
-        return count == 1 ? run(w, own[0], error) : KILN_OK;
-    omp_set_max_active_levels(2);
+    const int team = count < (size_t)threads ? (int)count : threads;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(team)
     for (size_t i = 0; i < count; i++) {
         struct kiln_error mine = {{0}};
-        omp_set_num_threads(threads_for(w, own[i], texels, threads)); /* for the loops within the object */
+        omp_set_num_threads(1); /* for the loops within the object */
         const int result = run(w, own[i], &mine);
         if (result == KILN_OK)
             continue;
@@ -589,8 +593,20 @@ static int run_some(const struct writer *w, const uint32_t *own, size_t count, u
             status = kiln_fail(error, result, "%s", mine.message);
         }
     }
-    omp_set_max_active_levels(levels);
     return status;
+}
+
+/* Calls `run` for some objects of a round, the largest first. */
+static int run_some(const struct writer *w, const uint32_t *own, size_t count,
+                    int (*run)(const struct writer *, uint32_t, struct kiln_error *), struct kiln_error *error)
+{
+    const int threads = omp_get_max_threads();
+    const size_t alone = count_alone(w, own, count, (uint64_t)threads);
+    int status = KILN_OK;
+    for (size_t i = 0; i < alone && status == KILN_OK; i++)
+        status = run(w, own[i], error);
+    return status == KILN_OK && count > alone ? run_side_by_side(w, own + alone, count - alone, threads, run, error)
+                                              : status;
 }
 
 /* Begins a map of which a stage may take long. */
@@ -607,7 +623,7 @@ static int run_long(const struct writer *w, const uint32_t *own, size_t count, s
     size_t large = 0;
     while (large < count && texels_of(w, own + large, 1) >= LEAST)
         large++; /* the largest come first */
-    int status = run_some(w, own, large, texels_of(w, own, large), begin_large_map, error);
+    int status = run_some(w, own, large, begin_large_map, error);
     for (size_t i = 0; i < large && status == KILN_OK; i++)
         status = kiln_stop_asked(w->result->stop) ? kiln_give_up(error)
                                                   : kiln_map_stages_run_long(kiln_map_stages, &w->works[own[i]], error);
@@ -618,7 +634,6 @@ static int run_long(const struct writer *w, const uint32_t *own, size_t count, s
 static int write_round(struct writer *w, const uint32_t *own, size_t count, struct kiln_error *error)
 {
     enum { AT_ONCE = 1024 };
-    const uint64_t texels = texels_of(w, own, count);
     int status = KILN_OK;
     if (count > 1)
         status = run_long(w, own, count, error);
@@ -626,7 +641,7 @@ static int write_round(struct writer *w, const uint32_t *own, size_t count, stru
         status = kiln_publish_batch_create(&w->batch, error);
     for (size_t first = 0; status == KILN_OK && first < count; first += AT_ONCE) {
         const size_t some = count - first < AT_ONCE ? count - first : AT_ONCE;
-        status = run_some(w, own + first, some, texels, write_object, error);
+        status = run_some(w, own + first, some, write_object, error);
         if (status == KILN_OK)
             status = kiln_publish_batch_finish(w->batch, error);
     }
@@ -811,8 +826,7 @@ static int join_together(struct writer *w, const struct kiln_assignment *assignm
     }
     if (round >= assignment->own_rounds)
         return status;
-    return kiln_agree(w->result->communicator, run_some(w, own, count, texels_of(w, own, count), join_object, error),
-                      error);
+    return kiln_agree(w->result->communicator, run_some(w, own, count, join_object, error), error);
 }
 
 /* A copy of the assignment without the lightmaps that have a joint, or without those that have none. */
@@ -854,7 +868,12 @@ static int join_seams(struct writer *w, const struct kiln_assignment *assignment
 
 static uint64_t texels_at_once(const struct writer *w)
 {
-    return w->params->texel_budget > 0 ? w->params->texel_budget : kiln_lightmap_texels(w->layers.planes.count);
+    const struct kiln_surface *s = w->result->surface;
+    double texels = 0.0;
+    for (uint32_t i = 0; i < s->map_count; i++)
+        texels += s->lightmaps[i].published != 0 ? (double)texels_of(w, &i, 1) : 0.0;
+    return w->params->texel_budget > 0 ? w->params->texel_budget
+                                       : kiln_lightmap_texels(w->layers.planes.count, texels / w->ranks);
 }
 
 /* Whether the maps of objects that touch may stay in memory until they are written, on every rank: those of one round
@@ -1019,6 +1038,8 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
     if (status == KILN_OK)
         status = kiln_allocate(&w.works, maps, sizeof *w.works, "lightmaps", error);
     if (status == KILN_OK)
+        status = kiln_chart_graphs_create(&w.graphs, result->scene, error);
+    if (status == KILN_OK)
         status = find_device(&w, error);
     status = kiln_agree(result->communicator, status, error);
     if (status == KILN_OK)
@@ -1029,6 +1050,7 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
         status = kiln_agree(result->communicator, gather_reports(result, w.reports, rank, reports, error), error);
     for (size_t i = 0; w.works != NULL && i < maps; i++)
         drop_map(&w, (uint32_t)i);
+    kiln_chart_graphs_destroy(&w.graphs);
     kiln_regression_device_destroy(&w.device);
     kiln_bands_destroy(&w.bands);
     kiln_free(&w.works);

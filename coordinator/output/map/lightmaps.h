@@ -36,11 +36,14 @@ struct kiln_lightmap_report {
 int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                          struct kiln_lightmap_report *reports, struct kiln_error *error);
 
-/* Texels that a rank processes at a time, unless one lightmap is larger, of maps of so many planes: of about 90 bytes
- * each, about 180 MB, or 540 MB of many planes. */
-static inline uint64_t kiln_lightmap_texels(uint32_t planes)
+/* Texels that a rank processes at a time, unless one lightmap is larger, of maps of so many planes: a quarter of
+ * `texels`, which it has in all, but two million at least, of about 90 bytes each, about 180 MB, or 540 MB of many
+ * planes; and four times as much at most. The fewer rounds, the less threads wait for one another. */
+static inline uint64_t kiln_lightmap_texels(uint32_t planes, double texels)
 {
-    return planes <= 64 ? 1ull << 21 : (64ull << 21) / planes;
+    const double least = (double)(1 << 21), quarter = 0.25 * texels;
+    const uint64_t some = (uint64_t)(quarter < least ? least : quarter > 4.0 * least ? 4.0 * least : quarter);
+    return planes <= 64 ? some : 64 * some / planes;
 }
 
 #endif

@@ -21,6 +21,12 @@ struct kiln_neighbour_cell {
     int32_t level, at[3];
 };
 
+/* The cells [first, end), which are all of a level. */
+struct kiln_neighbour_level {
+    int32_t level;
+    size_t first, end;
+};
+
 /* A point that is sorted. */
 struct entry {
     struct kiln_neighbour_cell cell;
@@ -35,6 +41,32 @@ static int compare_cells(const struct kiln_neighbour_cell *a, const struct kiln_
         if (a->at[c] != b->at[c])
             return a->at[c] < b->at[c] ? -1 : 1;
     return 0;
+}
+
+/* The first of the cells [low, high) that is not before `key`; high: all are. */
+static size_t search_cells(const struct kiln_neighbour_grid *g, size_t low, size_t high,
+                           const struct kiln_neighbour_cell *key)
+{
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (compare_cells(&g->cells[middle], key) < 0)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* The same where that cell is likely to be among the first: in steps that double. */
+static size_t search_ahead(const struct kiln_neighbour_grid *g, size_t low, size_t high,
+                           const struct kiln_neighbour_cell *key)
+{
+    for (size_t step = 1; step < high - low; step *= 2) {
+        if (compare_cells(&g->cells[low + step - 1], key) >= 0)
+            return search_cells(g, low, low + step - 1, key);
+        low += step;
+    }
+    return search_cells(g, low, high, key);
 }
 
 /* ---- sorting ---- */
@@ -209,6 +241,23 @@ static int make_cells(struct kiln_neighbour_grid *g, const struct sort *s, struc
     return status;
 }
 
+/* Finds the cells of each level. */
+static int make_levels(struct kiln_neighbour_grid *g, struct kiln_error *error)
+{
+    size_t room = 0;
+    int status = KILN_OK;
+    for (size_t first = 0, end; first < g->cell_count && status == KILN_OK; first = end) {
+        const int32_t level = g->cells[first].level;
+        const struct kiln_neighbour_cell next = {level + 1, {INT32_MIN, INT32_MIN, INT32_MIN}};
+        end = search_cells(g, first, g->cell_count, &next);
+        status =
+            kiln_grow(&g->levels, &room, g->level_count + 1, sizeof *g->levels, "the cells of surface points", error);
+        if (status == KILN_OK)
+            g->levels[g->level_count++] = (struct kiln_neighbour_level){level, first, end};
+    }
+    return status;
+}
+
 /* Brings the points into the order of the entries. */
 static int reorder(struct kiln_neighbour_grid *g, const struct sort *s, struct kiln_error *error)
 {
@@ -230,6 +279,8 @@ static int sort_points(struct kiln_neighbour_grid *g, struct kiln_error *error)
     int status = sort_entries(&s, g, error);
     if (status == KILN_OK)
         status = make_cells(g, &s, error);
+    if (status == KILN_OK)
+        status = make_levels(g, error);
     if (status == KILN_OK)
         status = reorder(g, &s, error);
     kiln_free(&s.entries);
@@ -262,24 +313,11 @@ void kiln_neighbour_grid_destroy(struct kiln_neighbour_grid **grid)
     kiln_free(&g->points);
     kiln_free(&g->first);
     kiln_free(&g->cells);
+    kiln_free(&g->levels);
     kiln_free(grid);
 }
 
 /* ---- candidates ---- */
-
-/* The first cell that is not before `key`. */
-static size_t find_cell(const struct kiln_neighbour_grid *g, const struct kiln_neighbour_cell *key)
-{
-    size_t low = 0, high = g->cell_count;
-    while (low < high) {
-        const size_t middle = low + (high - low) / 2;
-        if (compare_cells(&g->cells[middle], key) < 0)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return low;
-}
 
 /* A box in space, and the candidates in it that have been met so far. */
 struct box {
@@ -335,38 +373,40 @@ static struct box box_of(const struct kiln_neighbour_grid *g, size_t cell, float
 typedef void (*take_cells)(void *context, const struct kiln_neighbour_grid *g, size_t first, size_t end,
                            struct box *box);
 
-/* Cells follow one another along z. */
+/* Cells follow one another along z. `from`: no cell before it is of this column; moves to the column's end. */
 static void take_column(const struct kiln_neighbour_grid *g, const struct kiln_neighbour_cell *begin,
-                        const struct kiln_neighbour_cell *last, struct box *box, take_cells take, void *context)
+                        const struct kiln_neighbour_cell *last, size_t *from, size_t to, struct box *box,
+                        take_cells take, void *context)
 {
-    const size_t first = find_cell(g, begin);
+    const size_t first = search_ahead(g, *from, to, begin);
     size_t end = first;
-    while (end < g->cell_count && compare_cells(&g->cells[end], last) <= 0)
+    while (end < to && compare_cells(&g->cells[end], last) <= 0)
         end++;
+    *from = end;
     if (end > first)
         take(context, g, first, end, box);
 }
 
-static void take_level(const struct kiln_neighbour_grid *g, int level, struct box *box, take_cells take, void *context)
+static void take_level(const struct kiln_neighbour_grid *g, const struct kiln_neighbour_level *level, struct box *box,
+                       take_cells take, void *context)
 {
-    struct kiln_neighbour_cell begin = {.level = level}, end = {.level = level};
-    const double scale = kiln_neighbour_scale(level);
+    struct kiln_neighbour_cell begin = {.level = level->level}, end = {.level = level->level};
+    const double scale = kiln_neighbour_scale(level->level);
     int32_t low[3], high[3];
     for (int c = 0; c < 3; c++) {
         low[c] = kiln_neighbour_along(box->low[c], scale);
         high[c] = kiln_neighbour_along(box->high[c], scale);
     }
-    begin.at[0] = begin.at[1] = begin.at[2] = -FARTHEST;
-    const size_t first = find_cell(g, &begin);
-    if (first == g->cell_count || g->cells[first].level != level)
-        return;
+    begin.at[0] = low[0];
+    begin.at[1] = low[1];
     begin.at[2] = low[2];
     end.at[2] = high[2];
+    size_t from = search_cells(g, level->first, level->end, &begin);
     for (int32_t x = low[0]; x <= high[0]; x++)
         for (int32_t y = low[1]; y <= high[1]; y++) {
             begin.at[0] = end.at[0] = x;
             begin.at[1] = end.at[1] = y;
-            take_column(g, &begin, &end, box, take, context);
+            take_column(g, &begin, &end, &from, level->end, box, take, context);
         }
 }
 
@@ -374,8 +414,10 @@ static void take_level(const struct kiln_neighbour_grid *g, int level, struct bo
 static void take_levels(const struct kiln_neighbour_grid *g, size_t cell, float radius, take_cells take, void *context)
 {
     struct box box = box_of(g, cell, radius);
-    for (int level = g->cells[cell].level - 1; level <= g->cells[cell].level + 1; level++)
-        take_level(g, level, &box, take, context);
+    const int32_t own = g->cells[cell].level;
+    for (size_t i = 0; i < g->level_count; i++)
+        if (g->levels[i].level >= own - 1 && g->levels[i].level <= own + 1)
+            take_level(g, &g->levels[i], &box, take, context);
 }
 
 static void take_candidates(void *context, const struct kiln_neighbour_grid *g, size_t first, size_t end,
@@ -401,23 +443,31 @@ void kiln_neighbours_collect(struct kiln_neighbours *n, const struct kiln_neighb
 
 /* ---- ranges ---- */
 
-/* The ranges of one cell. */
-struct cell_ranges {
-    uint32_t (*ranges)[2]; /* NULL: they are only counted */
-    uint32_t count, end;   /* end: of the last one */
-    uint64_t places;
+/* Ranges that a thread lists, those of one cell after those of another. */
+struct range_list {
+    uint32_t (*ranges)[2];
+    size_t count, room;
+    size_t first;    /* of the cell at hand */
+    uint64_t places; /* of its ranges */
+    int status;
+    struct kiln_error error;
 };
 
-static void add_range(struct cell_ranges *c, uint32_t begin, uint32_t end)
+static void add_range(struct range_list *l, uint32_t begin, uint32_t end)
 {
-    const bool follows = c->count > 0 && begin == c->end;
-    c->places += end - begin;
-    c->count += !follows;
-    c->end = end;
-    if (c->ranges != NULL && !follows)
-        c->ranges[c->count - 1][0] = begin;
-    if (c->ranges != NULL)
-        c->ranges[c->count - 1][1] = end;
+    const bool follows = l->count > l->first && begin == l->ranges[l->count - 1][1];
+    l->places += end - begin;
+    if (follows) {
+        l->ranges[l->count - 1][1] = end;
+        return;
+    }
+    if (l->status == KILN_OK)
+        l->status =
+            kiln_grow(&l->ranges, &l->room, l->count + 1, sizeof *l->ranges, "the cells of surface points", &l->error);
+    if (l->status != KILN_OK)
+        return;
+    l->ranges[l->count][0] = begin;
+    l->ranges[l->count++][1] = end;
 }
 
 static void take_range(void *context, const struct kiln_neighbour_grid *g, size_t first, size_t end, struct box *box)
@@ -426,71 +476,94 @@ static void take_range(void *context, const struct kiln_neighbour_grid *g, size_
     add_range(context, g->first[first], g->first[end]);
 }
 
-static uint32_t list_cell(const struct kiln_neighbour_grid *g, size_t cell, struct kiln_neighbours *n,
-                          uint32_t (*ranges)[2])
+static void list_cell(struct range_list *l, const struct kiln_neighbour_grid *g, size_t cell, struct kiln_neighbours *n)
 {
-    struct cell_ranges whole = {0}, c = {.ranges = ranges};
-    take_levels(g, cell, KILN_NEIGHBOUR_RADIUS, take_range, &whole);
-    if (whole.places <= KILN_NEIGHBOURS_MOST_TWICE) {
-        if (ranges == NULL)
-            return whole.count;
-        take_levels(g, cell, KILN_NEIGHBOUR_RADIUS, take_range, &c);
-        return c.count;
-    }
+    l->first = l->count;
+    l->places = 0;
+    take_levels(g, cell, KILN_NEIGHBOUR_RADIUS, take_range, l);
+    if (l->places <= KILN_NEIGHBOURS_MOST_TWICE)
+        return;
+    l->count = l->first;
     kiln_neighbours_collect(n, g, cell, KILN_NEIGHBOUR_RADIUS);
     for (size_t i = 0; i < n->candidates; i++)
-        add_range(&c, n->candidate[i], n->candidate[i] + 1);
-    return c.count;
+        add_range(l, n->candidate[i], n->candidate[i] + 1);
 }
 
-/* Counts the ranges of all cells, or writes them where `first` says. */
-static int list_cells_ranges(struct kiln_neighbour_ranges *r, const struct kiln_neighbour_grid *g, bool write,
-                             struct kiln_error *error)
+/* Lists the ranges of a slice of the cells. r->first[c + 1]: the end of those of cell c among the slice's. */
+static void list_slice(struct kiln_neighbour_ranges *r, const struct kiln_neighbour_grid *g, size_t begin, size_t end,
+                       struct range_list *l)
 {
-    int status = KILN_OK;
-#pragma omp parallel
-    {
-        struct kiln_neighbours *n = NULL;
-        struct kiln_error mine = {{0}};
-        const int made = kiln_allocate(&n, 1, sizeof *n, "the neighbours of a point", &mine);
-#pragma omp for schedule(dynamic, 64)
-        for (size_t cell = 0; cell < g->cell_count; cell++) {
-            if (made != KILN_OK)
-                continue;
-            const uint32_t count = list_cell(g, cell, n, write ? r->ranges + r->first[cell] : NULL);
-            if (!write)
-                r->first[cell + 1] = count;
-            for (uint32_t i = g->first[cell]; i < g->first[cell + 1]; i++)
-                r->cells[i] = (uint32_t)cell;
-        }
-        kiln_free(&n);
-        if (made != KILN_OK)
-#pragma omp critical(kiln_neighbour_ranges)
-            status = kiln_fail(error, made, "%s", mine.message);
+    struct kiln_neighbours *n = NULL;
+    l->status = kiln_allocate(&n, 1, sizeof *n, "the neighbours of a point", &l->error);
+    for (size_t cell = begin; cell < end && l->status == KILN_OK; cell++) {
+        list_cell(l, g, cell, n);
+        if (l->status == KILN_OK && l->count > UINT32_MAX)
+            l->status = kiln_fail(&l->error, KILN_SYSTEM,
+                                  "%zu surface points have too many neighbours; use --denoise none", g->count);
+        r->first[cell + 1] = (uint32_t)l->count;
+        for (uint32_t i = g->first[cell]; i < g->first[cell + 1]; i++)
+            r->cells[i] = (uint32_t)cell;
     }
-    return status;
+    kiln_free(&n);
 }
 
-int kiln_neighbour_ranges_list(struct kiln_neighbour_ranges *r, const struct kiln_neighbour_grid *g,
-                               struct kiln_error *error)
+/* Puts the slices' ranges behind one another. */
+static int join_slices(struct kiln_neighbour_ranges *r, const struct kiln_neighbour_grid *g, struct range_list *lists,
+                       int slices, struct kiln_error *error)
 {
     uint64_t all = 0;
-    *r = (struct kiln_neighbour_ranges){0};
-    int status = kiln_allocate_bare(&r->cells, g->count, sizeof *r->cells, "the cells of surface points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->first, g->cell_count + 1, sizeof *r->first, "the cells of surface points", error);
-    if (status == KILN_OK)
-        status = list_cells_ranges(r, g, false, error);
-    for (size_t cell = 0; cell < g->cell_count && status == KILN_OK; cell++) {
-        all += r->first[cell + 1];
-        r->first[cell + 1] = (uint32_t)all;
+    int status = KILN_OK;
+    for (int t = 0; t < slices && status == KILN_OK; t++) {
+        lists[t].first = (size_t)all;
+        all += lists[t].count;
+        if (lists[t].status != KILN_OK)
+            status = kiln_fail(error, lists[t].status, "%s", lists[t].error.message);
     }
     if (status == KILN_OK && all > UINT32_MAX)
         status =
             kiln_fail(error, KILN_SYSTEM, "%zu surface points have too many neighbours; use --denoise none", g->count);
     if (status == KILN_OK)
         status = kiln_allocate_bare(&r->ranges, (size_t)all, sizeof *r->ranges, "the cells of surface points", error);
-    return status == KILN_OK ? list_cells_ranges(r, g, true, error) : status;
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for num_threads(slices) schedule(static)
+    for (int t = 0; t < slices; t++) {
+        size_t begin, end;
+        kiln_slice(slices, t, g->cell_count, &begin, &end);
+        for (size_t cell = begin; cell < end; cell++)
+            r->first[cell + 1] += (uint32_t)lists[t].first;
+        if (lists[t].count > 0)
+            memcpy(r->ranges + lists[t].first, lists[t].ranges, lists[t].count * sizeof *r->ranges);
+    }
+    return KILN_OK;
+}
+
+int kiln_neighbour_ranges_list(struct kiln_neighbour_ranges *r, const struct kiln_neighbour_grid *g,
+                               struct kiln_error *error)
+{
+    struct range_list *lists = NULL;
+    const int slices = kiln_slices(g->count);
+    *r = (struct kiln_neighbour_ranges){0};
+    int status = kiln_allocate_bare(&r->cells, g->count, sizeof *r->cells, "the cells of surface points", error);
+    if (status == KILN_OK)
+        status =
+            kiln_allocate_bare(&r->first, g->cell_count + 1, sizeof *r->first, "the cells of surface points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&lists, (size_t)slices, sizeof *lists, "the cells of surface points", error);
+    if (status == KILN_OK) {
+        r->first[0] = 0;
+#pragma omp parallel for num_threads(slices) schedule(static)
+        for (int t = 0; t < slices; t++) {
+            size_t begin, end;
+            kiln_slice(slices, t, g->cell_count, &begin, &end);
+            list_slice(r, g, begin, end, &lists[t]);
+        }
+        status = join_slices(r, g, lists, slices, error);
+    }
+    for (int t = 0; lists != NULL && t < slices; t++)
+        kiln_free(&lists[t].ranges);
+    kiln_free(&lists);
+    return status;
 }
 
 void kiln_neighbour_ranges_release(struct kiln_neighbour_ranges *ranges)

@@ -70,7 +70,9 @@ struct kiln_neighbour_grid {
     size_t count, cell_count;
     struct kiln_neighbour_point *points; /* sorted */
     uint32_t *first;                     /* of each cell, and the end */
-    struct kiln_neighbour_cell *cells;   /* private */
+    struct kiln_neighbour_cell *cells;   /* private, as the levels are */
+    struct kiln_neighbour_level *levels; /* ascending */
+    size_t level_count;
 };
 
 /* Sorts the points, of which there must be less than 2^32 - 1, and at least one. *points (of kiln_allocate) is the

@@ -16,7 +16,7 @@
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_STAGE_H
 #define KILN_COORDINATOR_OUTPUT_MAP_STAGE_H
 
-#include "coordinator/output/map/chart_graph.h"
+#include "coordinator/output/map/chart_graphs.h"
 #include "coordinator/output/map/joined.h"
 #include "coordinator/output/map/layers.h"
 #include "coordinator/output/map/lightmaps.h"
@@ -49,7 +49,8 @@ struct kiln_map_work {
     struct kiln_map *map;
     struct kiln_regression_device *device; /* takes noise out; NULL: the host does */
     struct kiln_lightmap_report *report;   /* each stage fills in what it measures */
-    struct kiln_chart_graph *graph;        /* KILN_MAP_CHARTS */
+    struct kiln_chart_graphs *graphs;      /* where graphs come from */
+    const struct kiln_chart_graph *graph;  /* KILN_MAP_CHARTS */
     struct kiln_map_ghosts ghosts;         /* if objects are denoised that touch */
     const struct kiln_joined *joined;      /* if the object touches others, after joining; else NULL */
     float shared;                          /* of the squared error, which neighbours share; mean_error.c, else 0 */

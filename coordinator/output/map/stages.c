@@ -37,14 +37,13 @@ int kiln_map_stages_layers(const struct kiln_map_stage *const *stages, const str
     return status;
 }
 
-/* Creates the chart graph, and replaces the triangle of each texel by its chart. */
+/* Takes the chart graph, and replaces the triangle of each texel by its chart. */
 static int make_charts(struct kiln_map_work *work, struct kiln_error *error)
 {
     struct kiln_map *map = work->map;
-    const struct kiln_scene *scene = work->result->scene;
-    const uint32_t mesh = scene->objects[kiln_map_object(work->result->surface, work->object)].mesh;
+    const uint32_t mesh = work->result->scene->objects[kiln_map_object(work->result->surface, work->object)].mesh;
     const int status = kiln_bands_agree(
-        map, kiln_chart_graph_create(&work->graph, scene, mesh, map->width, map->height, error), error);
+        map, kiln_chart_graphs_take(work->graphs, mesh, map->width, map->height, &work->graph, error), error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(static) if (kiln_map_texels(map) > KILN_IMAGE_ALONE)
@@ -105,7 +104,7 @@ void kiln_map_stages_release(struct kiln_map_work *work)
         kiln_map_free(work->map, &work->nearest, sizeof *work->nearest);
     kiln_free(&work->ghosts.records);
     work->ghosts.count = work->ghosts.capacity = 0;
-    kiln_chart_graph_destroy(&work->graph);
+    kiln_chart_graphs_give_back(work->graphs, &work->graph);
     work->next = 0;
 }
 

@@ -64,6 +64,8 @@ void vulkan_regression_release(struct vulkan_backend *b)
 {
     for (int i = 0; i < VULKAN_REGRESSION_ARRAYS; i++)
         gpu_buffer_destroy(b->gpu, &b->regression[i]);
+    kiln_free(&b->regression_host);
+    b->regression_room = 0;
 }
 
 /* Bytes that lie there. */
@@ -90,26 +92,27 @@ static size_t stretch_at(const struct run *r, size_t first)
     return r->work->count - first < STRETCH ? r->work->count - first : STRETCH;
 }
 
+/* Host memory for a stretch, which stays for the next call. */
+static int make_host_room(struct run *r, size_t bytes, struct kiln_error *error)
+{
+    return kiln_grow(&r->b->regression_host, &r->b->regression_room, bytes, 1, what, error);
+}
+
 static int bring_points(struct run *r, struct kiln_error *error)
 {
     const struct kiln_regression_work *w = r->work;
-    struct kiln_gpu_regression_point *points = NULL;
-    struct kiln_gpu_regression_given *given = NULL;
-    const size_t most = stretch_at(r, 0);
-    int status = kiln_allocate(&points, most, sizeof *points, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&given, most * w->lights, sizeof *given, what, error);
+    const size_t most = stretch_at(r, 0), point = sizeof(struct kiln_gpu_regression_point),
+                 light = w->lights * sizeof(struct kiln_gpu_regression_given);
+    int status = make_host_room(r, most * (point + light), error);
     for (size_t first = 0, count; first < w->count && status == KILN_OK; first += count) {
+        struct kiln_gpu_regression_point *points = (void *)r->b->regression_host;
+        struct kiln_gpu_regression_given *given = (void *)(points + most);
         count = stretch_at(r, first);
         w->give(w->context, first, count, points, given);
-        status = gpu_fill(r->b->gpu, &r->b->regression[POINTS], first * sizeof *points, points, count * sizeof *points,
-                          error);
+        status = gpu_fill(r->b->gpu, &r->b->regression[POINTS], first * point, points, count * point, error);
         if (status == KILN_OK)
-            status = gpu_fill(r->b->gpu, &r->b->regression[GIVEN], first * w->lights * sizeof *given, given,
-                              count * w->lights * sizeof *given, error);
+            status = gpu_fill(r->b->gpu, &r->b->regression[GIVEN], first * light, given, count * light, error);
     }
-    kiln_free(&points);
-    kiln_free(&given);
     return status;
 }
 
@@ -129,17 +132,15 @@ static int bring_cells(struct run *r, struct kiln_error *error)
 static int take_results(struct run *r, struct kiln_error *error)
 {
     const struct kiln_regression_work *w = r->work;
-    struct kiln_gpu_regression_result *results = NULL;
-    int status = kiln_allocate(&results, stretch_at(r, 0) * w->lights, sizeof *results, what, error);
+    const size_t light = w->lights * sizeof(struct kiln_gpu_regression_result);
+    int status = make_host_room(r, stretch_at(r, 0) * light, error);
     for (size_t first = 0, count; first < w->count && status == KILN_OK; first += count) {
         count = stretch_at(r, first);
-        const size_t bytes = count * w->lights * sizeof *results;
-        status = gpu_download(r->b->gpu, &r->b->regression[RESULTS], first * w->lights * sizeof *results, results,
-                              bytes, error);
+        status = gpu_download(r->b->gpu, &r->b->regression[RESULTS], first * light, r->b->regression_host,
+                              count * light, error);
         if (status == KILN_OK)
-            w->take(w->context, first, count, results);
+            w->take(w->context, first, count, (void *)r->b->regression_host);
     }
-    kiln_free(&results);
     return status;
 }
 

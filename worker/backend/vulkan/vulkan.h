@@ -242,9 +242,11 @@ struct vulkan_backend {
     size_t resident_count, resident_room;
     struct vulkan_held held;
     struct gpu_buffer regression[VULKAN_REGRESSION_ARRAYS]; /* regression.c */
-    double once_seconds, once_processor;                    /* struct kiln_backend_info */
-    uint64_t returned;                                      /* bytes of answers so far */
-    struct gpu_buffer light_groups, group_lights;           /* groups.h */
+    uint8_t *regression_host;                               /* the same, of so many bytes */
+    size_t regression_room;
+    double once_seconds, once_processor;          /* struct kiln_backend_info */
+    uint64_t returned;                            /* bytes of answers so far */
+    struct gpu_buffer light_groups, group_lights; /* groups.h */
     struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
     struct gpu_buffer direction_set;                 /* likewise: shaders/directions.glsl */
     struct gpu_buffer bright[VULKAN_BRIGHT_ARRAYS];  /* likewise: bright.h */
