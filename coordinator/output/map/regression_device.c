@@ -9,12 +9,17 @@
  * milliseconds, and whose arrays stay there for the next. */
 enum { TOGETHER = 1 << 18 };
 
-/* A work that a thread waits for. */
+/* A work that a thread waits for. What goes to the device and comes back of a small one lies in arrays, which its own
+ * thread fills and reads, while the device is at work for others. */
 struct request {
     const struct kiln_regression_work *work;
     struct request *next;
+    struct kiln_gpu_regression_point *points; /* NULL: there are no arrays */
+    struct kiln_gpu_regression_given *given;
+    struct kiln_gpu_regression_result *results;
     size_t first; /* its points among those that go together */
     bool ended, done;
+    bool together; /* the results lie in the array */
     int status;
     struct kiln_error error;
 };
@@ -61,15 +66,14 @@ struct joined {
 /* Calls `some` for each work's part of the points [first, first + count): its own first point, how many, and the place
  * of that point among these. */
 static void split(const struct joined *j, size_t first, size_t count,
-                  void (*some)(const struct kiln_regression_work *work, size_t first, size_t count, size_t at,
-                               void *arrays),
+                  void (*some)(const struct request *request, size_t first, size_t count, size_t at, void *arrays),
                   void *arrays)
 {
     for (const struct request *r = j->first; r != NULL; r = r->next) {
         const size_t begin = first > r->first ? first : r->first, last = r->first + r->work->count,
                      end = first + count < last ? first + count : last;
         if (begin < end)
-            some(r->work, begin - r->first, end - begin, begin - first, arrays);
+            some(r, begin - r->first, end - begin, begin - first, arrays);
     }
 }
 
@@ -78,10 +82,12 @@ struct given {
     struct kiln_gpu_regression_given *given;
 };
 
-static void give_some(const struct kiln_regression_work *work, size_t first, size_t count, size_t at, void *arrays)
+static void give_some(const struct request *r, size_t first, size_t count, size_t at, void *arrays)
 {
     const struct given *to = arrays;
-    work->give(work->context, first, count, to->points + at, to->given + at * work->lights);
+    const size_t lights = r->work->lights;
+    memcpy(to->points + at, r->points + first, count * sizeof *to->points);
+    memcpy(to->given + at * lights, r->given + first * lights, count * lights * sizeof *to->given);
 }
 
 static void give(void *context, size_t first, size_t count, struct kiln_gpu_regression_point *points,
@@ -91,10 +97,11 @@ static void give(void *context, size_t first, size_t count, struct kiln_gpu_regr
     split(context, first, count, give_some, &to);
 }
 
-static void take_some(const struct kiln_regression_work *work, size_t first, size_t count, size_t at, void *arrays)
+static void take_some(const struct request *r, size_t first, size_t count, size_t at, void *arrays)
 {
     const struct kiln_gpu_regression_result *results = arrays;
-    work->take(work->context, first, count, results + at * work->lights);
+    const size_t lights = r->work->lights;
+    memcpy(r->results + first * lights, results + at * lights, count * lights * sizeof *results);
 }
 
 static void take(void *context, size_t first, size_t count, const struct kiln_gpu_regression_result *results)
@@ -152,29 +159,33 @@ static int join(struct joined *j, struct kiln_error *error)
     return status;
 }
 
-/* Whether all of them were done together. If not, nothing is lost but time. */
-static bool run_joined(struct kiln_backend *backend, struct request *first)
+/* Does all of them as one. */
+static int run_joined(struct kiln_backend *backend, struct request *first, bool *done, struct kiln_error *error)
 {
     struct joined j = {.first = first};
-    struct kiln_error ignored;
-    bool done = false;
-    const bool joined = first->next != NULL && join(&j, &ignored) == KILN_OK;
-    if (joined && kiln_backend_regress(backend, &j.work, &done, &ignored) != KILN_OK)
-        done = false;
+    int status = join(&j, error);
+    if (status == KILN_OK)
+        status = kiln_backend_regress(backend, &j.work, done, error);
     kiln_free(&j.cells);
     kiln_free(&j.firsts);
     kiln_free(&j.ranges);
-    return done;
+    return status;
 }
 
+/* Those that have arrays together, or else each alone. */
 static void run_list(struct kiln_backend *backend, struct request *first)
 {
-    const bool done = run_joined(backend, first);
-    for (struct request *r = first; r != NULL; r = r->next)
+    struct kiln_error ignored;
+    bool done = false;
+    if (first->points != NULL && run_joined(backend, first, &done, &ignored) != KILN_OK)
+        done = false;
+    for (struct request *r = first; r != NULL; r = r->next) {
+        r->together = done;
         if (done)
             r->done = true;
         else
             r->status = kiln_backend_regress(backend, r->work, &r->done, &r->error);
+    }
 }
 
 /* ---- taking turns ---- */
@@ -184,7 +195,7 @@ static struct request *take_turn(struct kiln_regression_device *d)
 {
     struct request *const first = d->waiting, *last = first;
     uint64_t points = first->work->count, ranges = first->work->first[first->work->cell_count];
-    while (last->next != NULL) {
+    while (last->next != NULL && first->points != NULL && last->next->points != NULL) {
         const struct kiln_regression_work *w = last->next->work;
         points += w->count;
         ranges += w->first[w->cell_count];
@@ -215,6 +226,44 @@ static void serve(struct kiln_regression_device *d)
     (void)pthread_cond_broadcast(&d->changed);
 }
 
+/* Without memory for them the work is handed over point by point. */
+static void make_arrays(struct request *r)
+{
+    static const char what[] = "denoising on a device";
+    const size_t count = r->work->count, lights = r->work->lights;
+    int status = KILN_OK;
+    if (count > TOGETHER)
+        return;
+    status = kiln_allocate_bare(&r->given, count * lights, sizeof *r->given, what, NULL);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&r->results, count * lights, sizeof *r->results, what, NULL);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&r->points, count, sizeof *r->points, what, NULL);
+    if (status == KILN_OK)
+        r->work->give(r->work->context, 0, count, r->points, r->given);
+}
+
+static void free_arrays(struct request *r)
+{
+    kiln_free(&r->points);
+    kiln_free(&r->given);
+    kiln_free(&r->results);
+}
+
+/* Waits in line, and has the device for all that are in it when there is nobody else. */
+static void wait_for(struct kiln_regression_device *d, struct request *own)
+{
+    (void)pthread_mutex_lock(&d->lock);
+    *d->end = own;
+    d->end = &own->next;
+    while (!own->ended)
+        if (d->busy)
+            (void)pthread_cond_wait(&d->changed, &d->lock);
+        else
+            serve(d);
+    (void)pthread_mutex_unlock(&d->lock);
+}
+
 int kiln_regression_device_run(struct kiln_regression_device *d, const struct kiln_regression_work *work, bool *done,
                                struct kiln_error *error)
 {
@@ -222,15 +271,11 @@ int kiln_regression_device_run(struct kiln_regression_device *d, const struct ki
     *done = false;
     if (work->count == 0)
         return KILN_OK;
-    (void)pthread_mutex_lock(&d->lock);
-    *d->end = &own;
-    d->end = &own.next;
-    while (!own.ended)
-        if (d->busy)
-            (void)pthread_cond_wait(&d->changed, &d->lock);
-        else
-            serve(d);
-    (void)pthread_mutex_unlock(&d->lock);
+    make_arrays(&own);
+    wait_for(d, &own);
+    if (own.together)
+        work->take(work->context, 0, work->count, own.results);
+    free_arrays(&own);
     *done = own.done;
     if (own.status != KILN_OK && error != NULL)
         *error = own.error;

@@ -15,8 +15,8 @@ int kiln_regression_device_create(struct kiln_regression_device **device, struct
                                   struct kiln_error *error);
 void kiln_regression_device_destroy(struct kiln_regression_device **device);
 
-/* As kiln_backend_regress; from any thread. `give` and `take` of the work may be called by another thread meanwhile.
- * All works of a device have the same number of lights. */
+/* As kiln_backend_regress; from any thread. `give` and `take` of a small work are called by this thread, of a large one
+ * perhaps by another meanwhile. All works of a device have the same number of lights. */
 int kiln_regression_device_run(struct kiln_regression_device *device, const struct kiln_regression_work *work,
                                bool *done, struct kiln_error *error);
 
