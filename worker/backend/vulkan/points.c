@@ -8,6 +8,7 @@
 #include "shaders/shared/streams.h"
 #include "worker/base/clock.h"
 #include "worker/base/memory.h"
+#include "worker/base/thread.h"
 #include "worker/material/surface_bsdf.h"
 #include "worker/sampling/keys.h"
 #include "worker/scene/footprint.h"
@@ -95,6 +96,7 @@ int vulkan_points_of_others(struct vulkan_points **points, struct vulkan_points 
 }
 
 static void workspace_destroy(struct points_workspace **workspace);
+static void ahead_destroy(struct points_ahead **ahead);
 
 static void forget_lists(struct vulkan_points *p, struct vulkan_block *block)
 {
@@ -120,6 +122,7 @@ void vulkan_points_destroy(struct vulkan_points **points)
     struct vulkan_points *p = *points;
     if (p == NULL)
         return;
+    ahead_destroy(&p->ahead);
     for (size_t i = 0; p->blocks != NULL && i < p->block_count; i++)
         release(p, &p->blocks[i]);
     kiln_free(&p->blocks);
@@ -476,21 +479,22 @@ static void place_parts(struct maker *m)
     }
 }
 
-static int make_workspace(struct vulkan_points *p, const struct vulkan_block *block, struct kiln_error *error)
+static int make_workspace(struct points_workspace **workspace, const struct vulkan_points *p,
+                          const struct vulkan_block *block, struct kiln_error *error)
 {
     int status = KILN_OK;
-    if (p->workspace == NULL) {
-        status = kiln_allocate(&p->workspace, 1, sizeof *p->workspace + p->threads * sizeof(struct part_list),
+    if (*workspace == NULL) {
+        status = kiln_allocate(workspace, 1, sizeof **workspace + p->threads * sizeof(struct part_list),
                                "what points are made in", error);
         if (status == KILN_OK)
-            p->workspace->threads = p->threads;
+            (*workspace)->threads = p->threads;
     }
+    struct points_workspace *w = *workspace;
     if (status == KILN_OK)
-        status = kiln_grow(&p->workspace->points, &p->workspace->point_room, block->count, sizeof *p->workspace->points,
-                           "a block of points", error);
+        status = kiln_grow(&w->points, &w->point_room, block->count, sizeof *w->points, "a block of points", error);
     if (status == KILN_OK)
-        status = kiln_grow(&p->workspace->thread_of, &p->workspace->tile_run_room, block->tile_run_count,
-                           sizeof *p->workspace->thread_of, "a block's tile runs", error);
+        status = kiln_grow(&w->thread_of, &w->tile_run_room, block->tile_run_count, sizeof *w->thread_of,
+                           "a block's tile runs", error);
     return status;
 }
 
@@ -501,6 +505,86 @@ static int fill(struct maker *m, struct kiln_error *error)
     const int status = make_all(m, error);
     if (status == KILN_OK)
         place_parts(m);
+    return status;
+}
+
+/* ---- the next block ---- */
+
+/* A block that a thread makes, in a workspace of its own. */
+struct points_ahead {
+    pthread_t thread;
+    bool runs;
+    const struct vulkan_block *block; /* NULL: there is none */
+    struct maker maker;
+    struct points_workspace *workspace;
+    int status;
+    struct kiln_error error;
+};
+
+static void *make_ahead(void *context)
+{
+    struct points_ahead *a = context;
+    const struct vulkan_points *p = a->maker.p;
+    a->status = make_workspace(&a->workspace, p, a->block, &a->error);
+    a->maker.w = a->workspace;
+    if (a->status == KILN_OK)
+        a->status = fill(&a->maker, &a->error);
+    return NULL;
+}
+
+static void end_ahead(struct points_ahead *a)
+{
+    if (a != NULL && a->runs)
+        (void)pthread_join(a->thread, NULL);
+    if (a != NULL)
+        a->runs = false;
+}
+
+static void ahead_destroy(struct points_ahead **ahead)
+{
+    end_ahead(*ahead);
+    if (*ahead != NULL)
+        workspace_destroy(&(*ahead)->workspace);
+    kiln_free(ahead);
+}
+
+/* Begins to make the block after this one, which is likely to be asked for next. Without a thread or memory for it, it
+ * is made when it is asked for. */
+static void begin_ahead(struct vulkan_points *p, const struct vulkan_block *block)
+{
+    const struct vulkan_block *next = block + 1;
+    if (next == p->blocks + p->block_count || next->resident) {
+        ahead_destroy(&p->ahead);
+        return;
+    }
+    if (p->ahead == NULL && kiln_allocate(&p->ahead, 1, sizeof *p->ahead, "what points are made in", NULL) != KILN_OK)
+        return;
+    end_ahead(p->ahead);
+    p->ahead->block = next;
+    p->ahead->maker = (struct maker){.p = p, .block = next};
+    p->ahead->runs = kiln_thread_start(&p->ahead->thread, make_ahead, p->ahead);
+    if (!p->ahead->runs)
+        p->ahead->block = NULL;
+}
+
+/* The block's points, in p->workspace: those that were made ahead, or made now. */
+static int make_block(struct vulkan_points *p, const struct vulkan_block *block, struct maker *m,
+                      struct kiln_error *error)
+{
+    struct points_ahead *a = p->ahead;
+    end_ahead(a);
+    if (a != NULL && a->block == block && a->status == KILN_OK) {
+        struct points_workspace *const made = a->workspace;
+        a->workspace = p->workspace;
+        p->workspace = made;
+        a->block = NULL;
+        *m = a->maker;
+        return KILN_OK;
+    }
+    int status = make_workspace(&p->workspace, p, block, error);
+    *m = (struct maker){.p = p, .block = block, .w = p->workspace};
+    if (status == KILN_OK)
+        status = fill(m, error);
     return status;
 }
 
@@ -542,10 +626,10 @@ static int upload(struct vulkan_points *p, struct vulkan_block *block, const str
 static int bring(struct vulkan_points *p, struct vulkan_block *block, uint64_t since, struct kiln_error *error)
 {
     const double start = kiln_clock_seconds();
-    int status = make_workspace(p, block, error);
-    struct maker m = {.p = p, .block = block, .w = p->workspace};
+    struct maker m;
+    int status = make_block(p, block, &m, error);
     if (status == KILN_OK)
-        status = fill(&m, error);
+        begin_ahead(p, block);
     const uint64_t words = p->surface->near_probes != NULL ? 3 : 2;
     const uint64_t wanted = block->count * (sizeof(struct kiln_gpu_point) + words * sizeof(uint32_t)) +
                             m.part_count * sizeof(struct kiln_gpu_part) + RESERVE;

@@ -38,6 +38,7 @@ struct vulkan_points {
     uint64_t brought;                   /* points, once for each time */
     uint32_t threads;                   /* that make points */
     struct points_workspace *workspace; /* private: what blocks are made in, kept from one to the next */
+    struct points_ahead *ahead;         /* private: the next block, which is made while the device is at work */
     bool smooth;                        /* some object has shading normals of its own */
     /* the batch whose items and points it leaves out have the state of points that are not valid; NULL: none.
      * Borrowed */
