@@ -202,6 +202,8 @@ int kiln_light_tree_build(struct kiln_lights *lights, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_allocate_bare(&lights->nodes, 2 * count - 1, sizeof *lights->nodes, "the light tree", error);
     if (status == KILN_OK) {
+        kiln_expect_whole(b.leaves, count, sizeof *b.leaves);
+        kiln_expect_whole(lights->nodes, 2 * count - 1, sizeof *lights->nodes);
         b.nodes = lights->nodes;
         build(lights, &b, (uint32_t)count);
         lights->node_count = 2 * count - 1;

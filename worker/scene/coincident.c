@@ -295,6 +295,11 @@ static int allocate(struct search *s, struct kiln_error *error)
         status = kiln_allocate_bare(&s->entries, s->count, sizeof *s->entries, what, error);
     if (status == KILN_OK)
         status = kiln_allocate(&s->before, s->count, sizeof *s->before, what, error);
+    if (status == KILN_OK) {
+        kiln_expect_whole(s->hash, s->count, sizeof *s->hash);
+        kiln_expect_whole(s->entries, s->count, sizeof *s->entries);
+        kiln_expect_whole(s->before, s->count, sizeof *s->before);
+    }
     if (status == KILN_OK)
         status = kiln_allocate_bare(&s->part_at, s->blocks * PARTS, sizeof *s->part_at, what, error);
     if (status == KILN_OK)
