@@ -170,9 +170,10 @@ uint32_t kiln_field_set_channels(const struct kiln_field_set *set);
 uint64_t kiln_field_set_plane_bytes(const struct kiln_field_set *set);
 uint64_t kiln_field_set_column_bytes(const struct kiln_field_set *set);
 
-/* One item's components as published: floats in the field's unit. `values` is the field's array. Of the types that are
- * no numbers (tile runs, queues) there are none. */
-void kiln_field_floats(const struct kiln_field *field, const void *values, uint64_t item, float *floats);
+/* The components of `items` items from number `first` on, as published: floats in the field's unit. `values` is the
+ * field's array. Of the types that are no numbers (tile runs, queues) there are none. */
+void kiln_field_floats(const struct kiln_field *field, const void *values, uint64_t first, uint64_t items,
+                       float *floats);
 /* Whether the values of `count` items are such as a bake can have: finite, and within the row's range. Of integers
  * only those of 32 bits are looked at. */
 bool kiln_field_is_sane(const struct kiln_field *field, const void *values, uint64_t count);

@@ -651,32 +651,36 @@ uint64_t kiln_field_set_column_bytes(const struct kiln_field_set *set)
 
 /* ---- values ---- */
 
-void kiln_field_floats(const struct kiln_field *field, const void *values, uint64_t item, float *floats)
+void kiln_field_floats(const struct kiln_field *field, const void *values, uint64_t first, uint64_t items,
+                       float *floats)
 {
-    const uint64_t first = item * field->components;
-    for (uint64_t c = 0; c < field->components; c++)
-        switch (field->type) {
-        case KILN_FIELD_FLOAT:
-            floats[c] = ((const float *)values)[first + c];
-            break;
-        case KILN_FIELD_ERROR:
-            floats[c] = kiln_error_unpack(((const uint16_t *)values)[first + c]);
-            break;
-        case KILN_FIELD_RADIOSITY:
-            kiln_radiosity_unpack(((const uint64_t *)values)[first + c], floats + 3 * c);
-            break;
-        case KILN_FIELD_UNORM16:
-            floats[c] = (float)((const uint16_t *)values)[first + c] / 65535.0f;
-            break;
-        case KILN_FIELD_UINT16:
-            floats[c] = (float)((const uint16_t *)values)[first + c];
-            break;
-        case KILN_FIELD_UINT32:
-        case KILN_FIELD_UINT64:
-        case KILN_FIELD_TILE_RUN:
-        case KILN_FIELD_QUEUE:
-            break;
-        }
+    const uint64_t begin = first * field->components, count = items * field->components;
+    switch (field->type) {
+    case KILN_FIELD_FLOAT:
+        memcpy(floats, (const float *)values + begin, count * sizeof *floats);
+        break;
+    case KILN_FIELD_ERROR:
+        for (uint64_t i = 0; i < count; i++)
+            floats[i] = kiln_error_unpack(((const uint16_t *)values)[begin + i]);
+        break;
+    case KILN_FIELD_RADIOSITY:
+        for (uint64_t i = 0; i < count; i++)
+            kiln_radiosity_unpack(((const uint64_t *)values)[begin + i], floats + 3 * i);
+        break;
+    case KILN_FIELD_UNORM16:
+        for (uint64_t i = 0; i < count; i++)
+            floats[i] = (float)((const uint16_t *)values)[begin + i] / 65535.0f;
+        break;
+    case KILN_FIELD_UINT16:
+        for (uint64_t i = 0; i < count; i++)
+            floats[i] = (float)((const uint16_t *)values)[begin + i];
+        break;
+    case KILN_FIELD_UINT32:
+    case KILN_FIELD_UINT64:
+    case KILN_FIELD_TILE_RUN:
+    case KILN_FIELD_QUEUE:
+        break;
+    }
 }
 
 /* Floats that an item becomes; 0 of what is no number. */
@@ -710,7 +714,7 @@ bool kiln_field_is_sane(const struct kiln_field *field, const void *values, uint
         sane = sane && (double)((const uint32_t *)values)[i] <= field->high;
     for (uint64_t i = 0; floats > 0 && i < count; i++) {
         float value[3 * KILN_FIELD_COMPONENTS_MAX];
-        kiln_field_floats(field, values, i, value);
+        kiln_field_floats(field, values, i, 1, value);
         for (uint32_t c = 0; c < floats; c++)
             sane = sane && value[c] >= low && value[c] <= high;
     }

@@ -49,21 +49,27 @@ static void set_pointer(struct kiln_rank_data *data, const struct kiln_field_set
     memcpy((char *)data + pointer_offset(fields, index), &pointer, sizeof pointer);
 }
 
-void kiln_rank_floats(const struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index,
-                      struct kiln_own_point own, float floats[KILN_FIELD_COMPONENTS_MAX])
+void kiln_rank_float_run(const struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index,
+                         struct kiln_own_point first, uint32_t points, float *floats)
 {
     const struct kiln_field_entry *entry = &fields->entry[index];
     if (entry->field->life != KILN_FIELD_SUM) {
-        kiln_field_floats(entry->field, kiln_rank_field(data, fields, index), own.at, floats);
+        kiln_field_floats(entry->field, kiln_rank_field(data, fields, index), first.at, points, floats);
         return;
     }
-    float next[KILN_FIELD_COMPONENTS_MAX];
-    kiln_rank_floats(data, fields, entry->terms[0], own, floats);
+    float next[KILN_TILE_TEXELS * KILN_FIELD_COMPONENTS_MAX];
+    kiln_rank_float_run(data, fields, entry->terms[0], first, points, floats);
     for (size_t k = 1; k < entry->term_count; k++) {
-        kiln_rank_floats(data, fields, entry->terms[k], own, next);
-        for (uint32_t c = 0; c < entry->field->components; c++)
-            floats[c] += next[c];
+        kiln_rank_float_run(data, fields, entry->terms[k], first, points, next);
+        for (uint32_t i = 0; i < points * entry->field->components; i++)
+            floats[i] += next[i];
     }
+}
+
+void kiln_rank_floats(const struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index,
+                      struct kiln_own_point own, float floats[KILN_FIELD_COMPONENTS_MAX])
+{
+    kiln_rank_float_run(data, fields, index, own, 1, floats);
 }
 
 /* Points a rank's arrays of one life into the part that begins at `base` (NULL: does not); gives the bytes that they

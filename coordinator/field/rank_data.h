@@ -96,5 +96,8 @@ void *kiln_rank_field(const struct kiln_rank_data *data, const struct kiln_field
 /* An own point's components as published: kiln_field_floats, or for KILN_FIELD_SUM the sum of its terms. */
 void kiln_rank_floats(const struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index,
                       struct kiln_own_point own, float floats[KILN_FIELD_COMPONENTS_MAX]);
+/* The same of consecutive own points, KILN_TILE_TEXELS at most, one after the other. */
+void kiln_rank_float_run(const struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index,
+                         struct kiln_own_point first, uint32_t points, float *floats);
 
 #endif

@@ -222,30 +222,32 @@ void kiln_rows_free(struct kiln_rows *rows)
 }
 
 void kiln_column_floats(const struct kiln_column *column, const struct kiln_bake_result *result,
-                        struct kiln_own_point own, float floats[KILN_FIELD_COMPONENTS_MAX])
+                        struct kiln_own_point first, uint32_t points, float *floats)
 {
     const struct kiln_field *field = result->fields->entry[column->field].field;
-    if (field->life == KILN_FIELD_SURFACE || kiln_point_valid(result->surface, own))
-        kiln_rank_floats(result->data, result->fields, column->field, own, floats);
-    else
-        memset(floats, 0, column->components * sizeof *floats);
+    kiln_rank_float_run(result->data, result->fields, column->field, first, points, floats);
+    for (uint32_t i = 0; field->life != KILN_FIELD_SURFACE && i < points; i++)
+        if (!kiln_point_valid(result->surface, (struct kiln_own_point){first.at + i}))
+            memset(floats + (size_t)i * column->components, 0, column->components * sizeof *floats);
 }
 
-static void put_point(struct kiln_rows *rows, const struct kiln_columns *columns, uint64_t row,
-                      const struct kiln_column_point *point)
+/* Rows of `points` points of a tile run, from `first` on, which becomes row number `row`; details are those of them. */
+static void put_points(struct kiln_rows *rows, const struct kiln_columns *columns, uint64_t row,
+                       const struct kiln_column_point *first, uint32_t points)
 {
     for (size_t c = 0; c < columns->count; c++) {
         const struct kiln_column *column = &columns->column[c];
+        const size_t bytes = kiln_column_row(column);
         if (rows->column[c] == NULL)
             continue;
-        void *to = (uint8_t *)rows->column[c] + row * kiln_column_row(column);
-        if (column->put != NULL) {
-            column->put(to, point);
+        uint8_t *to = (uint8_t *)rows->column[c] + row * bytes;
+        if (column->put == NULL) {
+            kiln_column_floats(column, first->result, first->own, points, (float *)(void *)to);
             continue;
         }
-        float floats[KILN_FIELD_COMPONENTS_MAX];
-        kiln_column_floats(column, point->result, point->own, floats);
-        memcpy(to, floats, column->components * sizeof *floats);
+        struct kiln_column_point point = *first;
+        for (uint32_t i = 0; i < points; i++, point.own.at++, point.detail++, to += bytes)
+            column->put(to, &point);
     }
 }
 
@@ -286,11 +288,10 @@ void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_columns *columns, 
         struct kiln_point_detail details[KILN_TILE_TEXELS];
         const struct kiln_tile_run *tile_run = &s->tile_runs[f];
         const uint32_t count = detailed ? kiln_tile_run_details(result, f, details) : tile_run->count;
-        for (uint32_t i = 0; i < count; i++) {
-            const struct kiln_global_point at = {tile_run->first.at + i};
-            const struct kiln_column_point point = {result, kiln_own_of_global(s, at), tile_run, &details[i]};
-            if (at.at >= first.at && at.at < last.at)
-                put_point(rows, columns, at.at - first.at, &point);
-        }
+        const uint64_t begin = tile_run->first.at > first.at ? tile_run->first.at : first.at,
+                       end = tile_run->first.at + count < last.at ? tile_run->first.at + count : last.at;
+        const struct kiln_column_point point = {result, kiln_own_of_global(s, (struct kiln_global_point){begin}),
+                                                tile_run, details + (begin - tile_run->first.at)};
+        put_points(rows, columns, begin - first.at, &point, (uint32_t)(end - begin));
     }
 }

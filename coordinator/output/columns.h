@@ -64,8 +64,9 @@ void kiln_rows_free(struct kiln_rows *rows);
 void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_columns *columns, const struct kiln_bake_result *result,
                     struct kiln_global_point first, struct kiln_global_point last);
 
-/* The row of own point `own` in a column that is a field, as kiln_rows_fill writes it. */
+/* The rows of own points in a column that is a field, as kiln_rows_fill writes them: KILN_TILE_TEXELS points at most,
+ * from `first` on. */
 void kiln_column_floats(const struct kiln_column *column, const struct kiln_bake_result *result,
-                        struct kiln_own_point own, float floats[KILN_FIELD_COMPONENTS_MAX]);
+                        struct kiln_own_point first, uint32_t points, float *floats);
 
 #endif

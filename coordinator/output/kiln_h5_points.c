@@ -1,5 +1,6 @@
 #include "coordinator/output/kiln_h5_points.h"
 
+#include <omp.h>
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
@@ -70,6 +71,11 @@ uint64_t points_part(const struct kiln_points_writer *w, size_t slot)
     return (w->first - points_first_chunk(w, w->rank)) * w->columns.count + slot;
 }
 
+uint8_t *points_shuffled(const struct kiln_points_writer *w)
+{
+    return w->shuffled + (size_t)omp_get_thread_num() * w->shuffled_bytes;
+}
+
 /* ---- rows of other ranks ---- */
 
 /* Copies `count` rows between columns and a message, which holds one column after the other. */
@@ -127,12 +133,11 @@ int points_share_borders(struct kiln_points_writer *w, struct kiln_error *error)
 
 /* ---- compression ---- */
 
-/* The compressed bytes of the part in a slot, if they were packed ahead. */
-static const void *find_ahead(const struct kiln_points_writer *w, size_t slot, size_t *bytes)
+const void *points_ahead_part(const struct kiln_points_writer *w, uint64_t part, size_t *bytes)
 {
-    const struct kiln_column *column = points_column(w, slot % w->columns.count);
-    return column->early ? kiln_points_ahead_find(w->ahead, w->first + slot / w->columns.count, column->name, bytes)
-                         : NULL;
+    const uint64_t columns = w->columns.count, chunk = points_first_chunk(w, w->rank) + part / columns;
+    const struct kiln_column *column = points_column(w, part % columns);
+    return column->early ? kiln_points_ahead_find(w->ahead, chunk, column->name, bytes) : NULL;
 }
 
 /* Whether the column of the batch is there already, packed. */
@@ -141,7 +146,7 @@ static bool is_there(const struct kiln_points_writer *w, size_t column)
     size_t bytes = 0;
     bool all = true;
     for (size_t slot = column; all && slot < w->count * w->columns.count; slot += w->columns.count)
-        all = w->kept[points_part(w, slot)] != NULL || find_ahead(w, slot, &bytes) != NULL;
+        all = w->kept[points_part(w, slot)] != NULL || points_ahead_part(w, points_part(w, slot), &bytes) != NULL;
     return all;
 }
 
@@ -191,13 +196,10 @@ static int pack_slot(struct kiln_points_writer *w, size_t slot, struct kiln_erro
     size_t bytes = 0;
     if (w->kept[part] != NULL)
         return KILN_OK;
-    const void *there = find_ahead(w, slot, &bytes);
     int status = KILN_OK;
-    if (there != NULL) {
-        memcpy(w->packed + place, there, bytes);
-    } else {
+    if (points_ahead_part(w, part, &bytes) == NULL) {
         status = kiln_chunk_pack(values, w->chunk_rows * column->components, kiln_column_value(column), column->noisy,
-                                 w->shuffled + place, w->packed + place, &bytes, error);
+                                 points_shuffled(w), w->packed + place, &bytes, error);
         keep(w, slot, bytes);
     }
     if (status == KILN_OK && w->sizes[part] != 0 && w->sizes[part] != bytes)
@@ -211,7 +213,7 @@ int points_pack(struct kiln_points_writer *w, struct kiln_error *error)
 {
     int status = KILN_OK;
     fill_batch(w);
-#pragma omp parallel for schedule(dynamic, 1)
+#pragma omp parallel for schedule(dynamic, 1) num_threads(w->threads)
     for (size_t slot = 0; slot < w->count * w->columns.count; slot++) {
         struct kiln_error mine = {{0}};
         const int result = pack_slot(w, slot, &mine);
@@ -271,9 +273,11 @@ static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_rows_allocate(&w->tail, &w->columns, w->chunk_rows, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w->shuffled, chunks * places, 1, "points to write", error);
+        status = kiln_allocate(&w->shuffled, (size_t)w->threads * w->shuffled_bytes, 1, "points to write", error);
     if (status == KILN_OK)
         status = kiln_allocate(&w->packed, chunks * places, 1, "packed points", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&w->spare, chunks * places, 1, "packed points", error);
     if (status == KILN_OK)
         status = kiln_allocate(&w->sizes, parts, sizeof *w->sizes, "packed points", error);
     if (status == KILN_OK)
@@ -303,8 +307,12 @@ int kiln_points_writer_create(struct kiln_points_writer **writer, const struct k
         w->chunk_rows = points_minimum(result->surface->point_count, KILN_H5_CHUNK_ROWS);
         w->chunk_rows = w->chunk_rows == 0 ? 1 : w->chunk_rows;
         w->at_once = points_minimum(BATCH, 1 + BATCH * WIDE_ROW / (kiln_columns_row(&w->columns) + 1));
-        for (size_t c = 0; c < w->columns.count; c++)
+        w->threads = omp_get_max_threads();
+        for (size_t c = 0; c < w->columns.count; c++) {
+            const size_t bytes = w->chunk_rows * kiln_column_row(points_column(w, c));
+            w->shuffled_bytes = bytes > w->shuffled_bytes ? bytes : w->shuffled_bytes;
             w->datasets[c] = H5I_INVALID_HID;
+        }
         if (w->total == w->columns.count)
             status = kiln_fail(error, KILN_BUG, "this bake has no field for the dataset %s", POINTS_TOTAL);
         if (MPI_Comm_rank(result->communicator, &w->rank) != MPI_SUCCESS ||
@@ -337,5 +345,6 @@ void kiln_points_writer_destroy(struct kiln_points_writer **writer)
     kiln_free(&w->starts);
     kiln_free(&w->shuffled);
     kiln_free(&w->packed);
+    kiln_free(&w->spare);
     kiln_free(writer);
 }

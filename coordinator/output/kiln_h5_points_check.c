@@ -53,7 +53,7 @@ static bool same_total(const struct kiln_points_writer *w, struct kiln_global_po
         memcpy(expected, (const float *)w->tail.column[w->total] + 3 * (point.at % w->chunk_rows),
                3 * sizeof *expected);
     else
-        kiln_column_floats(points_column(w, w->total), w->result, kiln_own_of_global(s, point), expected);
+        kiln_column_floats(points_column(w, w->total), w->result, kiln_own_of_global(s, point), 1, expected);
     for (uint64_t c = 0; c < 3; c++)
         same = same && (found[c] == expected[c] || (isnan(expected[c]) && isnan(found[c])));
     return same;
@@ -66,7 +66,7 @@ static bool same_chunk(struct kiln_points_writer *w, uint64_t chunk)
                    last = points_minimum(first + w->chunk_rows, w->result->surface->point_count);
     float *found = (float *)w->rows.column[w->total] + 3 * chunk * w->chunk_rows;
     if (kiln_chunk_unpack(w->packed + place, w->sizes[points_part(w, slot)], 3 * w->chunk_rows, sizeof(float),
-                          w->shuffled + place, found, NULL) != KILN_OK)
+                          points_shuffled(w), found, NULL) != KILN_OK)
         return false;
     for (uint64_t point = first; point < last; point++)
         if (!same_total(w, (struct kiln_global_point){point}, found + 3 * (point - first)))
@@ -81,7 +81,7 @@ static bool same_totals(struct kiln_points_writer *w, hid_t dataset)
         if (!points_batch(w, pass))
             return true;
         same = read_packed(w, dataset);
-#pragma omp parallel for schedule(dynamic, 1) reduction(&& : same)
+#pragma omp parallel for schedule(dynamic, 1) num_threads(w->threads) reduction(&& : same)
         for (uint64_t chunk = 0; chunk < w->count; chunk++)
             same = same && same_chunk(w, chunk);
     }

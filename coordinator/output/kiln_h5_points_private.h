@@ -21,8 +21,12 @@ struct kiln_points_writer {
     size_t total; /* index of the column POINTS_TOTAL */
     hid_t datasets[KILN_COLUMNS_MAX];
     struct kiln_rows rows, tail; /* rows of the batch; rows of the last own chunk that come from later ranks */
-    uint8_t *shuffled, *packed;  /* both have one slot for each part of a batch */
-    uint64_t first, count;       /* chunks of the batch */
+    /* packed: one slot for each part of a batch; spare: the same of the batch before, which is being written */
+    uint8_t *packed, *spare;
+    uint8_t *shuffled; /* of each thread, shuffled_bytes */
+    size_t shuffled_bytes;
+    int threads;
+    uint64_t first, count; /* chunks of the batch */
     /* of each own part: compressed bytes; where they begin in the file; a copy of them, NULL: packed anew to write */
     uint32_t *sizes;
     uint64_t *addresses;
@@ -50,13 +54,17 @@ bool points_batch(struct kiln_points_writer *w, uint64_t pass);
 /* The own part in slot `slot` of the batch, and where that slot begins in `packed`. */
 uint64_t points_part(const struct kiln_points_writer *w, size_t slot);
 size_t points_slot(const struct kiln_points_writer *w, size_t slot);
+/* The compressed bytes of an own part, if they were packed ahead. */
+const void *points_ahead_part(const struct kiln_points_writer *w, uint64_t part, size_t *bytes);
+/* Room for one part in the thread that calls this, one of `w->threads`. */
+uint8_t *points_shuffled(const struct kiln_points_writer *w);
 
 /* Collective. Chunks that end with points of other ranks get these. A rank first sends to an earlier one and then
  * receives from later ones, which prevents deadlock. */
 int points_share_borders(struct kiln_points_writer *w, struct kiln_error *error);
 
-/* Compresses the parts of the batch that are not kept, and notes their sizes; keeps them if the writer is one of
- * several and they are few enough. */
+/* Compresses the parts of the batch that are neither kept nor packed ahead, and notes their sizes; keeps them if the
+ * writer is one of several and they are few enough. */
 int points_pack(struct kiln_points_writer *w, struct kiln_error *error);
 
 /* KILN_RANK_LOST, with its message. */

@@ -1,6 +1,8 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/kiln_h5_points_private.h"
+#include "worker/base/calls.h"
 #include "worker/base/memory.h"
+#include "worker/base/thread.h"
 
 enum { TAG_SIZES = 41, TAG_ADDRESSES = 42 };
 
@@ -105,23 +107,68 @@ static int ask_places(struct kiln_points_writer *w, struct kiln_error *error)
 
 /* ---- writing ---- */
 
-/* Writes the parts of the batch, which are kept or in their slots. */
-static int write_batch(struct kiln_points_writer *w, int descriptor, const char *path, struct kiln_error *error)
+/* A batch that a thread of its own writes while the next one is packed. One thread: the system lets one at a time write
+ * to a file, and others that wait for it take processors away from packing. */
+struct writing {
+    struct kiln_points_writer *w;
+    int descriptor;
+    const char *path;
+    const uint8_t *packed;
+    uint64_t part; /* the first of the batch */
+    size_t slots;
+    pthread_t thread;
+    bool runs;
+    int status;
+    struct kiln_error error;
+};
+
+/* Writes the parts of the batch, which are kept, packed ahead or in their slots. */
+static void *write_parts(void *context)
 {
-    int status = KILN_OK;
-#pragma omp parallel for schedule(dynamic, 1)
-    for (size_t slot = 0; slot < w->count * w->columns.count; slot++) {
-        struct kiln_error mine = {{0}};
-        const uint64_t part = points_part(w, slot);
-        const int result =
-            kiln_write_all(descriptor, w->kept[part] != NULL ? w->kept[part] : w->packed + points_slot(w, slot),
-                           w->sizes[part], w->addresses[part], path, &mine);
+    struct writing *b = context;
+    struct kiln_points_writer *w = b->w;
+    b->status = KILN_OK;
+    for (size_t slot = 0; b->status == KILN_OK && slot < b->slots; slot++) {
+        const uint64_t part = b->part + slot;
+        size_t size = 0;
+        const void *bytes = w->kept[part] != NULL ? w->kept[part] : points_ahead_part(w, part, &size);
+        b->status = kiln_write_all(b->descriptor, bytes != NULL ? bytes : b->packed + points_slot(w, slot),
+                                   w->sizes[part], w->addresses[part], b->path, &b->error);
         kiln_free(&w->kept[part]);
-#pragma omp critical(kiln_write_batch)
-        if (result != KILN_OK)
-            status = kiln_fail(error, result, "%s", mine.message);
     }
-    return status;
+    if (b->status == KILN_OK && b->slots > 0) {
+        const uint64_t last = b->part + b->slots - 1;
+        kiln_begin_sync(b->descriptor, w->addresses[b->part], w->addresses[last] + w->sizes[last]);
+    }
+    return NULL;
+}
+
+/* Waits until the batch is written; its error, unless there is one already. */
+static int end_writing(struct writing *b, int status, struct kiln_error *error)
+{
+    if (b->runs)
+        (void)pthread_join(b->thread, NULL);
+    b->runs = false;
+    return status == KILN_OK && b->status != KILN_OK ? kiln_fail(error, b->status, "%s", b->error.message) : status;
+}
+
+/* Waits for the batch before, and begins to write the present one. */
+static int begin_writing(struct writing *b, struct kiln_error *error)
+{
+    struct kiln_points_writer *w = b->w;
+    const int status = end_writing(b, KILN_OK, error);
+    if (status != KILN_OK)
+        return status;
+    uint8_t *const packed = w->packed;
+    w->packed = w->spare;
+    w->spare = packed;
+    b->packed = packed;
+    b->part = points_part(w, 0);
+    b->slots = w->count * w->columns.count;
+    b->runs = kiln_thread_start(&b->thread, write_parts, b);
+    if (!b->runs)
+        (void)write_parts(b);
+    return KILN_OK;
 }
 
 static int pack_next(struct kiln_points_writer *w, struct kiln_error *error)
@@ -130,7 +177,7 @@ static int pack_next(struct kiln_points_writer *w, struct kiln_error *error)
 }
 
 /* The only rank: what comes next in the file is known at once. */
-static int write_alone(struct kiln_points_writer *w, int descriptor, const char *path, struct kiln_error *error)
+static int write_alone(struct kiln_points_writer *w, struct writing *writing, struct kiln_error *error)
 {
     int status = KILN_OK;
     for (uint64_t pass = 0; status == KILN_OK && points_batch(w, pass); pass++) {
@@ -139,12 +186,12 @@ static int write_alone(struct kiln_points_writer *w, int descriptor, const char 
         if (status == KILN_OK)
             status = place_parts(w, w->first, w->count, w->sizes + part, w->addresses + part, error);
         if (status == KILN_OK)
-            status = write_batch(w, descriptor, path, error);
+            status = begin_writing(writing, error);
     }
     return status;
 }
 
-static int write_together(struct kiln_points_writer *w, int descriptor, const char *path, struct kiln_error *error)
+static int write_together(struct kiln_points_writer *w, struct writing *writing, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
     int status = KILN_OK;
@@ -156,7 +203,7 @@ static int write_together(struct kiln_points_writer *w, int descriptor, const ch
     for (uint64_t pass = 0; status == KILN_OK && points_batch(w, pass); pass++) {
         status = pack_next(w, error);
         if (status == KILN_OK)
-            status = write_batch(w, descriptor, path, error);
+            status = begin_writing(writing, error);
     }
     return status;
 }
@@ -169,8 +216,10 @@ int kiln_points_write(struct kiln_points_writer *w, struct kiln_h5 *h5, int desc
     int status = points_share_borders(w, error);
     if (status == KILN_OK)
         status = kiln_agree(comm, w->rank == 0 ? make_datasets(w, error) : KILN_OK, error);
+    struct writing writing = {.w = w, .descriptor = descriptor, .path = path};
     if (status == KILN_OK)
-        status = w->ranks == 1 ? write_alone(w, descriptor, path, error) : write_together(w, descriptor, path, error);
+        status = w->ranks == 1 ? write_alone(w, &writing, error) : write_together(w, &writing, error);
+    status = end_writing(&writing, status, error);
     if (w->rank == 0)
         status = close_datasets(w, status, error);
     return kiln_agree(comm, status, error);

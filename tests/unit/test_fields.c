@@ -119,11 +119,11 @@ static void values_become_floats(void **state)
     const float light[3] = {1.0f, 2.0f, 4.0f};
     const uint64_t packed = kiln_radiosity_pack(light, 0);
     float floats[KILN_FIELD_COMPONENTS_MAX];
-    kiln_field_floats(row("albedo"), albedo, 1, floats);
+    kiln_field_floats(row("albedo"), albedo, 1, 1, floats);
     assert_true(floats[0] == 1.0f && floats[1] == 32768 / 65535.0f && floats[2] == 0.0f);
-    kiln_field_floats(row("error"), &error, 0, floats);
+    kiln_field_floats(row("error"), &error, 0, 1, floats);
     assert_true(floats[0] == 0.5f);
-    kiln_field_floats(row("next"), &packed, 0, floats);
+    kiln_field_floats(row("next"), &packed, 0, 1, floats);
     assert_memory_equal(floats, light, sizeof light);
 }
 

@@ -9,6 +9,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <unistd.h>
 
@@ -29,6 +30,15 @@ static inline int kiln_fsync(int descriptor)
         result = fsync(descriptor);
     while (result != 0 && errno == EINTR);
     return result;
+}
+
+/* Lets the system begin to bring the bytes from `begin` up to `end` to disk, so that a later kiln_fsync waits less;
+ * that one reports failures. The last page may still be written to. */
+static inline void kiln_begin_sync(int descriptor, uint64_t begin, uint64_t end)
+{
+    const uint64_t whole = end & ~(uint64_t)4095;
+    if (begin < whole)
+        (void)sync_file_range(descriptor, (off_t)begin, (off_t)(whole - begin), SYNC_FILE_RANGE_WRITE);
 }
 
 static inline int kiln_close(int descriptor)

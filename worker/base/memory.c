@@ -4,6 +4,8 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 enum { ALIGNMENT = 64 };
 
@@ -42,6 +44,15 @@ int kiln_allocate_bare(void *pointer, size_t count, size_t size, const char *wha
 int kiln_allocate(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
 {
     return allocate(pointer, count, size, true, what, error);
+}
+
+void kiln_expect_whole(void *array, size_t count, size_t size)
+{
+    enum { LEAST = 1 << 22 };
+    const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE), begin = ((uintptr_t)array + page - 1) / page * page,
+                    end = ((uintptr_t)array + count * size) / page * page;
+    if (count * size >= LEAST)
+        (void)madvise((void *)begin, end - begin, MADV_HUGEPAGE);
 }
 
 int kiln_grow(void *pointer, size_t *capacity, size_t needed, size_t size, const char *what, struct kiln_error *error)

@@ -16,6 +16,10 @@ int kiln_allocate(void *pointer, size_t count, size_t size, const char *what, st
 /* The same without zeroing: elements are not initialised. */
 int kiln_allocate_bare(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error);
 
+/* Says that an array of kiln_allocate or kiln_allocate_bare is about to be written from end to end: a large one gets
+ * large pages where the system has some, so that its memory comes in fewer steps. */
+void kiln_expect_whole(void *array, size_t count, size_t size);
+
 /* Grows *pointer (from kiln_allocate or NULL) to at least `needed` elements. *capacity is the present number of
  * elements and is updated; a growing array at least doubles. New elements are not initialised. */
 int kiln_grow(void *pointer, size_t *capacity, size_t needed, size_t size, const char *what, struct kiln_error *error);

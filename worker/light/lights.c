@@ -50,24 +50,80 @@ static bool make_area_light(const struct kiln_scene *scene, const struct kiln_ge
     return light->area > 0.0 && kiln_luminance_of_floats(light->radiance) > 0.0;
 }
 
-static int gather_area_lights(struct kiln_lights *lights, struct kiln_error *error)
+/* Consecutive triangles that one thread takes at a time: where their area lights begin in the list, and how many there
+ * are. */
+struct area_block {
+    size_t first, count;
+};
+enum { BLOCK = 1 << 12 };
+
+static bool may_be_area_light(const struct kiln_lights *lights, size_t triangle)
 {
-    size_t capacity = 0;
-    for (size_t t = 0; t < lights->geometry->triangle_count; t++) {
-        const struct kiln_hit_record *record = &lights->geometry->records[t];
-        if ((record->material & KILN_RECORD_EMITS) == 0 ||
-            (lights->scene->objects[record->object].flags & KILN_OBJECT_RECEIVER_ONLY) != 0)
-            continue;
-        struct kiln_area_light light;
-        if (!make_area_light(lights->scene, lights->geometry, (uint32_t)t, &light))
-            continue;
-        const int status =
-            kiln_grow(&lights->areas, &capacity, lights->area_count + 1, sizeof light, "the emissive triangles", error);
-        if (status != KILN_OK)
-            return status;
-        lights->areas[lights->area_count++] = light;
+    const struct kiln_hit_record *record = &lights->geometry->records[triangle];
+    return (record->material & KILN_RECORD_EMITS) != 0 &&
+           (lights->scene->objects[record->object].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
+}
+
+static size_t block_end(const struct kiln_lights *lights, size_t block)
+{
+    const size_t end = (block + 1) * BLOCK, count = lights->geometry->triangle_count;
+    return end < count ? end : count;
+}
+
+static size_t count_block(const struct kiln_lights *lights, size_t block)
+{
+    size_t count = 0;
+    for (size_t t = block * BLOCK; t < block_end(lights, block); t++)
+        count += may_be_area_light(lights, t) ? 1 : 0;
+    return count;
+}
+
+static size_t make_block(const struct kiln_lights *lights, size_t block, struct kiln_area_light *areas)
+{
+    size_t count = 0;
+    for (size_t t = block * BLOCK; t < block_end(lights, block); t++)
+        if (may_be_area_light(lights, t) &&
+            make_area_light(lights->scene, lights->geometry, (uint32_t)t, areas + count))
+            count++;
+    return count;
+}
+
+/* Has room for every triangle that may be a light, and closes the gaps that the dark ones leave. */
+static int make_blocks(struct kiln_lights *lights, struct area_block *blocks, size_t count, struct kiln_error *error)
+{
+    size_t most = 0;
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < count; i++)
+        blocks[i].count = count_block(lights, i);
+    for (size_t i = 0; i < count; i++) {
+        blocks[i].first = most;
+        most += blocks[i].count;
+    }
+    const int status = kiln_allocate_bare(&lights->areas, most, sizeof *lights->areas, "the emissive triangles", error);
+    if (status != KILN_OK)
+        return status;
+#pragma omp parallel for schedule(dynamic)
+    for (size_t i = 0; i < count; i++)
+        if (blocks[i].count > 0)
+            blocks[i].count = make_block(lights, i, lights->areas + blocks[i].first);
+    for (size_t i = 0; i < count; i++) {
+        if (lights->area_count < blocks[i].first)
+            memmove(lights->areas + lights->area_count, lights->areas + blocks[i].first,
+                    blocks[i].count * sizeof *lights->areas);
+        lights->area_count += blocks[i].count;
     }
     return KILN_OK;
+}
+
+static int gather_area_lights(struct kiln_lights *lights, struct kiln_error *error)
+{
+    const size_t count = (lights->geometry->triangle_count + BLOCK - 1) / BLOCK;
+    struct area_block *blocks = NULL;
+    int status = kiln_allocate(&blocks, count, sizeof *blocks, "the emissive triangles", error);
+    if (status == KILN_OK)
+        status = make_blocks(lights, blocks, count, error);
+    kiln_free(&blocks);
+    return status;
 }
 
 static int gather_punctual_lights(struct kiln_lights *lights, struct kiln_error *error)

@@ -86,33 +86,74 @@ static struct kiln_light_node merge(const struct kiln_light_node *a, const struc
     return out;
 }
 
+/* ---- building ---- */
+
 struct sort_key {
     double key;
     uint32_t leaf;
 };
 
+static bool is_before(struct sort_key a, struct sort_key b) { return a.key != b.key ? a.key < b.key : a.leaf < b.leaf; }
+
 static int by_key(const void *a, const void *b)
 {
-    const struct sort_key *x = a, *y = b;
-    if (x->key != y->key)
-        return x->key < y->key ? -1 : 1;
-    return x->leaf < y->leaf ? -1 : x->leaf > y->leaf;
+    const struct sort_key x = *(const struct sort_key *)a, y = *(const struct sort_key *)b;
+    return is_before(x, y) ? -1 : is_before(y, x);
+}
+
+static struct sort_key middle_of(struct sort_key a, struct sort_key b, struct sort_key c)
+{
+    const struct sort_key low = is_before(b, a) ? b : a, high = is_before(b, a) ? a : b;
+    return is_before(c, low) ? low : is_before(high, c) ? high : c;
+}
+
+/* Puts the `half` first of the keys in front. No two are equal, so which these are does not hang on how it is done. */
+static void split_keys(struct sort_key *keys, size_t count, size_t half)
+{
+    size_t low = 0, high = count; /* between them lies what is not in its half yet */
+    for (int steps = 0; high - low > 32 && low < half && half < high; steps++) {
+        if (steps == 64) { /* they were unlucky each time */
+            qsort(keys + low, high - low, sizeof *keys, by_key);
+            return;
+        }
+        const struct sort_key pivot = middle_of(keys[low], keys[low + (high - low) / 2], keys[high - 1]);
+        size_t i = low, j = high - 1;
+        for (;; i++, j--) {
+            while (is_before(keys[i], pivot))
+                i++;
+            while (is_before(pivot, keys[j]))
+                j--;
+            if (i >= j)
+                break;
+            const struct sort_key moved = keys[i];
+            keys[i] = keys[j];
+            keys[j] = moved;
+        }
+        /* before i none is above the pivot, from i on none is below it */
+        if (half <= i)
+            high = i;
+        else
+            low = i;
+    }
+    if (low < half && half < high)
+        qsort(keys + low, high - low, sizeof *keys, by_key);
 }
 
 struct tree_builder {
     struct kiln_light_node *leaves;
     struct kiln_light_node *nodes;
-    size_t node_count;
     struct sort_key *keys;
 };
 
-/* Cuts along the longest side of the centres' box at the median: balanced, so that depth stays near log2. */
-static uint32_t build_range(struct tree_builder *b, size_t first, size_t count)
+enum { TASK_LEAVES = 512 }; /* the least that is worth a task of its own */
+
+/* Cuts along the longest side of the centres' box at the median: balanced, so that depth stays near log2. The nodes
+ * of `count` lights are the 2 count - 1 from `index` on, the left ones first. */
+static void build_range(const struct tree_builder *b, size_t index, size_t first, size_t count)
 {
-    const uint32_t index = (uint32_t)b->node_count++;
     if (count == 1) {
         b->nodes[index] = b->leaves[b->keys[first].leaf];
-        return index;
+        return;
     }
     struct kiln_dvec3 low = dvec3(DBL_MAX, DBL_MAX, DBL_MAX), high = dvec3(-DBL_MAX, -DBL_MAX, -DBL_MAX);
     for (size_t i = first; i < first + count; i++) {
@@ -124,14 +165,29 @@ static uint32_t build_range(struct tree_builder *b, size_t first, size_t count)
     const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
     for (size_t i = first; i < first + count; i++)
         b->keys[i].key = component(centre_of(&b->leaves[b->keys[i].leaf]), axis);
-    qsort(b->keys + first, count, sizeof *b->keys, by_key);
-    const size_t half = count / 2;
-    const uint32_t left = build_range(b, first, half);
-    const uint32_t right = build_range(b, first + half, count - half);
+    const size_t half = count / 2, left = index + 1, right = index + 2 * half;
+    split_keys(b->keys + first, count, half);
+#pragma omp task if (count > TASK_LEAVES)
+    build_range(b, left, first, half);
+    build_range(b, right, first + half, count - half);
+#pragma omp taskwait
     b->nodes[index] = merge(&b->nodes[left], &b->nodes[right]);
-    b->nodes[index].left = left;
-    b->nodes[index].right = right;
-    return index;
+    b->nodes[index].left = (uint32_t)left;
+    b->nodes[index].right = (uint32_t)right;
+}
+
+static void build(const struct kiln_lights *lights, const struct tree_builder *b, uint32_t count)
+{
+#pragma omp parallel if (count > TASK_LEAVES)
+    {
+#pragma omp for
+        for (uint32_t i = 0; i < count; i++) {
+            b->leaves[i] = leaf_of(lights, i);
+            b->keys[i].leaf = i;
+        }
+#pragma omp single
+        build_range(b, 0, 0, count);
+    }
 }
 
 int kiln_light_tree_build(struct kiln_lights *lights, struct kiln_error *error)
@@ -140,19 +196,17 @@ int kiln_light_tree_build(struct kiln_lights *lights, struct kiln_error *error)
     if (count == 0)
         return KILN_OK;
     struct tree_builder b = {0};
-    int status = kiln_allocate(&b.leaves, count, sizeof *b.leaves, "the light tree's leaves", error);
+    int status = kiln_allocate_bare(&b.leaves, count, sizeof *b.leaves, "the light tree's leaves", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&b.keys, count, sizeof *b.keys, "the light tree's order", error);
+        status = kiln_allocate_bare(&b.keys, count, sizeof *b.keys, "the light tree's order", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&lights->nodes, 2 * count - 1, sizeof *lights->nodes, "the light tree", error);
+        status = kiln_allocate_bare(&lights->nodes, 2 * count - 1, sizeof *lights->nodes, "the light tree", error);
     if (status == KILN_OK) {
-        for (uint32_t i = 0; i < count; i++) {
-            b.leaves[i] = leaf_of(lights, i);
-            b.keys[i].leaf = i;
-        }
+        kiln_expect_whole(b.leaves, count, sizeof *b.leaves);
+        kiln_expect_whole(lights->nodes, 2 * count - 1, sizeof *lights->nodes);
         b.nodes = lights->nodes;
-        (void)build_range(&b, 0, count);
-        lights->node_count = b.node_count;
+        build(lights, &b, (uint32_t)count);
+        lights->node_count = 2 * count - 1;
     }
     kiln_free(&b.leaves);
     kiln_free(&b.keys);

@@ -12,9 +12,10 @@ struct shortest {
     struct kiln_vec3 low, high, third;
 };
 
-/* An entry of an open hash table; `triangle` + 1, so that 0 is empty. */
+/* A triangle that has an edge, by the hash of its shortest one. */
 struct entry {
-    uint32_t hash, triangle;
+    uint64_t hash;
+    uint32_t number; /* among the triangles that rays meet */
 };
 
 static bool is_below(struct kiln_vec3 a, struct kiln_vec3 b)
@@ -53,7 +54,8 @@ static bool shortest_of(const struct kiln_geometry *g, uint64_t triangle, struct
     return least > 0.0;
 }
 
-static uint32_t hash_of(const struct shortest *s)
+/* Never 0. Edges that differ have the same one with a chance of 2^-64. */
+static uint64_t hash_of(const struct shortest *s)
 {
     const float number[6] = {s->low.x + 0.0f,  s->low.y + 0.0f,  s->low.z + 0.0f,
                              s->high.x + 0.0f, s->high.y + 0.0f, s->high.z + 0.0f}; /* no -0 */
@@ -64,7 +66,7 @@ static uint32_t hash_of(const struct shortest *s)
         hash = (hash ^ bits) * 0xff51afd7ed558ccdu;
         hash ^= hash >> 32;
     }
-    return (uint32_t)hash;
+    return hash == 0 ? 1 : hash;
 }
 
 static struct kiln_dvec3 normal_of(const struct kiln_geometry *g, uint64_t triangle)
@@ -86,20 +88,144 @@ static bool coincide(const struct kiln_geometry *g, uint64_t t, const struct sho
            dvec3_dot(across, to_own) * dvec3_dot(across, to_other) > 0.0;
 }
 
-/* What the search has found so far. */
+/* ---- triangles with the same edge ---- */
+
+/* Parts, by the upper bits of the hash, are searched independently. Blocks are consecutive triangles. */
+enum { PART_BITS = 10, PARTS = 1 << PART_BITS, BLOCK = 1 << 15 };
+
+/* Two triangles that coincide, by their numbers; `other` is the lower one. */
+struct pair {
+    uint32_t number, other;
+};
+
+struct pairs {
+    struct pair *list;
+    size_t count, capacity;
+};
+
 struct search {
     struct kiln_geometry *g;
-    struct entry *table;
-    uint64_t mask;
-    double largest; /* m2: the smaller of the two triangles of the pair that `doubled` names */
+    size_t count, blocks;
+    uint64_t *hash;        /* of each triangle; 0: two of its corners are equal */
+    uint32_t *part_at;     /* blocks x PARTS: where the block's entries of the part begin */
+    uint32_t *part_end;    /* of each part */
+    struct entry *entries; /* part by part, in each in the order of the triangles */
+    uint32_t *before;      /* number + 1 of the triangle before each that has the same hash; 0: none */
+    struct pairs *pairs;   /* of each block */
 };
+
+static size_t part_of(uint64_t hash) { return hash >> (64 - PART_BITS); }
+
+static size_t block_end(const struct search *s, size_t block)
+{
+    return (block + 1) * BLOCK < s->count ? (block + 1) * BLOCK : s->count;
+}
+
+static void hash_block(struct search *s, size_t block)
+{
+    uint32_t *counts = s->part_at + block * PARTS;
+    memset(counts, 0, PARTS * sizeof *counts);
+    for (size_t i = block * BLOCK; i < block_end(s, block); i++) {
+        struct shortest edge = {0};
+        s->hash[i] = shortest_of(s->g, kiln_geometry_hittable(s->g, i), &edge) ? hash_of(&edge) : 0;
+        counts[part_of(s->hash[i])] += s->hash[i] != 0 ? 1 : 0;
+    }
+}
+
+static void place_parts(struct search *s)
+{
+    uint32_t at = 0;
+    for (size_t part = 0; part < PARTS; part++) {
+        for (size_t block = 0; block < s->blocks; block++) {
+            uint32_t *count = &s->part_at[block * PARTS + part];
+            const uint32_t own = *count;
+            *count = at;
+            at += own;
+        }
+        s->part_end[part] = at;
+    }
+}
+
+static void sort_block(struct search *s, size_t block)
+{
+    uint32_t *at = s->part_at + block * PARTS;
+    for (size_t i = block * BLOCK; i < block_end(s, block); i++)
+        if (s->hash[i] != 0)
+            s->entries[at[part_of(s->hash[i])]++] = (struct entry){s->hash[i], (uint32_t)i};
+}
+
+/* An entry of an open hash table: the triangles with one hash. 0 is empty. */
+struct same {
+    uint64_t hash;
+    uint32_t last, count; /* the last one that others look back to, and how many there are up to it */
+};
+
+/* Links each triangle to the one before it that has the same hash. Only SAME_EDGE_MOST are looked back to. */
+static int link_part(struct search *s, size_t part, struct kiln_error *error)
+{
+    const uint32_t begin = part > 0 ? s->part_end[part - 1] : 0, end = s->part_end[part];
+    struct same *table = NULL;
+    size_t size = 16;
+    if (begin == end)
+        return KILN_OK;
+    while (size < 2 * (size_t)(end - begin))
+        size *= 2;
+    const int status = kiln_allocate(&table, size, sizeof *table, "the search for coincident faces", error);
+    for (uint32_t i = begin; status == KILN_OK && i < end; i++) {
+        const struct entry own = s->entries[i];
+        size_t at = own.hash & (size - 1);
+        while (table[at].hash != 0 && table[at].hash != own.hash)
+            at = (at + 1) & (size - 1);
+        if (table[at].count > 0)
+            s->before[own.number] = table[at].last + 1;
+        if (table[at].count < SAME_EDGE_MOST)
+            table[at] = (struct same){own.hash, own.number, table[at].count + 1};
+    }
+    kiln_free(&table);
+    return status;
+}
+
+/* ---- which of them coincide ---- */
+
+static int compare(const struct search *s, uint32_t number, struct pairs *pairs, struct kiln_error *error)
+{
+    const struct kiln_geometry *g = s->g;
+    const uint64_t triangle = kiln_geometry_hittable(g, number);
+    struct shortest edge = {0}, theirs = {0};
+    uint32_t others[SAME_EDGE_MOST], count = 0;
+    for (uint32_t link = s->before[number]; link != 0; link = s->before[link - 1])
+        others[count++] = link - 1;
+    if (count == 0)
+        return KILN_OK;
+    (void)shortest_of(g, triangle, &edge);
+    while (count-- > 0) {
+        (void)shortest_of(g, kiln_geometry_hittable(g, others[count]), &theirs);
+        if (!is_same(edge.low, theirs.low) || !is_same(edge.high, theirs.high) ||
+            !coincide(g, triangle, &edge, &theirs))
+            continue;
+        const int status =
+            kiln_grow(&pairs->list, &pairs->capacity, pairs->count + 1, sizeof *pairs->list, "coincident faces", error);
+        if (status != KILN_OK)
+            return status;
+        pairs->list[pairs->count++] = (struct pair){number, others[count]};
+    }
+    return KILN_OK;
+}
+
+static int compare_block(struct search *s, size_t block, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    for (size_t i = block * BLOCK; status == KILN_OK && i < block_end(s, block); i++)
+        status = compare(s, (uint32_t)i, &s->pairs[block], error);
+    return status;
+}
 
 static bool is_opaque(const struct kiln_geometry *g, uint64_t triangle) { return triangle < g->opaque_count; }
 
-/* Takes down two triangles that coincide. */
-static void take(struct search *search, uint64_t triangle, uint64_t other)
+/* Takes down two triangles that coincide. `largest`, m2: the smaller of the two triangles of the pair that `doubled`
+ * names. */
+static void take(struct kiln_geometry *g, uint64_t triangle, uint64_t other, double *largest)
 {
-    struct kiln_geometry *g = search->g;
     const bool two_sided = (g->records[triangle].material & g->records[other].material & KILN_RECORD_DOUBLE_SIDED) != 0,
                opposite = dvec3_dot(normal_of(g, triangle), normal_of(g, other)) < 0.0;
     g->coincident = g->coincident || (opposite && !two_sided);
@@ -107,50 +233,96 @@ static void take(struct search *search, uint64_t triangle, uint64_t other)
         return;
     const double area = fmin(kiln_geometry_triangle_area(g, triangle), kiln_geometry_triangle_area(g, other));
     g->doubled_area += area;
-    if (area > search->largest) {
-        search->largest = area;
+    if (area > *largest) {
+        *largest = area;
         g->doubled[0] = g->records[other].object;
         g->doubled[1] = g->records[triangle].object;
     }
 }
 
-/* Puts the triangle into the table, and takes down those there that it coincides with. */
-static void put(struct search *search, uint64_t triangle)
+/* In the order of the triangles, so that sums do not depend on threads. */
+static void take_all(const struct search *s)
 {
-    const struct kiln_geometry *g = search->g;
-    struct entry *table = search->table;
-    struct shortest s = {0}, o = {0};
-    uint32_t same = 0;
-    if (!shortest_of(g, triangle, &s))
-        return;
-    const uint32_t hash = hash_of(&s);
-    uint64_t at = hash & search->mask;
-    for (; table[at].triangle != 0 && same < SAME_EDGE_MOST; at = (at + 1) & search->mask) {
-        const uint64_t other = table[at].triangle - 1;
-        if (table[at].hash != hash || !shortest_of(g, other, &o) || !is_same(s.low, o.low) || !is_same(s.high, o.high))
-            continue;
-        same++;
-        if (coincide(g, triangle, &s, &o))
-            take(search, triangle, other);
+    double largest = 0.0;
+    for (size_t block = 0; block < s->blocks; block++)
+        for (size_t i = 0; i < s->pairs[block].count; i++) {
+            const struct pair *pair = &s->pairs[block].list[i];
+            take(s->g, kiln_geometry_hittable(s->g, pair->number), kiln_geometry_hittable(s->g, pair->other), &largest);
+        }
+}
+
+/* ---- all of it ---- */
+
+/* Runs `work` on each part or block, by all threads. */
+static int for_each(struct search *s, size_t count,
+                    int (*work)(struct search *s, size_t which, struct kiln_error *error), struct kiln_error *error)
+{
+    int status = KILN_OK;
+#pragma omp parallel for schedule(dynamic)
+    for (size_t which = 0; which < count; which++) {
+        struct kiln_error own;
+        const int failed = work(s, which, &own);
+        if (failed != KILN_OK) {
+#pragma omp critical(kiln_coincident_failure)
+            status = kiln_fail(error, failed, "%s", own.message);
+        }
     }
-    if (table[at].triangle == 0)
-        table[at] = (struct entry){hash, (uint32_t)triangle + 1};
+    return status;
+}
+
+static int run(struct search *s, struct kiln_error *error)
+{
+#pragma omp parallel for schedule(dynamic)
+    for (size_t block = 0; block < s->blocks; block++)
+        hash_block(s, block);
+    place_parts(s);
+#pragma omp parallel for schedule(dynamic)
+    for (size_t block = 0; block < s->blocks; block++)
+        sort_block(s, block);
+    int status = for_each(s, PARTS, link_part, error);
+    if (status == KILN_OK)
+        status = for_each(s, s->blocks, compare_block, error);
+    if (status == KILN_OK)
+        take_all(s);
+    return status;
+}
+
+static int allocate(struct search *s, struct kiln_error *error)
+{
+    static const char what[] = "the search for coincident faces";
+    int status = kiln_allocate_bare(&s->hash, s->count, sizeof *s->hash, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&s->entries, s->count, sizeof *s->entries, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->before, s->count, sizeof *s->before, what, error);
+    if (status == KILN_OK) {
+        kiln_expect_whole(s->hash, s->count, sizeof *s->hash);
+        kiln_expect_whole(s->entries, s->count, sizeof *s->entries);
+        kiln_expect_whole(s->before, s->count, sizeof *s->before);
+    }
+    if (status == KILN_OK)
+        status = kiln_allocate_bare(&s->part_at, s->blocks * PARTS, sizeof *s->part_at, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&s->part_end, PARTS, sizeof *s->part_end, what, error);
+    return status == KILN_OK ? kiln_allocate(&s->pairs, s->blocks, sizeof *s->pairs, what, error) : status;
 }
 
 int kiln_coincident_find(struct kiln_geometry *g, struct kiln_error *error)
 {
-    const size_t count = kiln_geometry_hittable_count(g);
-    struct search search = {.g = g};
-    uint64_t size = 16;
+    struct search s = {.g = g, .count = kiln_geometry_hittable_count(g)};
+    s.blocks = (s.count + BLOCK - 1) / BLOCK;
     g->coincident = false;
     g->doubled_area = 0.0;
-    while (size < 2 * (uint64_t)count)
-        size *= 2;
-    const int status =
-        kiln_allocate(&search.table, size, sizeof *search.table, "the search for coincident faces", error);
-    search.mask = size - 1;
-    for (size_t i = 0; status == KILN_OK && i < count; i++)
-        put(&search, kiln_geometry_hittable(g, i));
-    kiln_free(&search.table);
+    int status = allocate(&s, error);
+    if (status == KILN_OK)
+        status = run(&s, error);
+    for (size_t block = 0; s.pairs != NULL && block < s.blocks; block++)
+        kiln_free(&s.pairs[block].list);
+    kiln_free(&s.pairs);
+    kiln_free(&s.part_end);
+    kiln_free(&s.part_at);
+    kiln_free(&s.before);
+    kiln_free(&s.entries);
+    kiln_free(&s.hash);
     return status;
 }

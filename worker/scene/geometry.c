@@ -2,6 +2,7 @@
 
 #include <float.h>
 #include <stdbool.h>
+#include <string.h>
 
 #include "worker/base/memory.h"
 #include "worker/scene/coincident.h"
@@ -300,7 +301,12 @@ static void count_two_sided(struct kiln_geometry *g)
 static int allocate_kept(struct kiln_geometry *g, void *pointer, size_t count, size_t size, const char *what,
                          struct kiln_error *error)
 {
-    return g->memory.allocate(g->memory.context, pointer, count, size, what, error);
+    const int status = g->memory.allocate(g->memory.context, pointer, count, size, what, error);
+    void *array;
+    memcpy(&array, pointer, sizeof array);
+    if (status == KILN_OK)
+        kiln_expect_whole(array, count, size);
+    return status;
 }
 
 static int allocate_plan(struct expansion *e, struct kiln_error *error)
