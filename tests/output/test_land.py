@@ -238,7 +238,7 @@ class Land(unittest.TestCase):
         print("farthest from its mean: %.4f" % np.abs(found / wanted - 1).max())
         self.assertEqual(len(found), 16)
         self.assertLess(np.abs(found / wanted - 1).max(), 0.02)
-        lights = [self.light(self.bake("ranks", *few, ranks=ranks, scene=self.mirror_scene())) for ranks in (0, 3)]
+        lights = [self.light(folder), self.light(self.bake("ranks", *few, ranks=3, scene=self.mirror_scene()))]
         for name in lights[0]:
             self.assertTrue(np.array_equal(lights[0][name], lights[1][name]), name)
         back = self.light(self.bake("back", *few, scene=self.mirror_scene((0, 3, 2, 1))))

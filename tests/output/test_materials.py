@@ -188,7 +188,7 @@ class Materials(unittest.TestCase):
 
     def test_nothing_to_take(self):
         """A scene without gloss is the same bake, bit for bit and step by step, and says why."""
-        options = ("--texels-per-metre", "4", "--quality", "draft")
+        options = ("--texels-per-metre", "2", "--quality", "draft")
         bakes = [self.bake("cornell", mode, *materials, *options)
                  for mode, materials in (("auto", ()), ("diffuse", ("--materials", "diffuse")))]
         self.assertEqual(*(fields(folder) for folder in bakes))
