@@ -67,7 +67,7 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
                struct kiln_error *error)
 {
     struct weighed_run r = {.techniques = parameters, .batch = batch};
-    const bool tints = b->params.geometry->passage == KILN_PASSAGE_TINT;
+    const bool tints = b->params.geometry->passage >= KILN_PASSAGE_TINT;
     const struct vulkan_hemisphere pass = {.pass = &kiln_pass_weighed,
                                            .shader = &weighed_shader,
                                            .sums = &sums_shader,
