@@ -3,7 +3,7 @@ KILN_PUSH(kiln_gpu_bvh_push);
 
 KILN_ARRAY(BvhRoots, kiln_gpu_bvh, 8);
 KILN_ARRAY(BvhNodes, kiln_gpu_bvh_node, 16);
-KILN_ARRAY(BvhShares, kiln_gpu_bvh_share, 8);
+KILN_ARRAY(BvhShares, kiln_gpu_bvh_share, 16);
 KILN_ARRAY(BvhStates, kiln_gpu_bvh_state, 8);
 KILN_ARRAY(BvhWords, uint, 4);
 #define BVH BvhRoots(push.bvh).at[0]
@@ -23,6 +23,22 @@ float bvh_area(const bvh_box box, float inverse_extent)
 {
     const vec3 size = (box.upper - box.lower) * inverse_extent;
     return size.x * size.y + size.y * size.z + size.z * size.x;
+}
+
+/* What two subtrees cost as at most `room` children of one node (Ylitie, Karras and Laine 2017, section 3.2, equation
+ * 5); `first`: how many of these are for the first. */
+float bvh_distribute(const float a[3], const float b[3], uint room, out uint first)
+{
+    float least = a[0] + b[room - 2u];
+    first = 1u;
+    for (uint k = 2u; k < room; k++) {
+        const float cost = a[k - 1u] + b[room - k - 1u];
+        if (cost < least) {
+            least = cost;
+            first = k;
+        }
+    }
+    return least;
 }
 
 /* ---- sums ---- */

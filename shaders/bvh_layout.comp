@@ -25,40 +25,47 @@ struct family {
     uint leaf[WIDTH_MOST]; /* triangles; 0: a node */
 };
 
-/* Opens the largest box again and again until all places are taken or all children are leaves. */
+bool is_leaf(uint node) { return (BvhShares(BVH.shares).at[node].triangles & KILN_GPU_LEAF) != 0u; }
+
+void take(inout family f, uint node)
+{
+    const uint triangles = BvhShares(BVH.shares).at[node].triangles;
+    f.node[f.count] = node;
+    f.leaf[f.count] = (triangles & KILN_GPU_LEAF) != 0u ? triangles & ~KILN_GPU_LEAF : 0u;
+    f.count++;
+}
+
+/* Of a node that is no leaf the children in the layout: those of least cost. */
 family gather(uint from)
 {
-    const float inverse_extent = BVH.inverse_extent;
+    uint node[WIDTH_MOST], room[WIDTH_MOST], depth = 1u; /* left to be opened, into so many children at most */
     family f;
-    float area[WIDTH_MOST]; /* of leaves -1 */
+    f.count = 0u;
     for (uint i = 0u; i < WIDTH_MOST; i++) {
         f.node[i] = KILN_GPU_NONE;
         f.leaf[i] = 0u;
-        area[i] = -1.0;
     }
-    const uint triangles = BvhShares(BVH.shares).at[from].triangles;
-    f.count = 1u;
-    f.node[0] = from;
-    f.leaf[0] = (triangles & KILN_GPU_LEAF) != 0u ? triangles & ~KILN_GPU_LEAF : 0u;
-    uint widest = f.leaf[0] == 0u ? 0u : KILN_GPU_NONE;
-    while (widest != KILN_GPU_NONE && f.count < push.width) {
-        const kiln_gpu_bvh_node opened = BvhNodes(BVH.nodes + 32ul * f.node[widest]).at[0];
-        for (uint k = 0u; k < 2u; k++) {
-            const uint node = k == 0u ? opened.first : opened.second, at = k == 0u ? widest : f.count;
-            const uint below = BvhShares(BVH.shares).at[node].triangles;
-            const bool leaf = (below & KILN_GPU_LEAF) != 0u;
-            f.node[at] = node;
-            f.leaf[at] = leaf ? below & ~KILN_GPU_LEAF : 0u;
-            area[at] = leaf ? -1.0 : bvh_area(bvh_box_of(BvhNodes(BVH.nodes + 32ul * node).at[0]), inverse_extent);
+    node[0] = from;
+    room[0] = is_leaf(from) ? 1u : push.width;
+    while (depth > 0u) {
+        depth--;
+        const uint own = node[depth];
+        uint most = room[depth];
+        const kiln_gpu_bvh_share share = BvhShares(BVH.shares).at[own];
+        while (most > 1u && most < 4u && share.cost[most - 1u] == share.cost[most - 2u])
+            most--;
+        if (most == 1u) {
+            take(f, own);
+            continue;
         }
-        f.count++;
-        widest = KILN_GPU_NONE;
-        float most = -1.0;
-        for (uint i = 0u; i < f.count; i++)
-            if (area[i] > most) {
-                most = area[i];
-                widest = i;
-            }
+        const kiln_gpu_bvh_node opened = BvhNodes(BVH.nodes + 32ul * own).at[0];
+        uint first;
+        bvh_distribute(BvhShares(BVH.shares).at[opened.first].cost, BvhShares(BVH.shares).at[opened.second].cost, most,
+                       first);
+        node[depth] = opened.second;
+        room[depth++] = most - first;
+        node[depth] = opened.first;
+        room[depth++] = first;
     }
     return f;
 }

@@ -124,7 +124,8 @@ void write_leaf(uint i)
     BvhNodes(BVH.nodes + 32ul * i).at[0] =
         kiln_gpu_bvh_node(float[3](box.lower.x, box.lower.y, box.lower.z), triangle,
                           float[3](box.upper.x, box.upper.y, box.upper.z), KILN_GPU_NONE);
-    BvhShares(BVH.shares).at[i] = kiln_gpu_bvh_share(KILN_GPU_LEAF | 1u, bvh_area(box, BVH.inverse_extent));
+    const float cost = bvh_area(box, BVH.inverse_extent);
+    BvhShares(BVH.shares).at[i] = kiln_gpu_bvh_share(KILN_GPU_LEAF | 1u, float[3](cost, cost, cost));
     BvhWords(BVH.clusters[0]).at[i] = i;
 }
 

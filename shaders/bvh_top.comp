@@ -10,7 +10,7 @@ const uint OWN = KILN_BVH_TOP / 64u; /* clusters of a thread, side by side */
 
 shared float boxes[6][KILN_BVH_TOP];
 shared uint nodes[KILN_BVH_TOP], triangles[KILN_BVH_TOP], nearest[KILN_BVH_TOP], gone_before[KILN_BVH_TOP];
-shared float costs[KILN_BVH_TOP];
+shared float costs[3][KILN_BVH_TOP];
 
 struct cluster {
     bvh_box box;
@@ -21,7 +21,7 @@ struct cluster {
 cluster cluster_at(uint i)
 {
     return cluster(bvh_box(vec3(boxes[0][i], boxes[1][i], boxes[2][i]), vec3(boxes[3][i], boxes[4][i], boxes[5][i])),
-                   nodes[i], kiln_gpu_bvh_share(triangles[i], costs[i]));
+                   nodes[i], kiln_gpu_bvh_share(triangles[i], float[3](costs[0][i], costs[1][i], costs[2][i])));
 }
 
 void put_cluster(uint i, const cluster c)
@@ -29,10 +29,10 @@ void put_cluster(uint i, const cluster c)
     for (uint k = 0u; k < 3u; k++) {
         boxes[k][i] = c.box.lower[k];
         boxes[3u + k][i] = c.box.upper[k];
+        costs[k][i] = c.share.cost[k];
     }
     nodes[i] = c.node;
     triangles[i] = c.share.triangles;
-    costs[i] = c.share.cost;
 }
 
 void find_nearest(uint i, uint count, float inverse_extent)
