@@ -30,6 +30,7 @@ struct bvh {
     uint32_t *order; /* world triangles, leaf by leaf */
     size_t order_count;
     uint32_t depth_limit, depth, threads;
+    bool of_device; /* it built the tree */
 };
 
 /* Memory that nobody has touched: those that fill it share the cost of that. *pointer is NULL. */
@@ -452,11 +453,15 @@ int bvh_create_of(struct bvh **bvh, const struct kiln_geometry *geometry, const 
     const struct box bounds = box_of(&nodes[count - 1]);
     if (status == KILN_OK)
         status = flatten_root(*bvh, &tree[count - 1], &bounds, error);
+    if (status == KILN_OK)
+        (*bvh)->of_device = true;
     kiln_free(&tree);
     if (status != KILN_OK)
         bvh_destroy(bvh);
     return status;
 }
+
+bool bvh_is_of_device(const struct bvh *bvh) { return bvh != NULL && bvh->of_device; }
 
 void bvh_destroy(struct bvh **bvh)
 {

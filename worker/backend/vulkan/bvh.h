@@ -32,6 +32,7 @@ int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const str
 int bvh_create_of(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params,
                   const struct kiln_gpu_bvh_node *nodes, const struct kiln_gpu_bvh_share *shares,
                   struct kiln_error *error);
+bool bvh_is_of_device(const struct bvh *bvh);
 void bvh_destroy(struct bvh **bvh);
 
 /* How much wider on each side boxes are than what they hold, m. */

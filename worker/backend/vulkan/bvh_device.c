@@ -408,32 +408,54 @@ bool bvh_device_makes(uint32_t traversal)
     return traversal == KILN_TRAVERSAL_BINARY || traversal == KILN_TRAVERSAL_FOUR;
 }
 
-int bvh_device_layout_create(struct bvh_device *tree, uint32_t traversal, struct bvh_device_layout *layout,
-                             bool *too_deep, struct kiln_error *error)
+/* The levels of a layout; *too_deep: there are more than a stack can hold. */
+static int find_levels(struct bvh_device *t, struct script *s, uint32_t traversal, struct levels *l, bool *too_deep,
+                       struct kiln_error *error)
 {
     const bool binary = traversal == KILN_TRAVERSAL_BINARY;
     const uint32_t room = binary ? KILN_GPU_STACK2 : KILN_GPU_STACK4;
-    struct levels levels = {.width = binary ? 2 : 4};
-    struct script *s = NULL;
+    int status = KILN_OK;
     uint32_t most = 0;
     assert(bvh_device_makes(traversal));
-    *layout = (struct bvh_device_layout){.node_count = 0};
-    *too_deep = false;
-    while (stack_of(levels.width, most + 1) <= room)
+    *l = (struct levels){.width = binary ? 2 : 4};
+    while (stack_of(l->width, most + 1) <= room)
         most++;
     assert(most < LEVELS_MOST);
-    int status = kiln_allocate(&s, 1, sizeof *s, what, error);
-    if (status == KILN_OK && tree->arrays[TASKS].address == 0) {
-        status = gpu_buffer_create(tree->gpu, &tree->arrays[TASKS],
-                                   (size_t)bytes_of(tree->count, tree->geometry, TASKS), GPU_DEVICE, what, error);
-        status = status == KILN_OK ? bring_root(tree, error) : status;
+    if (t->arrays[TASKS].address == 0) {
+        status = gpu_buffer_create(t->gpu, &t->arrays[TASKS], (size_t)bytes_of(t->count, t->geometry, TASKS),
+                                   GPU_DEVICE, what, error);
+        status = status == KILN_OK ? bring_root(t, error) : status;
     }
     if (status == KILN_OK)
-        status = open_levels(tree, s, &levels, most, error);
-    if (status == KILN_OK) {
-        layout->stack = stack_of(levels.width, levels.count);
-        *too_deep = layout->stack > room;
-    }
+        status = open_levels(t, s, l, most, error);
+    *too_deep = l->count > most;
+    return status;
+}
+
+int bvh_device_fits(struct bvh_device *tree, uint32_t traversal, bool *fits, struct kiln_error *error)
+{
+    struct levels levels;
+    struct script *s = NULL;
+    bool too_deep = false;
+    int status = kiln_allocate(&s, 1, sizeof *s, what, error);
+    if (status == KILN_OK)
+        status = find_levels(tree, s, traversal, &levels, &too_deep, error);
+    *fits = !too_deep;
+    kiln_free(&s);
+    return status;
+}
+
+int bvh_device_layout_create(struct bvh_device *tree, uint32_t traversal, struct bvh_device_layout *layout,
+                             bool *too_deep, struct kiln_error *error)
+{
+    struct levels levels = {.count = 0};
+    struct script *s = NULL;
+    *layout = (struct bvh_device_layout){.node_count = 0};
+    *too_deep = false;
+    int status = kiln_allocate(&s, 1, sizeof *s, what, error);
+    if (status == KILN_OK)
+        status = find_levels(tree, s, traversal, &levels, too_deep, error);
+    layout->stack = stack_of(levels.width, levels.count);
     if (status == KILN_OK && !*too_deep)
         status = write_layout(tree, s, &levels, layout, error);
     if (status != KILN_OK)

@@ -24,6 +24,9 @@
 
 struct bvh_device;
 
+/* Triangles from which on a real device builds in less time than the host. */
+enum { BVH_DEVICE_LEAST = 1 << 16 };
+
 /* Whether rays can hit anything, no more than a leaf can point at, and the device has room to build: about 190 bytes a
  * triangle, layout included. */
 bool bvh_device_can(const struct gpu *gpu, const struct kiln_geometry *geometry);
@@ -41,6 +44,8 @@ struct bvh_device_layout {
 };
 /* Whether the device makes layouts of this kind: two children and four. */
 bool bvh_device_makes(uint32_t traversal);
+/* Whether no walk of that layout needs a deeper stack than shaders have. */
+int bvh_device_fits(struct bvh_device *tree, uint32_t traversal, bool *fits, struct kiln_error *error);
 /* Makes one. *too_deep: a walk might need a deeper stack than shaders have; then no buffer is made, and
  * bvh_device_fetch has a tree that is cut evenly where it is too deep. */
 int bvh_device_layout_create(struct bvh_device *tree, uint32_t traversal, struct bvh_device_layout *layout,
