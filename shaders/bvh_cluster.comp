@@ -6,7 +6,33 @@
 #include "shaders/kernel.glsl"
 
 #include "shaders/bvh.glsl"
-#include "shaders/bvh_join.glsl"
+
+/* Which of two neighbours is nearer: by the area of the box around both; of equal ones the lower key, which both ends
+ * of a pair share, and of which no two neighbours of one cluster have the same. So the nearest pair of all is always
+ * joined, and of many equal boxes half are (the keys of places 2 k and 2 k + 1 are 1). */
+bool is_nearer(float area, uint key, float than_area, uint than_key)
+{
+    return area < than_area || (area == than_area && key < than_key);
+}
+
+/* What is below two joined nodes, at least cost (Ylitie et al. 2017, equations 2 to 5): a leaf where that costs no more
+ * than a node of four. A node and a triangle cost the same. */
+kiln_gpu_bvh_share share_of(const kiln_gpu_bvh_share a, const kiln_gpu_bvh_share b, float area)
+{
+    const uint triangles = (a.triangles & ~KILN_GPU_LEAF) + (b.triangles & ~KILN_GPU_LEAF);
+    uint first;
+    const float apart = area + bvh_distribute(a.cost, b.cost, 4u, first), together = area * float(triangles);
+    const bool leaf = triangles <= KILN_BVH_LEAF && together <= apart;
+    const float one = leaf ? together : apart, two = min(one, bvh_distribute(a.cost, b.cost, 2u, first));
+    const float three = min(two, bvh_distribute(a.cost, b.cost, 3u, first));
+    return kiln_gpu_bvh_share(leaf ? KILN_GPU_LEAF | triangles : triangles, float[3](one, two, three));
+}
+
+void write_node(uint at, const bvh_box box, uint first, uint second)
+{
+    BvhNodes(BVH.nodes + 32ul * at).at[0] = kiln_gpu_bvh_node(float[3](box.lower.x, box.lower.y, box.lower.z), first,
+                                                              float[3](box.upper.x, box.upper.y, box.upper.z), second);
+}
 
 const uint TILE = 64u + 2u * KILN_BVH_RADIUS;
 
@@ -46,7 +72,7 @@ void find_nearest(uint group, uint lane, uint count)
     const uint end = min(i + push.radius + 1u, count);
     for (uint j = i - min(i, push.radius); j < end; j++) {
         const float area = bvh_area(bvh_join(own, in_tile(j + push.radius - group * 64u)), inverse_extent);
-        if (j != i && (nearest == KILN_GPU_NONE || bvh_is_nearer(area, i ^ j, least, i ^ nearest))) {
+        if (j != i && (nearest == KILN_GPU_NONE || is_nearer(area, i ^ j, least, i ^ nearest))) {
             least = area;
             nearest = j;
         }
@@ -81,9 +107,9 @@ uint join(uint i, uint j, uint made)
     const bvh_box box =
         bvh_join(bvh_box_of(BvhNodes(BVH.nodes + 32ul * a).at[0]), bvh_box_of(BvhNodes(BVH.nodes + 32ul * b).at[0]));
     const uint node = BVH.count + made;
-    bvh_write_node(node, box, a, b);
+    write_node(node, box, a, b);
     BvhShares(BVH.shares).at[node] =
-        bvh_share_of(BvhShares(BVH.shares).at[a], BvhShares(BVH.shares).at[b], bvh_area(box, BVH.inverse_extent));
+        share_of(BvhShares(BVH.shares).at[a], BvhShares(BVH.shares).at[b], bvh_area(box, BVH.inverse_extent));
     return node;
 }
 
@@ -110,6 +136,13 @@ void join_group(uint group, uint lane, const kiln_gpu_bvh_state state)
     }
 }
 
+void give(uint i)
+{
+    const uint node = BvhWords(BVH.clusters[push.from]).at[i];
+    BvhNodes(BVH.left).at[i] = BvhNodes(BVH.nodes + 32ul * node).at[0];
+    BvhShares(BVH.left_shares).at[i] = BvhShares(BVH.shares).at[node];
+}
+
 void kiln_kernel(uint x, uint y)
 {
     const uint group = x / 64u, lane = x % 64u;
@@ -133,6 +166,8 @@ void kiln_kernel(uint x, uint y)
     }
     if (push.stage == KILN_BVH_JOIN && group * KILN_BVH_ADDED < count)
         join_group(group, lane, state);
+    if (push.stage == KILN_BVH_GIVE && x < count)
+        give(x);
 }
 
 #include "shaders/main.glsl"

@@ -52,7 +52,7 @@ family gather(uint from)
         const uint own = node[depth];
         uint most = room[depth];
         const kiln_gpu_bvh_share share = BvhShares(BVH.shares).at[own];
-        while (most > 1u && most < 4u && share.cost[most - 1u] == share.cost[most - 2u])
+        while (own != from && most > 1u && share.cost[most - 1u] == share.cost[most - 2u])
             most--;
         if (most == 1u) {
             take(f, own);

@@ -36,16 +36,17 @@ KILN_SIZE_IS(kiln_gpu_bvh_task, 24);
 
 struct kiln_gpu_bvh {
     KILN_ADDRESS vertices, indices;
-    KILN_ADDRESS keys[2];     /* 64-bit words: places along a curve through the world, before and after a pass */
-    KILN_ADDRESS values[2];   /* words: world numbers of these triangles */
-    KILN_ADDRESS histogram;   /* words: of digit d in group g at d * groups + g */
-    KILN_ADDRESS sums;        /* words: one a group of threads */
-    KILN_ADDRESS nodes;       /* struct kiln_gpu_bvh_node */
-    KILN_ADDRESS shares;      /* struct kiln_gpu_bvh_share of each */
-    KILN_ADDRESS clusters[2]; /* words: nodes that are left, before and after a round */
-    KILN_ADDRESS nearest;     /* words: of each of these the place of the one to join */
-    KILN_ADDRESS states;      /* struct kiln_gpu_bvh_state: before and after; then a word, the children of a level */
-    KILN_ADDRESS tasks;       /* struct kiln_gpu_bvh_task, level by level */
+    KILN_ADDRESS keys[2];           /* 64-bit words: places along a curve through the world, before and after a pass */
+    KILN_ADDRESS values[2];         /* words: world numbers of these triangles */
+    KILN_ADDRESS histogram;         /* words: of digit d in group g at d * groups + g */
+    KILN_ADDRESS sums;              /* words: one a group of threads */
+    KILN_ADDRESS nodes;             /* struct kiln_gpu_bvh_node */
+    KILN_ADDRESS shares;            /* struct kiln_gpu_bvh_share of each */
+    KILN_ADDRESS clusters[2];       /* words: nodes that are left, before and after a round */
+    KILN_ADDRESS nearest;           /* words: of each of these the place of the one to join */
+    KILN_ADDRESS left, left_shares; /* nodes that the host joins, and what is below each */
+    KILN_ADDRESS states; /* struct kiln_gpu_bvh_state: before and after; then a word, the children of a level */
+    KILN_ADDRESS tasks;  /* struct kiln_gpu_bvh_task, level by level */
     KILN_ADDRESS layout_nodes, layout_triangles;
     KILN_REAL32 origin[3], steps; /* of the curve: where it begins, steps a metre */
     KILN_REAL32 margin;           /* of boxes, m */
@@ -54,9 +55,9 @@ struct kiln_gpu_bvh {
     KILN_WORD before, skipped;    /* from the triangle `before` on, world numbers are higher by `skipped` */
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_bvh, 176);
+KILN_SIZE_IS(kiln_gpu_bvh, 192);
 
-/* bvh_sort.comp, bvh_cluster.comp, bvh_top.comp, bvh_layout.comp. */
+/* bvh_sort.comp, bvh_cluster.comp, bvh_layout.comp. */
 struct kiln_gpu_bvh_push {
     KILN_ADDRESS bvh; /* struct kiln_gpu_bvh */
     KILN_WORD stage;
@@ -75,7 +76,7 @@ KILN_SIZE_IS(kiln_gpu_bvh_push, 40);
 #define KILN_BVH_DIGIT_BITS 4u
 #define KILN_BVH_DIGITS 16u
 #define KILN_BVH_RADIUS 32u /* at most */
-#define KILN_BVH_TOP 256u   /* clusters that bvh_top.comp joins */
+#define KILN_BVH_TOP 32768u /* clusters at most that the host joins */
 #define KILN_BVH_LEAF 3u    /* triangles at most */
 
 #define KILN_BVH_CODE 0u   /* bvh_sort.comp: places along the curve, */
@@ -91,6 +92,7 @@ KILN_SIZE_IS(kiln_gpu_bvh_push, 40);
 #define KILN_BVH_GONE 2u    /* how many go, of groups, */
 #define KILN_BVH_LEFT 3u    /* what is left, */
 #define KILN_BVH_JOIN 4u
+#define KILN_BVH_GIVE 5u /* and that, for the host */
 
 #define KILN_BVH_OPEN 0u   /* bvh_layout.comp: how many children are nodes, of groups, */
 #define KILN_BVH_LEVEL 1u  /* of all, */

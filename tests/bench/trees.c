@@ -270,7 +270,7 @@ static void try_device(struct gpu *gpu, const struct kiln_geometry *g, const str
     struct bvh_device_layout l;
     bool too_deep = false;
     double seconds[2], start = kiln_clock_seconds();
-    check(bvh_device_create(&tree, gpu, g, &error), &error);
+    check(bvh_device_create(&tree, gpu, g, 0, &error), &error);
     seconds[0] = kiln_clock_seconds() - start;
     start = kiln_clock_seconds();
     check(bvh_device_layout_create(tree, KILN_TRAVERSAL_FOUR, &l, &too_deep, &error), &error);

@@ -1,5 +1,5 @@
-/* One tree of boxes over the world's triangles, built by Embree (rtcBuildBVH), and the layouts in which kernels walk it
- * (shaders/shared/layout_trace.h says what is in them).
+/* One tree of boxes over the world's triangles on the host, built by Embree (rtcBuildBVH) or taken from the device
+ * (bvh_device.h), and the layouts in which kernels walk it (shaders/shared/layout_trace.h says what is in them).
  *
  * Any triangles will do: none, degenerate ones, many in one place. Boxes have a margin for the rounding errors of
  * tracing (KILN_GPU_BOX_MARGIN). None of these is collective. */

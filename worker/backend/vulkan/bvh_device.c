@@ -7,8 +7,8 @@
 #include "shaders/bvh_cluster.h"
 #include "shaders/bvh_layout.h"
 #include "shaders/bvh_sort.h"
-#include "shaders/bvh_top.h"
 #include "shaders/shared/push.h"
+#include "worker/backend/vulkan/bvh_top.h"
 #include "worker/base/memory.h"
 
 enum {
@@ -20,7 +20,7 @@ enum {
     LEVELS_MOST = KILN_GPU_STACK2
 };
 
-enum kernel { SORT, CLUSTER, TOP, LAYOUT, KERNELS };
+enum kernel { SORT, CLUSTER, LAYOUT, KERNELS };
 enum array {
     VERTICES,
     INDICES,
@@ -35,6 +35,8 @@ enum array {
     CLUSTERS,
     CLUSTERS_AFTER,
     NEAREST,
+    LEFT,
+    LEFT_SHARES,
     STATES,
     TASKS,
     ROOT,
@@ -47,6 +49,7 @@ struct bvh_device {
     struct gpu *gpu;
     const struct kiln_geometry *geometry;
     uint32_t count; /* triangles */
+    uint32_t threads;
     struct gpu_kernel *kernels[KERNELS];
     struct gpu_buffer arrays[ARRAYS];
     struct gpu_buffer answer; /* of the host: struct kiln_gpu_bvh_state twice and a word */
@@ -81,6 +84,10 @@ static uint64_t bytes_of(uint64_t count, const struct kiln_geometry *g, enum arr
         return (2 * count - 1) * sizeof(struct kiln_gpu_bvh_share);
     case STATES:
         return 2 * sizeof(struct kiln_gpu_bvh_state) + sizeof(uint64_t);
+    case LEFT:
+        return (count < KILN_BVH_TOP ? count : KILN_BVH_TOP) * sizeof(struct kiln_gpu_bvh_node);
+    case LEFT_SHARES:
+        return (count < KILN_BVH_TOP ? count : KILN_BVH_TOP) * sizeof(struct kiln_gpu_bvh_share);
     case TASKS:
         return count * sizeof(struct kiln_gpu_bvh_task);
     case ROOT:
@@ -149,7 +156,6 @@ static int make_kernels(struct bvh_device *t, struct kiln_error *error)
         [CLUSTER] = {.name = "bvh_cluster",
                      .code = kiln_spirv_bvh_cluster,
                      .code_bytes = sizeof kiln_spirv_bvh_cluster},
-        [TOP] = {.name = "bvh_top", .code = kiln_spirv_bvh_top, .code_bytes = sizeof kiln_spirv_bvh_top},
         [LAYOUT] = {.name = "bvh_layout", .code = kiln_spirv_bvh_layout, .code_bytes = sizeof kiln_spirv_bvh_layout}};
     int status = KILN_OK;
     for (int i = 0; i < KERNELS && status == KILN_OK; i++)
@@ -190,6 +196,8 @@ static int bring_root(struct bvh_device *t, struct kiln_error *error)
     root->nodes = a[NODES].address;
     root->shares = a[SHARES].address;
     root->nearest = a[NEAREST].address;
+    root->left = a[LEFT].address;
+    root->left_shares = a[LEFT_SHARES].address;
     root->states = a[STATES].address;
     root->tasks = a[TASKS].address;
     return gpu_upload(t->gpu, &a[ROOT], 0, root, sizeof *root, error);
@@ -251,24 +259,96 @@ static void add_round(struct bvh_device *t, struct script *s, uint32_t clusters,
     add(s, t, CLUSTER, groups_for(clusters, KILN_BVH_ADDED), push);
 }
 
-static int join(struct bvh_device *t, struct script *s, struct kiln_error *error)
+/* Clusters that few rounds leave; *from: which of the two arrays has them. */
+static int join(struct bvh_device *t, struct script *s, struct kiln_gpu_bvh_state *left, uint32_t *from,
+                struct kiln_error *error)
 {
-    uint32_t clusters = t->count, from = 0;
     bool pair = false;
     int status = KILN_OK;
-    while (clusters > KILN_BVH_TOP && status == KILN_OK) {
-        for (int i = 0; i < ROUNDS; i++, from ^= 1u)
-            add_round(t, s, clusters, from, pair && i == 0);
+    *left = (struct kiln_gpu_bvh_state){t->count, 0};
+    for (*from = 0; left->clusters > KILN_BVH_TOP && status == KILN_OK;) {
+        const uint32_t clusters = left->clusters;
+        for (int i = 0; i < ROUNDS; i++, *from ^= 1u)
+            add_round(t, s, clusters, *from, pair && i == 0);
         status = run_and_ask(s, t, error);
-        if (status != KILN_OK)
-            break;
-        const uint32_t left = ((const struct kiln_gpu_bvh_state *)t->answer.mapped)[from].clusters;
-        pair = left > clusters - clusters / FEW_LEFT_PART;
-        clusters = left;
+        *left = ((const struct kiln_gpu_bvh_state *)t->answer.mapped)[*from];
+        pair = left->clusters > clusters - clusters / FEW_LEFT_PART;
     }
-    if (status == KILN_OK && clusters > 1)
-        add(s, t, TOP, 64, (struct kiln_gpu_bvh_push){.from = from});
-    return status == KILN_OK ? run(s, t, error) : status;
+    return status;
+}
+
+/* What the host works with. */
+struct top {
+    struct kiln_gpu_bvh_node *clusters, *nodes;
+    struct kiln_gpu_bvh_share *shares, *node_shares;
+    uint32_t *names;
+};
+
+static int allocate_top(struct top *top, uint32_t count, struct kiln_error *error)
+{
+    int status = kiln_allocate(&top->clusters, count, sizeof *top->clusters, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&top->nodes, count, sizeof *top->nodes, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&top->shares, count, sizeof *top->shares, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&top->node_shares, count, sizeof *top->node_shares, what, error);
+    return status == KILN_OK ? kiln_allocate(&top->names, count, sizeof *top->names, what, error) : status;
+}
+
+static void free_top(struct top *top)
+{
+    kiln_free(&top->clusters);
+    kiln_free(&top->nodes);
+    kiln_free(&top->shares);
+    kiln_free(&top->node_shares);
+    kiln_free(&top->names);
+}
+
+static int build_top(struct bvh_device *t, const struct top *top, const struct kiln_gpu_bvh_state *left, uint32_t from,
+                     struct kiln_error *error)
+{
+    const size_t count = left->clusters, first = (size_t)t->count + left->made;
+    const struct bvh_top work = {.clusters = top->clusters,
+                                 .shares = top->shares,
+                                 .names = top->names,
+                                 .count = left->clusters,
+                                 .first = (uint32_t)first,
+                                 .inverse_extent = t->root.inverse_extent,
+                                 .threads = t->threads,
+                                 .nodes = top->nodes,
+                                 .node_shares = top->node_shares};
+    int status = gpu_download(t->gpu, &t->arrays[LEFT], 0, top->clusters, count * sizeof *top->clusters, error);
+    if (status == KILN_OK)
+        status = gpu_download(t->gpu, &t->arrays[LEFT_SHARES], 0, top->shares, count * sizeof *top->shares, error);
+    if (status == KILN_OK)
+        status =
+            gpu_download(t->gpu, &t->arrays[CLUSTERS + (int)from], 0, top->names, count * sizeof *top->names, error);
+    if (status == KILN_OK)
+        status = bvh_top_build(&work, error);
+    if (status == KILN_OK)
+        status = gpu_upload(t->gpu, &t->arrays[NODES], first * sizeof *top->nodes, top->nodes,
+                            (count - 1) * sizeof *top->nodes, error);
+    if (status == KILN_OK)
+        status = gpu_upload(t->gpu, &t->arrays[SHARES], first * sizeof *top->node_shares, top->node_shares,
+                            (count - 1) * sizeof *top->node_shares, error);
+    return status;
+}
+
+static int join_top(struct bvh_device *t, struct script *s, const struct kiln_gpu_bvh_state *left, uint32_t from,
+                    struct kiln_error *error)
+{
+    struct top top = {.clusters = NULL};
+    if (left->clusters < 2)
+        return KILN_OK;
+    add(s, t, CLUSTER, left->clusters, (struct kiln_gpu_bvh_push){.stage = KILN_BVH_GIVE, .from = from});
+    int status = run(s, t, error);
+    if (status == KILN_OK)
+        status = allocate_top(&top, left->clusters, error);
+    if (status == KILN_OK)
+        status = build_top(t, &top, left, from, error);
+    free_top(&top);
+    return status;
 }
 
 static int build(struct bvh_device *t, struct kiln_error *error)
@@ -287,17 +367,21 @@ static int build(struct bvh_device *t, struct kiln_error *error)
         status = bring_root(t, error);
     if (status == KILN_OK)
         status = sort(t, s, error);
+    struct kiln_gpu_bvh_state left;
+    uint32_t from;
     if (status == KILN_OK)
-        status = join(t, s, error);
+        status = join(t, s, &left, &from, error);
+    if (status == KILN_OK)
+        status = join_top(t, s, &left, from, error);
     for (int i = KEYS; i <= HISTOGRAM; i++)
         gpu_buffer_destroy(t->gpu, &t->arrays[i]);
-    for (int i = CLUSTERS; i <= NEAREST; i++)
+    for (int i = CLUSTERS; i <= LEFT_SHARES; i++)
         gpu_buffer_destroy(t->gpu, &t->arrays[i]);
     kiln_free(&s);
     return status;
 }
 
-int bvh_device_create(struct bvh_device **tree, struct gpu *gpu, const struct kiln_geometry *geometry,
+int bvh_device_create(struct bvh_device **tree, struct gpu *gpu, const struct kiln_geometry *geometry, uint32_t threads,
                       struct kiln_error *error)
 {
     struct bvh_device *t = NULL;
@@ -307,6 +391,7 @@ int bvh_device_create(struct bvh_device **tree, struct gpu *gpu, const struct ki
         return status;
     t->gpu = gpu;
     t->geometry = geometry;
+    t->threads = threads;
     t->count = (uint32_t)kiln_geometry_hittable_count(geometry);
     assert(t->count > 0 && geometry->triangle_count <= KILN_GPU_LEAF_FIRST);
     status = build(t, error);

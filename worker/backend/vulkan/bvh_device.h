@@ -6,12 +6,13 @@
  * clustering for bounding volume hierarchy construction revisited", PACM CGIT 5 (2022). In a round each cluster finds,
  * among BVH_RADIUS on either side along the curve, the one with which its box has the least surface; pairs that find
  * each other are joined. Among equals it is the one whose place differs in the lowest bits, so that of many boxes in
- * one place half go in each round; where rounds still join few, neighbours are joined as they stand. The last
- * KILN_BVH_TOP clusters look at all others, in one group of threads. Subtrees of at most three triangles are leaves
- * where the surface area heuristic says so (Goldsmith and Salmon 1987, MacDonald and Booth 1990).
+ * one place half go in each round; where rounds still join few, neighbours are joined as they stand. When no more than
+ * KILN_BVH_TOP clusters are left, the host joins them from above (bvh_top.h), which rays are quicker through. Subtrees
+ * of at most three triangles are leaves where the surface area heuristic says so (Goldsmith and Salmon 1987, MacDonald
+ * and Booth 1990).
  *
  * Everything has its place by sums, not by the order in which threads come: one device always builds the same tree.
- * Kernels ask for no subgroups, and for 11 KiB of a group's memory. Time is about proportional to triangles: a sort of
+ * Kernels ask for no subgroups, and for 5 KiB of a group's memory. Time is about proportional to triangles: a sort of
  * 16 passes, some twenty rounds whose clusters dwindle by a third or more in each, and three looks at each node of a
  * layout.
  *
@@ -30,9 +31,9 @@ enum { BVH_DEVICE_LEAST = 1 << 16 };
 /* Whether rays can hit anything, no more than a leaf can point at, and the device has room to build: about 190 bytes a
  * triangle, layout included. */
 bool bvh_device_can(const struct gpu *gpu, const struct kiln_geometry *geometry);
-/* Builds the tree of a geometry of which bvh_device_can holds. The gpu and the geometry are borrowed and must outlive
- * it. */
-int bvh_device_create(struct bvh_device **tree, struct gpu *gpu, const struct kiln_geometry *geometry,
+/* Builds the tree of a geometry of which bvh_device_can holds; `threads` of the host, 0: all that there are. The gpu
+ * and the geometry are borrowed and must outlive it. */
+int bvh_device_create(struct bvh_device **tree, struct gpu *gpu, const struct kiln_geometry *geometry, uint32_t threads,
                       struct kiln_error *error);
 void bvh_device_destroy(struct bvh_device **tree);
 

@@ -255,7 +255,7 @@ static int build_tree(struct vulkan_backend *b, struct trees *trees, struct kiln
     bool fits = true;
     if (!device_builds(b))
         return have_host_tree(b, trees, error);
-    int status = bvh_device_create(&trees->device, b->gpu, b->params.geometry, error);
+    int status = bvh_device_create(&trees->device, b->gpu, b->params.geometry, b->params.threads, error);
     if (status == KILN_OK)
         status = bvh_device_fits(trees->device, KILN_TRAVERSAL_FOUR, &fits, error);
     if (status != KILN_OK || fits)
