@@ -154,8 +154,8 @@ void kiln_kernel(uint x, uint y)
     if (push.stage == KILN_BVH_PAIR && x < count)
         BvhWords(BVH.nearest).at[x] = x ^ 1u;
     if (push.stage == KILN_BVH_GONE && group * KILN_BVH_ADDED < count) {
-        bvh_before(lane, count_gone(BvhWords(BVH.nearest), group * KILN_BVH_ADDED + lane * (KILN_BVH_ADDED / 64u), count),
-                   of_all);
+        const uint own = group * KILN_BVH_ADDED + lane * (KILN_BVH_ADDED / 64u);
+        bvh_before(lane, count_gone(BvhWords(BVH.nearest), own, count), of_all);
         if (lane == 0u)
             BvhWords(BVH.sums).at[group] = of_all;
     }

@@ -485,24 +485,18 @@ static void too_deep(void **state)
     check_world(*state, w, 16, false, 4);
 }
 
-/* Many equal boxes, more than the host joins from above: rounds on the device go on. */
+/* Thousands of triangles in one place among more than the host joins from above: rounds on the device go on. (Mesa's
+ * llvmpipe leaves a loop after 65,535 rounds, so they are not all in one place.) */
 static void one_place(void **state)
 {
-    enum { TRIANGLES = KILN_BVH_TOP + 5000 };
-    struct world *w = world_create(3 + 300, TRIANGLES + 100);
+    enum { SAME = 4000, OTHERS = KILN_BVH_TOP + 2000 };
+    struct world *w = world_create(3 + 3 * OTHERS, SAME + OTHERS);
     add_soup(w, 1, 0.1f, 1.0f, 1.0f);
-    for (int i = 1; i < TRIANGLES; i++)
+    for (int i = 1; i < SAME; i++)
         add_triangle(w, 0, 1, 2);
-    add_soup(w, 100, 1.0f, 0.5f, 0.5f);
+    add_soup(w, OTHERS, 1.0f, 0.04f, 0.04f);
     any_rays(w, 1.0f);
-    static struct kiln_gpu_hit first[RAYS];
-    struct bvh *bvh = NULL;
-    world_finish(w);
-    assert_int_equal(bvh_create(&bvh, &w->g, &(struct bvh_params){0}, NULL), KILN_OK);
-    trace(*state, w, bvh, 2, false, first);
-    bvh_destroy(&bvh);
-    check_device_tree(*state, w, 0, first);
-    world_destroy(w);
+    check_world(*state, w, 16, false, 0);
 }
 
 /* Long thin triangles in worlds of a millimetre and of a thousand kilometres. */

@@ -109,7 +109,7 @@ static float distribute(const float a[3], const float b[3], uint32_t room)
     return least;
 }
 
-/* shaders/bvh_join.glsl */
+/* shaders/bvh_cluster.comp */
 static struct kiln_gpu_bvh_share share_of(const struct kiln_gpu_bvh_share *a, const struct kiln_gpu_bvh_share *b,
                                           float area)
 {
