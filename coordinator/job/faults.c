@@ -106,16 +106,26 @@ static int read_makers(struct kiln_faults *faults, const char *text, struct kiln
                                  : kiln_fail(error, KILN_USAGE, "KILN_KERNEL_MAKERS is '%.100s'; it is all", text);
 }
 
+static int read_tree(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    faults->device.tree = strcmp(text, "host") == 0     ? KILN_TREE_HOST
+                          : strcmp(text, "device") == 0 ? KILN_TREE_DEVICE
+                                                        : KILN_TREE_AS_USUAL;
+    return faults->device.tree != KILN_TREE_AS_USUAL
+               ? KILN_OK
+               : kiln_fail(error, KILN_USAGE, "KILN_TREE is '%.100s'; it is host or device", text);
+}
+
 int kiln_faults_read(struct kiln_faults *faults, struct kiln_error *error)
 {
     static const struct {
         const char *name;
         int (*read)(struct kiln_faults *faults, const char *text, struct kiln_error *error);
-    } variables[] = {{"KILN_SLOW_RANK", read_slowness},    {"KILN_HALT_RANK", read_halt},
-                     {"KILN_FAILING_PACKER", read_packer}, {"KILN_LOCKS", read_locks},
-                     {"KILN_GPU_FAULT", read_device},      {"KILN_VULKAN_GUARD", read_guard},
-                     {"KILN_PROBES", read_probes},         {"KILN_SIGHT", read_sight},
-                     {"KILN_DIVIDE_FROM", read_division},  {"KILN_KERNEL_MAKERS", read_makers}};
+    } variables[] = {
+        {"KILN_SLOW_RANK", read_slowness},   {"KILN_HALT_RANK", read_halt},   {"KILN_FAILING_PACKER", read_packer},
+        {"KILN_LOCKS", read_locks},          {"KILN_GPU_FAULT", read_device}, {"KILN_VULKAN_GUARD", read_guard},
+        {"KILN_PROBES", read_probes},        {"KILN_SIGHT", read_sight},      {"KILN_DIVIDE_FROM", read_division},
+        {"KILN_KERNEL_MAKERS", read_makers}, {"KILN_TREE", read_tree}};
     int status = KILN_OK;
     *faults = (struct kiln_faults){0};
     for (size_t i = 0; status == KILN_OK && i < sizeof variables / sizeof *variables; i++) {

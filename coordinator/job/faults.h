@@ -38,6 +38,7 @@ struct kiln_faults {
     /* KILN_GPU_FAULT=lost:K, memory:K, or either with :N after it: the K-th call of a device's driver fails, and again
      * every N calls after it. KILN_VULKAN_GUARD=after, before, or 0 for none: guarded buffers
      * (worker/backend/vulkan/gpu/gpu.h). KILN_KERNEL_MAKERS=all: a software device's kernels are made by threads too.
+     * KILN_TREE=host or device: who builds the tree that a device walks (worker/backend/vulkan/tracer.h).
      */
     struct kiln_device_faults device;
 };

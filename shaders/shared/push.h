@@ -408,4 +408,6 @@ struct kiln_gpu_link_rays_push {
 };
 KILN_SIZE_IS(kiln_gpu_link_rays_push, 48);
 
+#include "shaders/shared/layout_bvh.h"
+
 #endif

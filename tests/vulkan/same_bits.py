@@ -20,6 +20,7 @@ WAYS = (  # name, ranks, options, environment: what --full does on every scene
     ('little memory', 0, ('--device-memory', 0.26), {}),
     ('binary BVH', 0, ('--traversal', 'binary'), {}),
     ('four-wide BVH', 0, ('--traversal', 'four'), {}),
+    ('BVH built on the device', 0, ('--traversal', 'compute'), {'KILN_TREE': 'device'}),
     ('2 ranks', 2, (), {}),
     ('3 ranks, dispatches of 2 ms', 3, ('--dispatch-time', 2), {}),
     ('lost', 0, (), {'KILN_GPU_FAULT': 'lost:150'}),
@@ -32,8 +33,8 @@ CORNELL, LIGHTS, SIDES = 'cornell', 'lights', 'sides'
 SOME = (
     (SIDES, '1 ms, four-wide BVH, short of memory', 0, ('--dispatch-time', 1, '--traversal', 'four'),
      {'KILN_GPU_FAULT': 'memory:120'}),
-    (SIDES, 'verified, little memory, binary BVH', 0,
-     ('--verify-fraction', 0.2, '--device-memory', 0.26, '--traversal', 'binary'), {}),
+    (SIDES, 'verified, little memory, binary BVH built on the device', 0,
+     ('--verify-fraction', 0.2, '--device-memory', 0.26, '--traversal', 'binary'), {'KILN_TREE': 'device'}),
     (SIDES, '2 ranks, lost, dispatches of 1 ms', 2, ('--dispatch-time', 1), {'KILN_GPU_FAULT': 'lost:150'}),
 )
 

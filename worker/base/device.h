@@ -31,6 +31,8 @@ struct kiln_device_faults {
     /* On a software device: memory that nobody may touch after each buffer, or before it. */
     enum kiln_buffer_guard { KILN_GUARD_NONE, KILN_GUARD_AFTER, KILN_GUARD_BEFORE } guard;
     bool makers; /* a software device's kernels are made by threads too */
+    /* who builds the tree that a device walks, wherever that can be done */
+    enum kiln_tree_builder { KILN_TREE_AS_USUAL, KILN_TREE_HOST, KILN_TREE_DEVICE } tree;
 };
 
 #endif

@@ -30,6 +30,7 @@ struct bvh {
     uint32_t *order; /* world triangles, leaf by leaf */
     size_t order_count;
     uint32_t depth_limit, depth, threads;
+    bool of_device; /* it built the tree */
 };
 
 /* Memory that nobody has touched: those that fill it share the cost of that. *pointer is NULL. */
@@ -303,12 +304,12 @@ static int build_empty(struct bvh *bvh, struct kiln_error *error)
     return flatten_root(bvh, &stand_in, &nowhere, error);
 }
 
-static float margin_of(const struct kiln_geometry *g) { return fmaxf(KILN_GPU_BOX_MARGIN * g->extent, 1e-30f); }
+float bvh_margin(const struct kiln_geometry *g) { return fmaxf(KILN_GPU_BOX_MARGIN * g->extent, 1e-30f); }
 
 static struct box fill_primitives(const struct kiln_geometry *g, struct RTCBuildPrimitive *primitives, uint32_t threads)
 {
     const size_t count = kiln_geometry_hittable_count(g);
-    const float margin = margin_of(g);
+    const float margin = bvh_margin(g);
 #pragma omp parallel for schedule(static) num_threads((int)threads)
     for (size_t i = 0; i < count; i++) {
         const size_t triangle = kiln_geometry_hittable(g, i);
@@ -367,30 +368,100 @@ static int build(struct bvh *bvh, struct kiln_error *error)
     return status;
 }
 
-int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params,
-               struct kiln_error *error)
+/* One without a tree. */
+static int begin(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params,
+                 struct kiln_error *error)
 {
+    struct bvh *b = NULL;
     *bvh = NULL;
     if (geometry->triangle_count > KILN_GPU_LEAF_FIRST)
         return kiln_fail(error, KILN_BAD_INPUT,
                          "%zu triangles are more than a BVH for the device can hold (%u): bake parts of the scene",
                          geometry->triangle_count, KILN_GPU_LEAF_FIRST);
-    struct bvh *b = NULL;
-    int status = kiln_allocate(&b, 1, sizeof *b, "the BVH", error);
+    const int status = kiln_allocate(&b, 1, sizeof *b, "the BVH", error);
     if (status != KILN_OK)
         return status;
+    *bvh = b;
     b->geometry = geometry;
     b->depth_limit = params->depth_limit != 0 ? params->depth_limit : DEPTH_LIMIT;
     b->threads = params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs();
-    status = allocate_untouched(&b->order, kiln_geometry_hittable_count(geometry) + 1, sizeof *b->order,
-                                "the BVH's order of triangles", error);
+    return allocate_untouched(&b->order, kiln_geometry_hittable_count(geometry) + 1, sizeof *b->order,
+                              "the BVH's order of triangles", error);
+}
+
+int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params,
+               struct kiln_error *error)
+{
+    int status = begin(bvh, geometry, params, error);
     if (status == KILN_OK)
-        status = kiln_geometry_hittable_count(geometry) == 0 ? build_empty(b, error) : build(b, error);
+        status = kiln_geometry_hittable_count(geometry) == 0 ? build_empty(*bvh, error) : build(*bvh, error);
     if (status != KILN_OK)
-        bvh_destroy(&b);
-    *bvh = b;
+        bvh_destroy(bvh);
     return status;
 }
+
+/* ---- from the device's tree ---- */
+
+/* The triangles below a node, few; how many. */
+static uint32_t list_triangles(const struct kiln_gpu_bvh_node *nodes, uint32_t at, uint32_t triangles[LEAF_MOST])
+{
+    if (nodes[at].second == KILN_GPU_NONE) {
+        triangles[0] = nodes[at].first;
+        return 1;
+    }
+    const uint32_t count = list_triangles(nodes, nodes[at].first, triangles);
+    return count + list_triangles(nodes, nodes[at].second, triangles + count);
+}
+
+static struct box box_of(const struct kiln_gpu_bvh_node *node)
+{
+    return (struct box){{node->lower[0], node->lower[1], node->lower[2]},
+                        {node->upper[0], node->upper[1], node->upper[2]}};
+}
+
+/* Children stand before their parents. */
+static void take_node(const struct kiln_gpu_bvh_node *nodes, const struct kiln_gpu_bvh_share *shares, uint32_t at,
+                      struct built *tree)
+{
+    struct built *to = &tree[at];
+    to->triangles = shares[at].triangles & ~KILN_GPU_LEAF;
+    to->count = (shares[at].triangles & KILN_GPU_LEAF) != 0 ? to->triangles : 0;
+    to->leaves = 1;
+    if (to->count != 0) {
+        (void)list_triangles(nodes, at, to->is.triangle);
+        return;
+    }
+    const uint32_t child[2] = {nodes[at].first, nodes[at].second};
+    for (int i = 0; i < 2; i++) {
+        to->is.inner.child[i] = &tree[child[i]];
+        to->is.inner.box[i] = box_of(&nodes[child[i]]);
+    }
+    to->leaves = tree[child[0]].leaves + tree[child[1]].leaves;
+}
+
+int bvh_create_of(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params,
+                  const struct kiln_gpu_bvh_node *nodes, const struct kiln_gpu_bvh_share *shares,
+                  struct kiln_error *error)
+{
+    const size_t count = 2 * kiln_geometry_hittable_count(geometry) - 1;
+    struct built *tree = NULL;
+    int status = begin(bvh, geometry, params, error);
+    if (status == KILN_OK)
+        status = allocate_untouched(&tree, count, sizeof *tree, "the device's BVH", error);
+    for (size_t i = 0; i < count && status == KILN_OK; i++)
+        take_node(nodes, shares, (uint32_t)i, tree);
+    const struct box bounds = box_of(&nodes[count - 1]);
+    if (status == KILN_OK)
+        status = flatten_root(*bvh, &tree[count - 1], &bounds, error);
+    if (status == KILN_OK)
+        (*bvh)->of_device = true;
+    kiln_free(&tree);
+    if (status != KILN_OK)
+        bvh_destroy(bvh);
+    return status;
+}
+
+bool bvh_is_of_device(const struct bvh *bvh) { return bvh != NULL && bvh->of_device; }
 
 void bvh_destroy(struct bvh **bvh)
 {

@@ -1,5 +1,5 @@
-/* One tree of boxes over the world's triangles, built by Embree (rtcBuildBVH), and the layouts in which kernels walk it
- * (shaders/shared/layout_trace.h says what is in them).
+/* One tree of boxes over the world's triangles on the host, built by Embree (rtcBuildBVH) or taken from the device
+ * (bvh_device.h), and the layouts in which kernels walk it (shaders/shared/layout_trace.h says what is in them).
  *
  * Any triangles will do: none, degenerate ones, many in one place. Boxes have a margin for the rounding errors of
  * tracing (KILN_GPU_BOX_MARGIN). None of these is collective. */
@@ -12,7 +12,7 @@
 
 #include "worker/base/status.h"
 #include "worker/scene/geometry.h"
-#include "shaders/shared/layout.h"
+#include "shaders/shared/push.h"
 
 struct bvh;
 
@@ -27,7 +27,16 @@ struct bvh_params {
  * that while it is built. */
 int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params,
                struct kiln_error *error);
+/* The tree as bvh_device.h builds it, of at least one triangle that rays can hit: so many times two, less one, nodes.
+ */
+int bvh_create_of(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params,
+                  const struct kiln_gpu_bvh_node *nodes, const struct kiln_gpu_bvh_share *shares,
+                  struct kiln_error *error);
+bool bvh_is_of_device(const struct bvh *bvh);
 void bvh_destroy(struct bvh **bvh);
+
+/* How much wider on each side boxes are than what they hold, m. */
+float bvh_margin(const struct kiln_geometry *g);
 
 /* A layout in plain memory, ready to be uploaded as it is. */
 struct bvh_layout {

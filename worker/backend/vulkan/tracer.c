@@ -13,11 +13,22 @@ enum { MOST_CANDIDATES = 8, TRIAL_RAYS = 1 << 20, MOST_TRIALS = 64 };
 static const double TRIAL_SECONDS = 0.05, LAYOUT_MARGIN = 1.1, PIPELINE_MARGIN = 1.25;
 static const double FEW_RAYS = 5e8; /* a tenth of a second of one H200 */
 
+/* The tree of compute traversal: the device's own, the host's, or both. */
+struct trees {
+    struct bvh_device *device;
+    struct bvh *host;
+};
+
 const char *vulkan_tracer_name(const struct vulkan_tracer *tracer)
 {
-    static const char *const names[] = {"all triangles tested", "binary BVH", "four-wide BVH",
-                                        "compressed eight-wide BVH"};
-    return tracer->acceleration != NULL ? "ray-tracing pipeline" : names[tracer->traversal & 3u];
+    static const char *const names[][4] = {
+        [VULKAN_TREE_OF_HOST] = {"all triangles tested", "binary BVH", "four-wide BVH", "compressed eight-wide BVH"},
+        [VULKAN_TREE_OF_DEVICE] = {"all triangles tested", "binary BVH built there", "four-wide BVH built there",
+                                   "compressed eight-wide BVH built there"},
+        [VULKAN_TREE_FETCHED] = {"all triangles tested", "binary BVH built there, laid out here",
+                                 "four-wide BVH built there, laid out here",
+                                 "compressed eight-wide BVH built there, laid out here"}};
+    return tracer->acceleration != NULL ? "ray-tracing pipeline" : names[tracer->tree][tracer->traversal & 3u];
 }
 
 void vulkan_tracer_destroy(struct gpu *gpu, struct vulkan_tracer *tracer)
@@ -28,22 +39,57 @@ void vulkan_tracer_destroy(struct gpu *gpu, struct vulkan_tracer *tracer)
     *tracer = (struct vulkan_tracer){0};
 }
 
-static int make_compute(struct vulkan_backend *b, const struct bvh *bvh, uint32_t traversal, struct vulkan_tracer *t,
+static struct kiln_gpu_trace layout_of(const struct vulkan_backend *b, const struct vulkan_tracer *t,
+                                       size_t triangle_count)
+{
+    return (struct kiln_gpu_trace){.nodes = t->nodes.address,
+                                   .triangles = t->triangles.address,
+                                   .triangle_count = (uint32_t)triangle_count,
+                                   .extent = b->params.geometry->extent};
+}
+
+/* The tree on the host, which is made where it is not there yet: of the device's, or by Embree. */
+static int have_host_tree(struct vulkan_backend *b, struct trees *trees, struct kiln_error *error)
+{
+    const struct bvh_params params = {.threads = b->params.threads};
+    if (trees->host != NULL)
+        return KILN_OK;
+    return trees->device != NULL ? bvh_device_fetch(trees->device, &params, &trees->host, error)
+                                 : bvh_create(&trees->host, b->params.geometry, &params, error);
+}
+
+static int make_on_host(struct vulkan_backend *b, struct trees *trees, struct vulkan_tracer *t,
                         struct kiln_error *error)
 {
     struct bvh_layout layout = {0};
-    *t = (struct vulkan_tracer){.traversal = traversal};
-    int status = bvh_layout_create(&layout, bvh, traversal, error);
+    int status = have_host_tree(b, trees, error);
+    if (status == KILN_OK)
+        status = bvh_layout_create(&layout, trees->host, t->traversal, error);
     if (status == KILN_OK)
         status = gpu_buffer_of(b->gpu, &t->nodes, layout.nodes, layout.node_count * layout.node_size, "the BVH", error);
     if (status == KILN_OK)
         status = gpu_buffer_of(b->gpu, &t->triangles, layout.triangles,
                                layout.triangle_count * sizeof *layout.triangles, "the BVH's triangles", error);
-    t->layout = (struct kiln_gpu_trace){.nodes = t->nodes.address,
-                                        .triangles = t->triangles.address,
-                                        .triangle_count = (uint32_t)layout.triangle_count,
-                                        .extent = b->params.geometry->extent};
+    t->layout = layout_of(b, t, layout.triangle_count);
+    t->tree = bvh_is_of_device(trees->host) ? VULKAN_TREE_FETCHED : VULKAN_TREE_OF_HOST;
     bvh_layout_free(&layout);
+    return status;
+}
+
+static int make_compute(struct vulkan_backend *b, struct trees *trees, uint32_t traversal, struct vulkan_tracer *t,
+                        struct kiln_error *error)
+{
+    struct bvh_device_layout layout;
+    bool too_deep = false;
+    *t = (struct vulkan_tracer){.traversal = traversal, .tree = VULKAN_TREE_OF_DEVICE};
+    if (trees->device == NULL || !bvh_device_makes(traversal))
+        return make_on_host(b, trees, t, error);
+    const int status = bvh_device_layout_create(trees->device, traversal, &layout, &too_deep, error);
+    if (status == KILN_OK && too_deep)
+        return make_on_host(b, trees, t, error);
+    t->nodes = layout.nodes;
+    t->triangles = layout.triangles;
+    t->layout = layout_of(b, t, layout.triangle_count);
     return status;
 }
 
@@ -59,11 +105,11 @@ static int make_pipeline(struct vulkan_backend *b, struct vulkan_tracer *t, stru
     return status;
 }
 
-static int make(struct vulkan_backend *b, const struct bvh *bvh, uint32_t traversal, struct vulkan_tracer *t,
+static int make(struct vulkan_backend *b, struct trees *trees, uint32_t traversal, struct vulkan_tracer *t,
                 struct kiln_error *error)
 {
     return traversal == KILN_TRAVERSAL_PIPELINE ? make_pipeline(b, t, error)
-                                                : make_compute(b, bvh, traversal, t, error);
+                                                : make_compute(b, trees, traversal, t, error);
 }
 
 /* Makes all kernels to come use the tracer. */
@@ -112,7 +158,7 @@ static int try_rays(struct vulkan_backend *b, const struct gpu_buffer *rays, con
 }
 
 /* Tries the candidates in turn and leaves the best in use. */
-static int try_all(struct vulkan_backend *b, const struct bvh *bvh, const uint32_t *candidates, size_t count,
+static int try_all(struct vulkan_backend *b, struct trees *trees, const uint32_t *candidates, size_t count,
                    struct kiln_error *error)
 {
     struct kiln_vec3 *host = NULL;
@@ -128,7 +174,7 @@ static int try_all(struct vulkan_backend *b, const struct bvh *bvh, const uint32
                                    "hits of rays to try", error);
     for (size_t i = 0; i < count && status == KILN_OK; i++) {
         struct vulkan_tracer t;
-        status = make(b, bvh, candidates[i], &t, error);
+        status = make(b, trees, candidates[i], &t, error);
         if (status == KILN_OK)
             status = use(b, &t, error);
         if (status == KILN_OK)
@@ -160,8 +206,18 @@ bool vulkan_tracer_may_be_pipeline(const struct kiln_backend_params *params)
            (params->traversal == KILN_TRAVERSE_AUTO && !has_few_rays(params));
 }
 
+/* Layouts of whatever tree there is. */
+static size_t list_layouts(const struct vulkan_backend *b, const struct trees *trees, uint32_t *candidates, size_t room)
+{
+    if (trees->host != NULL)
+        return bvh_candidates(trees->host, gpu_about(b->gpu)->software, candidates, room);
+    candidates[0] = KILN_TRAVERSAL_FOUR;
+    candidates[1] = KILN_TRAVERSAL_BINARY;
+    return 2;
+}
+
 /* What may be tried, the pipeline last. */
-static size_t list_candidates(const struct vulkan_backend *b, const struct bvh *bvh, uint32_t *candidates)
+static size_t list_candidates(const struct vulkan_backend *b, const struct trees *trees, uint32_t *candidates)
 {
     static const uint32_t one[] = {[KILN_TRAVERSE_PIPELINE] = KILN_TRAVERSAL_PIPELINE,
                                    [KILN_TRAVERSE_ALL] = KILN_TRAVERSAL_BRUTE,
@@ -174,7 +230,7 @@ static size_t list_candidates(const struct vulkan_backend *b, const struct bvh *
         candidates[0] = one[wish];
         return 1;
     }
-    size_t count = bvh_candidates(bvh, about->software, candidates, MOST_CANDIDATES - 1);
+    size_t count = list_layouts(b, trees, candidates, MOST_CANDIDATES - 1);
     if (about->software || has_few_rays(&b->params) || kiln_geometry_hittable_count(b->params.geometry) == 0)
         return 1;
     if (wish == KILN_TRAVERSE_AUTO && about->ray_tracing)
@@ -182,23 +238,49 @@ static size_t list_candidates(const struct vulkan_backend *b, const struct bvh *
     return count;
 }
 
+/* Whether the device builds the tree: where that is quicker, and what is asked for needs one. */
+static bool device_builds(const struct vulkan_backend *b)
+{
+    const struct kiln_geometry *g = b->params.geometry;
+    const enum kiln_tree_builder wish = b->faults.wanted.tree;
+    if (wish == KILN_TREE_HOST || b->params.traversal == KILN_TRAVERSE_ALL || !bvh_device_can(b->gpu, g))
+        return false;
+    return wish == KILN_TREE_DEVICE ||
+           (!gpu_about(b->gpu)->software && kiln_geometry_hittable_count(g) >= BVH_DEVICE_LEAST);
+}
+
+/* One tree: the device's where it fits the walks that may be tried. */
+static int build_tree(struct vulkan_backend *b, struct trees *trees, struct kiln_error *error)
+{
+    bool fits = true;
+    if (!device_builds(b))
+        return have_host_tree(b, trees, error);
+    int status = bvh_device_create(&trees->device, b->gpu, b->params.geometry, b->params.threads, error);
+    if (status == KILN_OK)
+        status = bvh_device_fits(trees->device, KILN_TRAVERSAL_FOUR, &fits, error);
+    if (status != KILN_OK || fits)
+        return status;
+    status = have_host_tree(b, trees, error);
+    bvh_device_destroy(&trees->device);
+    return status;
+}
+
 int vulkan_tracer_create(struct vulkan_backend *b, struct kiln_error *error)
 {
-    const struct bvh_params params = {.threads = b->params.threads};
-    struct bvh *bvh = NULL;
+    struct trees trees = {NULL, NULL};
     uint32_t candidates[MOST_CANDIDATES];
-    int status =
-        b->params.traversal != KILN_TRAVERSE_PIPELINE ? bvh_create(&bvh, b->params.geometry, &params, error) : KILN_OK;
+    int status = b->params.traversal != KILN_TRAVERSE_PIPELINE ? build_tree(b, &trees, error) : KILN_OK;
     if (status == KILN_OK) {
-        const size_t count = list_candidates(b, bvh, candidates);
+        const size_t count = list_candidates(b, &trees, candidates);
         struct vulkan_tracer t;
         if (count > 1)
-            status = try_all(b, bvh, candidates, count, error);
-        else if ((status = make(b, bvh, candidates[0], &t, error)) == KILN_OK)
+            status = try_all(b, &trees, candidates, count, error);
+        else if ((status = make(b, &trees, candidates[0], &t, error)) == KILN_OK)
             status = use(b, &t, error);
         else
             vulkan_tracer_destroy(b->gpu, &t);
     }
-    bvh_destroy(&bvh);
+    bvh_device_destroy(&trees.device);
+    bvh_destroy(&trees.host);
     return status;
 }

@@ -5,13 +5,17 @@
 
 #include "worker/backend/backend.h"
 #include "worker/backend/vulkan/acceleration.h"
-#include "worker/backend/vulkan/bvh.h"
+#include "worker/backend/vulkan/bvh_device.h"
 #include "worker/backend/vulkan/gpu/gpu.h"
 
 struct vulkan_backend;
 
+/* Who has built the tree of compute traversal: the host, the device, or the device for the host to lay it out. */
+enum vulkan_tree { VULKAN_TREE_OF_HOST, VULKAN_TREE_OF_DEVICE, VULKAN_TREE_FETCHED };
+
 struct vulkan_tracer {
     uint32_t traversal; /* KILN_TRAVERSAL_*: the specialisation constant */
+    enum vulkan_tree tree;
     struct gpu_buffer nodes, triangles;
     struct acceleration *acceleration; /* NULL: compute */
     struct kiln_gpu_trace layout;
@@ -22,7 +26,14 @@ struct vulkan_tracer {
  * the scene, for some 50 ms each, and keeps the fastest: an earlier one (bvh_candidates) unless a later is a tenth
  * faster, the pipeline only when it is a quarter faster than compute, so that a choice between near equals, whose hits
  * differ in the last bits, does not depend on the day. All compute layouts find the same hits. The rest of the scene
- * must be on the device. KILN_NO_DEVICE when the pipeline is asked for and not there. */
+ * must be on the device.
+ *
+ * The tree is the device's own (bvh_device.h) where the device is a real one, has room for that, and rays can hit at
+ * least BVH_DEVICE_LEAST triangles; of it the four-wide and the binary layout are tried, which the device makes in a
+ * few milliseconds (the eight-wide one would have to be fetched, and was 10 to 55 % slower on an H200). Else, and for
+ * software devices, it is Embree's (bvh.h). A tree of the device's that is too deep for the four-wide walk is fetched,
+ * cut evenly below depth 40, and laid out by the host. vulkan_tracer_name says which. KILN_NO_DEVICE when the pipeline
+ * is asked for and not there. */
 int vulkan_tracer_create(struct vulkan_backend *b, struct kiln_error *error);
 /* Whether the device's own ray tracing may be asked for. Where few rays are expected (params.rays) AUTO and COMPUTE
  * take the first candidate untried: to start ray tracing and to try it would take longer than all rays. */

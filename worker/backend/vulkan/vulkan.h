@@ -8,8 +8,8 @@
  * over points have in common), answers.c (what a device hands over of points), points.c (surface points on the device),
  * visibility.c (what pairs of patches see), kept_rows.c and held.c (kept rows, and light that stays with them),
  * groups.c (the light of groups), lights.c, materials.c and techniques.c (the scene on the device), bvh.c,
- * acceleration.c and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/ is Vulkan for compute
- * and knows no light.
+ * bvh_device.c, bvh_top.c, acceleration.c and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/
+ * is Vulkan for compute and knows no light.
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
  * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
