@@ -529,26 +529,6 @@ static int open_map(const struct writer *w, uint32_t object, struct kiln_error *
                : kiln_map_create(&work->map, lightmap->width, lightmap->height, &w->layers.planes, error);
 }
 
-/* Lists own objects of the round in `own`, largest first, so that a thread does not start the largest when the others
- * are done; creates their maps, unless they have been kept. */
-static int open_round(const struct writer *w, const struct kiln_assignment *assignment, uint32_t rank, uint32_t round,
-                      uint32_t *own, size_t *count, struct kiln_error *error)
-{
-    *count = 0;
-    for (size_t i = 0; i < assignment->count; i++) {
-        const bool bands = assignment->owner[i] == KILN_IN_BANDS;
-        if ((assignment->owner[i] != rank && !bands) || assignment->round[i] != round)
-            continue;
-        w->works[i].in_bands = bands;
-        const int status = open_map(w, (uint32_t)i, error);
-        if (status != KILN_OK)
-            return status;
-        own[(*count)++] = (uint32_t)i;
-    }
-    qsort_r(own, *count, sizeof *own, compare_texels, w->result->surface->lightmaps);
-    return KILN_OK;
-}
-
 static uint64_t texels_of(const struct writer *w, const uint32_t *own, size_t count)
 {
     uint64_t texels = 0;
@@ -594,6 +574,23 @@ static int run_side_by_side(const struct writer *w, const uint32_t *own, size_t 
         }
     }
     return status;
+}
+
+/* Lists own objects of the round in `own`, largest first, so that a thread does not start the largest when the others
+ * are done; creates their maps, unless they have been kept. */
+static int open_round(const struct writer *w, const struct kiln_assignment *assignment, uint32_t rank, uint32_t round,
+                      uint32_t *own, size_t *count, struct kiln_error *error)
+{
+    *count = 0;
+    for (size_t i = 0; i < assignment->count; i++) {
+        const bool bands = assignment->owner[i] == KILN_IN_BANDS;
+        if ((assignment->owner[i] != rank && !bands) || assignment->round[i] != round)
+            continue;
+        w->works[i].in_bands = bands;
+        own[(*count)++] = (uint32_t)i;
+    }
+    qsort_r(own, *count, sizeof *own, compare_texels, w->result->surface->lightmaps);
+    return run_side_by_side(w, own, *count, omp_get_max_threads(), open_map, error);
 }
 
 /* Calls `run` for some objects of a round, the largest first. */

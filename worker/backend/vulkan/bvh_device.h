@@ -25,8 +25,8 @@
 
 struct bvh_device;
 
-/* Triangles from which on a real device builds the tree: an estimate (Embree takes some 0.05 s for them on 16 cores).
- */
+/* Triangles from which on a real device builds the tree. On an H200 both take 0.02 s for 100,000 (Embree on 16 idle
+ * cores), and 0.06 and 0.28 s for 4 million; but where others are at work on these cores Embree took up to 2.4 s. */
 enum { BVH_DEVICE_LEAST = 1 << 16 };
 
 /* Whether rays can hit anything, no more than a leaf can point at, and the device has room to build: about 290 bytes a

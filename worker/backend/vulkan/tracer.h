@@ -29,11 +29,11 @@ struct vulkan_tracer {
  * must be on the device.
  *
  * The tree is the device's own (bvh_device.h) where the device is a real one, has room for that, and rays can hit at
- * least BVH_DEVICE_LEAST triangles; of it the four-wide and the binary layout are tried, which the device makes in a
- * few milliseconds (the eight-wide one would have to be fetched, and was 10 to 55 % slower on an H200). Else, and for
- * software devices, it is Embree's (bvh.h). A tree of the device's that is too deep for the four-wide walk is fetched,
- * cut evenly below depth 40, and laid out by the host. vulkan_tracer_name says which. KILN_NO_DEVICE when the pipeline
- * is asked for and not there. */
+ * least BVH_DEVICE_LEAST triangles, and no more rays a triangle are to come than it is quicker for; of it the four-wide
+ * and the binary layout are tried, which the device makes in a few milliseconds (the eight-wide one would have to be
+ * fetched, and was 10 to 55 % slower on an H200). Else, and for software devices, it is Embree's (bvh.h). A tree of the
+ * device's that is too deep for the four-wide walk is fetched, cut evenly below depth 40, and laid out by the host.
+ * vulkan_tracer_name says which. KILN_NO_DEVICE when the pipeline is asked for and not there. */
 int vulkan_tracer_create(struct vulkan_backend *b, struct kiln_error *error);
 /* Whether the device's own ray tracing may be asked for. Where few rays are expected (params.rays) AUTO and COMPUTE
  * take the first candidate untried: to start ray tracing and to try it would take longer than all rays. */
