@@ -22,6 +22,7 @@
 #include "worker/light/emission.h"
 #include "worker/pass/land.h"
 #include "worker/pass/spheres.h"
+#include "worker/base/memory.h"
 #include "worker/pass/validity.h"
 #include "worker/pass/weighed.h"
 #include "worker/scene/gloss.h"
@@ -73,6 +74,17 @@ static uint32_t glass(struct world *w)
     return g->material;
 }
 
+/* Thin, and coloured: rays pass it by chances that depend on their angle. */
+static uint32_t pane(struct world *w)
+{
+    struct kiln_gloss *g = gloss(w, 0.6f, 0.9f, 0.8f, 0.0f);
+    g->transmission = 1.0f;
+    g->ior = 1.5f;
+    w->f->materials[g->material].transmission = 1.0f;
+    w->f->materials[g->material].transmission_texture = KILN_NONE;
+    return g->material;
+}
+
 static void sheet(struct world *w, struct kiln_dvec3 corner, struct kiln_dvec3 u, struct kiln_dvec3 v, double rough,
                   uint32_t material)
 {
@@ -92,7 +104,7 @@ static void curve(struct fixture *f, struct kiln_vec3 front)
         f->normals[v] = vec3_normalize(vec3_add(front, vec3(0.0f, f->positions[v].y - 0.95f, 0.0f)));
 }
 
-/* A floor, a wall, a block of glass, a mirror, rough metal, a varnished board; every kind of lamp. */
+/* A floor, a wall, a block and a pane of glass, a mirror, rough metal, a varnished board; every kind of lamp. */
 static void build(struct world *w)
 {
     *w = (struct world){.f = fixture_create()};
@@ -109,6 +121,7 @@ static void build(struct world *w)
     curve(f, vec3_normalize(vec3(3.0f, 0.0f, -0.45f)));
     sheet(w, dvec3(-1, 0.05, 2.5), dvec3(2, 0, 0), dvec3(0, 0, -1), 0.0, gloss(w, 0.6f, 0.3f, 0.2f, 0.2f)->material);
     sheet(w, dvec3(-0.5, 2.9, -0.5), dvec3(1, 0, 0), dvec3(0, 0, 1), 0.0, lamp);
+    sheet(w, dvec3(0.9, 0.1, 2.2), dvec3(0.8, 0, 0.2), dvec3(0, 0.9, 0), 0.0, pane(w));
     const uint32_t block = fixture_cube(f, 2, 0.0, glass(w));
     fixture_object(f, block, (const double[12]){0.4, 0, 0, 0, 0, 0.4, 0, 0.7, 0, 0, 0.4, 0}, 24, 24);
     w->lights[f->scene.light_count++] = (struct kiln_light){
@@ -128,6 +141,7 @@ static void build(struct world *w)
     f->scene.environment_texels = w->sky;
     assert_int_equal(kiln_scene_take_gloss(&f->scene, KILN_GLOSS_MODE_AUTO, NULL), KILN_OK);
     assert_int_equal(kiln_geometry_create(&w->geometry, &f->scene, NULL), KILN_OK);
+    assert_int_equal(w->geometry->passage, KILN_PASSAGE_PANE);
     assert_int_equal(kiln_lights_create(&w->made, &f->scene, w->geometry, NULL), KILN_OK);
     const struct kiln_surface_params params = {.scene = &f->scene, .geometry = w->geometry, .ranks = 1, .threads = 1};
     assert_int_equal(kiln_surface_build(&w->surface, &params, &(struct kiln_surface_report){0}, NULL), KILN_OK);
@@ -149,6 +163,7 @@ static void release(struct world *w)
     kiln_surface_destroy(&w->surface);
     kiln_lights_destroy(&w->made);
     kiln_geometry_destroy(&w->geometry);
+    kiln_free(&w->f->scene.panes);
     fixture_destroy(w->f);
 }
 
