@@ -77,6 +77,9 @@ static void pack_ahead(void *context, const struct kiln_rank_data *own)
 }
 
 /* kiln_beside */
+static void pack_direct(void *context) { kiln_points_ahead_direct(((struct kiln_bake *)context)->ahead); }
+
+/* kiln_beside */
 static void stop_packing(void *context) { kiln_points_ahead_stop(((struct kiln_bake *)context)->ahead); }
 
 int kiln_bake_settle_light(struct kiln_bake *b, struct kiln_error *error)
@@ -86,7 +89,7 @@ int kiln_bake_settle_light(struct kiln_bake *b, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     kiln_field_set_choose(&b->fields, b->job);
-    b->beside = (struct kiln_beside){.start = pack_ahead, .stop = stop_packing, .context = b};
+    b->beside = (struct kiln_beside){.start = pack_ahead, .direct = pack_direct, .stop = stop_packing, .context = b};
     b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
                                                      .rank = b->rank,
                                                      .ranks = b->prepared->ranks,

@@ -62,8 +62,8 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
                      (double)kiln_field_set_plane_bytes(&fields) - MEASURED_PLANES + (denoises ? DENOISE_PLANES : 0.0),
                  columns = (double)kiln_field_set_column_bytes(&fields) - KILN_RESULTS_COLUMNS;
     const double points_a_texel = size->texels > 0.0 ? size->points / size->texels : 1.0;
-    /* not all lightmaps under way are denoised at the same time: measured memory is that of about two a thread */
-    const double denoised = denoises ? fmin(at_once, 2.0 * size->threads * largest) * points_a_texel : 0.0;
+    /* not all lightmaps under way are denoised at the same time: measured memory is that of one or two a thread */
+    const double denoised = denoises ? fmin(at_once, 1.5 * size->threads * largest) * points_a_texel : 0.0;
     const double of_groups = 24.0 * (double)size->job->group_count; /* bytes of a texel, and as many again denoised */
     const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (DENOISE_WORK + of_groups) * denoised +
                              (size->ranks > 1.0 ? 2.0 : 1.0) * (RECORD_BYTES + planes) * rows;

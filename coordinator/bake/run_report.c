@@ -715,15 +715,16 @@ static json_t *ahead_json(const struct kiln_run *run)
     const MPI_Comm comm = run->prepared->communicator;
     struct kiln_points_ahead_report own;
     kiln_points_ahead_report(run->ahead, &own);
-    uint64_t counts[2] = {own.chunks * KILN_H5_CHUNK_ROWS, own.bytes};
+    uint64_t counts[3] = {own.chunks * KILN_H5_CHUNK_ROWS, own.bytes, own.direct * KILN_H5_CHUNK_ROWS};
     double processor = own.processor, seconds = own.end - own.begin;
-    (void)MPI_Reduce(run->prepared->rank == 0 ? MPI_IN_PLACE : counts, counts, 2, MPI_UINT64_T, MPI_SUM, 0, comm);
+    (void)MPI_Reduce(run->prepared->rank == 0 ? MPI_IN_PLACE : counts, counts, 3, MPI_UINT64_T, MPI_SUM, 0, comm);
     (void)MPI_Reduce(run->prepared->rank == 0 ? MPI_IN_PLACE : &processor, &processor, 1, MPI_DOUBLE, MPI_SUM, 0, comm);
     (void)MPI_Reduce(run->prepared->rank == 0 ? MPI_IN_PLACE : &seconds, &seconds, 1, MPI_DOUBLE, MPI_MAX, 0, comm);
     return run->prepared->rank != 0
                ? NULL
-               : json_pack("{s:{s:I, s:I, s:f, s:f}}", "points", "packed", (json_int_t)counts[0], "bytes",
-                           (json_int_t)counts[1], "processor_seconds", processor, "seconds", seconds);
+               : json_pack("{s:{s:I, s:I, s:I, s:f, s:f}}", "points", "packed", (json_int_t)counts[0], "direct_packed",
+                           (json_int_t)counts[2], "bytes", (json_int_t)counts[1], "processor_seconds", processor,
+                           "seconds", seconds);
 }
 
 static json_t *volume_json(const struct kiln_run *run, const uint64_t *values)

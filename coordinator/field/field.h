@@ -100,7 +100,8 @@ struct kiln_field {
     /* kiln.h5: the dataset's name, "/GROUP/NAME"; NULL: not in the file. Points where no light can be gathered have 0,
      * unless the field is of the surface. */
     const char *dataset, *description;
-    bool noisy; /* its digits are random: as kiln_chunk_pack has it */
+    bool noisy;     /* its digits are random: as kiln_chunk_pack has it */
+    bool of_direct; /* nothing changes it once direct light has been computed, in a bake in one part */
     /* lightmaps: names of `components` channels; NULL: in no lightmap */
     const char *const *channels;
     const char *attribute; /* name of the attribute of lightmaps that holds `description`; NULL: none */

@@ -148,6 +148,7 @@ static const struct kiln_field table[] = {
      .description =
          "from lights, about the shading normal, linear RGB, as gathered: not denoised, not filled, seams not "
          "smoothed (the lightmaps are)",
+     .of_direct = true,
      .channels = direct_channels,
      .smooth = true},
     {.name = "sum",
@@ -286,6 +287,7 @@ static const struct kiln_field table[] = {
      .dataset = "/irradiance/error_direct",
      .description = "standard error of the luminance of direct",
      .noisy = true,
+     .of_direct = true,
      .present = wants_errors_apart},
     {.name = "error_indirect",
      .type = KILN_FIELD_ERROR,

@@ -245,6 +245,13 @@ static int save_between(struct kiln_lockstep *l, bool finished, struct kiln_erro
     return KILN_OK;
 }
 
+/* Steps that gather radiosity come after all that compute direct light. */
+static void tell_of_direct(const struct kiln_integrate_params *p, const struct kiln_step *step)
+{
+    if (p->beside != NULL && step->quantity == NULL && step->pass->reads_radiosity && p->settings->parts <= 1)
+        p->beside->direct(p->beside->context);
+}
+
 /* Collective. What the step gathers from, and who computes which points, then the step itself. */
 static int do_step(struct kiln_lockstep *l, const struct kiln_step *step, struct kiln_error *error)
 {
@@ -263,6 +270,8 @@ static int do_step(struct kiln_lockstep *l, const struct kiln_step *step, struct
         status = kiln_trial_run(p, l->solution, step, error);
     if (status == KILN_OK)
         status = begin_step(l, step, error);
+    if (status == KILN_OK)
+        tell_of_direct(p, step);
     if (status == KILN_OK && !first)
         status = save_between(l, false, error);
     return status == KILN_OK ? run_step(l, error) : status;

@@ -148,6 +148,7 @@ static void add_fields(struct kiln_columns *columns, const struct kiln_field_set
                                                                      .components = f->components,
                                                                      .noisy = f->noisy,
                                                                      .early = of_surface,
+                                                                     .of_direct = f->of_direct,
                                                                      .units = f->unit,
                                                                      .description = f->description,
                                                                      .field = i};

@@ -24,6 +24,7 @@ struct kiln_column {
     uint32_t components;
     bool noisy;                      /* as kiln_chunk_pack has it */
     bool early;                      /* the surface alone tells it, before there is light (points_ahead.h) */
+    bool of_direct;                  /* direct light alone tells it */
     const char *units, *description; /* units NULL: those of field number `field` */
     /* writes one row; NULL: the row is that of field number `field` of the bake's field set */
     void (*put)(void *row, const struct kiln_column_point *point);

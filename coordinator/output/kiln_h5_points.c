@@ -187,6 +187,21 @@ static void keep(struct kiln_points_writer *w, size_t slot, size_t bytes)
         memcpy(w->kept[part], w->packed + points_slot(w, slot), bytes);
 }
 
+/* Copies a part of direct light that was packed ahead, if its rows are still the same. */
+static bool take_direct(const struct kiln_points_writer *w, uint64_t part, const void *rows, uint8_t *packed,
+                        size_t *bytes)
+{
+    const uint64_t columns = w->columns.count, chunk = points_first_chunk(w, w->rank) + part / columns;
+    const struct kiln_column *column = points_column(w, part % columns);
+    if (!column->of_direct || w->chunk_rows != KILN_H5_CHUNK_ROWS)
+        return false;
+    const void *from = kiln_points_ahead_find_direct(w->ahead, chunk, column->name, rows,
+                                                     w->chunk_rows * kiln_column_row(column), bytes);
+    if (from != NULL)
+        memcpy(packed, from, *bytes);
+    return from != NULL;
+}
+
 static int pack_slot(struct kiln_points_writer *w, size_t slot, struct kiln_error *error)
 {
     const size_t at = slot % w->columns.count, chunk = slot / w->columns.count, place = points_slot(w, slot);
@@ -197,7 +212,7 @@ static int pack_slot(struct kiln_points_writer *w, size_t slot, struct kiln_erro
     if (w->kept[part] != NULL)
         return KILN_OK;
     int status = KILN_OK;
-    if (points_ahead_part(w, part, &bytes) == NULL) {
+    if (points_ahead_part(w, part, &bytes) == NULL && !take_direct(w, part, values, w->packed + place, &bytes)) {
         status = kiln_chunk_pack(values, w->chunk_rows * column->components, kiln_column_value(column), column->noisy,
                                  points_shuffled(w), w->packed + place, &bytes, error);
         keep(w, slot, bytes);

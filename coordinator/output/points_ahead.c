@@ -5,6 +5,7 @@
 #include <stdatomic.h>
 #include <string.h>
 #include <time.h>
+#include <xxhash.h>
 
 #include "coordinator/output/chunk.h"
 #include "coordinator/output/columns.h"
@@ -16,17 +17,24 @@ enum { THREADS_MOST = 4, THREADS_SHARE = 4 };
 struct part {
     void *bytes;
     size_t size;
+    uint64_t hash; /* of direct light: of its rows as they were packed */
 };
+
+/* What is packed first, and what is packed once there is direct light. */
+enum stage { OF_SURFACE, OF_DIRECT, STAGES };
 
 struct kiln_points_ahead {
     struct kiln_bake_result result;
-    struct kiln_columns columns; /* known before there is light */
+    struct kiln_columns columns; /* of both stages */
     uint64_t first, count;       /* chunks that lie within the own points */
     struct part *parts;          /* chunk by chunk, count x columns.count */
-    atomic_bool *done;           /* one a chunk: all its parts are there */
-    _Atomic uint64_t next, bytes, nanoseconds;
+    atomic_bool *done[STAGES];   /* one a chunk: all its parts are there */
+    _Atomic uint64_t next[STAGES], bytes, nanoseconds;
     _Atomic uint64_t begin, end; /* ns of CLOCK_MONOTONIC; 0: none yet */
     atomic_bool leave;
+    pthread_mutex_t lock; /* of what follows */
+    pthread_cond_t news;  /* it has changed, or threads are to leave */
+    bool has_direct;
     uint64_t start;
     pthread_t threads[THREADS_MOST];
     uint32_t thread_count; /* that run */
@@ -69,10 +77,14 @@ static void leave_room(struct room *room)
     kiln_free(&room->packed);
 }
 
+static enum stage stage_of(const struct kiln_column *column) { return column->of_direct ? OF_DIRECT : OF_SURFACE; }
+
 static int pack_column(struct kiln_points_ahead *a, uint64_t index, size_t c, const struct room *room)
 {
     const struct kiln_column *column = &a->columns.column[c];
     struct part *part = &a->parts[index * a->columns.count + c];
+    if (column->of_direct)
+        part->hash = XXH3_64bits(room->rows.column[c], KILN_H5_CHUNK_ROWS * kiln_column_row(column));
     int status =
         kiln_chunk_pack(room->rows.column[c], (size_t)KILN_H5_CHUNK_ROWS * column->components,
                         kiln_column_value(column), column->noisy, room->shuffled, room->packed, &part->size, NULL);
@@ -85,18 +97,47 @@ static int pack_column(struct kiln_points_ahead *a, uint64_t index, size_t c, co
     return status;
 }
 
-static int pack_chunk(struct kiln_points_ahead *a, uint64_t index, struct room *room)
+static int pack_chunk(struct kiln_points_ahead *a, enum stage stage, uint64_t index, struct room *room)
 {
     const uint64_t first = (a->first + index) * KILN_H5_CHUNK_ROWS;
+    struct kiln_rows wanted = room->rows;
     int status = KILN_OK;
-    kiln_rows_fill(&room->rows, &a->columns, &a->result, (struct kiln_global_point){first},
+    for (size_t c = 0; c < a->columns.count; c++)
+        if (stage_of(&a->columns.column[c]) != stage)
+            wanted.column[c] = NULL;
+    kiln_rows_fill(&wanted, &a->columns, &a->result, (struct kiln_global_point){first},
                    (struct kiln_global_point){first + KILN_H5_CHUNK_ROWS});
     for (size_t c = 0; status == KILN_OK && c < a->columns.count; c++)
-        status = pack_column(a, index, c, room);
+        if (wanted.column[c] != NULL)
+            status = pack_column(a, index, c, room);
     return status;
 }
 
 /* ---- threads ---- */
+
+static int pack_stage(struct kiln_points_ahead *a, enum stage stage, struct room *room)
+{
+    int status = KILN_OK;
+    while (status == KILN_OK && !a->leave && a->bytes < KILN_POINTS_AHEAD_MOST) {
+        uint64_t none = 0;
+        const uint64_t index = atomic_fetch_add(&a->next[stage], 1), begin = now(CLOCK_MONOTONIC);
+        if (index >= a->count)
+            break;
+        (void)atomic_compare_exchange_strong(&a->begin, &none, begin);
+        status = pack_chunk(a, stage, index, room);
+        a->done[stage][index] = status == KILN_OK;
+        a->end = now(CLOCK_MONOTONIC);
+    }
+    return status;
+}
+
+static void wait_for_direct(struct kiln_points_ahead *a)
+{
+    (void)pthread_mutex_lock(&a->lock);
+    while (!a->has_direct && !a->leave)
+        (void)pthread_cond_wait(&a->news, &a->lock);
+    (void)pthread_mutex_unlock(&a->lock);
+}
 
 /* A thread that runs out of memory ends; the writer packs what is missing. */
 static void *pack_chunks(void *context)
@@ -106,16 +147,12 @@ static void *pack_chunks(void *context)
     kiln_thread_give_way();
     omp_set_num_threads(1); /* of this thread alone */
     int status = make_room(a, &room);
-    while (status == KILN_OK && !a->leave && a->bytes < KILN_POINTS_AHEAD_MOST) {
-        uint64_t none = 0;
-        const uint64_t index = atomic_fetch_add(&a->next, 1), begin = now(CLOCK_MONOTONIC);
-        if (index >= a->count)
-            break;
-        (void)atomic_compare_exchange_strong(&a->begin, &none, begin);
-        status = pack_chunk(a, index, &room);
-        a->done[index] = status == KILN_OK;
-        a->end = now(CLOCK_MONOTONIC);
-    }
+    if (status == KILN_OK)
+        status = pack_stage(a, OF_SURFACE, &room);
+    if (status == KILN_OK)
+        wait_for_direct(a);
+    if (status == KILN_OK)
+        (void)pack_stage(a, OF_DIRECT, &room);
     leave_room(&room);
     atomic_fetch_add(&a->nanoseconds, now(CLOCK_THREAD_CPUTIME_ID));
     return NULL;
@@ -129,7 +166,8 @@ static void start_threads(struct kiln_points_ahead *a, uint32_t wanted)
 
 /* ---- start and end ---- */
 
-/* Chunks all of whose points are the rank's own, and the columns that do not depend on light. */
+/* Chunks all of whose points are the rank's own, and the columns that do not depend on light, or on direct light only.
+ */
 static void survey(struct kiln_points_ahead *a)
 {
     const struct kiln_surface *s = a->result.surface;
@@ -139,7 +177,7 @@ static void survey(struct kiln_points_ahead *a)
     a->count = end / rows > a->first ? end / rows - a->first : 0;
     kiln_columns_of(&all, &a->result);
     for (size_t c = 0; c < all.count; c++)
-        if (all.column[c].early)
+        if (all.column[c].early || all.column[c].of_direct)
             a->columns.column[a->columns.count++] = all.column[c];
 }
 
@@ -151,13 +189,15 @@ void kiln_points_ahead_start(struct kiln_points_ahead **ahead, const struct kiln
     if (kiln_allocate(&a, 1, sizeof *a, "points to write", NULL) != KILN_OK)
         return;
     a->result = *result;
+    (void)pthread_mutex_init(&a->lock, NULL);
+    (void)pthread_cond_init(&a->news, NULL);
     survey(a);
     a->start = now(CLOCK_MONOTONIC);
     int status = a->count > 0 ? KILN_OK : KILN_BAD_INPUT;
     if (status == KILN_OK)
         status = kiln_allocate(&a->parts, a->count * a->columns.count, sizeof *a->parts, "packed points", NULL);
-    if (status == KILN_OK)
-        status = kiln_allocate(&a->done, a->count, sizeof *a->done, "packed points", NULL);
+    for (int i = 0; i < STAGES && status == KILN_OK; i++)
+        status = kiln_allocate(&a->done[i], a->count, sizeof *a->done[i], "packed points", NULL);
     if (status == KILN_OK) {
         start_threads(a, wanted < THREADS_MOST ? wanted : THREADS_MOST);
         *ahead = a;
@@ -166,11 +206,24 @@ void kiln_points_ahead_start(struct kiln_points_ahead **ahead, const struct kiln
     }
 }
 
+void kiln_points_ahead_direct(struct kiln_points_ahead *a)
+{
+    if (a == NULL)
+        return;
+    (void)pthread_mutex_lock(&a->lock);
+    a->has_direct = true;
+    (void)pthread_cond_broadcast(&a->news);
+    (void)pthread_mutex_unlock(&a->lock);
+}
+
 void kiln_points_ahead_stop(struct kiln_points_ahead *a)
 {
     if (a == NULL)
         return;
+    (void)pthread_mutex_lock(&a->lock);
     a->leave = true;
+    (void)pthread_cond_broadcast(&a->news);
+    (void)pthread_mutex_unlock(&a->lock);
     while (a->thread_count > 0)
         (void)pthread_join(a->threads[--a->thread_count], NULL);
 }
@@ -191,20 +244,38 @@ void kiln_points_ahead_destroy(struct kiln_points_ahead **ahead)
         return;
     kiln_points_ahead_drop(a);
     kiln_free(&a->parts);
-    kiln_free(&a->done);
+    for (int i = 0; i < STAGES; i++)
+        kiln_free(&a->done[i]);
+    (void)pthread_cond_destroy(&a->news);
+    (void)pthread_mutex_destroy(&a->lock);
     kiln_free(ahead);
 }
 
 /* ---- what there is ---- */
 
-const void *kiln_points_ahead_find(const struct kiln_points_ahead *a, uint64_t chunk, const char *column, size_t *bytes)
+static const struct part *find(const struct kiln_points_ahead *a, enum stage stage, uint64_t chunk, const char *column)
 {
-    if (a == NULL || chunk < a->first || chunk - a->first >= a->count || !a->done[chunk - a->first])
+    if (a == NULL || chunk < a->first || chunk - a->first >= a->count || !a->done[stage][chunk - a->first])
         return NULL;
     const size_t c = kiln_columns_find(&a->columns, column);
-    if (c == a->columns.count)
+    return c < a->columns.count ? &a->parts[(chunk - a->first) * a->columns.count + c] : NULL;
+}
+
+const void *kiln_points_ahead_find(const struct kiln_points_ahead *a, uint64_t chunk, const char *column, size_t *bytes)
+{
+    const struct part *part = find(a, OF_SURFACE, chunk, column);
+    if (part == NULL)
         return NULL;
-    const struct part *part = &a->parts[(chunk - a->first) * a->columns.count + c];
+    *bytes = part->size;
+    return part->bytes;
+}
+
+const void *kiln_points_ahead_find_direct(const struct kiln_points_ahead *a, uint64_t chunk, const char *column,
+                                          const void *rows, size_t size, size_t *bytes)
+{
+    const struct part *part = find(a, OF_DIRECT, chunk, column);
+    if (part == NULL || part->hash != XXH3_64bits(rows, size))
+        return NULL;
     *bytes = part->size;
     return part->bytes;
 }
@@ -215,8 +286,10 @@ void kiln_points_ahead_report(const struct kiln_points_ahead *a, struct kiln_poi
     if (a == NULL)
         return;
     report->of = a->count;
-    for (uint64_t i = 0; i < a->count; i++)
-        report->chunks += a->done[i];
+    for (uint64_t i = 0; i < a->count; i++) {
+        report->chunks += a->done[OF_SURFACE][i];
+        report->direct += a->done[OF_DIRECT][i];
+    }
     report->bytes = a->bytes;
     report->processor = 1e-9 * (double)a->nanoseconds;
     if (a->begin != 0) {

@@ -225,15 +225,17 @@ def points_bytes(folder):
 
 def check_points_file(folder, made):
     """kiln.h5, of which every rank writes its own chunks: the same bytes on any number of ranks, whether columns are
-    packed ahead, all of them or some, and whether ranks keep what they pack; h5dump reads it."""
+    packed ahead, all of them or some, or with direct light that is another one afterwards, and whether ranks keep what
+    they pack; h5dump reads it."""
     reference = points_bytes(made[0])
     assert all(points_bytes(one) == reference for one in made[1:]), [points_bytes(one) for one in made]
-    for ranks, how in ((1, "ahead"), (1, "stopped"), (2, "ahead"), (3, "unkept")):
+    for ranks, how in ((1, "ahead"), (1, "changed"), (1, "stopped"), (2, "ahead"), (3, "unkept")):
         one = os.path.join(folder, how + str(ranks))
         reports = [list(map(int, line[1:])) for line in write(one, ranks, "divided", how) if line[0] == "ahead"]
         assert len(reports) == (0 if how == "unkept" else ranks), reports
-        if how == "ahead":
-            assert all(packed == own for packed, own, _ in reports) and sum(size for _, _, size in reports) > 0, reports
+        if how in ("ahead", "changed"):
+            assert all(packed == direct == own for packed, direct, own, _ in reports), reports
+            assert sum(size for *_, size in reports) > 0, reports
         assert points_bytes(one) == reference, (how, ranks)
     path = os.path.join(made[2], "kiln.h5")
     with h5py.File(path) as file:

@@ -1,13 +1,14 @@
 /* Writes the three files of a bake from a synthetic result; run by mpirun, so that tests can compare numbers of ranks.
- * Usage: write_synthetic DIR [half | divided | denoised | joined | loose | touching | rounds] [ahead | stopped |
- * unkept]. divided: tall lightmaps with large holes, which are in bands of all ranks however small they are. touching:
- * the objects lie side by side. rounds: the same, but a rank has one lightmap at a time. joined: both lightmaps are in
- * bands, and touch; after "rounds-" each is made twice. denoised: as divided, and noise is taken out. loose: as
- * divided, and seams stay as they are. large-SIZE, large-denoised-SIZE: lightmaps of SIZE columns and as many rows, or
- * half as many, and no other files; prints for each rank what writing them took: seconds of the processor outside MPI,
- * and bytes that it held besides what it had; points-SIZE: the same of kiln.h5 alone. ahead: columns of kiln.h5 are
- * packed ahead, all of them, or those that are done when the threads are stopped at once; prints their number. unkept:
- * no rank keeps what it has packed for kiln.h5 until it knows where it belongs. */
+ * Usage: write_synthetic DIR [half | divided | denoised | joined | loose | touching | rounds] [ahead | changed |
+ * stopped | unkept]. divided: tall lightmaps with large holes, which are in bands of all ranks however small they are.
+ * touching: the objects lie side by side. rounds: the same, but a rank has one lightmap at a time. joined: both
+ * lightmaps are in bands, and touch; after "rounds-" each is made twice. denoised: as divided, and noise is taken out.
+ * loose: as divided, and seams stay as they are. large-SIZE, large-denoised-SIZE: lightmaps of SIZE columns and as many
+ * rows, or half as many, and no other files; prints for each rank what writing them took: seconds of the processor
+ * outside MPI, and bytes that it held besides what it had; points-SIZE: the same of kiln.h5 alone. ahead: columns of
+ * kiln.h5 are packed ahead, all of them, or those that are done when the threads are stopped at once; prints their
+ * number. changed: all of them, and direct light is another one afterwards. unkept: no rank keeps what it has packed
+ * for kiln.h5 until it knows where it belongs. */
 #include <fcntl.h>
 #include <stdio.h>
 #include <string.h>
@@ -138,19 +139,30 @@ static void make_holes(struct synthetic *s)
     }
 }
 
+static void scale_direct(struct synthetic *s, float factor)
+{
+    for (uint64_t i = 0; i < 3 * s->surface.count; i++)
+        s->direct[i] *= factor;
+}
+
 /* Packs ahead, all or what is done at once. */
-static void pack_ahead(struct kiln_points_ahead **ahead, const struct kiln_bake_result *result, const char *how)
+static void pack_ahead(struct kiln_points_ahead **ahead, struct synthetic *s, const struct kiln_bake_result *result,
+                       const char *how)
 {
     struct kiln_points_ahead_report report;
+    const bool all = !is(how, "stopped");
+    scale_direct(s, is(how, "changed") ? 2.0f : 1.0f);
     kiln_points_ahead_start(ahead, result, 8);
+    kiln_points_ahead_direct(*ahead);
     do {
-        (void)usleep(is(how, "ahead") ? 10000 : 0);
+        (void)usleep(all ? 10000 : 0);
         kiln_points_ahead_report(*ahead, &report);
-    } while (is(how, "ahead") && report.chunks < report.of);
+    } while (all && (report.chunks < report.of || report.direct < report.of));
     kiln_points_ahead_stop(*ahead);
+    scale_direct(s, is(how, "changed") ? 0.5f : 1.0f);
     kiln_points_ahead_report(*ahead, &report);
-    printf("ahead %llu %llu %llu\n", (unsigned long long)report.chunks, (unsigned long long)report.of,
-           (unsigned long long)report.bytes);
+    printf("ahead %llu %llu %llu %llu\n", (unsigned long long)report.chunks, (unsigned long long)report.direct,
+           (unsigned long long)report.of, (unsigned long long)report.bytes);
 }
 
 static int write_all(const char *directory, const char *mode, const char *how, int rank, int ranks,
@@ -181,8 +193,8 @@ static int write_all(const char *directory, const char *mode, const char *how, i
         return status;
     const struct kiln_bake_result result = synthetic_result(&s, MPI_COMM_WORLD);
     struct kiln_points_ahead *ahead = NULL;
-    if (is(how, "ahead") || is(how, "stopped"))
-        pack_ahead(&ahead, &result, how);
+    if (is(how, "ahead") || is(how, "changed") || is(how, "stopped"))
+        pack_ahead(&ahead, &s, &result, how);
     const struct kiln_output_params params = {.directory = directory,
                                               .half = half,
                                               .stitch = !is(mode, "loose"),
