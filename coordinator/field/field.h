@@ -101,7 +101,7 @@ struct kiln_field {
      * unless the field is of the surface. */
     const char *dataset, *description;
     bool noisy;     /* its digits are random: as kiln_chunk_pack has it */
-    bool of_direct; /* nothing changes it once direct light has been computed, in a bake in one part */
+    bool of_direct; /* nothing changes it once all direct light has been computed */
     /* lightmaps: names of `components` channels; NULL: in no lightmap */
     const char *const *channels;
     const char *attribute; /* name of the attribute of lightmaps that holds `description`; NULL: none */

@@ -13,10 +13,9 @@
 
 struct kiln_light_groups;
 
-/* All pointers are borrowed. */
 /* What goes on beside the steps, in threads of its own that give way to them. `start` is called when the own points are
- * where they stay; `direct` when direct light has been computed, in a bake in one part; `stop` before the points move
- * to other ranks or are released, and ends it for good. None is collective. */
+ * where they stay; `direct` when no step will change direct light any more; `stop` before the points move to other
+ * ranks or are released, and ends it for good. None is collective. */
 struct kiln_beside {
     void (*start)(void *context, const struct kiln_rank_data *own);
     void (*direct)(void *context);
@@ -24,6 +23,7 @@ struct kiln_beside {
     void *context;
 };
 
+/* All pointers are borrowed. */
 struct kiln_integrate_params {
     MPI_Comm communicator;
     int rank, ranks;

@@ -245,10 +245,12 @@ static int save_between(struct kiln_lockstep *l, bool finished, struct kiln_erro
     return KILN_OK;
 }
 
-/* Steps that gather radiosity come after all that compute direct light. */
+/* Steps that gather radiosity come after all that compute direct light: of the last part. */
 static void tell_of_direct(const struct kiln_integrate_params *p, const struct kiln_step *step)
 {
-    if (p->beside != NULL && step->quantity == NULL && step->pass->reads_radiosity && p->settings->parts <= 1)
+    const struct kiln_integrate_settings *s = p->settings;
+    const bool last = s->parts <= 1 || (step->part + 1 == s->parts && !(s->target_error > 0.0));
+    if (p->beside != NULL && last && step->quantity == NULL && step->pass->reads_radiosity)
         p->beside->direct(p->beside->context);
 }
 
