@@ -63,8 +63,8 @@ bool kiln_instruction_set_common(MPI_Comm communicator, const char *name);
 
 /* Collective over `communicator`. Rank 0 imports the job's scene to `scene_file`, and all ranks map that file. One rank
  * of each node builds the geometry and the surface's map, which the ranks of the node share. Every rank builds its own
- * BVH. All ranks find the surface points together, and each fills in its own points; where a device is looked
- * for, and with `care->control`, its BVH is built meanwhile. Then the validity pass runs.
+ * BVH. All ranks find the surface points together, and each fills in its own points; where a device is looked for, and
+ * with `care->control`, its BVH is built meanwhile. Then the validity pass runs.
  * Begins the phases "import", "scene and BVH", "surface points" and "validity". `care` may be NULL. Destroy with
  * kiln_prepared_destroy. */
 int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job,

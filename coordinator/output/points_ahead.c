@@ -30,11 +30,10 @@ struct kiln_points_ahead {
     struct part *parts;          /* chunk by chunk, count x columns.count */
     atomic_bool *done[STAGES];   /* one a chunk: all its parts are there */
     _Atomic uint64_t next[STAGES], bytes, nanoseconds;
-    _Atomic uint64_t begin, end; /* ns of CLOCK_MONOTONIC; 0: none yet */
-    atomic_bool leave;
-    pthread_mutex_t lock; /* of what follows */
-    pthread_cond_t news;  /* it has changed, or threads are to leave */
-    bool has_direct;
+    _Atomic uint64_t begin, end;   /* ns of CLOCK_MONOTONIC; 0: none yet */
+    atomic_bool leave, has_direct; /* threads are to leave; direct light is there */
+    pthread_mutex_t lock;          /* of changes of these */
+    pthread_cond_t news;           /* one of them has changed */
     uint64_t start;
     pthread_t threads[THREADS_MOST];
     uint32_t thread_count; /* that run */
@@ -206,24 +205,26 @@ void kiln_points_ahead_start(struct kiln_points_ahead **ahead, const struct kiln
     }
 }
 
-void kiln_points_ahead_direct(struct kiln_points_ahead *a)
+/* Sets what threads wait for. */
+static void tell(struct kiln_points_ahead *a, atomic_bool *what)
 {
-    if (a == NULL)
-        return;
     (void)pthread_mutex_lock(&a->lock);
-    a->has_direct = true;
+    *what = true;
     (void)pthread_cond_broadcast(&a->news);
     (void)pthread_mutex_unlock(&a->lock);
+}
+
+void kiln_points_ahead_direct(struct kiln_points_ahead *a)
+{
+    if (a != NULL)
+        tell(a, &a->has_direct);
 }
 
 void kiln_points_ahead_stop(struct kiln_points_ahead *a)
 {
     if (a == NULL)
         return;
-    (void)pthread_mutex_lock(&a->lock);
-    a->leave = true;
-    (void)pthread_cond_broadcast(&a->news);
-    (void)pthread_mutex_unlock(&a->lock);
+    tell(a, &a->leave);
     while (a->thread_count > 0)
         (void)pthread_join(a->threads[--a->thread_count], NULL);
 }

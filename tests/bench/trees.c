@@ -9,6 +9,7 @@
  * times; and how many of the rays hit something else than with the other tree (there must be none). */
 #include <float.h>
 #include <math.h>
+#include <omp.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,11 +17,9 @@
 
 #include "coordinator/import/import.h"
 #include "shaders/intersect.h"
-#include "shaders/shared/random.h"
 #include "worker/backend/vulkan/bvh_device.h"
+#include "worker/backend/vulkan/tracer.h"
 #include "worker/backend/vulkan/vulkan.h"
-#include "worker/sampling/sequence.h"
-#include "worker/scene/footprint.h"
 
 enum { RAYS = 1 << 20, WALKED = 1 << 17, TIMES = 8 };
 
@@ -44,24 +43,6 @@ static void check(int status, const struct kiln_error *error)
         return;
     (void)fprintf(stderr, "%s\n", error->message);
     exit(1);
-}
-
-/* Diffuse rays from triangles in their stored order, as tracer.c tries them. */
-static void make_rays(const struct kiln_geometry *g, struct rays *rays)
-{
-#pragma omp parallel for schedule(static)
-    for (uint32_t i = 0; i < RAYS; i++) {
-        const uint32_t triangle = (uint32_t)((uint64_t)i * g->triangle_count / RAYS), key = kiln_hash1(i);
-        const struct kiln_vec3 n = kiln_triangle_normal(g, triangle);
-        const float s = sqrtf(kiln_unit_float(key)), t = kiln_unit_float(kiln_hash1(key + 1u));
-        const struct kiln_dvec3 local =
-            kiln_cosine_direction(kiln_unit_double(kiln_hash1(key + 2u)), kiln_unit_double(kiln_hash1(key + 3u)));
-        struct kiln_vec3 x, y;
-        kiln_basis(n, &x, &y);
-        rays->origins[i] =
-            kiln_offset_origin(kiln_triangle_position(g, triangle, s * (1.0f - t), s * t), n, g, triangle);
-        rays->directions[i] = vec3_madd(vec3_madd(vec3_scale(x, (float)local.x), y, (float)local.y), n, (float)local.z);
-    }
 }
 
 /* ---- what a layout costs ---- */
@@ -300,7 +281,7 @@ static void try_scene(struct gpu *gpu, const char *path)
     check(kiln_geometry_create(&g, scene, &error), &error);
     struct rays *rays = malloc(sizeof *rays);
     struct kiln_gpu_hit *hits = malloc(2 * RAYS * sizeof *hits);
-    make_rays(g, rays);
+    vulkan_tracer_rays(g, RAYS, (uint32_t)omp_get_max_threads(), rays->origins, rays->directions);
     printf("%s: %zu triangles\n", path, kiln_geometry_hittable_count(g));
     try_embree(gpu, g, rays, hits);
     try_device(gpu, g, rays, hits + RAYS);

@@ -16,7 +16,8 @@ int kiln_chart_graphs_create(struct kiln_chart_graphs **graphs, const struct kil
 /* All must have been given back. */
 void kiln_chart_graphs_destroy(struct kiln_chart_graphs **graphs);
 
-/* As kiln_chart_graph_create, if there is none; waits while another thread makes it. */
+/* As kiln_chart_graph_create, with its errors, if there is none; waits while another thread makes it. The graph is
+ * borrowed until it is given back. `width`, `height`: texels. */
 int kiln_chart_graphs_take(struct kiln_chart_graphs *graphs, uint32_t mesh, uint32_t width, uint32_t height,
                            const struct kiln_chart_graph **graph, struct kiln_error *error);
 /* Sets *graph to NULL; may be NULL already. */

@@ -7,6 +7,7 @@
 #include "worker/base/status.h"
 #include "shaders/shared/push.h"
 
+/* All is borrowed. Boxes in metres. */
 struct bvh_top {
     const struct kiln_gpu_bvh_node *clusters; /* `count`, at least one: boxes */
     const struct kiln_gpu_bvh_share *shares;  /* what is below each */
@@ -19,7 +20,7 @@ struct bvh_top {
     struct kiln_gpu_bvh_node *nodes;
     struct kiln_gpu_bvh_share *node_shares;
 };
-/* KILN_SYSTEM when memory runs out. */
+/* Not collective. KILN_SYSTEM when memory runs out. */
 int bvh_top_build(const struct bvh_top *top, struct kiln_error *error);
 
 #endif

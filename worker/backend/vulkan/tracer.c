@@ -125,13 +125,12 @@ static int use(struct vulkan_backend *b, const struct vulkan_tracer *t, struct k
     return vulkan_upload_root(b, error);
 }
 
-/* Diffuse rays from triangles in their stored order: as a bounce makes them, about. */
-static void make_rays(const struct vulkan_backend *b, struct kiln_vec3 *origins, struct kiln_vec3 *directions)
+void vulkan_tracer_rays(const struct kiln_geometry *g, uint32_t count, uint32_t threads, struct kiln_vec3 *origins,
+                        struct kiln_vec3 *directions)
 {
-    const struct kiln_geometry *g = b->params.geometry;
-#pragma omp parallel for schedule(static) num_threads((int)b->threads)
-    for (uint32_t i = 0; i < TRIAL_RAYS; i++) {
-        const uint32_t triangle = (uint32_t)((uint64_t)i * g->triangle_count / TRIAL_RAYS), key = kiln_hash1(i);
+#pragma omp parallel for schedule(static) num_threads((int)threads)
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t triangle = (uint32_t)((uint64_t)i * g->triangle_count / count), key = kiln_hash1(i);
         const struct kiln_vec3 n = kiln_triangle_normal(g, triangle);
         const float s = sqrtf(kiln_unit_float(key)), t = kiln_unit_float(kiln_hash1(key + 1u));
         const struct kiln_dvec3 local =
@@ -169,7 +168,7 @@ static int try_all(struct vulkan_backend *b, struct trees *trees, const uint32_t
     struct vulkan_tracer best = {0};
     int status = kiln_allocate(&host, 2 * TRIAL_RAYS, sizeof *host, "rays to try", error);
     if (status == KILN_OK) {
-        make_rays(b, host, host + TRIAL_RAYS);
+        vulkan_tracer_rays(b->params.geometry, TRIAL_RAYS, b->threads, host, host + TRIAL_RAYS);
         status = gpu_buffer_of(b->gpu, &rays, host, 2 * TRIAL_RAYS * sizeof *host, "rays to try", error);
     }
     if (status == KILN_OK)

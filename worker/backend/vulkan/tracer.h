@@ -41,4 +41,9 @@ bool vulkan_tracer_may_be_pipeline(const struct kiln_backend_params *params);
 void vulkan_tracer_destroy(struct gpu *gpu, struct vulkan_tracer *tracer);
 const char *vulkan_tracer_name(const struct vulkan_tracer *tracer);
 
+/* The rays that layouts are tried with: `count` diffuse ones from triangles in their stored order, as a bounce makes
+ * them, about; origins in metres, unit directions. `threads` of the host. */
+void vulkan_tracer_rays(const struct kiln_geometry *geometry, uint32_t count, uint32_t threads,
+                        struct kiln_vec3 *origins, struct kiln_vec3 *directions);
+
 #endif
