@@ -89,10 +89,17 @@ Vertex vertex_of(kiln_gpu_light_vertex l, bool is_first)
     return v;
 }
 
-vec3 vertex_start(Vertex v, vec3 direction)
+#ifdef KILN_LIFTS
+/* Rays are lifted off the vertex by `lift`, if at all. */
+void vertex_lift(float lift, inout Vertex v)
 {
-    return v.m.position + v.m.normal * (dot(v.m.normal, direction) > 0.0 ? v.m.offset : -v.m.offset);
+    v.m.coarse = is_coarse(v.m.triangle, triangle_at(v.m.triangle), v.m.back);
+    v.m.lifted = v.m.coarse && (v.is_first || v.m.gloss);
+    v.m.lift = lift;
 }
+#endif
+
+vec3 vertex_start(Vertex v, vec3 direction) { return meeting_start(v.m, direction); }
 
 /* The normal that emission_connect is given of a vertex: none where light may come from either side. */
 vec3 light_normal(Vertex v)
@@ -101,7 +108,7 @@ vec3 light_normal(Vertex v)
     if (v.m.gloss && v.lobes.glass > 0.0)
         return vec3(0.0);
 #endif
-    return v.m.normal;
+    return v.m.coarse ? vec3(0.0) : v.m.normal;
 }
 
 /* What is left of light that leaves the vertex towards the eye's side, over a distance in m, in a body of glass that it
@@ -119,7 +126,7 @@ vec3 vertex_attenuation(Vertex v, vec3 direction, float distance)
 
 struct Scatter { /* struct vertex_scatter */
     vec3 all, diffuse;
-    float to_light, to_eye, cosine_o, cosine_i;
+    float to_light, to_eye, cosine_o, cosine_i, landing_o, landing_i;
 };
 
 vec3 axis_of(Vertex v)
@@ -133,9 +140,9 @@ bool shines(vec3 rgb) { return max(rgb.r, max(rgb.g, rgb.b)) > 0.0; }
 bool scatter_diffuse(Vertex v, vec3 o, vec3 i, inout Scatter s)
 {
     const float no = dot(v.m.normal, o), ni = dot(v.m.normal, i);
-    if (!(no > 0.0) || !(ni > 0.0))
+    if (!(no > 0.0) || !(v.m.lifted ? s.cosine_i > 0.0 : ni > 0.0))
         return false;
-    const float share = v.is_first ? max(0.0, dot(v.m.shading, i)) / ni : 1.0;
+    const float share = v.is_first ? max(0.0, dot(v.m.shading, i)) / s.cosine_i : 1.0;
     s.to_light = max(0.0, dot(axis_of(v), i)) * KILN_INVERSE_PI;
     s.to_eye = no * KILN_INVERSE_PI;
     s.all = v.color * (share * KILN_INVERSE_PI);
@@ -147,7 +154,9 @@ bool scatter_diffuse(Vertex v, vec3 o, vec3 i, inout Scatter s)
 /* The normal whose frame paths have which have come from w. */
 vec3 frame_axis(Vertex v, vec3 w)
 {
-    return (dot(v.smooth_front, w) > 0.0) == (dot(v.front, w) > 0.0) ? v.smooth_front : v.front;
+    const bool smooth_side = dot(v.smooth_front, w) > 0.0,
+               agrees = v.m.lifted ? smooth_side != v.m.back : smooth_side == (dot(v.front, w) > 0.0);
+    return agrees ? v.smooth_front : v.front;
 }
 
 mat3 frame_of(Vertex v, vec3 w)
@@ -160,8 +169,13 @@ mat3 frame_of(Vertex v, vec3 w)
                               t.e2);
 }
 
-/* Whether w lies on one side of the geometric normal and of the frame. */
-bool frame_agrees(Vertex v, vec3 w, vec3 local) { return (local.z > 0.0) == (dot(v.front, w) > 0.0) && local.z != 0.0; }
+/* Whether w lies on one side of the geometric normal and of the frame; where rays are lifted, above the frame. */
+bool frame_agrees(Vertex v, vec3 w, vec3 local)
+{
+    if (v.m.lifted)
+        return v.m.back ? local.z < 0.0 : local.z > 0.0;
+    return (local.z > 0.0) == (dot(v.front, w) > 0.0) && local.z != 0.0;
+}
 
 /* First the value, as the eye sees it, then the density of the way to the eye: the code stands here once. */
 bool scatter_whole(Vertex v, vec3 o, vec3 i, uint which, inout Scatter s)
@@ -195,10 +209,18 @@ bool scatter_whole(Vertex v, vec3 o, vec3 i, uint which, inout Scatter s)
 }
 #endif
 
+/* See struct vertex_scatter. */
+float vertex_landing(Vertex v, vec3 w)
+{
+    const float cosine = dot(v.m.normal, w);
+    return v.m.lifted ? max(0.0, cosine) : abs(cosine);
+}
+
 /* Of light that comes from i and leaves to the eye at o. False: nothing is sent. */
 bool vertex_scatter(Vertex v, vec3 o, vec3 i, uint which, out Scatter s)
 {
-    s = Scatter(vec3(0.0), vec3(0.0), 0.0, 0.0, abs(dot(v.m.normal, o)), abs(dot(v.m.normal, i)));
+    s = Scatter(vec3(0.0), vec3(0.0), 0.0, 0.0, abs(dot(v.m.normal, o)), abs(dot(v.m.normal, i)), vertex_landing(v, o),
+                vertex_landing(v, i));
 #ifdef KILN_GLOSS
     if (v.m.gloss)
         return scatter_whole(v, o, i, which, s);
@@ -223,7 +245,7 @@ vec3 scatter_product(Scatter a, bool counts, vec3 b_all, vec3 b_diffuse, int all
 
 struct Way { /* struct vertex_way */
     vec3 direction, factor;
-    float forward, backward, cosine;
+    float forward, backward, cosine, landing;
     bool delta, diffuse;
     float rest; /* the random number that decides whether it counts as a diffuse event */
 #ifdef KILN_GLOSS
@@ -243,6 +265,7 @@ bool way_draw(Vertex v, bool of_light, uint which, uint surface, out Way way)
     way.forward = 0.0;
     way.backward = 0.0;
     way.cosine = 0.0;
+    way.landing = 0.0;
     way.delta = false;
     way.diffuse = false;
     way.direction = vec3(0.0);
@@ -265,6 +288,7 @@ bool way_draw(Vertex v, bool of_light, uint which, uint surface, out Way way)
     }
 #endif
     way.cosine = abs(dot(v.m.normal, way.direction));
+    way.landing = vertex_landing(v, way.direction);
     return way.cosine > 0.0;
 }
 

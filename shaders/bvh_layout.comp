@@ -10,7 +10,6 @@
 KILN_ARRAY(BvhTasks, kiln_gpu_bvh_task, 4);
 KILN_ARRAY(BvhReals, float, 4);
 KILN_ARRAY(BvhTriangles, kiln_gpu_triangle, 16);
-KILN_ARRAY(BvhNodes2, kiln_gpu_node2, 16);
 KILN_ARRAY(BvhNodes4, kiln_gpu_node4, 16);
 
 const uint WIDTH_MOST = 4u;
@@ -46,7 +45,7 @@ family gather(uint from)
         f.leaf[i] = 0u;
     }
     node[0] = from;
-    room[0] = is_leaf(from) ? 1u : push.width;
+    room[0] = is_leaf(from) ? 1u : WIDTH_MOST;
     while (depth > 0u) {
         depth--;
         const uint own = node[depth];
@@ -157,21 +156,6 @@ void write_triangles(uint node, uint at)
     }
 }
 
-void write_two(uint place, const family f, const uint code[WIDTH_MOST])
-{
-    kiln_gpu_node2 to;
-    for (uint i = 0u; i < 2u; i++) {
-        const uint from = i < f.count ? i : 0u; /* an only child, a leaf, is there twice */
-        const kiln_gpu_bvh_node n = BvhNodes(BVH.nodes + 32ul * f.node[from]).at[0];
-        to.xy[i] = float[4](n.lower[0], n.upper[0], n.lower[1], n.upper[1]);
-        to.z[2u * i] = n.lower[2];
-        to.z[2u * i + 1u] = n.upper[2];
-        to.child[i] = code[from];
-        to.unused[i] = 0u;
-    }
-    BvhNodes2(BVH.layout_nodes + 64ul * place).at[0] = to;
-}
-
 void write_four(uint place, const family f, const uint code[WIDTH_MOST])
 {
     kiln_gpu_node4 to;
@@ -204,10 +188,7 @@ void write_task(uint t)
             triangle += f.leaf[i];
         }
     }
-    if (push.width == 2u)
-        write_two(own.place, f, code);
-    else
-        write_four(own.place, f, code);
+    write_four(own.place, f, code);
 }
 
 void kiln_kernel(uint x, uint y)

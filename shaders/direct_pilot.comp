@@ -1,6 +1,6 @@
 /* The direct pass, between choose.comp and direct.comp: pilots of directional lights, and what they change in how often
- * choices are sampled (shaders/shared/sun_pilot.h; use_pilots of worker/backend/embree/direct.c). Thread x: point x of
- * the chunk; partly buried points have no pilots. For scenes with an environment and directional lights. */
+ * choices are sampled (shaders/shared/sun_pilot.h). Thread x: point x of the chunk; partly buried points have no
+ * pilots. For scenes with an environment and directional lights. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -22,7 +22,8 @@ float share_of(kiln_gpu_point p, vec3 towards, Sequence sequence, uint k, bool b
                   float(real_unit(draw(sequence, k, KILN_DIMENSION_T))), position, n, offset);
     if (beyond) /* and as much farther off the surface */
         position += (position - p.centre) * KILN_SUN_PILOT_BEYOND;
-    const float share = dot(n, towards) > 0.0 ? max(0.0, dot(kiln_shading(p, n), towards)) : 0.0;
+    const float shading = dot(kiln_shading(p, n), towards);
+    const float share = kiln_faces(p, dot(n, towards), shading) ? max(0.0, shading) : 0.0;
     if (!(share > 0.0))
         return 0.0;
     rays++;
@@ -65,26 +66,20 @@ void kiln_kernel(uint x, uint y)
                state = word & KILN_GPU_STATE_MASK;
     if (state == KILN_GPU_STATE_INVALID)
         return;
-    const uint samples = direct_samples(word), pilot = kiln_sun_pilot(samples), least = kiln_sun_least(samples),
+    const uint samples = direct_samples(word), pilot = kiln_sun_pilot(samples),
                count = state == KILN_GPU_STATE_BURIED ? 0u : direct_counts().at[x] & ~KILN_GPU_COUNT_PRECISE;
-    uint rest = samples, others = 0u, rays = 0u;
-    bool any = false;
+    kiln_sun_sharing sharing = kiln_sun_sharing(samples, samples, 0u, false);
+    uint rays = 0u;
     for (uint i = 0u; i < count; i++) {
         const kiln_gpu_choice c = direct_choice(i).at[x];
-        if (!is_sun(c)) {
-            others += c.samples & ~KILN_GPU_CHOICE_PRECISE;
-            continue;
-        }
-        rest = kiln_samples_left(rest, min(c.samples, least));
-        if (c.samples < least)
+        if (!kiln_sun_asks(sharing, is_sun(c), c.samples & ~KILN_GPU_CHOICE_PRECISE))
             continue;
         const bool differs = pilot_differs(PointArray(push.chunk.points).at[index],
                                            c.what & ((1u << KILN_GPU_CHOICE_KIND_SHIFT) - 1u), pilot, rays);
-        direct_choice(i).at[x].samples = differs ? KILN_SUN_TIMES * c.samples : kiln_sun_few(samples);
-        any = true;
+        direct_choice(i).at[x].samples = kiln_sun_samples(sharing, c.samples, differs);
     }
-    if (any)
-        share_out(x, count, others, rest);
+    if (sharing.any)
+        share_out(x, count, sharing.others, sharing.rest);
     direct_pilot_rays().at[x] = rays;
 }
 

@@ -114,8 +114,10 @@ void add_to_group(uint group, real3 incident, real3 irradiance)
 /* Counts a sample as the surface sees it, unless something is in the way of its ray, which starts `off` the surface. */
 void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 off, kiln_light_sample s)
 {
-    const real cosine = dot(real3(n), s.direction);
-    if (!(cosine > 0))
+    const real above = dot(real3(n), s.direction), cosine = max(real(0), above);
+    const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
+    const real shading_cosine = smooth_point ? max(real(0), dot(real3(kiln_shading(p, n)), s.direction)) : cosine;
+    if (!kiln_faces(p, float(above), float(shading_cosine)))
         return;
     float limit;
     const vec3 towards = kiln_shadow_ray(s, off, limit);
@@ -125,8 +127,6 @@ void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 o
         return;
     if (HAS_ALPHA >= KILN_PASSAGE_BLEND)
         s.value *= real3(through);
-    const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;
-    const real shading_cosine = smooth_point ? max(real(0), dot(real3(kiln_shading(p, n)), s.direction)) : cosine;
     const real3 irradiance = s.value * shading_cosine;
     const real luminance = real_luminance(irradiance);
     if (HAS_GLOSSY != 0u)
@@ -147,14 +147,14 @@ bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, real3 sh
 {
     const uint light = LightNodes(SCENE.lights.nodes).at[choice.index].right;
     s.light = light;
-    return sample_area_light(light, place, 1, real_unit(draw(sequence, k, KILN_DIMENSION_U)),
-                             real_unit(draw(sequence, k, KILN_DIMENSION_V)), s);
+    return kiln_sample_area_light(kiln_lights_areas(light), place, 1, real_unit(draw(sequence, k, KILN_DIMENSION_U)),
+                                  real_unit(draw(sequence, k, KILN_DIMENSION_V)), s);
 }
 #else
 bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, real3 shading, Sequence sequence, uint k,
                 out kiln_light_sample s)
 {
-    return kiln_lights_sample(choice, i, place, n, shading, real_unit(draw(sequence, k, KILN_DIMENSION_CHOICE)),
+    return kiln_sample_choice(choice, i, place, n, shading, real_unit(draw(sequence, k, KILN_DIMENSION_CHOICE)),
                               real_unit(draw(sequence, k, KILN_DIMENSION_U)),
                               real_unit(draw(sequence, k, KILN_DIMENSION_V)), s);
 }
@@ -176,7 +176,7 @@ void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, Seq
 Sums sample_choice(kiln_gpu_point p, kiln_light_choice choice, uint begin, uint end, inout uint stopped)
 {
     const uint identity = kiln_direct_identity(choice.kind, choice.index, push.pass.stream),
-               strategies = kiln_lights_strategies(choice, real3(p.normal));
+               strategies = kiln_choice_strategies(choice, real3(p.normal));
     Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
     uint i = begin;
     for (; i < end; i++)

@@ -16,6 +16,7 @@ layout(constant_id = 6) const uint METHOD = 15u; /* KILN_GPU_BOTH_...: what the 
 const bool CONNECTS = (METHOD & KILN_GPU_BOTH_CONNECTS) != 0u, MERGES = (METHOD & KILN_GPU_BOTH_MERGES) != 0u;
 const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u, ALONE = (METHOD & KILN_GPU_BOTH_ALONE) != 0u;
 
+#define KILN_LIFTS
 #include "shaders/bidirectional.glsl"
 #include "shaders/picture.glsl"
 #include "shaders/subpaths.glsl"
@@ -51,7 +52,7 @@ Way way; /* on from here */
 
 /* ---- beginning ---- */
 
-void begin(uint64_t pixel)
+void init_from_camera(uint64_t pixel)
 {
     const uvec2 place = walk_draw(0u);
     const uint row = uint(pixel / BOTH.width), column = uint(pixel - uint64_t(row) * BOTH.width);
@@ -84,6 +85,7 @@ void begin(uint64_t pixel)
     path.v = 0.0;
     path.distance = 0.0;
     path.tint = float[3](1.0, 1.0, 1.0);
+    path.lift = 0.0;
     SUBPATH(slot) = path;
     for (uint k = 0u; k < KILN_GPU_BOTH_SUM_WORDS; k++)
         BothWords(BOTH.radiance + 4ul * (KILN_GPU_BOTH_SUM_WORDS * uint64_t(slot) + k)).at[0] = 0u;
@@ -118,7 +120,7 @@ bool may_meet()
 }
 
 /* `left`: of the path's weight. */
-void meet_environment(vec3 left)
+void shade_background(vec3 left)
 {
     brings = may_meet() ? left * kiln_environment_radiance(real3(path.direction)) : vec3(0.0);
     if (path.surface > 0u && CONNECTS && SCENE.lights.environment != 0u && shines(brings))
@@ -126,13 +128,14 @@ void meet_environment(vec3 left)
                   -real3(path.direction), 1);
 }
 
-void meet_emitter(bool back)
+void shade_light(bool back)
 {
     brings = vec3(0.0);
     if ((material_of(here.m.triangle) & KILN_RECORD_EMITS) == 0u || !may_meet())
         return;
     brings = here.weight * kiln_surface_emission(here.m.triangle, here.m.u, here.m.v);
-    const uint number = path.surface > 0u && CONNECTS ? emission_of_triangle(here.m.triangle) : KILN_GPU_NONE;
+    const uint number =
+        path.surface > 0u && CONNECTS ? kiln_area_light_at(here.m.triangle, here.m.u, here.m.v) : KILN_GPU_NONE;
     if (number == KILN_GPU_NONE ||
         (back && (AreaLights(SCENE.lights.areas).at[number].flags & KILN_GPU_LIGHT_TWO_SIDED) == 0u))
         return;
@@ -155,7 +158,7 @@ void ask_sky()
 {
     const uvec2 place = walk_draw(kiln_path_use(path.surface, KILN_PATH_SKY));
     real density;
-    drawn.direction = kiln_environment_sample(real_unit(place.x), real_unit(place.y), density);
+    drawn.direction = kiln_sky_sample(real_unit(place.x), real_unit(place.y), density);
     drawn.distance = real(KILN_INFINITY);
     drawn.backoff = 0;
     drawn.has_extent = true;
@@ -172,7 +175,7 @@ void ask_lamp()
     const bool is_sun = task == SUN;
     const kiln_light_choice choice =
         kiln_light_choice(is_sun ? KILN_CHOICE_DIRECTIONAL : KILN_CHOICE_NODE, is_sun ? sun : 0u, 1u);
-    if (kiln_lights_sample(choice, 0u, real3(here.m.position), n, n, real_unit(pick.x), real_unit(place.x),
+    if (kiln_sample_choice(choice, 0u, real3(here.m.position), n, n, real_unit(pick.x), real_unit(place.x),
                            real_unit(place.y), drawn))
         ask_sample(is_sun ? emission_directional(sun) : drawn.light);
 }
@@ -220,12 +223,13 @@ void arrive()
     brings = vec3(0.0);
     is_vertex = false;
     if (hit.triangle == KILN_GPU_NONE) {
-        meet_environment(left);
+        shade_background(left);
     } else if (path.surface == 0u || has_side(hit)) {
         here = vertex_make(hit, path.direction, path.surface == 0u);
+        vertex_lift(path.lift, here);
         is_vertex = settle(hit, left);
         if (is_vertex)
-            meet_emitter(hit.back);
+            shade_light(hit.back);
     }
 }
 
@@ -252,7 +256,8 @@ void begin_vertex()
     e.triangle = path.triangle;
     e.surface = path.surface;
     e.bounces = here.bounces;
-    e.faces = here.m.gloss ? 0u : 1u;
+    e.faces = here.m.gloss || here.m.lifted ? 0u : 1u;
+    e.lift = here.m.lift;
     e.vertex = KILN_GPU_NONE;
     if ((METHOD & (KILN_GPU_BOTH_CONNECTS | KILN_GPU_BOTH_OWN)) != 0u && !ALONE)
         e.vertex = BothWords(BOTH.last + 4ul * (uint(push.pixel + slot) - push.first)).at[0];
@@ -281,7 +286,7 @@ void take_sample()
         const real squared = isinf(drawn.distance) ? real(1) : drawn.distance * drawn.distance;
         const real met = drawn.has_extent ? real(s.to_light) * light_cosine / squared : real(0);
         const real share = kiln_path_weight_sampled(path_techniques(), here.sums, connect, emission,
-                                                    real(s.cosine_i) / squared, met, real(s.to_eye));
+                                                    real(s.landing_i) / squared, met, real(s.to_eye));
         const vec3 start = vertex_start(here, i_);
         float limit;
         const vec3 towards = kiln_shadow_ray(drawn, real3(start - here.m.position), limit);
@@ -317,7 +322,7 @@ void take_way()
         return;
     vec3 weight = here.weight * way.factor;
     kiln_path_sums sums = here.sums;
-    kiln_path_leave(path_techniques(), sums, real(way.cosine), real(way.forward), real(way.backward), way.delta);
+    kiln_path_leave(path_techniques(), sums, real(way.landing), real(way.forward), real(way.backward), way.delta);
     path.origin = vertex_start(here, way.direction);
     path.direction = way.direction;
     path.vcm = float(sums.vcm);
@@ -354,8 +359,8 @@ void do_task()
     if (wants_scatter)
         sends = vertex_scatter(here, here.from, i_, which, s);
     if (CONNECTS && wants_light && (sends || !wants_scatter)) {
-        connect = emission_connect(light, light_seen_from, light_seen_about, light_place, light_direction);
-        emission = ALONE ? real(0) : emission_density(light, light_cosine, light_direction);
+        connect = kiln_light_connect(light, light_seen_from, light_seen_about, light_place, light_direction);
+        emission = ALONE ? real(0) : kiln_emitted_density(light, light_cosine, light_direction);
     }
     if (task == MET)
         take_met();
@@ -367,7 +372,7 @@ void do_task()
         task = END;
 }
 
-void follow()
+void shade_surface()
 {
     path = SUBPATH(slot);
     const uint met_bounces = path.bounces;     /* of the light that is met: the path goes on from there */
@@ -410,9 +415,9 @@ void kiln_kernel(uint x, uint y)
     const uint64_t pixel = push.pixel + slot;
     draw_for_eye(slot);
     if (push.stage == KILN_GPU_STAGE_BEGIN)
-        begin(pixel);
+        init_from_camera(pixel);
     else if (push.stage == KILN_GPU_STAGE_ARRIVE)
-        follow();
+        shade_surface();
     else
         end();
 }

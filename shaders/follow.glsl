@@ -40,7 +40,7 @@ void follow(uint number)
     Sums found = NO_SUMS;
 #ifdef KILN_WEIGHED
     const kiln_gpu_apart_weighed_ray more = ApartWeighedRays(place).at[0];
-    const Chain c = chain_follow_weighed(ray.chance, ray.number, ray.direction, hit, more.area, more.cosine);
+    const Chain c = chain_follow_weighed(ray.chance, ray.number, ray.direction, hit, more.area);
     add_light(found, 3.14159265358979 * c.light, tint, ray.facet, ray.weight);
     found.glass = vec3(0.0);
 #else

@@ -26,7 +26,6 @@ KILN_PUSH(kiln_gpu_weighed_push);
         point_area = AreaArray(push.areas).at[(index)-push.chunk.origin] * p.present;
 void apart_begin(uint index);
 float point_area; /* m2 of the thread's point that are there to be lit */
-float ray_cosine; /* of the ray with the point's geometric normal, absolute */
 KILN_ARRAY(AreaArray, float, 4);
 #elif defined(KILN_KEEP)
 KILN_PUSH(kiln_gpu_rows_push);
@@ -154,7 +153,7 @@ void apart_leave(vec3 direction, kiln_hit hit, vec3 tint, float facet, float wei
         kiln_gpu_apart_ray(direction, hit.triangle | (hit.back ? KILN_GPU_BOTH_BACK : 0u), hit.u, hit.v, hit.distance,
                            float[3](tint.r, tint.g, tint.b), facet, weight, ray_taken_up, ray_chance, ray_number);
 #    ifdef KILN_WEIGHED
-    ApartWeighedRays(kept).at[0] = kiln_gpu_apart_weighed_ray(ray, ray_cosine, point_area);
+    ApartWeighedRays(kept).at[0] = kiln_gpu_apart_weighed_ray(ray, point_area);
 #    else
     ApartRays(kept).at[0] = ray;
 #    endif
@@ -225,9 +224,6 @@ void ADD_RAY(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
     const float whole_facet = facet, whole_weight = weight;
     facet *= set_weight;
     weight *= set_weight;
-#endif
-#ifdef KILN_WEIGHED
-    ray_cosine = abs(dot(normal, direction));
 #endif
 #ifdef KILN_GLOSS
     ray_taken_up = kiln_taken_up(p, push.chunk.parts, smooth_point ? dot(soft, direction) : cosine);

@@ -1,12 +1,12 @@
-/* Surfaces that are not only diffuse: the scattering function at a position, by the formulas of
- * worker/material/surface_bsdf.c.
+/* Surfaces that are not only diffuse: what textures say of them at a position, for shaders/shared/gloss.h, and what the
+ * host has made ready.
  *
  * For world triangles; (u, v) are barycentrics, as tracing gives them. */
 #ifndef KILN_SHADERS_GLOSS_GLSL
 #define KILN_SHADERS_GLOSS_GLSL
 
 #include "shaders/material.glsl"
-#include "shaders/shared/bsdf.h"
+#include "shaders/shared/gloss.h"
 
 KILN_ARRAY(GlossArray, kiln_gpu_gloss, 4);
 KILN_ARRAY(GlossPlaces, kiln_gpu_gloss_place, 4);
@@ -35,58 +35,33 @@ void kiln_gloss_texels(uint material, uint flags, vec2 at, out vec4 texels[KILN_
 /* Strength of anisotropy; `turn`: cosine and sine of the tangent's direction, from the u axis on. */
 float kiln_gloss_anisotropy(kiln_gpu_gloss g, vec4 texel, out vec2 turn)
 {
-    vec2 along = vec2(1.0, 0.0);
-    float strength = g.anisotropy;
-    if (g.textures[KILN_GPU_GLOSS_ANISOTROPY].texture != KILN_GPU_NONE) {
-        const vec2 d = 2.0 * texel.rg - 1.0;
-        const float far = length(d);
-        along = far > 0.0 ? d / far : along;
-        strength *= texel.b;
-    }
-    turn = vec2(g.turn_cosine * along.x - g.turn_sine * along.y, g.turn_sine * along.x + g.turn_cosine * along.y);
-    return strength;
+    turn = vec2(g.turn_cosine, g.turn_sine);
+    if (g.textures[KILN_GPU_GLOSS_ANISOTROPY].texture == KILN_GPU_NONE)
+        return g.anisotropy;
+    kiln_gloss_turn(texel.r, texel.g, turn.x, turn.y);
+    return g.anisotropy * texel.b;
 }
 
 kiln_bsdf kiln_gloss_bsdf(kiln_gpu_gloss g, vec3 base_color, vec4 texels[KILN_GPU_GLOSS_USES], float anisotropy)
 {
-    kiln_bsdf p;
-    p.base_color = base_color;
-    p.specular_color =
+    kiln_gloss_values v;
+    v.base_color = base_color;
+    v.specular_color =
         vec3(g.specular_color[0], g.specular_color[1], g.specular_color[2]) * texels[KILN_GPU_GLOSS_SPECULAR_COLOR].rgb;
-    p.eta = vec3(g.eta[0], g.eta[1], g.eta[2]);
-    p.transmission = g.transmission * texels[KILN_GPU_GLOSS_TRANSMISSION].x;
-    p.thin_wall = (g.flags & KILN_GPU_GLOSS_VOLUME) == 0u ? 1u : 0u;
-    p.model = KILN_BSDF_LAYERS;
-    p.metallic = 0.0;
-    p.specular = 0.0;
-    p.alpha_x = 0.0;
-    p.alpha_y = 0.0;
-    p.coat = 0.0;
-    p.coat_alpha = 0.0;
-    p.exponent = 0.0;
-    if ((g.flags & KILN_GPU_GLOSS_PHONG) != 0u) {
-        const bool through = p.transmission > 0.0;
-        const bool mirror = (g.flags & KILN_GPU_GLOSS_MIRROR) != 0u, black = p.base_color == vec3(0.0);
-        if (!through && !(mirror && black)) {
-            p.model = KILN_BSDF_PHONG;
-            p.exponent = mirror ? KILN_BSDF_PHONG_MIRROR : g.exponent * texels[KILN_GPU_GLOSS_ROUGHNESS].x;
-            p.alpha_x = kiln_bsdf_phong_alpha(p.exponent);
-            p.alpha_y = p.alpha_x;
-            return p;
-        }
-        p.base_color = through ? vec3(g.filter_color[0], g.filter_color[1], g.filter_color[2]) : p.specular_color;
-        p.metallic = through ? 0.0 : 1.0;
-        p.specular_color = vec3(1.0);
-        p.specular = 1.0;
-        return p;
-    }
-    p.metallic = g.metallic * texels[KILN_GPU_GLOSS_METALLIC].x;
-    p.specular = g.specular * texels[KILN_GPU_GLOSS_SPECULAR].x;
-    kiln_bsdf_alphas(g.roughness * texels[KILN_GPU_GLOSS_ROUGHNESS].x, anisotropy, p.alpha_x, p.alpha_y);
-    p.coat = g.coat * texels[KILN_GPU_GLOSS_COAT].x;
-    const float coat = g.coat_roughness * texels[KILN_GPU_GLOSS_COAT_ROUGHNESS].x;
-    p.coat_alpha = coat * coat;
-    return p;
+    v.filter_color = vec3(g.filter_color[0], g.filter_color[1], g.filter_color[2]);
+    v.eta = vec3(g.eta[0], g.eta[1], g.eta[2]);
+    v.metallic = g.metallic * texels[KILN_GPU_GLOSS_METALLIC].x;
+    v.roughness = g.roughness * texels[KILN_GPU_GLOSS_ROUGHNESS].x;
+    v.specular = g.specular * texels[KILN_GPU_GLOSS_SPECULAR].x;
+    v.transmission = g.transmission * texels[KILN_GPU_GLOSS_TRANSMISSION].x;
+    v.coat = g.coat * texels[KILN_GPU_GLOSS_COAT].x;
+    v.coat_roughness = g.coat_roughness * texels[KILN_GPU_GLOSS_COAT_ROUGHNESS].x;
+    v.anisotropy = anisotropy;
+    v.exponent = g.exponent * texels[KILN_GPU_GLOSS_ROUGHNESS].x;
+    v.thin_wall = (g.flags & KILN_GPU_GLOSS_VOLUME) == 0u;
+    v.phong = (g.flags & KILN_GPU_GLOSS_PHONG) != 0u;
+    v.mirror = (g.flags & KILN_GPU_GLOSS_MIRROR) != 0u;
+    return kiln_gloss_scattering(v);
 }
 
 mat3 kiln_frame_about(vec3 z)
@@ -96,17 +71,14 @@ mat3 kiln_frame_about(vec3 z)
     return mat3(x, y, z);
 }
 
-/* x is the direction in which anisotropic highlights are long, `turn` from the direction in which u grows. The edges go
- * from corner 0 to 1 and to 2 of the world triangle, corners in stored order. */
+/* See kiln_gloss_axes; corners are in stored order. */
 mat3 kiln_gloss_frame(vec3 z, float place[6], vec3 edge1, vec3 edge2, vec2 turn)
 {
     const vec2 a = vec2(place[0], place[1]), b = vec2(place[2], place[3]) - a, c = vec2(place[4], place[5]) - a;
-    const float side = b.x * c.y - c.x * b.y < 0.0 ? -1.0 : 1.0;
-    const vec3 along = (edge1 * c.y - edge2 * b.y) * side, tangent = along - z * dot(along, z);
-    if (!(length(tangent) > 0.0))
+    vec3 x, y;
+    if (!kiln_gloss_axes(z, b.x, b.y, c.x, c.y, edge1, edge2, turn.x, turn.y, x, y))
         return kiln_frame_about(z);
-    const vec3 t = normalize(tangent), x = t * turn.x + cross(z, t) * turn.y;
-    return mat3(x, cross(z, x), z);
+    return mat3(x, y, z);
 }
 
 KILN_ARRAY(LobesArray, kiln_bsdf_lobes, 4);
@@ -160,12 +132,13 @@ mat3 kiln_surface_frame(uint material, uint triangle, float u, float v, vec3 z, 
     return kiln_gloss_frame(z, place, flipped ? edge2 : edge1, flipped ? edge1 : edge2, turn);
 }
 
-/* Share of light, by colour, that comes through `distance` m of what a face of the material bounds (Beer's law). */
+/* Share of light, by colour, that comes through `distance` m of what a face of the material bounds. */
 vec3 kiln_gloss_attenuation(uint material, float distance)
 {
     const kiln_gpu_gloss g = GlossArray(SCENE.materials.glosses).at[material];
-    const vec3 color = vec3(g.attenuation_color[0], g.attenuation_color[1], g.attenuation_color[2]);
-    return g.attenuation_distance > 0.0 ? pow(color, vec3(distance / g.attenuation_distance)) : vec3(1.0);
+    return vec3(kiln_gloss_left(g.attenuation_color[0], g.attenuation_distance, distance),
+                kiln_gloss_left(g.attenuation_color[1], g.attenuation_distance, distance),
+                kiln_gloss_left(g.attenuation_color[2], g.attenuation_distance, distance));
 }
 
 #endif

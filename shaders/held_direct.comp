@@ -1,7 +1,7 @@
 /* Direct light of light that stays on the device, as a weighted sum of what is known of its parts, and what becomes of
- * it: what kiln relight --states gives the integrator "cells" (coordinator/bake/state_lights.c), and this makes of it
- * (coordinator/integrate/cells/take.c), with the same bits. Thread (x, y): point push.first + x under light y, where
- * that is mixed. */
+ * it: what kiln relight --states gives the integrator "cells" (coordinator/bake/states/state_lights.c), and this makes
+ * of it (coordinator/integrate/cells/take.c), with the same bits. Thread (x, y): point push.first + x under light y,
+ * where that is mixed. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

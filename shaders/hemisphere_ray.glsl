@@ -23,7 +23,8 @@ vec3 hemisphere_cosine(vec3 n, float u, float v, out float cosine)
 /* Whether several samples of a point start at one place, sample k at place k / reuse; else each has one of its own. */
 bool hemisphere_shares(kiln_gpu_point p)
 {
-    return DRAW_AGAIN != 0u || (p.flags & (KILN_GPU_POINT_PARTIAL | KILN_GPU_POINT_MASKED)) != 0u;
+    return DRAW_AGAIN != 0u ||
+           (p.flags & (KILN_GPU_POINT_PARTIAL | KILN_GPU_POINT_MASKED | KILN_GPU_POINT_LIFTED)) != 0u;
 }
 
 /* A ray of a point. */

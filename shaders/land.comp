@@ -7,21 +7,22 @@
 
 #include "shaders/land.glsl"
 
-void begin()
+void init_from_light()
 {
     const uint64_t number = push.pixel + slot, iteration = number / LAND.paths, path = number % LAND.paths;
-    const uint aim = aim_find(path);
+    const uint aim = kiln_aim_find(path);
     const uint64_t k = path - AimNumbers(LAND.first).at[aim];
     walk_key = kiln_land_key(push.seed, aim, uint(iteration), uint(iteration >> 32), uint(k >> 32));
     walk_sample = uint(k);
     const uvec2 pick = walk_draw(kiln_path_use(0u, KILN_PATH_PICK)),
                 place = walk_draw(kiln_path_use(0u, KILN_PATH_LIGHT)),
                 turn = walk_draw(kiln_path_use(0u, KILN_PATH_BOUNCE));
-    const AimNumber n = AimNumber(real_unit(pick.x), real_unit(pick.y), real_unit(place.x), real_unit(place.y),
-                                  real_unit(turn.x), real_unit(turn.y));
-    AimedRay ray;
-    const bool drawn = aim_draw(aim, k, n, ray) && (!CROSSES || AimFloats(SPHERES.paths).at[aim] > 0.0);
-    const real3 flux = ray.flux / aim_paths(aim);
+    const kiln_aim_numbers n = kiln_aim_numbers(real_unit(pick.x), real_unit(pick.y), real_unit(place.x),
+                                                real_unit(place.y), real_unit(turn.x), real_unit(turn.y));
+    kiln_aimed_ray ray;
+    ray.flux = real3(0);
+    const bool drawn = kiln_aim_draw(aim, k, n, ray) && (!CROSSES || AimFloats(SPHERES.paths).at[aim] > 0.0);
+    const real3 flux = ray.flux / kiln_aim_paths(aim);
     if (!drawn || !(max(flux.x, max(flux.y, flux.z)) > 0)) { /* the lamp sends nothing along it */
         finish(landing_of(ASTRAY, 0u), flux);
         return;
@@ -59,7 +60,7 @@ void kiln_kernel(uint x, uint y)
         return;
     slot = slot_of(x);
     if (BEGINS) {
-        begin();
+        init_from_light();
     } else {
         load();
         end();

@@ -43,12 +43,12 @@ void load()
 
 kiln_caustic_landing sums_then()
 {
-    return kiln_caustic_landing(real(more.place_or_sums[0]), real(more.place_or_sums[1]), real(more.place_or_sums[2]));
+    return kiln_caustic_landing(real(more.place_or_sums[0]), real(more.place_or_sums[1]));
 }
 
 void keep_sums(kiln_caustic_landing sums)
 {
-    LAND_PATH(slot).place_or_sums = real[3](sums.hit, sums.sampled, sums.last);
+    LAND_PATH(slot).place_or_sums = real[3](sums.hit, sums.sampled, 0);
 }
 
 real3 flux_then() { return real3_of(more.flux); }
@@ -56,7 +56,7 @@ real3 flux_then() { return real3_of(more.flux); }
 /* A path that ends after `length` surfaces and lands nowhere. */
 kiln_gpu_landing landing_of(uint end, uint length)
 {
-    return kiln_gpu_landing(float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, KILN_GPU_NONE, KILN_GPU_NONE,
+    return kiln_gpu_landing(float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, KILN_GPU_NONE, KILN_GPU_NONE,
                             end | length << KILN_GPU_LAND_LENGTH);
 }
 
@@ -67,18 +67,15 @@ kiln_gpu_landing land(Vertex v, float taken_up)
     const float above = dot(v.m.normal, v.from);
     uint64_t point;
     if ((more.flags & KILN_GPU_LAND_IMAGED) == 0u &&
-        kiln_store_landing(kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back), point)) {
+        kiln_store_point(kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back), point)) {
         landing.point_low = uint(point);
         landing.point_high = uint(point >> 32);
     }
     landing.shading = above > 0.0 ? max(0.0, dot(v.m.shading, v.from)) / above : 1.0;
     landing.taken_up = taken_up;
     if (SHARES) {
-        const kiln_caustic_landing sums = sums_then();
-        const real squared = real(hit.distance) * real(hit.distance);
-        const real others = kiln_caustic_others(LAND.mis, sums, real(LAND.connections), squared, real(abs(above)));
+        const real others = kiln_caustic_others(LAND.mis, sums_then());
         landing.others = float(min(others, real(FLOAT_MOST)));
-        landing.sampled = float(min(sums.sampled / KILN_REAL_PI, real(FLOAT_MOST)));
     }
     return landing;
 }
@@ -89,5 +86,5 @@ void finish(kiln_gpu_landing landing, real3 flux)
     const uint end = landing.end & KILN_GPU_LAND_END;
     if (end == LANDED || end == ESCAPED || end == BLOCKED)
         landing.flux = floats_of(vec3(flux * real3(weight)));
-    LandingArray(push.sums + 40ul * slot).at[0] = landing;
+    LandingArray(push.sums + KILN_GPU_LANDING_BYTES * slot).at[0] = landing;
 }

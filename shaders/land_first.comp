@@ -9,15 +9,15 @@
 #include "shaders/land.glsl"
 
 /* What the path began with, as far as its density asks for it. */
-AimedRay first_ray()
+kiln_aimed_ray first_ray()
 {
-    return AimedRay(path.origin, path.direction, real3(0), real(more.range), more.light, real3_of(more.place_or_sums),
-                    real(more.cosine), (more.flags & KILN_GPU_LAND_HAS_PLACE) != 0u,
-                    (more.flags & KILN_GPU_LAND_IS_POINT) != 0u, more.triangle);
+    return kiln_aimed_ray(path.origin, path.direction, real3(0), real(more.range), more.light,
+                          real3_of(more.place_or_sums), real(more.cosine), (more.flags & KILN_GPU_LAND_HAS_PLACE) != 0u,
+                          (more.flags & KILN_GPU_LAND_IS_POINT) != 0u, more.triangle);
 }
 
 /* The densities of the other techniques over the path's own. */
-kiln_caustic_landing sums_at(AimedRay first)
+kiln_caustic_landing sums_at(kiln_aimed_ray first)
 {
     const Vertex v = vertex_make(hit, path.direction, true);
     const Lit lit = lit_of(v);
@@ -27,10 +27,10 @@ kiln_caustic_landing sums_at(AimedRay first)
                              first.has_place ? dot(way, way) : real(1), real(abs(dot(v.m.normal, v.from))));
 }
 
-void arrive()
+void shade_surface()
 {
-    const AimedRay first = first_ray();
-    const real met = aim_met(more.aim, first, hit.triangle);
+    const kiln_aimed_ray first = first_ray();
+    const real met = kiln_aim_met(more.aim, first, hit.triangle);
     real3 flux = flux_then();
     if (!(met > 0)) {
         finish(landing_of(ASTRAY, 1u), flux);
@@ -54,7 +54,7 @@ void kiln_kernel(uint x, uint y)
         return;
     slot = slot_of(x);
     load();
-    arrive();
+    shade_surface();
 }
 
 #include "shaders/main.glsl"

@@ -98,7 +98,7 @@ bool go_on(Vertex v)
     return true;
 }
 
-void arrive()
+void shade_surface()
 {
     if (!has_side(hit)) {
         finish(landing_of(BLOCKED, path.surface), flux_then());
@@ -122,7 +122,7 @@ void kiln_kernel(uint x, uint y)
         return;
     slot = slot_of(x);
     load();
-    arrive();
+    shade_surface();
 }
 
 #include "shaders/main.glsl"

@@ -11,12 +11,13 @@ KILN_PUSH(kiln_gpu_both_push);
 layout(constant_id = 6) const uint METHOD = 0u; /* KILN_GPU_BOTH_POINTS or not */
 const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u;
 
+#define KILN_LIFTS
 #include "shaders/bidirectional.glsl"
 #include "shaders/subpaths.glsl"
 
 uint slot;
 kiln_gpu_subpath path;
-Emitted emitted; /* of a path that begins, or that has come to its first surface */
+kiln_emitted emitted; /* of a path that begins, or that has come to its first surface */
 
 void keep(Vertex v)
 {
@@ -36,6 +37,7 @@ void keep(Vertex v)
         l.number = path.surface;
         l.previous = path.last;
         l.path = push.path + slot;
+        l.lift = v.m.lift;
         LIGHT_VERTEX(place) = l;
     }
     path.last = place;
@@ -58,6 +60,7 @@ bool arrive(out Vertex v)
     if (hit.triangle == KILN_GPU_NONE || !has_side(hit))
         return false;
     v = vertex_make(hit, path.direction, false);
+    vertex_lift(path.lift, v);
     const float cosine = abs(dot(v.m.normal, v.from));
     if (!(cosine > 0.0))
         return false;
@@ -68,8 +71,8 @@ bool arrive(out Vertex v)
     const bool first = path.surface == 0u;
     if (first) {
         v.weight *= range_left(v.m.position);
-        const real connect = emission_connect(emitted.light, real3(v.m.position), real3(light_normal(v)),
-                                              emitted.origin, emitted.direction);
+        const real connect = kiln_light_connect(emitted.light, real3(v.m.position), real3(light_normal(v)),
+                                                emitted.origin, emitted.direction);
         v.sums = kiln_path_begin_light(path_techniques(), connect, emitted.density, emitted.cosine, emitted.is_point);
 #ifdef KILN_GLOSS
     } else if (path.body != KILN_GPU_NONE) {
@@ -98,7 +101,7 @@ bool go_on(Vertex v)
     vec3 weight = v.weight * way.factor;
     const vec3 share = weight / path.scale;
     kiln_path_sums sums = v.sums;
-    kiln_path_leave(path_techniques(), sums, real(way.cosine), real(way.forward), real(way.backward), way.delta);
+    kiln_path_leave(path_techniques(), sums, real(way.landing), real(way.forward), real(way.backward), way.delta);
     path.bounces = v.bounces + (way.diffuse && (POINTS || path.surface > 0u) ? 1u : 0u);
     path.chain = way.diffuse ? 0u : path.chain + 1u;
     path.vcm = float(sums.vcm);
@@ -123,11 +126,11 @@ bool emit()
 {
     const uvec2 pick = walk_draw(KILN_EMISSION_USE), place = walk_draw(KILN_EMISSION_USE + 1u),
                 aim = walk_draw(KILN_EMISSION_USE + 2u);
-    return emission_draw(real_unit(pick.x), real_unit(place.x), real_unit(place.y), real_unit(aim.x), real_unit(aim.y),
-                         emitted);
+    return kiln_draw_emitted(real_unit(pick.x), real_unit(place.x), real_unit(place.y), real_unit(aim.x),
+                             real_unit(aim.y), emitted);
 }
 
-bool begin()
+bool init_from_light()
 {
     BothWords(BOTH.last + 4ul * (push.path + slot - push.first)).at[0] = KILN_GPU_NONE;
     if (POINTS && push.light == KILN_GPU_OF_LIGHT_OWN && !point_is_there(point_of(push.path + slot)))
@@ -158,7 +161,7 @@ bool begin()
     return true;
 }
 
-bool follow()
+bool shade_surface()
 {
     Vertex v;
     path = SUBPATH(slot);
@@ -175,7 +178,7 @@ void kiln_kernel(uint x, uint y)
         return;
     slot = slot_of(x);
     draw_for_light(slot);
-    if (push.stage == KILN_GPU_STAGE_BEGIN ? begin() : follow()) {
+    if (push.stage == KILN_GPU_STAGE_BEGIN ? init_from_light() : shade_surface()) {
         SUBPATH(slot) = path;
         go_onward(slot);
     }

@@ -26,7 +26,7 @@ bool draw_light(Sobol sobol, kiln_light_choice choice, uint identity, uint k, re
     const real u = scrambled(sobol, k, KILN_DIMENSION_U, kiln_hash2(identity, 0u)),
                v = scrambled(sobol, k, KILN_DIMENSION_V, kiln_hash2(identity, 1u));
     const real pick = scrambled(sobol, k, KILN_DIMENSION_CHOICE, kiln_hash2(identity, 2u));
-    return kiln_lights_sample(choice, k, position, real3(0), real3(0), pick, u, v, s);
+    return kiln_sample_choice(choice, k, position, real3(0), real3(0), pick, u, v, s);
 }
 
 /* How many samples all candidates get; `n` as for kiln_lights_choose. */

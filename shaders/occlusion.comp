@@ -19,7 +19,8 @@ void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
 {
     float cosine;
     const vec3 direction = hemisphere_cosine(kiln_shading(p, normal), u, v, cosine);
-    const bool below = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u && !(dot(normal, direction) > 0.0);
+    const bool below = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u &&
+                       (p.flags & KILN_GPU_POINT_LIFTED) == 0u && !(dot(normal, direction) > 0.0);
     if (below || kiln_is_met(position, direction, push.distance, seed))
         return;
     sums.open += 1.0;

@@ -15,6 +15,7 @@ KILN_PUSH(kiln_gpu_path_push);
 #include "shaders/trace/trace.glsl"
 #include "shaders/surface.glsl"
 #define KILN_WALK_LIGHTS
+#define KILN_LIFTS
 #include "shaders/walk.glsl"
 
 #include "shaders/path_sums.glsl"
@@ -99,7 +100,7 @@ bool turn(Meeting m, uint surface, out vec3 direction, out bool diffuse)
                              kiln_unit_float(numbers.y), cosine);
     const float share = kiln_shading_weight(dot(m.shading, direction), cosine);
     weight *= share;
-    return share > 0.0 && dot(m.normal, direction) > 0.0;
+    return share > 0.0 && (m.lifted || dot(m.normal, direction) > 0.0);
 }
 
 /* Whether a path that has no last surface, or goes from mirror to mirror, goes on from surface number `surface`. */
@@ -126,8 +127,7 @@ bool go_on(Meeting m, uint surface, out vec3 direction, out kiln_hit hit)
     bounces += diffuse ? 1u : 0u;
     chain = diffuse ? 0u : chain + 1u;
     rays++;
-    const float side = m.gloss && !(dot(m.normal, direction) > 0.0) ? -m.offset : m.offset;
-    hit = trace(m.position + m.normal * side, direction, surface + 1u);
+    hit = trace(meeting_start(m, direction), direction, surface + 1u);
     if (hit.triangle != KILN_GPU_NONE)
         return !last && has_side(hit);
     if (sky)
@@ -159,10 +159,16 @@ void camera_ray(uint64_t pixel, out vec3 origin, out vec3 direction)
 }
 
 /* What surface number `surface`, at `hit`, does; false: the path ends there. */
-bool at_surface(uint surface, inout vec3 direction, inout kiln_hit hit)
+bool shade_surface(uint surface, inout vec3 direction, inout kiln_hit hit)
 {
     const bool first = surface == 0u;
-    const Meeting m = meet(hit, direction, first);
+    Meeting m = meet(hit, direction, first);
+    if (HAS_SMOOTH != 0u && (first || m.gloss)) {
+        const kiln_gpu_path_triangle t = triangle_at(hit.triangle);
+        m.lifted = is_coarse(hit.triangle, t, hit.back);
+        if (m.lifted)
+            m.lift = lift_at(t, hit.back, hit.u, hit.v);
+    }
 #ifdef KILN_GLOSS
     const vec3 left = attenuation(hit);
     weight *= left;
@@ -187,7 +193,7 @@ bool at_surface(uint surface, inout vec3 direction, inout kiln_hit hit)
 }
 
 /* The path begins; false: it meets no surface. */
-bool begin(uint64_t pixel, out vec3 direction, out kiln_hit hit)
+bool init_from_camera(uint64_t pixel, out vec3 direction, out kiln_hit hit)
 {
     vec3 origin;
     weight = vec3(1.0);
@@ -211,9 +217,9 @@ void follow(uint64_t pixel)
 {
     vec3 direction;
     kiln_hit hit;
-    bool under_way = begin(pixel, direction, hit);
+    bool under_way = init_from_camera(pixel, direction, hit);
     for (uint surface = 0u; under_way; surface++)
-        under_way = at_surface(surface, direction, hit);
+        under_way = shade_surface(surface, direction, hit);
     good = good && !under_way;
 }
 

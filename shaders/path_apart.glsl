@@ -46,12 +46,12 @@ void follow(uint slot)
     rays = 0u;
     good = true;
     if (TURN.list == 0ul)
-        under_way = begin(pixel, direction, hit);
+        under_way = init_from_camera(pixel, direction, hit);
     else
         load(PATH_STATE(slot), surface, direction, hit);
     bool own = under_way && is_own(hit);
     for (; own; surface++) {
-        under_way = at_surface(surface, direction, hit);
+        under_way = shade_surface(surface, direction, hit);
         own = under_way && is_own(hit);
     }
     good = good && !own;

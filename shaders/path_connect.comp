@@ -11,6 +11,7 @@ KILN_PUSH(kiln_gpu_both_push);
 layout(constant_id = 6) const uint METHOD = 0u; /* KILN_GPU_BOTH_POINTS or not */
 const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u;
 
+#define KILN_LIFTS
 #include "shaders/bidirectional.glsl"
 #include "shaders/subpaths.glsl"
 #include "shaders/point_ends.glsl"
@@ -37,7 +38,8 @@ bool scatter_both(kiln_gpu_eye_vertex eye, kiln_gpu_light_vertex kept, out Scatt
         else
             hit = hit_of(eye.triangle, eye.u, eye.v, 0.0);
         const vec3 from = far ? kept.from : eye.from;
-        const Vertex v = vertex_make(hit, -from, !far && eye.surface == 0u);
+        Vertex v = vertex_make(hit, -from, !far && eye.surface == 0u);
+        vertex_lift(far ? kept.lift : eye.lift, v);
         sends = vertex_scatter(v, far ? -to_light : from, far ? from : to_light, KILN_LOBE_ALL, s[end]);
         at[end] = vertex_start(v, far ? -to_light : to_light);
         if (far)
@@ -60,8 +62,8 @@ void connect(uint slot, kiln_gpu_eye_vertex eye, kiln_gpu_light_vertex kept)
                         int(BOTH.most) - int(eye.bounces) - int(kept.bounces));
     const real share = kiln_path_weight_connected(
         path_techniques(), sums_of(eye.vcm, eye.vc, eye.vm), sums_of(kept.vcm, kept.vc, kept.vm),
-        real(s[0].to_light * s[1].cosine_o / squared), real(s[1].to_light),
-        real(point_lands(eye) ? s[1].to_eye * s[0].cosine_i / squared : 0.0), real(s[0].to_eye));
+        real(s[0].to_light * s[1].landing_o / squared), real(s[1].to_light),
+        real(point_lands(eye) ? s[1].to_eye * s[0].landing_i / squared : 0.0), real(s[0].to_eye));
     const float near = at_point ? 1.0 : s[0].cosine_i, /* the point's own cosine is in what it counts */
         scale = float(real(near * s[1].cosine_o / squared) * share);
     const vec3 weight = vec3_in(eye.weight), flux = vec3_in(kept.flux);

@@ -10,6 +10,7 @@ layout(constant_id = 6) const uint METHOD = 15u; /* KILN_GPU_BOTH_...: what the 
 const bool CONNECTS = (METHOD & KILN_GPU_BOTH_CONNECTS) != 0u, OWN = (METHOD & KILN_GPU_BOTH_OWN) != 0u,
            POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u;
 
+#define KILN_LIFTS
 #include "shaders/bidirectional.glsl"
 #include "shaders/subpaths.glsl"
 #include "shaders/point_ends.glsl"
@@ -27,11 +28,11 @@ void merge_at_point(uint slot, kiln_gpu_eye_vertex eye, kiln_gpu_photon photon)
 {
     const int left = int(BOTH.most) - int(eye.bounces) - int(photon.bounces);
     const Scatter s = point_scatter(eye, photon.from);
-    if (photon.number == 0u || left < 0 || !(s.cosine_i > 0.0))
+    const real present = real(LitPoints(POINTS_THERE.points).at[POINT_PATH(slot).point].present);
+    if (photon.number == 0u || left < 0 || !(s.cosine_i > 0.0) || !(present > 0)) /* 0: all of it is cut away */
         return;
     const real share = kiln_path_weight_merged(path_techniques(), sums_of(0.0, 0.0, 0.0),
                                                sums_of(photon.vcm, 0.0, photon.vm), real(s.to_light), real(0));
-    const real present = real(LitPoints(POINTS_THERE.points).at[POINT_PATH(slot).point].present);
     const vec3 brings = vec3_in(photon.flux) * float(share / (real(BOTH.area) * present * real(s.cosine_i)));
     add_light_to(slot, Counted(brings, left == 0 ? brings : vec3(0.0)), point_counts_from(slot, eye, photon.from));
 }
@@ -47,9 +48,11 @@ void kiln_kernel(uint x, uint y)
         merge_at_point(pair.slot, eye, photon);
         return;
     }
-    const Vertex v = vertex_make(hit_of(eye.triangle, eye.u, eye.v, 0.0), -eye.from, eye.surface == 0u);
+    Vertex v = vertex_make(hit_of(eye.triangle, eye.u, eye.v, 0.0), -eye.from, eye.surface == 0u);
     Scatter s;
-    if (!vertex_scatter(v, eye.from, photon.from, CONNECTS ? KILN_LOBE_ALL : KILN_LOBE_ALL & ~v.mirrors, s))
+    vertex_lift(eye.lift, v);
+    if (!vertex_scatter(v, eye.from, photon.from, CONNECTS ? KILN_LOBE_ALL : KILN_LOBE_ALL & ~v.mirrors, s) ||
+        !(s.landing_i > 0.0))
         return;
     const Counted product = counted_product(s, POINTS || photon.number > 0u, vec3(1.0), vec3(0.0),
                                             int(BOTH.most) - int(eye.bounces) - int(photon.bounces));

@@ -11,6 +11,7 @@ layout(constant_id = 6) const uint METHOD = KILN_GPU_RAYS_NEXT; /* KILN_GPU_RAYS
 const uint ASKS = METHOD & KILN_GPU_BOTH_FORM;
 const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u, LANDS = (METHOD & KILN_GPU_BOTH_LANDS) != 0u;
 
+#define KILN_LIFTS
 #include "shaders/bidirectional.glsl"
 #include "shaders/subpaths.glsl"
 
@@ -47,7 +48,17 @@ void sort(uint slot, kiln_hit hit, uint body)
 }
 #endif
 
-void next(uint slot)
+/* How far rays are lifted that begin at what the path has met (meeting_lift of worker/backend/embree/meeting.h). */
+float lift_off(kiln_hit hit, bool seen)
+{
+    if (HAS_SMOOTH == 0u || LANDS || hit.triangle == KILN_GPU_NONE ||
+        !(seen || (HAS_GLOSS && (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u)))
+        return 0.0;
+    const kiln_gpu_path_triangle t = triangle_at(hit.triangle);
+    return is_coarse(hit.triangle, t, hit.back) ? lift_at(t, hit.back, hit.u, hit.v) : 0.0;
+}
+
+void intersect_closest(uint slot)
 {
     const kiln_gpu_subpath s = SUBPATH(slot);
     const bool of_light = LANDS || push.light != KILN_GPU_OF_CAMERA;
@@ -67,14 +78,15 @@ void next(uint slot)
     if (POINTS && !of_light && s.surface == 1u)
         chance = POINT_PATH(slot).seed;
     vec3 tint;
-    const kiln_hit hit =
-        nearest(s.origin, s.direction, KILN_INFINITY, chance, !POINTS && !of_light && s.surface == 0u, tint);
+    const bool seen = !POINTS && !of_light && s.surface == 0u; /* by the camera itself */
+    const kiln_hit hit = nearest(s.origin, s.direction, KILN_INFINITY, chance, seen, tint);
     SUBPATH(slot).triangle =
         hit.triangle == KILN_GPU_NONE ? KILN_GPU_NONE : hit.triangle | (hit.back ? KILN_GPU_BOTH_BACK : 0u);
     SUBPATH(slot).u = hit.u;
     SUBPATH(slot).v = hit.v;
     SUBPATH(slot).distance = hit.distance;
     SUBPATH(slot).tint = floats_of(tint);
+    SUBPATH(slot).lift = lift_off(hit, seen);
 #ifdef KILN_GLOSS
     sort(slot, hit, s.body);
 #endif
@@ -96,31 +108,36 @@ void add_to_film(uint pixel, vec3 rgb)
             BothCounts(BOTH.counts).at[0].too_much = 1u;
 }
 
+/* What is in the way of light to a path's vertex or to the camera. */
+void intersect_shadow(uint number)
+{
+    const kiln_gpu_shadow_ray r = SHADOW_RAY(number);
+    const vec3 brings = vec3_in(r.brings);
+    if (ASKS == KILN_GPU_RAYS_TO_PATHS) {
+        const vec3 through = kiln_through(r.origin, r.direction, r.limit);
+        Counted light = Counted(brings * through, vec3(0.0));
+        vec2 counts = vec2(0.0);
+        if (POINTS) {
+            const kiln_gpu_point_ray p = POINT_RAY(number);
+            light.last = vec3_in(p.last) * through;
+            counts = vec2(p.irradiance, p.incident);
+        }
+        add_light_to(r.to, light, counts);
+    } else {
+        vec3 tint;
+        if (nearest(r.origin, r.direction, r.limit, r.chance, true, tint).triangle == KILN_GPU_NONE)
+            add_to_film(r.to, brings * tint);
+    }
+}
+
 void kiln_kernel(uint x, uint y)
 {
     if (y > 0u || !has_work(x))
         return;
-    if (ASKS == KILN_GPU_RAYS_NEXT) {
-        next(slot_of(x));
-    } else {
-        const kiln_gpu_shadow_ray r = SHADOW_RAY(push.offset + x);
-        const vec3 brings = vec3_in(r.brings);
-        if (ASKS == KILN_GPU_RAYS_TO_PATHS) {
-            const vec3 through = kiln_through(r.origin, r.direction, r.limit);
-            Counted light = Counted(brings * through, vec3(0.0));
-            vec2 counts = vec2(0.0);
-            if (POINTS) {
-                const kiln_gpu_point_ray p = POINT_RAY(push.offset + x);
-                light.last = vec3_in(p.last) * through;
-                counts = vec2(p.irradiance, p.incident);
-            }
-            add_light_to(r.to, light, counts);
-        } else {
-            vec3 tint;
-            if (nearest(r.origin, r.direction, r.limit, r.chance, true, tint).triangle == KILN_GPU_NONE)
-                add_to_film(r.to, brings * tint);
-        }
-    }
+    if (ASKS == KILN_GPU_RAYS_NEXT)
+        intersect_closest(slot_of(x));
+    else
+        intersect_shadow(push.offset + x);
     if (!still_loops(push.count))
         BothCounts(BOTH.counts).at[0].stopped = 1u;
 }

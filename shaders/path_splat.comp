@@ -10,6 +10,7 @@ KILN_PUSH(kiln_gpu_both_push);
 layout(constant_id = 6) const uint METHOD = 15u; /* KILN_GPU_BOTH_...: what the method does */
 const bool CONNECTS = (METHOD & KILN_GPU_BOTH_CONNECTS) != 0u, POINTS = false;
 
+#define KILN_LIFTS
 #include "shaders/bidirectional.glsl"
 #include "shaders/picture.glsl"
 #include "shaders/subpaths.glsl"
@@ -70,7 +71,10 @@ void connect(kiln_gpu_light_vertex kept, View view)
 {
     Vertex v = vertex_of(kept, true);
     Scatter s;
-    if (!faces(kept, v.front, view.towards) || !vertex_scatter(v, view.towards, v.from, KILN_LOBE_ALL, s))
+    if (v.m.gloss)
+        vertex_lift(0.0, v); /* the camera's rays end at the surface */
+    if (!faces(kept, v.front, view.towards) || !vertex_scatter(v, view.towards, v.from, KILN_LOBE_ALL, s) ||
+        !(s.landing_o > 0.0))
         return;
     const vec3 product = scatter_product(s, kept.number > 0u, vec3(1.0), vec3(0.0), int(BOTH.most) - int(v.bounces));
     const real density = camera_density(view.towards, view.distance, s.cosine_o) / real(BOTH.paths);

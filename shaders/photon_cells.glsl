@@ -1,15 +1,12 @@
-/* Cells of photons, as wide as twice the radius of merging, and the buckets that they fall into:
- * worker/backend/embree/photons.c. Needs BOTH and `real`. */
+/* Cells of photons and their buckets. Needs BOTH and `real`. */
+#include "shaders/shared/bidirectional.h"
 
 /* The cell of a place, shifted by a share of a cell. */
 ivec3 photon_cell(vec3 p, real shift)
 {
-    const real scale = real(0.5LF) / real(BOTH.radius);
-    return ivec3(int(floor(real(p.x) * scale + shift)), int(floor(real(p.y) * scale + shift)),
-                 int(floor(real(p.z) * scale + shift)));
+    const real radius = real(BOTH.radius);
+    return ivec3(kiln_photon_cell(p.x, radius, shift), kiln_photon_cell(p.y, radius, shift),
+                 kiln_photon_cell(p.z, radius, shift));
 }
 
-uint photon_bucket(ivec3 cell)
-{
-    return kiln_hash2(kiln_hash2(uint(cell.x), uint(cell.y)), uint(cell.z)) & BOTH.bucket_mask;
-}
+uint photon_bucket(ivec3 cell) { return kiln_photon_bucket(cell.x, cell.y, cell.z, BOTH.bucket_mask); }

@@ -19,7 +19,7 @@ KILN_ARRAY(BothWords, uint, 4);
 
 void count_vertex(uint x)
 {
-    const vec3 place = LightVertices(BOTH.vertices + 76ul * x).at[0].position;
+    const vec3 place = LightVertices(BOTH.vertices + 80ul * x).at[0].position;
     atomicAdd(BothWords(BOTH.ends).at[photon_bucket(photon_cell(place, 0))], 1u);
 }
 
@@ -33,7 +33,7 @@ void begin_bucket(uint x)
 
 void place_vertex(uint x)
 {
-    const kiln_gpu_light_vertex v = LightVertices(BOTH.vertices + 76ul * x).at[0];
+    const kiln_gpu_light_vertex v = LightVertices(BOTH.vertices + 80ul * x).at[0];
     const uint place = atomicAdd(BothWords(BOTH.ends).at[photon_bucket(photon_cell(v.position, 0))], 1u);
     Photons(BOTH.photons + 52ul * place).at[0] =
         kiln_gpu_photon(v.position, v.from, v.flux, v.vcm, v.vm, v.bounces, v.number);

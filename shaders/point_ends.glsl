@@ -14,7 +14,8 @@ bool point_lands(kiln_gpu_eye_vertex eye) { return !POINTS || eye.surface > 0u |
 /* Of light that comes to the point from i: nothing is sent on, and the point's bounce is counted already. */
 Scatter point_scatter(kiln_gpu_eye_vertex eye, vec3 i)
 {
-    return Scatter(vec3(1.0), vec3(0.0), max(0.0, dot(eye.from, i)) * KILN_INVERSE_PI, 0.0, 1.0, dot(eye.normal, i));
+    const float cosine = dot(eye.normal, i);
+    return Scatter(vec3(1.0), vec3(0.0), max(0.0, dot(eye.from, i)) * KILN_INVERSE_PI, 0.0, 1.0, cosine, 1.0, cosine);
 }
 
 /* How much light from i counts for at the point, per W/m2 across i. */

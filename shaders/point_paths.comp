@@ -83,6 +83,7 @@ void leave_vertex(uint slot, Start s, vec3 axis, bool lands)
     e.surface = 0u;
     e.bounces = 1u;
     e.faces = 1u;
+    e.lift = 0.0;
     e.vertex = KILN_GPU_NONE;
     if (!ALONE)
         e.vertex = BothWords(BOTH.last + 4ul * (uint(push.pixel + slot) - push.first)).at[0];
@@ -118,10 +119,11 @@ void send(uint slot, Start s, vec3 direction, float density, bool lands)
     path.v = 0.0;
     path.distance = 0.0;
     path.tint = float[3](1.0, 1.0, 1.0);
+    path.lift = 0.0;
     SUBPATH(slot) = path;
 }
 
-void begin(uint slot, uint point)
+void init_from_point(uint slot, uint point)
 {
     const kiln_gpu_point p = LitPoints(POINTS_THERE.points).at[point];
     const Start s = start_of(p, push.sampled - POINTS_THERE.first_sample);
@@ -190,7 +192,7 @@ void kiln_kernel(uint x, uint y)
     if (DRAW_AGAIN == 0u)
         clear(slot);
     if (state == (DRAW_AGAIN != 0u ? KILN_GPU_STATE_BURIED : KILN_GPU_STATE_VALID))
-        begin(slot, point);
+        init_from_point(slot, point);
     if (!still_loops(push.count))
         BothCounts(BOTH.counts).at[0].stopped = 1u;
 }

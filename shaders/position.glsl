@@ -2,6 +2,7 @@
  * before it where DRAW_AGAIN may be 1. */
 
 #include "shaders/material.glsl"
+#include "shaders/shared/lift.h"
 #include "shaders/shared/passage.h"
 #include "shaders/shared/streams.h"
 #include "shaders/shared/warp.h"
@@ -87,9 +88,10 @@ kiln_part_place kiln_find_present(kiln_gpu_point p, uint64_t parts, float s, flo
     return place;
 }
 
-/* A place on the point for s and t in (0, 1): position with its offset, geometric normal, and that offset. */
-void kiln_place(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal,
-                out float offset)
+/* A place on the point for s and t in (0, 1): position with its offset, geometric normal, and that offset. Returns the
+ * part. */
+kiln_part_place kiln_place(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal,
+                           out float offset)
 {
     kiln_part_place place;
     if (HAS_ALPHA != 0u && (p.flags & KILN_GPU_POINT_MASKED) != 0u)
@@ -100,49 +102,89 @@ void kiln_place(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 pos
         position = p.origin + place.w1 * p.edge_s + place.w2 * p.edge_t;
         normal = p.normal;
         offset = p.offset;
-        return;
+        return place;
     }
     const kiln_gpu_part part = PartArray(parts + uint64_t(p.first_part) * 56ul).at[place.part];
     position = part.p + place.w1 * part.e1 + place.w2 * part.e2;
     normal = part.normal;
     offset = part.offset;
+    return place;
 }
 
 #ifdef KILN_TRACES
-bool kiln_meets_back(vec3 position, vec3 direction)
+bool kiln_meets_back(vec3 position, vec3 direction, uint preferred)
 {
-    const kiln_hit hit = kiln_trace(position, direction);
+    const kiln_hit hit = kiln_trace(position, direction, KILN_ENDLESS, preferred);
     if (hit.triangle == KILN_GPU_NONE || !hit.back)
         return false;
     return (floatBitsToUint(RecordHalves(SCENE.records + uint64_t(hit.triangle) * 32ul).at[1].w) &
             (KILN_RECORD_DOUBLE_SIDED | KILN_RECORD_CLEAR)) == 0u;
 }
 
-/* A ray along the normal and three around it, 53 degrees off, all meet backs of single-sided surfaces, not glass's. */
+/* A ray along the normal and three around it, 53 degrees off, all meet backs of single-sided surfaces, not glass's;
+ * that is asked first. Then, for validity, whether no more than KILN_BURIED_BOTH of these coincide with fronts. */
 bool kiln_buried(vec3 position, vec3 normal)
 {
     vec3 t, b;
+    int both = 0;
     kiln_basis(normal, t, b);
-    for (int i = 0; i < 4; i++) {
+    for (int k = 0; k < (KILN_ASKS_BURIED ? 8 : 4); k++) {
+        const int i = k & 3;
         const vec2 turn = i == 0   ? vec2(0.0)
                           : i == 1 ? vec2(KILN_BURIED_ACROSS, 0.0)
                                    : vec2(-KILN_BURIED_HALF, i == 2 ? KILN_BURIED_SIDE : -KILN_BURIED_SIDE);
         const vec3 direction = i == 0 ? normal : turn.x * t + turn.y * b + KILN_BURIED_ALONG * normal;
-        if (!kiln_meets_back(position, direction))
-            return false;
+        const uint preferred = !KILN_ASKS_BURIED ? KILN_EITHER : k < 4 ? KILN_BACK : KILN_FRONT;
+        if (!kiln_meets_back(position, direction, preferred)) {
+            both++;
+            if (k < 4 || both > KILN_BURIED_BOTH)
+                return false;
+        }
     }
     return true;
 }
 
-/* kiln_place, drawn again while it is buried where DRAW_AGAIN says so (for points in the state KILN_GPU_STATE_BURIED
- * only). */
+/* How far rays that begin at a place of a lifted point are lifted off its part. */
+float kiln_part_lift(kiln_gpu_point p, uint64_t parts, kiln_part_place place)
+{
+    const uint before = p.part_count + ((p.flags & KILN_GPU_POINT_MASKED) != 0u ? 1u : 0u);
+    const kiln_gpu_part_triangle of =
+        PartTriangleArray(parts + (uint64_t(p.first_part) + before) * 56ul).at[place.part];
+    return kiln_lift_at(kiln_lift(of.lift), of.weight[0] + place.w1 * of.along_e1[0] + place.w2 * of.along_e2[0],
+                        of.weight[1] + place.w1 * of.along_e1[1] + place.w2 * of.along_e2[1]);
+}
+
+/* Lifts a position, not through what lies above. */
+void kiln_lift_position(kiln_gpu_point p, uint64_t parts, kiln_part_place place, vec3 normal, inout vec3 position,
+                        inout float offset)
+{
+    float lift = kiln_part_lift(p, parts, place);
+    if (!(lift > 0.0))
+        return;
+    const kiln_hit above = kiln_trace(position, normal, lift / KILN_LIFT_CLEAR, KILN_EITHER);
+    if (above.triangle != KILN_GPU_NONE)
+        lift = KILN_LIFT_CLEAR * above.distance;
+    position += lift * normal;
+    offset += lift;
+}
+
+/* Whether light from a direction reaches the point as far as its own surface goes: as frame_faces. */
+bool kiln_faces(kiln_gpu_point p, float cosine, float shading_cosine)
+{
+    return (HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_LIFTED) != 0u ? shading_cosine : cosine) > 0.0;
+}
+
+/* kiln_place, lifted, drawn again while it is buried where DRAW_AGAIN says so (for points in the state
+ * KILN_GPU_STATE_BURIED only). */
 void kiln_position(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal,
                    out float offset)
 {
     float u = s, v = t;
     bool again = true;
     for (uint i = 0u; again; i++) {
-        kiln_place(p, parts, u, v, position, normal, offset);
+        const kiln_part_place place = kiln_place(p, parts, u, v, position, normal, offset);
+        if (HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_LIFTED) != 0u)
+            kiln_lift_position(p, parts, place, normal, position, offset);
         again = DRAW_AGAIN != 0u && i < KILN_BURIED_TRIES && kiln_buried(position, normal);
         const uint hash = kiln_buried_retry(s, t, p.key, i);
         u = kiln_unit_float(hash);

@@ -84,9 +84,9 @@ void sphere_sample(inout Sums sums, uint x, vec3 p, uint key, uint k)
     } else {
         sums.distance += min(hit.distance, push.far);
         const kiln_store_way to = kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back);
-        if (hit.back && (to.material & KILN_RECORD_DOUBLE_SIDED) == 0u)
+        if (hit.back && (to.material & (KILN_RECORD_DOUBLE_SIDED | KILN_RECORD_CLEAR)) == 0u)
             sums.back += 1.0;
-        else
+        if (!hit.back || (to.material & KILN_RECORD_DOUBLE_SIDED) != 0u)
             radiance = kiln_store_radiosity(to) * KILN_INVERSE_PI;
     }
     if (HAS_ALPHA >= KILN_PASSAGE_TINT)

@@ -28,7 +28,8 @@ float number(uint k, uint dimension, uint key)
 
 bool good = true; /* the device has ended no loop early */
 
-/* Radiosity that ray k finds, and in w whether it met the back of a single-sided surface. */
+/* Radiosity that ray k finds, and in w whether it met the back of a single-sided surface that
+ * lets no light through. */
 vec4 find_radiosity(vec3 position, vec3 direction, uint key, uint k)
 {
     vec3 tint;
@@ -44,7 +45,7 @@ vec4 find_radiosity(vec3 position, vec3 direction, uint key, uint k)
 #endif
     const kiln_store_way to = kiln_store_enter(hit.triangle, hit.u, hit.v, hit.back);
     if (hit.back && (to.material & KILN_RECORD_DOUBLE_SIDED) == 0u)
-        return vec4(0.0, 0.0, 0.0, 1.0);
+        return vec4(0.0, 0.0, 0.0, (to.material & KILN_RECORD_CLEAR) == 0u ? 1.0 : 0.0);
     const vec3 rgb = kiln_store_radiosity(to);
     return vec4(HAS_ALPHA >= KILN_PASSAGE_TINT ? rgb * tint : rgb, 0.0);
 }

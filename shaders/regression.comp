@@ -1,6 +1,6 @@
 /* Surface regression: one sweep over points, of which thread x takes one. What the sweeps are, and their formulas, are
- * those of coordinator/output/map/regression.c, which has the same names for the same things; neighbours are those of
- * neighbours.c. Sums over neighbours go by the points' order, so that results hang on the points alone. */
+ * those of coordinator/output/map/denoise/regression.c, which has the same names for the same things; neighbours are
+ * those of neighbours.c. Sums over neighbours go by the points' order, so that results hang on the points alone. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -22,7 +22,7 @@ KILN_ARRAY(Words, uint, 4);
 KILN_ARRAY(Floats, float, 4);
 
 const int SCALES = KILN_REGRESSION_SCALES, FITS = KILN_REGRESSION_FITS, RAW = KILN_REGRESSION_RAW, LIGHTS = 2,
-          TERMS = 6, NARROW = 1, WIDE = 4, QUADRATIC = FITS - SCALES;
+          TERMS = 6, NARROW = 1, WIDE = 4, QUADRATIC = FITS - SCALES, QUADRATIC_NARROW = SCALES + 1;
 const float scales[SCALES] = {0.75, 1.0, 1.5, 2.0, 3.0, 4.0};
 const int scale_of[FITS] = {0, 1, 2, 3, 4, 5, 1, 2, 3, 5};
 
@@ -147,8 +147,8 @@ Fit solve_quadratic(float low[LOW], float high[HIGH], float own, real radius)
     [[unroll]] for (int i = 0; i < TERMS; i++) [[unroll]] for (int j = 0; j <= i; j++)
     {
         const int y = power_y[i] + power_y[j], order = power_x[i] + power_x[j] + y;
-        m[i][j] = real(moment(low, high, own, order, y)) * powers[order] / sum +
-                  (i == j && i > 0 ? real(1e-6LF) : real(0));
+        m[i][j] =
+            real(moment(low, high, own, order, y)) * powers[order] / sum + (i == j && i > 0 ? real(1e-6LF) : real(0));
         [[unroll]] for (int k = 0; k < j; k++) m[i][j] -= m[i][k] * m[j][k];
         m[i][j] = i == j ? sqrt(max(m[i][j], real(1e-12LF))) : m[i][j] / m[j][j];
     }
@@ -285,21 +285,26 @@ void fit_point(uint place)
 void pool_variance(uint place)
 {
     const Middle m = middle_of(place);
-    float weight = points.at[place].area, leverage = weight * fits_from(place).at[NARROW];
-    const int second = is_there(1) ? 2 * FITS + NARROW : FITS + NARROW;
+    const int second = is_there(1) ? 2 * FITS : FITS;
+    Floats here = fits_from(place);
+    float weight = points.at[place].area;
+    vec2 leverage = weight * vec2(here.at[NARROW], here.at[QUADRATIC_NARROW]); /* of both fits */
     vec2 variance = weight * vec2(given(place, 0).variance, given(place, 1).variance),
-         square = weight * vec2(fits_from(place).at[FITS + NARROW], fits_from(place).at[second]);
+         square = weight * vec2(here.at[FITS + NARROW], here.at[second + NARROW]),
+         curved = weight * vec2(here.at[FITS + QUADRATIC_NARROW], here.at[second + QUADRATIC_NARROW]);
     FOR_NEIGHBOURS(m, 2.0 * scales[WIDE])
     {
         const float w = weight_of(xy, area, WIDE);
         Floats fits = fits_from(j);
         weight += w;
-        leverage += w * fits.at[NARROW];
+        leverage += w * vec2(fits.at[NARROW], fits.at[QUADRATIC_NARROW]);
         variance += w * vec2(given(j, 0).variance, given(j, 1).variance);
-        square += w * vec2(fits.at[FITS + NARROW], fits.at[second]);
+        square += w * vec2(fits.at[FITS + NARROW], fits.at[second + NARROW]);
+        curved += w * vec2(fits.at[FITS + QUADRATIC_NARROW], fits.at[second + QUADRATIC_NARROW]);
     }
-    const float part = 1.0 - 1.4 * leverage / weight;
-    const vec2 scatter = part > 0.25 ? square / part : variance, pooled = min(variance, scatter) / weight;
+    const vec2 part = 1.0 - vec2(1.4, 1.24) * leverage / weight;
+    const vec2 scatter = min(part.x > 0.25 ? square / part.x : variance, part.y > 0.25 ? curved / part.y : variance),
+               pooled = min(variance, scatter) / weight;
     choice(place, 0).at[0].pooled = pooled.x;
     if (is_there(1))
         choice(place, 1).at[0].pooled = pooled.y;
@@ -320,7 +325,7 @@ void estimate_risks(uint place)
 void choose(uint place, int light, float weight, float leverage[FITS], float risks[FITS])
 {
     kiln_gpu_regression_choice e = choice(place, light).at[0];
-    float least = 1.0;
+    float least = 0.9;
     e.choice = uint(RAW);
     e.part = 0.0;
     [[unroll]] for (int f = 0; f < FITS; f++)
@@ -333,7 +338,7 @@ void choose(uint place, int light, float weight, float leverage[FITS], float ris
             e.part = part;
         }
     }
-    e.risk = max(least, 0.0) * e.pooled;
+    e.risk = (e.choice == uint(RAW) ? 1.0 : max(least, 0.0)) * e.pooled;
     choice(place, light).at[0] = e;
 }
 
@@ -373,8 +378,8 @@ struct Shares {
 void add_share(inout Shares shares, uint place, float weight)
 {
     const kiln_gpu_regression_choice a = choice(place, 0).at[0], b = choice(place, 1).at[0];
-    [[unroll]] for (int f = 0; f < FITS; f++)
-        shares.of[f] += weight * vec2(a.choice == uint(f) ? a.part : 0.0, b.choice == uint(f) ? b.part : 0.0);
+    [[unroll]] for (int f = 0; f < FITS; f++) shares.of[f] +=
+        weight * vec2(a.choice == uint(f) ? a.part : 0.0, b.choice == uint(f) ? b.part : 0.0);
     shares.risk += weight * vec2(a.risk, b.risk);
 }
 
@@ -414,9 +419,8 @@ Factors find_factors(Middle m, Shares shares, float own)
         sums[s] = no_moments();
         [[unroll]] for (int i = 0; i < TERMS; i++) factors.of[s][i] = vec2(0.0);
     }
-    [[unroll]] for (int f = 0; f < FITS; f++)
-        if (shares.of[f].x > 0.0 || shares.of[f].y > 0.0)
-            factors.reach = max(factors.reach, 2.0 * scales[scale_of[f]]);
+    [[unroll]] for (int f = 0; f < FITS; f++) if (shares.of[f].x > 0.0 || shares.of[f].y > 0.0) factors.reach =
+        max(factors.reach, 2.0 * scales[scale_of[f]]);
     FOR_NEIGHBOURS(m, factors.reach)
     {
         [[unroll]] for (int s = 0; s < SCALES; s++)
@@ -432,8 +436,9 @@ Factors find_factors(Middle m, Shares shares, float own)
         if (!(share.x > 0.0) && !(share.y > 0.0))
             continue;
         const Fit fit = make_fit(sums[scale_of[f]], f, own);
-        if (fit.leverage < real(0.95LF))
-            [[unroll]] for (int i = 0; i < TERMS; i++) factors.of[scale_of[f]][i] += share * float(fit.of[i]);
+        if (fit.leverage < real(0.95LF)) [[unroll]]
+            for (int i = 0; i < TERMS; i++)
+                factors.of[scale_of[f]][i] += share * float(fit.of[i]);
     }
     return factors;
 }

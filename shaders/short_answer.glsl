@@ -1,5 +1,5 @@
 /* A point's answer for the host: what it cannot tell itself, and no more. The layout stands in shaders/shared/layout.h,
- * the host's side in worker/backend/vulkan/answers.c. */
+ * the host's side in worker/backend/vulkan/answers.h. */
 KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
 KILN_ARRAY(ShortFloats, float, 4);
 KILN_ARRAY(ShortWords, uint, 4);

@@ -55,11 +55,24 @@ kiln_store_way kiln_store_enter(uint triangle, float u, float v, bool back)
     return to;
 }
 
-/* The surface point there; false: there is none. `beyond`: that it lies beyond a wall that divides its texel. */
-bool kiln_store_find(kiln_store_way to, out uint64_t point, out bool beyond)
+/* The point of a divided texel at the place (kiln_divided_choose); false: there is none. */
+bool kiln_divided_choose(uint64_t number, vec2 place, out uint64_t point)
+{
+    const kiln_gpu_divided texel = DividedArray(SCENE.store.divided + number * uint64_t(KILN_GPU_DIVIDED_BYTES)).at[0];
+    uint sure = 0u, perhaps = 0u;
+    for (uint i = 0u; i < texel.line_count; i++)
+        kiln_cut_add(texel.lines[3u * i] * place.x + texel.lines[3u * i + 1u] * place.y - texel.lines[3u * i + 2u],
+                     texel.margin, i, sure, perhaps);
+    const uint part = kiln_cut_part(texel.codes[0], texel.codes[1], sure);
+    point = texel.part[min(part, uint(KILN_TEXEL_PARTS) - 1u)];
+    return part < uint(KILN_TEXEL_PARTS) && part == kiln_cut_part(texel.codes[0], texel.codes[1], perhaps) &&
+           point != ~0ul;
+}
+
+/* The surface point there; false: there is none. */
+bool kiln_store_point(kiln_store_way to, out uint64_t point)
 {
     point = 0ul;
-    beyond = false;
     if (HAS_OCTREE != 0u && to.tile == 0ul)
         return false;
     uvec4 tile = TileWords(to.tile).at[0];
@@ -72,31 +85,11 @@ bool kiln_store_find(kiln_store_way to, out uint64_t point, out bool beyond)
             part += 16ul;
             tile = TileWords(part).at[0];
         }
-        if (HAS_DIVIDED != 0u && (tile.w & KILN_TILE_SPLIT_HIGH) != 0u) {
-            const uint64_t number = uint64_t(tile.w & ~KILN_TILE_SPLIT_HIGH) << 32 | tile.z;
-            const uint64_t before = number * uint64_t(KILN_GPU_DIVIDED_BYTES);
-            const kiln_gpu_divided texel = DividedArray(SCENE.store.divided + before).at[0];
-            beyond = texel.face[0] * to.place.x + texel.face[1] * to.place.y > texel.middle;
-            point = beyond ? texel.beyond : texel.point;
-            return true;
-        }
+        if (HAS_DIVIDED != 0u && (tile.w & KILN_TILE_SPLIT_HIGH) != 0u)
+            return kiln_divided_choose(uint64_t(tile.w & ~KILN_TILE_SPLIT_HIGH) << 32 | tile.z, to.place, point);
     }
     point = (uint64_t(tile.w) << 32 | tile.z) + kiln_bits_below(tile.xy, to.bit);
     return true;
-}
-
-/* The surface point there, on either side of a wall; false: there is none. */
-bool kiln_store_point(kiln_store_way to, out uint64_t point)
-{
-    bool beyond;
-    return kiln_store_find(to, point, beyond);
-}
-
-/* The point that light lands on there (worker/store/landing.h): none beyond a wall. */
-bool kiln_store_landing(kiln_store_way to, out uint64_t point)
-{
-    bool beyond;
-    return kiln_store_find(to, point, beyond) && !beyond;
 }
 
 /* Radiosity there, W/m2; 0 beside every point. */

@@ -1,6 +1,6 @@
 /* Paths of the bidirectional pass while they are under way: each has a slot, and one kernel after the other does a part
  * of what its next surface asks for, of all slots (Laine, Karras and Aila, "Megakernels considered harmful", 2013).
- * worker/backend/vulkan/bidirectional_stages.c has their order.
+ * The host has their order: worker/backend/vulkan/bidirectional.h.
  *
  *   path_rays.comp      the surfaces that rays meet; what is in the way of light, whose radiance it adds up
  *   light_paths.comp    paths of light: they begin, arrive at surfaces, keep vertices, go on
@@ -32,10 +32,10 @@ KILN_ARRAY(PointRays, kiln_gpu_point_ray, 4);
 KILN_ARRAY(LitPoints, kiln_gpu_point, 8);
 KILN_ARRAY(LandPaths, kiln_gpu_land_path, 8);
 
-#define SUBPATH(slot) Subpaths(BOTH.subpaths + 128ul * (slot)).at[0]
-#define EYE_VERTEX(slot) EyeVertices(BOTH.eyes + 100ul * (slot)).at[0]
+#define SUBPATH(slot) Subpaths(BOTH.subpaths + 132ul * (slot)).at[0]
+#define EYE_VERTEX(slot) EyeVertices(BOTH.eyes + 104ul * (slot)).at[0]
 #define LAND_PATH(slot) LandPaths(BOTH.lands).at[slot]
-#define LIGHT_VERTEX(number) LightVertices(BOTH.vertices + 76ul * (number)).at[0]
+#define LIGHT_VERTEX(number) LightVertices(BOTH.vertices + 80ul * (number)).at[0]
 #define SHADOW_RAY(number) ShadowRays(BOTH.shadows + 48ul * (number)).at[0]
 #define TALLY Tallies(push.tally).at[0]
 #define POINTS_THERE BothPoints(BOTH.points).at[0]

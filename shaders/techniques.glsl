@@ -3,7 +3,7 @@
 
 /* It lies before struct kiln_gpu_both. */
 KILN_ARRAY(LandArray, kiln_gpu_land, 8);
-#define LAND LandArray(push.both - 136ul).at[0]
+#define LAND LandArray(push.both - KILN_GPU_LAND_BYTES).at[0]
 
 #include "shaders/aims.glsl"
 #include "shaders/shared/caustic_weights.h"
@@ -20,10 +20,10 @@ real techniques_connect(uint light, Lit v, real3 place, real3 direction)
 {
     if (light_kind(KILN_GPU_KIND_SKY) && light == emission_environment())
         return 0;
-    return emission_connect(light, real3(v.position), real3(v.normal), place, direction);
+    return kiln_light_connect(light, real3(v.position), real3(v.normal), place, direction);
 }
 
 real techniques_emission(uint light, Lit v, real3 place, real3 direction)
 {
-    return real(LAND.iterations) * aim_density(light, v.triangle, place, direction);
+    return real(LAND.iterations) * kiln_aim_density(light, v.triangle, place, direction);
 }

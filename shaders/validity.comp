@@ -6,6 +6,7 @@
 
 KILN_PUSH(kiln_gpu_validity_push);
 
+#define KILN_VALIDITY
 #define KILN_TRACES
 #include "shaders/trace/trace.glsl"
 #include "shaders/surface.glsl"

@@ -6,6 +6,9 @@
  * (gloss.glsl), with KILN_WALK_LIGHTS lights are sampled (lights.glsl). A thread has one walk at a time. */
 #ifndef KILN_SHADERS_WALK_GLSL
 #define KILN_SHADERS_WALK_GLSL
+#ifdef KILN_LIFTS
+#    include "shaders/shared/lift.h"
+#endif
 #include "shaders/shared/path.h"
 #include "shaders/shared/streams.h"
 #ifdef KILN_WALK_LIGHTS
@@ -41,6 +44,8 @@ struct Meeting { /* a surface that a path meets, on the side that it comes from 
     vec3 position, normal, shading; /* normals: geometric and of the mesh */
     float offset;
     bool gloss; /* it is not only diffuse */
+    bool back, coarse, lifted;
+    float lift; /* as of struct meeting: set with KILN_LIFTS alone */
 };
 
 #ifdef KILN_GLOSS
@@ -105,7 +110,7 @@ bool has_side(kiln_hit hit)
 
 kiln_gpu_path_triangle triangle_at(uint triangle)
 {
-    return PathTriangles(SCENE.path_triangles + uint64_t(triangle) * 92ul).at[0];
+    return PathTriangles(SCENE.path_triangles + uint64_t(triangle) * 104ul).at[0];
 }
 
 /* Of the front, where the mesh is smooth and its normal lies on one side with the geometric one; else that. */
@@ -146,6 +151,10 @@ Meeting meet(kiln_hit hit, vec3 direction, bool first)
     m.normal = t.normal;
     m.shading = t.normal;
     m.offset = t.offset;
+    m.back = hit.back;
+    m.coarse = false;
+    m.lifted = false;
+    m.lift = 0.0;
     m.gloss = MEETS_GLOSS && (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u;
     if (first || m.gloss)
         m.shading = mesh_normal(t, hit.u, hit.v);
@@ -159,6 +168,44 @@ Meeting meet(kiln_hit hit, vec3 direction, bool first)
     }
     return m;
 }
+
+/* Where a ray starts that leaves the surface in a direction. */
+vec3 meeting_start(Meeting m, vec3 direction)
+{
+    const float above = m.offset + m.lift;
+    return m.position + m.normal * (m.lifted || dot(m.normal, direction) > 0.0 ? above : -above);
+}
+
+#ifdef KILN_LIFTS
+/* How rays are lifted off this side of a triangle. */
+kiln_lift lifts_of(kiln_gpu_path_triangle t, bool back)
+{
+    const vec3 height = max(vec3(0.0), vec3(t.lift[0], t.lift[1], t.lift[2]) * (back ? -1.0 : 1.0));
+    return kiln_lift(float[6](height.x, height.y, height.x, height.z, height.y, height.z));
+}
+
+/* Whether they are: it is a coarse facet of a smooth mesh, and not of glass. */
+bool is_coarse(uint triangle, kiln_gpu_path_triangle t, bool back)
+{
+    if (HAS_SMOOTH == 0u || (t.flags & KILN_GPU_PATH_SMOOTH) == 0u ||
+        (gloss_of(triangle) & KILN_GPU_GLOSS_TRANSMITS) != 0u)
+        return false;
+    const vec3 height = vec3(t.lift[0], t.lift[1], t.lift[2]) * (back ? -1.0 : 1.0);
+    return max(height.x, max(height.y, height.z)) > 0.0;
+}
+
+/* How far above its offset a ray starts from there: not through what lies above. */
+float lift_at(kiln_gpu_path_triangle t, bool back, float u, float v)
+{
+    const float most = kiln_lift_at(lifts_of(t, back), u, v);
+    if (!(most > 0.0))
+        return 0.0;
+    const vec3 normal = back ? -t.normal : t.normal;
+    const kiln_hit above =
+        kiln_trace(t.p + (t.e1 * u + t.e2 * v) + normal * t.offset, normal, most / KILN_LIFT_CLEAR, KILN_EITHER);
+    return above.triangle == KILN_GPU_NONE ? most : KILN_LIFT_CLEAR * above.distance;
+}
+#endif
 
 #ifdef KILN_GLOSS
 /* What the body that the ray has come through has left of the light, by colour: 1 unless the ray meets its surface from
@@ -210,7 +257,7 @@ bool walk_send(Meeting m, uint surface, uint which, float pick, out vec3 directi
     value = d.weight;
     direction = frame * d.i;
     const bool same = (d.i.z > 0.0) == (from.z > 0.0); /* in truth as by the shading normal */
-    return d.i.z != 0.0 && (dot(m.normal, direction) > 0.0) == same;
+    return d.i.z != 0.0 && (m.lifted ? same : (dot(m.normal, direction) > 0.0) == same);
 }
 #endif
 
@@ -232,13 +279,14 @@ vec3 walk_light(Meeting m, uint which, kiln_light_choice choice, kiln_light_samp
 {
     const real3 n = real3(m.normal);
     const real cosine = dot(real3(m.shading), s.direction);
-    if (!(dot(n, s.direction) > 0) || !(cosine > 0))
+    if (!(m.lifted || dot(n, s.direction) > 0) || !(cosine > 0))
         return vec3(0.0);
     rays++;
     float limit;
     vec3 value = vec3(s.value * (cosine / (real(choice.samples) * KILN_REAL_PI)));
-    const vec3 towards = kiln_shadow_ray(s, n * real(m.offset), limit);
-    const vec3 through = kiln_through(m.position + m.normal * m.offset, towards, limit);
+    const float above = m.offset + m.lift;
+    const vec3 towards = kiln_shadow_ray(s, n * real(above), limit);
+    const vec3 through = kiln_through(m.position + m.normal * above, towards, limit);
 #    ifdef KILN_MEETS_GLOSS
     if (m.gloss && through != vec3(0.0))
         value = vec3(s.value / real(choice.samples)) * scatter(s, towards, which);
@@ -253,11 +301,12 @@ vec3 walk_light(Meeting m, uint which, kiln_light_choice choice, kiln_light_samp
 bool walk_lights(Meeting m, uint surface, uint which, vec3 weight, inout vec3 sum, inout uint rays)
 {
     const real3 n = real3(m.normal), p = real3(m.position), shading = real3(m.shading);
-    const uint candidates = kiln_lights_choose(p, 0, n, 1u, light_kind(KILN_GPU_KIND_IMAGE));
+    const real3 about = m.lifted ? real3(0) : n; /* lights from below it, too */
+    const uint candidates = kiln_lights_choose(p, 0, about, 1u, light_kind(KILN_GPU_KIND_IMAGE));
     uint i = 0u;
     for (; i < candidates; i++) {
         kiln_light_choice choice;
-        if (!kiln_lights_candidate(i, n, 1u, choice))
+        if (!kiln_lights_candidate(i, about, 1u, choice))
             continue;
         const bool sky = choice.kind == KILN_CHOICE_ENVIRONMENT;
         choice.samples = sky ? 2u : 1u;
@@ -265,7 +314,7 @@ bool walk_lights(Meeting m, uint surface, uint which, vec3 weight, inout vec3 su
             const uvec2 place = walk_draw(kiln_path_use(surface, sky ? KILN_PATH_SKY + index : KILN_PATH_LIGHT)),
                         pick = walk_draw(kiln_path_use(surface, KILN_PATH_PICK));
             kiln_light_sample s;
-            if (kiln_lights_sample(choice, index, p, n, shading, real_unit(pick.x), real_unit(place.x),
+            if (kiln_sample_choice(choice, index, p, n, shading, real_unit(pick.x), real_unit(place.x),
                                    real_unit(place.y), s))
                 sum += walk_light(m, which, choice, s, weight, rays);
         }

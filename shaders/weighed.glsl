@@ -15,11 +15,11 @@ real weigh_hit(uint light, real3 place, real3 direction)
                                    techniques_emission(light, lit_before, place, direction));
 }
 
-void meet_emitter(inout Chain c, kiln_hit hit, Meeting m, vec3 direction)
+void shade_light(inout Chain c, kiln_hit hit, Meeting m, vec3 direction)
 {
     if ((material_of(hit.triangle) & KILN_RECORD_EMITS) == 0u)
         return;
-    const uint light = emission_of_triangle(hit.triangle);
+    const uint light = kiln_area_light_at(hit.triangle, hit.u, hit.v);
     real weight = 1;
     if (light != KILN_GPU_NONE &&
         !(hit.back && (AreaLights(SCENE.lights.areas).at[light].flags & KILN_GPU_LIGHT_TWO_SIDED) == 0u))
@@ -27,7 +27,7 @@ void meet_emitter(inout Chain c, kiln_hit hit, Meeting m, vec3 direction)
     c.light += chain_weight * float(weight) * kiln_surface_emission(hit.triangle, hit.u, hit.v);
 }
 
-void meet_environment(inout Chain c, vec3 direction)
+void shade_background(inout Chain c, vec3 direction)
 {
     if (SCENE.lights.environment == 0u)
         return;
@@ -60,7 +60,7 @@ bool draw_sample(Vertex v, uint surface, uint i, out kiln_light_sample s, out ui
         s = kiln_light_sample(real3(0), real(KILN_INFINITY), real3(0), 0, true, light);
         if (!light_kind(KILN_GPU_KIND_IMAGE))
             return false;
-        s.direction = kiln_environment_sample(real_unit(place.x), real_unit(place.y), density);
+        s.direction = kiln_sky_sample(real_unit(place.x), real_unit(place.y), density);
         s.value = real3(kiln_environment_radiance(s.direction)) / density;
         return density > 0;
     }
@@ -68,14 +68,14 @@ bool draw_sample(Vertex v, uint surface, uint i, out kiln_light_sample s, out ui
         return false;
     const kiln_light_choice choice =
         kiln_light_choice(tree ? KILN_CHOICE_NODE : KILN_CHOICE_DIRECTIONAL, tree ? 0u : i - 2u, 1u);
-    const bool drawn = kiln_lights_sample(choice, 0u, real3(v.m.position), n, n, real_unit(pick.x),
-                                          real_unit(place.x), real_unit(place.y), s);
+    const bool drawn = kiln_sample_choice(choice, 0u, real3(v.m.position), n, n, real_unit(pick.x), real_unit(place.x),
+                                          real_unit(place.y), s);
     light = tree ? s.light : light;
     return drawn;
 }
 
 /* What a sample brings that the surface scatters by f. */
-void add_sample(inout Chain c, Vertex v, uint surface, kiln_light_sample s, uint light, Scatter f)
+void add_sample(inout Chain c, Vertex v, kiln_light_sample s, uint light, Scatter f)
 {
     const bool outside = isinf(s.distance);
     const real3 place = real3(v.m.position), end = outside ? place : place + s.direction * s.distance;
@@ -94,7 +94,7 @@ void add_sample(inout Chain c, Vertex v, uint surface, kiln_light_sample s, uint
     const vec3 towards = kiln_shadow_ray(s, real3(v.m.normal) * offset, limit);
     const vec3 through = kiln_through(start, towards, limit);
     const real hit = s.has_extent ? real(f.to_light) * cosine / squared : real(0);
-    const real weight = kiln_caustic_weight_sampled(LAND.mis, sums_of_chain, surface == 0u, connect, emission,
+    const real weight = kiln_caustic_weight_sampled(LAND.mis, sums_of_chain, connect, emission,
                                                     real(f.cosine_i) / squared, hit, real(f.to_eye));
     vec3 left = chain_weight * float(weight) * through;
     if (!outside)
@@ -130,7 +130,7 @@ bool weighed_turn(inout Chain c, Vertex v, uint surface, out Way way)
             if (on)
                 goes_on = way_scatters(v, false, f, way);
             else
-                add_sample(c, v, surface, s, light, f);
+                add_sample(c, v, s, light, f);
         }
     }
     c.good = c.good && i > samples;
@@ -148,37 +148,35 @@ bool weighed_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_
     vec3 tint;
     if (!(cosine > 0.0))
         return false;
-    kiln_caustic_arrive(sums_of_chain, surface == 0u, real(hit.distance) * real(hit.distance), real(cosine));
+    kiln_caustic_arrive(sums_of_chain, real(hit.distance) * real(hit.distance), real(cosine));
     if (glossy)
         chain_weight *= attenuation(hit);
     if (surface > 0u)
-        meet_emitter(c, hit, v.m, direction);
+        shade_light(c, hit, v.m, direction);
     if (!glossy || !chain_survives(surface, pick))
         return false;
     if (!weighed_turn(c, v, surface, way))
         return false;
     chain_weight *= way.factor;
-    kiln_caustic_leave(sums_of_chain, surface == 0u, real(way.cosine), real(way.forward), real(way.backward),
-                       way.delta);
+    kiln_caustic_leave(sums_of_chain, real(way.cosine), real(way.forward), real(way.backward), way.delta);
     lit_before = lit_of(v);
     direction = way.direction;
     hit = walk_trace(vertex_start(v, direction), direction, kiln_path_use(surface, KILN_PATH_CHANCE), tint);
     chain_weight *= tint;
     if (hit.triangle == KILN_GPU_NONE)
-        meet_environment(c, direction);
+        shade_background(c, direction);
     return hit.triangle != KILN_GPU_NONE && has_side(hit);
 }
 
-/* As chain_follow. `area`: m2 of the ray's point that are there to be lit; `cosine`: of the ray with the point's
- * geometric normal, absolute. */
-Chain chain_follow_weighed(uint chance, uint k, vec3 direction, kiln_hit hit, float area, float cosine)
+/* As chain_follow. `area`: m2 of the ray's point that are there to be lit. */
+Chain chain_follow_weighed(uint chance, uint k, vec3 direction, kiln_hit hit, float area)
 {
     Chain c = Chain(vec3(0.0), vec3(0.0), vec3(1.0), 0.0, 0.0, true);
     bool under_way = true;
     walk_key = kiln_chain_key(chance);
     walk_sample = k;
     chain_weight = vec3(1.0);
-    sums_of_chain = kiln_caustic_gather(real(area), real(push.samples), 1, 0, real(cosine));
+    sums_of_chain = kiln_caustic_gather(real(area), real(push.samples));
     for (uint surface = 0u; under_way; surface++)
         under_way = weighed_step(c, surface, direction, hit);
     c.good = c.good && !under_way;

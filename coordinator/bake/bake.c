@@ -8,15 +8,6 @@
 
 enum { COPY_SECONDS = 3600 }; /* a rank that copies a checkpoint longer is taken for stuck */
 
-int kiln_bake_end_phase(struct kiln_bake *b, int status, struct kiln_error *error)
-{
-    kiln_phase(&b->phases, "waiting");
-    kiln_control_meet(b->control);
-    status = kiln_agree(b->communicator, status, error);
-    kiln_phase(&b->phases, NULL);
-    return status;
-}
-
 /* Adds the time spent on checkpoints to the phases. */
 static void note_checkpoints(struct kiln_bake *b)
 {
@@ -86,9 +77,7 @@ static void drop_trace(struct kiln_bake *b)
 
 static int run(struct kiln_bake *b, struct kiln_error *error)
 {
-    int status = kiln_bake_make_folder(b, error);
-    if (status == KILN_OK)
-        status = kiln_bake_take_charge(b, error);
+    int status = kiln_bake_take_charge(b, error);
     if (status == KILN_OK)
         status = kiln_bake_check_folder(b, error);
     if (status == KILN_OK)
@@ -159,6 +148,8 @@ static void conclude(struct kiln_bake *b, int status, const struct kiln_error *e
 {
     uint64_t generation;
     const bool there = kiln_checkpoint_newest(b->job->output, &generation);
+    if (b->rank == 0)
+        kiln_bake_settle_scene(b, status != KILN_OK && status != KILN_STOPPED && !there);
     kiln_control_conclude(b->control, status, status == KILN_OK ? "" : error->message, status == KILN_OK || !there);
 }
 
@@ -171,8 +162,6 @@ void kiln_bake_end(struct kiln_bake **bake, int status, const struct kiln_error 
         kiln_checkpoint_remove(b->checkpoint); /* run.json is complete, so the checkpoint is no longer needed */
     if (b->control != NULL)
         conclude(b, status, error);
-    if (status != KILN_OK)
-        kiln_bake_forget_folder(b);
     kiln_process_release();
     kiln_progress_observe(b->progress, NULL, NULL);
     kiln_control_destroy(&b->control);

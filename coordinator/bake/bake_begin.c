@@ -1,20 +1,23 @@
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "coordinator/bake/bake_private.h"
-#include "coordinator/integrate/link_file.h"
-#include "coordinator/bake/identity.h"
-#include "coordinator/bake/materials.h"
-#include "coordinator/bake/results_memory.h"
-#include "coordinator/bake/run_report.h"
-#include "coordinator/bake/transport_identity.h"
+#include "coordinator/bake/points/enclosed_lights.h"
+#include "coordinator/integrate/patches/link_file.h"
+#include "coordinator/bake/identity/identity.h"
+#include "coordinator/bake/prepare/materials.h"
+#include "coordinator/bake/prepare/results_memory.h"
+#include "coordinator/bake/report/run_report.h"
+#include "coordinator/bake/identity/transport_identity.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/run/checkpoint_local.h"
 #include "coordinator/run/process.h"
+#include "worker/backend/extended.h"
 #include "worker/base/text.h"
 
 int kiln_bake_take_charge(struct kiln_bake *b, struct kiln_error *error)
@@ -29,9 +32,14 @@ int kiln_bake_take_charge(struct kiln_bake *b, struct kiln_error *error)
                                                .no_locks = b->job->faults.no_locks,
                                                .halt = kiln_faults_halt(&b->job->faults, (uint32_t)b->rank),
                                                .signal = kiln_process_signal()};
-    int status = kiln_control_create(&b->control, &params, error);
+    int status =
+        kiln_agree(b->communicator, kiln_path_join(b->scene_file, b->job->output, "scene.kscene", error), error);
+    if (status == KILN_OK)
+        status = kiln_control_create(&b->control, &params, error);
     if (status != KILN_OK)
         return status;
+    if (b->rank == 0)
+        kiln_bake_keep_scene(b);
     const char *local = b->job->checkpoint_local;
     kiln_control_follow(b->control, b->progress);
     if (local != NULL && b->job->resume)
@@ -89,7 +97,7 @@ static int compare_with_checkpoint(struct kiln_bake *b, const struct kiln_prepar
         kiln_print(stderr, "kiln: note: %s\n", note);
     if (!b->same_probes && b->job->samples_probe != 0 && kiln_checkpoint_has(b->checkpoint, "probes"))
         (void)fprintf(stderr, "kiln: note: the checkpoint's probes are of other settings (--probe-spacing, "
-                              "--samples-probe): they are gathered again, "
+                              "--volume-bounds, --samples-probe): they are gathered again, "
                               "the light on surfaces is not\n");
     return status;
 }
@@ -134,14 +142,34 @@ static void settle_materials(struct kiln_bake *b, const struct kiln_scene *scene
     kiln_materials_settle(&b->settled, scene);
 }
 
+/* Where nothing shines there is nothing to trace: all light is 0. What is kept for light to come is computed. */
+static void settle_dark(struct kiln_bake *b, const struct kiln_prepared *p)
+{
+    struct kiln_job *job = &b->settled;
+    if (p->lights == NULL || !kiln_lights_are_none(p->lights) || job->relight != NULL ||
+        job->keep_transport != KILN_KEEP_NONE)
+        return;
+    static char cells[] = "cells"; /* which has no step after direct light */
+    job->method = cells;
+    job->bounces = 0;
+    job->tail = false;
+    job->caustics = KILN_CAUSTICS_NONE;
+    job->radiance.range = INFINITY;
+    job->indirect_scale = job->final_scale = job->guide = 0;
+    job->samples_probe = 0;
+    job->denoise = KILN_DENOISE_NONE;
+}
+
 /* kiln_prepare_care.refuse: refuses whatever can be refused before the first ray. */
 static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_error *error)
 {
     struct kiln_bake *b = context;
     struct kiln_volume_result volume = {0};
     settle_materials(b, p->scene);
-    int status =
-        b->job->samples_probe != 0 ? kiln_volume_grid(&volume, p->scene, b->job->probe_spacing, error) : KILN_OK;
+    settle_dark(b, p);
+    int status = b->job->samples_probe != 0
+                     ? kiln_volume_grid(&volume, p->scene, b->job->probe_spacing, b->job->volume_bounds, error)
+                     : KILN_OK;
     if (status == KILN_OK && b->rank == 0 && p->surface != NULL)
         status = check_lightmaps(b, p, error);
     status = kiln_agree(b->communicator, status, error);
@@ -169,14 +197,20 @@ int kiln_bake_prepare(struct kiln_bake *b, struct kiln_error *error)
     const char *backend = kiln_identity_backend(kiln_checkpoint_identity(b->checkpoint));
     const bool chosen = job.backend == NULL || strcmp(job.backend, "auto") == 0,
                resumes = backend != NULL && job.resume;
-    if (chosen && resumes && strcmp(backend, "embree") == 0)
+    if (chosen && resumes && !kiln_backend_may_use_device(backend))
         job.backend = (char *)(uintptr_t)backend;
     const struct kiln_prepare_care care = {.control = b->control,
                                            .refuse = look_ahead,
                                            .context = b,
-                                           .device_first = chosen && resumes && strcmp(backend, "embree") != 0};
-    const int status =
+                                           .device_first = chosen && resumes && kiln_backend_may_use_device(backend)};
+    int status =
         kiln_prepare(&b->prepared, b->communicator, &job, b->scene_file, &b->phases, b->progress, &care, error);
+    if (status == KILN_OK) {
+        struct kiln_prepared *p = b->prepared;
+        if (b->rank == 0)
+            status = kiln_enclosed_lights_find(&p->enclosed, &p->enclosed_count, p->backend, error);
+        status = kiln_agree(b->communicator, status, error);
+    }
     if (status == KILN_OK && b->rank == 0 && !b->job->quiet)
         say_warnings(b->prepared);
     return status;

@@ -1,4 +1,5 @@
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -8,23 +9,37 @@
 #include "coordinator/files/publish.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/manifest.h"
+#include "worker/base/calls.h"
 #include "worker/base/text.h"
 
-int kiln_bake_make_folder(struct kiln_bake *b, struct kiln_error *error)
+static const char scene_name[] = "scene.kscene", before_name[] = ".scene.kscene.before";
+
+void kiln_bake_keep_scene(struct kiln_bake *b)
 {
-    int status = kiln_path_join(b->scene_file, b->job->output, "scene.kscene", error);
-    if (status == KILN_OK && b->rank == 0) {
-        struct stat there;
-        b->made_folder = stat(b->job->output, &there) != 0;
-        status = kiln_make_directories(b->job->output, error);
-    }
-    return kiln_agree(b->communicator, status, error);
+    struct kiln_folder folder;
+    struct stat there;
+    if (kiln_folder_open(&folder, b->job->output, NULL, false, NULL) != KILN_OK)
+        return;
+    (void)kiln_unlinkat(folder.descriptor, before_name, 0);
+    b->makes_scene = fstatat(folder.descriptor, scene_name, &there, AT_SYMLINK_NOFOLLOW) != 0;
+    /* where there are no links the earlier scene is lost with a bake that is refused */
+    b->keeps_scene = !b->makes_scene && linkat(folder.descriptor, scene_name, folder.descriptor, before_name, 0) == 0;
+    kiln_folder_close(&folder);
 }
 
-void kiln_bake_forget_folder(const struct kiln_bake *b)
+void kiln_bake_settle_scene(const struct kiln_bake *b, bool refused)
 {
-    if (b->rank == 0 && b->made_folder)
-        (void)rmdir(b->job->output);
+    struct kiln_folder folder;
+    if ((!b->makes_scene && !b->keeps_scene) ||
+        kiln_folder_open(&folder, b->asked->output, NULL, false, NULL) != KILN_OK)
+        return;
+    if (refused && b->makes_scene)
+        (void)kiln_unlinkat(folder.descriptor, scene_name, 0);
+    else if (refused)
+        (void)kiln_renameat(folder.descriptor, before_name, scene_name);
+    if (b->keeps_scene) /* a rename of two names of one file leaves both */
+        (void)kiln_unlinkat(folder.descriptor, before_name, 0);
+    kiln_folder_close(&folder);
 }
 
 int kiln_bake_check_folder(struct kiln_bake *b, struct kiln_error *error)

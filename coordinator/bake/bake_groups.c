@@ -69,18 +69,22 @@ static int settle(const struct rules *r, const uint32_t found[2], const char *wh
     return KILN_OK;
 }
 
-/* Coordinates of what an emitting triangle's corners show, as the world triangle has them. */
+/* Coordinates of what the corners of an emitting triangle, or of a part of one, show. */
 static void corners_of(const struct rules *r, const struct kiln_lights *l, size_t area, double uv[3][2])
 {
     const uint32_t triangle = l->areas[area].triangle;
     const struct kiln_object *object = &r->scene->objects[l->geometry->records[triangle].object];
     const struct kiln_mesh *mesh = &r->scene->meshes[object->mesh];
     const uint32_t *corners = r->scene->triangles + 3 * (size_t)l->geometry->stored_triangle[triangle];
+    struct kiln_vec2 at[3];
     for (uint32_t k = 0; k < 3; k++) {
         const uint32_t stored = object->flipped && k > 0 ? 3 - k : k;
-        const struct kiln_vec2 at = r->scene->texcoord_emission[mesh->vertex_first + corners[stored]];
-        uv[k][0] = (double)at.x;
-        uv[k][1] = (double)at.y;
+        at[k] = r->scene->texcoord_emission[mesh->vertex_first + corners[stored]];
+    }
+    for (int k = 0; k < 3; k++) { /* of a part of the triangle its own corners */
+        const double b1 = (double)l->areas[area].at[k][0], b2 = (double)l->areas[area].at[k][1];
+        uv[k][0] = (double)at[0].x + b1 * (double)(at[1].x - at[0].x) + b2 * (double)(at[2].x - at[0].x);
+        uv[k][1] = (double)at[0].y + b1 * (double)(at[1].y - at[0].y) + b2 * (double)(at[2].y - at[0].y);
     }
 }
 

@@ -1,8 +1,9 @@
 #include "coordinator/bake/bake_private.h"
-#include "coordinator/bake/light_settings.h"
-#include "coordinator/bake/reference_radius.h"
-#include "coordinator/integrate/emission.h"
-#include "coordinator/integrate/groups.h"
+#include "coordinator/bake/light/light_settings.h"
+#include "coordinator/bake/light/reference_radius.h"
+#include "coordinator/integrate/companion.h"
+#include "coordinator/integrate/patches/emission.h"
+#include "coordinator/integrate/relight/groups.h"
 #include "coordinator/mpi/agree.h"
 
 static bool has_step(const struct kiln_step_reports *steps, uint32_t role)
@@ -88,6 +89,7 @@ int kiln_bake_settle_light(struct kiln_bake *b, struct kiln_error *error)
     const int status = settle_paths(b, error);
     if (status != KILN_OK)
         return status;
+    b->probe_settings = b->light_settings;
     kiln_field_set_choose(&b->fields, b->job);
     b->beside = (struct kiln_beside){.start = pack_ahead, .direct = pack_direct, .stop = stop_packing, .context = b};
     b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
@@ -107,6 +109,7 @@ int kiln_bake_settle_light(struct kiln_bake *b, struct kiln_error *error)
                                                      .control = b->control,
                                                      .checkpoint = b->checkpoint,
                                                      .identity = b->identity,
+                                                     .companions = kiln_companions,
                                                      .groups = b->groups.count > 0 ? &b->groups : NULL,
                                                      .transport = b->transport.is_on ? &b->transport : NULL,
                                                      .threads = b->prepared->threads,
@@ -122,6 +125,13 @@ static int expect_volume(struct kiln_bake *b, struct kiln_error *error)
                            ? kiln_volume_expect(&b->light_settings, b->prepared->backend, samples, error)
                            : KILN_OK;
     return kiln_agree(b->communicator, status, error);
+}
+
+/* Probes have no caustics, either, where a first round has left them out. */
+static void settle_probes(struct kiln_bake *b)
+{
+    if (kiln_caustics_found(&b->solution->report.steps).left_out)
+        b->probe_settings.caustics = KILN_CAUSTICS_NONE;
 }
 
 int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
@@ -153,6 +163,8 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
         b->solution->report.landing.radius = b->paths.radius;
     if (status == KILN_OK)
         add_light_phases(b);
+    if (status == KILN_OK)
+        settle_probes(b);
     if (status == KILN_OK && b->solution->own->seen != NULL)
         kiln_visible_from_leave_seen(&b->solution->own->surface, b->solution->own->seen);
     return status;
@@ -197,8 +209,9 @@ static struct kiln_volume_params volume_params(struct kiln_bake *b)
                                        .geometry = b->prepared->geometry,
                                        .radiosity = b->solution->radiosity,
                                        .spacing = b->job->probe_spacing,
+                                       .bounds = b->job->volume_bounds,
                                        .samples = b->job->samples_probe,
-                                       .light = &b->light_settings,
+                                       .light = &b->probe_settings,
                                        .progress = b->progress,
                                        .control = b->control,
                                        .checkpoint = b->checkpoint,

@@ -4,16 +4,18 @@
 #define KILN_COORDINATOR_BAKE_BAKE_PRIVATE_H
 
 #include "coordinator/bake/bake.h"
-#include "coordinator/bake/density_check.h"
-#include "coordinator/bake/prepare.h"
-#include "coordinator/bake/visible_from.h"
-#include "coordinator/bake/volume.h"
+#include "coordinator/bake/light/density_check.h"
+#include "coordinator/bake/prepare/prepare.h"
+#include "coordinator/bake/light/visible_from.h"
+#include "coordinator/bake/volume/volume.h"
 #include "coordinator/files/folder.h"
 #include "coordinator/integrate/integrate.h"
-#include "coordinator/output/map/lightmaps.h"
+#include "coordinator/integrate/relight/transport.h"
+#include "coordinator/output/map/write/lightmaps.h"
 #include "coordinator/output/points_ahead.h"
 #include "coordinator/output/vertex_light.h"
 #include "coordinator/view/view.h"
+#include "worker/backend/emission.h"
 #include "worker/light/light_groups.h"
 
 struct kiln_bake {
@@ -22,7 +24,7 @@ struct kiln_bake {
     struct kiln_job settled;        /* which `job` is once the scene is there: materials.h */
     enum kiln_gloss_mode materials; /* as asked for */
     int rank;
-    bool made_folder; /* rank 0: this bake has created the output folder */
+    bool makes_scene, keeps_scene; /* rank 0: there was no scene file in the output folder; one that was is kept */
     char scene_file[KILN_PATH_SIZE];
     double begin; /* MPI_Wtime() */
     struct kiln_phases phases;
@@ -35,7 +37,7 @@ struct kiln_bake {
     struct kiln_prepared *prepared;
     struct kiln_visible_from visible; /* what the views need, if the job names some */
     struct kiln_emission_result emission;
-    struct kiln_integrate_settings light_settings;
+    struct kiln_integrate_settings light_settings, probe_settings; /* the same, as the volume has them */
     struct kiln_reference_parameters paths; /* which these point to with --method path, bdpt and vcm */
     struct kiln_field_set fields;
     struct kiln_integrate_params light_params;
@@ -66,15 +68,18 @@ struct kiln_bake {
     json_t *state;       /* rank 0, bake_states.c: what run.json says of the state that is written; NULL: it is none */
 };
 
+/* ---- bake_phase.c ---- */
+
 /* Agrees on errors at the end of a phase. Time spent waiting for other ranks does not count for the phase. */
 int kiln_bake_end_phase(struct kiln_bake *bake, int status, struct kiln_error *error);
 
 /* ---- bake_folder.c: the output folder ---- */
 
-int kiln_bake_make_folder(struct kiln_bake *bake, struct kiln_error *error);
-/* Removes the output folder if this bake has created it and it is empty, so that a refused scene leaves nothing. Not
- * collective. */
-void kiln_bake_forget_folder(const struct kiln_bake *bake);
+/* Rank 0, with the folder locked. Keeps the scene file of an earlier bake, which importing replaces, by a second name;
+ * and gives that up, or, of a bake that was refused, leaves the folder as it was: the earlier scene file is there
+ * again, or none. */
+void kiln_bake_keep_scene(struct kiln_bake *bake);
+void kiln_bake_settle_scene(const struct kiln_bake *bake, bool refused);
 /* Checks, before any work, that the results and the timeline can be written. */
 int kiln_bake_check_folder(struct kiln_bake *bake, struct kiln_error *error);
 /* Makes room for the results: removes the manifest and run.json of an earlier bake, since they will no longer be true,
@@ -83,7 +88,8 @@ int kiln_bake_clear_folder(struct kiln_bake *bake, struct kiln_error *error);
 
 /* ---- bake_begin.c: before the first ray ---- */
 
-/* Locks the output folder and opens the checkpoint, which determines the instruction set unless the job does. */
+/* Makes and locks the output folder, and opens the checkpoint, which determines the instruction set unless the job
+ * does. */
 int kiln_bake_take_charge(struct kiln_bake *bake, struct kiln_error *error);
 /* Prepares the bake (prepare.h), and refuses what can be refused: a checkpoint of another bake, too little memory or
  * disk, results that cannot be written. Continues with the instruction set of the checkpoint if all ranks have it, to

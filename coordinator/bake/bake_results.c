@@ -6,11 +6,11 @@
 
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/leaf_means.h"
-#include "coordinator/bake/preview_size.h"
-#include "coordinator/bake/run_report.h"
+#include "coordinator/bake/prepare/preview_size.h"
+#include "coordinator/bake/report/run_report.h"
 #include "coordinator/export/export.h"
 #include "coordinator/files/publish.h"
-#include "coordinator/integrate/sight.h"
+#include "coordinator/integrate/reach/sight.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/read/results.h"
@@ -69,6 +69,23 @@ static void end_packing(struct kiln_bake *b)
                        b->ahead_start + report.end, (int64_t)(report.chunks * KILN_H5_CHUNK_ROWS));
 }
 
+/* Collective. Writes the lightmaps. What denoising takes of the time is a phase of its own: it is no writing of files.
+ */
+static int write_lightmaps(struct kiln_bake *b, const struct kiln_bake_result *result,
+                           const struct kiln_output_params *params, struct kiln_error *error)
+{
+    double denoising = 0.0;
+    if (params->denoise)
+        kiln_phase_add(&b->phases, "denoising", 0.0);
+    kiln_phase(&b->phases, "lightmaps");
+    kiln_progress_phase(b->progress, "lightmaps", 0);
+    const int status = kiln_write_lightmaps(result, params, b->lightmaps, &denoising, error);
+    kiln_phase(&b->phases, NULL);
+    if (params->denoise)
+        kiln_phase_part(&b->phases, "lightmaps", "denoising", denoising);
+    return status;
+}
+
 static int write_results(struct kiln_bake *b, const char *provenance, struct kiln_error *error)
 {
     const struct kiln_node_data *data = b->solution->node_data;
@@ -102,13 +119,10 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
     int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps,
                                "the lightmaps' report", error);
     status = kiln_agree(b->communicator, status, error);
-    if (status == KILN_OK && b->job->store == KILN_STORE_KIND_LIGHTMAP) {
-        kiln_phase(&b->phases, "lightmaps");
-        kiln_progress_phase(b->progress, "lightmaps", 0);
-        status = kiln_write_lightmaps(&result, &params, b->lightmaps, error);
-    } else if (status == KILN_OK) {
+    if (status == KILN_OK && b->job->store == KILN_STORE_KIND_LIGHTMAP)
+        status = write_lightmaps(b, &result, &params, error);
+    else if (status == KILN_OK)
         status = kiln_leaf_means(b->lightmaps, &result, kiln_luminance(b->emission.emitted), error);
-    }
     if (b->lightmaps != NULL)
         keep_reports(b, &before);
     if (status == KILN_OK && b->job->vertex_light) {
@@ -133,6 +147,22 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
     return status;
 }
 
+/* Reads how the preview of the bake that is relit looks. Returns false where that bake has none. */
+static bool read_picture_before(const struct kiln_bake *b, struct kiln_kept_picture *kept)
+{
+    struct kiln_results *results = NULL;
+    json_t *run = NULL;
+    bool found = false;
+    if (b->job->relight == NULL)
+        return false;
+    if (kiln_results_open(&results, b->job->relight, NULL) == KILN_OK && kiln_results_has(results, "run.json") &&
+        kiln_results_json(results, "run.json", &run, NULL) == KILN_OK)
+        found = kiln_picture_keep(json_object_get(run, "preview"), kept);
+    json_decref(run);
+    kiln_results_close(&results);
+    return found;
+}
+
 static int draw_picture(struct kiln_bake *b, struct kiln_error *error)
 {
     const struct kiln_prepared *p = b->prepared;
@@ -142,16 +172,23 @@ static int draw_picture(struct kiln_bake *b, struct kiln_error *error)
                                       .lights = p->lights,
                                       .backend = p->backend,
                                       .stop = kiln_control_stop(b->control)};
-    const struct kiln_view_wish wish = {.most_pixels =
-                                            kiln_preview_pixels(b->job, p->scene, (double)p->surface->point_count)};
-    const struct kiln_look look = {.curve = (enum kiln_tone_curve)b->job->tone_map,
-                                   .stops = b->job->exposure,
-                                   .no_metering = !b->job->auto_exposure};
+    struct kiln_view_wish wish = {.most_pixels =
+                                      kiln_preview_pixels(b->job, p->scene, (double)p->surface->point_count)};
+    struct kiln_kept_picture kept;
+    const bool keeps = read_picture_before(b, &kept);
+    const struct kiln_look own = {.curve = (enum kiln_tone_curve)b->job->tone_map,
+                                  .stops = b->job->exposure,
+                                  .no_metering = !b->job->auto_exposure},
+                           look = keeps ? kept.look : own;
+    if (keeps)
+        kiln_picture_keep_place(&kept, &wish);
     struct kiln_picture picture = {0};
     /* leaves are read as a reader of the bake does it; lightmaps were written here, and are read directly */
     int status = p->surface->bricks != NULL ? kiln_results_open(&source.results, b->job->output, error) : KILN_OK;
     if (status == KILN_OK)
         status = kiln_picture_make(&source, &wish, 2, &look, &picture, error);
+    if (status == KILN_OK && wish.from != NULL)
+        picture.viewpoint.kind = kept.inside ? KILN_VIEW_INSIDE : KILN_VIEW_OUTSIDE;
     if (status == KILN_OK)
         status = kiln_picture_write(b->job->output, "preview.png", &picture, &look, error);
     if (status == KILN_OK)

@@ -9,9 +9,9 @@
 #include <unistd.h>
 
 #include "coordinator/bake/bake_private.h"
-#include "coordinator/bake/transport_identity.h"
+#include "coordinator/bake/identity/transport_identity.h"
 #include "coordinator/files/publish.h"
-#include "coordinator/integrate/link_file.h"
+#include "coordinator/integrate/patches/link_file.h"
 #include "coordinator/job/options.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
@@ -23,7 +23,9 @@ static const char FOLDER[] = "transport";
 /* Whether rays go on, and the backend is one that does not keep those. */
 static bool goes_on_elsewhere(const struct kiln_job *job, const struct kiln_prepared *p)
 {
-    return kiln_transport_goes_on(job, p) && strcmp(p->backend->api->name, "embree") != 0;
+    struct kiln_backend_info info;
+    kiln_backend_info(p->backend, &info);
+    return kiln_transport_goes_on(job, p) && !info.keeps_chains;
 }
 
 /* Why the rays of this bake cannot be kept; NULL: they can. */
@@ -53,6 +55,9 @@ static int refuse_what_cannot_be_kept(const struct kiln_job *job, const struct k
                                       struct kiln_error *error)
 {
     const char *why = why_not(job, p);
+    if (job->relight != NULL && !is_of_links(job) && why != NULL && !goes_on_elsewhere(job, p))
+        return kiln_fail(error, KILN_BAD_INPUT, "the transport in %.300s cannot be of the bake that it names: %s",
+                         job->relight, why);
     if (job->keep_transport == KILN_KEEP_LINKS && !kiln_job_has_links(job))
         return kiln_fail(error, KILN_USAGE,
                          "--keep-transport links: this bake has none; give --method radiosity --patches links, or "
@@ -180,34 +185,39 @@ static json_t *value_json(const struct kiln_option *option, const char *text)
     return value;
 }
 
-/* All options that the job has, but those of where and how this run of it was. */
+/* The options of the job that say what its light is. */
 static json_t *job_json(const struct kiln_job *job)
 {
-    static const char *const own[] = {"output", "trace", "resume", "keep-transport", "quiet", "json", "verbose"};
     json_t *json = json_object();
     for (size_t i = 0; i < kiln_option_count; i++) {
         char room[KILN_OPTION_TEXT];
         const struct kiln_option *option = &kiln_options[i];
-        bool is_own = (option->commands & KILN_FOR_BAKE) == 0;
-        for (size_t k = 0; k < sizeof own / sizeof *own; k++)
-            is_own = is_own || strcmp(option->name, own[k]) == 0;
         const char *text = kiln_option_text(job, option, room);
         if (option->kind == KILN_OPTION_FLAG)
             text = strcmp(text, "on") == 0 ? "true" : "false";
-        if (!is_own && strcmp(text, "not given") != 0)
+        if (option->of_light && (option->commands & KILN_FOR_BAKE) != 0 && strcmp(text, "not given") != 0)
             (void)json_object_set_new(json, option->name, value_json(option, text));
     }
     return json;
+}
+
+/* Adds the rules of a file under `key`. `text`: the file as JSON; NULL: there was no file, and nothing is added. */
+static bool add_rules(json_t *json, const char *key, const char *text)
+{
+    return text == NULL || json_object_set_new(json, key, json_loads(text, 0, NULL)) == 0;
 }
 
 static int write_index(const struct kiln_bake *b, struct kiln_error *error)
 {
     char *text = NULL, *scene = realpath(b->job->scene, NULL);
     size_t size = 0;
-    json_t *json = json_pack("{s:s, s:O, s:s, s:s, s:s, s:o}", "kiln", KILN_VERSION, "identity", b->transport_identity,
-                             "scene", scene != NULL ? scene : b->job->scene, "backend", b->prepared->backend->api->name,
-                             "instruction set", b->prepared->instruction_set, "job", job_json(b->asked));
-    int status = kiln_seal(json, JSON_INDENT(1), &text, &size, "the index of the transport", error);
+    json_t *json =
+        json_pack("{s:s, s:O, s:s, s:s, s:s, s:o}", "kiln", KILN_VERSION, "identity", b->transport_identity, "scene",
+                  scene != NULL ? scene : b->job->scene, "backend", kiln_backend_name(b->prepared->backend),
+                  "instruction set", b->prepared->instruction_set, "job", job_json(b->asked));
+    int status = add_rules(json, "changes", b->asked->changed) && add_rules(json, "light groups", b->asked->grouped)
+                     ? kiln_seal(json, JSON_INDENT(1), &text, &size, "the index of the transport", error)
+                     : kiln_fail(error, KILN_SYSTEM, "out of memory: the index of the transport");
     if (status == KILN_OK)
         status = kiln_publish_bytes_below(b->job->output, "transport/index", text, size, error);
     kiln_free(&text);

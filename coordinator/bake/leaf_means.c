@@ -75,7 +75,7 @@ static double error_of_mean(const struct means *m, size_t object)
         const double off = value_of(m, object, PARTS + k) - mean;
         square += off * off;
     }
-    return mean > 0.0 ? sqrt(square / (KILN_PARTS * (KILN_PARTS - 1))) / mean : 0.0;
+    return mean > 0.0 ? KILN_PARTS_STUDENT * sqrt(square / (KILN_PARTS * (KILN_PARTS - 1))) / mean : 0.0;
 }
 
 static void report(const struct means *m, size_t object, struct kiln_lightmap_report *report)

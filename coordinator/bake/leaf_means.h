@@ -3,7 +3,7 @@
 #define KILN_COORDINATOR_BAKE_LEAF_MEANS_H
 
 #include "coordinator/field/result.h"
-#include "coordinator/output/map/lightmaps.h"
+#include "coordinator/output/map/write/lightmaps.h"
 
 /* Collective. Fills in reports[object] for the leaves of each object's fronts, on all ranks alike: valid, mean, error
  * and mean_error, as lightmaps.h says, and texels_per_metre, the square root of leaves / area, 1/m. The rest stays as

@@ -4,6 +4,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "worker/backend/extended.h"
 #include "worker/base/memory.h"
 #include "worker/pass/gather.h"
 #include "worker/scene/radiosity.h"
@@ -86,8 +87,8 @@ int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint
     for (uint32_t i = 0; i <= repeats && status == KILN_OK; i++) { /* the first run is a warm-up and does not count */
         double seconds[2] = {0};
         uint64_t rays[2] = {0};
-        status = strcmp(result->info.name, "embree") == 0 ? one_run(prepared, samples, seconds, rays, error)
-                                                          : one_device_run(prepared, samples, seconds, rays, error);
+        status = result->info.on_device ? one_device_run(prepared, samples, seconds, rays, error)
+                                        : one_run(prepared, samples, seconds, rays, error);
         if (i == 0 || status != KILN_OK)
             continue;
         pass[i - 1] = (double)rays[0] / seconds[0];

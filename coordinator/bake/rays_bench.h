@@ -3,7 +3,7 @@
 #ifndef KILN_COORDINATOR_BAKE_RAYS_BENCH_H
 #define KILN_COORDINATOR_BAKE_RAYS_BENCH_H
 
-#include "coordinator/bake/prepare.h"
+#include "coordinator/bake/prepare/prepare.h"
 
 struct kiln_rays_bench {
     struct kiln_backend_info info;  /* the backend that traced */

@@ -3,13 +3,13 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "coordinator/bake/light_settings.h"
-#include "coordinator/bake/materials.h"
-#include "coordinator/bake/prepare.h"
-#include "coordinator/bake/transport_identity.h"
+#include "coordinator/bake/light/light_settings.h"
+#include "coordinator/bake/prepare/materials.h"
+#include "coordinator/bake/prepare/prepare.h"
+#include "coordinator/bake/identity/transport_identity.h"
 #include "coordinator/files/folder.h"
 #include "coordinator/files/temporary.h"
-#include "coordinator/integrate/patches.h"
+#include "coordinator/integrate/patches/patches.h"
 #include "coordinator/view/texel_place.h"
 #include "worker/base/memory.h"
 #include "worker/pass/link_factors.h"
@@ -44,11 +44,15 @@ static int take_job(struct work *w, const char *directory, struct kiln_error *er
         return refuse_unkept(directory, error);
     if (status != KILN_OK)
         return status;
-    char *scene = (char *)(uintptr_t)json_string_value(json_object_get(w->index, "scene"));
-    char *arguments[] = {"kiln", "bake", scene != NULL ? scene : "", "-o", (char *)(uintptr_t)directory, NULL};
+    char *arguments[] = {"kiln", "bake", "scene", "-o", (char *)(uintptr_t)directory, NULL};
     status = kiln_job_parse(&w->job, 5, arguments, error);
+    if (status == KILN_OK) /* which is no argument: it could be one of another kind, or a job file */
+        status =
+            kiln_job_keep_text(w->job, json_string_value(json_object_get(w->index, "scene")), &w->job->scene, error);
     if (status == KILN_OK)
-        status = kiln_transport_options_take(w->job, w->index, directory, NULL, error);
+        status = kiln_transport_options_take(w->job, w->index, directory, error);
+    if (status == KILN_OK)
+        status = kiln_transport_changes_take(w->job, w->index, directory, error);
     if (status == KILN_OK && !kiln_job_has_links(w->job))
         status = refuse_unkept(directory, error);
     return status;

@@ -1,5 +1,5 @@
-/* The links of one texel of a finished bake that has kept them (integrate/link_file.h): which nodes of the tree it
- * gathers from, to be looked at. The bake is prepared once more, from the scene that it was of. Not collective. */
+/* The links of one texel of a finished bake that has kept them (integrate/patches/link_file.h): which nodes of the tree
+ * it gathers from, to be looked at. The bake is prepared once more, from the scene that it was of. Not collective. */
 #ifndef KILN_COORDINATOR_BAKE_TEXEL_LINKS_H
 #define KILN_COORDINATOR_BAKE_TEXEL_LINKS_H
 

@@ -1,15 +1,8 @@
-/* kiln bench NAME ...: measurements on this machine. */
+/* kiln bench rays and kiln bench scaling: measurements on this machine. Other benches are studies (studies.h). */
 #include <stdio.h>
 #include <string.h>
 
 #include "coordinator/bake/rays_bench.h"
-#include "coordinator/bench/converge.h"
-#include "coordinator/bench/crossover.h"
-#include "coordinator/bench/order.h"
-#include "coordinator/bench/radiosity.h"
-#include "coordinator/bench/range.h"
-#include "coordinator/bench/stability.h"
-#include "coordinator/bench/tradeoff.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/scaling.h"
@@ -47,29 +40,8 @@ int kiln_command_bench(struct kiln_job *job, struct kiln_error *error)
 {
     const char *name = job->arguments[0];
     const bool rays = strcmp(name, "rays") == 0, scaling = strcmp(name, "scaling") == 0;
-    if (strcmp(name, "converge") == 0)
-        return kiln_converge_bench(job, error);
-    if (kiln_converge_refuse_elsewhere(job, error) != KILN_OK)
-        return KILN_USAGE;
-    if (strcmp(name, "stability") == 0)
-        return kiln_stability_bench(job, error);
-    if (strcmp(name, "tradeoff") == 0)
-        return kiln_tradeoff_bench(job, error);
-    if (strcmp(name, "cell-size") == 0)
-        return kiln_cell_size_bench(job, error);
-    if (strcmp(name, "per-object") == 0)
-        return kiln_per_object_bench(job, error);
-    if (strcmp(name, "crossover") == 0)
-        return kiln_crossover_bench(job, error);
-    if (strcmp(name, "radiosity") == 0)
-        return kiln_radiosity_bench(job, error);
-    if (strcmp(name, "tracing-range") == 0)
-        return kiln_tracing_range_bench(job, error);
     if (!rays && !scaling)
-        return kiln_fail(error, KILN_USAGE,
-                         "no bench is called '%.100s'; there are: cell-size, converge, crossover, per-object, "
-                         "radiosity, rays, scaling, "
-                         "stability, tracing-range, tradeoff",
+        return kiln_fail(error, KILN_USAGE, "'%.100s' is no bench that comes behind options: give its name first",
                          name);
     if (job->argument_count != 2)
         return kiln_fail(error, KILN_USAGE, "kiln bench %s takes one scene; for example: kiln bench %s room.glb", name,

@@ -7,7 +7,7 @@
 
 #include "coordinator/cli/commands.h"
 #include "coordinator/files/json.h"
-#include "coordinator/bake/scene_survey.h"
+#include "coordinator/bake/prepare/scene_survey.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 #include "worker/scene/gloss.h"
@@ -57,7 +57,8 @@ static void check_notes(struct report *r)
 {
     const struct kiln_scene *s = r->look->scene;
     for (size_t i = 0; i < s->note_count; i++)
-        add(r, s->notes[i].severity != 0 ? WARNING : INFORMATION, "import", "", "%s", text_at(r, s->notes[i].text));
+        add(r, kiln_note_warns(s->notes[i].severity) ? WARNING : INFORMATION, "import", "", "%s",
+            text_at(r, s->notes[i].text));
 }
 
 static void check_lights(struct report *r)
@@ -71,6 +72,16 @@ static void check_lights(struct report *r)
     if (s->light_count == 0 && r->look->emissive_triangles == 0 && s->environment->kind == KILN_ENVIRONMENT_NONE)
         add(r, WARNING, "scene", "",
             "there is no light: no emissive triangle, no light, no environment (--environment R,G,B gives one)");
+}
+
+static void check_enclosed(struct report *r)
+{
+    char text[512];
+    for (size_t i = 0; i < r->look->enclosed_count; i++) {
+        const struct kiln_enclosed_light *light = &r->look->enclosed[i];
+        kiln_enclosed_light_text(light, r->look->scene, text, sizeof text);
+        add(r, WARNING, "light", kiln_enclosed_light_name(light, r->look->scene), "%s", text);
+    }
 }
 
 static void check_gloss(struct report *r, const struct kiln_material *m, const struct kiln_gloss *gloss)
@@ -298,7 +309,7 @@ static void print_report(const struct report *r, const struct kiln_job *job)
 
 int kiln_command_check(struct kiln_job *job, struct kiln_error *error)
 {
-    static void (*const checks[])(struct report *) = {check_notes,    check_lights, check_materials,
+    static void (*const checks[])(struct report *) = {check_notes,    check_lights, check_enclosed, check_materials,
                                                       check_emitters, check_meshes, check_objects};
     struct kiln_scene_survey *look = NULL;
     struct report report = {.error = error};

@@ -14,6 +14,7 @@
 #include <jansson.h>
 
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/compare_area.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/output_name.h"
 #include "coordinator/view/compare_surface.h"
@@ -362,6 +363,8 @@ static int print_json(const struct comparison *c, struct kiln_error *error)
         json_object_set_new(root, "a", json_string(c->a));
         json_object_set_new(root, "b", json_string(c->b));
         json_object_set_new(root, "sampled", json_boolean(c->scene_a != NULL));
+        if (c->results_a != NULL && kiln_results_has(c->results_a, "scene.kscene"))
+            json_object_set_new(root, "by_area", kiln_compare_by_area(c->results_a, c->results_b));
         add_place(c, root);
     }
     json_t *objects = json_object();

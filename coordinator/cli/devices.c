@@ -2,9 +2,9 @@
 
 #include <stdio.h>
 
-#include "coordinator/bake/prepare.h"
+#include "coordinator/bake/prepare/prepare.h"
 #include "coordinator/files/json.h"
-#include "worker/backend/backend.h"
+#include "worker/backend/extended.h"
 #include "worker/base/text.h"
 
 enum { MOST_DEVICES = 64, UUID_TEXT = 37 };
@@ -54,8 +54,7 @@ static void print_device(const struct kiln_device *d)
         (void)printf("          %.1f GiB, %.1f GiB of it free; subgroups of %u\n", (double)d->memory / 0x1p30,
                      (double)d->budget / 0x1p30, d->subgroup);
     if (d->fit)
-        (void)printf("          %s, %s\n",
-                     d->ray_tracing ? "ray-tracing pipeline" : "no ray-tracing pipeline: --traversal compute",
+        (void)printf("          %s, %s\n", d->ray_tracing ? "ray-tracing pipeline" : "no ray-tracing pipeline",
                      d->float64 ? "doubles" : "no doubles: light is sampled in floats");
 }
 

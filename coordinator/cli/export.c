@@ -10,7 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "coordinator/run/lock.h"
+#include "coordinator/run/output_folder.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/output_name.h"
@@ -26,6 +26,7 @@ struct export
     const struct kiln_job *job;
     const char *directory, *output;
     char fallback[KILN_PATH_SIZE], folder[KILN_PATH_SIZE], scene_file[KILN_PATH_SIZE], source[KILN_PATH_SIZE];
+    struct kiln_output_folder *place;
     struct kiln_results *results;
     struct kiln_scene *scene;
     uint8_t *backs;           /* for each object, whether its back has a lightmap; NULL: none has */
@@ -142,7 +143,8 @@ static int make_folder(struct export *e, struct kiln_error *error)
                    : slash == e->output ? 1
                                         : (int)(slash - e->output),
                    slash == NULL ? "." : e->output);
-    return status == KILN_OK ? kiln_make_directories(e->folder, error) : status;
+    const struct kiln_output_folder_params params = {.directory = e->folder, .kind = KILN_FOLDER_SHARED};
+    return status == KILN_OK ? kiln_output_folder_begin(&e->place, &params, error) : status;
 }
 
 /* Refuses the folder of the bake: its files are listed in its manifest, and pages would get the names of its lightmaps.
@@ -264,5 +266,6 @@ int kiln_command_export(struct kiln_job *job, struct kiln_error *error)
     json_decref(e.run);
     kiln_scene_close(&e.scene);
     kiln_results_close(&e.results);
+    kiln_output_folder_end(&e.place, false);
     return status;
 }

@@ -1,130 +1,299 @@
+#include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 
+#include "coordinator/cli/help_text.h"
+#include "coordinator/cli/studies.h"
 #include "coordinator/job/options.h"
 #include "coordinator/view/show.h"
 
-/* Formats an option with its values: "--bounces N|all", "--half", "--partition cells|objects". */
-static void option_head(const struct kiln_option *option, char *text, size_t size)
+/* Text that is wrapped between words. */
+struct page {
+    FILE *stream;
+    size_t width, column; /* characters of a line, and those that this one has */
+};
+
+/* As COLUMNS says, or the terminal; 80 where neither is known, and at most 100, which a reader's eye can follow. */
+static size_t width_of(FILE *stream)
 {
-    int used = snprintf(text, size, "--%s", option->name);
-    const char *separator = " ";
-    if (option->value != NULL) {
-        used += snprintf(text + used, size - (size_t)used, " %s", option->value);
-        separator = "|";
+    enum { UNKNOWN = 80, LEAST = 60, MOST = 100 };
+    struct winsize size = {0};
+    const char *columns = getenv("COLUMNS");
+    long width = columns != NULL ? strtol(columns, NULL, 10) : 0;
+    if (width <= 0 && ioctl(fileno(stream), TIOCGWINSZ, &size) == 0)
+        width = size.ws_col;
+    return width <= 0 ? UNKNOWN : width < LEAST ? LEAST : width > MOST ? MOST : (size_t)width;
+}
+
+static void pad(struct page *page, size_t column)
+{
+    for (; page->column < column; page->column++)
+        (void)fputc(' ', page->stream);
+}
+
+/* Ends the line with `end` and begins another one at `indent`. */
+static void turn(struct page *page, const char *end, size_t indent)
+{
+    (void)fprintf(page->stream, "%s\n", end);
+    page->column = 0;
+    pad(page, indent);
+}
+
+static void put(struct page *page, const char *word, size_t length)
+{
+    (void)fprintf(page->stream, "%.*s", (int)length, word);
+    page->column += length;
+}
+
+/* A word that no line has room for is broken behind a '|'. */
+static void put_long(struct page *page, const char *word, size_t length, size_t indent)
+{
+    while (page->column + length > page->width) {
+        size_t cut = page->width > page->column ? page->width - page->column : 0;
+        while (cut > 0 && word[cut - 1] != '|')
+            cut--;
+        if (cut == 0)
+            break;
+        put(page, word, cut);
+        turn(page, "", indent);
+        word += cut;
+        length -= cut;
     }
-    if (option->may_be_infinite)
-        used += snprintf(text + used, size - (size_t)used, "|inf");
-    if (option->word != NULL)
-        used += snprintf(text + used, size - (size_t)used, "%s%s", separator, option->word);
-    for (size_t i = 0; option->choices != NULL && option->choices[i] != NULL; i++) {
-        used += snprintf(text + used, size - (size_t)used, "%s%s", separator, option->choices[i]);
-        separator = "|";
+    put(page, word, length);
+}
+
+/* Writes words from the present column on; further lines begin at `indent`, those before end with `end`. */
+static void flow(struct page *page, const char *text, size_t indent, const char *end)
+{
+    bool first = true;
+    for (const char *word = text; *word != '\0';) {
+        const size_t length = strcspn(word, " ");
+        if (!first && page->column + 1 + length + strlen(end) > page->width)
+            turn(page, end, indent);
+        else if (!first)
+            put(page, " ", 1);
+        put_long(page, word, length, indent);
+        first = false;
+        word += length + strspn(word + length, " ");
     }
 }
 
-static void print_option(FILE *stream, const struct kiln_option *option)
+static void paragraph(struct page *page, size_t at, const char *text, size_t indent)
 {
-    enum { COLUMN = 34 };
-    char head[160];
-    option_head(option, head, sizeof head);
-    if (strlen(head) < COLUMN - 4)
-        (void)fprintf(stream, "  %-*s", COLUMN - 2, head);
-    else
-        (void)fprintf(stream, "  %s\n%*s", head, COLUMN, "");
-    const char *value = kiln_option_default(option);
-    if (option->kind == KILN_OPTION_FLAG && strcmp(value, "on") == 0)
-        (void)fprintf(stream, "%s (default on; --no-%s)\n", option->help, option->name);
-    else if (value[0] != '\0')
-        (void)fprintf(stream, "%s (default %s)\n", option->help, value);
-    else
-        (void)fprintf(stream, "%s\n", option->help);
+    pad(page, at);
+    flow(page, text, indent, "");
+    turn(page, "", 0);
 }
 
-static void print_qualities(FILE *stream)
+/* A name in the left column, and its sentence in the right one: below it where there is no room beside it. */
+static void entry(struct page *page, const char *name, size_t column, const char *sentence)
 {
-    (void)fprintf(stream, "\nWhat --quality sets\n  %-14s%16s%16s%18s%15s\n", "", "samples-direct", "samples-bounce",
-                  "samples-indirect", "samples-probe");
+    const size_t right = page->width < 72 ? 8 : column;
+    pad(page, 2);
+    flow(page, name, 6, "");
+    if (page->column + 2 > right)
+        turn(page, "", right);
+    pad(page, right);
+    paragraph(page, 0, sentence, right);
+}
+
+static void print_option(struct page *page, const struct kiln_command *command, const struct kiln_option *option)
+{
+    char head[KILN_HELP_HEAD], sentence[KILN_HELP_SENTENCE];
+    kiln_help_head(option, head);
+    kiln_help_sentence(option, command, sentence);
+    entry(page, head, 30, sentence);
+}
+
+static void print_qualities(struct page *page)
+{
+    (void)fprintf(page->stream, "\n%-16s%9s%9s%10s%8s\n", "--quality sets", "direct", "bounce", "indirect", "probe");
     for (size_t i = 0; i < kiln_quality_count; i++)
-        (void)fprintf(stream, "  %-14s%16u%16u%18u%15u\n", kiln_qualities[i].name, kiln_qualities[i].samples_direct,
+        (void)fprintf(page->stream, "  %-14s%9u%9u%10u%8u\n", kiln_qualities[i].name, kiln_qualities[i].samples_direct,
                       kiln_qualities[i].samples_bounce, kiln_qualities[i].samples_indirect,
                       kiln_qualities[i].samples_probe);
 }
 
-/* What coordinator/job/changes.h and coordinator/import/changes.c have. */
-static void print_changes(FILE *stream)
+/* The keys of changes: coordinator/job/changes.h, coordinator/import/changes.c. */
+static void print_changes(struct page *page)
 {
-    (void)fprintf(stream, "\nCHANGES.yaml names what changes; names may be patterns (lamp*), numbers one or three\n"
-                          "  lights:      {NAME: {scale: 0.5, intensity: [R, G, B], on: false}}\n"
-                          "  materials:   {NAME: {emission: [R, G, B], emission-scale: 2, on: false, "
-                          "albedo: [R, G, B]}}\n"
-                          "  environment: {scale: 2, radiance: [R, G, B], rotation: DEGREES, on: false}\n");
+    static const char *const lines[] = {"lights: {NAME: {scale: 0.5, intensity: [R, G, B], on: false}}",
+                                        "materials: {NAME: {emission: [R, G, B], emission-scale: 2, on: false, "
+                                        "albedo: [R, G, B]}}",
+                                        "environment: {scale: 2, radiance: [R, G, B], rotation: DEGREES, on: false}"};
+    turn(page, "", 0);
+    paragraph(page, 0, "CHANGES.yaml names what changes; names may be patterns (lamp*), numbers one or three", 0);
+    for (size_t i = 0; i < sizeof lines / sizeof *lines; i++)
+        paragraph(page, 2, lines[i], 6);
 }
 
-/* What --show takes; sentences are wrapped. */
-static void print_shows(FILE *stream)
+/* Names that --show takes, with their units and sentences. */
+static void print_shows(struct page *page)
 {
-    enum { COLUMN = 36, WIDTH = 118 };
     const char *name, *unit, *sentence;
-    (void)fprintf(stream, "\nWhat --show shows, and its unit (light: that of the bake)\n");
+    turn(page, "", 0);
+    paragraph(page, 0, "What --show shows, and its unit (light: that of the bake)", 0);
     for (size_t i = 0; kiln_show_row(i, &name, &unit, &sentence); i++) {
-        int column = fprintf(stream, "  %-20s%-14s", name, unit[0] != '\0' ? unit : "light");
-        for (const char *word = sentence; *word != '\0';) {
-            const int length = (int)strcspn(word, " ");
-            if (column + length > WIDTH)
-                column = fprintf(stream, "\n%*s", COLUMN, "") - 1;
-            column += fprintf(stream, "%.*s ", length, word);
-            word += length + (word[length] == ' ' ? 1 : 0);
-        }
-        (void)fputc('\n', stream);
+        char head[64];
+        (void)snprintf(head, sizeof head, "%-18s %s", name, unit[0] != '\0' ? unit : "light");
+        pad(page, 2);
+        put(page, head, strlen(head));
+        entry(page, "", 36, sentence);
     }
 }
 
-static void command_screen(FILE *stream, const struct kiln_command *command)
+/* ---- a command ---- */
+
+/* The options that most people ask for first, whatever their group. */
+static const char *const leading[] = {"quality", "texels-per-metre", "output"};
+
+static bool leads(const struct kiln_option *option)
 {
-    (void)fprintf(stream, "kiln %s: %s\n\nUsage: kiln %s %s [options]\n\nExamples\n", command->name, command->summary,
-                  command->name, command->arguments);
-    for (size_t i = 0; command->examples[i] != NULL; i++)
-        (void)fprintf(stream, "  %s\n", command->examples[i]);
+    for (size_t i = 0; i < sizeof leading / sizeof *leading; i++)
+        if (strcmp(option->name, leading[i]) == 0)
+            return true;
+    return false;
+}
+
+static size_t print_leading(struct page *page, const struct kiln_command *command, bool all)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < sizeof leading / sizeof *leading; i++) {
+        const struct kiln_option *option = kiln_option_find_for(leading[i], command->bit);
+        if (!kiln_help_has(command, option, all))
+            continue;
+        if (count++ == 0)
+            paragraph(page, 0, "Result", 0);
+        print_option(page, command, option);
+    }
+    return count;
+}
+
+/* Prints the options by groups; returns how many there are. */
+static size_t print_options(struct page *page, const struct kiln_command *command, bool all)
+{
+    turn(page, "", 0);
+    size_t count = print_leading(page, command, all);
     const char *group = NULL;
     for (size_t i = 0; i < kiln_option_count; i++) {
-        if ((kiln_options[i].commands & command->bit) == 0)
+        const struct kiln_option *option = &kiln_options[i];
+        if (!kiln_help_has(command, option, all) || leads(option))
             continue;
-        if (group == NULL || strcmp(group, kiln_options[i].group) != 0)
-            (void)fprintf(stream, "\n%s\n", kiln_options[i].group);
-        group = kiln_options[i].group;
-        print_option(stream, &kiln_options[i]);
+        if (group == NULL || strcmp(group, option->group) != 0) {
+            if (count > 0)
+                turn(page, "", 0);
+            paragraph(page, 0, option->group, 0);
+        }
+        group = option->group;
+        print_option(page, command, option);
+        count++;
     }
-    if ((kiln_option_find("quality")->commands & command->bit) != 0)
-        print_qualities(stream);
-    if (command->bit == KILN_FOR_RELIGHT)
-        print_changes(stream);
-    if (command->bit == KILN_FOR_VIEW)
-        print_shows(stream);
-    if (command->scene)
-        (void)fprintf(
-            stream,
-            "\nA job file is YAML: the same names without the dashes, and `scene`; paths in it are relative to it.\n"
-            "Later wins: defaults, --quality, the job file, the command line.\n");
+    return count;
 }
 
-static void overview(FILE *stream)
+static void print_examples(struct page *page, const struct kiln_command *command, size_t most)
 {
-    (void)fprintf(stream,
-                  "kiln %s bakes the diffuse light of a static scene into lightmaps and an irradiance volume.\n"
-                  "  kiln generate cornell -o cornell.glb                 make a scene\n"
-                  "  kiln bake cornell.glb -o out                         bake it\n"
-                  "  mpirun -n 4 --bind-to none kiln bake cornell.glb -o out     the same on four ranks\n"
-                  "  kiln view out -o view.png                            look at it\nCommands\n",
-                  KILN_VERSION);
-    for (size_t i = 0; i < kiln_command_count; i++)
-        (void)fprintf(stream, "  %-10s%s\n", kiln_commands[i].name, kiln_commands[i].summary);
-    (void)fprintf(stream, "kiln COMMAND --help shows a command's examples, options, units and defaults.\n");
+    turn(page, "", 0);
+    paragraph(page, 0, most == 1 || command->examples[1] == NULL ? "Example" : "Examples", 0);
+    for (size_t i = 0; i < most && command->examples[i] != NULL; i++) {
+        pad(page, 2);
+        flow(page, command->examples[i], 6, " \\");
+        turn(page, "", 0);
+    }
 }
 
-void kiln_help(FILE *stream, const struct kiln_command *command)
+static size_t count_options(const struct kiln_command *command)
 {
-    if (command == NULL)
-        overview(stream);
+    size_t count = 0;
+    for (size_t i = 0; i < kiln_option_count; i++)
+        count += kiln_help_has(command, &kiln_options[i], true);
+    return count;
+}
+
+/* A sentence of what the command does, and its usage line. */
+static void print_summary(struct page *page, const struct kiln_command *command)
+{
+    char text[200];
+    (void)snprintf(text, sizeof text, "kiln %s: %s.", command->name, command->summary);
+    paragraph(page, 0, text, 0);
+    (void)snprintf(text, sizeof text, "Usage: kiln %s %s [options]", command->name, command->arguments);
+    turn(page, "", 0);
+    paragraph(page, 0, text, 6);
+}
+
+static void print_rest(struct page *page, const struct kiln_command *command, size_t shown)
+{
+    char text[200];
+    const size_t count = count_options(command);
+    if (shown < count)
+        (void)snprintf(text, sizeof text, "These are %zu of %zu options: kiln %s --help all shows the rest.", shown,
+                       count, command->name);
     else
-        command_screen(stream, command);
+        (void)snprintf(text, sizeof text, "These are all options of kiln %s; kiln --help lists the other commands.",
+                       command->name);
+    turn(page, "", 0);
+    paragraph(page, 0, text, 0);
+}
+
+/* kiln_study_tell; the context is the page. */
+static void print_study(void *context, const char *name, const char *sentence) { entry(context, name, 18, sentence); }
+
+static void print_studies(struct page *page)
+{
+    struct kiln_error error = {{0}};
+    turn(page, "", 0);
+    paragraph(page, 0, "Studies, which are in Python and have options of their own: kiln bench NAME --help", 0);
+    if (kiln_studies_list(print_study, page, &error) != KILN_OK)
+        paragraph(page, 2, error.message, 2);
+}
+
+static void command_screen(struct page *page, const struct kiln_command *command, bool all)
+{
+    enum { FEW = 2, EVERY = 12 };
+    print_summary(page, command);
+    print_examples(page, command, all ? EVERY : FEW);
+    const size_t shown = print_options(page, command, all);
+    if ((kiln_option_find("quality")->commands & command->bit) != 0)
+        print_qualities(page);
+    if (command->bit == KILN_FOR_RELIGHT)
+        print_changes(page);
+    if (command->bit == KILN_FOR_VIEW && all)
+        print_shows(page);
+    if (command->bit == KILN_FOR_BENCH)
+        print_studies(page);
+    if (command->scene) {
+        turn(page, "", 0);
+        paragraph(page, 0,
+                  "A job file is YAML: the same names without the dashes, and `scene`; paths in it are relative to it. "
+                  "Later wins: defaults, --quality, the job file, the command line.",
+                  0);
+    }
+    print_rest(page, command, shown);
+}
+
+static void overview(struct page *page)
+{
+    static const char *const examples[] = {"kiln generate cornell -o cornell.glb", "kiln bake cornell.glb -o out",
+                                           "kiln view out -o view.png"};
+    paragraph(page, 0, "kiln " KILN_VERSION " bakes the light of a static scene into lightmaps and a volume.", 0);
+    for (size_t i = 0; i < sizeof examples / sizeof *examples; i++)
+        paragraph(page, 2, examples[i], 6);
+    paragraph(page, 0, "Commands", 0);
+    for (size_t i = 0; i < kiln_command_count; i++)
+        entry(page, kiln_commands[i].name, 12, kiln_commands[i].summary);
+    paragraph(page, 0, "kiln COMMAND --help shows what most need, kiln COMMAND --help all the rest.", 0);
+}
+
+void kiln_help(FILE *stream, const struct kiln_command *command, bool all)
+{
+    struct page page = {.stream = stream, .width = width_of(stream)};
+    if (command != NULL) {
+        command_screen(&page, command, all);
+        return;
+    }
+    overview(&page);
+    for (size_t i = 0; all && i < kiln_command_count; i++) {
+        turn(&page, "", 0);
+        command_screen(&page, &kiln_commands[i], true);
+    }
 }

@@ -5,7 +5,7 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/devices.h"
 #include "coordinator/files/json.h"
-#include "coordinator/bake/scene_survey.h"
+#include "coordinator/bake/prepare/scene_survey.h"
 #include "coordinator/run/progress.h"
 #include "coordinator/field/units.h"
 #include "worker/base/memory.h"
@@ -26,7 +26,8 @@ static const struct {
                        {"lightmap-size", "lightmap-size"},
                        {"less: caster-only", "caster-only"},
                        {"less: lightmap-max", "lightmap-max"},
-                       {"more: two texels between charts", "padding"}};
+                       {"more: two texels between charts", "padding"},
+                       {"less: twice the density of the largest", "bounded"}};
 _Static_assert(sizeof density_reasons / sizeof *density_reasons == KILN_DENSITY_REASONS, "a row for each reason");
 
 static const char *role_of(const struct kiln_object *o)
@@ -162,9 +163,9 @@ static json_t *texts_json(const struct kiln_scene_survey *look)
     json_t *list = json_array();
     for (size_t i = 0; i < look->scene->note_count; i++) {
         const struct kiln_note *n = &look->scene->notes[i];
-        (void)json_array_append_new(list,
-                                    json_pack("{s:s, s:o}", "severity", n->severity != 0 ? "warning" : "information",
-                                              "text", kiln_json_string(string_at(look, n->text))));
+        (void)json_array_append_new(list, json_pack("{s:s, s:o}", "severity",
+                                                    kiln_note_warns(n->severity) ? "warning" : "information", "text",
+                                                    kiln_json_string(string_at(look, n->text))));
     }
     return list;
 }
@@ -408,7 +409,7 @@ static void print_texts(const struct kiln_scene_survey *look, const struct kiln_
         }
     (void)fputs(s->note_count > 0 ? "\n" : "", stdout);
     for (size_t i = 0; i < s->note_count; i++)
-        kiln_print(stdout, "%s: %s\n", s->notes[i].severity != 0 ? "warning" : "note",
+        kiln_print(stdout, "%s: %s\n", kiln_note_warns(s->notes[i].severity) ? "warning" : "note",
                    string_at(look, s->notes[i].text));
 }
 

@@ -10,18 +10,25 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "coordinator/bake/prepare.h"
+#include "coordinator/bake/prepare/prepare.h"
 #include "coordinator/mpi/waiting.h"
 #include "coordinator/mpi/watchdog.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/cli/commands.h"
+#include "coordinator/cli/help_json.h"
+#include "coordinator/cli/studies.h"
+#include "coordinator/cli/help_text.h"
 #include "coordinator/files/json.h"
+#include "coordinator/files/standard_output.h"
+#include "coordinator/job/conditions.h"
 #include "coordinator/job/options.h"
 #include "coordinator/run/process.h"
 #include "coordinator/cli/same_job.h"
 #include "coordinator/export/child.h"
+#include "coordinator/files/foreign_json.h"
 #include "coordinator/field/group_fields.h"
 #include "coordinator/import/child.h"
+#include "coordinator/job/changes.h"
 #include "coordinator/output/read/reader.h"
 #include "coordinator/run/threads.h"
 #include "coordinator/output/manifest.h"
@@ -128,7 +135,9 @@ static int prepare(struct kiln_job **job, int argc, char **argv, const struct ki
         (*job)->scene = (*job)->arguments[0];
     else if (status == KILN_OK && command->folder)
         status = check_folder(*job, (*job)->arguments[0], error);
-    return status != KILN_OK ? status : check_scene(*job, error);
+    if (status == KILN_OK)
+        status = check_scene(*job, error);
+    return status == KILN_OK ? kiln_process_need_stack(error) : status;
 }
 
 static int run(const struct kiln_command *command, struct kiln_job *job, struct kiln_error *error)
@@ -189,19 +198,21 @@ static void print_usage(int rank)
     (void)fputs(line, stderr);
 }
 
-/* Prints the present names of options that were given by their former names. To be called on one rank. */
-static void note_former_names(const struct kiln_job *job)
+/* Prints the present names of options that were given by their former names, and which options do not count. To be
+ * called on one rank. */
+static void note_options(const struct kiln_job *job)
 {
-    if (job != NULL && !job->quiet)
-        kiln_job_print_renamed(job, stderr);
+    if (job == NULL || job->quiet)
+        return;
+    kiln_job_print_renamed(job, stderr);
+    kiln_job_print_idle(job, stderr);
 }
 
 /* Flushes stdout. Output that cannot be written is a failure, even if the command has succeeded. */
 static int flush_output(int status, struct kiln_error *error)
 {
-    if (fflush(stdout) == 0 && ferror(stdout) == 0)
-        return status;
-    return status != KILN_OK ? status : kiln_fail_errno(error, KILN_IO, "cannot write to stdout");
+    const int flushed = kiln_stdout_flush(status == KILN_OK ? error : NULL);
+    return status != KILN_OK ? status : flushed;
 }
 
 /* Runs a command without MPI. *json: whether a failure has still to be printed on stdout as JSON. */
@@ -209,7 +220,7 @@ static int run_alone(int argc, char **argv, const struct kiln_command *command, 
 {
     struct kiln_job *job = NULL;
     int status = prepare(&job, argc, argv, command, error);
-    note_former_names(job);
+    note_options(job);
     if (status == KILN_OK)
         status = flush_output(run(command, job, error), error);
     if (job != NULL && job->verbose)
@@ -358,7 +369,7 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
     bool started = false;
     int status = prepare(&job, argc, argv, command, error);
     if (rank == 0)
-        note_former_names(job);
+        note_options(job);
     if (status == KILN_OK)
         status = check_threads(job, many, error);
     if (status == KILN_OK || many) {
@@ -413,6 +424,36 @@ static bool asks_for_help(int argc, char **argv)
            has_argument(argc, argv, "-h") || has_argument(argc, argv, "--version");
 }
 
+/* Prints what is made of the table of options for others to read. Returns false if the command line asks for none. */
+static bool answer_made(int argc, char **argv, int rank, int *status, struct kiln_error *error)
+{
+    const bool man = argc == 2 && strcmp(argv[1], "--man") == 0;
+    const bool completion = argc > 1 && strcmp(argv[1], "--completion") == 0;
+    *status = KILN_OK;
+    if (!man && !completion)
+        return false;
+    if (completion && (argc != 3 || strcmp(argv[2], "bash") != 0))
+        *status = kiln_fail(error, KILN_USAGE, "--completion is there for bash alone: kiln --completion bash");
+    else if (completion && rank == 0)
+        kiln_completion_print(stdout);
+    else if (rank == 0)
+        kiln_man_print(stdout);
+    if (*status == KILN_OK)
+        *status = flush_output(KILN_OK, error);
+    return true;
+}
+
+/* Whether all options are to be shown: kiln bake --help all, kiln help bake all. */
+static bool asks_for_all(int argc, char **argv)
+{
+    const bool first = argc > 2 && (strcmp(argv[1], "help") == 0 || strcmp(argv[1], "--help") == 0);
+    bool all = first && strcmp(argv[argc - 1], "all") == 0;
+    for (int i = 1; i + 1 < argc; i++)
+        all =
+            all || ((strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0) && strcmp(argv[i + 1], "all") == 0);
+    return all;
+}
+
 /* Prints help or the version, which need no job. Returns false if the command line asks for neither. */
 static bool answer_help(int argc, char **argv, int rank, int *status, struct kiln_error *error)
 {
@@ -428,17 +469,22 @@ static bool answer_help(int argc, char **argv, int rank, int *status, struct kil
         *status = flush_output(KILN_OK, error);
         return true;
     }
+    const bool all = asks_for_all(argc, argv);
     const char *name = NULL;
     for (int i = 1; i < argc && name == NULL; i++)
-        if (argv[i][0] != '-' && (i > 1 || strcmp(argv[i], "help") != 0))
+        if (argv[i][0] != '-' && (i > 1 || strcmp(argv[i], "help") != 0) && (!all || strcmp(argv[i], "all") != 0))
             name = argv[i];
     const struct kiln_command *command = name != NULL ? kiln_command_find(name) : NULL;
     if (name != NULL && command == NULL) {
         *status = kiln_command_unknown(name, error);
         return true;
     }
+    if (has_argument(argc, argv, "--json")) {
+        *status = kiln_help_json(command, error);
+        return true;
+    }
     /* without any argument the help is shown too, but the status is that of an error */
-    kiln_help(argc < 2 ? stderr : stdout, command);
+    kiln_help(argc < 2 ? stderr : stdout, command, all);
     *status = argc < 2 ? kiln_fail(error, KILN_USAGE, "no command given") : flush_output(KILN_OK, error);
     return true;
 }
@@ -471,6 +517,9 @@ static bool view_needs_mpi(int argc, char **argv)
     return strcmp(value_of(argc, argv, "--show"), "links") == 0;
 }
 
+/* Whether the command goes on from what it saves when a signal asks it to end. */
+static bool saves_when_asked(const char *name) { return strcmp(name, "bake") == 0 || strcmp(name, "relight") == 0; }
+
 static int run_command_line(int argc, char **argv)
 {
     struct kiln_error error = {{0}};
@@ -478,20 +527,26 @@ static int run_command_line(int argc, char **argv)
     bool json = has_argument(argc, argv, "--json");
     const bool many = launcher("OMPI_COMM_WORLD_SIZE", NULL, "SLURM_NTASKS", 1) > 1;
     int rank = (int)launcher("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "SLURM_PROCID", 0);
+    if (kiln_study_is_asked_for(argc, argv) && rank != 0)
+        return KILN_OK; /* rank 0 runs the study */
+    if (kiln_study_is_asked_for(argc, argv)) {
+        status = kiln_study_start(argc, argv, &error);
+        print_error(status, &error, json);
+        return status;
+    }
     watch_departure(many, rank);
     const struct kiln_command *command = argc > 1 ? kiln_command_find(argv[1]) : NULL;
-    /* a bench that starts mpirun, or bakes, must not start MPI itself */
-    const bool starts_mpi = command != NULL && command->bit == KILN_FOR_BENCH &&
-                            (has_argument(argc, argv, "scaling") || has_argument(argc, argv, "stability") ||
-                             has_argument(argc, argv, "tradeoff") || has_argument(argc, argv, "cell-size") ||
-                             has_argument(argc, argv, "per-object") || has_argument(argc, argv, "crossover") ||
-                             has_argument(argc, argv, "tracing-range") || has_argument(argc, argv, "converge"));
+    if (command != NULL && !saves_when_asked(argv[1]) && kiln_option_find_for("output", command->bit) != NULL)
+        kiln_process_end_cleanly(rank == 0, json);
+    /* a bench that starts mpirun must not start MPI itself */
+    const bool starts_mpi = command != NULL && command->bit == KILN_FOR_BENCH && has_argument(argc, argv, "scaling");
     const bool help = asks_for_help(argc, argv); /* rank 0 answers at once, whatever the other ranks do */
     const bool view = command != NULL && command->bit == KILN_FOR_VIEW && view_needs_mpi(argc, argv);
     const bool needs_mpi = command != NULL && (command->mpi || view) && !starts_mpi && !help;
     if (is_launched() && !needs_mpi && !starts_mpi && !help)
         status = meet_others(argv, &rank, &error);
-    if (status == KILN_OK && !answer_help(argc, argv, rank, &status, &error)) {
+    if (status == KILN_OK && !answer_help(argc, argv, rank, &status, &error) &&
+        !answer_made(argc, argv, rank, &status, &error)) {
         if (needs_mpi)
             return run_with_mpi(argc, argv, command, many, rank, &error);
         if (rank != 0)
@@ -509,7 +564,7 @@ static int run_command_line(int argc, char **argv)
 int kiln_main(int argc, char **argv)
 {
     kiln_process_begin();
-    if (argc > 1 && (strcmp(argv[1], "bake") == 0 || strcmp(argv[1], "relight") == 0))
+    if (argc > 1 && saves_when_asked(argv[1]))
         kiln_process_catch();
     if (argc > 1 && strcmp(argv[1], "import-child") == 0)
         return kiln_import_child(argc, argv);
@@ -517,6 +572,10 @@ int kiln_main(int argc, char **argv)
         return kiln_export_child(argc, argv);
     if (argc > 1 && strcmp(argv[1], "read-child") == 0)
         return kiln_reader_child(argc, argv);
+    if (argc > 1 && strcmp(argv[1], KILN_JSON_CHILD) == 0)
+        return kiln_foreign_json_child(argc, argv, NULL);
+    if (argc > 1 && strcmp(argv[1], KILN_YAML_CHILD) == 0)
+        return kiln_foreign_json_child(argc, argv, kiln_changes_parse);
     const int status = run_command_line(argc, argv);
     departure.at_work = 0;
     return status;

@@ -1,8 +1,6 @@
 /* kiln mix DIR: adds up the groups of lights that a bake has told apart, each by a factor (mix_factors.h). No ray is
- * traced: the folder that it writes has lightmaps, scene and report, and no surface points. */
-#include <dirent.h>
+ * traced: the folder that it writes has lightmaps, scene, preview and report, and no surface points. */
 #include <errno.h>
-#include <fcntl.h>
 #include <mpi.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,13 +10,14 @@
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/mix_factors.h"
 #include "coordinator/cli/mix_maps.h"
+#include "coordinator/cli/mix_preview.h"
 #include "coordinator/cli/mix_scene.h"
 #include "coordinator/cli/mix_volume.h"
 #include "coordinator/files/json.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/read/results.h"
-#include "coordinator/run/lock.h"
+#include "coordinator/run/output_folder.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
@@ -38,9 +37,10 @@ struct mix {
     struct kiln_mix_factors factors;
     struct map *maps;
     size_t map_count;
-    double *ratios;             /* of each map: kiln_mix_map */
-    bool has_scene, has_volume; /* scene.glb; volume.hdf */
-    json_t *as_baked;           /* names: kiln_mix_scene_write */
+    double *ratios;                    /* of each map: kiln_mix_map */
+    bool has_scene, has_volume;        /* scene.glb; volume.hdf */
+    json_t *as_baked;                  /* names: kiln_mix_scene_write */
+    struct kiln_output_folder *folder; /* rank 0 */
     double begin;
 };
 
@@ -84,28 +84,17 @@ static int open_bake(struct mix *m, struct kiln_error *error)
     return status;
 }
 
-/* Whether the folder has files of somebody else: those of an earlier mixture may be replaced. */
-static int check_content(const struct mix *m, struct kiln_error *error)
+/* kiln_output_folder_params.has_results */
+static bool has_mixture(const char *directory, const void *context)
 {
+    (void)context;
     struct kiln_results *there = NULL;
     json_t *run = NULL;
-    bool empty = true, mixture = false;
-    DIR *list = opendir(m->output);
-    if (list == NULL)
-        return errno == ENOENT ? KILN_OK : kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot use %.500s", m->output);
-    for (struct dirent *e; (e = readdir(list)) != NULL;)
-        empty = empty && (strcmp(e->d_name, ".") == 0 || strcmp(e->d_name, "..") == 0);
-    (void)closedir(list);
-    if (!empty && kiln_results_open(&there, m->output, NULL) == KILN_OK &&
-        kiln_results_json(there, "run.json", &run, NULL) == KILN_OK)
-        mixture = json_object_get(run, "mix") != NULL;
+    const bool is = kiln_results_open(&there, directory, NULL) == KILN_OK &&
+                    kiln_results_json(there, "run.json", &run, NULL) == KILN_OK && json_object_get(run, "mix") != NULL;
     json_decref(run);
     kiln_results_close(&there);
-    return empty || mixture ? KILN_OK
-                            : kiln_fail(error, KILN_USAGE,
-                                        "%.500s has other files in it: give a folder with -o that is new, is empty, or "
-                                        "has an earlier mixture",
-                                        m->output);
+    return is;
 }
 
 static int check_output(const struct mix *m, struct kiln_error *error)
@@ -114,7 +103,7 @@ static int check_output(const struct mix *m, struct kiln_error *error)
     if (stat(m->output, &a) == 0 && stat(m->directory, &b) == 0 && a.st_dev == b.st_dev && a.st_ino == b.st_ino)
         return kiln_fail(error, KILN_USAGE, "%.500s is the folder of the bake that is mixed: give another one with -o",
                          m->output);
-    return check_content(m, error);
+    return KILN_OK;
 }
 
 /* ---- the manifest ---- */
@@ -141,7 +130,7 @@ static int with_manifest(const struct mix *m, bool after, struct kiln_error *err
     int status = kiln_allocate(&names, m->map_count + 2, sizeof *names, "the manifest", error);
     status = kiln_agree(MPI_COMM_WORLD, status, error);
     const struct kiln_manifest_parts parts = {
-        .more = names, .more_count = status == KILN_OK ? name_files(m, names) : 0, .no_points = true};
+        .more = names, .more_count = status == KILN_OK ? name_files(m, names) : 0, .preview = true, .no_points = true};
     if (status == KILN_OK && after)
         status = kiln_manifest_write(MPI_COMM_WORLD, m->output, NULL, NULL, &parts, error);
     if (status == KILN_OK && !after && m->rank == 0) {
@@ -158,11 +147,16 @@ static int with_manifest(const struct mix *m, bool after, struct kiln_error *err
 /* ---- files ---- */
 
 /* Rank 0. */
-static int make_folders(const struct mix *m, struct kiln_error *error)
+static int make_folders(struct mix *m, struct kiln_error *error)
 {
+    const struct kiln_output_folder_params params = {.directory = m->output,
+                                                     .kind = KILN_FOLDER_OWNED,
+                                                     .owner = "kiln mix",
+                                                     .has_results = has_mixture,
+                                                     .no_locks = m->job->faults.no_locks};
     struct kiln_folder folder;
     bool backs = false;
-    int status = kiln_make_directories(m->output, error);
+    int status = kiln_output_folder_begin(&m->folder, &params, error);
     for (size_t i = 0; i < m->map_count; i++)
         backs = backs || m->maps[i].back;
     if (status != KILN_OK)
@@ -233,8 +227,8 @@ static int copy_file(const struct mix *m, const char *name, struct kiln_error *e
 /* What the report of the bake says of its light and its errors is not so of the mixture. */
 static void change_report(const struct mix *m)
 {
-    static const char *const gone[] = {"vertices", "preview", "energy", "error",     "density", "phases",
-                                       "rays",     "memory",  "mpi",    "transport", "relight"};
+    static const char *const gone[] = {"vertices", "energy", "error", "density",   "phases",
+                                       "rays",     "memory", "mpi",   "transport", "relight"};
     for (size_t i = 0; i < sizeof gone / sizeof *gone; i++)
         (void)json_object_del(m->run, gone[i]);
     for (size_t i = 0; i < m->map_count; i++) {
@@ -258,6 +252,8 @@ static int write_others(const struct mix *m, struct kiln_error *error)
     int status = kiln_mix_scene_write(m->output, m->results, m->run, &m->factors, m->as_baked, error);
     if (status == KILN_OK && m->has_scene)
         status = copy_file(m, "scene.glb", error);
+    if (status == KILN_OK)
+        status = kiln_mix_preview(m->output, m->job, m->run, error);
     if (status != KILN_OK)
         return status;
     change_report(m);
@@ -269,7 +265,7 @@ static int write_others(const struct mix *m, struct kiln_error *error)
 }
 
 /* Collective. */
-static int write_all(const struct mix *m, struct kiln_error *error)
+static int write_all(struct mix *m, struct kiln_error *error)
 {
     int status = kiln_agree(MPI_COMM_WORLD, m->rank == 0 ? make_folders(m, error) : KILN_OK, error);
     if (status == KILN_OK)
@@ -331,5 +327,6 @@ int kiln_command_mix(struct kiln_job *job, struct kiln_error *error)
     json_decref(m.as_baked);
     json_decref(m.run);
     kiln_results_close(&m.results);
+    kiln_output_folder_end(&m.folder, status == KILN_OK);
     return status;
 }

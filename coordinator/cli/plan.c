@@ -8,7 +8,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "coordinator/bake/materials.h"
+#include "coordinator/bake/prepare/materials.h"
 #include "coordinator/plan/plan.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/cli/commands.h"
@@ -17,6 +17,7 @@
 #include "coordinator/view/curve.h"
 #include "coordinator/files/html.h"
 #include "coordinator/files/publish.h"
+#include "coordinator/run/output_folder.h"
 #include "worker/base/memory.h"
 
 static double mebibytes(uint64_t bytes) { return (double)bytes / 1048576.0; }
@@ -421,10 +422,15 @@ static int write_plot(const char *directory, const struct kiln_plan *p, struct k
 
 static int write_files(const char *directory, const struct kiln_plan *p, struct kiln_error *error)
 {
-    int status = kiln_make_directories(directory, error);
+    const struct kiln_output_folder_params params = {.directory = directory, .kind = KILN_FOLDER_SHARED};
+    struct kiln_output_folder *folder = NULL;
+    int status = kiln_output_folder_begin(&folder, &params, error);
     if (status == KILN_OK)
         status = write_csv(directory, p, error);
-    return status == KILN_OK ? write_plot(directory, p, error) : status;
+    if (status == KILN_OK)
+        status = write_plot(directory, p, error);
+    kiln_output_folder_end(&folder, false);
+    return status;
 }
 
 static void print_plan(const struct kiln_plan *p, const struct kiln_job *job)

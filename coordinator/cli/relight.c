@@ -1,13 +1,16 @@
 /* kiln relight: a bake of the same geometry under other light, whose rays are those that another bake has kept
- * (coordinator/integrate/transport.h). It has that bake's options, but for those that are given. */
+ * (coordinator/integrate/relight/transport.h). It has those options of that bake that say what its light is, but for
+ * those that are given. */
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "coordinator/bake/bake.h"
-#include "coordinator/bake/transport_identity.h"
+#include "coordinator/bake/identity/transport_identity.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/field/group_fields.h"
+#include "coordinator/files/folder.h"
 #include "coordinator/files/json.h"
 #include "coordinator/job/changes.h"
 #include "coordinator/job/light_groups.h"
@@ -16,22 +19,42 @@
 #include "coordinator/output/read/results.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
+#include "worker/base/version.h"
 
-/* Whether all files of transport that the manifest lists are there; without them rays would be traced in silence. */
+static bool is_transport(const char *path) { return strncmp(path, "transport/", strlen("transport/")) == 0; }
+
+/* Compares a file of the transport with the manifest. */
+static int check_file(const struct kiln_results *results, const char *directory, const char *name,
+                      struct kiln_error *error)
+{
+    char path[KILN_PATH_SIZE];
+    int descriptor;
+    int status = kiln_results_file(results, name, &descriptor, path, error);
+    if (descriptor >= 0)
+        (void)close(descriptor);
+    return status == KILN_NO_INPUT
+               ? kiln_fail(error, KILN_BAD_INPUT,
+                           "'%.500s/%.200s' is missing: put it back, or bake again with --keep-transport", directory,
+                           name)
+               : status;
+}
+
+/* Whether all files of transport that the manifest lists are there, and as they were written; without them rays would
+ * be traced in silence. Each rank reads some of them. Collective. */
 static int check_files(const char *directory, struct kiln_error *error)
 {
     struct kiln_results *results = NULL;
+    int rank, ranks;
+    size_t number = 0;
+    (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+    (void)MPI_Comm_size(MPI_COMM_WORLD, &ranks);
     int status = kiln_results_open(&results, directory, error);
     const struct kiln_manifest *manifest = status == KILN_OK ? kiln_results_manifest(results) : NULL;
-    for (size_t i = 0; manifest != NULL && status == KILN_OK && i < manifest->count; i++) {
-        const char *path = manifest->files[i].path;
-        if (strncmp(path, "transport/", strlen("transport/")) == 0 && !kiln_results_has(results, path))
-            status = kiln_fail(error, KILN_BAD_INPUT,
-                               "'%.500s/%.200s' is missing: put it back, or bake again with --keep-transport",
-                               directory, path);
-    }
+    for (size_t i = 0; manifest != NULL && status == KILN_OK && i < manifest->count; i++)
+        if (is_transport(manifest->files[i].path) && number++ % (size_t)ranks == (size_t)rank)
+            status = check_file(results, directory, manifest->files[i].path, error);
     kiln_results_close(&results);
-    return status;
+    return kiln_agree(MPI_COMM_WORLD, status, error);
 }
 
 /* Rank 0 reads the index, the others receive it. Collective. */
@@ -46,8 +69,8 @@ static int read_index(json_t **index, const char *directory, struct kiln_error *
         (void)json_object_del(*index, "identity"); /* which the bake compares itself */
         text = json_dumps(*index, JSON_COMPACT);
         size = text != NULL ? strlen(text) : 0;
-        status = text != NULL ? check_files(directory, error)
-                              : kiln_fail(error, KILN_SYSTEM, "out of memory: the index of the transport");
+        if (text == NULL)
+            status = kiln_fail(error, KILN_SYSTEM, "out of memory: the index of the transport");
     }
     status = kiln_agree(MPI_COMM_WORLD, status, error);
     if (status == KILN_OK)
@@ -66,22 +89,6 @@ static int read_index(json_t **index, const char *directory, struct kiln_error *
     return kiln_agree(MPI_COMM_WORLD, status, error);
 }
 
-/* What many states from one load leave out, though the bake has it: it changes nothing of their light. */
-static bool is_left_out(const struct kiln_job *job, const char *name)
-{
-    static const char *const left_out[] = {"light-groups", "sky-patches", "check-density"};
-    bool is = false;
-    for (size_t i = 0; i < sizeof left_out / sizeof *left_out; i++)
-        is = is || strcmp(name, left_out[i]) == 0;
-    return is && (job->states != NULL || job->listen);
-}
-
-static int take_string(struct kiln_job *job, const json_t *index, const char *key, char **to, struct kiln_error *error)
-{
-    const char *text = json_string_value(json_object_get(index, key));
-    return kiln_job_keep_text(job, text != NULL ? text : "", to, error);
-}
-
 static bool same_folder(const char *a, const char *b)
 {
     struct stat one, other;
@@ -94,30 +101,32 @@ static int fill(struct kiln_job *job, const json_t *index, struct kiln_error *er
     if (same_folder(directory, job->output))
         return kiln_fail(error, KILN_USAGE, "%.500s is the folder of the bake that is relit: give another one with -o",
                          job->output);
-    if (kiln == NULL || strcmp(kiln, KILN_VERSION) != 0)
+    if (!kiln_version_has_same_bits(kiln))
         return kiln_fail(error, KILN_BAD_INPUT,
-                         "the transport in %.500s was kept by kiln %.50s, and this is kiln %s: bake again", directory,
-                         kiln != NULL ? kiln : "?", KILN_VERSION);
-    int status = kiln_transport_options_take(job, index, directory, is_left_out, error);
+                         "the transport in %.500s was kept by kiln %.50s, and this is kiln %s, whose rays are not the "
+                         "same: relight it with kiln %.50s, or bake again with --keep-transport",
+                         directory, kiln, KILN_VERSION, kiln);
+    int status = kiln_transport_options_take(job, index, directory, error);
     const char *other = job->argument_count > 1 ? job->arguments[1] : NULL;
-    if (status == KILN_OK && other != NULL && kiln_is_yaml(other))
+    const bool many = job->states != NULL || job->listen; /* groups change nothing of the light of states */
+    if (status == KILN_OK && other == NULL)
+        status = kiln_transport_changes_take(job, index, directory, error);
+    else if (status == KILN_OK && kiln_is_yaml(other))
         job->changes = job->arguments[1];
-    else if (other != NULL)
-        job->changes = NULL;
+    if (many && !kiln_job_given(job, kiln_option_find_for("sky-patches", KILN_FOR_BAKE)))
+        job->sky_patches = KILN_SKY_WHOLE;
+    if (status == KILN_OK && !many && job->light_groups == NULL)
+        status = kiln_transport_groups_take(job, index, directory, error);
     if (status == KILN_OK && other != NULL && !kiln_is_yaml(other))
         job->scene = job->arguments[1];
     else if (status == KILN_OK)
-        status = take_string(job, index, "scene", &job->scene, error);
+        status = kiln_job_keep_text(job, json_string_value(json_object_get(index, "scene")), &job->scene, error);
     if (status == KILN_OK)
         status = kiln_job_changes_read(job, error);
     if (status == KILN_OK)
         status = kiln_job_groups_read(job, error);
     if (status == KILN_OK)
         status = kiln_group_fields_make(job, error);
-    if (status == KILN_OK)
-        status = take_string(job, index, "instruction set", &job->instruction_set, error);
-    if (status == KILN_OK && !kiln_job_given(job, kiln_option_find_for("backend", KILN_FOR_BAKE)))
-        status = take_string(job, index, "backend", &job->backend, error); /* whose bits are the bake's */
     job->relight = directory;
     return status;
 }
@@ -156,7 +165,9 @@ static int relight_states(struct kiln_job *job, struct kiln_error *error)
 int kiln_command_relight(struct kiln_job *job, struct kiln_error *error)
 {
     json_t *index = NULL;
-    int status = read_index(&index, job->arguments[0], error);
+    int status = check_files(job->arguments[0], error);
+    if (status == KILN_OK)
+        status = read_index(&index, job->arguments[0], error);
     if (status == KILN_OK)
         status = kiln_agree(MPI_COMM_WORLD, fill(job, index, error), error);
     json_decref(index);

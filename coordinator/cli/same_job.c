@@ -1,6 +1,5 @@
 #include "coordinator/cli/same_job.h"
 
-#include <fcntl.h>
 #include <limits.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -9,6 +8,7 @@
 #include <unistd.h>
 #include <xxhash.h>
 
+#include "coordinator/files/plain_file.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/job/options.h"
 #include "worker/base/memory.h"
@@ -74,11 +74,12 @@ static void describe_file(struct list *list, const char *path, char *text, size_
         list->status = kiln_allocate(&bytes, SAMPLE_BYTES, 1, "a sample of a file", list->error);
     if (list->status != KILN_OK)
         return;
-    const int descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-    if (descriptor < 0 || fstat(descriptor, &file) != 0 ||
-        !hash_samples(descriptor, (uint64_t)file.st_size, bytes, &hash))
+    int descriptor;
+    list->status = kiln_open_plain(path, &descriptor, list->error);
+    if (list->status == KILN_OK &&
+        (fstat(descriptor, &file) != 0 || !hash_samples(descriptor, (uint64_t)file.st_size, bytes, &hash)))
         list->status = kiln_fail_errno(list->error, 0, "cannot read %.500s", path);
-    else
+    else if (list->status == KILN_OK)
         (void)snprintf(text, size, "%lld bytes, %016llx", (long long)file.st_size, (unsigned long long)hash);
     if (descriptor >= 0)
         (void)close(descriptor);

@@ -7,9 +7,9 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/bench/child.h"
+#include "coordinator/cli/child.h"
 #include "coordinator/run/phases.h"
-#include "coordinator/bake/prepare.h"
+#include "coordinator/bake/prepare/prepare.h"
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/options.h"
 #include "coordinator/files/json.h"
@@ -34,6 +34,7 @@ struct run {
 
 struct bench {
     struct kiln_job *job;
+    struct kiln_output_folder *folder;
     char program[KILN_PATH_SIZE];
     uint32_t ranks[RUNS_MOST];
     size_t rank_count;
@@ -313,7 +314,7 @@ static int prepare(struct bench *b, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_child_program(b->program, error);
     if (status == KILN_OK)
-        status = kiln_make_directories(b->job->output, error);
+        status = kiln_bench_folder_begin(&b->folder, b->job, "scaling", error);
     if (status == KILN_OK)
         b->threads = b->job->threads != 0 ? b->job->threads : kiln_own_cores((int)b->ranks[b->rank_count - 1]);
     return status;
@@ -337,6 +338,7 @@ int kiln_scaling_bench(struct kiln_job *job, struct kiln_error *error)
         status = print_json(b, error);
     else if (status == KILN_OK)
         print_text(b);
+    kiln_output_folder_end(&b->folder, status == KILN_OK);
     kiln_free(&b);
     return status;
 }

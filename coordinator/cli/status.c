@@ -61,10 +61,11 @@ static const char *advice(const struct found *f)
     return f->has_generation ? "the same command goes on from the checkpoint" : "the same command starts again";
 }
 
+/* "status" is that of the bake, as its own last object has it (done, stopped); so is "state", its former name. */
 static int print_json(const struct found *f, struct kiln_error *error)
 {
     const struct kiln_bake_status *s = &f->status;
-    json_t *json = json_pack("{s:s, s:o}", "status", "done", "state", kiln_json_string(f->state));
+    json_t *json = json_pack("{s:o, s:o}", "status", kiln_json_string(f->state), "state", kiln_json_string(f->state));
     if (s->state[0] != '\0') {
         json_t *more = json_pack("{s:o, s:f, s:i, s:o, s:I, s:f}", "phase", kiln_json_string(s->phase), "seconds",
                                  s->seconds, "ranks", (int)s->ranks, "host", kiln_json_string(s->host), "process",

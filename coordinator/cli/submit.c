@@ -11,6 +11,7 @@
 #include "coordinator/job/job_private.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/publish.h"
+#include "worker/backend/extended.h"
 #include "worker/base/memory.h"
 
 struct submission {
@@ -53,7 +54,7 @@ static int read_item(struct submission *s, const char *path, struct kiln_batch_i
         status = keep_absolute(s, path, &item->job, error);
     if (status == KILN_OK)
         status = keep_absolute(s, job->output, &item->output, error);
-    s->embree = s->embree || (status == KILN_OK && strcmp(job->backend, "embree") == 0);
+    s->embree = s->embree || (status == KILN_OK && !kiln_backend_may_use_device(job->backend));
     kiln_job_destroy(&job);
     return status;
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "coordinator/bake/identity/transport_identity.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/publish.h"
@@ -17,8 +18,16 @@ struct verdict {
     struct kiln_error error;
 };
 
+static int check_index(const char *directory, struct kiln_error *error)
+{
+    json_t *index;
+    const int status = kiln_transport_index_read(&index, directory, error);
+    json_decref(index);
+    return status;
+}
+
 /* Checks one file: its hash first and then, if that is right, its values, with the reader of this thread. */
-static void check_file(const struct kiln_results *results, const struct kiln_manifest_file *file,
+static void check_file(const struct kiln_results *results, const char *directory, const struct kiln_manifest_file *file,
                        struct kiln_reader *reader, struct verdict *verdict)
 {
     char path[KILN_PATH_SIZE];
@@ -26,11 +35,14 @@ static void check_file(const struct kiln_results *results, const struct kiln_man
     verdict->status = kiln_results_file(results, file->path, &descriptor, path, &verdict->error);
     if (verdict->status == KILN_OK && kiln_ranges_has(path))
         verdict->status = kiln_reader_ranges(reader, descriptor, path, &verdict->error);
+    if (verdict->status == KILN_OK && strcmp(file->path, "transport/index") == 0)
+        verdict->status = check_index(directory, &verdict->error);
     if (descriptor >= 0)
         (void)close(descriptor);
 }
 
-static int check_all(const struct kiln_results *results, struct verdict **verdicts, struct kiln_error *error)
+static int check_all(const struct kiln_results *results, const char *directory, struct verdict **verdicts,
+                     struct kiln_error *error)
 {
     const struct kiln_manifest *m = kiln_results_manifest(results);
     const int threads = omp_get_max_threads();
@@ -44,7 +56,7 @@ static int check_all(const struct kiln_results *results, struct verdict **verdic
 #pragma omp parallel for schedule(dynamic, 1) if (status == KILN_OK)
     for (size_t i = 0; i < m->count; i++)
         if (status == KILN_OK)
-            check_file(results, &m->files[i], readers[omp_get_thread_num()], &v[i]);
+            check_file(results, directory, &m->files[i], readers[omp_get_thread_num()], &v[i]);
     for (int t = 0; readers != NULL && t < threads; t++)
         kiln_reader_destroy(&readers[t]);
     kiln_free(&readers);
@@ -103,7 +115,7 @@ int kiln_command_verify(struct kiln_job *job, struct kiln_error *error)
                            "%.500s has no manifest: the bake in it is not finished (kiln status says where it is)",
                            directory);
     if (status == KILN_OK)
-        status = check_all(results, &verdicts, error);
+        status = check_all(results, directory, &verdicts, error);
     if (status == KILN_OK)
         status = conclude(job, kiln_results_manifest(results), verdicts, error);
     kiln_free(&verdicts);

@@ -15,14 +15,15 @@
 #include "coordinator/cli/view_made.h"
 #include "coordinator/cli/view_shots.h"
 #include "coordinator/cli/view_team.h"
-#include "coordinator/bake/devices.h"
-#include "coordinator/bake/import_params.h"
+#include "coordinator/bake/prepare/devices.h"
+#include "coordinator/bake/prepare/import_params.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/output_name.h"
 #include "coordinator/files/temporary.h"
 #include "coordinator/field/field.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/exr.h"
+#include "coordinator/view/places.h"
 #include "coordinator/view/show.h"
 #include "coordinator/view/view_filter.h"
 #include "coordinator/files/publish.h"
@@ -443,7 +444,8 @@ static int check_method(const struct view *v, const struct kiln_job *job, struct
     static const char *const of_paths[] = {"bounces",     "samples-pixel", "seed",     "lens-radius", "focus-distance",
                                            "path-length", "accumulate",    "max-time", "denoise",     "sequence"},
                              *const of_sums[] = {"resume", "checkpoint-every"},
-                             *const of_scenes[] = {"environment", "environment-scale", "environment-rotation"};
+                             *const of_scenes[] = {"environment", "environment-scale", "environment-rotation"},
+                             *const of_files[] = {"up", "unit", "strict"};
     const char *const method = view_method(job);
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && !kiln_view_is_traced(job->view_method); i++)
         if (was_given(job, of_paths[i]))
@@ -460,6 +462,11 @@ static int check_method(const struct view *v, const struct kiln_job *job, struct
                 error, KILN_USAGE,
                 "--%s: a bake's surroundings are as it was baked; kiln view SCENE --method path takes others",
                 of_scenes[i]);
+    for (size_t i = 0; i < sizeof of_files / sizeof *of_files && job->scene == NULL; i++)
+        if (was_given(job, of_files[i]))
+            return kiln_fail(error, KILN_USAGE,
+                             "--%s: a bake's scene has been read; kiln view SCENE --method path reads one",
+                             of_files[i]);
     if (kiln_view_is_traced(job->view_method) && (v->show.texels || v->field != NULL))
         return kiln_fail(error, KILN_USAGE,
                          "--method %s --show %.100s: path tracing shows light; leave one of the two out", method,
@@ -633,6 +640,25 @@ static int draw_atlas(struct view *v, const struct kiln_job *job, const char *pa
     return status == KILN_OK ? tell_all(job, v, error) : status;
 }
 
+/* Writes the places to look from in place of a picture. */
+static int write_places(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
+{
+    const struct kiln_output_name name = {.option = "--output", .path = path, .bakes = {job->arguments[0]}};
+    const char *dot = strrchr(path, '.');
+    if (job->output == NULL || dot == NULL || strcasecmp(dot, ".csv") != 0)
+        return kiln_fail(error, KILN_USAGE, "--places writes a path of cameras: give -o FILE.csv");
+    int status = kiln_output_name_check(&name, error);
+    if (status == KILN_OK)
+        status = open_scene(v, job, error);
+    if (status == KILN_OK)
+        status = kiln_places_write(v->scene, job->view_places, path, error);
+    if (status == KILN_OK && job->json)
+        status = kiln_json_print(json_pack("{s:s, s:i, s:o}", "status", "done", "places", (int)job->view_places,
+                                           "output", kiln_json_string(path)),
+                                 error);
+    return status;
+}
+
 /* Draws from lightmaps, in one process. */
 static int view_lightmaps(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
@@ -700,9 +726,11 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
     (void)MPI_Initialized(&with_mpi);
     if (with_mpi != 0)
         (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
-    if (status == KILN_OK && kiln_view_is_traced(job->view_method))
+    if (status == KILN_OK && job->view_places > 0 && rank == 0)
+        status = write_places(&v, job, path, error);
+    else if (status == KILN_OK && job->view_places == 0 && kiln_view_is_traced(job->view_method))
         status = view_paths(&v, job, path, error);
-    else if (status == KILN_OK && rank == 0) /* which draws alone */
+    else if (status == KILN_OK && job->view_places == 0 && rank == 0) /* which draws alone */
         status = view_lightmaps(&v, job, path, error);
     close_view(&v);
     return status;

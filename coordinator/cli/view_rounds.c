@@ -5,14 +5,14 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/bake/identity.h"
+#include "coordinator/bake/identity/identity.h"
 #include "coordinator/files/checksummed_json.h"
 #include "coordinator/files/folder.h"
 #include "coordinator/files/json.h"
 #include "coordinator/job/options.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/run/checkpoint.h"
-#include "coordinator/run/lock.h"
+#include "coordinator/run/output_folder.h"
 #include "coordinator/run/process.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
@@ -22,7 +22,7 @@ enum { ROUND = 8 }; /* paths of a pixel, once there are so many */
 struct kiln_view_rounds {
     const struct kiln_job *job;
     int rank;
-    struct kiln_lock *lock; /* rank 0, of the folder */
+    struct kiln_output_folder *folder; /* rank 0 */
     struct kiln_checkpoint *checkpoint;
     json_t *identity;
     double begin, saved; /* MPI_Wtime() of the first round's begin, and of the last checkpoint */
@@ -62,7 +62,7 @@ void kiln_view_rounds_destroy(struct kiln_view_rounds **rounds)
     if (r->catches)
         kiln_process_release();
     kiln_checkpoint_close(&r->checkpoint);
-    kiln_lock_release(&r->lock);
+    kiln_output_folder_end(&r->folder, false);
     json_decref(r->identity);
     kiln_free(rounds);
 }
@@ -137,15 +137,15 @@ static int refuse_bake(const struct kiln_view_rounds *r, struct kiln_error *erro
 /* Rank 0: the folder, which no other view or bake may use meanwhile. */
 static int take_folder(struct kiln_view_rounds *r, bool *had_one, struct kiln_error *error)
 {
+    const struct kiln_output_folder_params params = {
+        .directory = r->job->accumulate, .kind = KILN_FOLDER_LOCKED, .no_locks = r->job->faults.no_locks};
     uint64_t generation;
     char scene[KILN_PATH_SIZE];
     int status = kiln_path_join(scene, r->job->accumulate, "scene.kscene", error);
     if (status == KILN_OK && access(scene, F_OK) == 0)
         status = refuse_bake(r, error);
     if (status == KILN_OK)
-        status = kiln_make_directories(r->job->accumulate, error);
-    if (status == KILN_OK)
-        status = kiln_lock_take(&r->lock, r->job->accumulate, r->job->faults.no_locks, error);
+        status = kiln_output_folder_begin(&r->folder, &params, error);
     *had_one = status == KILN_OK && kiln_checkpoint_newest(r->job->accumulate, &generation);
     return status;
 }
@@ -236,7 +236,8 @@ static int save(struct kiln_view_rounds *r, const struct kiln_path_parameters *c
         {.name = "film unit", .count = 1, .size = sizeof film->unit, .data = film != NULL ? &film->unit : NULL},
         {.name = "film", .count = pixels, .size = 3 * sizeof *film->sums, .data = film != NULL ? film->sums : NULL}};
     const size_t count = r->rank != 0 ? 1 : film == NULL ? 2 : sizeof blocks / sizeof *blocks;
-    int status = kiln_agree(MPI_COMM_WORLD, r->rank == 0 ? kiln_lock_check(r->lock, error) : KILN_OK, error);
+    int status = kiln_agree(MPI_COMM_WORLD,
+                            r->rank == 0 ? kiln_lock_check(kiln_output_folder_lock(r->folder), error) : KILN_OK, error);
     if (status == KILN_OK)
         status = kiln_checkpoint_write(r->checkpoint, r->identity, blocks, count, error);
     r->kept = sums->samples;
@@ -275,8 +276,8 @@ static void decide(const struct kiln_view_rounds *r, uint32_t done, uint32_t nex
     if (r->rank == 0) {
         decisions[OVER] = limit > 0.0 && spent * (1.0 + (double)next / (double)(done - r->first)) > limit;
         decisions[SAVE] = r->job->checkpoint_every > 0.0 && now - r->saved > r->job->checkpoint_every;
-        if (r->lock != NULL)
-            kiln_lock_beat(r->lock);
+        if (r->folder != NULL)
+            kiln_lock_beat(kiln_output_folder_lock(r->folder));
     }
     (void)MPI_Allreduce(MPI_IN_PLACE, decisions, DECISIONS, MPI_INT, MPI_MAX, MPI_COMM_WORLD);
 }

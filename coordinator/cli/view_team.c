@@ -6,8 +6,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/bake/devices.h"
-#include "coordinator/bake/prepare.h"
+#include "coordinator/bake/prepare/devices.h"
+#include "coordinator/bake/prepare/prepare.h"
 #include "coordinator/cli/view_rounds.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/view/view_radius.h"
@@ -215,7 +215,7 @@ static void make_kernels(struct kiln_view_team *t, const struct kiln_path_view *
     kiln_backend_info(t->backend, &info);
     one.samples = 1;
     one.parameters.width = one.parameters.height = 1;
-    if (!t->has_kernels && strcmp(info.name, "embree") != 0)
+    if (!t->has_kernels && info.makes_kernels)
         (void)kiln_path_view_pixels(t->backend, &one, 0, 1, NULL, &film, pixel, NULL, &rays, NULL);
     t->has_kernels = true;
 }

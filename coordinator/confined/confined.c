@@ -113,16 +113,46 @@ static const char *costly(const struct kiln_confined_call *call)
     return call->costly != NULL ? call->costly : "simplify the scene";
 }
 
-int kiln_confined_died(const struct kiln_confined_call *call, int state, struct kiln_error *error)
+/* The signals that a process gets for what it does itself, and so for the file that it reads. All others were sent. */
+static bool is_own(int signal)
 {
-    const char *remedy = call->crashed != NULL ? call->crashed : "repair it or export it again as glTF";
-    if (WIFSIGNALED(state) && (WTERMSIG(state) == SIGXCPU))
+    static const int own[] = {SIGSEGV, SIGBUS, SIGABRT, SIGFPE, SIGILL, SIGSYS, SIGTRAP};
+    bool is = false;
+    for (size_t i = 0; i < sizeof own / sizeof *own; i++)
+        is = is || own[i] == signal;
+    return is;
+}
+
+/* The sentence about a child that a signal has ended. */
+static int killed(const struct kiln_confined_call *call, int signal, const char *remedy, struct kiln_error *error)
+{
+    if (signal == SIGXCPU)
         return kiln_fail(error, KILN_BAD_INPUT,
                          "%.512s: reading it took more CPU time than is allowed for a file of its size; %s",
                          call->subject, costly(call));
+    if (signal == SIGXFSZ)
+        return kiln_fail(error, KILN_IO,
+                         "%.512s: the %s wrote more than the file size limit of this process allows; raise it "
+                         "(ulimit -f) and run again",
+                         call->subject, call->what);
+    if (signal == SIGKILL)
+        return kiln_fail(error, KILN_SYSTEM,
+                         "%.512s: the %s was killed from outside (signal %d: %s), most likely by the kernel because "
+                         "the host or the job had no memory left; give it more, or run less beside it, and run again",
+                         call->subject, call->what, signal, strsignal(signal));
+    if (!is_own(signal))
+        return kiln_fail(error, KILN_STOPPED,
+                         "%.512s: the %s was ended from outside (signal %d: %s), not by this file; run again",
+                         call->subject, call->what, signal, strsignal(signal));
+    return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (signal %d: %s) on this file; %s", call->subject,
+                     call->what, signal, strsignal(signal), remedy);
+}
+
+int kiln_confined_died(const struct kiln_confined_call *call, int state, struct kiln_error *error)
+{
+    const char *remedy = call->crashed != NULL ? call->crashed : "repair it or export it again as glTF";
     if (WIFSIGNALED(state))
-        return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (signal %d: %s) on this file; %s", call->subject,
-                         call->what, WTERMSIG(state), strsignal(WTERMSIG(state)), remedy);
+        return killed(call, WTERMSIG(state), remedy, error);
     return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s died (exit status %d, no answer) on this file; %s",
                      call->subject, call->what, WIFEXITED(state) ? WEXITSTATUS(state) : -1, remedy);
 }

@@ -27,8 +27,8 @@ struct kiln_confined_call {
 };
 
 /* Starts the child, waits for it, and returns its status and sentence. A crash or a limit that was reached is
- * KILN_BAD_INPUT: the file is at fault. The child inherits nothing else: no other descriptor, no signal mask, no signal
- * handler. Not collective. */
+ * KILN_BAD_INPUT: the file is at fault. Other ends: kiln_confined_died. The child inherits nothing else: no other
+ * descriptor, no signal mask, no signal handler. Not collective. */
 int kiln_confined_run(const struct kiln_confined_call *call, struct kiln_error *error);
 
 /* The steps of kiln_confined_run, for callers that talk with the child in another way. Starts the child with `answer`
@@ -37,7 +37,8 @@ int kiln_confined_start(const struct kiln_confined_call *call, int answer, pid_t
 /* Waits until the child has ended. Returns its state as waitpid gives it. */
 int kiln_confined_wait(pid_t pid);
 /* Write the sentence about a child that ended in `state` without an answer, and about one that took longer than
- * `seconds`. Both return KILN_BAD_INPUT. */
+ * `seconds`. A signal that the child was sent is not the file's fault: KILN_SYSTEM for SIGKILL, which the kernel sends
+ * where memory is short, KILN_STOPPED for the others. A file size limit is KILN_IO. All else is KILN_BAD_INPUT. */
 int kiln_confined_died(const struct kiln_confined_call *call, int state, struct kiln_error *error);
 int kiln_confined_late(const struct kiln_confined_call *call, struct kiln_error *error);
 

@@ -14,17 +14,6 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#if defined(__SANITIZE_ADDRESS__)
-#    define ADDRESS_SANITIZER 1
-#elif defined(__has_feature)
-#    if __has_feature(address_sanitizer)
-#        define ADDRESS_SANITIZER 1
-#    endif
-#endif
-#ifndef ADDRESS_SANITIZER
-#    define ADDRESS_SANITIZER 0
-#endif
-
 void kiln_fence_limit(int resource, uint64_t value)
 {
     struct rlimit now;
@@ -63,7 +52,7 @@ void kiln_fence_limits(uint64_t bytes, uint64_t seconds)
 {
     struct rusage used;
     const uint64_t has = data_bytes();
-    if (!ADDRESS_SANITIZER && has > 0) /* AddressSanitizer reserves terabytes */
+    if (!KILN_ADDRESS_SANITIZER && has > 0) /* AddressSanitizer reserves terabytes */
         kiln_fence_limit(RLIMIT_DATA, has + bytes);
     if (getrusage(RUSAGE_SELF, &used) == 0)
         kiln_fence_limit(RLIMIT_CPU, (uint64_t)used.ru_utime.tv_sec + (uint64_t)used.ru_stime.tv_sec + 1 + seconds);
@@ -161,7 +150,7 @@ void kiln_fence_calls(void)
     const struct sock_fprog program = {.len = sizeof calls / sizeof *calls, .filter = calls};
     (void)data_bytes(); /* opens the file that it reads later */
     /* The sanitizer needs files and its symbolizer for reports. */
-    if (!ADDRESS_SANITIZER && prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0)
+    if (!KILN_ADDRESS_SANITIZER && prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0)
         (void)prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program);
 }
 #else

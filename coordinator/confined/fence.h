@@ -6,10 +6,23 @@
 
 #include <stdint.h>
 
+/* Whether the program has AddressSanitizer, which reserves terabytes and needs files for its reports. */
+#if defined(__SANITIZE_ADDRESS__)
+#    define KILN_ADDRESS_SANITIZER 1
+#elif defined(__has_feature)
+#    if __has_feature(address_sanitizer)
+#        define KILN_ADDRESS_SANITIZER 1
+#    endif
+#endif
+#ifndef KILN_ADDRESS_SANITIZER
+#    define KILN_ADDRESS_SANITIZER 0
+#endif
+
 /* Sets a soft limit (RLIMIT_...) of this process, as far as the hard limit allows. */
 void kiln_fence_limit(int resource, uint64_t value);
 
-/* Makes the process die with its parent and write no core files. Call it first. */
+/* Makes the process die with its parent, since nobody waits for the answer then, and write no core files. To be called
+ * first. */
 void kiln_fence_begin(void);
 
 /* From now on the process may use `bytes` more of private memory than it has now, and `seconds` more of CPU time than

@@ -19,7 +19,6 @@
 #include "worker/scene/scene.h"
 
 enum { KILN_EXPORT_CHILD_ARGUMENTS = 5 };
-#define KILN_LIGHTMAP_EXTENSION "KILN_lightmap"
 
 struct kiln_export_task {
     const char *source, *scene_file, *output; /* output: for sentences only */
@@ -29,10 +28,6 @@ struct kiln_export_task {
     const struct kiln_vec2 *coordinates; /* per vertex: lightmap coordinates */
     const float (*light)[3];             /* per vertex of each object: irradiance; NULL: none */
 };
-
-/* Adds an accessor of `count` colours, RGB, and returns its index; that of as many white ones. */
-uint32_t kiln_export_colors(struct kiln_glb_build *b, const float (*colors)[3], size_t count);
-uint32_t kiln_export_white(struct kiln_glb_build *b, size_t count);
 
 /* Writes the source's glTF, with TEXCOORD_1 as baked and the plan's links, to the descriptor KILN_CHILD_OUTPUT.
  * `mapped`: as in struct kiln_confine. KILN_BAD_INPUT when the source is not the one that was baked. */
@@ -46,12 +41,6 @@ int kiln_export_own(const struct kiln_export_task *task, struct kiln_error *erro
 /* Sets a material's metallic-roughness numbers and extensions from its gloss. Texture indices are the scene's; `set` is
  * the TEXCOORD that has texcoord_gloss. glTF has no Phong: such a material gets the roughness of a lobe as wide. */
 void kiln_export_gloss(struct kiln_glb_build *b, json_t *material, const struct kiln_gloss *gloss, int set);
-
-/* Sets `link` (borrowed) as a node's extensions.KILN_lightmap, and as extras.kiln_lightmap if extras is an object or
- * absent. */
-void kiln_export_link(struct kiln_glb_build *b, json_t *node, json_t *link);
-/* Sets the root's extension, and lists the extension as used. */
-void kiln_export_root(struct kiln_glb_build *b, json_t *plan);
 
 /* Not a command for users: the confined child that writes a scene with its lightmaps (child.c). argv as it was spawned.
  * Returns its exit status. */

@@ -12,6 +12,7 @@
 #include "coordinator/export/child.h"
 #include "coordinator/confined/confined.h"
 #include "coordinator/files/publish.h"
+#include "coordinator/import/import.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -43,7 +44,7 @@ uint64_t kiln_export_size(const struct kiln_scene *scene)
     const bool gltf = kiln_export_has_gltf(scene);
     uint64_t bytes = gltf ? 0 : scene->header->sections[KILN_SECTION_TEXELS].count / 2; /* estimated size as PNG */
     for (size_t i = 0; gltf && i < scene->source_count; i++)
-        bytes += scene->sources[i].size;
+        bytes += scene->sources[i].size != KILN_SOURCE_MISSING ? scene->sources[i].size : 0;
     for (size_t i = 0; i < scene->mesh_count; i++)
         if (!gltf || (scene->meshes[i].flags & KILN_MESH_UNWRAPPED) != 0)
             bytes += scene->meshes[i].vertex_count * VERTEX + 3 * CORNER * scene->meshes[i].triangle_count;

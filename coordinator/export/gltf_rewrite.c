@@ -6,6 +6,7 @@
 
 #include "coordinator/export/gltf_rewrite.h"
 #include "coordinator/export/child.h"
+#include "coordinator/export/glb_lightmap.h"
 #include "coordinator/scene/builder.h"
 #include "worker/base/memory.h"
 
@@ -118,7 +119,7 @@ static const char *image_kind(const unsigned char *data, size_t size)
  * read (then no baked texture uses it) or its format is not one of glTF's. */
 static bool fetch_image(struct rewrite *a, size_t index, const char *uri, struct kiln_file *file, unsigned char **owned)
 {
-    char path[1025], where[64];
+    char path[1025], found[1025], where[64];
     struct kiln_error dropped;
     if (strncmp(uri, "data:", 5) == 0) {
         struct gltf probe = {.error = &dropped, .confine = a->g.confine};
@@ -128,7 +129,8 @@ static bool fetch_image(struct rewrite *a, size_t index, const char *uri, struct
     }
     (void)snprintf(where, sizeof where, "images[%zu].uri", index);
     return kiln_confine_decode(a->g.confine, uri, where, path, &dropped) == KILN_OK &&
-           kiln_confine_map(a->g.confine, a->g.builder, path, where, file, &dropped) == KILN_OK;
+           kiln_confine_find(a->g.confine, "", path, found) != KILN_FOUND_NOT &&
+           kiln_confine_map(a->g.confine, a->g.builder, found, where, file, &dropped) == KILN_OK;
 }
 
 static void take_image(struct rewrite *a, size_t index)
@@ -191,7 +193,7 @@ static json_t *link_with_set(const struct rewrite *a, size_t object)
 {
     const json_t *link = json_array_get(json_object_get(a->plan, "objects"), object);
     json_t *settled = json_copy((json_t *)(uintptr_t)link);
-    (void)json_object_set_new(settled, "texCoord", json_integer(a->set_of[a->scene->objects[object].source_mesh]));
+    (void)json_object_set_new(settled, "texCoord", json_integer(a->set_of[a->mesh_of[a->scene->objects[object].mesh]]));
     return settled;
 }
 
@@ -348,8 +350,6 @@ static void open_source(struct rewrite *a)
     g->mesh_count = gltf_length(g, "meshes");
     g->image_count = gltf_length(g, "images");
     if (g->status == KILN_OK)
-        g->status = kiln_allocate(&a->set_of, g->mesh_count, sizeof *a->set_of, "meshes", g->error);
-    if (g->status == KILN_OK)
         g->status = check_sources(a); /* checks external buffers, too */
     a->b.status = g->status;
     a->b.root = json_incref(g->root);
@@ -400,6 +400,7 @@ int kiln_export_gltf(const struct kiln_export_task *task, void (*mapped)(const s
         edit(&a);
     status = a.b.status == KILN_OK ? kiln_glb_build_write(&a.b, KILN_CHILD_OUTPUT, task->output) : a.b.status;
     kiln_free(&a.set_of);
+    kiln_free(&a.mesh_of);
     kiln_rewrite_corners_free(&a);
     kiln_glb_build_free(&a.b);
     gltf_close(&a.g);

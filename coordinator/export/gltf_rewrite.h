@@ -22,6 +22,7 @@ struct rewrite {
     const struct kiln_vec2 *coordinates; /* per vertex of the scene: lightmap coordinates */
     /* per mesh: the number of the TEXCOORD set that holds the lightmap's coordinates */
     uint32_t *set_of;
+    uint32_t *mesh_of;       /* per mesh of the scene: the mesh of the file, as written; KILN_NONE: no object has it */
     const float (*light)[3]; /* per vertex of each object: irradiance; NULL: none */
     /* with `light`: all primitives of baked meshes, by mesh in the order of the objects */
     struct written_corners *corners;

@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "coordinator/export/child.h"
+#include "coordinator/export/glb_lightmap.h"
 #include "coordinator/export/gltf_rewrite.h"
 #include "worker/base/memory.h"
 
@@ -49,10 +50,10 @@ static void color_object(struct rewrite *a, const struct kiln_object *object, co
 {
     const json_t *meshes = json_object_get(a->b.root, "meshes");
     json_t *node = json_array_get(json_object_get(a->b.root, "nodes"), object->source_node),
-           *mesh = json_deep_copy(json_array_get(meshes, object->source_mesh)),
+           *mesh = json_deep_copy(json_array_get(meshes, a->mesh_of[object->mesh])),
            *primitives = json_object_get(mesh, "primitives");
     for (size_t i = 0; i < a->corner_count && a->b.status == KILN_OK; i++)
-        if (a->corners[i].mesh == object->source_mesh)
+        if (a->corners[i].mesh == a->mesh_of[object->mesh])
             color_primitive(a, json_array_get(primitives, a->corners[i].primitive), &a->corners[i], light);
     kiln_glb_set(&a->b, node, "mesh", json_integer(kiln_glb_append(&a->b, a->b.root, "meshes", mesh)));
 }

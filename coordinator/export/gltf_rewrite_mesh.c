@@ -170,11 +170,13 @@ static bool match_corners(const struct patch *p, const struct kiln_mesh *mesh, u
     const struct kiln_scene *scene = p->a->scene;
     const struct kiln_vec3 *positions = scene->positions + mesh->vertex_first;
     const uint32_t *own = scene->triangles + 3 * triangle;
-    for (unsigned turn = 0; turn < 2; turn++) {
+    const bool posed = (mesh->flags & KILN_MESH_POSED) != 0; /* then the file's positions tell nothing */
+    const unsigned turned = (scene->triangle_sources[triangle].primitive & KILN_SOURCE_TURNED) != 0;
+    for (unsigned turn = posed ? turned : 0; turn < 2; turn++) {
         bool same = true;
         for (unsigned c = 0; c < 3; c++) {
             slot[c] = turn != 0 && c > 0 ? 3 - c : c;
-            same = same && same_position(p->position, corner[slot[c]], positions[own[c]]);
+            same = same && (posed || same_position(p->position, corner[slot[c]], positions[own[c]]));
         }
         if (same)
             return true;
@@ -472,7 +474,9 @@ static bool begin_patch(struct patch *p)
 static void place_primitive(struct patch *p, const struct kiln_mesh *mesh, uint32_t index, uint64_t *next)
 {
     const uint64_t end = mesh->triangle_first + mesh->triangle_count;
-    for (; *next < end && p->a->scene->triangle_sources[*next].primitive == index && p->a->b.status == KILN_OK; ++*next)
+    for (; *next < end && (p->a->scene->triangle_sources[*next].primitive & ~KILN_SOURCE_TURNED) == index &&
+           p->a->b.status == KILN_OK;
+         ++*next)
         place_triangle(p, mesh, *next);
     if (p->a->b.status == KILN_OK)
         p->changed = (mesh->flags & KILN_MESH_NO_LAYOUT) == 0 && !is_unchanged(p);
@@ -574,6 +578,39 @@ static void patch_mesh(struct rewrite *a, size_t index, const struct kiln_mesh *
     (void)patch_primitives(a, index, mesh, primitives, true, a->set_of[index]);
 }
 
+/* Finds each scene mesh's mesh of the file. Where a mesh of the file was baked in several poses, those after the first
+ * get copies of it, which share its accessors, and their nodes refer to them. */
+static void part_poses(struct rewrite *a)
+{
+    const struct kiln_scene *scene = a->scene;
+    json_t *meshes = json_object_get(a->b.root, "meshes"), *nodes = json_object_get(a->b.root, "nodes");
+    uint8_t *taken = NULL;
+    const size_t count = a->g.mesh_count;
+    take(a, kiln_allocate(&taken, count, 1, "meshes", a->b.error));
+    take(a, kiln_allocate(&a->mesh_of, scene->mesh_count, sizeof *a->mesh_of, "meshes", a->b.error));
+    if (a->b.status == KILN_OK)
+        memset(a->mesh_of, 0xff, scene->mesh_count * sizeof *a->mesh_of);
+    for (size_t i = 0; i < scene->object_count && a->b.status == KILN_OK; i++) {
+        const struct kiln_object *o = &scene->objects[i];
+        if (o->source_mesh >= count || o->source_node >= json_array_size(nodes))
+            take(a, kiln_fail(a->b.error, KILN_BAD_INPUT,
+                              "%.512s: it has no mesh %u or node %u, which were baked; bake again", a->b.subject,
+                              o->source_mesh, o->source_node));
+        else if (a->mesh_of[o->mesh] == KILN_NONE)
+            a->mesh_of[o->mesh] = !taken[o->source_mesh]
+                                      ? o->source_mesh
+                                      : kiln_glb_append(&a->b, a->b.root, "meshes",
+                                                        json_deep_copy(json_array_get(meshes, o->source_mesh)));
+        if (a->b.status != KILN_OK)
+            continue;
+        taken[o->source_mesh] = 1;
+        if (a->mesh_of[o->mesh] != o->source_mesh)
+            kiln_glb_set(&a->b, json_array_get(nodes, o->source_node), "mesh", json_integer(a->mesh_of[o->mesh]));
+    }
+    a->g.mesh_count = json_array_size(json_object_get(a->b.root, "meshes"));
+    kiln_free(&taken);
+}
+
 void kiln_rewrite_meshes(struct rewrite *a)
 {
     const struct kiln_scene *scene = a->scene;
@@ -582,17 +619,15 @@ void kiln_rewrite_meshes(struct rewrite *a)
         take(a, kiln_fail(a->b.error, KILN_BAD_INPUT,
                           "%.512s: the bake's scene file does not record where its triangles come from; bake again",
                           a->b.subject));
-    take(a, kiln_allocate(&done, a->g.mesh_count, 1, "meshes", a->b.error));
+    if (a->b.status == KILN_OK)
+        part_poses(a);
+    take(a, kiln_allocate(&done, scene->mesh_count, 1, "meshes", a->b.error));
+    take(a, kiln_allocate(&a->set_of, a->g.mesh_count, sizeof *a->set_of, "meshes", a->b.error));
     for (size_t i = 0; i < scene->object_count && a->b.status == KILN_OK; i++) {
-        const struct kiln_object *o = &scene->objects[i];
-        if (o->source_mesh >= a->g.mesh_count || o->source_node >= gltf_length(&a->g, "nodes"))
-            take(a, kiln_fail(a->b.error, KILN_BAD_INPUT,
-                              "%.512s: it has no mesh %u or node %u, which were baked; bake again", a->b.subject,
-                              o->source_mesh, o->source_node));
-        if (a->b.status != KILN_OK || done[o->source_mesh])
-            continue;
-        done[o->source_mesh] = 1;
-        patch_mesh(a, o->source_mesh, &scene->meshes[o->mesh]);
+        const uint32_t mesh = scene->objects[i].mesh;
+        if (!done[mesh])
+            patch_mesh(a, a->mesh_of[mesh], &scene->meshes[mesh]);
+        done[mesh] = 1;
     }
     kiln_free(&done);
 }

@@ -5,6 +5,7 @@
 
 #include "coordinator/files/json.h"
 #include "coordinator/export/child.h"
+#include "coordinator/export/glb_lightmap.h"
 #include "coordinator/output/image.h"
 #include "worker/base/memory.h"
 #include "worker/scene/gloss.h"

@@ -10,9 +10,8 @@
 #ifndef KILN_COORDINATOR_EXPORT_PAGE_FORMAT_H
 #define KILN_COORDINATOR_EXPORT_PAGE_FORMAT_H
 
+#include "coordinator/job/choices.h"
 #include "coordinator/output/image.h"
-
-enum kiln_page_format { KILN_PAGE_EXR, KILN_PAGE_EXR_HALF, KILN_PAGE_RGBM, KILN_PAGE_RGBE, KILN_PAGE_KTX2 };
 
 /* The encoding's name in links ("exr" for both EXRs), and the extension of its files (".exr"). */
 const char *kiln_page_encoding(enum kiln_page_format format);

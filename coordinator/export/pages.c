@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "coordinator/export/atlas.h"
-#include "coordinator/output/map/map.h"
+#include "coordinator/output/map/charts/nearest.h"
 #include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
 

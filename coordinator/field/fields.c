@@ -15,7 +15,7 @@
 #define AT(member) offsetof(struct kiln_rank_data, member)
 
 static bool has_probes(const struct kiln_job *job) { return kiln_job_has_probes(job); }
-static bool wants_error_map(const struct kiln_job *job) { return job->error_map; }
+static bool wants_error_map(const struct kiln_job *job) { return job->error_map || job->target_error > 0.0; }
 static bool wants_occlusion(const struct kiln_job *job) { return job->occlusion.distance > 0.0; }
 static bool wants_harmonics(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_SH1; }
 static bool wants_dominant(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_DOMINANT; }
@@ -619,7 +619,8 @@ uint64_t kiln_field_set_saved_bytes(const struct kiln_field_set *set)
 
 uint64_t kiln_field_set_light_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total)
 {
-    const uint64_t groups = (set->count - kiln_group_fields_first(set)) / KILN_GROUP_FIELDS; /* integrate/groups.h */
+    const uint64_t groups =
+        (set->count - kiln_group_fields_first(set)) / KILN_GROUP_FIELDS; /* integrate/relight/groups.h */
     return total * (kiln_field_set_point_bytes(set, KILN_FIELD_ALLGATHER) + groups * sizeof(uint64_t)) +
            own *
                (kiln_field_set_point_bytes(set, KILN_FIELD_RESULT) + kiln_field_set_point_bytes(set, KILN_FIELD_STEP));

@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 static const char first_name[] = "group0.direct";
 
@@ -18,6 +19,8 @@ static const struct kiln_field kinds[KILN_GROUP_FIELDS] = {
                            .components = 3,
                            .life = KILN_FIELD_RESULT,
                            .saved = KILN_FIELD_SAVED,
+                           .low = -INFINITY, /* denoised */
+                           .high = INFINITY,
                            .description = "of /groups, the part that comes straight from the group's lights",
                            .noisy = true},
     [KILN_GROUP_SUM] = {.name = "sum",
@@ -25,6 +28,8 @@ static const struct kiln_field kinds[KILN_GROUP_FIELDS] = {
                         .components = 3,
                         .life = KILN_FIELD_RESULT,
                         .saved = KILN_FIELD_SAVED,
+                        .low = -INFINITY,
+                        .high = INFINITY,
                         .description = "light of the lights of one group, direct and indirect, about the shading "
                                        "normal, linear RGB, as gathered",
                         .noisy = true},
@@ -32,23 +37,29 @@ static const struct kiln_field kinds[KILN_GROUP_FIELDS] = {
                            .type = KILN_FIELD_RADIOSITY,
                            .components = 1,
                            .life = KILN_FIELD_RESULT,
-                           .saved = KILN_FIELD_SAVED_IN_GATHER},
+                           .saved = KILN_FIELD_SAVED_IN_GATHER,
+                           .low = -INFINITY,
+                           .high = INFINITY},
     [KILN_GROUP_NEXT] = {.name = "next",
                          .type = KILN_FIELD_RADIOSITY,
                          .components = 1,
                          .life = KILN_FIELD_STEP,
-                         .saved = KILN_FIELD_SAVED_IN_STEP}};
+                         .saved = KILN_FIELD_SAVED_IN_STEP,
+                         .low = -INFINITY,
+                         .high = INFINITY}};
+
+/* How names of channels and of datasets begin, and what follows a channel's group before its colour. */
+static const char channel_begin[] = "group.", direct_part[] = ".direct";
+static const char *const folders[] = {[KILN_GROUP_DIRECT] = "/groups_direct/", [KILN_GROUP_SUM] = "/groups/"};
 
 static void fill(struct rows *r, uint16_t group, const char *name)
 {
-    static const char colors[] = "RGB", *const folders[] = {"/groups_direct/", "/groups/"};
+    static const char colors[] = "RGB";
     for (int k = 0; k < KILN_GROUP_FIELDS; k++) {
         r->field[k] = kinds[k];
         (void)snprintf(r->names[k], sizeof r->names[k], "group%u.%s", group, kinds[k].name);
         r->field[k].name = r->names[k];
         r->field[k].domain = KILN_DOMAIN_POINT;
-        r->field[k].low = -INFINITY; /* denoised */
-        r->field[k].high = INFINITY;
     }
     for (int k = 0; k <= KILN_GROUP_SUM; k++) {
         (void)snprintf(r->datasets[k], sizeof r->datasets[k], "%s%s", folders[k], name);
@@ -56,8 +67,8 @@ static void fill(struct rows *r, uint16_t group, const char *name)
     }
     for (int k = 0; k <= KILN_GROUP_SUM; k++)
         for (int c = 0; c < 3; c++) {
-            (void)snprintf(r->channel[k][c], sizeof r->channel[k][c], "group.%s%s.%c", name,
-                           k == KILN_GROUP_DIRECT ? ".direct" : "", colors[c]);
+            (void)snprintf(r->channel[k][c], sizeof r->channel[k][c], "%s%s%s.%c", channel_begin, name,
+                           k == KILN_GROUP_DIRECT ? direct_part : "", colors[c]);
             r->channels[k][c] = r->channel[k][c];
         }
     r->field[KILN_GROUP_DIRECT].channels = r->channels[KILN_GROUP_DIRECT];
@@ -78,6 +89,20 @@ int kiln_group_fields_make(struct kiln_job *job, struct kiln_error *error)
         job->group_rows[g] = r->field;
     }
     return status;
+}
+
+static bool begins_with(const char *text, const char *begin) { return strncmp(text, begin, strlen(begin)) == 0; }
+
+const struct kiln_field *kiln_group_field_named(const char *name)
+{
+    for (int k = 0; k <= KILN_GROUP_SUM; k++)
+        if (begins_with(name, folders[k]))
+            return &kinds[k];
+    if (!begins_with(name, channel_begin))
+        return NULL;
+    const size_t length = strlen(name), tail = sizeof direct_part - 1 + 2; /* ".direct.R" */
+    const bool direct = length > tail && begins_with(name + length - tail, direct_part);
+    return &kinds[direct ? KILN_GROUP_DIRECT : KILN_GROUP_SUM];
 }
 
 size_t kiln_group_fields_first(const struct kiln_field_set *set) { return kiln_field_set_find(set, first_name); }

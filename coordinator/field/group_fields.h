@@ -12,6 +12,10 @@ int kiln_group_fields_make(struct kiln_job *job, struct kiln_error *error);
 /* The place of the first field of group 0; those of the next groups follow. set->count: the bake has no groups. */
 size_t kiln_group_fields_first(const struct kiln_field_set *set);
 
+/* The row that every group has for the channel or dataset of this name, with its range; NULL: it is not of a group. A
+ * group called "normal" has "group.normal.B" and "/groups/normal", which are light. */
+const struct kiln_field *kiln_group_field_named(const char *name);
+
 /* Layers of groups are in lightmaps/OBJECT.exr, of more groups than so many in lightmaps/groups-N/OBJECT.exr, of
  * KILN_GROUPS_A_FILE groups each. How many such files a lightmap has; the folder of the n-th. */
 enum { KILN_GROUPS_IN_MAP = 16, KILN_GROUPS_A_FILE = 64, KILN_GROUP_FOLDER = 40 };

@@ -49,6 +49,24 @@ static void set_pointer(struct kiln_rank_data *data, const struct kiln_field_set
     memcpy((char *)data + pointer_offset(fields, index), &pointer, sizeof pointer);
 }
 
+int kiln_rank_data_add(struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index,
+                       struct kiln_error *error)
+{
+    const struct kiln_field *field = fields->entry[index].field;
+    const uint64_t count = field->domain == KILN_DOMAIN_TILE_RUN ? data->surface.tile_run_count : data->surface.count;
+    void *array = NULL;
+    const int status = kiln_allocate(&array, (size_t)count, kiln_field_size(field), field->name, error);
+    set_pointer(data, fields, index, array);
+    return status;
+}
+
+void kiln_rank_data_remove(struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index)
+{
+    void *array = kiln_rank_field(data, fields, index);
+    kiln_free(&array);
+    set_pointer(data, fields, index, NULL);
+}
+
 void kiln_rank_float_run(const struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index,
                          struct kiln_own_point first, uint32_t points, float *floats)
 {
@@ -250,6 +268,12 @@ int kiln_node_data_create(struct kiln_node_data **node_data, struct kiln_node_me
     if (status != KILN_OK)
         kiln_node_data_destroy(node_data);
     return status;
+}
+
+void kiln_rank_data_lend(const struct kiln_rank_data *own, struct kiln_surface *surface)
+{
+    surface->guide = own->surface.guide;
+    surface->closing = own->surface.closing;
 }
 
 void kiln_node_data_end(struct kiln_node_data *d) { kiln_node_parts_destroy(&d->parts[KILN_FIELD_STEP]); }

@@ -31,18 +31,19 @@ struct kiln_rank_data {
     uint16_t *error;                         /* 1 a point: kiln_error_pack */
     uint16_t *error_direct, *error_indirect; /* of these apart, likewise; NULL: nobody asks for them */
     uint16_t *error_caustic;                 /* likewise */
-    float *indirect, *parts; /* 3 and KILN_PARTS a point, of a bake in parts (integrate/parts.h); NULL: it is in one */
-    uint64_t *next;          /* 1 a point: packed radiosity of the present step; or see kiln_next_compact */
-    uint64_t *source;        /* 1 a point: packed radiosity that is gathered from; NULL: not known yet */
+    float *indirect,
+        *parts;       /* 3 and KILN_PARTS a point, of a bake in parts (integrate/parts/parts.h); NULL: it is in one */
+    uint64_t *next;   /* 1 a point: packed radiosity of the present step; or see kiln_next_compact */
+    uint64_t *source; /* 1 a point: packed radiosity that is gathered from; NULL: not known yet */
     /* 1 a tile run: of each point, in a step with adaptive samples; NULL: the bake has no such steps */
     uint32_t *samples;
     uint32_t *samples_bounce; /* likewise, of late bounces; NULL: their number is given */
     uint32_t *samples_direct; /* likewise, of direct light, in a bake with a target error */
     uint16_t *seen;           /* 1 a tile run: 0 where no view sees it (kiln_integrate_params); NULL: all are */
-    uint16_t *block;          /* 1 a point: integrate/blocks.h; NULL: there are no blocks */
-    uint16_t *node;           /* 1 a point: texels a side of its node (integrate/patches.h); NULL: nobody asks */
-    uint64_t *mixture;        /* 1 a point: integrate/nodes.h; NULL: each gathers in the final gather */
-    float *cost;              /* 1 a tile run: seconds that it took in the present step */
+    uint16_t *block;          /* 1 a point: integrate/sparse/blocks.h; NULL: there are no blocks */
+    uint16_t *node;    /* 1 a point: texels a side of its node (integrate/patches/patches.h); NULL: nobody asks */
+    uint64_t *mixture; /* 1 a point: integrate/sparse/nodes.h; NULL: each gathers in the final gather */
+    float *cost;       /* 1 a tile run: seconds that it took in the present step */
     /* 1 a tile run, in the present step: 1 where its rays met a point whose radiosity is absent, so that its answers
      * were not taken; NULL: all radiosity is there */
     uint32_t *lacking;
@@ -54,6 +55,16 @@ struct kiln_rank_data {
 static inline uint32_t *kiln_next_compact(const struct kiln_rank_data *data) { return (uint32_t *)data->next; }
 
 struct kiln_node_data;
+
+/* Gives `data`, whose surface is there, an array of its own for the set's field at place `index`, zero, in its member,
+ * and takes it away: for data that is no node's. KILN_SYSTEM. */
+int kiln_rank_data_add(struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index,
+                       struct kiln_error *error);
+void kiln_rank_data_remove(struct kiln_rank_data *data, const struct kiln_field_set *fields, size_t index);
+
+/* Points those members of `surface`, a rank's own, through which backends read fields at the own data, whose arrays may
+ * have moved. */
+void kiln_rank_data_lend(const struct kiln_rank_data *own, struct kiln_surface *surface);
 
 /* Collective on the node. The surface's arrays of own points belong to the node data from now on; with `lend` (the same
  * on the whole node) they are moved into memory of the node. `fields` is copied. Results are zero. KILN_SYSTEM for 2^32

@@ -22,7 +22,7 @@ struct kiln_bake_result {
     const struct kiln_field_set *fields;
     const struct kiln_rank_data *data;
     const uint64_t *radiosity; /* all points: packed total radiosity (albedo x irradiance), for views and probes */
-    /* of the visibility grid (integrate/sight.h): its units, 0: there is none; pairs of the own ones */
+    /* of the visibility grid (integrate/reach/sight.h): its units, 0: there is none; pairs of the own ones */
     uint64_t sight_units, sight_pair_count;
     const uint64_t *sight_first, *sight_pairs;
     const struct kiln_stop *stop; /* what asks to end before all files are written; NULL: nothing does */
@@ -68,6 +68,10 @@ struct kiln_volume_result {
     uint64_t size[3];
     double origin[3];  /* world, m: position of probe (0,0,0) */
     double spacing[3]; /* m */
+    /* sources of light around what receives it that the grid does not span (bake/volume/volume_bounds.h), and the
+     * object that is the largest of them */
+    uint64_t sources_left_out;
+    uint32_t largest_left_out;
     uint64_t first, count;
     const struct kiln_probe_result *probes; /* own */
     bool of_irradiance; /* their coefficients are of irradiance: the cosine is in them already (of mixtures) */
@@ -78,7 +82,8 @@ struct kiln_volume_result {
     const struct kiln_probe_group *groups;
     size_t group_count;
     char *const *group_names;
-    /* light paths that this rank has traced for probes (bake/probe_paths.h), and those that Embree traced for a device
+    /* light paths that this rank has traced for probes (bake/volume/probe_paths.h), and those that Embree traced for a
+     * device
      */
     uint64_t paths, paths_on_host;
 };

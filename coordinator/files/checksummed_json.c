@@ -5,7 +5,7 @@
 #include <string.h>
 #include <xxhash.h>
 
-#include "coordinator/files/json_text.h"
+#include "coordinator/files/foreign_json.h"
 #include "worker/base/memory.h"
 
 static const char KEY[] = "xxh3_128 ";
@@ -47,11 +47,14 @@ int kiln_seal(const json_t *json, size_t flags, char **text, size_t *size, const
     return status;
 }
 
-json_t *kiln_unseal(const char *text, size_t size)
+int kiln_unseal(json_t **json, const char *text, size_t size, const char *path, struct kiln_error *error)
 {
     char tail[TAIL + 1];
-    if (size < TAIL)
-        return NULL;
-    write_tail(text, size - TAIL, tail);
-    return memcmp(text + size - TAIL, tail, TAIL) == 0 ? kiln_json_text(text, size - TAIL, "", NULL) : NULL;
+    *json = NULL;
+    if (size >= TAIL)
+        write_tail(text, size - TAIL, tail);
+    return size >= TAIL && memcmp(text + size - TAIL, tail, TAIL) == 0
+               ? kiln_foreign_json(json, KILN_JSON_CHILD, text, size - TAIL, path, error)
+               : kiln_fail(error, KILN_BAD_INPUT, "'%s' is not as it was written: it does not end with its own hash",
+                           path);
 }

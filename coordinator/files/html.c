@@ -7,6 +7,7 @@
 
 #include "coordinator/files/publish.h"
 #include "worker/base/memory.h"
+#include "worker/base/text.h"
 
 static char *room(struct kiln_html *page, size_t more)
 {
@@ -40,26 +41,32 @@ int kiln_html_publish(struct kiln_html *page, const char *path)
 
 void kiln_html_free(struct kiln_html *page) { kiln_free(&page->text); }
 
-void kiln_html_text(struct kiln_html *page, const char *text)
+/* Adds plain text, whose markup it escapes. */
+static void escape(struct kiln_html *page, const char *text)
 {
     while (*text != '\0') {
         const size_t plain = strcspn(text, "<>&\"");
-        char *at = room(page, plain);
-        if (at == NULL)
-            return;
-        memcpy(at, text, plain);
-        at[plain] = '\0';
-        page->size += plain;
+        kiln_html_add(page, "%.*s", (int)plain, text);
         text += plain;
-        if (*text != '\0') {
+        if (*text != '\0')
             kiln_html_add(page, "%s",
                           *text == '<'   ? "&lt;"
                           : *text == '>' ? "&gt;"
                           : *text == '&' ? "&amp;"
                                          : "&quot;");
-            text++;
-        }
+        text += *text != '\0';
     }
+}
+
+void kiln_html_text(struct kiln_html *page, const char *text)
+{
+    char *plain = NULL;
+    const size_t size = 4 * strlen(text) + 1; /* each byte may become \xNN */
+    if (page->status == KILN_OK)
+        page->status = kiln_allocate(&plain, size, 1, "a page", page->error);
+    if (plain != NULL)
+        escape(page, kiln_text_plain(plain, size, text));
+    kiln_free(&plain);
 }
 
 static void add_base64(struct kiln_html *page, const unsigned char *bytes, size_t size)

@@ -17,7 +17,7 @@ struct kiln_html {
 
 /* Adds text or markup, formatted as by printf. Text from outside must go through kiln_html_text. */
 void kiln_html_add(struct kiln_html *page, const char *format, ...) __attribute__((format(printf, 2, 3)));
-/* Adds text and escapes the characters that are markup in HTML. */
+/* Adds text, made safe for terminals (worker/base/text.h), and escapes the characters that are markup in HTML. */
 void kiln_html_text(struct kiln_html *page, const char *text);
 /* Adds an <img> element that contains the bytes of a PNG file. */
 void kiln_html_png(struct kiln_html *page, const char *png, size_t size, const char *alternative);

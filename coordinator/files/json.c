@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "coordinator/files/standard_output.h"
+
 json_t *kiln_json_string(const char *text)
 {
     json_t *string = json_string(text);
@@ -32,8 +34,6 @@ int kiln_json_print(json_t *object, struct kiln_error *error)
         return kiln_fail(error, KILN_SYSTEM, "out of memory for the JSON object");
     const int failed = json_dump_callback(object, write_plain, stdout, JSON_COMPACT | JSON_ENSURE_ASCII);
     json_decref(object);
-    if (failed != 0)
-        return kiln_fail(error, KILN_IO, "cannot write to stdout");
     (void)fputc('\n', stdout);
-    return KILN_OK;
+    return failed != 0 ? kiln_stdout_flush(error) : KILN_OK;
 }

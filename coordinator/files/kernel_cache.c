@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <xxhash.h>
 
@@ -165,9 +166,42 @@ static void keep(const char *place, const char *key, const void *bytes, size_t s
     trim(folder);
 }
 
+/* ---- code that comes with the program ---- */
+
+/* The folder of the program, with the slash at its end. */
+static bool find_program(char folder[KILN_PATH_SIZE])
+{
+    const ssize_t length = readlink("/proc/self/exe", folder, KILN_PATH_SIZE - 1);
+    if (length <= 0)
+        return false;
+    folder[length] = '\0';
+    char *slash = strrchr(folder, '/');
+    if (slash != NULL)
+        slash[1] = '\0';
+    return slash != NULL;
+}
+
+static int read_code(const char *name, size_t most, char **bytes, size_t *size, struct kiln_error *error)
+{
+    static const char *const places[] = {"", "../lib/kiln/"};
+    char folder[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
+    int status = find_program(folder) ? KILN_NO_INPUT : KILN_SYSTEM;
+    for (size_t i = 0; i < sizeof places / sizeof *places && status == KILN_NO_INPUT; i++) {
+        const int length = snprintf(path, sizeof path, "%s%s%s", folder, places[i], name);
+        if (length > 0 && length < KILN_PATH_SIZE)
+            status = kiln_read_file(path, most, bytes, size, error);
+    }
+    if (status == KILN_NO_INPUT)
+        return kiln_fail(error, KILN_NO_DEVICE,
+                         "%s is neither in %s nor in %s../lib/kiln: a device without doubles needs the kernels in it; "
+                         "install it with kiln again, or use --backend embree",
+                         name, folder, folder);
+    return status;
+}
+
 struct kiln_kernel_store kiln_kernel_cache(const char *folder)
 {
     if (folder != NULL && strcmp(folder, "none") == 0)
-        return (struct kiln_kernel_store){0};
-    return (struct kiln_kernel_store){.place = folder, .load = load, .keep = keep};
+        return (struct kiln_kernel_store){.file = read_code};
+    return (struct kiln_kernel_store){.place = folder, .load = load, .keep = keep, .file = read_code};
 }

@@ -8,7 +8,9 @@
  *
  * A file of another form, key or checksum counts as none, and is replaced. Files are written aside and renamed, without
  * a sync: what a power cut leaves has another checksum. Together they take 256 MiB at most: beyond that those go that
- * were not read for longest. Nothing of this is an error; a folder that cannot be made or written keeps nothing. */
+ * were not read for longest. Nothing of this is an error; a folder that cannot be made or written keeps nothing.
+ *
+ * The store's `file` reads what comes with the program from the program's folder, or from ../lib/kiln of that. */
 #ifndef KILN_COORDINATOR_FILES_KERNEL_CACHE_H
 #define KILN_COORDINATOR_FILES_KERNEL_CACHE_H
 
@@ -16,7 +18,8 @@
 
 enum { KILN_KERNEL_CACHE_BYTES = 256 << 20 };
 
-/* `folder` is borrowed. NULL: `kiln/kernels` in $XDG_CACHE_HOME, or in ~/.cache; "none": nothing is kept. */
+/* `folder` is borrowed. NULL: `kiln/kernels` in $XDG_CACHE_HOME, or in ~/.cache; "none": nothing is kept,
+ * and `file` alone is there. */
 struct kiln_kernel_store kiln_kernel_cache(const char *folder);
 
 #endif

@@ -38,3 +38,14 @@ int kiln_open_plain(const char *path, int *descriptor, struct kiln_error *error)
     *descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, 0);
     return *descriptor < 0 ? kiln_open_failed(path, error) : kiln_keep_plain(descriptor, path, error);
 }
+
+int kiln_openat_plain(int folder, const char *name, int flags, const char *path, int *descriptor,
+                      struct kiln_error *error)
+{
+    *descriptor = kiln_openat(folder, name, flags | O_NOFOLLOW | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, 0666);
+    if (*descriptor >= 0)
+        return kiln_keep_plain(descriptor, path, error);
+    return (flags & O_CREAT) != 0 && errno != ELOOP
+               ? kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot create '%s'", path)
+               : kiln_open_failed(path, error);
+}

@@ -8,6 +8,12 @@
  * not a regular file. */
 int kiln_open_plain(const char *path, int *descriptor, struct kiln_error *error);
 
+/* Opens the file `name` of an open folder with `flags` of open(2), without following a link and without blocking.
+ * `path` is for messages. *descriptor is -1 on failure. KILN_NO_INPUT if it is missing; KILN_BAD_INPUT if it is a link
+ * or not a regular file; with O_CREAT KILN_CANNOT_CREATE if it cannot be made. */
+int kiln_openat_plain(int folder, const char *name, int flags, const char *path, int *descriptor,
+                      struct kiln_error *error);
+
 /* Sets the message for an open call that failed with errno, and returns its status. */
 int kiln_open_failed(const char *path, struct kiln_error *error);
 

@@ -15,6 +15,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "coordinator/files/plain_file.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -154,6 +155,7 @@ static int begin(struct kiln_publish *p, const char *directory, const char *name
     bool stream = false;
     int own = -1;
     p->folder.descriptor = p->stream = p->scratch = -1;
+    p->left = NULL;
     p->path[0] = p->temporary[0] = '\0';
     int status =
         directory != NULL ? kiln_check_below(directory, name, false, error) : classify(name, &stream, &own, error);
@@ -162,6 +164,11 @@ static int begin(struct kiln_publish *p, const char *directory, const char *name
     if (status != KILN_OK)
         kiln_publish_close(p);
     return status;
+}
+
+static void note_aside(struct kiln_publish *p)
+{
+    p->left = p->stream >= 0 ? NULL : kiln_left_note(p->folder.descriptor, p->aside);
 }
 
 static int unlink_aside(const struct kiln_publish *p) { return kiln_unlinkat(p->folder.descriptor, p->aside, 0); }
@@ -173,11 +180,14 @@ int kiln_publish_begin(struct kiln_publish *p, const char *directory, const char
         status = cannot_create("a file that an earlier process left cannot be removed;", p->temporary, error);
         kiln_publish_close(p);
     }
+    if (status == KILN_OK)
+        note_aside(p); /* before it is there: libraries make it too, and of several ranks any one */
     return status;
 }
 
 void kiln_publish_close(struct kiln_publish *p)
 {
+    kiln_left_forget(&p->left);
     kiln_folder_close(&p->folder);
     if (p->stream >= 0)
         (void)close(p->stream);
@@ -287,7 +297,9 @@ int kiln_publish_claim(struct kiln_publish *p, const char *directory, const char
         (void)close(*descriptor);
         *descriptor = -1;
     }
-    if (status != KILN_OK)
+    if (status == KILN_OK)
+        note_aside(p);
+    else
         kiln_publish_close(p);
     return status;
 }
@@ -482,11 +494,9 @@ int kiln_read_descriptor(int descriptor, const char *path, size_t limit, char **
 
 int kiln_read_file(const char *path, size_t limit, char **bytes, size_t *size, struct kiln_error *error)
 {
+    int descriptor;
+    const int status = kiln_open_plain(path, &descriptor, error);
     *bytes = NULL;
     *size = 0;
-    /* O_NONBLOCK, so that opening a pipe does not wait for its writer */
-    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0);
-    if (descriptor < 0)
-        return kiln_fail_errno(error, 0, "'%s' cannot be opened", path);
-    return kiln_read_descriptor(descriptor, path, limit, bytes, size, error);
+    return status == KILN_OK ? kiln_read_descriptor(descriptor, path, limit, bytes, size, error) : status;
 }

@@ -3,6 +3,7 @@
  *
  * A reader sees the old file or the complete new one, never a part, even after a power cut. The temporary name follows
  * from the final one (".NAME.part"), so the next attempt replaces what a killed process left, and nothing accumulates.
+ * A process that a signal ends may remove its temporary files (left_behind.h).
  * Each file may therefore have only one writer at a time; with kiln_publish_claim others wait. No symbolic link is
  * followed at either name.
  *
@@ -18,6 +19,7 @@
 #include <stdint.h>
 
 #include "coordinator/files/folder.h"
+#include "coordinator/files/left_behind.h"
 #include "worker/base/status.h"
 
 /* A mark within the first 4,096 bytes of every page and every PNG that kiln writes. */
@@ -32,6 +34,7 @@ int kiln_require_space(const char *path, uint64_t bytes, struct kiln_error *erro
 struct kiln_publish {
     struct kiln_folder folder;      /* the folder of the file; private */
     int stream, scratch;            /* descriptors of a pipe or device and of its buffer; -1: a file. Private */
+    struct kiln_left *left;         /* while the temporary file is there; private */
     char base[512], aside[528];     /* final and temporary name in the folder; private */
     char path[KILN_PATH_SIZE];      /* final path, for messages */
     char temporary[KILN_PATH_SIZE]; /* temporary path, for messages */

@@ -12,6 +12,7 @@
 struct waiting {
     char *base; /* final name; NULL once the file has it */
     size_t folder;
+    struct kiln_left *left;
 };
 
 struct kiln_publish_batch {
@@ -67,6 +68,7 @@ static int add(struct kiln_publish_batch *b, struct kiln_publish *p, struct kiln
         return status;
     }
     memcpy(file.base, p->base, size);
+    file.left = kiln_left_note(b->folders[file.folder].descriptor, p->aside);
     b->files[b->count++] = file;
     return KILN_OK;
 }
@@ -144,6 +146,7 @@ static int rename_file(const struct kiln_publish_batch *b, struct waiting *file,
     if (kiln_renameat(folder->descriptor, aside, file->base) != 0)
         return kiln_fail_errno(error, KILN_CANNOT_CREATE, "'%s/%s' cannot be renamed to '%s'", folder->path, aside,
                                file->base);
+    kiln_left_forget(&file->left);
     kiln_free(&file->base);
     return KILN_OK;
 }
@@ -157,6 +160,7 @@ static void empty(struct kiln_publish_batch *b)
             continue;
         name_aside(&b->files[i], aside);
         (void)kiln_unlinkat(b->folders[b->files[i].folder].descriptor, aside, 0);
+        kiln_left_forget(&b->files[i].left);
         kiln_free(&b->files[i].base);
     }
     for (size_t i = 0; i < b->folder_count; i++)

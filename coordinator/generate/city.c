@@ -4,6 +4,7 @@
  * their facades are divided. */
 #include <stdio.h>
 
+#include "coordinator/generate/camera.h"
 #include "coordinator/generate/scenes.h"
 
 enum { WALLS = 5, WINDOW = WALLS, WINDOW_LIT, GROUND, MATERIALS, KINDS = 12, LARGEST_SIDE = 250 };

@@ -3,6 +3,7 @@
  * flush into a hole of the ceiling. */
 #include <string.h>
 
+#include "coordinator/generate/camera.h"
 #include "coordinator/generate/scenes.h"
 
 enum { WHITE, GREEN, RED, LIGHT, SOLID, ORANGE, BLUE, MIRROR, GLASS, WATER, MATERIALS };

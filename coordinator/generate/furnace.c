@@ -1,6 +1,7 @@
 /* The furnace: a closed convex box whose inner walls emit the same radiance L everywhere and have the albedo R. The
  * irradiance is E = pi L / (1 - R) at every point: pi L from the walls' own light, and the fraction R of E again from
  * each bounce. */
+#include "coordinator/generate/camera.h"
 #include "coordinator/generate/scenes.h"
 
 int kiln_generate_furnace(struct kiln_glb *glb, const struct kiln_generator *self,

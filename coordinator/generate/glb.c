@@ -286,7 +286,7 @@ int kiln_glb_add_mesh(struct kiln_glb *glb, const struct kiln_glb_mesh *mesh, ui
 static int add_node(struct kiln_glb *glb, const char *name, const char *key, json_t *value,
                     const struct kiln_glb_placement *placement, struct kiln_error *error)
 {
-    static const double none[16] = {0};
+    static const double none[4] = {0};
     json_t *node = json_pack("{s:s, s:o}", "name", name, key, value);
     if (node == NULL)
         return out_of_memory(error);
@@ -298,8 +298,6 @@ static int add_node(struct kiln_glb *glb, const char *name, const char *key, jso
             failed |= json_object_set_new(node, "rotation", json_reals(placement->rotation, 4));
         if (memcmp(placement->scale, none, sizeof placement->scale) != 0)
             failed |= json_object_set_new(node, "scale", json_reals(placement->scale, 3));
-        if (memcmp(placement->matrix, none, sizeof placement->matrix) != 0)
-            failed |= json_object_set_new(node, "matrix", json_reals(placement->matrix, 16));
     }
     glb->totals.nodes++;
     if (failed != 0) {

@@ -48,13 +48,11 @@ struct kiln_glb_mesh {
     size_t primitive_count;
 };
 
-/* A node's transform. Scale (0,0,0) means none, rotation (0,0,0,0) too. A matrix, unless it is 0, stands for all three:
- * 4 x 4, column after column. */
+/* A node's transform. Scale (0,0,0) means none, rotation (0,0,0,0) too. */
 struct kiln_glb_placement {
     double translation[3];
     double rotation[4]; /* unit quaternion x y z w */
     double scale[3];
-    double matrix[16];
 };
 
 struct kiln_glb_totals {

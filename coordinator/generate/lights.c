@@ -2,6 +2,7 @@
  * own. */
 #include <stdio.h>
 
+#include "coordinator/generate/camera.h"
 #include "coordinator/generate/scenes.h"
 
 enum { WALL, LAMP, COLORS = 8 };

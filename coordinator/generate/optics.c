@@ -10,6 +10,7 @@
  * prism: an equilateral prism of dense flint glass (index 1.728, Abbe number 28.5, as Schott's SF10), and a beam that
  * passes it parallel to its base, which is where it bends light least. It leaves 59.5 degrees from its way, and the
  * colours of the F and C lines leave 2.9 degrees apart. */
+#include "coordinator/generate/camera.h"
 #include "coordinator/generate/scenes.h"
 
 enum { WALL, DARK, MIRROR, GLASS, MATERIALS };

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "coordinator/generate/camera.h"
 #include "coordinator/generate/scenes.h"
 
 enum { WALL, FLOOR, LAMP, TINT, TINTS = 4, MATERIALS = TINT + TINTS };

@@ -44,10 +44,4 @@ int kiln_generate_mirrors(struct kiln_glb *glb, const struct kiln_generator *sel
 int kiln_generate_prism(struct kiln_glb *glb, const struct kiln_generator *self,
                         const struct kiln_generate_params *params, struct kiln_error *error);
 
-/* Adds an upright camera at `eye` that looks at `target`. */
-int kiln_generate_camera(struct kiln_glb *glb, struct kiln_dvec3 eye, struct kiln_dvec3 target, double angle,
-                         double aspect, struct kiln_error *error);
-/* Computes the unit quaternion of an upright rotation that takes -z to `direction`. */
-void kiln_generate_look(struct kiln_dvec3 direction, double rotation[4]);
-
 #endif

@@ -27,6 +27,7 @@ struct triangle {
     uint32_t corner[3];
     struct kiln_vec3 position[3], normal[3];
     struct kiln_vec3 geometric;
+    bool turned; /* the last two corners are exchanged against the file */
 };
 
 static int table_resize(struct vertex_table *table, size_t slot_count, struct kiln_error *error)
@@ -112,6 +113,7 @@ static int add_vertex(struct kiln_builder *builder, struct kiln_mesh *mesh, cons
 static int read_triangle(const struct kiln_primitive *primitive, size_t k, struct triangle *t, struct kiln_error *error)
 {
     primitive->corners(primitive->context, k, t->corner);
+    t->turned = primitive->turned;
     for (int c = 0; c < 3; c++) {
         if (t->corner[c] >= primitive->vertex_count)
             return kiln_fail(error, KILN_BAD_INPUT,
@@ -171,6 +173,7 @@ static void flip_triangle(struct triangle *t)
     t->position[2] = position;
     t->normal[2] = normal;
     t->geometric = opposite(t->geometric);
+    t->turned = !t->turned;
 }
 
 /* Makes winding and normals agree on the front; returns whether they did not. */
@@ -239,7 +242,8 @@ static int store_triangle(struct kiln_builder *builder, struct kiln_mesh *mesh, 
     int status = kiln_builder_append(builder, KILN_SECTION_TRIANGLES, corner, 1, NULL, error);
     if (status == KILN_OK)
         status = kiln_builder_append(builder, KILN_SECTION_TRIANGLE_MATERIALS, &primitive->material, 1, NULL, error);
-    const struct kiln_triangle_source source = {primitive->index, (uint32_t)k};
+    const struct kiln_triangle_source source = {
+        primitive->index | (primitive->posed && t->turned ? KILN_SOURCE_TURNED : 0u), (uint32_t)k};
     if (status == KILN_OK)
         status = kiln_builder_append(builder, KILN_SECTION_TRIANGLE_SOURCES, &source, 1, NULL, error);
     mesh->triangle_count++;
@@ -252,6 +256,7 @@ int kiln_mesh_add(struct kiln_builder *builder, uint32_t index, const struct kil
     struct kiln_mesh mesh = KILN_BUILDER_DATA(builder, const struct kiln_mesh, KILN_SECTION_MESHES)[index];
     struct vertex_table table = {0};
     uint64_t kept = 0, zero_normals = 0;
+    mesh.flags |= primitive->posed ? (uint32_t)KILN_MESH_POSED : 0u;
     int status = KILN_OK;
     for (size_t k = 0; k < primitive->triangle_count && status == KILN_OK; k++) {
         struct triangle t = {0};

@@ -32,6 +32,8 @@ struct kiln_primitive {
     size_t vertex_count;
     size_t triangle_count;
     bool has_normals;
+    bool posed;  /* its positions are not those of the file (KILN_MESH_POSED) */
+    bool turned; /* `corners` exchanges the last two corners of the file */
     uint32_t material;
     /* its index among the primitives of its mesh in the file; kept with each triangle (struct kiln_triangle_source) */
     uint32_t index;

@@ -11,8 +11,6 @@
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
-#define MOST 1e30 /* of intensities and radiance */
-
 /* Which settings a thing has, and what each is: a number or three, within bounds. */
 struct setting {
     const char *name;
@@ -21,17 +19,17 @@ struct setting {
     double least, most;
 };
 static const struct setting light_settings[] = {{.name = "on", .is_switch = true},
-                                                {.name = "scale", .either = true, .most = MOST},
-                                                {.name = "intensity", .is_color = true, .most = MOST},
+                                                {.name = "scale", .either = true, .most = KILN_LIGHT_MOST},
+                                                {.name = "intensity", .is_color = true, .most = KILN_LIGHT_MOST},
                                                 {.name = NULL}};
 static const struct setting material_settings[] = {{.name = "on", .is_switch = true},
-                                                   {.name = "emission", .is_color = true, .most = MOST},
-                                                   {.name = "emission-scale", .either = true, .most = MOST},
+                                                   {.name = "emission", .is_color = true, .most = KILN_LIGHT_MOST},
+                                                   {.name = "emission-scale", .either = true, .most = KILN_LIGHT_MOST},
                                                    {.name = "albedo", .is_color = true, .most = 1.0},
                                                    {.name = NULL}};
 static const struct setting environment_settings[] = {{.name = "on", .is_switch = true},
-                                                      {.name = "scale", .either = true, .most = MOST},
-                                                      {.name = "radiance", .is_color = true, .most = MOST},
+                                                      {.name = "scale", .either = true, .most = KILN_LIGHT_MOST},
+                                                      {.name = "radiance", .is_color = true, .most = KILN_LIGHT_MOST},
                                                       {.name = "rotation", .least = -3600.0, .most = 3600.0},
                                                       {.name = NULL}};
 
@@ -102,7 +100,8 @@ static void change(float to[3], const json_t *settings, const char *set, const c
     (void)three(settings, set, to);
     (void)three(settings, scale, factor);
     for (int c = 0; c < 3; c++)
-        to[c] = json_is_false(json_object_get(settings, "on")) ? 0.0f : fminf(to[c] * factor[c], (float)MOST);
+        to[c] =
+            json_is_false(json_object_get(settings, "on")) ? 0.0f : fminf(to[c] * factor[c], (float)KILN_LIGHT_MOST);
 }
 
 /* ---- what is changed ---- */

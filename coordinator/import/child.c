@@ -4,7 +4,6 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <linux/landlock.h>
-#include <signal.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -19,17 +18,6 @@
 #include "coordinator/import/read.h"
 #include "coordinator/layout/layout.h"
 #include "worker/base/memory.h"
-
-#if defined(__SANITIZE_ADDRESS__)
-#    define ADDRESS_SANITIZER 1
-#elif defined(__has_feature)
-#    if __has_feature(address_sanitizer)
-#        define ADDRESS_SANITIZER 1
-#    endif
-#endif
-#ifndef ADDRESS_SANITIZER
-#    define ADDRESS_SANITIZER 0
-#endif
 
 struct child {
     struct kiln_import_params params;
@@ -47,7 +35,7 @@ static uint64_t machine_memory(void)
 static void limit_memory(uint64_t bytes)
 {
     /* AddressSanitizer reserves terabytes of address space: no limit on it can be set there. */
-    if (!ADDRESS_SANITIZER)
+    if (!KILN_ADDRESS_SANITIZER)
         kiln_fence_limit(RLIMIT_AS, bytes);
 }
 
@@ -73,7 +61,6 @@ static void follow_nothing(const struct kiln_confine *confine) { (void)confine; 
 
 static void set_limits(const struct kiln_import_params *params)
 {
-    kiln_fence_limit(RLIMIT_CORE, 0);
     kiln_fence_limit(RLIMIT_NOFILE, 64);
     kiln_fence_limit(RLIMIT_FSIZE, (uint64_t)1 << 40);
     limit_memory(params->memory_limit != 0 ? params->memory_limit : default_memory(0));
@@ -127,7 +114,7 @@ static void fence_files(const struct kiln_import_params *params)
                            LANDLOCK_ACCESS_FS_MAKE_BLOCK | LANDLOCK_ACCESS_FS_MAKE_SYM;
     const struct landlock_ruleset_attr attributes = {.handled_access_fs = read | write | other};
     /* The sanitizer's own reports need /proc and its symbolizer. */
-    if (ADDRESS_SANITIZER)
+    if (KILN_ADDRESS_SANITIZER)
         return;
     const int rules = (int)syscall(SYS_landlock_create_ruleset, &attributes, sizeof attributes, 0);
     if (rules < 0)
@@ -145,45 +132,26 @@ static void fence_files(const struct kiln_import_params *params)
 
 void kiln_child_confine(const struct kiln_import_params *params)
 {
-    /* If the parent dies, nobody waits for the answer: die, too. */
-    (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+    kiln_fence_begin();
     set_limits(params);
     fence_files(params);
 }
 
 /* ---- the work ---- */
 
-/* Texels of all lightmaps that a file's own settings (nodes' extras) may ask for. The user's own options are not
- * limited by this. */
-enum { OWN_TEXELS_MAX = 1 << 25 };
-
-static int check_own_texels(const struct kiln_import_params *params, struct kiln_builder *builder,
-                            struct kiln_error *error)
-{
-    const struct kiln_object *objects = KILN_BUILDER_DATA(builder, const struct kiln_object, KILN_SECTION_OBJECTS);
-    double texels = 0.0;
-    if (params->objects != NULL && params->objects[0] != '\0')
-        return KILN_OK;
-    for (size_t i = 0; i < builder->sections[KILN_SECTION_OBJECTS].count; i++)
-        if (objects[i].density_reason == KILN_DENSITY_SIZED ||
-            (objects[i].density_reason == KILN_DENSITY_SCALED && !(params->texels_per_metre > 0.0)))
-            texels += (double)objects[i].lightmap_width * (double)objects[i].lightmap_height;
-    if (texels <= OWN_TEXELS_MAX)
-        return KILN_OK;
-    return kiln_fail(
-        error, KILN_BAD_INPUT,
-        "%.512s: settings in the file (its nodes' extras) ask for lightmaps of %.0f million texels in all; a file may "
-        "ask for at most %d million: set the sizes yourself with --objects, such as '{\"*\": {lightmap-size: 512}}'",
-        params->path, texels * 1e-6, OWN_TEXELS_MAX / 1000000);
-}
+/* Lightmaps of more texels than this fit no host like this one: a texel that is a surface point takes more bytes. */
+enum { LEAST_OF_TEXEL = 8 };
 
 static int read_layout_write(const struct child *child, struct kiln_error *error)
 {
     const struct kiln_import_params *params = &child->params;
-    const struct kiln_layout_params layout = {.texels_per_metre = params->texels_per_metre,
+    const struct kiln_layout_params layout = {.scene = params->path,
+                                              .texels_max = (double)(machine_memory() / LEAST_OF_TEXEL),
+                                              .texels_per_metre = params->texels_per_metre,
                                               .lightmap_size = params->lightmap_size,
                                               .lightmap_max = params->lightmap_max,
-                                              .repack = params->repack};
+                                              .repack = params->repack,
+                                              .keep_shared = params->keep_shared};
     struct kiln_builder *builder = NULL;
     int status = kiln_builder_create(&builder, error);
     if (status == KILN_OK)
@@ -195,8 +163,6 @@ static int read_layout_write(const struct child *child, struct kiln_error *error
     }
     if (status == KILN_OK)
         status = kiln_note_coarse_coordinates(builder, error);
-    if (status == KILN_OK)
-        status = check_own_texels(params, builder, error);
     if (status == KILN_OK) {
         kiln_import_key(params, child->program,
                         KILN_BUILDER_DATA(builder, const struct kiln_source, KILN_SECTION_SOURCES),
@@ -233,8 +199,12 @@ static bool parse_arguments(int argc, char **argv, struct child *child)
                                                 .objects = argv[13],
                                                 .trust_normals = strcmp(argv[14], "normals") == 0,
                                                 .repack = strcmp(argv[15], "repack") == 0,
+                                                .keep_shared = strcmp(argv[15], "keep") == 0,
                                                 .no_layout = strcmp(argv[15], "none") == 0,
-                                                .changes = argv[16][0] == '\0' ? NULL : argv[16]};
+                                                .changes = argv[16][0] == '\0' ? NULL : argv[16],
+                                                .up_z = strcmp(argv[17], "z") == 0,
+                                                .unit = strtod(argv[18], NULL),
+                                                .strict = argv[19][0] != '\0'};
     child->program = strtoull(argv[12], NULL, 16);
     return true;
 }

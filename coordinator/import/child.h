@@ -2,7 +2,7 @@
  * to restrict itself before it reads anything.
  *
  * argv: PROGRAM import-child PATH OUTPUT TEXELS_PER_METRE SIZE MAX ENVIRONMENT SCALE ROTATION MEMORY SECONDS
- *       PROGRAM_HASH OBJECTS TRUST LAYOUT CHANGES
+ *       PROGRAM_HASH OBJECTS TRUST LAYOUT CHANGES UP UNIT STRICT
  *
  * OUTPUT is used in sentences only: the result goes to the descriptor KILN_CHILD_OUTPUT (confined.h). */
 #ifndef KILN_COORDINATOR_IMPORT_CHILD_H
@@ -11,7 +11,7 @@
 #include "coordinator/import/confine.h"
 #include "coordinator/import/import.h"
 
-enum { KILN_CHILD_ARGUMENTS = 17 };
+enum { KILN_CHILD_ARGUMENTS = 20 };
 
 /* Restricts this process. It dies with its parent; memory, CPU time, open files and file size are limited; Landlock
  * lets it read the folders of params->path and params->environment only, where the kernel has it. Nothing may be opened

@@ -1,4 +1,5 @@
 #include "coordinator/import/confine.h"
+#include "coordinator/import/import.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -89,11 +90,11 @@ static bool has_scheme(const char *uri)
 static bool has_parent_step(const char *path)
 {
     for (const char *p = path; *p != '\0';) {
-        const size_t length = strcspn(p, "/");
+        const size_t length = strcspn(p, "/\\"); /* kiln_confine_find takes either */
         if (length == 2 && p[0] == '.' && p[1] == '.')
             return true;
         p += length;
-        p += *p == '/';
+        p += *p != '\0';
     }
     return false;
 }
@@ -136,9 +137,9 @@ int kiln_confine_decode(const struct kiln_confine *confine, const char *uri, con
     return KILN_OK;
 }
 
-static int open_beneath(const struct kiln_confine *confine, const char *path)
+int kiln_confine_open(const struct kiln_confine *confine, const char *path, int flags)
 {
-    const struct open_how how = {.flags = O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY,
+    const struct open_how how = {.flags = (uint64_t)(unsigned)(O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY | flags),
                                  .resolve = RESOLVE_BENEATH | RESOLVE_NO_MAGICLINKS};
     long descriptor;
     do
@@ -262,11 +263,35 @@ static int record_source(struct kiln_confine *confine, struct kiln_builder *buil
     return status != KILN_OK ? status : kiln_builder_append(builder, KILN_SECTION_SOURCES, &source, 1, NULL, error);
 }
 
+static bool says_missing(int number) { return number == ENOENT || number == ENOTDIR || number == ENAMETOOLONG; }
+
+bool kiln_confine_is_missing(const struct kiln_confine *confine, const char *path)
+{
+    const int descriptor = kiln_confine_open(confine, path, 0);
+    const bool missing = descriptor < 0 && says_missing(errno);
+    if (descriptor >= 0)
+        (void)close(descriptor);
+    return missing;
+}
+
+int kiln_confine_record_missing(struct kiln_confine *confine, struct kiln_builder *builder, const char *path,
+                                struct kiln_error *error)
+{
+    struct kiln_source source = {.size = KILN_SOURCE_MISSING};
+    bool fresh = false;
+    int status = remember(confine, path, strlen(path), &fresh, error);
+    if (status == KILN_OK && fresh)
+        status = kiln_builder_string(builder, path, PATH_MAX, &source.path, error);
+    if (status == KILN_OK && fresh)
+        status = kiln_builder_append(builder, KILN_SECTION_SOURCES, &source, 1, NULL, error);
+    return status;
+}
+
 int kiln_confine_map(struct kiln_confine *confine, struct kiln_builder *builder, const char *path, const char *place,
                      struct kiln_file *file, struct kiln_error *error)
 {
     *file = (struct kiln_file){0};
-    const int descriptor = open_beneath(confine, path);
+    const int descriptor = kiln_confine_open(confine, path, 0);
     if (descriptor < 0)
         return open_failed(confine, path, place, error);
     int status = map_descriptor(confine, descriptor, path, place, file, error);

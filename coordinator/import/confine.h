@@ -7,6 +7,7 @@
 #ifndef KILN_COORDINATOR_IMPORT_CONFINE_H
 #define KILN_COORDINATOR_IMPORT_CONFINE_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -28,6 +29,7 @@ struct kiln_confine {
     /* hash table of what was mapped: hashes of (device, inode) and of recorded paths; zeros: free slot */
     uint64_t (*seen)[2];
     size_t seen_size, seen_used;
+    size_t scans;                                /* folders listed so far, by kiln_confine_find */
     void (*mapped)(const struct kiln_confine *); /* called each time total_bytes has grown; may be NULL */
 };
 
@@ -40,6 +42,20 @@ void kiln_confine_destroy(struct kiln_confine **confine);
  * "..", a NUL, or more than 1,024 bytes. `place` says where the reference is in the file ("images[2].uri"). */
 int kiln_confine_decode(const struct kiln_confine *confine, const char *uri, const char *place, char path[1025],
                         struct kiln_error *error);
+
+/* Looks for the file that a scene names, without opening it for good: `name`, which may be a path of another computer
+ * ("C:\\work\\Wood.PNG"), in `folder`, a path in the scene's folder that is empty or ends with '/'. Tried are the name
+ * as it is, then with '/' for '\\', then ever shorter ends of it whatever their letters' case. `path` gets what was
+ * found, or the name as it is. What cannot be opened for other reasons counts as found: kiln_confine_map says why. */
+enum kiln_found { KILN_FOUND_NOT, KILN_FOUND_AS_NAMED, KILN_FOUND_OTHERWISE };
+enum kiln_found kiln_confine_find(struct kiln_confine *confine, const char *folder, const char *name, char path[1025]);
+/* Records that the scene named a file that is not there, so that the scene is read again once it is. */
+int kiln_confine_record_missing(struct kiln_confine *confine, struct kiln_builder *builder, const char *path,
+                                struct kiln_error *error);
+/* Opens a file or folder in the scene's folder, read-only, with more flags of open(2); below 0: errno says why. */
+int kiln_confine_open(const struct kiln_confine *confine, const char *path, int flags);
+/* Whether there is no such file in the folder. */
+bool kiln_confine_is_missing(const struct kiln_confine *confine, const char *path);
 
 /* Maps the file `path` in the folder and adds it to the builder's sources (builder may be NULL). KILN_BAD_INPUT when it
  * is missing, leads out of the folder or is not a regular file; KILN_PERMISSION; KILN_SYSTEM. Unmap with

@@ -22,6 +22,13 @@ static const char *const supported[] = {"KHR_materials_emissive_strength",
                                         "KHR_materials_transmission",
                                         "KHR_materials_volume",
                                         "KHR_materials_unlit",
+                                        "KHR_materials_pbrSpecularGlossiness",
+                                        "KHR_materials_variants",
+                                        "KHR_node_visibility",
+                                        "KHR_node_selectability",
+                                        "KHR_node_hoverability",
+                                        "KHR_animation_pointer",
+                                        "KHR_xmp_json_ld",
                                         "KHR_materials_iridescence",
                                         "KHR_materials_anisotropy",
                                         "KHR_materials_dispersion"};
@@ -34,7 +41,6 @@ static const struct {
     {"KHR_texture_basisu", "export again with PNG or JPEG textures instead of KTX2"},
     {"EXT_texture_avif", "export again with PNG or JPEG textures instead of AVIF"},
     {"MSFT_texture_dds", "export again with PNG or JPEG textures instead of DDS"},
-    {"KHR_materials_pbrSpecularGlossiness", "export again with metallic-roughness materials"},
 };
 
 static bool is_supported(const char *name)
@@ -141,7 +147,6 @@ static void write_notes(struct gltf *g)
         {g->assembly.without_area, KILN_NOTE_REPEATED, "triangles without area were left out"},
         {g->assembly.replaced_normals, 1,
          "corner normals were zero or pointed to the back of their triangle; the geometric normal replaces them"},
-        {g->points_and_lines, 0, "primitives of points or lines were left out"},
         {g->without_material, 0, "primitives have no material: they are diffuse grey, 0.8"},
         {g->missing_texcoords, 1,
          "primitives lack the texture coordinates their material asks for; the texture's corner colour is used"},
@@ -156,8 +161,8 @@ static void write_notes(struct gltf *g)
         {g->skipped_lights, KILN_NOTE_REPEATED, "lights are scaled to nothing and were left out"},
         {g->hard_spots, KILN_NOTE_REPEATED,
          "spot lights have the same inner and outer angle, which glTF does not allow; their cones have hard edges"},
-        {g->skins, 1, "or more skinned nodes bake in their rest pose, at their node's position"},
-        {g->morphs, 1, "or more morph targets are left out: their meshes bake in their rest shape"},
+        {g->skins, 0, "skinned meshes are baked in the pose that their joints' nodes have"},
+        {g->morphs, 0, "morph targets are baked with the weights that the file gives, 0 where it gives none"},
     };
     for (size_t i = 0; i < sizeof notes / sizeof notes[0]; i++)
         if (notes[i].count > 0)
@@ -179,8 +184,10 @@ void gltf_close(struct gltf *g)
     kiln_free(&g->materials);
     kiln_images_destroy(&g->images);
     kiln_free(&g->image_of);
+    kiln_free(&g->image_state);
     kiln_free(&g->texture_of);
     kiln_free(&g->mesh_of);
+    kiln_free(&g->mesh_uses);
     kiln_names_destroy(&g->names);
     json_decref(g->root);
     kiln_file_unmap(&g->file);
@@ -188,9 +195,9 @@ void gltf_close(struct gltf *g)
 
 int kiln_gltf_read(struct kiln_confine *confine, struct kiln_builder *builder, struct kiln_error *error)
 {
-    static void (*const steps[])(struct gltf *) = {gltf_open,           gltf_check,          gltf_read_buffers,
-                                                   gltf_read_accessors, gltf_read_materials, gltf_read_scene,
-                                                   find_units,          write_notes};
+    static void (*const steps[])(struct gltf *) = {
+        gltf_open,       gltf_check,     gltf_read_buffers, gltf_read_accessors, gltf_read_materials,
+        gltf_read_scene, gltf_read_lods, find_units,        write_notes,         gltf_note_unused};
     struct gltf g = {.confine = confine, .builder = builder, .error = error};
     for (size_t i = 0; i < sizeof steps / sizeof steps[0] && g.status == KILN_OK; i++)
         steps[i](&g);

@@ -17,6 +17,7 @@
  *   sparse elements                    65,536 + 1 for each byte of the scene's files
  *   objects, instances expanded        65,536 + 1 for each byte of the scene's files, at most 2^20
  *   triangles, instances expanded      2^30
+ *   triangles of skinned meshes        2^20 + 4 for each byte of the scene's files, stored for each node
  *   texels                             see coordinator/import/image.h
  *   side of an image                   16,384
  *   depth of the node tree             none: it is walked without recursion
@@ -30,7 +31,14 @@
  *   light.)
  * - A metallic texture is replaced by the mean of its blue channel, times the factor. Notes say what becomes of alpha,
  *   occlusion and normal maps.
- * - Points and lines are left out with a note. Skins and morph targets stay in their rest pose, with a note.
+ * - Points and lines are left out. They, extensions that are not read, animations and other things that no bake uses
+ *   are named by kind and count (gltf_unused.c), and so are lamps of other extensions, as a warning.
+ * - A skin's joints place its mesh, and morph targets have the weights that the file gives (gltf_pose.h).
+ * - What KHR_node_visibility hides has neither mesh nor light; its transform still counts.
+ * - An unlit material is diffuse in its base colour, without emission, metal or gloss.
+ *   KHR_materials_pbrSpecularGlossiness, where a material has it, counts in place of pbrMetallicRoughness.
+ * - A picture whose file is missing is white; but it emits nothing, and makes nothing metal (missing.h). A normal map
+ *   that cannot be decoded is left out.
  * - emissiveFactor above 1 is used as it is, with a note; every other factor outside its range is refused. */
 #ifndef KILN_COORDINATOR_IMPORT_GLTF_H
 #define KILN_COORDINATOR_IMPORT_GLTF_H

@@ -183,11 +183,18 @@ static void read_buffer(struct gltf *g, size_t index)
         gltf_decode_data(g, place, uri, &buffer->owned, &buffer->size);
         buffer->data = buffer->owned;
     } else {
-        char path[1025], where[64];
+        char path[1025], found[1025], where[64];
         (void)snprintf(where, sizeof where, "buffers[%zu].uri", index);
         gltf_take(g, kiln_confine_decode(g->confine, uri, where, path, g->error));
+        const enum kiln_found way =
+            g->status == KILN_OK ? kiln_confine_find(g->confine, "", path, found) : KILN_FOUND_NOT;
+        if (way == KILN_FOUND_OTHERWISE)
+            gltf_take(g, kiln_builder_note(g->builder, KILN_NOTE_REPEATED, g->error,
+                                           "%s: '%.200s' is not in the scene's folder; '%.200s', which is, is used",
+                                           where, path, found));
         if (g->status == KILN_OK)
-            gltf_take(g, kiln_confine_map(g->confine, g->builder, path, where, &buffer->file, g->error));
+            gltf_take(g, kiln_confine_map(g->confine, g->builder, way == KILN_FOUND_NOT ? path : found, where,
+                                          &buffer->file, g->error));
         buffer->data = buffer->file.data;
         buffer->size = buffer->file.size;
     }

@@ -128,9 +128,10 @@ uint32_t gltf_index(struct gltf *g, struct gltf_place place, const json_t *objec
     return (uint32_t)index;
 }
 
-double gltf_number(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low,
-                   double high, double absent)
+double gltf_number(struct gltf *g, struct gltf_place place, const json_t *object, enum kiln_number which, double absent)
 {
+    const struct kiln_number_range *range = kiln_number_range(which);
+    const char *key = range->key;
     const json_t *value = json_object_get(object, key);
     if (value == NULL)
         return absent;
@@ -139,16 +140,18 @@ double gltf_number(struct gltf *g, struct gltf_place place, const json_t *object
         return absent;
     }
     const double number = json_number_value(value);
-    if (!(number >= low && number <= high) || !isfinite(number)) {
-        gltf_fail(g, place, key, "is %.9g, outside %g to %g", number, low, high);
+    if (!kiln_number_fits(which, number)) {
+        gltf_fail(g, place, key, "is %.9g, outside %g to %g", number, range->low, range->high);
         return absent;
     }
     return number;
 }
 
-bool gltf_numbers(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low,
-                  double high, size_t count, double *values)
+bool gltf_numbers(struct gltf *g, struct gltf_place place, const json_t *object, enum kiln_number which, size_t count,
+                  double *values)
 {
+    const struct kiln_number_range *range = kiln_number_range(which);
+    const char *key = range->key;
     const json_t *array = gltf_array(g, place, object, key);
     if (array == NULL)
         return false;
@@ -159,8 +162,8 @@ bool gltf_numbers(struct gltf *g, struct gltf_place place, const json_t *object,
     for (size_t i = 0; i < count; i++) {
         const json_t *value = json_array_get(array, i);
         const double number = json_number_value(value);
-        if (!json_is_number(value) || !isfinite(number) || number < low || number > high) {
-            gltf_fail(g, place, key, "has element %zu that is not a number from %g to %g", i, low, high);
+        if (!json_is_number(value) || !kiln_number_fits(which, number)) {
+            gltf_fail(g, place, key, "has element %zu that is not a number from %g to %g", i, range->low, range->high);
             return false;
         }
     }

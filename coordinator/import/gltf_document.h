@@ -11,7 +11,10 @@
 #include "coordinator/import/assemble.h"
 #include "coordinator/import/confine.h"
 #include "coordinator/import/image.h"
+#include "coordinator/import/missing.h"
 #include "coordinator/import/names.h"
+#include "coordinator/import/numbers.h"
+#include "coordinator/import/kinds.h"
 
 struct gltf_buffer {
     const unsigned char *data; /* NULL: the buffer has no bytes (a fallback buffer, which nothing may use) */
@@ -72,10 +75,13 @@ struct gltf {
     struct gltf_material *materials; /* one per material of the file; the builder's materials have the same indices */
     struct kiln_images images;
     struct kiln_image *image_of; /* per glTF image: the decoded image, once it is decoded */
+    uint8_t *image_state;        /* per glTF image: GLTF_IMAGE_... */
+    struct kiln_missing missing; /* pictures that are not there */
     /* per glTF texture: the builder's texture with sRGB-coded colours, or KILN_NONE; after these, one more entry per
      * glTF texture, for the builder's texture with linear colours */
     uint32_t *texture_of;
-    uint32_t *mesh_of; /* per glTF mesh: the builder's mesh, KILN_NONE (no triangles) or GLTF_UNREAD */
+    uint8_t *mesh_uses; /* per glTF mesh: GLTF_USED... of the nodes of the scene */
+    uint32_t *mesh_of;  /* per glTF mesh: the builder's mesh, KILN_NONE (no triangles) or GLTF_UNREAD */
     size_t buffer_count, view_count, accessor_count, material_count, image_count, texture_count, mesh_count;
     uint32_t default_material; /* index in the builder, or KILN_NONE until it is needed */
     struct kiln_assembly_counts assembly;
@@ -86,7 +92,20 @@ struct gltf {
     uint64_t points_and_lines, without_material, missing_texcoords, missing_normal_texcoords, missing_gloss_texcoords,
         clamped_colors, without_area_objects, skipped_lights, hard_spots;
     uint64_t unknown_settings;
-    bool skins, morphs;
+    uint64_t skins, morphs; /* skinned nodes; morph targets of primitives */
+    uint64_t skin_joints, posed_triangles;
+    uint64_t outside_nodes, hidden_nodes, strange_cameras;
+    struct kiln_kinds unused; /* what is in the file and not used */
+};
+enum { GLTF_USED = 1, GLTF_USED_SKINNED = 2 };
+/* Of an image: its file is not there; and what asked for it. */
+enum {
+    GLTF_IMAGE_MISSING = 1,
+    GLTF_IMAGE_FOR_EMISSION = 2,
+    GLTF_IMAGE_FOR_METAL = 4,
+    GLTF_IMAGE_FOR_NORMALS = 8,
+    GLTF_IMAGE_FOR_REST = 16,
+    GLTF_IMAGE_PLANNED = 32 /* its texels are counted */
 };
 
 /* A place in the document: "meshes[3]" + ".primitives[1]" (`below` may be empty). */
@@ -116,12 +135,12 @@ uint64_t gltf_needed(struct gltf *g, struct gltf_place place, const json_t *obje
                      uint64_t high);
 /* An index below `limit`; KILN_NONE if absent. */
 uint32_t gltf_index(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, size_t limit);
-/* A finite number in [low, high] (both may be infinite); `absent` if there is none. */
-double gltf_number(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low,
-                   double high, double absent);
-/* Exactly `count` numbers; false, and the values unchanged, if absent or failed. */
-bool gltf_numbers(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, double low,
-                  double high, size_t count, double *values);
+/* A number in its range; `absent` if there is none. */
+double gltf_number(struct gltf *g, struct gltf_place place, const json_t *object, enum kiln_number number,
+                   double absent);
+/* Exactly `count` such numbers; false, and the values unchanged, if absent or failed. */
+bool gltf_numbers(struct gltf *g, struct gltf_place place, const json_t *object, enum kiln_number number, size_t count,
+                  double *values);
 /* The member object.extensions.NAME, or NULL. */
 json_t *gltf_extension(struct gltf *g, struct gltf_place place, const json_t *object, const char *name);
 /* Element `index` of a top-level array, checked to be an object; NULL on failure. */
@@ -140,7 +159,7 @@ void gltf_read_meshopt(struct gltf *g, struct gltf_place place, const json_t *ex
 /* gltf_draco.c: decodes KHR_draco_mesh_compression. `uses` names copies of a primitive's accessors by attribute (count
  * 0: not used). The copies are pointed to decompressed values; those that the extension does not name are left alone.
  * Free the values with gltf_draco_values_free, also after a failure. */
-enum { GLTF_DRACO_ATTRIBUTES = 8 };
+enum { GLTF_DRACO_ATTRIBUTES = 12 };
 struct gltf_draco_use {
     const char *name; /* "POSITION" */
     struct gltf_accessor *accessor;
@@ -173,10 +192,19 @@ void gltf_texture_info(struct gltf *g, struct gltf_place place, const json_t *pa
                        struct gltf_texture_use *use);
 /* The image of a glTF texture; a failure if it has none that kiln reads. */
 uint32_t gltf_source_image(struct gltf *g, uint32_t texture);
-/* The builder's texture for a glTF texture, made on first use. `srgb`: its colours are sRGB-coded, else linear. */
+/* The builder's texture for a glTF texture, made on first use; KILN_NONE if its picture is missing. `srgb`: its colours
+ * are sRGB-coded, else linear. */
 uint32_t gltf_builder_texture(struct gltf *g, uint32_t texture, bool srgb);
-/* Mean of one channel of a glTF texture's image, 0..1, as it is coded. */
+/* Mean of one channel of a glTF texture's image, 0..1, as it is coded; 1 if it is missing. */
 double gltf_image_mean(struct gltf *g, uint32_t texture, unsigned channel);
+/* Whether the picture of a glTF texture is missing; `use` (GLTF_IMAGE_FOR_...) is what asks for it. */
+bool gltf_texture_is_missing(struct gltf *g, uint32_t texture, unsigned use);
+/* The builder's texture for directions, of which a bake can do without: if its picture is missing, broken or no normal
+ * map, KILN_NONE and a note that begins with `what` ("normalTexture") and ends with `without`. */
+uint32_t gltf_directions_texture(struct gltf *g, struct gltf_place place, uint32_t texture, const char *what,
+                                 const char *without);
+/* The material's KHR_materials_pbrSpecularGlossiness, unless it is unlit; NULL: none. */
+const json_t *gltf_specular_glossiness(struct gltf *g, struct gltf_place place, const json_t *material);
 
 /* gltf_gloss.c: reads what a material says besides its diffuse part, and appends a struct kiln_gloss if that is more
  * than the defaults. `material` stands in the builder at `index`; sets the gloss of g->materials[place.index]. *gloss
@@ -188,15 +216,28 @@ void gltf_read_gloss(struct gltf *g, struct gltf_place place, const json_t *json
  * from the front. */
 void gltf_triangle(unsigned mode, const struct gltf_accessor *indices, size_t k, uint32_t corner[3]);
 
-/* The builder's mesh for a glTF mesh, appended on first use; KILN_NONE if it has no triangles. */
-uint32_t gltf_mesh(struct gltf *g, uint32_t index);
+/* The builder's mesh for a glTF mesh in a pose; KILN_NONE if it has no triangles. A mesh without a pose of its own is
+ * appended on first use, another one each time. */
+struct gltf_pose;
+uint32_t gltf_mesh(struct gltf *g, uint32_t index, const struct gltf_pose *pose);
+/* The accessor of an attribute; NULL: absent. A failure unless its elements have `low` to `high` components and, if
+ * `count` is not 0, there are so many. */
+const struct gltf_accessor *gltf_attribute(struct gltf *g, struct gltf_place place, const json_t *attributes,
+                                           const char *name, unsigned low, unsigned high, size_t count);
 
 /* gltf.c: checks that kiln can read asset.version and extensionsRequired. */
 void gltf_check(struct gltf *g);
 /* Releases the document and unmaps its files. */
 void gltf_close(struct gltf *g);
 
+/* gltf_unused.c: notes on what the document has and no bake uses. Call it after gltf_read_scene. */
+void gltf_note_unused(struct gltf *g);
+
 /* gltf_node.c: node tree, objects, lights, cameras, environment. */
 void gltf_read_scene(struct gltf *g);
+
+/* gltf_lod.c: what the file says of levels of detail (lods.h), into the settings of the builder's objects. Call it
+ * after gltf_read_scene. */
+void gltf_read_lods(struct gltf *g);
 
 #endif

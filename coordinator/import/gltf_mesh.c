@@ -3,7 +3,10 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/import/gltf_document.h"
+#include "coordinator/import/gltf_pose.h"
+
+/* triangles of meshes with poses of their own, which are stored for each node */
+enum { POSED_FREE = 1 << 20, POSED_PER_BYTE = 4 };
 
 enum { POINTS = 0, LINES_LAST = 3, TRIANGLES = 4, STRIP = 5, FAN = 6 };
 
@@ -11,24 +14,25 @@ enum { POINTS = 0, LINES_LAST = 3, TRIANGLES = 4, STRIP = 5, FAN = 6 };
 struct primitive {
     const struct gltf_accessor *indices, *position, *normal, *color, *base, *emission, *lightmap, *normal_map, *gloss;
     const struct gltf_material *material; /* NULL: the default material */
+    const struct gltf_pose *pose;
+    struct gltf_posed posed;
     unsigned mode;
     size_t corner_count;
-    bool clamped_color;
+    bool clamped_color, mirrored;                           /* mirrored: by its pose */
     struct gltf_accessor copies[GLTF_DRACO_ATTRIBUTES + 1]; /* copies of the accessors above, for compressed values */
     struct gltf_draco_values values;
 };
 
-static const struct gltf_accessor *attribute(struct gltf *g, struct gltf_place place, const json_t *attributes,
-                                             const char *name, unsigned components_low, unsigned components_high,
-                                             size_t count)
+const struct gltf_accessor *gltf_attribute(struct gltf *g, struct gltf_place place, const json_t *attributes,
+                                           const char *name, unsigned low, unsigned high, size_t count)
 {
     const uint32_t index = gltf_index(g, place, attributes, name, g->accessor_count);
     if (index == KILN_NONE)
         return NULL;
     const struct gltf_accessor *accessor = &g->accessors[index];
-    if (accessor->components < components_low || accessor->components > components_high)
+    if (accessor->components < low || accessor->components > high)
         gltf_fail(g, place, name, "is accessor %u, whose elements have %u components, not %u", index,
-                  accessor->components, components_low);
+                  accessor->components, low);
     else if (count != 0 && accessor->count != count)
         gltf_fail(g, place, name, "is accessor %u with %zu elements, but POSITION has %zu", index, accessor->count,
                   count);
@@ -40,7 +44,7 @@ static const struct gltf_accessor *texcoord(struct gltf *g, struct gltf_place pl
 {
     char name[32];
     (void)snprintf(name, sizeof name, "TEXCOORD_%u", set);
-    return attribute(g, place, attributes, name, 2, 2, count);
+    return gltf_attribute(g, place, attributes, name, 2, 2, count);
 }
 
 void gltf_triangle(unsigned mode, const struct gltf_accessor *indices, size_t k, uint32_t corner[3])
@@ -54,18 +58,27 @@ void gltf_triangle(unsigned mode, const struct gltf_accessor *indices, size_t k,
         corner[c] = indices == NULL ? (uint32_t)at[c] : gltf_accessor_index(indices, at[c]);
 }
 
+static bool is_posed(const struct primitive *p) { return p->pose->joints != NULL || p->posed.morph_count > 0; }
+
 static void read_corners(void *context, size_t k, uint32_t corner[3])
 {
     const struct primitive *p = context;
     gltf_triangle(p->mode, p->indices, k, corner);
+    if (p->mirrored) {
+        const uint32_t second = corner[1];
+        corner[1] = corner[2];
+        corner[2] = second;
+    }
 }
 
 static void read_geometry(void *context, uint32_t vertex, struct kiln_vec3 *position, struct kiln_vec3 *normal)
 {
-    const struct primitive *p = context;
+    struct primitive *p = context;
     gltf_accessor_float(p->position, vertex, &position->x);
     if (p->normal != NULL)
         gltf_accessor_float(p->normal, vertex, &normal->x);
+    if (is_posed(p))
+        gltf_posed_move(p->pose, &p->posed, vertex, position, normal);
 }
 
 static struct kiln_vec2 transformed(const struct gltf_accessor *accessor, const float t[6], uint32_t vertex)
@@ -125,18 +138,18 @@ static void read_primitive(struct gltf *g, struct gltf_place place, const json_t
     if (g->status == KILN_OK && attributes == NULL)
         gltf_fail(g, place, "attributes", "is missing");
     p->mode = (unsigned)gltf_whole(g, place, json, "mode", POINTS, FAN, TRIANGLES);
-    p->position = attribute(g, place, attributes, "POSITION", 3, 3, 0);
+    p->position = gltf_attribute(g, place, attributes, "POSITION", 3, 3, 0);
     if (g->status == KILN_OK && p->position == NULL)
         gltf_fail(g, place, "attributes.POSITION", "is missing");
     if (g->status != KILN_OK)
         return;
     const size_t count = p->position->count;
-    p->normal = attribute(g, place, attributes, "NORMAL", 3, 3, count);
-    p->color = attribute(g, place, attributes, "COLOR_0", 3, 4, count);
+    p->normal = gltf_attribute(g, place, attributes, "NORMAL", 3, 3, count);
+    p->color = gltf_attribute(g, place, attributes, "COLOR_0", 3, 4, count);
     p->lightmap = texcoord(g, place, attributes, 1, count);
     read_indices(g, place, json, p);
+    gltf_posed_read(g, place, json, p->pose, count, &p->posed);
     *material = gltf_index(g, place, json, "material", g->material_count);
-    g->morphs |= json_object_get(json, "targets") != NULL;
     if (*material == KILN_NONE || g->status != KILN_OK)
         return;
     p->material = &g->materials[*material];
@@ -165,9 +178,18 @@ static void decompress(struct gltf *g, struct gltf_place place, const json_t *js
     const struct {
         const char *name;
         const struct gltf_accessor **accessor;
-    } used[GLTF_DRACO_ATTRIBUTES] = {{"POSITION", &p->position},   {"NORMAL", &p->normal}, {"COLOR_0", &p->color},
-                                     {"TEXCOORD_1", &p->lightmap}, {base, &p->base},       {emission, &p->emission},
-                                     {normal, &p->normal_map},     {gloss, &p->gloss}};
+    } used[GLTF_DRACO_ATTRIBUTES] = {{"POSITION", &p->position},
+                                     {"NORMAL", &p->normal},
+                                     {"COLOR_0", &p->color},
+                                     {"TEXCOORD_1", &p->lightmap},
+                                     {base, &p->base},
+                                     {emission, &p->emission},
+                                     {normal, &p->normal_map},
+                                     {gloss, &p->gloss},
+                                     {"JOINTS_0", &p->posed.joints[0]},
+                                     {"WEIGHTS_0", &p->posed.weights[0]},
+                                     {"JOINTS_1", &p->posed.joints[1]},
+                                     {"WEIGHTS_1", &p->posed.weights[1]}};
     struct gltf_draco_use uses[GLTF_DRACO_ATTRIBUTES];
     if (p->mode != TRIANGLES) {
         gltf_fail(g, place, "mode", "is %u; with Draco kiln reads triangles (4)", p->mode);
@@ -205,12 +227,16 @@ static void store_primitive(struct gltf *g, struct gltf_place place, struct prim
         gltf_fail(g, place, "indices", "has %zu corners, which is not a multiple of 3", p->corner_count);
         return;
     }
-    g->triangles += triangles;
-    if (g->triangles > 65536 + g->confine->total_bytes + g->draco_triangles || triangles > UINT32_MAX) {
+    const bool own = gltf_pose_is_own(p->pose);
+    g->triangles += own ? 0 : triangles;
+    g->posed_triangles += own ? triangles : 0;
+    if (g->triangles > 65536 + g->confine->total_bytes + g->draco_triangles || triangles > UINT32_MAX ||
+        g->posed_triangles > POSED_FREE + POSED_PER_BYTE * g->confine->total_bytes + g->draco_triangles) {
         gltf_fail(g, place, "", "brings the scene to %llu triangles, more than files of its size can hold",
-                  (unsigned long long)g->triangles);
+                  (unsigned long long)(g->triangles + g->posed_triangles));
         return;
     }
+    p->mirrored = p->position->count > 0 && gltf_posed_mirrors(p->pose, &p->posed, 0);
     if (material == KILN_NONE) {
         g->without_material++;
         material = gltf_default_material(g);
@@ -222,6 +248,8 @@ static void store_primitive(struct gltf *g, struct gltf_place place, struct prim
                                              .vertex_count = p->position->count,
                                              .triangle_count = triangles,
                                              .has_normals = p->normal != NULL,
+                                             .posed = is_posed(p),
+                                             .turned = p->mirrored,
                                              .material = material,
                                              .index = index,
                                              .corners = read_corners,
@@ -229,33 +257,35 @@ static void store_primitive(struct gltf *g, struct gltf_place place, struct prim
                                              .attributes = read_attributes};
     if (g->status == KILN_OK)
         gltf_take(g, kiln_mesh_add(g->builder, mesh, &primitive, &g->assembly, g->error));
+    if (p->posed.wrong_joint)
+        gltf_fail(g, place, "attributes.JOINTS_0", "names a joint beyond the %zu of its skin", p->pose->joint_count);
     g->clamped_colors += p->clamped_color;
     *lacks_lightmap_uv |= triangles > 0 && p->lightmap == NULL;
 }
 
-static void add_primitive(struct gltf *g, struct gltf_place place, const json_t *json, uint32_t mesh, uint32_t index,
-                          bool *lacks_lightmap_uv)
+static void add_primitive(struct gltf *g, struct gltf_place place, const json_t *json, const struct gltf_pose *pose,
+                          uint32_t mesh, uint32_t index, bool *lacks_lightmap_uv)
 {
-    struct primitive p = {0};
+    struct primitive p = {.pose = pose};
     uint32_t material = KILN_NONE;
     read_primitive(g, place, json, &p, &material);
-    if (g->status == KILN_OK && p.mode <= LINES_LAST) {
-        g->points_and_lines++;
-        return;
-    }
-    if (g->status == KILN_OK && gltf_extension(g, place, json, "KHR_draco_mesh_compression") != NULL)
+    const bool lines = g->status == KILN_OK && p.mode <= LINES_LAST;
+    g->points_and_lines += lines;
+    if (g->status == KILN_OK && !lines && gltf_extension(g, place, json, "KHR_draco_mesh_compression") != NULL)
         decompress(g, place, json, &p);
-    if (g->status == KILN_OK)
+    if (g->status == KILN_OK && !lines)
         store_primitive(g, place, &p, material, mesh, index, lacks_lightmap_uv);
+    gltf_posed_free(&p.posed);
     gltf_draco_values_free(&p.values);
 }
 
-uint32_t gltf_mesh(struct gltf *g, uint32_t index)
+uint32_t gltf_mesh(struct gltf *g, uint32_t index, const struct gltf_pose *pose)
 {
     const struct gltf_place place = {"meshes", index, ""};
+    const bool own = gltf_pose_is_own(pose);
     if (g->status != KILN_OK)
         return KILN_NONE;
-    if (g->mesh_of[index] != GLTF_UNREAD)
+    if (g->mesh_of[index] != GLTF_UNREAD && !own)
         return g->mesh_of[index];
     const json_t *json = gltf_element(g, "meshes", index);
     const json_t *primitives = gltf_array(g, place, json, "primitives");
@@ -273,7 +303,7 @@ uint32_t gltf_mesh(struct gltf *g, uint32_t index)
         const struct gltf_place at = {"meshes", index, below};
         const json_t *primitive = json_array_get(primitives, i);
         if (json_is_object(primitive))
-            add_primitive(g, at, primitive, mesh, (uint32_t)i, &lacks_lightmap_uv);
+            add_primitive(g, at, primitive, pose, mesh, (uint32_t)i, &lacks_lightmap_uv);
         else
             gltf_fail(g, at, "", "is not an object");
     }
@@ -285,6 +315,7 @@ uint32_t gltf_mesh(struct gltf *g, uint32_t index)
     } else {
         g->builder->mesh_has_lightmap_uv[mesh] = !lacks_lightmap_uv;
     }
-    g->mesh_of[index] = mesh;
+    if (!own)
+        g->mesh_of[index] = mesh;
     return mesh;
 }

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/import/gltf_document.h"
+#include "coordinator/import/gltf_pose.h"
 #include "coordinator/job/object_settings.h"
 #include "worker/base/memory.h"
 
@@ -14,6 +14,7 @@ struct node {
     double local[12], world[12]; /* row-major 3 x 4 */
     uint32_t parent;             /* KILN_NONE: a root */
     bool reached;                /* the chosen scene contains it */
+    bool hidden;                 /* KHR_node_visibility hides it, or a node above it */
 };
 
 struct tree {
@@ -80,10 +81,10 @@ static void read_local(struct gltf *g, struct gltf_place place, const json_t *js
 {
     double matrix[16], t[3] = {0, 0, 0}, q[4] = {0, 0, 0, 1}, s[3] = {1, 1, 1};
     memcpy(out, identity, sizeof identity);
-    const bool has_matrix = gltf_numbers(g, place, json, "matrix", -1e30, 1e30, 16, matrix);
-    const bool has_t = gltf_numbers(g, place, json, "translation", -1e30, 1e30, 3, t);
-    const bool has_q = gltf_numbers(g, place, json, "rotation", -2.0, 2.0, 4, q);
-    const bool has_s = gltf_numbers(g, place, json, "scale", -1e30, 1e30, 3, s);
+    const bool has_matrix = gltf_numbers(g, place, json, KILN_NUMBER_MATRIX, 16, matrix);
+    const bool has_t = gltf_numbers(g, place, json, KILN_NUMBER_TRANSLATION, 3, t);
+    const bool has_q = gltf_numbers(g, place, json, KILN_NUMBER_ROTATION, 4, q);
+    const bool has_s = gltf_numbers(g, place, json, KILN_NUMBER_SCALE, 3, s);
     if (g->status != KILN_OK)
         return;
     if (has_matrix && (has_t || has_q || has_s))
@@ -138,6 +139,13 @@ static void order_nodes(struct gltf *g, struct tree *tree)
         }
 }
 
+static bool is_visible(struct gltf *g, size_t index, const json_t *json)
+{
+    const json_t *extension = gltf_extension(g, (struct gltf_place){"nodes", index, ""}, json, "KHR_node_visibility");
+    const struct gltf_place place = {"nodes", index, ".extensions.KHR_node_visibility"};
+    return extension == NULL || gltf_bool(g, place, extension, "visible", true);
+}
+
 static void read_tree(struct gltf *g, struct tree *tree)
 {
     tree->count = gltf_length(g, "nodes");
@@ -151,6 +159,7 @@ static void read_tree(struct gltf *g, struct tree *tree)
         const json_t *json = gltf_element(g, "nodes", i);
         read_local(g, (struct gltf_place){"nodes", i, ""}, json, tree->nodes[i].local);
         read_children(g, tree, i, json);
+        tree->nodes[i].hidden = !is_visible(g, i, json);
     }
     if (g->status == KILN_OK)
         order_nodes(g, tree);
@@ -175,8 +184,10 @@ static void place_nodes(struct gltf *g, struct tree *tree, size_t scene_index, c
     }
     for (size_t at = 0; at < tree->ordered && g->status == KILN_OK; at++) {
         struct node *node = &tree->nodes[tree->order[at]];
-        if (node->parent != KILN_NONE)
+        if (node->parent != KILN_NONE) {
             node->reached = tree->nodes[node->parent].reached;
+            node->hidden |= tree->nodes[node->parent].hidden;
+        }
         multiply(node->parent == KILN_NONE ? identity : tree->nodes[node->parent].world, node->local, node->world);
     }
 }
@@ -210,8 +221,8 @@ static const char *first_name(const char *a, const char *b)
 static void spot_cone(struct gltf *g, struct gltf_place place, const json_t *json, struct kiln_light *light)
 {
     const json_t *spot = gltf_object(g, place, json, "spot");
-    const double inner = gltf_number(g, place, spot, "innerConeAngle", 0.0, KILN_PI / 2, 0.0);
-    const double outer = gltf_number(g, place, spot, "outerConeAngle", 0.0, KILN_PI / 2, KILN_PI / 4);
+    const double inner = gltf_number(g, place, spot, KILN_NUMBER_INNER_CONE, 0.0);
+    const double outer = gltf_number(g, place, spot, KILN_NUMBER_OUTER_CONE, KILN_PI / 4);
     if (g->status == KILN_OK && inner > outer)
         gltf_fail(g, place, "spot.innerConeAngle", "is %g, more than the outer angle of %g", inner, outer);
     if (g->status == KILN_OK && !(inner < outer))
@@ -239,9 +250,9 @@ static void add_light(struct gltf *g, size_t node_index, const json_t *node, con
         return;
     struct kiln_light light = {.direction = {0.0f, 0.0f, -1.0f}, .cos_inner = -1.0f, .cos_outer = -1.0f};
     double color[3] = {1.0, 1.0, 1.0};
-    (void)gltf_numbers(g, place, json, "color", 0.0, 1e30, 3, color);
-    const double intensity = gltf_number(g, place, json, "intensity", 0.0, 1e30, 1.0);
-    light.range = (float)gltf_number(g, place, json, "range", 1e-30, 1e30, 0.0);
+    (void)gltf_numbers(g, place, json, KILN_NUMBER_LIGHT_COLOR, 3, color);
+    const double intensity = gltf_number(g, place, json, KILN_NUMBER_LIGHT_INTENSITY, 1.0);
+    light.range = (float)gltf_number(g, place, json, KILN_NUMBER_LIGHT_RANGE, 0.0);
     const char *type = gltf_string(g, place, json, "type");
     if (type != NULL && strcmp(type, "directional") == 0)
         light.kind = KILN_LIGHT_DIRECTIONAL;
@@ -254,8 +265,9 @@ static void add_light(struct gltf *g, size_t node_index, const json_t *node, con
     if (light.kind == KILN_LIGHT_SPOT)
         spot_cone(g, place, json, &light);
     for (int c = 0; c < 3; c++) {
-        if (color[c] * intensity > 1e30)
-            gltf_fail(g, place, "intensity", "times the colour is more than 1e30");
+        if (!kiln_number_fits(KILN_NUMBER_LIGHT, color[c] * intensity))
+            gltf_fail(g, place, "intensity", "times the colour is %g, more than %g", color[c] * intensity,
+                      kiln_number_range(KILN_NUMBER_LIGHT)->high);
         light.intensity[c] = (float)(color[c] * intensity);
     }
     if (g->status != KILN_OK)
@@ -270,25 +282,28 @@ static void add_light(struct gltf *g, size_t node_index, const json_t *node, con
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_LIGHTS, &light, 1, NULL, g->error));
 }
 
-static void camera_lens(struct gltf *g, struct gltf_place place, const json_t *json, struct kiln_camera *camera)
+/* False: a failure, or a camera of a kind that is not known. */
+static bool camera_lens(struct gltf *g, struct gltf_place place, const json_t *json, struct kiln_camera *camera)
 {
     const char *type = gltf_string(g, place, json, "type");
     if (type != NULL && strcmp(type, "perspective") == 0) {
         const json_t *lens = gltf_object(g, place, json, "perspective");
-        camera->extent_y = (float)gltf_number(g, place, lens, "yfov", 1e-6, KILN_PI - 1e-6, 0.0);
-        camera->aspect = (float)gltf_number(g, place, lens, "aspectRatio", 1e-6, 1e6, 0.0);
+        camera->extent_y = (float)gltf_number(g, place, lens, KILN_NUMBER_YFOV, 0.0);
+        camera->aspect = (float)gltf_number(g, place, lens, KILN_NUMBER_ASPECT, 0.0);
     } else if (type != NULL && strcmp(type, "orthographic") == 0) {
         const json_t *lens = gltf_object(g, place, json, "orthographic");
         camera->orthographic = 1;
-        const double x = fabs(gltf_number(g, place, lens, "xmag", -1e12, 1e12, 0.0));
-        const double y = fabs(gltf_number(g, place, lens, "ymag", -1e12, 1e12, 0.0));
+        const double x = fabs(gltf_number(g, place, lens, KILN_NUMBER_XMAG, 0.0));
+        const double y = fabs(gltf_number(g, place, lens, KILN_NUMBER_YMAG, 0.0));
         camera->extent_y = (float)y;
         camera->aspect = y > 0.0 ? (float)(x / y) : 0.0f;
-    } else {
-        gltf_fail(g, place, "type", "is '%.20s', not one of perspective, orthographic", type == NULL ? "" : type);
+    } else if (g->status == KILN_OK) {
+        g->strange_cameras++;
+        return false;
     }
     if (g->status == KILN_OK && (!(camera->extent_y > 0.0f) || !isfinite(camera->aspect)))
         gltf_fail(g, place, "", "has no angle of view or no height");
+    return g->status == KILN_OK;
 }
 
 static void add_camera(struct gltf *g, size_t node_index, const json_t *node, const double world[12])
@@ -300,10 +315,11 @@ static void add_camera(struct gltf *g, size_t node_index, const json_t *node, co
     const struct gltf_place place = {"cameras", index, ""};
     const json_t *json = gltf_element(g, "cameras", index);
     struct kiln_camera camera = {0};
-    camera_lens(g, place, json, &camera);
+    const bool known = camera_lens(g, place, json, &camera);
     const char *name = first_name(gltf_string(g, at_node, node, "name"), gltf_string(g, place, json, "name"));
-    if (g->status != KILN_OK || !position(world, camera.position) || !direction(world, 2, -1.0, camera.forward) ||
-        !direction(world, 1, 1.0, camera.up) || !direction(world, 0, 1.0, camera.right))
+    if (g->status != KILN_OK || !known || !position(world, camera.position) ||
+        !direction(world, 2, -1.0, camera.forward) || !direction(world, 1, 1.0, camera.up) ||
+        !direction(world, 0, 1.0, camera.right))
         return;
     gltf_take(g, kiln_builder_string(g->builder, name, strlen(name), &camera.name, g->error));
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_CAMERAS, &camera, 1, NULL, g->error));
@@ -421,14 +437,31 @@ static void read_settings(struct gltf *g, size_t node_index, const json_t *node,
     }
 }
 
-static void add_mesh(struct gltf *g, size_t node_index, const json_t *node, const double world[12])
+/* The builder's mesh of a node; a skinned one's place is its skin's, and *world becomes that. */
+static uint32_t posed_mesh(struct gltf *g, size_t node_index, const json_t *node, uint32_t index,
+                           const struct tree *tree, double world[12])
+{
+    struct gltf_pose pose;
+    gltf_pose_read(g, node_index, node, index, tree->nodes[0].world, sizeof *tree->nodes, &pose);
+    const uint32_t mesh = gltf_mesh(g, index, &pose);
+    g->mesh_uses[index] |= (uint8_t)(pose.joints != NULL ? GLTF_USED | GLTF_USED_SKINNED : GLTF_USED);
+    memcpy(world, tree->nodes[node_index].world, 12 * sizeof *world);
+    if (pose.joints != NULL)
+        memcpy(world, identity, sizeof identity);
+    for (int k = 0; k < 3 && pose.joints != NULL; k++)
+        world[4 * k + 3] = pose.origin[k];
+    gltf_pose_free(&pose);
+    return mesh;
+}
+
+static void add_mesh(struct gltf *g, size_t node_index, const json_t *node, const struct tree *tree)
 {
     const struct gltf_place place = {"nodes", node_index, ""};
     const uint32_t index = gltf_index(g, place, node, "mesh", g->mesh_count);
+    double world[12];
     if (index == KILN_NONE || g->status != KILN_OK)
         return;
-    g->skins |= json_object_get(node, "skin") != NULL;
-    const uint32_t mesh = gltf_mesh(g, index);
+    const uint32_t mesh = posed_mesh(g, node_index, node, index, tree, world);
     if (mesh == KILN_NONE)
         return;
     char number[32];
@@ -440,6 +473,7 @@ static void add_mesh(struct gltf *g, size_t node_index, const json_t *node, cons
     const size_t first = g->builder->sections[KILN_SECTION_OBJECTS].count;
     struct kiln_object_settings settings = {0};
     read_settings(g, node_index, node, &settings);
+    settings.size_of_file = settings.density_scale != 0.0 || settings.lightmap_size != 0;
     const json_t *instancing = gltf_extension(g, place, node, "EXT_mesh_gpu_instancing");
     const struct kiln_object_source source = {(uint32_t)node_index, index, KILN_NONE};
     if (instancing != NULL)
@@ -460,9 +494,10 @@ static void add_environment(struct gltf *g, size_t scene_index, const json_t *sc
     double radiance[3];
     if (json_is_object(json)) {
         const char *type = gltf_string(g, place, json, "type");
-        const char *key = type != NULL && strcmp(type, "sunsky") == 0 ? "constant_sky_radiance" : "radiance";
+        const enum kiln_number which =
+            type != NULL && strcmp(type, "sunsky") == 0 ? KILN_NUMBER_SUN_SKY_RADIANCE : KILN_NUMBER_SKY_RADIANCE;
         const bool known = type != NULL && (strcmp(type, "constant") == 0 || strcmp(type, "sunsky") == 0);
-        if (known && gltf_numbers(g, place, json, key, 0.0, 1e30, 3, radiance)) {
+        if (known && gltf_numbers(g, place, json, which, 3, radiance)) {
             environment.kind = KILN_ENVIRONMENT_CONSTANT;
             for (int c = 0; c < 3; c++)
                 environment.radiance[c] = (float)radiance[c];
@@ -477,6 +512,20 @@ static void add_environment(struct gltf *g, size_t scene_index, const json_t *sc
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_ENVIRONMENT, &environment, 1, NULL, g->error));
 }
 
+/* A hidden node's mesh: nothing of it is stored, but its reference has to be right. */
+static void mark_mesh(struct gltf *g, size_t node_index, const json_t *node)
+{
+    const uint32_t index = gltf_index(g, (struct gltf_place){"nodes", node_index, ""}, node, "mesh", g->mesh_count);
+    if (index != KILN_NONE && g->status == KILN_OK)
+        g->mesh_uses[index] |= GLTF_USED | GLTF_USED_SKINNED;
+}
+
+static bool holds_something(const json_t *node)
+{
+    return json_object_get(node, "mesh") != NULL || json_object_get(node, "camera") != NULL ||
+           json_object_get(json_object_get(node, "extensions"), "KHR_lights_punctual") != NULL;
+}
+
 void gltf_read_scene(struct gltf *g)
 {
     struct tree tree = {0};
@@ -486,6 +535,8 @@ void gltf_read_scene(struct gltf *g)
     g->mesh_count = gltf_length(g, "meshes");
     if (g->status == KILN_OK)
         gltf_take(g, kiln_allocate(&g->mesh_of, g->mesh_count, sizeof *g->mesh_of, "meshes", g->error));
+    if (g->status == KILN_OK)
+        gltf_take(g, kiln_allocate(&g->mesh_uses, g->mesh_count, sizeof *g->mesh_uses, "meshes", g->error));
     for (size_t i = 0; i < g->mesh_count && g->status == KILN_OK; i++)
         g->mesh_of[i] = GLTF_UNREAD;
     read_tree(g, &tree);
@@ -496,11 +547,17 @@ void gltf_read_scene(struct gltf *g)
     if (g->status == KILN_OK)
         place_nodes(g, &tree, scene_index, scene);
     for (size_t i = 0; i < tree.count && g->status == KILN_OK; i++) {
+        const json_t *node = gltf_element(g, "nodes", i);
+        g->outside_nodes += !tree.nodes[i].reached && holds_something(node);
+        g->hidden_nodes += tree.nodes[i].reached && tree.nodes[i].hidden;
         if (!tree.nodes[i].reached)
             continue;
-        const json_t *node = gltf_element(g, "nodes", i);
-        add_mesh(g, i, node, tree.nodes[i].world);
-        add_light(g, i, node, tree.nodes[i].world);
+        if (tree.nodes[i].hidden) {
+            mark_mesh(g, i, node);
+        } else {
+            add_mesh(g, i, node, &tree);
+            add_light(g, i, node, tree.nodes[i].world);
+        }
         add_camera(g, i, node, tree.nodes[i].world);
     }
     if (g->status == KILN_OK)

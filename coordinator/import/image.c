@@ -1,6 +1,7 @@
 #include "coordinator/import/image.h"
 
 #include <string.h>
+#include <sys/resource.h>
 #include <xxhash.h>
 
 #include "coordinator/import/image_formats.h"
@@ -50,17 +51,32 @@ static const char *describe_format(const struct kiln_image_bytes *bytes)
 
 static uint64_t texels_of(const struct kiln_image_shape *shape) { return (uint64_t)shape->width * shape->height; }
 
-static uint64_t at_most(uint64_t free_texels, uint64_t texels_per_byte, uint64_t bytes)
+uint64_t kiln_image_memory(void)
 {
-    return bytes > (UINT64_MAX - free_texels) / texels_per_byte ? UINT64_MAX : free_texels + texels_per_byte * bytes;
+    struct rlimit most;
+    return getrlimit(RLIMIT_AS, &most) != 0 || most.rlim_cur == RLIM_INFINITY ? KILN_IMAGE_MEMORY : most.rlim_cur;
 }
 
-/* Checks the image's size against the limits and adds its texels to the scene's. */
+static bool fits(uint64_t texels, uint64_t bytes_per_texel, uint64_t memory, uint64_t texels_per_byte, uint64_t earning)
+{
+    return texels <= memory / bytes_per_texel || texels / texels_per_byte <= earning;
+}
+
+bool kiln_images_have_room(struct kiln_images *images, uint64_t texels)
+{
+    const uint64_t all = images->texels + texels;
+    if (!fits(all, 4, kiln_image_memory() / 2, KILN_TEXTURE_TEXELS_PER_BYTE, images->confine->total_bytes))
+        return false;
+    images->texels = all;
+    return true;
+}
+
+/* Checks the image's size against the limits and, unless it is planned, adds its texels to the scene's. */
 static int check_limits(struct kiln_images *images, const struct kiln_image_format *format,
-                        const struct kiln_image_bytes *bytes, const struct kiln_image_shape *shape,
+                        const struct kiln_image_bytes *bytes, const struct kiln_image_shape *shape, bool planned,
                         struct kiln_error *error)
 {
-    const uint64_t texels = texels_of(shape);
+    const uint64_t texels = texels_of(shape), memory = kiln_image_memory();
     const unsigned w = shape->width, h = shape->height;
     if (w > KILN_IMAGE_SIDE_MAX || h > KILN_IMAGE_SIDE_MAX)
         return kiln_fail(error, KILN_BAD_INPUT, "%s is %u x %u pixels, more than %d a side; make it smaller",
@@ -70,20 +86,22 @@ static int check_limits(struct kiln_images *images, const struct kiln_image_form
                          "%s is a broken image (its header says %u x %u pixels, more than %zu bytes of %s can hold); "
                          "export it again",
                          bytes->where, w, h, bytes->size, format->name);
-    const uint64_t most = at_most(KILN_TEXTURE_TEXELS_FREE, KILN_TEXTURE_TEXELS_PER_BYTE, images->confine->total_bytes);
-    const uint64_t own =
-        format->by_stb ? at_most(KILN_STB_TEXELS_FREE, KILN_STB_TEXELS_PER_BYTE, bytes->size) : UINT64_MAX;
-    if (texels > own || texels > most || images->texels > most - texels)
+    if (!fits(texels, 4, memory / 8, KILN_TEXTURE_TEXELS_PER_BYTE, images->confine->total_bytes) ||
+        (format->by_stb && !fits(texels, KILN_STB_BYTES_PER_TEXEL, memory / 3, KILN_STB_TEXELS_PER_BYTE, bytes->size)))
         return kiln_fail(error, KILN_BAD_INPUT,
-                         "%s, %u x %u pixels in %zu bytes, brings the scene to more texels than kiln decodes from "
-                         "files of this size; "
-                         "make it smaller",
-                         bytes->where, w, h, bytes->size);
-    images->texels += texels;
+                         "%s, %u x %u pixels in %zu bytes, takes more memory than kiln gives one image, with %llu MiB "
+                         "for all it reads; make it smaller",
+                         bytes->where, w, h, bytes->size, (unsigned long long)(memory >> 20));
+    if (!planned && !kiln_images_have_room(images, texels))
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%s, %u x %u pixels, brings the scene's images to %llu million pixels, more than half of the "
+                         "%llu MiB of memory that kiln may use; make them smaller",
+                         bytes->where, w, h, (unsigned long long)((images->texels + texels) / 1000000),
+                         (unsigned long long)(memory >> 20));
     return KILN_OK;
 }
 
-static int measure(struct kiln_images *images, const struct kiln_image_bytes *bytes,
+static int measure(struct kiln_images *images, const struct kiln_image_bytes *bytes, bool planned,
                    const struct kiln_image_format **format, struct kiln_image_shape *shape, struct kiln_error *error)
 {
     char reason[KILN_REASON_SIZE] = "";
@@ -94,7 +112,7 @@ static int measure(struct kiln_images *images, const struct kiln_image_bytes *by
     if (!(*format)->measure(bytes->data, bytes->size, shape, reason))
         return kiln_fail(error, KILN_BAD_INPUT, "%s cannot be read (%s: %s); export the image again as PNG or JPEG",
                          bytes->where, (*format)->name, reason);
-    return check_limits(images, *format, bytes, shape, error);
+    return check_limits(images, *format, bytes, shape, planned, error);
 }
 
 static int decode(const struct kiln_image_format *format, const struct kiln_image_bytes *bytes,
@@ -141,7 +159,6 @@ static int make_room(struct kiln_images *images, struct kiln_error *error)
 static int find(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image **image,
                 struct kiln_error *error)
 {
-    images->bytes += bytes->size;
     if (images->bytes / KILN_IMAGE_REPEATS > images->confine->total_bytes)
         return kiln_fail(error, KILN_BAD_INPUT,
                          "%s: with it the scene refers to %llu bytes of images, more than %llu times the bytes of "
@@ -161,16 +178,38 @@ static int find(struct kiln_images *images, const struct kiln_image_bytes *bytes
     return KILN_OK;
 }
 
+int kiln_image_plan(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_error *error)
+{
+    const struct kiln_image_format *format;
+    struct kiln_image_shape shape = {0};
+    struct kiln_image *image = NULL;
+    struct kiln_error dropped;
+    char reason[KILN_REASON_SIZE] = "";
+    if (bytes->size == 0 || (format = format_of(bytes)) == NULL ||
+        !format->measure(bytes->data, bytes->size, &shape, reason) ||
+        find(images, bytes, &image, &dropped) != KILN_OK || image->planned)
+        return KILN_OK; /* what is wrong with it is said if it is decoded */
+    const int status = check_limits(images, format, bytes, &shape, false, error);
+    image->planned = status == KILN_OK;
+    return status;
+}
+
+int kiln_images_reserve(struct kiln_images *images, struct kiln_error *error)
+{
+    return kiln_builder_reserve(images->builder, KILN_SECTION_TEXELS, 4 * (size_t)images->texels, error);
+}
+
 int kiln_image_append(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image *result,
                       struct kiln_error *error)
 {
     const struct kiln_image_format *format;
     struct kiln_image_shape shape = {0};
     struct kiln_image *image = NULL;
+    images->bytes += bytes->size;
     int status = find(images, bytes, &image, error);
     if (status == KILN_OK && !image->decoded) {
         size_t first = 0;
-        status = measure(images, bytes, &format, &shape, error);
+        status = measure(images, bytes, image->planned, &format, &shape, error);
         if (status == KILN_OK)
             status = kiln_builder_append(images->builder, KILN_SECTION_TEXELS, NULL, 4 * (size_t)texels_of(&shape),
                                          &first, error);
@@ -205,7 +244,7 @@ static int decode_mean(struct kiln_images *images, const struct kiln_image_bytes
     const struct kiln_image_format *format;
     struct kiln_image_shape shape = {0};
     uint8_t *rgba = NULL;
-    int status = measure(images, bytes, &format, &shape, error);
+    int status = measure(images, bytes, image->planned, &format, &shape, error);
     if (status == KILN_OK)
         status = kiln_allocate(&rgba, (size_t)texels_of(&shape), 4, "a picture", error);
     if (status == KILN_OK)
@@ -220,6 +259,7 @@ int kiln_image_mean(struct kiln_images *images, const struct kiln_image_bytes *b
                     struct kiln_error *error)
 {
     struct kiln_image *image = NULL;
+    images->bytes += bytes->size;
     int status = find(images, bytes, &image, error);
     if (status == KILN_OK && !image->averaged) {
         if (image->decoded)

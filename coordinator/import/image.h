@@ -2,7 +2,7 @@
  *
  * A header may claim any size, so nothing is allocated before three checks have passed, in this order:
  * - The bytes of the file can hold that many texels. Each format has a maximum: see image_formats.h.
- * - The image, together with those before it, stays within the memory that a scene of this size may take (the limits
+ * - The image, and all images of the scene together, stay within the memory that the process may use (the limits
  *   below).
  * - The run lengths, chunks or scans that follow the header add up.
  *
@@ -19,20 +19,19 @@
 
 enum { KILN_IMAGE_SIDE_MAX = 16384, KILN_ENVIRONMENT_SIDE_MAX = 65536 };
 
-/* Texels of all textures of a scene, 4 bytes each: this many are always allowed, and this many more for each byte of
- * the scene's files. An image with more texels per byte has hardly any detail and may as well be smaller. */
-#define KILN_TEXTURE_TEXELS_FREE ((uint64_t)1 << 25)
-#define KILN_TEXTURE_TEXELS_PER_BYTE ((uint64_t)64)
-/* Decoding a JPEG, BMP or TGA takes up to 17 bytes a texel in addition. This limit is for each image alone, by its own
- * bytes. */
-#define KILN_STB_TEXELS_FREE ((uint64_t)1 << 24)
-#define KILN_STB_TEXELS_PER_BYTE ((uint64_t)16)
-/* Texels of an environment, 12 bytes each; MAX is the limit for a file of any size. */
+/* What decoded images may take, as parts of the memory that the importing process may use (its limit of address space;
+ * KILN_IMAGE_MEMORY where it has none): one image an eighth, what decoding takes besides (JPEG, BMP, TGA) a third, and
+ * all images of a scene half. So much more is allowed as the files' bytes earn: texels for each byte. */
+#define KILN_IMAGE_MEMORY ((uint64_t)4 << 30)
+#define KILN_TEXTURE_TEXELS_PER_BYTE ((uint64_t)64) /* of the scene's files */
+#define KILN_STB_TEXELS_PER_BYTE ((uint64_t)16)     /* of the image itself */
+#define KILN_STB_BYTES_PER_TEXEL ((uint64_t)17)     /* at most, while one is decoded */
+/* Texels of an environment: as many as an eighth of the memory holds, or as its bytes earn, but at most MAX of these.
+ */
+#define KILN_ENVIRONMENT_BYTES_PER_TEXEL ((uint64_t)12)
 #define KILN_ENVIRONMENT_TEXELS_FREE ((uint64_t)1 << 23)
 #define KILN_ENVIRONMENT_TEXELS_PER_BYTE ((uint64_t)8)
 #define KILN_ENVIRONMENT_TEXELS_MAX ((uint64_t)1 << 26)
-/* Largest radiance of an environment's texel, before and after scaling: sums over all texels then stay within float. */
-#define KILN_ENVIRONMENT_RADIANCE_MAX 1e30f
 
 /* Bytes of images that a scene may refer to, counted at each reference: this many times the bytes of its files. */
 #define KILN_IMAGE_REPEATS ((uint64_t)64)
@@ -45,6 +44,7 @@ struct kiln_image {
     uint32_t width, height;
     bool decoded, averaged;
     double mean[4]; /* mean of each channel, 0..1, if `averaged` */
+    bool planned;   /* its texels are counted already */
     bool judged;    /* looked at by kiln_image_no_normals, which gave this: */
     const char *no_normals;
 };
@@ -56,7 +56,7 @@ struct kiln_images {
     struct kiln_builder *builder;       /* borrowed */
     struct kiln_image *slots;
     size_t slot_count, used;
-    uint64_t texels; /* decoded so far */
+    uint64_t texels; /* of images decoded so far, and of those planned */
     uint64_t bytes;  /* referred to so far */
 };
 
@@ -68,6 +68,11 @@ struct kiln_image_bytes {
     const char *where;
 };
 
+/* Counts the texels of an image that is going to be decoded, by its header: so a scene of too many is refused before
+ * any has been. What is no image passes. KILN_BAD_INPUT: too large. */
+int kiln_image_plan(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_error *error);
+/* Makes room for the texels of all planned images. */
+int kiln_images_reserve(struct kiln_images *images, struct kiln_error *error);
 /* Decodes the image into the builder's texels; *image is a copy of its entry. KILN_BAD_INPUT: not an image, broken, too
  * large. */
 int kiln_image_append(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image *image,
@@ -77,11 +82,13 @@ int kiln_image_mean(struct kiln_images *images, const struct kiln_image_bytes *b
                     struct kiln_error *error);
 /* Why a decoded image is no normal map; NULL: it may be one. Each image's texels are looked at once. */
 const char *kiln_image_no_normals(struct kiln_images *images, const struct kiln_image *image);
+/* Whether the scene's images may have so many texels more; if so, they are counted. */
+bool kiln_images_have_room(struct kiln_images *images, uint64_t texels);
 void kiln_images_destroy(struct kiln_images *images);
 
 /* Decodes a lat-long environment (Radiance .hdr; OpenEXR: first part, R G B or Y, scan lines or tiles) into the
  * builder's environment texels. Negative values become 0, with a note. Infinite values, NaN and values above
- * KILN_ENVIRONMENT_RADIANCE_MAX are refused. */
+ * KILN_LIGHT_MOST are refused. */
 int kiln_image_append_environment(struct kiln_builder *builder, const unsigned char *bytes, size_t size,
                                   const char *where, uint32_t *width, uint32_t *height, struct kiln_error *error);
 

@@ -4,18 +4,23 @@
 
 #include "coordinator/import/image.h"
 #include "coordinator/import/image_formats.h"
+#include "coordinator/import/numbers.h"
 
+/* An environment may take an eighth of the memory, or what its bytes earn. */
 static int judge(int64_t w, int64_t h, size_t size, const char *where, struct kiln_error *error)
 {
     const uint64_t earned = size > KILN_ENVIRONMENT_TEXELS_MAX
                                 ? KILN_ENVIRONMENT_TEXELS_MAX
                                 : KILN_ENVIRONMENT_TEXELS_FREE + KILN_ENVIRONMENT_TEXELS_PER_BYTE * size;
-    const uint64_t most = earned < KILN_ENVIRONMENT_TEXELS_MAX ? earned : KILN_ENVIRONMENT_TEXELS_MAX;
-    if (w <= 0 || h <= 0 || w > KILN_ENVIRONMENT_SIDE_MAX || h > KILN_ENVIRONMENT_SIDE_MAX || (uint64_t)(w * h) > most)
+    const uint64_t most = earned < KILN_ENVIRONMENT_TEXELS_MAX ? earned : KILN_ENVIRONMENT_TEXELS_MAX,
+                   room = kiln_image_memory() / 8 / KILN_ENVIRONMENT_BYTES_PER_TEXEL;
+    if (w <= 0 || h <= 0 || w > KILN_ENVIRONMENT_SIDE_MAX || h > KILN_ENVIRONMENT_SIDE_MAX ||
+        ((uint64_t)(w * h) > most && (uint64_t)(w * h) > room))
         return kiln_fail(
             error, KILN_BAD_INPUT,
             "%s is %lld x %lld pixels; an environment of %zu bytes may have up to %llu pixels, and no side above %d",
-            where, (long long)w, (long long)h, size, (unsigned long long)most, KILN_ENVIRONMENT_SIDE_MAX);
+            where, (long long)w, (long long)h, size, (unsigned long long)(most > room ? most : room),
+            KILN_ENVIRONMENT_SIDE_MAX);
     return KILN_OK;
 }
 
@@ -29,21 +34,44 @@ static int append_texels(struct kiln_builder *builder, int64_t w, int64_t h, flo
     return status;
 }
 
+static int note_primaries(struct kiln_builder *builder, const char *where, bool other, struct kiln_error *error)
+{
+    return !other ? KILN_OK
+                  : kiln_builder_note(builder, KILN_NOTE_REPEATED, error,
+                                      "%s: its primaries are not those of sRGB; its colours are taken as if they were",
+                                      where);
+}
+
+static int note_header(struct kiln_builder *builder, const char *where, const struct kiln_radiance_header *header,
+                       struct kiln_error *error)
+{
+    const double *d = header->divisor;
+    int status = KILN_OK;
+    if (d[0] != 1.0 || d[1] != 1.0 || d[2] != 1.0)
+        status = kiln_builder_note(builder, KILN_NOTE_REPEATED, error,
+                                   "%s: its header says that the pixels were multiplied by %.6g, %.6g and %.6g "
+                                   "(EXPOSURE, COLORCORR); they are divided by it",
+                                   where, d[0], d[1], d[2]);
+    return status == KILN_OK ? note_primaries(builder, where, header->other_primaries, error) : status;
+}
+
 static int append_radiance(struct kiln_builder *builder, const unsigned char *bytes, size_t size, const char *where,
                            uint32_t *width, uint32_t *height, struct kiln_error *error)
 {
-    size_t rows = 0;
+    struct kiln_radiance_header header;
     float *texels = NULL;
-    int status = kiln_radiance_measure(bytes, size, where, width, height, &rows, error);
+    int status = kiln_radiance_measure(bytes, size, where, &header, error);
     if (status == KILN_OK)
-        status = judge(*width, *height, size, where, error);
+        status = judge(header.width, header.height, size, where, error);
     if (status == KILN_OK)
-        status = kiln_radiance_decode(bytes, size, where, *width, *height, rows, NULL, error);
+        status = kiln_radiance_decode(bytes, size, where, &header, NULL, error);
     if (status == KILN_OK)
-        status = append_texels(builder, *width, *height, &texels, error);
+        status = append_texels(builder, header.width, header.height, &texels, error);
     if (status == KILN_OK)
-        status = kiln_radiance_decode(bytes, size, where, *width, *height, rows, texels, error);
-    return status;
+        status = kiln_radiance_decode(bytes, size, where, &header, texels, error);
+    *width = header.width;
+    *height = header.height;
+    return status == KILN_OK ? note_header(builder, where, &header, error) : status;
 }
 
 static int append_exr(struct kiln_builder *builder, const unsigned char *bytes, size_t size, const char *where,
@@ -63,6 +91,8 @@ static int append_exr(struct kiln_builder *builder, const unsigned char *bytes, 
         status = append_texels(builder, w, h, &texels, error);
     if (status == KILN_OK)
         status = kiln_exr_decode(exr, texels, error);
+    if (status == KILN_OK)
+        status = note_primaries(builder, where, kiln_exr_other_primaries(exr), error);
     kiln_exr_close(&exr);
     *width = (uint32_t)w;
     *height = (uint32_t)h;
@@ -79,9 +109,9 @@ static int check_values(struct kiln_builder *builder, float *texels, uint32_t wi
         if (!isfinite(texels[i]))
             return kiln_fail(error, KILN_BAD_INPUT,
                              "%s: pixel (%zu, %zu) is infinite or not a number; repair the image", where, x, y);
-        if (texels[i] > KILN_ENVIRONMENT_RADIANCE_MAX)
+        if (texels[i] > 0.0f && !kiln_number_fits(KILN_NUMBER_LIGHT, (double)texels[i]))
             return kiln_fail(error, KILN_BAD_INPUT, "%s: pixel (%zu, %zu) is %g, more than %g; repair the image", where,
-                             x, y, (double)texels[i], (double)KILN_ENVIRONMENT_RADIANCE_MAX);
+                             x, y, (double)texels[i], KILN_LIGHT_MOST);
         if (texels[i] < 0.0f) {
             texels[i] = 0.0f;
             negative++;

@@ -115,6 +115,16 @@ int kiln_exr_open(struct kiln_exr **result, const unsigned char *bytes, size_t s
     return KILN_OK;
 }
 
+bool kiln_exr_other_primaries(const struct kiln_exr *exr)
+{
+    exr_attr_chromaticities_t c;
+    if (exr_attr_get_chromaticities(exr->context, 0, "chromaticities", &c) != EXR_ERR_SUCCESS)
+        return false;
+    const double primaries[8] = {(double)c.red_x,  (double)c.red_y,  (double)c.green_x, (double)c.green_y,
+                                 (double)c.blue_x, (double)c.blue_y, (double)c.white_x, (double)c.white_y};
+    return !kiln_primaries_are_srgb(primaries);
+}
+
 void kiln_exr_size(const struct kiln_exr *exr, int64_t *width, int64_t *height)
 {
     *width = exr->width;

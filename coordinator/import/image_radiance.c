@@ -1,9 +1,10 @@
 /* Radiance RGBE images, as Radiance's own ra_* programs and all current programs write them: top row first, each row
  * flat or with the run lengths of 1991. This is kiln's own decoder because stb_image neither notices the end of the
- * file nor checks run lengths before it allocates. Values are mantissa x 2^(exponent - 136), and exposure is not
- * undone: the same as stb_image's. */
+ * file nor checks run lengths before it allocates. Values are mantissa x 2^(exponent - 136), divided by the header's
+ * EXPOSURE and COLORCORR ("multiply to get original units": Radiance's picture format, refer to its filefmts). */
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "coordinator/import/image_formats.h"
@@ -61,28 +62,85 @@ static bool parse_resolution(const char *line, size_t length, uint32_t *width, u
            at == end;
 }
 
-int kiln_radiance_measure(const unsigned char *bytes, size_t size, const char *where, uint32_t *width, uint32_t *height,
-                          size_t *rows, struct kiln_error *error)
+/* Parses `count` numbers after a keyword such as "EXPOSURE="; false if the line is another one. */
+static bool numbers_of(const char *line, size_t length, const char *keyword, size_t count, double *values, bool *sound)
+{
+    char text[256], *at = text;
+    const size_t skipped = strlen(keyword);
+    if (length < skipped || memcmp(line, keyword, skipped) != 0)
+        return false;
+    (void)snprintf(text, sizeof text, "%.*s", (int)(length - skipped < 255 ? length - skipped : 255), line + skipped);
+    *sound = true;
+    for (size_t i = 0; i < count && *sound; i++) {
+        char *end = NULL;
+        values[i] = strtod(at, &end);
+        *sound = end != at && isfinite(values[i]);
+        at = end;
+    }
+    *sound = *sound && at[strspn(at, " \t\r")] == '\0';
+    return true;
+}
+
+static bool near_all(const double *a, const double *b, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (!(fabs(a[i] - b[i]) < 0.005))
+            return false;
+    return true;
+}
+
+bool kiln_primaries_are_srgb(const double primaries[8])
+{
+    static const double srgb[8] = {0.640, 0.330, 0.300, 0.600, 0.150, 0.060, 0.3127, 0.3290};
+    return near_all(primaries, srgb, 8);
+}
+
+/* Takes in a line that says what was done to the pixels. NULL, or what is wrong. */
+static const char *take_line(const char *line, size_t length, struct kiln_radiance_header *header)
+{
+    static const double own[8] = {0.640, 0.330, 0.290, 0.600, 0.150, 0.060, 0.333, 0.333}; /* Radiance's */
+    double values[8] = {0.0};
+    bool sound = false;
+    const bool exposure = numbers_of(line, length, "EXPOSURE=", 1, values, &sound);
+    if (exposure || numbers_of(line, length, "COLORCORR=", 3, values, &sound)) {
+        for (int k = 0; k < 3; k++) {
+            const double value = values[exposure ? 0 : k];
+            header->divisor[k] *= value;
+            sound = sound && value > 0.0 && header->divisor[k] > 1e-30 && header->divisor[k] < 1e30;
+        }
+        return sound ? NULL : exposure ? "its EXPOSURE is no positive number" : "its COLORCORR is not three of them";
+    }
+    if (numbers_of(line, length, "PRIMARIES=", 8, values, &sound))
+        header->other_primaries = !sound || !(near_all(values, own, 8) || kiln_primaries_are_srgb(values));
+    return NULL;
+}
+
+int kiln_radiance_measure(const unsigned char *bytes, size_t size, const char *where,
+                          struct kiln_radiance_header *header, struct kiln_error *error)
 {
     size_t at = 0, length;
     bool rgbe = false;
-    const char *line = next_line(bytes, size, &at, &length);
-    while (line != NULL && (line = next_line(bytes, size, &at, &length)) != NULL && length > 0) {
+    const char *line = next_line(bytes, size, &at, &length), *fault = NULL;
+    *header = (struct kiln_radiance_header){.divisor = {1.0, 1.0, 1.0}};
+    while (line != NULL && fault == NULL && (line = next_line(bytes, size, &at, &length)) != NULL && length > 0) {
         rgbe |= is(line, length, "FORMAT=32-bit_rle_rgbe");
+        fault = take_line(line, length, header);
         if (is(line, length, "FORMAT=32-bit_rle_xyze"))
             return kiln_fail(error, KILN_BAD_INPUT, "%s is a Radiance image in XYZ; convert it to RGB (ra_xyze -r)",
                              where);
     }
+    if (fault != NULL)
+        return broken(where, error, fault);
     line = line == NULL ? NULL : next_line(bytes, size, &at, &length);
     if (line == NULL || !rgbe)
         return kiln_fail(error, KILN_BAD_INPUT, "%s cannot be read as a Radiance image (%s); give an .hdr or .exr",
                          where, line == NULL ? "its header has no end" : "it has no line FORMAT=32-bit_rle_rgbe");
-    if (!parse_resolution(line, length, width, height))
+    if (!parse_resolution(line, length, &header->width, &header->height))
         return kiln_fail(error, KILN_BAD_INPUT,
                          "%s cannot be read as a Radiance image (its size is given as '%.*s', not as -Y HEIGHT +X "
                          "WIDTH); turn it upright and save it again",
                          where, length < 40 ? (int)length : 40, line);
-    *rows = at;
+    header->rows = at;
     return KILN_OK;
 }
 
@@ -174,14 +232,19 @@ static const char *read_row(struct stream *s, uint32_t width, float *rgb)
     return reason;
 }
 
-int kiln_radiance_decode(const unsigned char *bytes, size_t size, const char *where, uint32_t width, uint32_t height,
-                         size_t rows, float *rgb, struct kiln_error *error)
+int kiln_radiance_decode(const unsigned char *bytes, size_t size, const char *where,
+                         const struct kiln_radiance_header *header, float *rgb, struct kiln_error *error)
 {
-    struct stream s = {bytes + rows, bytes + size};
-    for (size_t y = 0; y < height; y++) {
-        const char *reason = read_row(&s, width, rgb == NULL ? NULL : rgb + 3 * y * width);
+    struct stream s = {bytes + header->rows, bytes + size};
+    const size_t values = 3 * (size_t)header->width;
+    for (size_t y = 0; y < header->height; y++) {
+        float *row = rgb == NULL ? NULL : rgb + y * values;
+        const char *reason = read_row(&s, header->width, row);
         if (reason != NULL)
             return broken(where, error, reason);
+        for (size_t i = 0; i < values && row != NULL; i++)
+            if (header->divisor[i % 3] != 1.0)
+                row[i] = (float)((double)row[i] / header->divisor[i % 3]);
     }
     return KILN_OK;
 }

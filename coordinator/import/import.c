@@ -97,6 +97,8 @@ static bool source_unchanged(struct kiln_confine *confine, const struct kiln_imp
 {
     struct kiln_file file = {0};
     bool same = false;
+    if (source->size == KILN_SOURCE_MISSING)
+        return kiln_confine_is_missing(confine, path);
     /* only an environment image is recorded with an absolute path; the cache key holds its name as the user gave it */
     if (path[0] == '/') {
         char *real = params->environment == NULL ? NULL : realpath(params->environment, NULL);
@@ -148,7 +150,7 @@ static double wall_limit(const struct kiln_import_params *params)
 static int run_child(const struct kiln_import_params *params, uint64_t program, int file, const char *part,
                      struct kiln_error *error)
 {
-    char numbers[8][NUMBER_SIZE];
+    char numbers[9][NUMBER_SIZE];
     (void)snprintf(numbers[0], NUMBER_SIZE, "%.17g", params->texels_per_metre);
     (void)snprintf(numbers[1], NUMBER_SIZE, "%u", params->lightmap_size);
     (void)snprintf(numbers[2], NUMBER_SIZE, "%u", params->lightmap_max);
@@ -157,6 +159,7 @@ static int run_child(const struct kiln_import_params *params, uint64_t program, 
     (void)snprintf(numbers[5], NUMBER_SIZE, "%llu", (unsigned long long)params->memory_limit);
     (void)snprintf(numbers[6], NUMBER_SIZE, "%u", params->time_limit);
     (void)snprintf(numbers[7], NUMBER_SIZE, "%016llx", (unsigned long long)program);
+    (void)snprintf(numbers[8], NUMBER_SIZE, "%.17g", params->unit);
     const char *environment = params->environment == NULL ? "" : params->environment;
     const char *arguments[KILN_CHILD_ARGUMENTS + 1] = {"kiln",
                                                        "import-child",
@@ -173,10 +176,14 @@ static int run_child(const struct kiln_import_params *params, uint64_t program, 
                                                        numbers[7],
                                                        params->objects == NULL ? "" : params->objects,
                                                        params->trust_normals ? "normals" : "winding",
-                                                       params->no_layout ? "none"
-                                                       : params->repack  ? "repack"
-                                                                         : "",
+                                                       params->no_layout     ? "none"
+                                                       : params->repack      ? "repack"
+                                                       : params->keep_shared ? "keep"
+                                                                             : "",
                                                        params->changes == NULL ? "" : params->changes,
+                                                       params->up_z ? "z" : "y",
+                                                       numbers[8],
+                                                       params->strict ? "strict" : "",
                                                        NULL};
     const struct kiln_confined_call call = {.program = program_of(params),
                                             .arguments = arguments,
@@ -203,16 +210,44 @@ static int check_made(const char *opens, const char *name, struct kiln_error *er
                                          "%s was not written correctly: %s", name, own.message);
 }
 
+/* Whether two scene files differ in nothing but the keys of their imports. */
+static bool have_same_scene(const struct kiln_scene *a, const struct kiln_scene *b)
+{
+    struct kiln_scene_header head[2] = {*a->header, *b->header};
+    const size_t bytes = kiln_scene_header_bytes(a->header->version);
+    if (a->header->version != b->header->version || a->header->size != b->header->size)
+        return false;
+    for (int i = 0; i < 2; i++) {
+        memset(head[i].import_hash, 0, sizeof head[i].import_hash);
+        memset(head[i].content_hash, 0, sizeof head[i].content_hash);
+    }
+    return memcmp(&head[0], &head[1], bytes) == 0 &&
+           memcmp((const char *)a->mapped + bytes, (const char *)b->mapped + bytes, a->header->size - bytes) == 0;
+}
+
+/* Whether the file at `path` has the scene of the new one. Then it stays as it is: another build of kiln has made it,
+ * and a checkpoint beside it, which goes by the hash of the file, can be gone on from. */
+static bool is_scene_there(const char *opens, const char *path)
+{
+    struct kiln_scene *made = NULL, *there = NULL;
+    const bool is_there = kiln_scene_open(&there, path, NULL) == KILN_OK &&
+                          kiln_scene_open(&made, opens, NULL) == KILN_OK && have_same_scene(made, there);
+    kiln_scene_close(&made);
+    kiln_scene_close(&there);
+    return is_there;
+}
+
 /* ---- a scene file as input ---- */
 
 static int check_settings(const struct kiln_import_params *params, const struct kiln_scene *scene,
                           struct kiln_error *error)
 {
-    bool fits =
-        !params->repack && !params->no_layout && (params->environment == NULL || params->environment[0] == '\0') &&
-        (params->objects == NULL || params->objects[0] == '\0') && params->changes == NULL && !params->trust_normals &&
-        params->environment_scale == 1.0 && params->environment_rotation_degrees == 0.0 &&
-        (params->texels_per_metre == 0.0 || (float)params->texels_per_metre == scene->header->texels_per_metre);
+    bool fits = !params->repack && !params->keep_shared && !params->no_layout &&
+                (params->environment == NULL || params->environment[0] == '\0') &&
+                (params->objects == NULL || params->objects[0] == '\0') && params->changes == NULL &&
+                !params->trust_normals && !params->up_z && (params->unit == 0.0 || params->unit == 1.0) &&
+                params->environment_scale == 1.0 && params->environment_rotation_degrees == 0.0 &&
+                (params->texels_per_metre == 0.0 || (float)params->texels_per_metre == scene->header->texels_per_metre);
     for (size_t i = 0; i < scene->object_count && fits; i++) {
         const struct kiln_object *o = &scene->objects[i];
         const uint32_t larger = o->lightmap_width > o->lightmap_height ? o->lightmap_width : o->lightmap_height;
@@ -222,11 +257,11 @@ static int check_settings(const struct kiln_import_params *params, const struct 
     }
     if (fits)
         return KILN_OK;
-    return kiln_fail(
-        error, KILN_USAGE,
-        "%.512s: in a kiln scene file, lightmap sizes, light, objects and front sides are already decided; give "
-        "the original scene to change them",
-        params->path);
+    return kiln_fail(error, KILN_USAGE,
+                     "%.512s: in a kiln scene file, lightmap sizes, light, objects, front sides, unit and axes are "
+                     "already decided; give "
+                     "the original scene to change them",
+                     params->path);
 }
 
 static int take_scene_file(const struct kiln_import_params *params, int file, bool *same, struct kiln_error *error)
@@ -290,7 +325,7 @@ static int make(const struct kiln_import_params *params, uint64_t program, struc
     const bool made = status == KILN_OK && !same && !report->cached;
     if (made)
         status = check_made(place.opens, params->output, error);
-    if (made && status == KILN_OK)
+    if (made && status == KILN_OK && !is_scene_there(place.opens, params->output))
         status = kiln_publish_finish(&place, error);
     else
         kiln_publish_abandon(&place);

@@ -18,7 +18,8 @@ struct corner {
 
 /* The values by which corners are compared. */
 struct corner_value {
-    struct kiln_vec3 position, normal;
+    struct kiln_dvec3 position;
+    struct kiln_vec3 normal;
     struct kiln_vec2 texcoord;
     uint8_t color[4];
 };
@@ -43,7 +44,8 @@ struct reader {
     struct obj_text text;
     struct obj_materials materials;
     /* the file's vertex data */
-    struct kiln_vec3 *positions, *normals;
+    struct kiln_dvec3 *positions; /* in doubles: map coordinates have more digits than a float */
+    struct kiln_vec3 *normals;
     struct kiln_vec2 *texcoords;
     uint8_t (*colors)[4]; /* NULL: no vertex has a colour */
     size_t position_count, position_capacity, normal_count, normal_capacity, texcoord_count, texcoord_capacity,
@@ -109,10 +111,10 @@ static int read_position(struct reader *r)
     if (status != KILN_OK)
         return status;
     const double w = count == 4 ? n[3] : 1.0;
-    const struct kiln_vec3 p = vec3((float)(n[0] / w), (float)(n[1] / w), (float)(n[2] / w));
-    if (!isfinite(p.x) || !isfinite(p.y) || !isfinite(p.z))
+    const struct kiln_dvec3 p = dvec3(n[0] / w, n[1] / w, n[2] / w);
+    if (!isfinite((float)p.x) || !isfinite((float)p.y) || !isfinite((float)p.z))
         return obj_fail(&r->text, "a vertex whose w is 0 or nearly 0, which makes it infinite", NULL);
-    r->positions[r->position_count++] = vec3_add(p, vec3(0.0f, 0.0f, 0.0f)); /* 0 and -0 are equal */
+    r->positions[r->position_count++] = dvec3_add(p, dvec3(0.0, 0.0, 0.0)); /* 0 and -0 are equal */
     return count == 6 || r->color_count > 0 ? add_color(r, count == 6 ? n + 3 : NULL) : KILN_OK;
 }
 
@@ -478,6 +480,7 @@ struct view {
     const struct reader *reader;
     const struct face_run *face_run;
     const struct obj_material *material;
+    struct kiln_dvec3 centre; /* subtracted from positions */
 };
 
 static void give_corners(void *context, size_t k, uint32_t corner[3])
@@ -490,7 +493,7 @@ static void give_geometry(void *context, uint32_t v, struct kiln_vec3 *position,
 {
     const struct view *view = context;
     const struct corner_value value = value_of(view->reader, &view->reader->corners[view->face_run->corner_first + v]);
-    *position = value.position;
+    *position = vec3_of(dvec3_sub(value.position, view->centre));
     *normal = value.normal;
 }
 
@@ -515,10 +518,11 @@ static void give_attributes(void *context, uint32_t v, struct kiln_attributes *o
     out->gloss = view->material->glossy ? out->lightmap : out->base;
 }
 
-static int add_part(struct reader *r, const char *name, uint32_t mesh, const struct face_run *face_run)
+static int add_part(struct reader *r, const char *name, uint32_t mesh, const struct face_run *face_run,
+                    struct kiln_dvec3 centre)
 {
     char where[640];
-    struct view view = {r, face_run, &r->materials.list[face_run->material]};
+    struct view view = {r, face_run, &r->materials.list[face_run->material], centre};
     (void)snprintf(where, sizeof where, "%.512s: object '%.80s'", r->confine->scene, name);
     const struct kiln_primitive primitive = {.where = where,
                                              .context = &view,
@@ -532,8 +536,31 @@ static int add_part(struct reader *r, const char *name, uint32_t mesh, const str
     return kiln_mesh_add(r->builder, mesh, &primitive, &r->assembly, r->error);
 }
 
+/* The centre of an object's box, in whole units, if the object is so far from the origin for its size that floats would
+ * lose more than 16 bits of it; else the origin. */
+static struct kiln_dvec3 centre_of(const struct reader *r, const struct object *object)
+{
+    const double far_away = 128.0;
+    struct kiln_dvec3 low = dvec3(INFINITY, INFINITY, INFINITY), high = dvec3(-INFINITY, -INFINITY, -INFINITY);
+    for (uint32_t i = object->first; i != KILN_NONE; i = r->face_runs[i].next) {
+        const struct face_run *run = &r->face_runs[i];
+        for (size_t c = run->corner_first; c < run->corner_first + run->corner_count; c++) {
+            const struct kiln_dvec3 p = r->positions[r->corners[c].position];
+            low = dvec3(fmin(low.x, p.x), fmin(low.y, p.y), fmin(low.z, p.z));
+            high = dvec3(fmax(high.x, p.x), fmax(high.y, p.y), fmax(high.z, p.z));
+        }
+    }
+    const struct kiln_dvec3 size = dvec3_sub(high, low), middle = dvec3_scale(dvec3_add(low, high), 0.5);
+    const double largest = fmax(size.x, fmax(size.y, size.z)),
+                 distance = fmax(fabs(middle.x), fmax(fabs(middle.y), fabs(middle.z)));
+    if (!(largest > 0.0) || !(distance > far_away * largest))
+        return dvec3(0.0, 0.0, 0.0);
+    const double step = exp2(floor(log2(largest))); /* as coarse as the object, so that the subtraction is exact */
+    return dvec3(step * rint(middle.x / step), step * rint(middle.y / step), step * rint(middle.z / step));
+}
+
 /* Makes one mesh of all of an object's runs of faces. */
-static int add_mesh(struct reader *r, const struct object *object, uint32_t *mesh)
+static int add_mesh(struct reader *r, const struct object *object, struct kiln_dvec3 centre, uint32_t *mesh)
 {
     const char *name = r->names_text + object->name;
     bool layout = true;
@@ -544,7 +571,7 @@ static int add_mesh(struct reader *r, const struct object *object, uint32_t *mes
         if (face_run->triangle_count == 0)
             continue;
         layout &= face_run->texcoords && material->diffuse_map.path == 0 && material->emission_map.path == 0;
-        status = add_part(r, name, *mesh, face_run);
+        status = add_part(r, name, *mesh, face_run, centre);
     }
     if (status != KILN_OK)
         return status;
@@ -557,19 +584,34 @@ static int add_mesh(struct reader *r, const struct object *object, uint32_t *mes
     return KILN_OK;
 }
 
+/* The transform from a mesh about its centre to the world: the file's unit, and its z up if that is asked for. */
+static void place_of(const struct kiln_builder *builder, struct kiln_dvec3 c, double place[12])
+{
+    const double unit = builder->unit > 0.0 ? builder->unit : 1.0;
+    const double upright[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, z_up[9] = {1, 0, 0, 0, 0, 1, 0, -1, 0};
+    const double *turn = builder->up_z ? z_up : upright;
+    for (int row = 0; row < 3; row++) {
+        for (int k = 0; k < 3; k++)
+            place[4 * row + k] = unit * turn[3 * row + k];
+        place[4 * row + 3] = unit * (turn[3 * row] * c.x + turn[3 * row + 1] * c.y + turn[3 * row + 2] * c.z);
+    }
+}
+
 static int add_object(struct reader *r, const struct object *object)
 {
-    static const double here[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    double place[12];
     const char *original = r->names_text + object->name;
     char name[KILN_NAME_LENGTH + 1];
     bool skipped = false;
     uint32_t mesh = KILN_NONE;
-    int status = object->first == KILN_NONE ? KILN_OK : add_mesh(r, object, &mesh);
+    const struct kiln_dvec3 centre = centre_of(r, object);
+    place_of(r->builder, centre, place);
+    int status = object->first == KILN_NONE ? KILN_OK : add_mesh(r, object, centre, &mesh);
     if (status != KILN_OK || mesh == KILN_NONE)
         return status;
     status = kiln_names_unique(&r->names, original, name, r->error);
     if (status == KILN_OK)
-        status = kiln_object_add(r->builder, mesh, here, name, original, NULL, r->confine->scene, &skipped, r->error);
+        status = kiln_object_add(r->builder, mesh, place, name, original, NULL, r->confine->scene, &skipped, r->error);
     r->without_area_objects += skipped;
     return status;
 }
@@ -603,13 +645,14 @@ static int write_notes(struct reader *r)
         {r->assembly.replaced_normals,
          "corner normals were zero or pointed to the back of their triangle; the geometric normal replaces them",
          KILN_NOTE_WARNING},
-        {r->lines, "points or lines were left out", KILN_NOTE_WARNING},
+        {r->lines, "points or lines were left out", KILN_NOTE_UNUSED},
         {r->without_area_objects, "objects are scaled to nothing and were left out", KILN_NOTE_REPEATED},
         {r->free_form, "statements of free-form curves and surfaces were left out; export them as polygons",
-         KILN_NOTE_WARNING},
+         KILN_NOTE_REPEATED},
         {r->materials.physical,
-         "statements Pr, Pm or their maps change nothing in a bake: it takes materials of MTL files as diffuse",
-         KILN_NOTE_WARNING},
+         "statements Pr, Pm or their maps say how rough and how much metal materials are: --materials auto and full "
+         "take them so, --materials diffuse takes Kd alone",
+         KILN_NOTE_INFORMATION},
         {r->materials.sheen, "statements of sheen (Ps, map_Ps) were left out", KILN_NOTE_INFORMATION},
         {r->materials.mended,
          "numbers of gloss (Ks, Ns, Ni, Pr, ...) or names of its maps were outside their range or unreadable; the "
@@ -622,7 +665,7 @@ static int write_notes(struct reader *r)
                                        (unsigned long long)notes[i].count, notes[i].text);
     if (status == KILN_OK && r->strange > 0)
         status =
-            kiln_builder_note(r->builder, 1, r->error,
+            kiln_builder_note(r->builder, KILN_NOTE_UNUSED, r->error,
                               "%llu statements that kiln does not know were left out (the first: '%.40s' in line %llu)",
                               (unsigned long long)r->strange, r->strange_word, (unsigned long long)r->strange_line);
     return status == KILN_OK ? note_materials(r) : status;

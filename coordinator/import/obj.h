@@ -11,14 +11,18 @@
  * material called DefaultMaterial.
  *
  * Materials: Kd and map_Kd are the base colour, Ke and map_Ke the emitted radiance (1 if only the map is given), d or 1
- * - Tr the alpha. Of map options -s, -o and -clamp are used, others skipped. map_d, Pr and Pm are noted; the other MTL
- * statements have no effect on diffuse light.
+ * - Tr the alpha. A map beside a black Kd counts as with Kd 1. Of map options -s, -o and -clamp are used, others
+ * skipped. map_d, Pr and Pm are noted; statements that are not read are named by keyword and count. Pictures are found
+ * as find.c says; a missing one is white, or emits nothing.
+ *
+ * Positions are doubles, and multiplied by builder->unit; with builder->up_z (x, y, z) becomes (x, z, -y). An object
+ * that is farther from the origin than 128 times its size is stored about its centre, to which its transform moves it.
  *
  * OBJ's v points up, kiln's down: v becomes 1 - v. OBJ has one set of texture coordinates. If no material of an object
  * has a texture, the set is used as the lightmap layout; otherwise it belongs to the textures.
  *
  * Free-form curves and surfaces, points, lines and unknown statements are left out and noted. An invalid number, an
- * index out of range, and a missing material file or image are refused with their line. */
+ * index out of range, and a missing material file are refused with their line. */
 #ifndef KILN_COORDINATOR_IMPORT_OBJ_H
 #define KILN_COORDINATOR_IMPORT_OBJ_H
 

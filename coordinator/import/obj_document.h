@@ -3,6 +3,9 @@
 #define KILN_COORDINATOR_IMPORT_OBJ_DOCUMENT_H
 
 #include "coordinator/import/image.h"
+#include "coordinator/import/kinds.h"
+#include "coordinator/import/missing.h"
+#include "coordinator/import/numbers.h"
 #include "coordinator/import/obj_symbols.h"
 #include "coordinator/import/obj_text.h"
 
@@ -31,8 +34,9 @@ struct obj_material {
     float diffuse[3], emission[3], alpha;
     struct obj_map diffuse_map, emission_map;
     struct obj_gloss gloss;
-    bool alpha_map, defined; /* defined: a newmtl defines it */
-    bool glossy;             /* the builder has a struct kiln_gloss of it */
+    struct obj_map alpha_map; /* only looked for: kiln does not read it */
+    bool defined;             /* a newmtl defines it */
+    bool glossy;              /* the builder has a struct kiln_gloss of it */
 };
 
 struct obj_materials {
@@ -46,6 +50,9 @@ struct obj_materials {
     size_t text_size, text_capacity;
     struct kiln_images images;
     struct obj_symbols textures; /* the builder's texture by path and wrapping */
+    struct obj_symbols told;     /* pictures that are missing or stand elsewhere, by name: those said already */
+    struct kiln_missing missing; /* pictures that are not there */
+    struct kiln_kinds unused;    /* statements that are not read, by keyword */
     uint64_t physical;           /* number of statements Pr, Pm and their maps */
     uint64_t sheen;              /* number of statements Ps and map_Ps */
     uint64_t mended;             /* sum of obj_gloss.mended over the materials with gloss */
@@ -61,10 +68,11 @@ int obj_find_material(struct obj_materials *materials, struct obj_word name, uin
 /* Appends all materials with their textures to the builder, in the order of the list. */
 int obj_add_materials(struct obj_materials *materials);
 /* The builder's texture for a map; materials that name the same file share it. `srgb`: its colours are sRGB-coded, else
- * linear; `what` is the statement, for sentences. *index stays if there is no map. */
+ * linear; `what` is the statement, for sentences. *index stays if there is no map; it is KILN_NONE, and `instead` is
+ * said, if its picture is missing (missing.h). */
 int obj_find_texture(struct obj_materials *materials, const struct obj_material *material, const struct obj_map *map,
-                     bool srgb, const char *what, uint32_t *index);
-/* Whether the map's file can be opened. */
+                     bool srgb, const char *what, const char *instead, uint32_t *index);
+/* Whether the map's file can be opened, or is missing. */
 bool obj_map_opens(struct obj_materials *materials, const struct obj_material *material, const struct obj_map *map);
 
 /* obj_gloss.c. Sets the defaults of a new material. */

@@ -40,7 +40,8 @@ static int add_map(struct obj_materials *m, const struct obj_material *material,
                                  m->text + material->name, what, m->text + map->path);
     for (int i = 0; i < 6 && map->moved; i++)
         texture->transform[i] = transform[i];
-    return obj_find_texture(m, material, map, use == KILN_GLOSS_SPECULAR_COLOR, what, &texture->texture);
+    return obj_find_texture(m, material, map, use == KILN_GLOSS_SPECULAR_COLOR, what, "its factor stands alone",
+                            &texture->texture);
 }
 
 static float mean_with(const struct obj_materials *m, const struct kiln_gloss *gloss, enum kiln_gloss_use use,

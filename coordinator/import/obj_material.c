@@ -64,7 +64,53 @@ void obj_materials_end(struct obj_materials *m)
     kiln_free(&m->text);
     obj_symbols_destroy(&m->names);
     obj_symbols_destroy(&m->textures);
+    obj_symbols_destroy(&m->told);
     kiln_images_destroy(&m->images);
+}
+
+/* ---- pictures ---- */
+
+static const char no_need[] = "no bake needs it";
+
+/* Names in OBJ and MTL files are not URIs. They are looked for in the folder of the material file, then in that of the
+ * scene. */
+static enum kiln_found find_picture(struct obj_materials *m, size_t folder, const struct obj_map *map,
+                                    char path[PATH_LENGTH + 1])
+{
+    const char *name = m->text + map->path;
+    const enum kiln_found beside = kiln_confine_find(m->confine, m->text + folder, name, path);
+    if (m->text[folder] == '\0' || beside == KILN_FOUND_AS_NAMED)
+        return beside;
+    char other[PATH_LENGTH + 1];
+    const enum kiln_found above = kiln_confine_find(m->confine, "", name, other);
+    if (above == KILN_FOUND_NOT || (above == KILN_FOUND_OTHERWISE && beside == KILN_FOUND_OTHERWISE))
+        return beside;
+    (void)snprintf(path, PATH_LENGTH + 1, "%s", other);
+    return above;
+}
+
+/* Looks for the picture of a map and says, once for each name and statement, if it is missing or stands elsewhere. */
+static int look_for(struct obj_materials *m, size_t folder, const struct obj_map *map, const char *what,
+                    const char *material, bool matters, const char *instead)
+{
+    const char *name = m->text + map->path;
+    char path[PATH_LENGTH + 1], key[2 * PATH_LENGTH + 64], place[160];
+    const enum kiln_found way = find_picture(m, folder, map, path);
+    const int length = snprintf(key, sizeof key, "%s\n%.1024s\n%.1024s", what, m->text + folder, name);
+    const size_t told = m->told.used;
+    uint32_t any = 0;
+    if (way == KILN_FOUND_AS_NAMED)
+        return KILN_OK;
+    const int status = obj_symbol(&m->told, key, (size_t)length, &any, m->error);
+    if (status != KILN_OK || m->told.used == told)
+        return status;
+    (void)snprintf(place, sizeof place, "material '%.80s': %.40s", material, what);
+    if (way == KILN_FOUND_NOT)
+        return kiln_missing_add(&m->missing, m->confine, m->builder, place, m->text + folder, name, matters, instead,
+                                m->error);
+    return kiln_builder_note(m->builder, KILN_NOTE_REPEATED, m->error,
+                             "%s: '%.200s' is not in the scene's folder; '%.200s', which is, is used", place, name,
+                             path);
 }
 
 /* ---- statements ---- */
@@ -74,6 +120,7 @@ struct library {
     struct obj_text text;
     size_t folder;    /* offset into materials->text */
     uint32_t current; /* index of the current material; KILN_NONE before any newmtl */
+    int status;       /* of the options of maps */
 };
 
 static bool same(struct obj_word word, const char *text)
@@ -81,8 +128,10 @@ static bool same(struct obj_word word, const char *text)
     return word.length == strlen(text) && strncasecmp(word.text, text, word.length) == 0;
 }
 
-static int read_shares(struct library *l, const char *keyword, float *values, size_t most, double high)
+static int read_shares(struct library *l, enum kiln_number which, float *values, size_t most)
 {
+    const struct kiln_number_range *range = kiln_number_range(which);
+    const char *keyword = range->key;
     double numbers[3];
     size_t count;
     const int status = obj_numbers(&l->text, keyword, numbers, 1, most, &count);
@@ -90,9 +139,9 @@ static int read_shares(struct library *l, const char *keyword, float *values, si
         return status;
     for (size_t i = 0; i < most; i++) {
         const double value = numbers[i < count ? i : 0]; /* "Kd r" means "Kd r r r" */
-        if (!(value >= 0.0 && value <= high)) {
+        if (!kiln_number_fits(which, value)) {
             char what[100];
-            (void)snprintf(what, sizeof what, "%s is %g, outside 0 to %g", keyword, value, high);
+            (void)snprintf(what, sizeof what, "%s is %g, outside %g to %g", keyword, value, range->low, range->high);
             return obj_fail(&l->text, what, NULL);
         }
         values[i] = (float)value;
@@ -100,10 +149,13 @@ static int read_shares(struct library *l, const char *keyword, float *values, si
     return KILN_OK;
 }
 
-static int read_diffuse(struct library *l, struct obj_material *m) { return read_shares(l, "Kd", m->diffuse, 3, 1.0); }
+static int read_diffuse(struct library *l, struct obj_material *m)
+{
+    return read_shares(l, KILN_NUMBER_MTL_DIFFUSE, m->diffuse, 3);
+}
 static int read_emission(struct library *l, struct obj_material *m)
 {
-    return read_shares(l, "Ke", m->emission, 3, 1e30);
+    return read_shares(l, KILN_NUMBER_MTL_EMISSION, m->emission, 3);
 }
 
 static int read_alpha(struct library *l, struct obj_material *m)
@@ -112,26 +164,33 @@ static int read_alpha(struct library *l, struct obj_material *m)
     struct obj_word word;
     if (!obj_next_word(&l->text, &word) || !obj_is(word, "-halo"))
         l->text = before;
-    return read_shares(l, "d", &m->alpha, 1, 1.0);
+    return read_shares(l, KILN_NUMBER_MTL_ALPHA, &m->alpha, 1);
 }
 
 static int read_transparency(struct library *l, struct obj_material *m)
 {
-    const int status = read_shares(l, "Tr", &m->alpha, 1, 1.0);
+    const int status = read_shares(l, KILN_NUMBER_MTL_TRANSPARENCY, &m->alpha, 1);
     m->alpha = 1.0f - m->alpha;
     return status;
 }
 
 /* Reads one to three numbers, of which two are used. The last word of the line is the file's name, even if it is a
  * number. */
-static void read_pair(struct library *l, float pair[2])
+static void read_pair(struct library *l, enum kiln_number which, float pair[2])
 {
+    const struct kiln_number_range *range = kiln_number_range(which);
     for (size_t i = 0; i < 3; i++) {
         const struct obj_text before = l->text;
         struct obj_word word;
         double value;
         if (!obj_next_word(&l->text, &word) || !obj_parse_number(word, &value) || !obj_more(&l->text)) {
             l->text = before;
+            return;
+        }
+        if (!kiln_number_fits(which, value)) {
+            char what[100];
+            (void)snprintf(what, sizeof what, "%s is %g, outside %g to %g", range->key, value, range->low, range->high);
+            l->status = obj_fail(&l->text, what, NULL);
             return;
         }
         if (i < 2)
@@ -153,12 +212,15 @@ static bool read_option(struct library *l, struct obj_map *map)
     if (!obj_next_word(&l->text, &word))
         return false;
     if (same(word, "-s") || same(word, "-o")) {
-        read_pair(l, same(word, "-s") ? map->scale : map->offset);
+        if (same(word, "-s"))
+            read_pair(l, KILN_NUMBER_MTL_MAP_SCALE, map->scale);
+        else
+            read_pair(l, KILN_NUMBER_MTL_MAP_OFFSET, map->offset);
         map->moved = true;
         return true;
     }
     if (same(word, "-t")) {
-        read_pair(l, turbulence);
+        read_pair(l, KILN_NUMBER_MTL_MAP_OFFSET, turbulence);
         return true;
     }
     if (same(word, "-clamp")) {
@@ -180,7 +242,7 @@ static bool read_option(struct library *l, struct obj_map *map)
 static struct obj_word map_name(struct library *l, struct obj_map *map)
 {
     *map = (struct obj_map){.scale = {1.0f, 1.0f}};
-    while (read_option(l, map))
+    while (l->status == KILN_OK && read_option(l, map))
         ;
     return obj_rest(&l->text);
 }
@@ -188,6 +250,8 @@ static struct obj_word map_name(struct library *l, struct obj_map *map)
 static int read_map(struct library *l, struct obj_map *map)
 {
     const struct obj_word name = map_name(l, map);
+    if (l->status != KILN_OK)
+        return l->status;
     return name.length == 0 ? obj_fail(&l->text, "a map without the name of a file", NULL)
                             : keep_text(l->materials, name, &map->path);
 }
@@ -195,17 +259,23 @@ static int read_map(struct library *l, struct obj_map *map)
 static int read_diffuse_map(struct library *l, struct obj_material *m) { return read_map(l, &m->diffuse_map); }
 static int read_emission_map(struct library *l, struct obj_material *m) { return read_map(l, &m->emission_map); }
 
-static int read_alpha_map(struct library *l, struct obj_material *m)
+/* The name of a map that may be left out. */
+static int read_spare_map(struct library *l, struct obj_map *map)
 {
-    (void)l;
-    m->alpha_map = true;
-    return KILN_OK;
+    const struct obj_word name = map_name(l, map);
+    if (l->status != KILN_OK)
+        return l->status;
+    return name.length == 0 ? KILN_OK : keep_text(l->materials, name, &map->path);
 }
 
-/* Reads one to three numbers of gloss. A diffuse bake does without them, so that numbers outside 0 to `high` become the
+static int read_alpha_map(struct library *l, struct obj_material *m) { return read_spare_map(l, &m->alpha_map); }
+
+/* Reads one to three numbers of gloss. A diffuse bake does without them, so that numbers outside their range become the
  * nearest one inside, and what is no number ("spectral", "xyz") is left out; both are counted. */
-static int read_gloss_numbers(struct library *l, struct obj_material *m, float *values, size_t most, double high)
+static int read_gloss_numbers(struct library *l, struct obj_material *m, float *values, size_t most,
+                              enum kiln_number which)
 {
+    const struct kiln_number_range *range = kiln_number_range(which);
     double numbers[3];
     size_t count = 0;
     struct obj_word word;
@@ -217,8 +287,8 @@ static int read_gloss_numbers(struct library *l, struct obj_material *m, float *
     }
     for (size_t i = 0; i < most; i++) {
         const double value = numbers[i < count ? i : 0];
-        m->gloss.mended += i < count && !(value >= 0.0 && value <= high);
-        values[i] = (float)fmin(fmax(value, 0.0), high);
+        m->gloss.mended += i < count && !kiln_number_fits(which, value);
+        values[i] = (float)fmin(fmax(value, range->low), range->high);
     }
     return KILN_OK;
 }
@@ -227,73 +297,75 @@ static int read_gloss_numbers(struct library *l, struct obj_material *m, float *
 static int read_gloss_map(struct library *l, struct obj_material *m, struct obj_map *map)
 {
     const struct obj_word name = map_name(l, map);
+    if (l->status != KILN_OK)
+        return l->status;
     m->gloss.mended += name.length == 0;
     return name.length == 0 ? KILN_OK : keep_text(l->materials, name, &map->path);
 }
 
 static int read_specular(struct library *l, struct obj_material *m)
 {
-    return read_gloss_numbers(l, m, m->gloss.specular, 3, 1.0);
+    return read_gloss_numbers(l, m, m->gloss.specular, 3, KILN_NUMBER_MTL_SPECULAR);
 }
 
 static int read_filter(struct library *l, struct obj_material *m)
 {
     m->gloss.has_filter = true;
-    return read_gloss_numbers(l, m, m->gloss.filter, 3, 1.0);
+    return read_gloss_numbers(l, m, m->gloss.filter, 3, KILN_NUMBER_MTL_FILTER);
 }
 
 static int read_exponent(struct library *l, struct obj_material *m)
 {
     m->gloss.has_exponent = true;
-    return read_gloss_numbers(l, m, &m->gloss.exponent, 1, 1e6);
+    return read_gloss_numbers(l, m, &m->gloss.exponent, 1, KILN_NUMBER_MTL_EXPONENT);
 }
 
 static int read_ior(struct library *l, struct obj_material *m)
 {
-    return read_gloss_numbers(l, m, &m->gloss.ior, 1, 1e6);
+    return read_gloss_numbers(l, m, &m->gloss.ior, 1, KILN_NUMBER_MTL_IOR);
 }
 
 static int read_illum(struct library *l, struct obj_material *m)
 {
-    return read_gloss_numbers(l, m, &m->gloss.illum, 1, 10.0);
+    return read_gloss_numbers(l, m, &m->gloss.illum, 1, KILN_NUMBER_MTL_ILLUM);
 }
 
 static int read_roughness(struct library *l, struct obj_material *m)
 {
     m->gloss.physical = m->gloss.has_roughness = true;
     l->materials->physical++;
-    return read_gloss_numbers(l, m, &m->gloss.roughness, 1, 1.0);
+    return read_gloss_numbers(l, m, &m->gloss.roughness, 1, KILN_NUMBER_MTL_ROUGHNESS);
 }
 
 static int read_metallic(struct library *l, struct obj_material *m)
 {
     m->gloss.physical = true;
     l->materials->physical++;
-    return read_gloss_numbers(l, m, &m->gloss.metallic, 1, 1.0);
+    return read_gloss_numbers(l, m, &m->gloss.metallic, 1, KILN_NUMBER_MTL_METALLIC);
 }
 
 static int read_clearcoat(struct library *l, struct obj_material *m)
 {
     m->gloss.physical = true;
-    return read_gloss_numbers(l, m, &m->gloss.clearcoat, 1, 1.0);
+    return read_gloss_numbers(l, m, &m->gloss.clearcoat, 1, KILN_NUMBER_MTL_CLEARCOAT);
 }
 
 static int read_clearcoat_roughness(struct library *l, struct obj_material *m)
 {
     m->gloss.physical = true;
-    return read_gloss_numbers(l, m, &m->gloss.clearcoat_roughness, 1, 1.0);
+    return read_gloss_numbers(l, m, &m->gloss.clearcoat_roughness, 1, KILN_NUMBER_MTL_CLEARCOAT_ROUGHNESS);
 }
 
 static int read_anisotropy(struct library *l, struct obj_material *m)
 {
     m->gloss.physical = true;
-    return read_gloss_numbers(l, m, &m->gloss.anisotropy, 1, 1.0);
+    return read_gloss_numbers(l, m, &m->gloss.anisotropy, 1, KILN_NUMBER_MTL_ANISOTROPY);
 }
 
 static int read_anisotropy_rotation(struct library *l, struct obj_material *m)
 {
     m->gloss.physical = true;
-    return read_gloss_numbers(l, m, &m->gloss.rotation, 1, 1.0);
+    return read_gloss_numbers(l, m, &m->gloss.rotation, 1, KILN_NUMBER_MTL_ANISOTROPY_ROTATION);
 }
 
 static int read_specular_map(struct library *l, struct obj_material *m)
@@ -360,6 +432,33 @@ static const struct {
                   {"Ps", read_sheen, true},
                   {"map_Ps", read_sheen, true}};
 
+/* Statements that name a picture which nothing reads: bumps, normals, displacement, surroundings, ... */
+static bool names_a_picture(struct obj_word keyword)
+{
+    static const char *const others[] = {"bump", "norm", "disp", "decal", "refl"};
+    for (size_t i = 0; i < sizeof others / sizeof others[0]; i++)
+        if (same(keyword, others[i]))
+            return true;
+    return keyword.length > 4 && strncasecmp(keyword.text, "map_", 4) == 0;
+}
+
+/* Counts a statement that is not read; a picture that it names is looked for. */
+static int read_other(struct library *l, struct obj_word keyword)
+{
+    struct obj_materials *m = l->materials;
+    struct obj_map map = {.path = 0};
+    char what[48];
+    (void)snprintf(what, sizeof what, "%.*s", keyword.length < 40 ? (int)keyword.length : 40, keyword.text);
+    kiln_kinds_add(&m->unused, 1, "%s", what);
+    if (!names_a_picture(keyword))
+        return KILN_OK;
+    const int status = read_spare_map(l, &map);
+    if (status != KILN_OK || map.path == 0)
+        return status;
+    return look_for(m, l->folder, &map, what, l->current == KILN_NONE ? "" : m->text + m->list[l->current].name, false,
+                    no_need);
+}
+
 static int read_statement(struct library *l, struct obj_word keyword)
 {
     for (size_t i = 0; i < sizeof statements / sizeof statements[0]; i++) {
@@ -371,7 +470,7 @@ static int read_statement(struct library *l, struct obj_word keyword)
             return obj_fail(&l->text, "a statement before any newmtl:", &keyword);
         return statements[i].read(l, &l->materials->list[l->current]);
     }
-    return KILN_OK;
+    return read_other(l, keyword);
 }
 
 static int read_statements(struct library *l)
@@ -416,16 +515,23 @@ static int read_library(struct obj_materials *m, struct obj_word name, struct ki
 {
     struct library l = {.materials = m, .current = KILN_NONE};
     struct kiln_file file;
-    char path[PATH_LENGTH + 1], place[160];
+    char path[PATH_LENGTH + 1], found[PATH_LENGTH + 1], place[160];
     (void)snprintf(place, sizeof place, "mtllib '%.*s'", name.length < 100 ? (int)name.length : 100, name.text);
     if (!plain_path(name, "", path))
         return kiln_fail(error, KILN_BAD_INPUT, "%.512s: %s is empty or longer than %d bytes; name a file",
                          m->confine->scene, place, PATH_LENGTH);
-    int status = kiln_confine_map(m->confine, m->builder, path, place, &file, error);
+    const enum kiln_found way = kiln_confine_find(m->confine, "", path, found);
+    int status = kiln_confine_map(m->confine, m->builder, way == KILN_FOUND_NOT ? path : found, place, &file, error);
     if (status != KILN_OK)
         return status;
+    if (way == KILN_FOUND_OTHERWISE) {
+        status = kiln_builder_note(m->builder, KILN_NOTE_REPEATED, error,
+                                   "%s is not in the scene's folder; '%.200s', which is, is used", place, found);
+        (void)snprintf(path, sizeof path, "%.1024s", found);
+    }
     const char *slash = strrchr(path, '/');
-    status = keep_text(m, (struct obj_word){path, slash == NULL ? 0 : (size_t)(slash + 1 - path)}, &l.folder);
+    if (status == KILN_OK)
+        status = keep_text(m, (struct obj_word){path, slash == NULL ? 0 : (size_t)(slash + 1 - path)}, &l.folder);
     if (status == KILN_OK)
         status = obj_text_open(&l.text, &file, m->confine->scene, place, m->error);
     if (status == KILN_OK)
@@ -467,15 +573,9 @@ int obj_read_libraries(struct obj_materials *m, struct obj_word names)
 static int map_picture(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map,
                        const char *what, struct kiln_file *file)
 {
-    const char *name = m->text + map->path, *folder = m->text + material->folder;
-    const struct obj_word word = {name, strlen(name)};
     char path[PATH_LENGTH + 1];
-    if (folder[0] != '\0' && plain_path(word, folder, path) &&
-        kiln_confine_map(m->confine, m->builder, path, what, file, NULL) == KILN_OK)
-        return KILN_OK;
-    if (!plain_path(word, "", path))
-        return kiln_fail(m->error, KILN_BAD_INPUT, "%.512s: %s is empty or longer than %d bytes; name a file",
-                         m->confine->scene, what, PATH_LENGTH);
+    if (find_picture(m, material->folder, map, path) == KILN_FOUND_NOT)
+        (void)snprintf(path, sizeof path, "%.1024s", m->text + map->path); /* the sentence says so */
     return kiln_confine_map(m->confine, m->builder, path, what, file, m->error);
 }
 
@@ -483,6 +583,9 @@ bool obj_map_opens(struct obj_materials *m, const struct obj_material *material,
 {
     struct kiln_error *told = m->error;
     struct kiln_file file;
+    char path[PATH_LENGTH + 1];
+    if (find_picture(m, material->folder, map, path) == KILN_FOUND_NOT)
+        return true;
     m->error = NULL;
     const bool opens = map_picture(m, material, map, "", &file) == KILN_OK;
     m->error = told;
@@ -518,19 +621,36 @@ static int make_texture(struct obj_materials *m, const struct obj_material *mate
 }
 
 int obj_find_texture(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map, bool srgb,
-                     const char *what, uint32_t *index)
+                     const char *what, const char *instead, uint32_t *index)
 {
-    char key[2 * PATH_LENGTH + 8];
+    char key[2 * PATH_LENGTH + 8], path[PATH_LENGTH + 1];
     if (map->path == 0)
         return KILN_OK;
+    int status = look_for(m, material->folder, map, what, m->text + material->name, true, instead);
+    if (status != KILN_OK || find_picture(m, material->folder, map, path) == KILN_FOUND_NOT) {
+        *index = KILN_NONE;
+        return status;
+    }
     const int length = snprintf(key, sizeof key, "%c%.1024s\n%.1024s", (map->clamp ? "cC" : "rR")[srgb ? 0 : 1],
                                 m->text + material->folder, m->text + map->path);
     const uint32_t fresh = (uint32_t)m->builder->sections[KILN_SECTION_TEXTURES].count;
     *index = fresh;
-    int status = obj_symbol(&m->textures, key, (size_t)length, index, m->error);
+    status = obj_symbol(&m->textures, key, (size_t)length, index, m->error);
     if (status == KILN_OK && *index == fresh)
         status = make_texture(m, material, map, srgb, what, index);
     return status;
+}
+
+/* Kd multiplies map_Kd. Exporters that write black beside a picture mean the picture. */
+static int whiten(struct obj_materials *m, const struct obj_material *source, struct kiln_material *material)
+{
+    if (source->diffuse_map.path == 0 || source->diffuse[0] + source->diffuse[1] + source->diffuse[2] > 0.0f)
+        return KILN_OK;
+    material->base_color[0] = material->base_color[1] = material->base_color[2] = 1.0f;
+    return kiln_builder_note(m->builder, KILN_NOTE_REPEATED, m->error,
+                             "material '%.80s': its Kd is black, which would make its map_Kd black; the map is used as "
+                             "it is, as with Kd 1",
+                             m->text + source->name);
 }
 
 static int add_to_builder(struct obj_materials *m, struct obj_material *source)
@@ -545,14 +665,28 @@ static int add_to_builder(struct obj_materials *m, struct obj_material *source)
     material.base_color[3] = source->alpha;
     material.alpha_mode = source->alpha < 1.0f ? KILN_ALPHA_BLEND : KILN_ALPHA_OPAQUE;
     memcpy(material.emission, source->emission, sizeof source->emission);
-    int status = obj_find_texture(m, source, &source->diffuse_map, true, "map_Kd", &material.base_color_texture);
+    int status = whiten(m, source, &material);
     if (status == KILN_OK)
-        status = obj_find_texture(m, source, &source->emission_map, true, "map_Ke", &material.emission_texture);
-    if (material.emission_texture != KILN_NONE &&
-        material.emission[0] + material.emission[1] + material.emission[2] == 0.0f)
-        material.emission[0] = material.emission[1] = material.emission[2] = 1.0f;
-    if (status == KILN_OK && source->alpha_map)
-        status = kiln_builder_note(m->builder, 1, m->error, "material '%.80s': its opacity map is left out", name);
+        status = obj_find_texture(m, source, &source->diffuse_map, true, "map_Kd", "white stands in for it",
+                                  &material.base_color_texture);
+    if (status == KILN_OK)
+        status = obj_find_texture(m, source, &source->emission_map, true, "map_Ke", "what it would light is dark",
+                                  &material.emission_texture);
+    const float most = source->emission[0] + source->emission[1] + source->emission[2];
+    for (int c = 0; c < 3 && source->emission_map.path != 0; c++)
+        material.emission[c] = material.emission_texture == KILN_NONE ? 0.0f
+                               : most == 0.0f                         ? 1.0f
+                                                                      : material.emission[c];
+    if (status == KILN_OK && source->alpha_map.path != 0)
+        status = look_for(m, source->folder, &source->alpha_map, "map_d", name, false, no_need);
+    if (status == KILN_OK && source->alpha_map.path != 0)
+        status = kiln_builder_note(m->builder, KILN_NOTE_REPEATED, m->error,
+                                   "material '%.80s': its opacity map is left out", name);
+    if (status == KILN_OK && source->alpha == 0.0f)
+        status = kiln_builder_note(m->builder, KILN_NOTE_REPEATED, m->error,
+                                   "material '%.80s': it lets all light through (d 0, or Tr 1): if it is meant to be "
+                                   "opaque, write d 1",
+                                   name);
     if (status == KILN_OK)
         status = kiln_builder_string(m->builder, name, strlen(name), &material.name, m->error);
     size_t at = 0;
@@ -566,5 +700,8 @@ int obj_add_materials(struct obj_materials *m)
     int status = KILN_OK;
     for (size_t i = 0; i < m->count && status == KILN_OK; i++)
         status = add_to_builder(m, &m->list[i]);
-    return status;
+    if (status == KILN_OK)
+        status = kiln_kinds_note(&m->unused, m->builder, KILN_NOTE_UNUSED,
+                                 "statements in material files, but not in a bake", m->error);
+    return status == KILN_OK ? kiln_missing_end(&m->missing, m->confine, m->builder, m->error) : status;
 }

@@ -37,13 +37,12 @@ void obj_polygon_destroy(struct obj_polygon *p)
 }
 
 /* Twice the polygon's area, as a vector along its normal (Newell's method), from differences to the first corner. */
-static struct kiln_dvec3 area_vector(const struct kiln_vec3 *points, size_t count)
+static struct kiln_dvec3 area_vector(const struct kiln_dvec3 *points, size_t count)
 {
     struct kiln_dvec3 sum = dvec3(0.0, 0.0, 0.0);
-    const struct kiln_dvec3 first = dvec3_of(points[0]);
+    const struct kiln_dvec3 first = points[0];
     for (size_t i = 1; i + 1 < count; i++)
-        sum = dvec3_add(sum,
-                        dvec3_cross(dvec3_sub(dvec3_of(points[i]), first), dvec3_sub(dvec3_of(points[i + 1]), first)));
+        sum = dvec3_add(sum, dvec3_cross(dvec3_sub(points[i], first), dvec3_sub(points[i + 1], first)));
     return sum;
 }
 
@@ -54,7 +53,7 @@ static void flatten(struct obj_polygon *p, size_t count)
     const struct kiln_dvec3 area = area_vector(p->points, count);
     const double x = fabs(area.x), y = fabs(area.y), z = fabs(area.z);
     for (size_t i = 0; i < count; i++) {
-        const struct kiln_dvec3 v = dvec3_of(p->points[i]);
+        const struct kiln_dvec3 v = p->points[i];
         const double *axes[3] = {&v.x, &v.y, &v.z};
         const unsigned left_out = x >= y && x >= z ? 0 : y >= z ? 1 : 2;
         const bool forward = (left_out == 0 ? area.x : left_out == 1 ? area.y : area.z) >= 0.0;

@@ -19,7 +19,7 @@ struct obj_corner {
 
 /* Working memory for the largest polygon so far. Zero-initialise; release with obj_polygon_destroy. */
 struct obj_polygon {
-    struct kiln_vec3 *points; /* the caller writes the corners here, after obj_polygon_room */
+    struct kiln_dvec3 *points; /* the caller writes the corners here, after obj_polygon_room */
     double (*flat)[2];
     struct obj_corner *ring; /* linked ring of the corners that are not cut off yet */
     uint32_t *reflex;        /* the corners that were reflex at first */

@@ -12,6 +12,7 @@
 #include "coordinator/import/constant_textures.h"
 #include "coordinator/import/gltf.h"
 #include "coordinator/import/image.h"
+#include "coordinator/import/numbers.h"
 #include "coordinator/import/obj.h"
 #include "coordinator/import/settings.h"
 #include "worker/base/memory.h"
@@ -31,15 +32,13 @@ static enum reader reader_of(const char *name)
     return READER_NONE;
 }
 
-#define MOST_RADIANCE 1e30
-
-/* Parses "R,G,B", three numbers from 0 to MOST_RADIANCE; false if it is anything else. */
+/* Parses "R,G,B", three numbers from 0 to KILN_LIGHT_MOST; false if it is anything else. */
 static bool parse_radiance(const char *text, float rgb[3])
 {
     for (int c = 0; c < 3; c++) {
         char *rest;
         const double value = strtod(text, &rest);
-        if (rest == text || *rest != (c < 2 ? ',' : '\0') || !(value >= 0.0 && value <= MOST_RADIANCE))
+        if (rest == text || *rest != (c < 2 ? ',' : '\0') || !kiln_number_fits(KILN_NUMBER_LIGHT, value))
             return false;
         rgb[c] = (float)value;
         text = rest + 1;
@@ -73,12 +72,12 @@ static int check_texels(const struct kiln_builder *builder, const struct kiln_en
     float most = 0.0f;
     for (size_t i = 0; i < builder->sections[KILN_SECTION_ENVIRONMENT_TEXELS].count; i++)
         most = fmaxf(most, texels[i] * environment->radiance[i % 3]);
-    if (most <= KILN_ENVIRONMENT_RADIANCE_MAX)
+    if (kiln_number_fits(KILN_NUMBER_LIGHT, (double)most))
         return KILN_OK;
     return kiln_fail(
         error, KILN_USAGE,
         "the environment's brightest texel, scaled, is %g, more than %g; give a smaller --environment-scale",
-        (double)most, (double)KILN_ENVIRONMENT_RADIANCE_MAX);
+        (double)most, KILN_LIGHT_MOST);
 }
 
 /* Sets the environment that the user asks for, or the scene's own, scaled and rotated. */
@@ -100,11 +99,11 @@ static int set_environment(const struct kiln_import_params *params, struct kiln_
     }
     for (int c = 0; c < 3; c++) {
         const double value = (double)environment.radiance[c] * params->environment_scale;
-        if (!(value >= 0.0 && value <= 1.0001 * MOST_RADIANCE)) /* a value rounded to float may lie above the limit */
+        if (!kiln_number_fits(KILN_NUMBER_LIGHT, value))
             return kiln_fail(
                 error, KILN_USAGE,
                 "--environment-scale %g turns the environment's radiance into %g (from %g): at most %g is possible",
-                params->environment_scale, value, (double)environment.radiance[c], MOST_RADIANCE);
+                params->environment_scale, value, (double)environment.radiance[c], KILN_LIGHT_MOST);
         environment.radiance[c] = (float)value;
     }
     const int status = check_texels(builder, &environment, error);
@@ -126,9 +125,17 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
         return status;
     confine->mapped = mapped;
     builder->trust_normals = params->trust_normals;
+    builder->strict = params->strict;
+    builder->up_z = params->up_z;
+    builder->unit = params->unit;
     switch (reader_of(confine->name)) {
     case READER_GLTF:
-        status = kiln_gltf_read(confine, builder, error);
+        status = params->up_z || (params->unit != 0.0 && params->unit != 1.0)
+                     ? kiln_fail(error, KILN_USAGE,
+                                 "%.512s: --up and --unit are for OBJ files: glTF is in metres, and its y points up; "
+                                 "leave them out",
+                                 params->path)
+                     : kiln_gltf_read(confine, builder, error);
         break;
     case READER_OBJ:
         status = kiln_obj_read(confine, builder, error);
@@ -154,14 +161,21 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
     return status;
 }
 
+/* What is done with layouts, as a number. */
+static int layout_of(const struct kiln_import_params *params)
+{
+    return params->no_layout ? 2 : params->repack ? 1 : params->keep_shared ? 3 : 0;
+}
+
 void kiln_import_key(const struct kiln_import_params *params, uint64_t program, const struct kiln_source *sources,
                      size_t source_count, const char *strings, uint64_t key[2])
 {
     char text[512];
-    const int length = snprintf(text, sizeof text, "%016llx %.17g %u %u %d %.17g %.17g %d ",
-                                (unsigned long long)program, params->texels_per_metre, params->lightmap_size,
-                                params->lightmap_max, params->no_layout ? 2 : params->repack, params->environment_scale,
-                                params->environment_rotation_degrees, params->trust_normals);
+    const int length =
+        snprintf(text, sizeof text, "%016llx %.17g %u %u %d %.17g %.17g %d %d %.17g %d ", (unsigned long long)program,
+                 params->texels_per_metre, params->lightmap_size, params->lightmap_max, layout_of(params),
+                 params->environment_scale, params->environment_rotation_degrees, params->trust_normals, params->up_z,
+                 params->unit, params->strict);
     const char *environment = params->environment == NULL ? "" : params->environment;
     XXH128_hash_t hash = XXH3_128bits(text, (size_t)length);
     hash = XXH3_128bits_withSeed(environment, strlen(environment), hash.low64 ^ hash.high64);

@@ -4,6 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "coordinator/import/lods.h"
+
 /* Overwrites settings by those that a later rule sets. */
 static void merge(struct kiln_object_settings *settings, const struct kiln_object_settings *rule)
 {
@@ -11,6 +13,8 @@ static void merge(struct kiln_object_settings *settings, const struct kiln_objec
         settings->density_scale = rule->density_scale;
     if (rule->lightmap_size != 0)
         settings->lightmap_size = rule->lightmap_size;
+    if (rule->lightmap_size != 0 || (rule->density_scale != 0.0 && settings->lightmap_size == 0))
+        settings->size_of_file = false;
     if (rule->role != KILN_ROLE_UNSET)
         settings->role = rule->role;
     if (rule->sides != KILN_SIDES_UNSET)
@@ -133,7 +137,13 @@ static int note_roles(struct kiln_builder *builder, size_t excluded, struct kiln
 int kiln_object_settings_apply(struct kiln_builder *builder, const char *rules, struct kiln_error *error)
 {
     int status = rules == NULL || rules[0] == '\0' ? KILN_OK : apply_rules(builder, rules, error);
+    const size_t excluded = status == KILN_OK ? keep_objects(builder) : 0;
+    size_t lower = 0;
     if (status == KILN_OK)
-        status = note_roles(builder, keep_objects(builder), error);
+        status = kiln_lods_leave_out(builder, &lower, error);
+    if (status == KILN_OK && lower > 0)
+        (void)keep_objects(builder);
+    if (status == KILN_OK)
+        status = note_roles(builder, excluded, error);
     return status;
 }

@@ -5,7 +5,8 @@
 #include "coordinator/scene/builder.h"
 
 /* Applies the rules (NULL or "": none) to the builder's objects, then carries out all settings: removes excluded
- * objects and sets KILN_OBJECT_*. Notes report patterns that match nothing, and excluded objects. */
+ * objects, and lower levels of detail of what is left (lods.h), and sets KILN_OBJECT_*. Notes report patterns that
+ * match nothing, and what is removed. */
 int kiln_object_settings_apply(struct kiln_builder *builder, const char *rules, struct kiln_error *error);
 
 #endif

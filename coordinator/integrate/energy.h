@@ -22,8 +22,7 @@
  * by a mirror to its first diffuse surface is unfound where nothing is merged; what "bdpt" finds of its later bounces
  * is then left in the residual.
  *
- * `error` is that of chance. What texels are too coarse for is not in it: on the other side of a divided texel
- * (bake/divided.h) the light is a neighbour's. In a room with a wall across texels of 0.33 m that is 0.2 % too much.
+ * `error` is that of chance. What texels are too coarse for is not in it.
  *
  * Sums over points are made in 128-bit fixed point, so that they do not depend on the order, the cells or the ranks. */
 #ifndef KILN_COORDINATOR_INTEGRATE_ENERGY_H
@@ -73,9 +72,10 @@ struct kiln_step_energy {
     double sent[3];      /* gather only: sum of area x radiosity gathered from */
     /* gather only: parts of `sent` that met nothing, or backs of single-sided surfaces */
     double escaped[3], blocked[3];
-    double glass[3]; /* gather only: part of `sent` that tinted surfaces took on the way to where it landed */
-    double gloss[3]; /* gather only: likewise mirrors, gloss and bodies of glass (struct kiln_point_result) */
-    double variance; /* of the luminance of incident (+ escaped + blocked) */
+    double glass[3];   /* gather only: part of `sent` that tinted surfaces took on the way to where it landed */
+    double gloss[3];   /* gather only: likewise mirrors, gloss and bodies of glass (struct kiln_point_result) */
+    double unfound[3]; /* caustics: what light paths have found, and is left out as chance (land_pool.h) */
+    double variance;   /* of the luminance of incident (+ escaped + blocked) */
 };
 
 /* Light that has met no diffuse surface before, W, by two estimators that share no more than the scene: as traced from
@@ -88,11 +88,18 @@ struct kiln_first_light {
 
 struct kiln_energy {
     double emitted[3], absorbed[3], glass[3], gloss[3], escaped[3], blocked[3], ranged[3], unfound[3], left_over[3];
+    /* luminance of the part of `blocked` that should not be: without what suns and sky send to rooms' outsides, as far
+     * as that goes without what their light does there once it has bounced, and to backs of what they light from both
+     * sides */
+    double lost;
     double residual; /* luminance of emitted - all the rest */
     double error;    /* its standard error, luminance */
     double relative; /* |residual| / luminance of emitted; 0 without lights */
     /* what came straight from the lights; and by mirrors, gloss and glass, less what is unfound */
     struct kiln_first_light straight, caustic;
+    /* of `emitted`, what triangles with textures of emission or opacity send: by the textures' integrals; as samples
+     * of the lamps found it, with its standard error, luminance */
+    double textured[3], drawn[3], drawn_error;
 };
 
 #endif

@@ -3,12 +3,10 @@
 #include <math.h>
 #include <string.h>
 
-#include "coordinator/integrate/blocks.h"
-#include "coordinator/integrate/groups.h"
-#include "coordinator/integrate/lockstep.h"
-#include "coordinator/integrate/nodes.h"
+#include "coordinator/integrate/companion.h"
+#include "coordinator/integrate/run/lockstep.h"
 #include "coordinator/integrate/quantity.h"
-#include "coordinator/integrate/repartition_rule.h"
+#include "coordinator/integrate/run/repartition_rule.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
@@ -39,7 +37,7 @@ static int make_data(struct kiln_lockstep *l, struct kiln_error *error)
         kiln_node_data_set_radiosity(l->solution->node_data, l->solution->radiosity);
         kiln_solution_refresh(l->solution);
         /* its arrays may have moved, where the backend finds them; what a device has of the points it keeps */
-        if (p->backend->own != p->surface)
+        if (p->backend->given.surface != p->surface)
             status = kiln_backend_set_surface(p->backend, p->surface, error);
     }
     int any_keeps = info.keeps_points;
@@ -66,35 +64,6 @@ static int make_allgather(struct kiln_lockstep *l, struct kiln_error *error)
     return status;
 }
 
-static void note_seen(const struct kiln_lockstep *l)
-{
-    const struct kiln_rank_data *own = l->solution->own;
-    for (size_t f = 0; own->seen != NULL && f < own->surface.tile_run_count; f++)
-        own->seen[f] = l->params->seen[f] != 0;
-}
-
-/* Collective. */
-static int find_blocks(const struct kiln_lockstep *l, struct kiln_error *error)
-{
-    const struct kiln_integrate_params *p = l->params;
-    const struct kiln_rank_data *own = l->solution->own;
-    const int status = own->block != NULL ? kiln_blocks_find(&own->surface, p->backend, p->threads,
-                                                             p->settings->indirect_scale, own->block, NULL, error)
-                                          : KILN_OK;
-    return kiln_agree(p->communicator, status, error);
-}
-
-/* Collective. */
-static int find_nodes(const struct kiln_lockstep *l, struct kiln_error *error)
-{
-    const struct kiln_integrate_params *p = l->params;
-    const struct kiln_rank_data *own = l->solution->own;
-    const int status = own->mixture != NULL ? kiln_nodes_find(&own->surface, p->backend, p->threads,
-                                                              p->settings->final_scale, own->mixture, error)
-                                            : KILN_OK;
-    return kiln_agree(p->communicator, status, error);
-}
-
 /* The scale of the 4-byte form is settled by what was emitted. */
 static void choose_scale(struct kiln_lockstep *l)
 {
@@ -102,25 +71,14 @@ static void choose_scale(struct kiln_lockstep *l)
     kiln_radiosity_allgather_set_scale(l->solution->allgather, ldexp(1.0, ilogb(kiln_ledger_power(&l->ledger) / area)));
 }
 
-/* Collective. From now on nodes receive what their points see. */
-static int limit_exchange(struct kiln_lockstep *l, struct kiln_error *error)
-{
-    const struct kiln_integrate_params *p = l->params;
-    struct kiln_solution *s = l->solution;
-    if (!p->settings->visible_only)
-        return KILN_OK;
-    kiln_control_meet(p->control);
-    int status = kiln_sight_create(&s->sight, p, error);
-    if (status == KILN_OK)
-        status = kiln_radiosity_allgather_limit(s->allgather, s->sight->first, s->sight->units, error);
-    return status == KILN_OK ? kiln_sight_want(s->sight, p, s->allgather, false, error) : status;
-}
-
 /* ---- running ---- */
 
 /* Paths from surface points find of caustics what gather rays do; and all where they are merged with paths of light. */
-static enum kiln_caustics caustics_found(const struct kiln_integrate_settings *settings)
+static enum kiln_caustics caustics_found(const struct kiln_integrate_settings *settings,
+                                         const struct kiln_step_reports *steps)
 {
+    if (kiln_caustics_found(steps).left_out)
+        return KILN_CAUSTICS_NONE;
     if (settings->reference == NULL)
         return settings->caustics;
     return settings->reference->method == KILN_REFERENCE_VCM ? KILN_CAUSTICS_LAND : KILN_CAUSTICS_GATHER;
@@ -138,19 +96,10 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
         status = make_data(l, error);
     if (status == KILN_OK && p->beside != NULL)
         p->beside->start(p->beside->context, solution->own);
-    if (status == KILN_OK && p->groups != NULL)
-        status = kiln_group_light_create(&l->groups, p, solution, error);
-    l->taker.groups = l->integration.groups = l->groups;
     if (status == KILN_OK && restored)
         status = kiln_restore(&l->saved, &finished, error);
-    if (status == KILN_OK && p->seen != NULL)
-        note_seen(l);
-    if (status == KILN_OK && p->settings->indirect_scale > 1)
-        status = find_blocks(l, error);
-    if (status == KILN_OK && p->settings->final_scale > 1)
-        status = find_nodes(l, error);
     if (status == KILN_OK)
-        status = limit_exchange(l, error);
+        status = kiln_company_settle(&l->company, error);
     if (status == KILN_OK) {
         choose_scale(l);
         status = kiln_lockstep_run(l, restored, finished, error);
@@ -161,13 +110,13 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
     kiln_radiosity_allgather_unlimit(solution->allgather);
     if (p->settings->probes)
         kiln_exchange_total_radiosity(&l->exchange, kiln_solution_step(solution));
-    kiln_energy_close(&solution->report.energy, &solution->report.steps, p->emission, caustics_found(p->settings),
+    kiln_energy_close(&solution->report.energy, &solution->report.steps, p->emission,
+                      caustics_found(p->settings, &solution->report.steps),
                       p->settings->patches != NULL ? p->settings->patches->albedo_scale : 1.0);
-    if (l->radiance != NULL)
-        kiln_radiance_end(l->radiance);
+    status = kiln_company_end(&l->company, error);
     solution->report.received = kiln_radiosity_allgather_received(solution->allgather);
     solution->report.whole = kiln_radiosity_allgather_whole(solution->allgather);
-    return KILN_OK;
+    return status;
 }
 
 int kiln_integrate(struct kiln_solution **solution, const struct kiln_integrate_params *params,
@@ -192,4 +141,10 @@ int kiln_integrate(struct kiln_solution **solution, const struct kiln_integrate_
     if (status != KILN_OK)
         kiln_solution_destroy(solution);
     return status;
+}
+
+int kiln_integrate_save(struct kiln_solution *solution, const struct kiln_integrate_params *params,
+                        const struct kiln_block *more, size_t count, struct kiln_error *error)
+{
+    return kiln_save_solution(solution, params, more, count, error);
 }

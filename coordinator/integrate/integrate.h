@@ -5,13 +5,14 @@
 #include <mpi.h>
 
 #include "coordinator/integrate/integrator.h"
-#include "coordinator/integrate/transport.h"
 #include "coordinator/run/checkpoint.h"
 #include "coordinator/run/control.h"
 #include "coordinator/run/progress.h"
 #include "coordinator/run/trace.h"
 
+struct kiln_companion;
 struct kiln_light_groups;
+struct kiln_transport;
 
 /* What goes on beside the steps, in threads of its own that give way to them. `start` is called when the own points are
  * where they stay; `direct` when no step will change direct light any more; `stop` before the points move to other
@@ -32,16 +33,18 @@ struct kiln_integrate_params {
     const struct kiln_field_set *fields; /* that the bake keeps */
     struct kiln_backend *backend;        /* has its surface */
     struct kiln_surface *surface;        /* its own part belongs to the solution from then on: see field/rank_data.h */
-    const uint16_t *seen;                /* 1 an own tile run: 0 where it is not; NULL: all are (bake/visible_from.h) */
-    struct kiln_node_memory *node;       /* must outlive the solution */
-    double area;                         /* m2, of the scene's triangles */
+    const uint16_t *seen;          /* 1 an own tile run: 0 where it is not; NULL: all are (bake/light/visible_from.h) */
+    struct kiln_node_memory *node; /* must outlive the solution */
+    double area;                   /* m2, of the scene's triangles */
     const struct kiln_emission_result *emission;
-    struct kiln_progress *progress;         /* may be NULL */
-    struct kiln_control *control;           /* what asks to save and to stop */
-    struct kiln_checkpoint *checkpoint;     /* an open generation is gone on from; NULL: nothing is saved */
-    const json_t *identity;                 /* of the bake, for the checkpoints it writes */
-    struct kiln_trace *trace;               /* may be NULL */
-    const struct kiln_light_groups *groups; /* whose light is told apart (groups.h); NULL: none */
+    struct kiln_progress *progress;     /* may be NULL */
+    struct kiln_control *control;       /* what asks to save and to stop */
+    struct kiln_checkpoint *checkpoint; /* an open generation is gone on from; NULL: nothing is saved */
+    const json_t *identity;             /* of the bake, for the checkpoints it writes */
+    struct kiln_trace *trace;           /* may be NULL */
+    /* that there are (companion.h), ended by NULL; NULL: none */
+    const struct kiln_companion *const *companions;
+    const struct kiln_light_groups *groups; /* whose light is told apart (relight/groups.h); NULL: none */
     struct kiln_transport *transport;       /* what rays meet is kept or replayed; NULL: neither */
     uint32_t threads;                       /* that take over the answers */
     const struct kiln_beside *beside;       /* NULL: nothing */

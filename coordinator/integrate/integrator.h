@@ -14,7 +14,7 @@
 #include "coordinator/integrate/step.h"
 #include "worker/pass/held.h"
 
-struct kiln_group_light;
+struct kiln_company;
 struct kiln_radiosity_exchange;
 
 /* What the answers of a step are taken with: read by all threads, changed by none. Borrowed. */
@@ -36,7 +36,7 @@ struct kiln_integration {
     struct kiln_solution *solution;
     struct kiln_ledger *ledger;
     struct kiln_radiosity_exchange *exchange;
-    struct kiln_group_light *groups; /* groups.h; NULL: none */
+    struct kiln_company *company; /* the bake's companions (company.h); NULL: it has none */
 };
 
 struct kiln_integrator {
@@ -56,8 +56,8 @@ struct kiln_integrator {
     /* Takes the answers of one tile run over into `data`, the data of the rank that owns it (this one or another of its
      * node), and adds to the tallies. `results` is an array of the result struct of the
      * step's pass, one for each point of the tile run. Called by several threads
-     * at once, for different tile runs. Of a group of lights (groups.h) both tallies are NULL, and `data` has its
-     * light. */
+     * at once, for different tile runs. Of light besides that of the scene, which a
+     * companion keeps, both tallies are NULL, and `data` has that light. */
     void (*take)(const struct kiln_taking *taking, const struct kiln_rank_data *data,
                  const struct kiln_tile_run *tile_run, const void *results, struct kiln_tally *tally,
                  struct kiln_tile_run_tally *tile_run_tally);

@@ -10,6 +10,7 @@
 
 /* Groups are made of tiles, not of cells: the cell size must not change a result. */
 enum { GROUP_TILES = 16 };
+static const double ROUNDING = 1e-9; /* of differences of sums, relative to these */
 
 int kiln_ledger_create(struct kiln_ledger *ledger, const struct kiln_surface *surface, double emitted,
                        struct kiln_error *error)
@@ -229,7 +230,8 @@ static size_t group_of(const struct kiln_surface *surface, const struct kiln_til
 void kiln_ledger_add_tile_run(struct kiln_ledger *ledger, const struct kiln_surface *surface,
                               const struct kiln_tile_run *tile_run, const struct kiln_tile_run_tally *tally)
 {
-    ledger->group_now[group_of(surface, tile_run)].value += tally->reflected.value;
+    if (kiln_map_is_result(surface, tile_run->map))
+        ledger->group_now[group_of(surface, tile_run)].value += tally->reflected.value;
     kiln_exact_add(&ledger->variance, tally->variance, 1.0 / ledger->unit_squared);
 }
 
@@ -258,6 +260,8 @@ static void open_energy(struct kiln_energy *e, const struct kiln_emission_result
 {
     for (int c = 0; c < 3; c++) {
         e->emitted[c] = light->emitted[c];
+        e->textured[c] = light->textured[c];
+        e->drawn[c] = light->drawn[c];
         e->escaped[c] = light->escaped[c];
         e->blocked[c] = light->blocked[c];
         e->ranged[c] = light->ranged[c];
@@ -268,6 +272,7 @@ static void open_energy(struct kiln_energy *e, const struct kiln_emission_result
                                                          : light->caustic[c];
         e->absorbed[c] = e->left_over[c] = 0.0;
     }
+    e->drawn_error = kiln_luminance(light->drawn_error);
 }
 
 /* What a counted step found, of which the bake has `share`: one part's. */
@@ -280,6 +285,7 @@ static void add_step(struct kiln_energy *e, const struct kiln_step_energy *p, do
         e->blocked[c] += read * p->blocked[c];
         e->glass[c] += read * p->glass[c];
         e->gloss[c] += read * p->gloss[c];
+        e->unfound[c] += share * p->unfound[c];
         e->left_over[c] += share * (p->reflected[c] - p->sent[c]);
     }
 }
@@ -316,6 +322,17 @@ static void compare_firsts(struct kiln_energy *e, const struct kiln_step_reports
     }
     e->straight = compare_first(steps, &kiln_pass_direct, share, straight, emission->straight_error);
     e->caustic = compare_first(steps, &kiln_pass_caustic, share, caustic, emission->caustic_error);
+    e->caustic.compared = e->caustic.compared && !kiln_caustics_found(steps).left_out;
+}
+
+/* Of the light on backs, what should not be there. */
+static double find_lost(const struct kiln_energy *e, const struct kiln_emission_result *light)
+{
+    const double all = kiln_luminance(e->blocked), straight = kiln_luminance(light->blocked),
+                 received = kiln_luminance(light->received), bounced = fmax(0.0, all - straight),
+                 of_outside = received > 0.0 ? bounced * fmin(1.0, light->from_outside / received) : 0.0;
+    const double lost = straight - light->outside + light->astray + bounced - fmin(of_outside, light->on_rooms);
+    return lost > ROUNDING * all ? lost : 0.0;
 }
 
 void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *steps,
@@ -337,6 +354,7 @@ void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *st
     for (int c = 0; c < 3; c++)
         residual[c] = e->emitted[c] - e->absorbed[c] - e->escaped[c] - e->blocked[c] - e->ranged[c] - e->glass[c] -
                       e->gloss[c] - e->unfound[c] - e->left_over[c];
+    e->lost = find_lost(e, emission);
     e->residual = kiln_luminance(residual);
     const double emission_error = kiln_luminance(emission->error), emitted = kiln_luminance(e->emitted);
     e->error = sqrt(variance + emission_error * emission_error);

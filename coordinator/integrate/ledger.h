@@ -9,6 +9,7 @@
 #include "coordinator/integrate/energy.h"
 #include "coordinator/integrate/step.h"
 #include "coordinator/job/choices.h"
+#include "worker/backend/emission.h"
 #include "worker/pass/point.h"
 #include "worker/scene/surface.h"
 
@@ -38,8 +39,8 @@ struct kiln_tile_run_tally {
 struct kiln_ledger {
     double unit, unit_squared; /* of the sums: W; of the variance: W^2 */
     struct kiln_exact_sum sums[KILN_SUMS], variance;
-    /* Reflected power, luminance, of groups of tiles: of the present step (of all ranks once `before` and `total` are
-     * brought up to date), of the step before, and of all steps. */
+    /* Reflected power, luminance, of groups of tiles whose light is a result (kiln_map_is_result): of the present step
+     * (of all ranks once `before` and `total` are brought up to date), of the step before, and of all steps. */
     size_t group_count;
     struct kiln_exact_sum *group_now;
     double *group_before, *group_total;

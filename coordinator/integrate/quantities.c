@@ -1,6 +1,7 @@
 #include <string.h>
 
-#include "coordinator/integrate/parts.h"
+#include "coordinator/integrate/companion.h"
+#include "coordinator/integrate/parts/parts.h"
 #include "coordinator/integrate/quantity.h"
 
 #define STRUCT(name) &kiln_quantity_##name,
@@ -21,7 +22,7 @@ bool kiln_steps_next(const struct kiln_integrate_settings *settings, const struc
         *step = (struct kiln_step){.quantity = quantities[q],
                                    .role = settings->integrator->role_count + (uint32_t)(count - light)};
         quantities[q]->make_step(settings, step);
-        step->seen_only = settings->seen_only;
+        step->with = settings->seen_only ? KILN_WITH(seen) : 0;
         return true;
     }
     return false;

@@ -1,5 +1,5 @@
 /* What the light of a bake is computed with: the settings of the integrators, and those of the lockstep runner. Plain
- * values; coordinator/bake/light_settings.h fills them in from a job. */
+ * values; coordinator/bake/light/light_settings.h fills them in from a job. */
 #ifndef KILN_COORDINATOR_INTEGRATE_SETTINGS_H
 #define KILN_COORDINATOR_INTEGRATE_SETTINGS_H
 
@@ -23,11 +23,11 @@ struct kiln_integrate_settings {
     int64_t bounces; /* indirect bounces; -1: as many as there is energy for, and a tail */
     bool tail;       /* add the geometric tail after the last bounce, though `bounces` is given */
     uint32_t samples_direct, samples_bounce, samples_indirect;
-    uint32_t indirect_scale;      /* texels a side of a block in bounces (blocks.h): a power of two; 1: each gathers */
-    uint32_t final_scale;         /* likewise of a block in the final gather (nodes.h) */
-    enum kiln_caustics caustics;  /* settled; up to KILN_CAUSTICS_NONE there is no such step */
-    enum kiln_mis mis;            /* of KILN_CAUSTICS_VCM */
-    double connections;           /* likewise; 0 ... 1 (land.h) */
+    uint32_t indirect_scale;     /* texels a side of a block in bounces (blocks.h): a power of two; 1: each gathers */
+    uint32_t final_scale;        /* likewise of a block in the final gather (nodes.h) */
+    enum kiln_caustics caustics; /* settled; up to KILN_CAUSTICS_NONE there is no such step */
+    bool caustics_tried; /* of KILN_CAUSTICS_VCM: pilots say first whether they are worth their noise (land_trial.h) */
+    enum kiln_mis mis;   /* likewise */
     uint32_t photons, iterations; /* of light paths (land.h), of a step; of one in the first round, where they grow */
     bool iterations_grow; /* from round to round (rounds.h) with the samples of the step; needs a target error */
     double merge_radius, radius_alpha; /* of KILN_CAUSTICS_MERGE, _VCM (land.h): m, or KILN_MERGE_RADIUS_AUTO, _TEXEL */

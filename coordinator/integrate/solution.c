@@ -1,6 +1,5 @@
 #include "coordinator/integrate/solution.h"
 
-#include "coordinator/integrate/sight.h"
 #include "worker/base/memory.h"
 
 void kiln_solution_refresh(struct kiln_solution *solution)
@@ -10,6 +9,15 @@ void kiln_solution_refresh(struct kiln_solution *solution)
     solution->indirect = solution->own->sum;
     solution->error = solution->own->error;
     solution->report.steals_work = kiln_node_data_count(solution->node_data) > 1;
+}
+
+void kiln_sight_destroy(struct kiln_sight **sight)
+{
+    if (*sight != NULL) {
+        kiln_free(&(*sight)->first);
+        kiln_free(&(*sight)->pairs);
+    }
+    kiln_free(sight);
 }
 
 void kiln_solution_destroy(struct kiln_solution **solution)

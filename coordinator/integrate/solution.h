@@ -9,7 +9,20 @@
 #include "coordinator/integrate/step.h"
 #include "worker/pass/visibility_cache.h"
 
-struct kiln_sight;
+/* The visibility grid of a bake in which nodes receive the radiosity of what their points see: made by reach/sight.h,
+ * which says what a unit is. */
+struct kiln_sight {
+    uint64_t units;
+    uint64_t *first; /* first point of each unit, and one more at the end; the same on all ranks */
+    /* of the units that this rank has a part in: unit << 32 | unit that it sees, ascending, none twice */
+    uint64_t *pairs;
+    size_t pair_count;
+    uint64_t sent;  /* bytes that this rank has sent to others, so that the grid is whole */
+    double seconds; /* of this rank */
+};
+
+/* Sets the pointer to NULL, which may be NULL. */
+void kiln_sight_destroy(struct kiln_sight **sight);
 
 #define KILN_TAIL_DIVERGES (-1.0)
 
@@ -44,14 +57,16 @@ struct kiln_integrate_report {
     /* of all light, relative: what is not known of the tail; of bounces that go on without one (the equal schedule),
      * what is left out; KILN_TAIL_DIVERGES: their sum has no end */
     double tail_error;
-    double tail_tile_error;  /* of the tile for which it is largest: kiln_step_report.tile_error of the last bounce */
-    uint32_t restarts;       /* how often the bake was gone on with from a checkpoint */
-    double seconds_before;   /* that the earlier runs of it took up to their last checkpoint */
-    double waiting_seconds;  /* of this rank, at the ends of steps: for others to be done */
-    bool steals_work;        /* whether the ranks of this rank's node compute points for each other */
-    uint64_t received;       /* bytes of radiosity from other nodes */
-    uint64_t whole;          /* the same if nodes received the radiosity of all points */
-    uint64_t computed_again; /* points of this rank, once for each time, whose rays met what was not there */
+    double tail_object_error; /* of the object for which it is largest: kiln_step_report.object_error at the end */
+    double tail_tile_error;   /* the same of the tile for which it is largest: a pocket that keeps its light for long */
+    uint32_t tail_pocket;     /* that tile's object */
+    uint32_t restarts;        /* how often the bake was gone on with from a checkpoint */
+    double seconds_before;    /* that the earlier runs of it took up to their last checkpoint */
+    double waiting_seconds;   /* of this rank, at the ends of steps: for others to be done */
+    bool steals_work;         /* whether the ranks of this rank's node compute points for each other */
+    uint64_t received;        /* bytes of radiosity from other nodes */
+    uint64_t whole;           /* the same if nodes received the radiosity of all points */
+    uint64_t computed_again;  /* points of this rank, once for each time, whose rays met what was not there */
     struct kiln_radiance_report radiance;
     struct kiln_landing_report landing;
     struct kiln_visibility_counts visibility; /* of this rank, in this run (patches.h) */
@@ -69,7 +84,7 @@ struct kiln_solution {
     const struct kiln_rank_data *own;
     struct kiln_node_data *node_data;
     struct kiln_radiosity_allgather *allgather;
-    struct kiln_sight *sight; /* what sees what (sight.h); NULL: nobody asks */
+    struct kiln_sight *sight; /* what sees what; NULL: nobody asks */
     uint64_t *radiosity; /* of all points, packed: what a step gathers from; in the end the total. The allgather's */
     struct kiln_integrate_report report;
 };

@@ -47,14 +47,10 @@ struct kiln_step {
     uint32_t stream; /* tells steps of one pass apart in the random numbers; 0 for a pass without streams */
     /* The radiosity that the step makes is rounded to 4 bytes a point (worker/scene/radiosity.h); else it has 8. */
     bool compact;
-    bool seen_only; /* tile runs that no view sees are not computed (bake/visible_from.h) */
-    bool by_blocks; /* one point of each block gathers (blocks.h) */
-    bool lands;     /* its answers come by light paths (land.h), in the place of the pass's rays */
-    bool by_unshot; /* patches with the most unshot power send, and the others keep theirs (radiosity/unshot.h) */
-    bool by_nodes;  /* nodes gather, and the other points mix their answers (nodes.h) */
-    bool early;     /* and travels while the step goes on, for a step that gathers from it will follow */
-    bool counted;   /* in the bake's energy ledger */
-    bool terminal;  /* no step of the integrator gathers from what it makes: points may be left out */
+    bool early;    /* and travels while the step goes on, for a step that gathers from it will follow */
+    bool counted;  /* in the bake's energy ledger */
+    bool terminal; /* no step of the integrator gathers from what it makes: points may be left out */
+    uint32_t with; /* which companions accompany it, of those that not all steps have: KILN_WITH (companion.h) */
 };
 
 /* What was found after a step about the balance of the ranks, and done; the same on all ranks. */
@@ -73,7 +69,14 @@ struct kiln_round {
     double share;
 };
 
-/* One step, as it went. Step, energy, tail_error and balance are the same on all ranks. */
+/* What pilots of a step of caustics have found (land_trial.h): root mean squares over the area, relative to direct
+ * light. Zero: nothing was tried. */
+struct kiln_caustic_trial {
+    bool tried, left_out;
+    double brings, rest; /* what caustics bring; the error of the rest */
+};
+
+/* One step, as it went. Step, energy, tail_error, caustics and balance are the same on all ranks. */
 struct kiln_step_report {
     struct kiln_step step;
     uint64_t rays;                    /* of this rank, and of earlier runs' ranks whose work it took over */
@@ -87,13 +90,14 @@ struct kiln_step_report {
     /* Root mean square over groups of tiles of the error that a geometric series from this step on would make, relative
      * to what the group reflects in all; 0 where nothing depends on it. */
     double tail_error;
-    /* The largest of such errors of a tile, beyond chance; 0 where nothing depends on it, as where the tail is not good
-     * enough for the scene as a whole. */
-    double tile_error;
+    /* The largest of such errors of an object's mean, beyond chance; 0 where nothing depends on it, as where the tail
+     * is not good enough for the scene as a whole. */
+    double object_error;
     /* after the last step of a round (rounds.h): share of the points that lie where the error is above the target */
     double unfinished;
-    struct kiln_round round; /* and the round that comes next */
-    bool out_of_time;        /* and whether that would hardly end in time, and so does not come */
+    struct kiln_round round;            /* and the round that comes next */
+    bool out_of_time;                   /* and whether that would hardly end in time, and so does not come */
+    struct kiln_caustic_trial caustics; /* of a step that lands, if it is the first */
     struct kiln_step_balance balance;
 };
 
@@ -102,6 +106,15 @@ struct kiln_step_reports {
     struct kiln_step_report *of;
     size_t count, room;
 };
+
+/* What was found of caustics, in the one step that tries them; zero: nothing was tried. */
+static inline struct kiln_caustic_trial kiln_caustics_found(const struct kiln_step_reports *reports)
+{
+    size_t i = 0;
+    while (i < reports->count && !reports->of[i].caustics.tried)
+        i++;
+    return i < reports->count ? reports->of[i].caustics : (struct kiln_caustic_trial){.tried = false};
+}
 
 /* Room for `count` reports. KILN_SYSTEM. */
 int kiln_step_reports_reserve(struct kiln_step_reports *reports, size_t count, struct kiln_error *error);

@@ -1,12 +1,15 @@
 #include "coordinator/job/changes.h"
 
 #include <ctype.h>
-#include <jansson.h>
+#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include <yaml.h>
 
+#include "coordinator/files/foreign_json.h"
+#include "coordinator/files/plain_file.h"
 #include "coordinator/job/job_private.h"
 
 enum { LIMIT = 1 << 16, DEEPEST = 5 }; /* bytes of a file; mappings and lists within one another */
@@ -94,6 +97,23 @@ static int value(struct reader *r, yaml_event_t *event, int depth, json_t **json
     return status == KILN_OK && (list || mapping) ? members(r, list, depth, *json, error) : status;
 }
 
+/* Nothing may follow the document. */
+static int end(struct reader *r, struct kiln_error *error)
+{
+    yaml_event_t event;
+    int status = next(r, &event, error); /* the end of the document */
+    if (status != KILN_OK)
+        return status;
+    yaml_event_delete(&event);
+    status = next(r, &event, error);
+    if (status != KILN_OK)
+        return status;
+    if (event.type != YAML_STREAM_END_EVENT)
+        status = wrong(r, &event, "a second document begins here; leave one", error);
+    yaml_event_delete(&event);
+    return status;
+}
+
 static int document(struct reader *r, json_t **json, struct kiln_error *error)
 {
     yaml_event_t event;
@@ -111,14 +131,17 @@ static int document(struct reader *r, json_t **json, struct kiln_error *error)
     status = next(r, &event, error);
     if (status == KILN_OK)
         status = value(r, &event, 0, json, error);
-    return status == KILN_OK && !json_is_object(*json)
-               ? kiln_fail(error, KILN_BAD_INPUT, "%.500s: is one mapping, NAME: {...}", r->path)
-               : status;
+    if (status == KILN_OK && !json_is_object(*json))
+        status = kiln_fail(error, KILN_BAD_INPUT, "%.500s: is one mapping, NAME: {...}", r->path);
+    return status == KILN_OK ? end(r, error) : status;
 }
 
-static int parse(const char *path, const char *text, size_t size, json_t **json, struct kiln_error *error)
+int kiln_changes_parse(const char *path, const char *text, size_t size, json_t **json, struct kiln_error *error)
 {
     struct reader r = {.path = path};
+    *json = NULL;
+    if (memchr(text, '\0', size) != NULL) /* which ends all text for libyaml */
+        return kiln_fail(error, KILN_BAD_INPUT, "%.500s: has a byte of value 0, which is no text; remove it", path);
     if (yaml_parser_initialize(&r.parser) == 0)
         return kiln_fail(error, KILN_SYSTEM, "out of memory: the changes");
     yaml_parser_set_input_string(&r.parser, (const unsigned char *)text, size);
@@ -127,34 +150,52 @@ static int parse(const char *path, const char *text, size_t size, json_t **json,
     return status;
 }
 
-/* The rest of a document that has begun, as JSON text; release with free. */
-static int text_of(const char *path, const char *text, size_t size, char **json_text, struct kiln_error *error)
+/* As JSON text, which is released with `json`, whose parsing ended with `status`; release with free. */
+static int text_of(json_t *json, int status, char **json_text, struct kiln_error *error)
 {
-    json_t *json = NULL;
-    const int status = parse(path, text, size, &json, error);
     *json_text = status == KILN_OK ? json_dumps(json, JSON_COMPACT) : NULL;
     json_decref(json);
     return status == KILN_OK && *json_text == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: the changes")
                                                    : status;
 }
 
-int kiln_changes_line(const char *line, const char *where, char **json_text, struct kiln_error *error)
+int kiln_changes_line(const char *line, size_t length, const char *where, char **json_text, struct kiln_error *error)
 {
-    return text_of(where, line, strlen(line), json_text, error);
+    json_t *json;
+    const int status = kiln_changes_parse(where, line, length, &json, error);
+    return text_of(json, status, json_text, error);
+}
+
+/* The file's bytes, in `bytes`. */
+static int read_file(const char *path, char bytes[LIMIT + 1], size_t *size, struct kiln_error *error)
+{
+    int descriptor;
+    const int status = kiln_open_plain(path, &descriptor, error);
+    ssize_t got = 1;
+    if (status != KILN_OK)
+        return status;
+    for (*size = 0; *size <= LIMIT && got != 0;) {
+        got = read(descriptor, bytes + *size, LIMIT + 1 - *size);
+        if (got < 0 && errno != EINTR)
+            break;
+        *size += got > 0 ? (size_t)got : 0;
+    }
+    const int read_all = got >= 0 ? KILN_OK : kiln_fail_errno(error, KILN_IO, "cannot read %.500s", path);
+    (void)close(descriptor);
+    return *size <= LIMIT
+               ? read_all
+               : kiln_fail(error, KILN_BAD_INPUT, "%.500s: is longer than such a file may be (%d bytes)", path, LIMIT);
 }
 
 int kiln_job_yaml_read(struct kiln_job *job, const char *path, char **kept, struct kiln_error *error)
 {
     char bytes[LIMIT + 1], *text = NULL;
-    FILE *file = fopen(path, "re");
-    if (file == NULL)
-        return kiln_fail_errno(error, 0, "cannot open %.500s", path);
-    const size_t size = fread(bytes, 1, sizeof bytes, file);
-    int status = ferror(file) != 0 ? kiln_fail_errno(error, KILN_IO, "cannot read %.500s", path)
-                 : size > LIMIT    ? kiln_fail(error, KILN_BAD_INPUT,
-                                               "%.500s: is longer than such a file may be (%d bytes)", path, LIMIT)
-                                   : text_of(path, bytes, size, &text, error);
-    (void)fclose(file);
+    size_t size = 0;
+    json_t *json = NULL;
+    int status = read_file(path, bytes, &size, error);
+    if (status == KILN_OK)
+        status = kiln_foreign_json(&json, KILN_YAML_CHILD, bytes, size, path, error);
+    status = text_of(json, status, &text, error);
     if (status == KILN_OK)
         status = kiln_job_keep_text(job, text, kept, error);
     free(text);

@@ -20,6 +20,8 @@
 #ifndef KILN_COORDINATOR_JOB_CHANGES_H
 #define KILN_COORDINATOR_JOB_CHANGES_H
 
+#include <jansson.h>
+
 #include "coordinator/job/job.h"
 
 /* Reads the file job->changes and stores it in job->changed as JSON; nothing if there is none. KILN_BAD_INPUT, with
@@ -29,7 +31,11 @@ int kiln_job_changes_read(struct kiln_job *job, struct kiln_error *error);
 /* Reads the file job->states and stores it in job->stated as JSON, name: changes; nothing if there is none. Likewise;
  * KILN_BAD_INPUT too for names that no folder can have. */
 int kiln_job_states_read(struct kiln_job *job, struct kiln_error *error);
-/* A line that says changes, YAML or JSON, as JSON text, which is to be released with free. `where`: for messages. */
-int kiln_changes_line(const char *line, const char *where, char **json_text, struct kiln_error *error);
+/* Parses YAML of that shape; `path` begins its sentences. For the confined child that reads the files
+ * (files/foreign_json.h), and for lines. Release *json with json_decref. */
+int kiln_changes_parse(const char *path, const char *text, size_t size, json_t **json, struct kiln_error *error);
+/* A line of `length` bytes that says changes, one document of YAML or JSON, as JSON text, which is to be released with
+ * free. `where`: for messages. */
+int kiln_changes_line(const char *line, size_t length, const char *where, char **json_text, struct kiln_error *error);
 
 #endif

@@ -15,10 +15,11 @@ enum kiln_sky_patches { KILN_SKY_WHOLE = 0, KILN_SKY_145 = 1, KILN_SKY_577 = 2, 
 /* --method radiosity: how lamps that are surfaces light others: by samples of the direct pass, or as patches. */
 enum kiln_lights_choice { KILN_LIGHTS_SAMPLED = 0, KILN_LIGHTS_PATCHES = 1 };
 
-/* Likewise: what stands for the patches of a window of texels (coordinator/integrate/patches.h). */
+/* Likewise: what stands for the patches of a window of texels (coordinator/integrate/patches/patches.h). */
 enum kiln_undersample { KILN_SAMPLE_ALL = 0, KILN_SAMPLE_STRIDE = 1, KILN_SAMPLE_RANDOM = 2, KILN_SAMPLE_MIPMAP = 3 };
 
-/* Likewise: what points gather from: all patches, or nodes of a tree of them (coordinator/integrate/links.h). */
+/* Likewise: what points gather from: all patches, or nodes of a tree of them (coordinator/integrate/patches/links.h).
+ */
 enum kiln_patches_choice { KILN_PATCHES_ALL = 0, KILN_PATCHES_LINKS = 1 };
 /* Likewise: what a point gathers by: pairs of patches; rays by the cosine, by even sets of directions over the
  * hemisphere or the disk under it, or by the cosine and to bright patches (worker/pass/directions.h). */
@@ -91,7 +92,7 @@ static inline bool kiln_exchange_is_compact(int form, uint64_t points)
 }
 
 /* What is kept beside a bake of the way that its light took, so that it can be relit: nothing, or what every gather ray
- * has met (integrate/transport.h), or the links of --patches links (integrate/link_file.h). */
+ * has met (integrate/relight/transport.h), or the links of --patches links (integrate/patches/link_file.h). */
 enum kiln_keep { KILN_KEEP_NONE = 0, KILN_KEEP_ROWS = 1, KILN_KEEP_LINKS = 2 };
 
 /* Whose radiosity a node receives: that of all points, or of those in patches of surface that its points see. */
@@ -107,7 +108,7 @@ enum kiln_directional { KILN_DIRECTIONAL_NONE = 0, KILN_DIRECTIONAL_DOMINANT = 1
 
 /* How the light is found that mirrors, gloss and glass send on from lights to diffuse surfaces: not at all, by
  * gather rays that go on from there (shaders/shared/chain.h), by light paths that land in texels (worker/pass/land.h),
- * by those, spread over what is near (coordinator/integrate/merge.h), or by rays and paths, each weighed
+ * by those, spread over what is near (coordinator/integrate/land/merge.h), or by rays and paths, each weighed
  * (worker/pass/weighed.h). AUTO: the latter. Light paths are traced from LAND on. */
 enum kiln_caustics {
     KILN_CAUSTICS_AUTO = 0,
@@ -122,13 +123,13 @@ enum kiln_caustics {
 #define KILN_MERGE_RADIUS_AUTO 0.0
 #define KILN_MERGE_RADIUS_TEXEL (-1.0)
 
-/* --iterations: more from round to round of a bake with a target error (integrate/rounds.h); and how many there are in
- * a step of the first round then, which --iterations has as its default too. */
+/* --iterations: more from round to round of a bake with a target error (integrate/parts/rounds.h); and how many there
+ * are in a step of the first round then, which --iterations has as its default too. */
 #define KILN_ITERATIONS_ALL UINT32_MAX
 enum { KILN_ITERATIONS_FIRST = 16 };
 
-/* What takes noise out of lightmaps: nothing; surface regression (coordinator/output/map/regression.h); or regression
- * unless --quality is reference. */
+/* What takes noise out of lightmaps: nothing; surface regression (coordinator/output/map/denoise/regression.h); or
+ * regression unless --quality is reference. */
 enum kiln_denoise { KILN_DENOISE_NONE = 0, KILN_DENOISE_REGRESSION = 1, KILN_DENOISE_AUTO = 2 };
 
 /* Where gather rays end, and the probes that answer for what lies farther away (worker/pass/gather.h). */
@@ -145,5 +146,8 @@ enum kiln_schedule {
     KILN_SCHEDULE_LEAN = 0, /* bounces with few rays, the energy tail, one final gather with many rays */
     KILN_SCHEDULE_EQUAL = 1 /* the same number of rays in every bounce, no tail, no final gather: the reference mode */
 };
+
+/* Encodings of pages of lightmaps: coordinator/export/page_format.h. */
+enum kiln_page_format { KILN_PAGE_EXR, KILN_PAGE_EXR_HALF, KILN_PAGE_RGBM, KILN_PAGE_RGBE, KILN_PAGE_KTX2 };
 
 #endif

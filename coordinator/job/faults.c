@@ -34,6 +34,15 @@ static int read_halt(struct kiln_faults *faults, const char *text, struct kiln_e
     return KILN_OK;
 }
 
+static int read_hold(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    if (strlen(text) >= sizeof faults->hold)
+        return kiln_fail(error, KILN_USAGE, "KILN_HOLD is '%.100s...'; it is a file's path of at most %zu characters",
+                         text, sizeof faults->hold - 1);
+    (void)strcpy(faults->hold, text);
+    return KILN_OK;
+}
+
 static int read_packer(struct kiln_faults *faults, const char *text, struct kiln_error *error)
 {
     int end = 0;
@@ -106,6 +115,26 @@ static int read_makers(struct kiln_faults *faults, const char *text, struct kiln
                                  : kiln_fail(error, KILN_USAGE, "KILN_KERNEL_MAKERS is '%.100s'; it is all", text);
 }
 
+static int read_doubles(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    faults->device.floats = strcmp(text, "none") == 0;
+    return faults->device.floats ? KILN_OK : kiln_fail(error, KILN_USAGE, "KILN_DOUBLES is '%.100s'; it is none", text);
+}
+
+static int read_traversal(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    static const char *const names[] = {[KILN_TRAVERSE_COMPUTE] = "compute",
+                                        [KILN_TRAVERSE_PIPELINE] = "pipeline",
+                                        [KILN_TRAVERSE_FOUR] = "four",
+                                        [KILN_TRAVERSE_EIGHT] = "eight"};
+    for (unsigned i = KILN_TRAVERSE_COMPUTE; i < sizeof names / sizeof *names; i++)
+        if (strcmp(text, names[i]) == 0) {
+            faults->traversal = i;
+            return KILN_OK;
+        }
+    return kiln_fail(error, KILN_USAGE, "KILN_TRAVERSAL is '%.100s'; it is compute, pipeline, four or eight", text);
+}
+
 static int read_tree(struct kiln_faults *faults, const char *text, struct kiln_error *error)
 {
     faults->device.tree = strcmp(text, "host") == 0     ? KILN_TREE_HOST
@@ -122,10 +151,11 @@ int kiln_faults_read(struct kiln_faults *faults, struct kiln_error *error)
         const char *name;
         int (*read)(struct kiln_faults *faults, const char *text, struct kiln_error *error);
     } variables[] = {
-        {"KILN_SLOW_RANK", read_slowness},   {"KILN_HALT_RANK", read_halt},   {"KILN_FAILING_PACKER", read_packer},
-        {"KILN_LOCKS", read_locks},          {"KILN_GPU_FAULT", read_device}, {"KILN_VULKAN_GUARD", read_guard},
-        {"KILN_PROBES", read_probes},        {"KILN_SIGHT", read_sight},      {"KILN_DIVIDE_FROM", read_division},
-        {"KILN_KERNEL_MAKERS", read_makers}, {"KILN_TREE", read_tree}};
+        {"KILN_SLOW_RANK", read_slowness},   {"KILN_HALT_RANK", read_halt},     {"KILN_FAILING_PACKER", read_packer},
+        {"KILN_LOCKS", read_locks},          {"KILN_GPU_FAULT", read_device},   {"KILN_VULKAN_GUARD", read_guard},
+        {"KILN_PROBES", read_probes},        {"KILN_SIGHT", read_sight},        {"KILN_DIVIDE_FROM", read_division},
+        {"KILN_KERNEL_MAKERS", read_makers}, {"KILN_TREE", read_tree},          {"KILN_HOLD", read_hold},
+        {"KILN_DOUBLES", read_doubles},      {"KILN_TRAVERSAL", read_traversal}};
     int status = KILN_OK;
     *faults = (struct kiln_faults){0};
     for (size_t i = 0; status == KILN_OK && i < sizeof variables / sizeof *variables; i++) {

@@ -10,7 +10,7 @@
 #include "worker/base/device.h"
 #include "worker/base/status.h"
 
-enum { KILN_FAULT_PLACE = 64 }; /* bytes of the name of a place, with the zero byte */
+enum { KILN_FAULT_PATH = 512, KILN_FAULT_PLACE = 64 }; /* bytes of the name of a place, with the zero byte */
 
 struct kiln_faults {
     /* KILN_SLOW_RANK=RANK:FACTOR. The rank takes `slowness` times as long for each batch, 1 to 1,000,000; 0: no rank
@@ -22,6 +22,9 @@ struct kiln_faults {
      * saved a checkpoint within that pass (coordinator/run/control.h), also without a watchdog. "": no rank does. */
     uint32_t halt_rank;
     char halt_place[KILN_FAULT_PLACE];
+    /* KILN_HOLD=FILE. As long as the file is there, the rank stays in the first batch of a pass that gathers, until it
+     * is asked to stop: so a bake lasts until what is to happen to it has happened, on any machine. "": it does not. */
+    char hold[KILN_FAULT_PATH];
     /* KILN_FAILING_PACKER=RANK. The rank fails to pack its band of a lightmap, or strips of other ranks' lightmaps. */
     bool packer_fails;
     uint32_t failing_packer;
@@ -33,11 +36,15 @@ struct kiln_faults {
     /* KILN_LOCKS=none. The lock of a bake's folder behaves as on a file system without locks. */
     bool no_locks;
     /* KILN_PROBES=plain. Radiance probes stay where the grid has them, also inside geometry, and every point takes all
-     * eight about it for seen: what a bake without coordinator/integrate/radiance_sight.h would do. */
+     * eight about it for seen: what a bake without coordinator/integrate/probes/radiance_sight.h would do. */
     bool plain_probes;
+    /* KILN_TRAVERSAL=compute, pipeline, four or eight: how a device finds hits, for measuring and where a driver's own
+     * way is wrong; the same on every rank (mpirun -x KILN_TRAVERSAL). */
+    enum kiln_traversal traversal;
     /* KILN_GPU_FAULT=lost:K, memory:K, or either with :N after it: the K-th call of a device's driver fails, and again
      * every N calls after it. KILN_VULKAN_GUARD=after, before, or 0 for none: guarded buffers
      * (worker/backend/vulkan/gpu/gpu.h). KILN_KERNEL_MAKERS=all: a software device's kernels are made by threads too.
+     * KILN_DOUBLES=none: devices are taken for such as have no doubles.
      * KILN_TREE=host or device: who builds the tree that a device walks (worker/backend/vulkan/tracer.h).
      */
     struct kiln_device_faults device;

@@ -5,69 +5,15 @@
 #include <strings.h>
 
 #include "coordinator/job/changes.h"
+#include "coordinator/job/gone.h"
+#include "coordinator/job/conditions.h"
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/light_groups.h"
 #include "coordinator/job/options.h"
 #include "worker/base/memory.h"
-#include "worker/pass/caustic_weights.h"
 #include "worker/sampling/direction_set.h"
 
 static struct kiln_job_owned *owned(struct kiln_job *job) { return job->strings; }
-
-/* Allocates `length` + 1 zero bytes that the job owns. */
-static int keep_room(struct kiln_job *job, size_t length, char **copy, struct kiln_error *error)
-{
-    struct kiln_job_owned *own = owned(job);
-    char *block = NULL;
-    int status = kiln_grow(&own->strings, &own->capacity, own->count + 1, sizeof(char *), "the job", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&block, length + 1, 1, "the job", error);
-    if (status != KILN_OK)
-        return status;
-    own->strings[own->count++] = block;
-    *copy = block;
-    return KILN_OK;
-}
-
-int kiln_job_keep(struct kiln_job *job, const char *text, size_t length, char **copy, struct kiln_error *error)
-{
-    const int status = keep_room(job, length, copy, error);
-    if (status == KILN_OK)
-        memcpy(*copy, text, length);
-    return status;
-}
-
-int kiln_job_keep_room(struct kiln_job *job, size_t bytes, void **room, struct kiln_error *error)
-{
-    char *block = NULL;
-    const int status = keep_room(job, bytes, &block, error);
-    if (status == KILN_OK)
-        memset(block, 0, bytes);
-    *room = block;
-    return status;
-}
-
-int kiln_job_keep_path(struct kiln_job *job, const char *path, const char *folder, char **copy,
-                       struct kiln_error *error)
-{
-    if (folder == NULL || path[0] == '/' || strcmp(folder, ".") == 0)
-        return kiln_job_keep(job, path, strlen(path), copy, error);
-    const size_t before = strlen(folder), after = strlen(path);
-    const bool slash = before > 0 && folder[before - 1] == '/';
-    const int status = keep_room(job, before + !slash + after, copy, error);
-    if (status != KILN_OK)
-        return status;
-    memcpy(*copy, folder, before);
-    if (!slash)
-        (*copy)[before] = '/';
-    memcpy(*copy + before + !slash, path, after);
-    return KILN_OK;
-}
-
-int kiln_job_keep_text(struct kiln_job *job, const char *text, char **copy, struct kiln_error *error)
-{
-    return kiln_job_keep(job, text, strlen(text), copy, error);
-}
 
 bool kiln_is_yaml(const char *path)
 {
@@ -96,12 +42,45 @@ static void set_quality(struct kiln_job *job)
         }
 }
 
+/* A second value given behind the colon goes, or that of the default comes back. */
+static int give_second(struct kiln_job *job, const struct kiln_option *second, const char *text, const char *where,
+                       int status, struct kiln_error *error)
+{
+    struct kiln_job_owned *own = owned(job);
+    const size_t index = (size_t)(second - kiln_options);
+    if (text == NULL && (!own->given[index] || own->renamed[index]))
+        return KILN_OK;
+    own->given[index] = text != NULL;
+    own->renamed[index] = false;
+    return kiln_option_set(job, second, text != NULL ? text : second->fallback, where, status, NULL, error);
+}
+
+int kiln_job_give(struct kiln_job *job, const struct kiln_option *option, const char *name, const char *text,
+                  const char *where, int status, const char *folder, struct kiln_error *error)
+{
+    struct kiln_job_owned *own = owned(job);
+    const struct kiln_option *second = kiln_option_second(option);
+    const char *colon = second != NULL ? strchr(text, ':') : NULL;
+    char first[KILN_OPTION_TEXT];
+    own->given[option - kiln_options] = true;
+    if (option->second_of != NULL || strcmp(name, option->name) != 0)
+        own->renamed[option - kiln_options] = true;
+    if (colon != NULL) {
+        (void)snprintf(first, sizeof first, "%.*s", (int)(colon - text), text);
+        text = first;
+    }
+    const int given = kiln_option_set(job, option, text, where, status, folder, error);
+    return given != KILN_OK || second == NULL
+               ? given
+               : give_second(job, second, colon != NULL ? colon + 1 : NULL, where, status, error);
+}
+
 /* An option on the command line. */
 struct word {
     const struct kiln_option *option;
     const char *value; /* the text after '='; NULL: none */
     bool negated;      /* given as --no-NAME */
-    bool renamed;      /* given by its former name */
+    char name[64];     /* as it was given, without dashes and no- */
 };
 
 static int unknown_option(const struct kiln_command *command, const char *name, struct kiln_error *error)
@@ -109,11 +88,14 @@ static int unknown_option(const struct kiln_command *command, const char *name, 
     const struct kiln_option *elsewhere = kiln_option_find(name);
     const bool negated = strncmp(name, "no-", 3) == 0;
     const char *nearest = kiln_option_nearest(negated ? name + 3 : name, command->bit);
+    const struct kiln_gone_option *gone = kiln_gone_option_find(name);
     char near[80] = "", list[200] = "";
+    if (gone != NULL)
+        return kiln_fail(error, KILN_USAGE, "--%s is no more since kiln %s: %s", name, gone->since, gone->instead);
     if (nearest != NULL)
         (void)snprintf(near, sizeof near, "the nearest one is --%s%s", negated ? "no-" : "", nearest);
     if (elsewhere == NULL)
-        return kiln_fail(error, KILN_USAGE, "unknown option --%.200s; %s%skiln %s --help lists all%s", name, near,
+        return kiln_fail(error, KILN_USAGE, "unknown option --%.200s; %s%skiln %s --help all lists them%s", name, near,
                          nearest == NULL ? "" : " (", command->name, nearest == NULL ? "" : ")");
     for (size_t i = 0; i < kiln_command_count; i++)
         if ((elsewhere->commands & kiln_commands[i].bit) != 0) {
@@ -134,6 +116,7 @@ static int recognise(const struct kiln_command *command, const char *argument, s
             return kiln_fail(error, KILN_USAGE, "unknown option %.200s; the short options are -o and -h", argument);
         word->option = kiln_option_find("output");
         word->value = argument[2] == '=' ? argument + 3 : NULL;
+        (void)snprintf(word->name, sizeof word->name, "output");
         return (word->option->commands & command->bit) != 0 ? KILN_OK : unknown_option(command, "output", error);
     }
     (void)snprintf(name, sizeof name, "%.*s", (int)(equals == NULL ? strlen(start) : (size_t)(equals - start)), start);
@@ -148,7 +131,7 @@ static int recognise(const struct kiln_command *command, const char *argument, s
     }
     if (word->option == NULL || (word->option->commands & command->bit) == 0)
         return unknown_option(command, word->option == NULL ? name : word->option->name, error);
-    word->renamed = strcmp(word->negated ? name + 3 : name, word->option->name) != 0;
+    (void)snprintf(word->name, sizeof word->name, "%s", word->negated ? name + 3 : name);
     return KILN_OK;
 }
 
@@ -157,7 +140,7 @@ static int recognise(const struct kiln_command *command, const char *argument, s
 static int read_option(struct kiln_job *job, const struct kiln_command *command, char **arguments, int *at,
                        const char *only, struct kiln_error *error)
 {
-    struct word word = {NULL, NULL, false, false};
+    struct word word = {NULL, NULL, false, ""};
     char where[80];
     int status = recognise(command, arguments[*at], &word, error);
     if (status != KILN_OK)
@@ -176,10 +159,7 @@ static int read_option(struct kiln_job *job, const struct kiln_command *command,
     *at += 1;
     if (only != NULL && strcmp(only, word.option->name) != 0)
         return KILN_OK;
-    owned(job)->given[word.option - kiln_options] = true;
-    if (word.renamed)
-        owned(job)->renamed[word.option - kiln_options] = true;
-    return kiln_option_set(job, word.option, value, where, KILN_USAGE, NULL, error);
+    return kiln_job_give(job, word.option, word.name, value, where, KILN_USAGE, NULL, error);
 }
 
 /* A number may begin with '-' and still be an argument: kiln probe DIR -1 0 2. */
@@ -334,8 +314,7 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
                     {"iterations", "traces no light paths", "land", KILN_CAUSTICS_LAND, KILN_CAUSTICS_VCM},
                     {"merge-radius", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_VCM},
                     {"radius-alpha", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_VCM},
-                    {"mis", "shares nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM},
-                    {"connections", "connects nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM}};
+                    {"mis", "shares nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM}};
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && !kiln_job_is_reference(job); i++) {
         const int settled = job->caustics == KILN_CAUSTICS_AUTO ? KILN_CAUSTICS_VCM : job->caustics;
         if ((settled < of_paths[i].from || settled > of_paths[i].to) && given(job, of_paths[i].name))
@@ -343,10 +322,6 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
                              of_paths[i].name, caustics[job->caustics], of_paths[i].what, of_paths[i].choice,
                              of_paths[i].name);
     }
-    if (job->connections > 0.0 && kiln_mis_learns((enum kiln_mis)job->mis))
-        return kiln_fail(error, KILN_USAGE,
-                         "--connections: pilots, which teach --mis variance, correlation and optimal, know nothing of "
-                         "connections; give another --mis, or leave --connections out");
     if (job->iterations == KILN_ITERATIONS_ALL && !(job->target_error > 0.0))
         return kiln_fail(error, KILN_USAGE,
                          "--iterations all: light paths are sent until the error is small enough, and nothing says how "
@@ -375,18 +350,18 @@ static int refuse_unused(const struct kiln_job *job, const struct unused_option 
 /* How "cells" gathers, of which other methods know nothing. */
 static int refuse_cells(struct kiln_job *job, struct kiln_error *error)
 {
-    const struct unused_option of_cells[] = {{"tail", job->tail && given(job, "tail")},
-                                             {"schedule", job->schedule != KILN_SCHEDULE_LEAN},
-                                             {"indirect-scale", job->indirect_scale > 0},
-                                             {"final-scale", job->final_scale > 0},
-                                             {"guide", job->guide > 0},
-                                             {"caustics", job->caustics != KILN_CAUSTICS_AUTO},
-                                             {"photons", given(job, "photons")},
-                                             {"iterations", given(job, "iterations")},
-                                             {"radius-alpha", given(job, "radius-alpha")},
-                                             {"mis", given(job, "mis")},
-                                             {"connections", given(job, "connections")},
-                                             {"tracing-range", kiln_job_has_probes(job)}};
+    const struct unused_option of_cells[] = {
+        {"tail", job->tail && given(job, "tail")},
+        {"schedule", job->schedule != KILN_SCHEDULE_LEAN && given(job, "schedule")},
+        {"indirect-scale", job->indirect_scale > 0},
+        {"final-scale", job->final_scale > 0},
+        {"guide", job->guide > 0},
+        {"caustics", job->caustics != KILN_CAUSTICS_AUTO},
+        {"photons", given(job, "photons")},
+        {"iterations", given(job, "iterations")},
+        {"radius-alpha", given(job, "radius-alpha")},
+        {"mis", given(job, "mis")},
+        {"tracing-range", kiln_job_has_probes(job)}};
     return refuse_unused(job, of_cells, sizeof of_cells / sizeof *of_cells, error);
 }
 
@@ -414,9 +389,6 @@ static int check_links(struct kiln_job *job, struct kiln_error *error)
                                            {"visibility-cache", job->patches.visibility_cache > 0.0},
                                            {"order unshot", job->patches.order == KILN_ORDER_UNSHOT},
                                            {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS}};
-    if (job->patches.patches != KILN_PATCHES_LINKS && given(job, "link-error"))
-        return kiln_fail(error, KILN_USAGE,
-                         "--link-error: all texels are patches; give --patches links, or leave --link-error out");
     for (size_t i = 0; job->patches.patches == KILN_PATCHES_LINKS && i < sizeof others / sizeof *others; i++)
         if (others[i].wanted)
             return kiln_fail(error, KILN_USAGE,
@@ -437,13 +409,18 @@ static int check_gather(struct kiln_job *job, struct kiln_error *error)
         if (given(job, of_pairs[i]))
             return kiln_fail(error, KILN_USAGE, "--%s is for pairs of patches: give --gather pairs, or leave it out",
                              of_pairs[i]);
-    if (directions > 0 && pairs)
-        return kiln_fail(error, KILN_USAGE,
-                         "--directions: pairs of patches have none; give --gather cosine, even, circles or mixed");
     if (job->patches.gather == KILN_GATHER_CIRCLES &&
         (directions > 0 ? directions : job->samples_indirect) > KILN_CIRCLES_MOST)
-        return kiln_fail(error, KILN_USAGE, "--gather circles has %d directions at most: give --directions %d, or even",
+        return kiln_fail(error, KILN_USAGE,
+                         "--gather circles has %d directions at most: give --gather circles:%d, or even",
                          KILN_CIRCLES_MOST, KILN_CIRCLES_MOST);
+    if (job->patches.gather == KILN_GATHER_CIRCLES &&
+        (directions > 0 ? directions : job->samples_indirect) < KILN_CIRCLES_LEAST)
+        return kiln_fail(
+            error, KILN_USAGE,
+            "--gather circles needs %d directions: fewer have so few heights that the light is off by 2 to "
+            "6 %% all over; give --gather circles:%d, or even",
+            KILN_CIRCLES_LEAST, KILN_CIRCLES_LEAST);
     return KILN_OK;
 }
 
@@ -455,12 +432,6 @@ static int check_nodes(struct kiln_job *job, struct kiln_error *error)
         return kiln_fail(
             error, KILN_USAGE,
             "--undersample and --subdivide both say what stands for several texels: leave one of them out");
-    if (given(job, "sampling-window") && !samples)
-        return kiln_fail(error, KILN_USAGE,
-                         "--sampling-window: all texels are taken; give --undersample mipmap, or leave it out");
-    if (given(job, "node-max") && !divides)
-        return kiln_fail(error, KILN_USAGE,
-                         "--node-max: all texels are taken; give --subdivide 0.1, or leave --node-max out");
     if (job->patches.keep_nodes && !samples && !divides)
         return kiln_fail(error, KILN_USAGE,
                          "--keep-nodes: each texel is a node; give --undersample or --subdivide, or leave it out");
@@ -471,31 +442,36 @@ static int check_nodes(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-static int check_visibility(struct kiln_job *job, struct kiln_error *error)
-{
-    if (job->patches.visibility == KILN_VISIBILITY_RAYS && given(job, "voxels"))
-        return kiln_fail(error, KILN_USAGE,
-                         "--voxels: rays say what patches see; give --visibility voxels, or leave --voxels out");
-    return KILN_OK;
-}
-
 /* Rounds of unshot light close rows as the step before them found these to be. */
 static int check_order(struct kiln_job *job, struct kiln_error *error)
 {
     const struct unused_option others[] = {{"undersample random", job->patches.undersample == KILN_SAMPLE_RANDOM},
                                            {"subdivide", job->patches.subdivide > 0.0},
                                            {"clamp", job->patches.clamp}};
-    if (job->patches.order != KILN_ORDER_UNSHOT)
-        return given(job, "unshot-left")
-                   ? kiln_fail(error, KILN_USAGE,
-                               "--unshot-left: all texels send at once; give --order unshot, or leave it out")
-                   : KILN_OK;
-    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+    for (size_t i = 0; job->patches.order == KILN_ORDER_UNSHOT && i < sizeof others / sizeof *others; i++)
         if (others[i].wanted)
             return kiln_fail(error, KILN_USAGE,
                              "--%s is not for --order unshot, whose nodes and view factors stay from round to round: "
                              "leave one of the two out",
                              others[i].name);
+    return KILN_OK;
+}
+
+/* Second values that nothing asks for. */
+static int check_seconds(struct kiln_job *job, struct kiln_error *error)
+{
+    static const char *const names[] = {"link-error",      "unshot-left", "directions",
+                                        "sampling-window", "node-max",    "voxels"};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        const struct kiln_option *option = kiln_option_find(names[i]);
+        const bool behind = kiln_option_behind(job, option);
+        char room[KILN_OPTION_TEXT];
+        const char *text = kiln_option_text(job, option, room);
+        if (given(job, names[i]) && !option->when->holds(job) && strcmp(text, option->fallback) != 0)
+            return kiln_fail(error, KILN_USAGE, "--%s%s%s: %s, or leave %s out",
+                             behind ? option->second_of : option->name, behind ? " ...:" : "", behind ? text : "",
+                             option->when->otherwise, behind ? "that number" : "it");
+    }
     return KILN_OK;
 }
 
@@ -527,9 +503,10 @@ static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
     if (status == KILN_OK)
         status = check_order(job, error);
     if (status == KILN_OK)
-        status = check_visibility(job, error);
+        status = check_seconds(job, error);
     if (status != KILN_OK)
         return status;
+    job->diffuse_unasked = !given(job, "materials");
     job->materials = KILN_GLOSS_MODE_DIFFUSE;
     job->tail = false;
     job->schedule = KILN_SCHEDULE_EQUAL;
@@ -557,47 +534,10 @@ static int settle_reference(struct kiln_job *job, struct kiln_error *error)
                                                : kiln_job_keep(job, "embree", strlen("embree"), &job->backend, error);
 }
 
-static int fill(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,
-                struct kiln_error *error)
+/* Checks options of light against one another, and fills in what follows from them. */
+static int settle_light(struct kiln_job *job, uint32_t commands, struct kiln_error *error)
 {
-    int status = set_defaults(job, error);
-    if (status == KILN_OK)
-        status = read_command_line(job, command, argc, argv, "devices", error);
-    if (status == KILN_OK)
-        status = read_command_line(job, command, argc, argv, "quality", error);
-    if (status == KILN_OK)
-        status = check_arguments(job, command, error);
-    if (status == KILN_OK && command->bit == KILN_FOR_BENCH && strcmp(job->arguments[0], "stability") != 0)
-        job->scene = job->arguments[1];
-    const bool scene = status == KILN_OK && command->scene && job->argument_count > 0;
-    const char *file = scene && kiln_is_yaml(job->arguments[0]) ? job->arguments[0] : NULL;
-    if (file != NULL && !given(job, "quality"))
-        status = kiln_job_file_read_quality(job, file, error);
-    if (status != KILN_OK)
-        return status;
-    set_quality(job);
-    if (file != NULL)
-        status = kiln_job_file_read(job, file, error);
-    else if (scene)
-        status = kiln_job_keep(job, job->arguments[0], strlen(job->arguments[0]), &job->scene, error);
-    if (status == KILN_OK)
-        status = read_command_line(job, command, argc, argv, NULL, error);
-    if (status == KILN_OK)
-        status = kiln_job_changes_read(job, error);
-    if (status == KILN_OK)
-        status = kiln_job_groups_read(job, error);
-    if (status == KILN_OK)
-        status = kiln_job_states_read(job, error);
-    if (status == KILN_OK && command->bit == KILN_FOR_BAKE && job->output == NULL)
-        status = kiln_job_default_output(job, job->arguments[0], "-bake", error);
-    if (status == KILN_OK && command->bit == KILN_FOR_RELIGHT && job->output == NULL)
-        status = kiln_job_default_output(job, job->arguments[0], "-relit", error);
-    if (status == KILN_OK && command->bit == KILN_FOR_MIX && job->output == NULL)
-        status = kiln_job_default_output(job, job->arguments[0], "-mixed", error);
-    if (status == KILN_OK && (command->bit & (KILN_FOR_BAKE | KILN_FOR_PLAN)) != 0)
-        status = check_paths(job, error);
-    if (status == KILN_OK && !given(job, "tail"))
-        job->tail = job->bounces < 0;
+    int status = (commands & (KILN_FOR_BAKE | KILN_FOR_PLAN)) != 0 ? check_paths(job, error) : KILN_OK;
     if (status == KILN_OK && kiln_job_is_reference(job))
         status = settle_reference(job, error);
     if (status == KILN_OK && kiln_job_is_radiosity(job))
@@ -619,12 +559,78 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
             kiln_fail(error, KILN_USAGE,
                       "--exchange-points visible sends what surface points see, and radiance probes see more: give "
                       "--tracing-range inf, or --exchange-points all");
+    return status == KILN_OK ? settle_store(job, error) : status;
+}
+
+int kiln_job_settle_light(struct kiln_job *job, struct kiln_error *error)
+{
+    const bool unasked = job->diffuse_unasked;
+    const int status = settle_light(job, KILN_FOR_BAKE, error);
+    job->diffuse_unasked = unasked;
+    return status;
+}
+
+/* Sets the output folder of a command that has a default for it. */
+static int default_output(struct kiln_job *job, const struct kiln_command *command, struct kiln_error *error)
+{
+    const char *ending = command->bit == KILN_FOR_BAKE      ? "-bake"
+                         : command->bit == KILN_FOR_RELIGHT ? "-relit"
+                         : command->bit == KILN_FOR_MIX     ? "-mixed"
+                                                            : NULL;
+    if (ending == NULL || job->output != NULL)
+        return KILN_OK;
+    return kiln_job_default_output(job, job->arguments[0], ending, error);
+}
+
+/* Reads the files that options name, checks options against one another, and fills in what follows from them. */
+static int complete(struct kiln_job *job, const struct kiln_command *command, struct kiln_error *error)
+{
+    int status = kiln_job_changes_read(job, error);
+    if (status == KILN_OK)
+        status = kiln_job_groups_read(job, error);
+    if (status == KILN_OK)
+        status = kiln_job_states_read(job, error);
+    if (status == KILN_OK)
+        status = default_output(job, command, error);
+    if (status == KILN_OK && !given(job, "tail"))
+        job->tail = job->bounces < 0;
+    if (status == KILN_OK)
+        status = settle_light(job, command->bit, error);
     if (status == KILN_OK && job->states != NULL && job->listen)
         status =
             kiln_fail(error, KILN_USAGE, "--states and --listen exclude each other: a line of --listen is a state");
     if (status == KILN_OK && job->quiet && job->verbose)
         status = kiln_fail(error, KILN_USAGE, "--quiet and --verbose exclude each other");
-    return status == KILN_OK ? settle_store(job, error) : status;
+    return status;
+}
+
+/* Reads the job file and the command line, which wins. */
+static int fill(struct kiln_job *job, const struct kiln_command *command, int argc, char **argv,
+                struct kiln_error *error)
+{
+    int status = set_defaults(job, error);
+    if (status == KILN_OK)
+        status = read_command_line(job, command, argc, argv, "devices", error);
+    if (status == KILN_OK)
+        status = read_command_line(job, command, argc, argv, "quality", error);
+    if (status == KILN_OK)
+        status = check_arguments(job, command, error);
+    if (status == KILN_OK && command->bit == KILN_FOR_BENCH)
+        job->scene = job->arguments[1];
+    const bool scene = status == KILN_OK && command->scene && job->argument_count > 0;
+    const char *file = scene && kiln_is_yaml(job->arguments[0]) ? job->arguments[0] : NULL;
+    if (file != NULL && !given(job, "quality"))
+        status = kiln_job_file_read_quality(job, file, error);
+    if (status != KILN_OK)
+        return status;
+    set_quality(job);
+    if (file != NULL)
+        status = kiln_job_file_read(job, file, error);
+    else if (scene)
+        status = kiln_job_keep(job, job->arguments[0], strlen(job->arguments[0]), &job->scene, error);
+    if (status == KILN_OK)
+        status = read_command_line(job, command, argc, argv, NULL, error);
+    return status == KILN_OK ? complete(job, command, error) : status;
 }
 
 int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_error *error)
@@ -661,9 +667,23 @@ int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_err
     return status;
 }
 
-bool kiln_job_given(const struct kiln_job *job, const struct kiln_option *option)
+bool kiln_option_behind(const struct kiln_job *job, const struct kiln_option *option)
 {
-    return ((const struct kiln_job_owned *)job->strings)->given[option - kiln_options];
+    const struct kiln_job_owned *own = job->strings;
+    return option->second_of != NULL && own->given[option - kiln_options] && !own->renamed[option - kiln_options];
+}
+
+/* The present form of an option that was given by its former name. */
+static void print_renamed(const struct kiln_job *job, const struct kiln_option *option, FILE *stream)
+{
+    char room[KILN_OPTION_TEXT];
+    if (option->second_of == NULL)
+        (void)fprintf(stream, "kiln: note: the option %s is now called %s; ", option->former, option->name);
+    else
+        (void)fprintf(stream, "kiln: note: the option %s is now part of %s: write %s %s; ", option->name,
+                      option->second_of, option->second_of,
+                      kiln_option_argument(job, kiln_option_find_for(option->second_of, option->commands), room));
+    (void)fputs("the next version will not accept the old name\n", stream);
 }
 
 void kiln_job_print_renamed(const struct kiln_job *job, FILE *stream)
@@ -671,9 +691,7 @@ void kiln_job_print_renamed(const struct kiln_job *job, FILE *stream)
     const struct kiln_job_owned *own = job->strings;
     for (size_t i = 0; i < kiln_option_count; i++)
         if (own->renamed[i])
-            (void)fprintf(stream,
-                          "kiln: note: the option %s is now called %s; the next version will not accept the old name\n",
-                          kiln_options[i].former, kiln_options[i].name);
+            print_renamed(job, &kiln_options[i], stream);
 }
 
 void kiln_job_destroy(struct kiln_job **job)

@@ -53,7 +53,6 @@ struct kiln_job {
     /* devices and threads */
     char *backend;          /* auto | embree | vulkan */
     int64_t device;         /* number in `kiln info --devices`; -1: ranks of a node take devices in turn */
-    int traversal;          /* enum kiln_traversal */
     double verify_fraction; /* fraction of the tile runs that are traced again with Embree */
     double dispatch_time;   /* longest time of one GPU dispatch, ms */
     double device_memory;   /* GiB that a rank may use; 0: what is free on the device */
@@ -69,18 +68,19 @@ struct kiln_job {
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
     uint32_t samples_direct, samples_bounce, samples_indirect; /* rays for each texel */
-    int indirect_scale;      /* log2 of texels a side of a block in bounces (integrate/blocks.h) */
-    int final_scale;         /* likewise in the final gather (integrate/nodes.h) */
-    int guide;               /* 1: the final gather follows what the bounces learn (worker/pass/guided.h) */
-    int materials;           /* enum kiln_gloss_mode */
-    int caustics;            /* enum kiln_caustics */
-    int mis;                 /* enum kiln_mis (worker/pass/caustic_weights.h), of --caustics vcm */
-    double connections;      /* likewise: the chance of a gather ray's place to be connected with a light path */
-    uint32_t photons;        /* --caustics land, ...: light paths of an iteration; 0: kiln_light_photons */
-    uint32_t iterations;     /* and how many iterations there are; or KILN_ITERATIONS_ALL */
-    double radius_alpha;     /* --caustics merge (integrate/merge.h) */
-    uint32_t chain_length;   /* surfaces of a gather ray's chain that are met for certain (shaders/shared/chain.h) */
-    char *only_visible_from; /* cameras, or a path's file: bake/visible_from.h; NULL: all surfaces are lit */
+    int indirect_scale;    /* log2 of texels a side of a block in bounces (integrate/sparse/blocks.h) */
+    int final_scale;       /* likewise in the final gather (integrate/sparse/nodes.h) */
+    int guide;             /* 1: the final gather follows what the bounces learn (worker/pass/guided.h) */
+    int materials;         /* enum kiln_gloss_mode */
+    bool diffuse_unasked;  /* `materials` is diffuse by the method, not by --materials: a scene may refuse that */
+    int caustics;          /* enum kiln_caustics */
+    bool caustics_tried;   /* no option: a first round says whether they come (coordinator/bake/prepare/materials.h) */
+    int mis;               /* enum kiln_mis (worker/pass/caustic_weights.h), of --caustics vcm */
+    uint32_t photons;      /* --caustics land, ...: light paths of an iteration; 0: kiln_light_photons */
+    uint32_t iterations;   /* and how many iterations there are; or KILN_ITERATIONS_ALL */
+    double radius_alpha;   /* --caustics merge (integrate/land/merge.h) */
+    uint32_t chain_length; /* surfaces of a gather ray's chain that are met for certain (shaders/shared/chain.h) */
+    char *only_visible_from; /* cameras, or a path's file: bake/light/visible_from.h; NULL: all surfaces are lit */
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
     struct kiln_radiance_settings radiance;     /* probes that answer for what is far; see kiln_job_has_probes */
     struct kiln_reference_parameters paths;     /* of the methods of kiln_job_is_reference */
@@ -91,12 +91,16 @@ struct kiln_job {
 
     /* texels, cells, partition */
     int store;            /* enum kiln_store_kind */
-    double memory_budget; /* GiB of a host; 0: none (coordinator/bake/results_memory.h) */
+    double memory_budget; /* GiB of a host; 0: none (coordinator/bake/prepare/results_memory.h) */
     double leaf_size;     /* m, of octrees; 0: 1 / texels_per_metre */
     double texels_per_metre;
     uint32_t lightmap_size; /* 0: by density */
     uint32_t lightmap_max;  /* texels a side */
+    bool up_z;              /* an OBJ file's z points up, otherwise its y */
+    double unit;            /* m, of an OBJ file */
+    bool strict;            /* missing pictures are an error */
     bool repack;            /* pack charts again that lie too close together */
+    bool keep_shared;       /* keep given layouts whose charts share texels */
     char *objects;          /* settings of objects, as JSON (coordinator/job/object_settings.h); NULL: none */
     bool trust_normals;     /* normals decide which side of a triangle is its front; otherwise its winding does */
     double cell_size;       /* m; 0: chosen automatically */
@@ -104,6 +108,7 @@ struct kiln_job {
 
     /* volume */
     double probe_spacing;   /* m; 0: chosen automatically */
+    char *volume_bounds;    /* "x,y,z,x,y,z", m: least and greatest corner; NULL: chosen automatically */
     uint32_t samples_probe; /* rays for each probe; 0: no volume */
 
     /* results */
@@ -113,7 +118,7 @@ struct kiln_job {
     int denoise;        /* enum kiln_denoise */
     bool error_map;     /* write the standard error of each texel as a layer */
     bool vertex_light;  /* irradiance at vertices (coordinator/output/vertex_light.h) */
-    bool check_density; /* whether the texels are fine enough (coordinator/bake/density_check.h) */
+    bool check_density; /* whether the texels are fine enough (coordinator/bake/light/density_check.h) */
     bool preview;       /* write preview.png; default true */
     bool export;        /* write scene.glb; default true */
     int keep_transport; /* enum kiln_keep */
@@ -161,6 +166,7 @@ struct kiln_job {
     uint32_t path_length;                /* view: rays of a path at most; 0: any number */
     char *accumulate;                    /* view: folder that keeps the sums of paths; NULL: none */
     bool sequence;                       /* view: frames of a path are means over those before them */
+    uint32_t view_places;                /* view: no picture, but so many places to look from; 0: a picture */
     int view_denoise;                    /* view: enum kiln_view_denoise */
     bool aov;                            /* view: layers of what is seen besides light */
     double lens_radius;                  /* view: m; 0: a pinhole */
@@ -173,14 +179,8 @@ struct kiln_job {
     double albedo;                       /* generate furnace; -1: not given */
     double node_bandwidth, node_latency; /* plan: of the network, GB/s and microseconds */
     uint64_t points;                     /* plan: surface points of the scaling curve; 0: those of the scene */
-    char *rank_counts;                   /* bench scaling, cell-size, per-object: "1,2,4" */
-    uint32_t repeats;                    /* bench: runs of each measurement */
-    char *reference;                     /* benches: what errors are measured against; NULL: it is made */
-    uint32_t reference_samples;          /* benches: rays a texel, or paths a pixel, of the reference */
-    double view_time;                    /* bench converge: s, of a view at most */
-    uint32_t doublings;                  /* bench converge: of the paths a pixel */
-    double budget;                       /* benches that sweep: seconds; 0: no limit */
-    bool list;                           /* bench tradeoff: only list the bakes */
+    char *rank_counts;                   /* bench scaling: "1,2,4" */
+    uint32_t repeats;                    /* bench rays: runs of each measurement */
 
     /* submit: what the batch job requests */
     uint32_t nodes, gpus, ranks_per_node; /* gpus: of each node; ranks_per_node 0: one for each GPU, or one */
@@ -212,6 +212,10 @@ struct kiln_job {
  * the command line, with the nearest known name; KILN_BAD_INPUT for the same in a job file, with file and line. Release
  * with kiln_job_destroy. */
 int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_error *error);
+
+/* Checks the options of light of a job against one another, as kiln_job_parse does for a bake, and fills in what
+ * follows from them. For jobs whose options were set after they were parsed. KILN_USAGE. */
+int kiln_job_settle_light(struct kiln_job *job, struct kiln_error *error);
 void kiln_job_destroy(struct kiln_job **job);
 
 struct kiln_option;
@@ -232,14 +236,17 @@ static inline bool kiln_job_has_links(const struct kiln_job *job)
 }
 
 /* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
-enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be known (integrate/parts.h) */
+enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be known (integrate/parts/parts.h) */
+/* An error that is known of so few parts alone is stated larger by this, so that 95 % of all values lie within two of
+ * it, as of an error that is known well: half the 97.5th percentile of Student's t with three degrees of freedom. */
+#define KILN_PARTS_STUDENT 1.591
 static inline uint32_t kiln_job_parts(const struct kiln_job *job)
 {
     return (job->error_map || job->target_error > 0.0) && !kiln_job_has_links(job) ? KILN_PARTS : 1;
 }
 
 /* Whether light goes on from mirrors, gloss and glass, and whether a bake computes what comes from lamps by way of
- * these. Of a job that is settled (coordinator/bake/materials.h). */
+ * these. Of a job that is settled (coordinator/bake/prepare/materials.h). */
 static inline bool kiln_job_takes_gloss(const struct kiln_job *job)
 {
     return job->materials != KILN_GLOSS_MODE_DIFFUSE && job->chain_length > 0;
@@ -273,7 +280,7 @@ static inline bool kiln_job_denoises(const struct kiln_job *job)
            (job->denoise == KILN_DENOISE_AUTO && job->quality != NULL && strcmp(job->quality, "reference") != 0);
 }
 
-/* Prints one line for each option that was given by its former name, with the present name. Not collective. */
+/* Prints one line for each option that was given by its former name, with the present form. Not collective. */
 void kiln_job_print_renamed(const struct kiln_job *job, FILE *stream);
 
 #endif

@@ -5,12 +5,19 @@
 #include "coordinator/job/job.h"
 
 /* What a job owns: kiln_job.strings points to it. */
+struct kiln_option;
 struct kiln_job_owned {
     char **strings;
     size_t count, capacity;
     bool *given;   /* kiln_option_count flags: set by the job file or the command line, not by a default */
-    bool *renamed; /* kiln_option_count flags: given by its former name */
+    bool *renamed; /* kiln_option_count flags: given by its former name, or by its own where it is a second value */
 };
+
+/* Stores a value that the user gave the option under `name`, and marks the option as given. FIRST:SECOND gives two to
+ * an option that has a second one; FIRST alone takes back a second one that was given so before. Otherwise as
+ * kiln_option_set. */
+int kiln_job_give(struct kiln_job *job, const struct kiln_option *option, const char *name, const char *text,
+                  const char *where, int status, const char *folder, struct kiln_error *error);
 
 /* Copies `length` bytes of `text` as a string that the job owns. */
 int kiln_job_keep(struct kiln_job *job, const char *text, size_t length, char **copy, struct kiln_error *error);

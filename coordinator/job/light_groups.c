@@ -55,6 +55,12 @@ void kiln_job_group_blocks(const json_t *rules, uint32_t blocks[2])
         blocks[i] = value != NULL ? (uint32_t)number_of(json_array_get(value, i)) : 1;
 }
 
+/* The name of the groups' source in errors. kiln relight has groups from a bake, of which it knows no file. */
+static const char *source_of(const struct kiln_job *job)
+{
+    return job->light_groups != NULL ? job->light_groups : "the bake's groups of lights";
+}
+
 static int check_group(const struct kiln_job *job, const char *name, json_t *rules, struct kiln_error *error)
 {
     const char *key;
@@ -63,10 +69,10 @@ static int check_group(const struct kiln_job *job, const char *name, json_t *rul
         return kiln_fail(error, KILN_BAD_INPUT,
                          "%.300s: '%.100s' is no name of a group: up to %d letters, digits, - and _, and not 'rest', "
                          "which has what is in no group",
-                         job->light_groups, name, NAME_MOST);
+                         source_of(job), name, NAME_MOST);
     if (json_object_size(rules) == 0)
         return kiln_fail(error, KILN_BAD_INPUT, "%.300s: %s needs what is in it, such as {lights: [lamp]}",
-                         job->light_groups, name);
+                         source_of(job), name);
     json_object_foreach(rules, key, value)
     {
         const bool list = strcmp(key, "lights") == 0 || strcmp(key, "materials") == 0 || strcmp(key, "objects") == 0,
@@ -74,20 +80,20 @@ static int check_group(const struct kiln_job *job, const char *name, json_t *rul
         if (blocks && !is_blocks(value))
             return kiln_fail(error, KILN_BAD_INPUT,
                              "%.300s: %s: blocks are columns and rows, each from 1 to %d, such as [16, 9]",
-                             job->light_groups, name, BLOCKS_MOST);
+                             source_of(job), name, BLOCKS_MOST);
         if ((!list && !sky && !blocks) || (list && !is_list(value)) || (sky && !json_is_true(value)))
             return kiln_fail(
                 error, KILN_BAD_INPUT,
                 "%.300s: %s: '%.100s' is not understood; a group has lists of names, lights, materials and "
                 "objects, blocks: [COLUMNS, ROWS], and environment: true",
-                job->light_groups, name, key);
+                source_of(job), name, key);
     }
     if (json_object_get(rules, "blocks") != NULL &&
         (json_object_get(rules, "lights") != NULL || json_object_get(rules, "environment") != NULL ||
          json_object_size(rules) == 1))
         return kiln_fail(error, KILN_BAD_INPUT,
                          "%.300s: %s: blocks are of surfaces that emit: give the group materials or objects alone",
-                         job->light_groups, name);
+                         source_of(job), name);
     return KILN_OK;
 }
 
@@ -128,7 +134,7 @@ static int add_groups(struct kiln_job *job, json_t *groups, struct kiln_error *e
         status = check_group(job, name, rules, error);
         skies += json_is_true(json_object_get(rules, "environment"));
         if (status == KILN_OK && skies > 1)
-            status = kiln_fail(error, KILN_BAD_INPUT, "%.300s: the environment is in two groups%s", job->light_groups,
+            status = kiln_fail(error, KILN_BAD_INPUT, "%.300s: the environment is in two groups%s", source_of(job),
                                job->sky_patches != KILN_SKY_WHOLE ? ", for --sky-patches makes groups of it" : "");
         if (status == KILN_OK)
             status = add_group(job, name, rules, error);
@@ -155,7 +161,7 @@ int kiln_job_groups_read(struct kiln_job *job, struct kiln_error *error)
     json_t *groups = NULL;
     void *room = NULL;
     job->group_count = 0;
-    if (job->light_groups == NULL && job->sky_patches == KILN_SKY_WHOLE)
+    if (job->light_groups == NULL && job->grouped == NULL && job->sky_patches == KILN_SKY_WHOLE)
         return KILN_OK;
     int status = kiln_job_keep_room(job, KILN_GROUPS_MAX * sizeof(char *), &room, error);
     job->group_names = room;

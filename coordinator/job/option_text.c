@@ -40,10 +40,23 @@ const char *kiln_option_text(const struct kiln_job *job, const struct kiln_optio
     case KILN_OPTION_PATH:
     case KILN_OPTION_ENVIRONMENT:
     case KILN_OPTION_POINT:
+    case KILN_OPTION_BOX:
     case KILN_OPTION_RULES:
     case KILN_OPTION_CHOICE:
         text = *(char *const *)at;
         break;
     }
     return text != NULL ? text : "not given";
+}
+
+const char *kiln_option_argument(const struct kiln_job *job, const struct kiln_option *option,
+                                 char room[KILN_OPTION_TEXT])
+{
+    char first[KILN_OPTION_TEXT], second[KILN_OPTION_TEXT];
+    const struct kiln_option *other = kiln_option_second(option);
+    if (other == NULL || !kiln_job_given(job, other))
+        return kiln_option_text(job, option, room);
+    const char *before = kiln_option_text(job, option, first), *behind = kiln_option_text(job, other, second);
+    (void)snprintf(room, KILN_OPTION_TEXT, "%.31s:%.31s", before, behind);
+    return room;
 }

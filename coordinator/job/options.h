@@ -10,9 +10,16 @@
 
 #include "coordinator/job/job.h"
 
+struct kiln_condition;
+
 /* Largest coordinate of a point that an option names, m. It exceeds the size of any scene that kiln_scene_open accepts,
  * and its square still fits a float. */
 #define KILN_PLACE_MOST 1e15
+
+/* Largest radiance, intensity or irradiance that an option or a file may name, in its unit. It is 10^8 times the
+ * radiance of the sun, and a lamp of 1 W/sr that lights a scene of a thousand kilometres has 10^12. Squares of it, over
+ * small densities, still fit a float. */
+#define KILN_LIGHT_MOST 1e15
 
 enum kiln_option_kind {
     KILN_OPTION_FLAG,        /* bool: --name or --no-name; true or false in a job file */
@@ -25,6 +32,7 @@ enum kiln_option_kind {
     KILN_OPTION_PATH,        /* a file or folder; in a job file relative to the job file's folder */
     KILN_OPTION_ENVIRONMENT, /* none | R,G,B | a path ending in .hdr or .exr */
     KILN_OPTION_POINT,       /* text "x,y,z", metres, each within KILN_PLACE_MOST */
+    KILN_OPTION_BOX,         /* text "x,y,z,x,y,z", metres: the least corner and the greatest */
     /* settings of objects by patterns of their names: a mapping of mappings in a job file, {PATTERN: {KEY: VALUE}} on
        the command line; stored as JSON, see coordinator/job/object_settings.h */
     KILN_OPTION_RULES,
@@ -54,10 +62,19 @@ enum kiln_command_bit {
     KILN_FOR_ALL = 131071
 };
 
+/* A word that stands for a number. */
+struct kiln_option_word {
+    const char *word;
+    double value;
+};
+
 struct kiln_option {
     const char *name;   /* such as "samples-direct": the key in a job file and, after "--", the option */
     const char *former; /* the name it had in the version before, which is still accepted; NULL: none */
-    const char *group;  /* heading in --help */
+    /* the option behind whose value, and a colon, this one's stands: --undersample mipmap:4. Its own name is that of
+     * the version before, which is still accepted; NULL: the option stands alone */
+    const char *second_of;
+    const char *group; /* heading in --help */
     enum kiln_option_kind kind;
     const char *value;       /* placeholder in --help, names the unit: "METRES"; NULL for flags and choices */
     const char *fallback;    /* the default, parsed like a given value; NULL: zero */
@@ -67,12 +84,18 @@ struct kiln_option {
     double word_value;       /* the number that the word stands for */
     const char *other_word;  /* likewise; NULL: there is no second one */
     double other_value;
-    bool may_be_infinite;       /* of KILN_OPTION_DOUBLE: accepts "inf" */
-    const char *const *choices; /* ends with NULL */
-    int refusal;                /* status of an unknown choice; 0: KILN_USAGE, or KILN_BAD_INPUT in a job file */
-    const char *help;           /* one line */
-    uint32_t commands;          /* the commands that have the option: enum kiln_command_bit, or-ed */
-    size_t offset;              /* of its member in struct kiln_job */
+    const struct kiln_option_word *words; /* more words, of KILN_OPTION_DOUBLE; ends with a NULL word; NULL: none */
+    bool may_be_infinite;                 /* of KILN_OPTION_DOUBLE: accepts "inf" */
+    const char *const *choices;           /* ends with NULL */
+    int refusal;                       /* status of an unknown choice; 0: KILN_USAGE, or KILN_BAD_INPUT in a job file */
+    const char *help;                  /* one line */
+    uint32_t commands;                 /* the commands that have the option: enum kiln_command_bit, or-ed */
+    uint32_t common;                   /* those of them whose first screen of help has it, the others --help all */
+    const struct kiln_condition *when; /* it counts (conditions.h); NULL: always */
+    /* it says what the light is, or which of its results are written into the folder that the user names: kiln relight
+     * takes it from a bake's folder, which anybody may have written. It writes nowhere else and runs nothing */
+    bool of_light;
+    size_t offset; /* of its member in struct kiln_job */
 };
 
 extern const struct kiln_option kiln_options[];
@@ -90,11 +113,13 @@ struct kiln_command {
     const char *name;
     uint32_t bit;
     const char *arguments;    /* as shown in usage lines: "SCENE|JOB.yaml" */
+    const char *words;        /* what the first argument may be, with blanks between; NULL: it is no word of a list */
     size_t minimum, maximum;  /* number of arguments */
     bool scene;               /* the first argument is a scene or a job file */
     bool folder;              /* the first argument is the folder of a bake */
     bool mpi;                 /* runs between MPI_Init and MPI_Finalize */
     const char *summary;      /* one line */
+    const char *output;       /* what --output names, and its default; NULL: the command has no such option */
     const char *examples[12]; /* command lines; ends with NULL */
 };
 extern const struct kiln_command kiln_commands[];
@@ -107,6 +132,9 @@ const struct kiln_option *kiln_option_find(const char *name);
 const struct kiln_option *kiln_option_find_for(const char *name, uint32_t commands);
 const struct kiln_command *kiln_command_find(const char *name);
 
+/* The option whose value stands behind that of `option` and a colon; NULL: there is none. */
+const struct kiln_option *kiln_option_second(const struct kiln_option *option);
+
 /* Optimal string alignment distance: the number of insertions, deletions, substitutions and swaps of neighbouring
  * characters that turn `a` into `b`. */
 size_t kiln_edit_distance(const char *a, const char *b);
@@ -116,7 +144,7 @@ size_t kiln_edit_distance(const char *a, const char *b);
 bool kiln_is_near(const char *name, const char *known);
 
 /* The known name that kiln_is_near accepts and that has the least edit distance from `name`; the first of several; NULL
- * if there is none. Of options, only those of one of `commands` are considered. */
+ * if there is none. Of options, only those of one of `commands` that stand alone are considered. */
 const char *kiln_option_nearest(const char *name, uint32_t commands);
 const char *kiln_command_nearest(const char *name);
 
@@ -132,12 +160,23 @@ const char *kiln_option_default(const struct kiln_option *option);
 int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
                     int status, const char *folder, struct kiln_error *error);
 
+/* Reads the text of a KILN_OPTION_BOX. */
+bool kiln_option_box(const char *text, double box[6]);
+
 /* The value of an option in the job, as text that could be given for it. The text is owned by the job, static, or
  * written to `room`. */
 enum { KILN_OPTION_TEXT = 64 };
 const char *kiln_option_text(const struct kiln_job *job, const struct kiln_option *option, char room[KILN_OPTION_TEXT]);
 
-/* Prints the screen of `kiln help` (`command` NULL) or of `kiln COMMAND --help`. */
-void kiln_help(FILE *stream, const struct kiln_command *command);
+/* The same as it could be given on the command line: with its second value, "mipmap:4", where that was given. */
+const char *kiln_option_argument(const struct kiln_job *job, const struct kiln_option *option,
+                                 char room[KILN_OPTION_TEXT]);
+
+/* Whether the option was given behind the value of another and a colon, not by its own name. */
+bool kiln_option_behind(const struct kiln_job *job, const struct kiln_option *option);
+
+/* Prints the screen of `kiln help` (`command` NULL), or of `kiln COMMAND --help`: the options that are common, or with
+ * `all` all of them. Lines are as long as the terminal is wide. */
+void kiln_help(FILE *stream, const struct kiln_command *command, bool all);
 
 #endif

@@ -5,10 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "coordinator/job/gone.h"
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/options.h"
-
-#define MOST_RADIANCE 1e30
 
 static void *field(struct kiln_job *job, const struct kiln_option *option) { return (char *)job + option->offset; }
 
@@ -44,7 +43,11 @@ static bool whole(const char *text, bool *negative, uint64_t *magnitude)
 static int refuse_number(const struct kiln_option *option, const char *text, const char *where, int status, bool number,
                          struct kiln_error *error)
 {
-    char word[48] = "", range[96];
+    char word[160] = "", range[96];
+    for (const struct kiln_option_word *w = option->words; w != NULL && w->word != NULL; w++) {
+        const size_t used = strlen(word);
+        (void)snprintf(word + used, sizeof word - used, ", %s%s", w[1].word == NULL ? "or " : "", w->word);
+    }
     if (option->word != NULL)
         (void)snprintf(word, sizeof word, ", %s%s%s%s", option->may_be_infinite ? "inf, or " : "or ", option->word,
                        option->other_word != NULL ? ", or " : "", option->other_word != NULL ? option->other_word : "");
@@ -59,12 +62,27 @@ static int refuse_number(const struct kiln_option *option, const char *text, con
     return kiln_fail(error, status, "%s: '%.200s' is not %s; it must be one %s%s", where, text, kind, range, word);
 }
 
+/* The number for which a word of a list stands. */
+static bool word_number(const struct kiln_option *option, const char *text, double *value)
+{
+    for (const struct kiln_option_word *w = option->words; w != NULL && w->word != NULL; w++)
+        if (strcmp(text, w->word) == 0) {
+            *value = w->value;
+            return true;
+        }
+    return false;
+}
+
 static int set_number(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
                       int status, struct kiln_error *error)
 {
     bool negative = false;
     uint64_t magnitude = 0;
     double value = 0;
+    if (word_number(option, text, &value)) {
+        *(double *)field(job, option) = value;
+        return KILN_OK;
+    }
     if (option->word != NULL && strcmp(text, option->word) == 0) {
         value = option->word_value;
         negative = value < 0;
@@ -129,27 +147,56 @@ static int set_choice(struct kiln_job *job, const struct kiln_option *option, co
         const size_t used = strlen(list);
         (void)snprintf(list + used, sizeof list - used, "%s%s", i == 0 ? "" : ", ", option->choices[i]);
     }
+    const struct kiln_gone_option *gone = kiln_gone_value_find(option->name, text);
+    if (gone != NULL)
+        return kiln_fail(error, status, "%s: '%s' is no more since kiln %s: %s", where, text, gone->since,
+                         gone->instead);
     return kiln_fail(error, option->refusal != 0 ? option->refusal : status,
                      option->refusal != 0 ? "%s: this build has no %s '%.200s'; it has: %s"
                                           : "%s: there is no %s '%.200s'; there is: %s",
                      where, option->name, text, list);
 }
 
-/* Parses three numbers separated by commas. */
-static bool triple(const char *text, double values[3])
+/* Parses numbers separated by commas. */
+static bool numbers(const char *text, double *values, int count)
 {
     char part[64];
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < count; i++) {
         const size_t length = strcspn(text, ",");
         if (length >= sizeof part)
             return false;
         memcpy(part, text, length);
         part[length] = '\0';
-        if (!decimal(part, &values[i]) || text[length] != (i < 2 ? ',' : '\0'))
+        if (!decimal(part, &values[i]) || text[length] != (i < count - 1 ? ',' : '\0'))
             return false;
         text += length + 1;
     }
     return true;
+}
+
+static bool triple(const char *text, double values[3]) { return numbers(text, values, 3); }
+
+bool kiln_option_box(const char *text, double box[6]) { return numbers(text, box, 6); }
+
+static int set_box(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
+                   int status, struct kiln_error *error)
+{
+    double box[6];
+    if (!kiln_option_box(text, box))
+        return kiln_fail(error, status,
+                         "%s: '%.200s' is not a box; it must be six numbers separated by commas, the least corner and "
+                         "the greatest, such as -2,0,-2,2,3,2",
+                         where, text);
+    for (int i = 0; i < 6; i++)
+        if (fabs(box[i]) > KILN_PLACE_MOST)
+            return kiln_fail(error, status, "%s: %g is out of range; each number must be from %g to %g", where, box[i],
+                             -KILN_PLACE_MOST, KILN_PLACE_MOST);
+    for (int axis = 0; axis < 3; axis++)
+        if (!(box[axis] < box[axis + 3]))
+            return kiln_fail(error, status,
+                             "%s: the box goes from %g to %g along %c; the first corner must have the lesser number",
+                             where, box[axis], box[axis + 3], "xyz"[axis]);
+    return kiln_job_keep(job, text, strlen(text), field(job, option), error);
 }
 
 static int set_point(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
@@ -173,10 +220,10 @@ static int set_environment(struct kiln_job *job, const struct kiln_option *optio
     double radiance[3];
     const bool colour = triple(text, radiance);
     for (int c = 0; colour && c < 3; c++)
-        if (radiance[c] < 0.0 || radiance[c] > MOST_RADIANCE)
+        if (radiance[c] < 0.0 || radiance[c] > KILN_LIGHT_MOST)
             return kiln_fail(error, status,
                              "%s: a radiance of %g is out of range; each of R,G,B must be a number from 0 to %g", where,
-                             radiance[c], MOST_RADIANCE);
+                             radiance[c], KILN_LIGHT_MOST);
     if (colour || strcmp(text, "none") == 0)
         return kiln_job_keep(job, text, strlen(text), field(job, option), error);
     const char *dot = strrchr(text, '.');
@@ -234,6 +281,8 @@ int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, cons
         return set_environment(job, option, text, where, status, folder, error);
     if (option->kind == KILN_OPTION_POINT)
         return set_point(job, option, text, where, status, error);
+    if (option->kind == KILN_OPTION_BOX)
+        return set_box(job, option, text, where, status, error);
     if (option->kind == KILN_OPTION_LINES)
         return add_line(job, option, text, where, status, error);
     if (option->kind == KILN_OPTION_RULES)

@@ -10,7 +10,9 @@
 static const double largest_fraction = 0.24;
 /* the fraction of the target that all objects of least size together take at most */
 static const double small_fraction = 0.125;
-enum { LEAST_SIDE = 8, ROUNDS_MAX = 200 };
+/* least texels across the largest object of another size; objects that may be vast; the ratio of areas of another size
+ */
+enum { LEAST_SIDE = 8, ROUNDS_MAX = 200, LEAST_NEXT = 4, VAST_MOST = 64, ANOTHER_SIZE = 16 };
 
 /* Rounds to the nearest, by ratio, of ten round numbers per decade. */
 static double tidy(double value)
@@ -37,47 +39,84 @@ static size_t count_wanted(const struct kiln_density_demand *demands, size_t cou
     return wanted;
 }
 
-/* The density of an object when the common density is `common`, no object has more than `most` texels, and no longer
- * side is shorter than `least`. The least side takes precedence: it is a few dozen texels. */
-static double density_of(const struct kiln_density_demand *demand, double common, double most, double least)
+/* What the densities are chosen by. */
+struct chooser {
+    const struct kiln_density_demand *demands;
+    bool *vast; /* per object */
+    size_t count, largest;
+    double most, least; /* the most texels of an object; the fewest along a longer side */
+};
+
+static bool is_larger(const struct kiln_density_demand *a, const struct kiln_density_demand *b)
 {
-    double density = common * demand->factor;
-    if (demand->texels * density * density > most)
-        density = sqrt(most / demand->texels);
-    return fmax(density, least / demand->longer);
+    return a->factor != b->factor ? a->factor > b->factor : a->area > b->area;
 }
 
-static double total_texels(const struct kiln_density_demand *demands, size_t count, double common, double most,
-                           double least)
+/* The largest object that is not vast and has at most so many m2; SIZE_MAX: there is none. Objects whose density a
+ * factor lowers come last: nobody looks at them. */
+static size_t find_largest(const struct chooser *c, double area)
+{
+    size_t largest = SIZE_MAX;
+    for (size_t i = 0; i < c->count; i++)
+        if (is_wanted(&c->demands[i]) && !c->vast[i] && c->demands[i].area <= area &&
+            (largest == SIZE_MAX || is_larger(&c->demands[i], &c->demands[largest])))
+            largest = i;
+    return largest;
+}
+
+/* The density of an object when the common density is `common` and no object has more than c->most texels, without
+ * regard to how small it is. */
+static double bounded(const struct chooser *c, size_t index, double common)
+{
+    const struct kiln_density_demand *demand = &c->demands[index];
+    const double wanted = common * demand->factor;
+    if (!(demand->texels * wanted * wanted > c->most))
+        return wanted;
+    const double limited = sqrt(c->most / demand->texels);
+    return c->vast[index] ? limited : fmax(limited, wanted / KILN_DENSITY_SPREAD);
+}
+
+/* The same, with a longer side of c->least texels at least, as far as the largest object's density allows. */
+static double density_of(const struct chooser *c, size_t index, double common)
+{
+    const double density = bounded(c, index, common), small = c->least / c->demands[index].longer;
+    if (index == c->largest || c->largest == SIZE_MAX)
+        return fmax(density, small);
+    const struct kiln_density_demand *largest = &c->demands[c->largest];
+    const double most = KILN_DENSITY_SPREAD * fmax(bounded(c, c->largest, common), c->least / largest->longer) *
+                        largest->mean / c->demands[index].mean;
+    return fmin(fmax(density, small), most);
+}
+
+static double total_texels(const struct chooser *c, double common)
 {
     double sum = 0.0;
-    for (size_t i = 0; i < count; i++) {
-        if (!is_wanted(&demands[i]))
+    for (size_t i = 0; i < c->count; i++) {
+        if (!is_wanted(&c->demands[i]))
             continue;
-        const double density = density_of(&demands[i], common, most, least);
-        sum += demands[i].texels * density * density;
+        const double density = density_of(c, i, common);
+        sum += c->demands[i].texels * density * density;
     }
     return sum;
 }
 
-/* Finds the common density at which the objects together have `target` texels, each at most `most`, by bisection: the
- * sum grows with the density. */
-static double solve_common(const struct kiln_density_demand *demands, size_t count, double target, double most,
-                           double least)
+/* Finds the common density at which the objects together have `target` texels, by bisection: the sum grows with the
+ * density. */
+static double solve_common(const struct chooser *c, double target)
 {
     double low = INFINITY, high = 0.0;
-    for (size_t i = 0; i < count; i++) {
-        if (!is_wanted(&demands[i]))
+    for (size_t i = 0; i < c->count; i++) {
+        if (!is_wanted(&c->demands[i]))
             continue;
         /* from this density on the object has the most it may have */
-        const double full = sqrt(most / demands[i].texels) / demands[i].factor;
+        const double full = sqrt(c->most / c->demands[i].texels) / c->demands[i].factor;
         high = fmax(high, full);
         low = fmin(low, full);
     }
-    low *= 1e-3 / sqrt((double)count);
+    low *= 1e-3 / sqrt((double)c->count);
     for (int i = 0; i < 64 && high > low * (1.0 + 1e-9); i++) {
         const double middle = sqrt(low * high);
-        if (total_texels(demands, count, middle, most, least) < target)
+        if (total_texels(c, middle) < target)
             low = middle;
         else
             high = middle;
@@ -87,39 +126,67 @@ static double solve_common(const struct kiln_density_demand *demands, size_t cou
 
 /* The most texels an object may have, as a fraction of the real sum: a rounded density makes more or fewer texels than
  * the target. Finds the largest number of texels that is `fraction` of the sum it leads to, by iteration from above. */
-static double settle_most(const struct kiln_density_demand *demands, size_t count, double fraction, double common,
-                          double least)
+static void settle_most(struct chooser *c, double fraction, double common)
 {
-    double most = INFINITY;
+    c->most = INFINITY;
     for (int i = 0; i < ROUNDS_MAX; i++) {
-        const double next = fraction * total_texels(demands, count, common, most, least);
-        const bool settled = next >= most * (1.0 - 1e-9);
-        most = next;
+        const double next = fraction * total_texels(c, common);
+        const bool settled = next >= c->most * (1.0 - 1e-9);
+        c->most = next;
         if (settled)
             break;
     }
-    return most;
+}
+
+/* Whether the largest object is vast: limited, and by it the largest of those of another size would be too coarse. */
+static bool is_vast(const struct chooser *c, double common)
+{
+    if (c->largest == SIZE_MAX)
+        return false;
+    const struct kiln_density_demand *largest = &c->demands[c->largest];
+    const size_t next = find_largest(c, largest->area / ANOTHER_SIZE);
+    return next != SIZE_MAX && bounded(c, c->largest, common) < common * largest->factor &&
+           density_of(c, next, common) * c->demands[next].longer < LEAST_NEXT;
+}
+
+/* Chooses the common density, and which objects are vast. */
+static double choose_common(struct chooser *c, double fraction, double target)
+{
+    double common = 1.0;
+    for (int round = 0; round < VAST_MOST; round++) {
+        c->largest = find_largest(c, INFINITY);
+        c->most = fraction * target;
+        common = tidy(solve_common(c, target));
+        settle_most(c, fraction, common);
+        if (!is_vast(c, common))
+            break;
+        c->vast[c->largest] = true;
+    }
+    return common;
 }
 
 int kiln_density_choose(struct kiln_density *density, const struct kiln_density_demand *demands, size_t count,
                         double target, struct kiln_error *error)
 {
     const size_t wanted = count_wanted(demands, count);
-    *density = (struct kiln_density){.texels_per_metre = 1.0, .most_texels = target, .least_side = 1};
-    const int status = kiln_allocate(&density->of, count, sizeof *density->of, "densities", error);
-    if (status != KILN_OK)
-        return status;
-    if (wanted > 0) {
-        const double fraction = fmax(largest_fraction, 1.0 / (double)wanted);
-        const double least = fmin(LEAST_SIDE, floor(sqrt(small_fraction * target / (double)wanted)));
-        const double common = tidy(solve_common(demands, count, target, fraction * target, least));
-        density->texels_per_metre = common;
-        density->least_side = (uint32_t)fmax(least, 1.0);
-        density->most_texels = settle_most(demands, count, fraction, common, least);
+    struct chooser c = {.demands = demands, .count = count, .largest = SIZE_MAX, .most = target, .least = 1.0};
+    *density =
+        (struct kiln_density){.texels_per_metre = 1.0, .most_texels = target, .least_side = 1, .largest = SIZE_MAX};
+    int status = kiln_allocate(&density->of, count, sizeof *density->of, "densities", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&c.vast, count, sizeof *c.vast, "densities", error);
+    for (size_t i = 0; i < count && status == KILN_OK; i++)
+        c.vast[i] = demands[i].ground;
+    if (status == KILN_OK && wanted > 0) {
+        c.least = fmin(LEAST_SIDE, floor(sqrt(small_fraction * target / (double)wanted)));
+        density->texels_per_metre = choose_common(&c, fmax(largest_fraction, 1.0 / (double)wanted), target);
+        density->least_side = (uint32_t)fmax(c.least, 1.0);
+        density->most_texels = c.most;
+        density->largest = c.largest;
     }
-    for (size_t i = 0; i < count; i++)
-        density->of[i] = is_wanted(&demands[i]) ? density_of(&demands[i], density->texels_per_metre,
-                                                             density->most_texels, density->least_side)
-                                                : density->texels_per_metre;
-    return KILN_OK;
+    for (size_t i = 0; i < count && status == KILN_OK; i++)
+        density->of[i] =
+            is_wanted(&demands[i]) ? density_of(&c, i, density->texels_per_metre) : density->texels_per_metre;
+    kiln_free(&c.vast);
+    return status;
 }

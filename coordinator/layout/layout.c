@@ -5,11 +5,15 @@
 
 #include "coordinator/layout/density.h"
 #include "coordinator/layout/padding.h"
+#include "coordinator/layout/sharing.h"
 #include "coordinator/layout/unwrap.h"
 #include "coordinator/layout/uv_check.h"
 #include "worker/base/memory.h"
 
 enum { DEFAULT_MAX = 4096, DEFAULT_PADDING = 2, LARGEST_SIDE = 1 << 16, NOTES_MAX = 16 };
+/* texels of all lightmaps that settings of the file itself may ask for: 2^25, or so many times what there would be
+ * without these settings where the user names a density or a size */
+static const double OWN_TEXELS = 33554432.0, OWN_TIMES = 16.0;
 static const double SCENE_TEXELS = 262144.0; /* 2^18: texels of the whole scene with automatic density */
 /* fraction of a lightmap that kiln's own layouts fill, assumed before one is made */
 static const double EXPECTED_USE = 0.7;
@@ -17,6 +21,10 @@ static const double EXPECTED_USE = 0.7;
 static const double PADDED_TEXELS = 1048576.0;
 /* fraction of a layout's chart borders that may lie nearer than two texels to another chart */
 static const double CLOSE_FRACTION = 0.01;
+/* fraction of the texels of a lightmap of backs that charts may share: four times as many texels are a high price */
+static const double SHARED_OF_BACKS = 1e-4;
+/* ground: how flat, of its longest side; how many times as wide and long as all other objects; its longest side, m */
+static const double GROUND_FLAT = 0.02, GROUND_SPREAD = 4.0, GROUND_LEAST = 100.0;
 static const double RAISE_MAX = 4.0; /* a density is raised by at most this factor, for that */
 /* factor on the density of a caster-only object, whose lightmap nobody sees */
 static const double CASTER_FACTOR = 0.25;
@@ -44,6 +52,7 @@ struct sized_padding {
 struct mesh_plan {
     bool unwrap; /* unwrap, or repack: an unwrapping whose charts are given */
     bool repack;
+    bool parted;      /* repacked because charts shared texels */
     size_t reference; /* the mesh's object with the most texels, for which it is unwrapped; SIZE_MAX: none */
     struct kiln_unwrapped *unwrapped;
     struct measure measure; /* of the reference object, in the new layout */
@@ -67,7 +76,13 @@ struct planner {
     uint64_t *source;            /* per new vertex: the old vertex it copies (index among all meshes' vertices) */
     struct kiln_vec2 *uv;
     size_t vertex_count, source_capacity, uv_capacity;
+    size_t ground; /* the object that is ground around all others; SIZE_MAX: there is none */
     size_t absent, refused, unclean, capped, shared, repacked; /* counts for notes */
+    /* meshes whose charts shared texels; of those the one with the most shared texels in a lightmap, and their number
+     */
+    size_t parted, most_shared_mesh;
+    uint64_t most_shared;
+    uint32_t most_shared_size[2]; /* that lightmap's sides, texels */
 };
 
 static struct kiln_mesh *meshes(const struct planner *p)
@@ -214,7 +229,8 @@ static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
                                        string(p, mesh->name), verdict.reason)
                    : KILN_OK;
     if (verdict.warning[0] != '\0' && note_wanted(&p->unclean))
-        status = kiln_builder_note(p->builder, 1, error, "mesh \"%s\": its second UV set %s; it is used as it is",
+        status = kiln_builder_note(p->builder, 1, error,
+                                   "mesh \"%s\": its second UV set %s; its charts are used as they are",
                                    string(p, mesh->name), verdict.warning);
     plan->unwrap = false;
     mesh->uv_area = verdict.uv_area;
@@ -240,6 +256,55 @@ static void measure_objects(struct planner *p)
 
 /* ---- densities ---- */
 
+struct box {
+    double low[3], high[3];
+};
+
+static void enclose(const struct planner *p, size_t index, struct box *box)
+{
+    const struct kiln_object *object = &objects(p)[index];
+    const struct kiln_mesh *mesh = &meshes(p)[object->mesh];
+    double linear[9];
+    linear_part(object->transform, linear);
+    for (size_t i = 0; i < mesh->vertex_count; i++) {
+        const struct kiln_dvec3 v = apply(linear, dvec3_of(positions(p, mesh)[i]));
+        const double at[3] = {v.x + object->transform[3], v.y + object->transform[7], v.z + object->transform[11]};
+        for (int k = 0; k < 3; k++) {
+            box->low[k] = fmin(box->low[k], at[k]);
+            box->high[k] = fmax(box->high[k], at[k]);
+        }
+    }
+}
+
+/* Finds an object that is ground around all others: the largest, flat, GROUND_LEAST long, and GROUND_SPREAD times as
+ * wide and as long as the others together. A floor of a room is none. */
+static void find_ground(struct planner *p)
+{
+    struct box own = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}}, rest = own;
+    size_t largest = SIZE_MAX;
+    for (size_t i = 0; i < object_count(p); i++)
+        if (p->measures[i].area > 0.0 && (largest == SIZE_MAX || p->measures[i].area > p->measures[largest].area))
+            largest = i;
+    p->ground = SIZE_MAX;
+    if (largest == SIZE_MAX)
+        return;
+    enclose(p, largest, &own);
+    for (size_t i = 0; i < object_count(p); i++)
+        if (i != largest)
+            enclose(p, i, &rest);
+    int flat = 0, wide = 0;
+    double longest = 0.0;
+    for (int k = 0; k < 3; k++)
+        longest = fmax(longest, own.high[k] - own.low[k]);
+    for (int k = 0; k < 3; k++) {
+        const double side = own.high[k] - own.low[k], others = rest.high[k] - rest.low[k];
+        flat += side <= GROUND_FLAT * longest;
+        wide += side > GROUND_FLAT * longest && others >= 0.0 && side >= GROUND_SPREAD * others;
+    }
+    if (flat == 1 && wide == 2 && longest >= GROUND_LEAST)
+        p->ground = largest;
+}
+
 /* The user's factor on an object's density; 1 where none is given. */
 static double scale_of(const struct planner *p, size_t index)
 {
@@ -254,15 +319,24 @@ static double role_factor(const struct planner *p, size_t index)
     return settings->role == KILN_ROLE_CASTER_ONLY && settings->density_scale == 0.0 ? CASTER_FACTOR : 1.0;
 }
 
-/* The lightmap side that the user gives for an object; 0: the size follows the density. */
+/* The lightmap side that the user gives for an object; 0: the size follows the density. A factor makes no side longer
+ * than the largest. */
 static uint32_t own_size(const struct planner *p, size_t index)
 {
     const struct kiln_object_settings *settings = settings_of(p, index);
+    const uint32_t size = p->params.lightmap_size, most = size > p->params.lightmap_max ? size : p->params.lightmap_max;
     if (settings->lightmap_size > 0)
         return settings->lightmap_size;
-    return p->params.lightmap_size == 0
-               ? 0
-               : (uint32_t)fmax(1.0, round(p->params.lightmap_size * scale_of(p, index) * role_factor(p, index)));
+    return size == 0 ? 0 : (uint32_t)fmin(fmax(1.0, round(size * scale_of(p, index) * role_factor(p, index))), most);
+}
+
+/* The root of the texels on a m2 of an object's surface, on average, in a lightmap of one texel a metre. */
+static double mean_density(const struct planner *p, size_t index)
+{
+    const struct measure *m = &p->measures[index];
+    const struct kiln_mesh *mesh = &meshes(p)[objects(p)[index].mesh];
+    const double mean = sqrt(m->along_u * m->along_v * mesh->uv_area / m->area);
+    return !p->plans[objects(p)[index].mesh].unwrap && isfinite(mean) && mean > 0.0 ? mean : 1.0;
 }
 
 /* An object's demand for texels. An object whose size the user gives demands none. One with a density-scale demands
@@ -271,12 +345,22 @@ static struct kiln_density_demand demand_of(const struct planner *p, size_t inde
 {
     const struct measure *m = &p->measures[index];
     const struct mesh_plan *plan = &p->plans[objects(p)[index].mesh];
-    struct kiln_density_demand demand = {.factor = role_factor(p, index)};
+    struct kiln_density_demand demand = {
+        .factor = role_factor(p, index), .area = m->area, .mean = mean_density(p, index), .ground = index == p->ground};
     if (settings_of(p, index)->lightmap_size > 0)
         return demand;
     demand.texels = plan->unwrap ? m->area / plan->use : m->along_u * m->along_v;
     demand.longer = plan->unwrap ? sqrt(demand.texels) : fmax(m->along_u, m->along_v);
     return demand;
+}
+
+/* Whether automatic density gives the object no more because of the largest one. */
+static bool is_bounded(const struct planner *p, size_t index)
+{
+    const size_t largest = p->density.largest;
+    return largest != SIZE_MAX && index != largest && scale_of(p, index) == 1.0 &&
+           p->density.of[index] * mean_density(p, index) >=
+               0.999 * KILN_DENSITY_SPREAD * p->density.of[largest] * mean_density(p, largest);
 }
 
 /* Why an object's density differs from the common one. */
@@ -291,6 +375,8 @@ static uint32_t reason_of(const struct planner *p, size_t index, const struct ki
         return settings_of(p, index)->role == KILN_ROLE_CASTER_ONLY ? KILN_DENSITY_CASTER : KILN_DENSITY_COMMON;
     if (density > wanted * (1.0 + 1e-6))
         return KILN_DENSITY_LEAST;
+    if (density < wanted * (1.0 - 1e-6) && is_bounded(p, index))
+        return KILN_DENSITY_BOUNDED;
     if (density < wanted * (1.0 - 1e-6))
         return KILN_DENSITY_FRACTION;
     return settings_of(p, index)->role == KILN_ROLE_CASTER_ONLY ? KILN_DENSITY_CASTER : KILN_DENSITY_COMMON;
@@ -299,7 +385,8 @@ static uint32_t reason_of(const struct planner *p, size_t index, const struct ki
 /* All objects get the density that the user names, times their own factor. */
 static int name_densities(struct planner *p, struct kiln_error *error)
 {
-    p->density = (struct kiln_density){.texels_per_metre = p->params.texels_per_metre, .most_texels = INFINITY};
+    p->density = (struct kiln_density){
+        .texels_per_metre = p->params.texels_per_metre, .most_texels = INFINITY, .largest = SIZE_MAX};
     const int status = kiln_allocate(&p->density.of, object_count(p), sizeof *p->density.of, "densities", error);
     for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++)
         p->density.of[i] = p->params.texels_per_metre * role_factor(p, i);
@@ -314,6 +401,95 @@ static int deal_densities(struct planner *p, struct kiln_density_demand *demands
     return p->params.texels_per_metre > 0.0
                ? name_densities(p, error)
                : kiln_density_choose(&p->density, demands, object_count(p), SCENE_TEXELS, error);
+}
+
+/* ---- how many texels there may be ---- */
+
+static double side_at(const struct planner *p, double texels)
+{
+    return isfinite(texels) ? fmin(fmax(ceil(texels), 1.0), p->params.lightmap_max) : 1.0;
+}
+
+/* Texels of an object's lightmap at a density, as far as its mesh is known by now; `size`: at that side instead. */
+static double texels_at(const struct planner *p, size_t index, double density, double size)
+{
+    const struct measure *m = &p->measures[index];
+    const struct mesh_plan *plan = &p->plans[objects(p)[index].mesh];
+    if (size > 0.0)
+        return size * size;
+    if (!plan->unwrap)
+        return side_at(p, density * m->along_u) * side_at(p, density * m->along_v);
+    const double side = side_at(p, density * sqrt(m->area / plan->use));
+    return side * side;
+}
+
+/* Texels of lightmaps: of all, of one object at most, and which one. */
+struct texel_sum {
+    double all, most;
+    size_t largest;
+};
+
+static void add_texels(struct texel_sum *sum, size_t index, double texels)
+{
+    sum->all += texels;
+    if (texels > sum->most) {
+        sum->most = texels;
+        sum->largest = index;
+    }
+}
+
+/* An object's size, as a sentence names it. */
+static const char *name_size(const struct planner *p, size_t index, char text[64])
+{
+    if (own_size(p, index) > 0)
+        (void)snprintf(text, 64, "a side of %u texels", own_size(p, index));
+    else
+        (void)snprintf(text, 64, "%.3g texels a metre", p->densities[index]);
+    return text;
+}
+
+/* Refuses too many texels of all lightmaps, or of those that the file itself scales or sizes. `plain`: of the latter
+ * without the file's settings. */
+static int judge_texels(const struct planner *p, const struct texel_sum *all, const struct texel_sum *own, double plain,
+                        struct kiln_error *error)
+{
+    const bool named = p->params.texels_per_metre > 0.0 || p->params.lightmap_size > 0;
+    const double most = fmax(OWN_TEXELS, named ? OWN_TIMES * plain : 0.0);
+    char size[64];
+    if (own->all > most)
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%.512s: settings in the file (its nodes' extras) ask for lightmaps of %.0f million texels in "
+                         "all, %.0f million of them for object \"%.100s\" with %s; such settings may ask for %.0f "
+                         "million: set the sizes yourself with --objects, such as '{\"*\": {lightmap-size: 512}}'",
+                         p->params.scene, own->all * 1e-6, own->most * 1e-6, string(p, objects(p)[own->largest].name),
+                         name_size(p, own->largest, size), most * 1e-6);
+    if (p->params.texels_max > 0.0 && all->all > p->params.texels_max)
+        return kiln_fail(error, KILN_USAGE,
+                         "%.512s: the lightmaps would have %.0f million texels in all, %.0f million of them for object "
+                         "\"%.100s\" with %s; the memory of this host allows %.0f million at most: give fewer "
+                         "--texels-per-metre, or a smaller --lightmap-max or --lightmap-size",
+                         p->params.scene, all->all * 1e-6, all->most * 1e-6, string(p, objects(p)[all->largest].name),
+                         name_size(p, all->largest, size), p->params.texels_max * 1e-6);
+    return KILN_OK;
+}
+
+/* The same before anything is done for each texel, with the sizes that densities will give; `sized`: with the sizes
+ * that objects have. */
+static int check_texels(const struct planner *p, bool sized, struct kiln_error *error)
+{
+    struct texel_sum all = {.all = 0.0}, own = {.all = 0.0};
+    double plain = 0.0;
+    for (size_t i = 0; i < object_count(p); i++) {
+        const struct kiln_object *object = &objects(p)[i];
+        const double texels = sized ? (double)object->lightmap_width * (double)object->lightmap_height
+                                    : texels_at(p, i, p->densities[i], own_size(p, i));
+        add_texels(&all, i, texels);
+        if (!settings_of(p, i)->size_of_file)
+            continue;
+        add_texels(&own, i, texels);
+        plain += texels_at(p, i, p->density.of[i], p->params.lightmap_size);
+    }
+    return judge_texels(p, &all, &own, plain, error);
 }
 
 /* Automatic density: chooses the common density and each object's. Called again after meshes have been unwrapped, when
@@ -332,7 +508,7 @@ static int choose_densities(struct planner *p, struct kiln_error *error)
         objects(p)[i].density_reason = reason_of(p, i, &demands[i]);
     }
     kiln_free(&demands);
-    return status;
+    return status == KILN_OK ? check_texels(p, false, error) : status;
 }
 
 /* How many texels an object's surface should have. */
@@ -462,6 +638,17 @@ static void group_objects(const struct planner *p, size_t *first, size_t *member
     first[mesh_count(p)] = object_count(p);
 }
 
+/* The same, into arrays that the caller frees with kiln_free. */
+static int list_objects(const struct planner *p, size_t **first, size_t **members, struct kiln_error *error)
+{
+    int status = kiln_allocate(first, mesh_count(p) + 1, sizeof **first, "layouts", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(members, object_count(p), sizeof **members, "layouts", error);
+    if (status == KILN_OK)
+        group_objects(p, *first, *members);
+    return status;
+}
+
 /* Whether the mesh has no layout yet, or one made for a clearly different density. */
 static bool is_stale(const struct planner *p, size_t index)
 {
@@ -475,11 +662,7 @@ static bool is_stale(const struct planner *p, size_t index)
 static int unwrap_meshes(struct planner *p, struct kiln_error *error)
 {
     size_t *first = NULL, *members = NULL;
-    int status = kiln_allocate(&first, mesh_count(p) + 1, sizeof *first, "layouts", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&members, object_count(p), sizeof *members, "layouts", error);
-    if (status == KILN_OK)
-        group_objects(p, first, members);
+    int status = list_objects(p, &first, &members, error);
     for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++) {
         if (!is_stale(p, i))
             continue;
@@ -507,8 +690,9 @@ static void size_by_density(const struct planner *p, size_t index, uint32_t *wid
     const struct measure m = p->measures[index];
     const double density = p->densities[index];
     if (!plan->unwrap || plan->reference == SIZE_MAX) {
-        *width = side_of(p, density * m.along_u, 1, capped);
-        *height = side_of(p, density * m.along_v, 1, capped);
+        const double w = density * m.along_u, h = density * m.along_v;
+        *width = side_of(p, is_bounded(p, index) ? round(w) : w, 1, capped);
+        *height = side_of(p, is_bounded(p, index) ? round(h) : h, 1, capped);
         return;
     }
     const struct kiln_unwrapped *u = plan->unwrapped;
@@ -521,15 +705,19 @@ static void size_by_density(const struct planner *p, size_t index, uint32_t *wid
         side_of(p, u->height * (m.along_v / plan->measure.along_v) * (density / plan->density), least_height, capped);
 }
 
+/* The size of an object's lightmap; *capped as for size_by_density. */
+static void object_size(const struct planner *p, size_t index, uint32_t *width, uint32_t *height, bool *capped)
+{
+    *width = *height = own_size(p, index);
+    if (*width == 0)
+        size_by_density(p, index, width, height, capped);
+}
+
 static int size_object(struct planner *p, size_t index, struct kiln_error *error)
 {
     struct kiln_object *object = &objects(p)[index];
-    const uint32_t size = own_size(p, index);
     bool capped = false;
-    if (size > 0)
-        object->lightmap_width = object->lightmap_height = size;
-    else
-        size_by_density(p, index, &object->lightmap_width, &object->lightmap_height, &capped);
+    object_size(p, index, &object->lightmap_width, &object->lightmap_height, &capped);
     if (capped)
         object->density_reason = KILN_DENSITY_MAX;
     if (capped && note_wanted(&p->capped))
@@ -595,6 +783,16 @@ static int measure_padding(struct planner *p, size_t index, double width, double
     return status;
 }
 
+/* Has the charts of the mesh packed anew, for the object with the most texels. */
+static void mark_for_repack(struct planner *p, size_t index)
+{
+    struct mesh_plan *plan = &p->plans[index];
+    const struct measure *m = &p->measures[plan->reference];
+    plan->unwrap = plan->repack = true;
+    plan->metres[0] = m->along_u;
+    plan->metres[1] = m->along_v;
+}
+
 /* Marks for repacking the meshes whose charts lie less than two texels apart in the lightmap of the object with the
  * most texels. */
 static int choose_repacks(struct planner *p, struct kiln_error *error)
@@ -614,10 +812,10 @@ static int choose_repacks(struct planner *p, struct kiln_error *error)
         if (!(width > 0.0 && height > 0.0))
             continue;
         status = measure_padding(p, plan->reference, width, height, &padding, error);
-        plan->unwrap = plan->repack = status == KILN_OK && padding.close > 0.0;
-        plan->metres[0] = m->along_u;
-        plan->metres[1] = m->along_v;
-        p->repacked += plan->repack;
+        if (status != KILN_OK || !(padding.close > 0.0))
+            continue;
+        mark_for_repack(p, i);
+        p->repacked++;
     }
     return status;
 }
@@ -647,14 +845,28 @@ static bool may_raise(const struct planner *p, size_t index)
            m->along_u > 0.0 && m->along_v > 0.0;
 }
 
-/* Raises the densities of the objects with the most worth per texel, as long as the scene stays below PADDED_TEXELS. An
- * object may then have more than its allowed fraction of all texels: light that bleeds between charts is worse. */
+/* Whether an object with this density is not too much finer than the largest one. */
+static bool is_even(const struct planner *p, size_t object, double density)
+{
+    const size_t largest = p->density.largest;
+    return largest == SIZE_MAX || object == largest ||
+           density * mean_density(p, object) <=
+               KILN_DENSITY_SPREAD * p->densities[largest] * mean_density(p, largest) * (1.0 + 1e-9);
+}
+
+/* Raises the densities of the largest object and then of those with the most worth per texel, as long as the scene
+ * stays below PADDED_TEXELS. An object may then have more than its allowed fraction of all texels: light that bleeds
+ * between charts is worse. */
 static void raise_best(struct planner *p, struct raise *raises, size_t count, double texels)
 {
+    for (size_t i = 0; i < count; i++)
+        if (raises[i].object == p->density.largest)
+            raises[i].worth = INFINITY;
     qsort(raises, count, sizeof *raises, compare_raises);
     for (size_t i = 0; i < count; i++) {
         const struct raise *raise = &raises[i];
-        if (texels + raise->added > PADDED_TEXELS)
+        if (texels + raise->added > PADDED_TEXELS ||
+            !is_even(p, raise->object, p->densities[raise->object] * raise->factor))
             continue;
         texels += raise->added;
         p->densities[raise->object] *= raise->factor;
@@ -693,6 +905,147 @@ static int raise_densities(struct planner *p, struct kiln_error *error)
     kiln_free(&raises);
     return status;
 }
+
+/* ---- shared texels ---- */
+
+/* Opens a mesh's layout as it stands in the builder. */
+static int open_sharing(const struct planner *p, size_t index, struct kiln_sharing *sharing, struct kiln_error *error)
+{
+    const struct kiln_mesh *mesh = &meshes(p)[index];
+    return kiln_sharing_open(sharing, positions(p, mesh), lightmap_uv(p, mesh), mesh->vertex_count, triangles(p, mesh),
+                             mesh->triangle_count, error);
+}
+
+/* Counts the shared texels in the lightmaps of the mesh's objects, until one has some. */
+static int count_shared(struct planner *p, size_t index, struct kiln_sharing *sharing, const size_t *members,
+                        size_t count, uint64_t *texels, struct kiln_error *error)
+{
+    uint32_t size[2] = {0, 0}, before[2] = {0, 0};
+    int status = open_sharing(p, index, sharing, error);
+    *texels = 0;
+    for (size_t i = 0; i < count && status == KILN_OK && *texels == 0; i++) {
+        bool capped = false;
+        object_size(p, members[i], &size[0], &size[1], &capped);
+        if (size[0] == before[0] && size[1] == before[1])
+            continue;
+        memcpy(before, size, sizeof size);
+        status = kiln_sharing_count(sharing, size[0], size[1], 0, texels, error);
+    }
+    if (*texels > p->most_shared) {
+        p->most_shared = *texels;
+        p->most_shared_mesh = index;
+        memcpy(p->most_shared_size, size, sizeof size);
+    }
+    return status;
+}
+
+/* The density that an object has without being raised for its file's layout. */
+static void reset_density(struct planner *p, size_t index)
+{
+    const struct kiln_density_demand demand = demand_of(p, index);
+    p->densities[index] = p->density.of[index] * scale_of(p, index);
+    objects(p)[index].density_reason = reason_of(p, index, &demand);
+}
+
+/* Marks for repacking the meshes whose charts share texels in the lightmap of an object. first[m] .. first[m + 1]: the
+ * objects of mesh m in `members`. */
+static int choose_shared(struct planner *p, const size_t *first, const size_t *members, struct kiln_error *error)
+{
+    struct kiln_sharing sharing = {0};
+    int status = KILN_OK;
+    for (size_t m = 0; m < mesh_count(p) && status == KILN_OK; m++) {
+        uint64_t texels = 0;
+        if (p->plans[m].unwrap || p->plans[m].reference == SIZE_MAX)
+            continue;
+        status = count_shared(p, m, &sharing, members + first[m], first[m + 1] - first[m], &texels, error);
+        if (status != KILN_OK || texels == 0)
+            continue;
+        mark_for_repack(p, m);
+        p->plans[m].parted = true;
+        p->parted++;
+        for (size_t i = first[m]; i < first[m + 1]; i++)
+            reset_density(p, members[i]);
+    }
+    kiln_sharing_close(&sharing);
+    return status;
+}
+
+/* Packs the charts of the meshes anew that share texels: at the densities that the objects have. */
+static int part_shared(struct planner *p, struct kiln_error *error)
+{
+    size_t *first = NULL, *members = NULL;
+    int status = list_objects(p, &first, &members, error);
+    if (status == KILN_OK)
+        status = choose_shared(p, first, members, error);
+    if (status == KILN_OK && p->parted > 0)
+        status = unwrap_meshes(p, error);
+    for (size_t m = 0; m < mesh_count(p) && status == KILN_OK; m++)
+        if (p->plans[m].parted)
+            status = note_packing(p, m, error);
+    kiln_free(&members);
+    kiln_free(&first);
+    return status;
+}
+
+static bool has_two_sides(const struct planner *p, const struct kiln_mesh *mesh)
+{
+    const struct kiln_material *materials =
+        KILN_BUILDER_DATA(p->builder, const struct kiln_material, KILN_SECTION_MATERIALS);
+    const uint32_t *of = KILN_BUILDER_DATA(p->builder, const uint32_t, KILN_SECTION_TRIANGLE_MATERIALS);
+    for (size_t i = 0; i < mesh->triangle_count; i++)
+        if (materials[of[mesh->triangle_first + i]].double_sided)
+            return true;
+    return false;
+}
+
+/* Whether charts that have texels of their own in a lightmap share some in one of half as many a side: more than
+ * SHARED_OF_BACKS of them. */
+static int backs_share(struct kiln_sharing *sharing, uint32_t width, uint32_t height, bool *share,
+                       struct kiln_error *error)
+{
+    const double least = SHARED_OF_BACKS * 0.25 * width * height;
+    uint64_t front = 0, back = 0;
+    int status = kiln_sharing_count(sharing, width, height, 1, &back, error);
+    if (status == KILN_OK && (double)back > least)
+        status = kiln_sharing_count(sharing, width, height, 0, &front, error);
+    *share = (double)back > (double)front + least;
+    return status;
+}
+
+static int keep_backs_of_mesh(struct planner *p, size_t index, struct kiln_sharing *sharing, const size_t *members,
+                              size_t count, struct kiln_error *error)
+{
+    uint32_t before[2] = {0, 0};
+    bool share = false;
+    int status = open_sharing(p, index, sharing, error);
+    for (size_t i = 0; i < count && status == KILN_OK; i++) {
+        struct kiln_object *object = &objects(p)[members[i]];
+        const uint32_t size[2] = {object->lightmap_width, object->lightmap_height};
+        if (size[0] != before[0] || size[1] != before[1])
+            status = backs_share(sharing, size[0], size[1], &share, error);
+        memcpy(before, size, sizeof size);
+        object->flags |= share ? KILN_OBJECT_FINE_BACKS : 0u;
+    }
+    return status;
+}
+
+/* The lightmap of an object's back has half as many texels a side as that of its front, unless charts would share
+ * texels there. */
+static int keep_backs_apart(struct planner *p, struct kiln_error *error)
+{
+    struct kiln_sharing sharing = {0};
+    size_t *first = NULL, *members = NULL;
+    int status = list_objects(p, &first, &members, error);
+    for (size_t m = 0; m < mesh_count(p) && status == KILN_OK; m++)
+        if (first[m + 1] > first[m] && has_two_sides(p, &meshes(p)[m]))
+            status = keep_backs_of_mesh(p, m, &sharing, members + first[m], first[m + 1] - first[m], error);
+    kiln_sharing_close(&sharing);
+    kiln_free(&members);
+    kiln_free(&first);
+    return status;
+}
+
+/* ---- notes ---- */
 
 /* Sums over the padding of all published lightmaps. */
 struct padding_sum {
@@ -903,7 +1256,8 @@ static int note_densities(struct planner *p, struct kiln_error *error)
     if (small > 0 && status == KILN_OK)
         status = kiln_builder_note(p->builder, 0, error,
                                    "%zu small objects have more than the common %.3g texels a metre, so that their "
-                                   "lightmaps are %u texels across",
+                                   "lightmaps are %u texels across, or as many as twice the density of the largest "
+                                   "object gives them",
                                    small, p->texels_per_metre, p->density.least_side);
     return status;
 }
@@ -919,6 +1273,14 @@ static int write_totals(struct planner *p, struct kiln_error *error)
             kiln_builder_note(p->builder, 0, error,
                               "the charts of %zu of %zu meshes lie less than two texels apart and are laid out anew",
                               p->repacked, mesh_count(p));
+    if (status == KILN_OK && p->parted > 0)
+        status = kiln_builder_note(
+            p->builder, 1, error,
+            "the charts of %zu of %zu meshes would share texels, so that light of one would appear on another (%llu "
+            "texels of %u x %u in \"%s\"): they are packed anew, and a viewer needs kiln's layout; finer lightmaps "
+            "need no other, and --shared-texels keep keeps the file's",
+            p->parted, mesh_count(p), (unsigned long long)p->most_shared, p->most_shared_size[0],
+            p->most_shared_size[1], string(p, meshes(p)[p->most_shared_mesh].name));
     if (status == KILN_OK && p->refused > NOTES_MAX)
         status = kiln_builder_note(p->builder, 1, error, "%zu more second UV sets are refused", p->refused - NOTES_MAX);
     if (status == KILN_OK && p->unclean > NOTES_MAX)
@@ -963,20 +1325,27 @@ static int plan_layouts(struct planner *p, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     measure_objects(p);
+    find_ground(p);
     if (p->params.repack)
         status = choose_repacks(p, error);
     if (status == KILN_OK)
         status = unwrap_all(p, error);
     if (status == KILN_OK && p->params.texels_per_metre == 0.0 && p->params.lightmap_size == 0)
         status = raise_densities(p, error);
+    if (status == KILN_OK && (p->params.repack || !p->params.keep_shared))
+        status = part_shared(p, error);
     for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++)
         status = size_object(p, i, error);
+    if (status == KILN_OK)
+        status = check_texels(p, true, error);
     if (status == KILN_OK)
         status = note_densities(p, error);
     for (size_t i = 0; i < mesh_count(p); i++)
         any = any || p->plans[i].unwrap;
     if (status == KILN_OK && any)
         status = rebuild_vertices(p, error);
+    if (status == KILN_OK)
+        status = keep_backs_apart(p, error);
     if (status == KILN_OK)
         status = note_padding(p, error);
     if (status == KILN_OK)

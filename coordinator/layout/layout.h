@@ -7,12 +7,15 @@
 
 /* Zero means default in every field. */
 struct kiln_layout_params {
+    const char *scene; /* begins sentences; borrowed */
+    double texels_max; /* of all lightmaps together; 0: any */
     /* 0: automatic: the whole scene gets about 2^18 texels, or more where charts need more distance */
     double texels_per_metre;
     uint32_t lightmap_size; /* every lightmap is N x N texels; 0: sizes follow the density */
     uint32_t lightmap_max;  /* largest side, texels; default 4096 */
     uint32_t padding;       /* texels between charts; default 2, enough for bilinear filtering */
     bool repack;            /* pack the charts of a valid UV set anew where they lie less than two texels apart */
+    bool keep_shared;       /* keep a valid UV set although its charts share texels */
 };
 
 /* Makes the layouts and sets the lightmap sizes of all objects in the builder.
@@ -25,9 +28,18 @@ struct kiln_layout_params {
  *
  * With automatic density, an object that keeps its file's layout gets a higher density if that puts two texels between
  * its charts (padding.h) along all but 1 % of their borders: up to four times the common density, as long as the scene
- * stays below 2^20 texels. Objects where an added texel separates the most border come first. Where charts still lie
+ * stays below 2^20 texels, and no object has above twice the density of the largest one (density.h). That one comes
+ * first, then objects where an added texel separates the most border. Where charts still lie
  * closer, a note says in how many lightmaps, along how much of the borders, and which density would be enough; the
- * scene header's padding_factor says the latter, too. */
+ * scene header's padding_factor says the latter, too.
+ *
+ * The lightmaps are refused before any is rasterised (KILN_BAD_INPUT or KILN_USAGE, with the largest object, its
+ * density and the remedy) if they have more than `texels_max` texels, or if settings of the file itself
+ * (object_settings.h) ask for more than 2^25 and for more than 16 times as many as the user's options alone.
+ *
+ * Where charts of a valid UV set share texels at the size that an object's lightmap gets (sharing.h), light of one
+ * would appear on the other, and be reflected by it. Unless `keep_shared`, such a mesh's charts are packed anew
+ * (kiln_repack), and a note says so. */
 int kiln_layout(struct kiln_builder *builder, const struct kiln_layout_params *params, struct kiln_error *error);
 
 /* Makes no layouts, for stores that need none: every lightmap is one texel, and all coordinates in it are 0. Fills

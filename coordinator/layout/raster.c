@@ -78,35 +78,54 @@ void kiln_raster_samples(struct kiln_bitmap *bitmap, const double corner[3][2], 
     }
 }
 
-void kiln_raster_touch(struct kiln_bitmap *bitmap, const double corner[3][2], double tolerance)
+/* The extent along x of the part of the triangle between two horizontal lines. It is convex: its extent is that of its
+ * corners. left > right: the triangle has no such part. */
+static void extent_between(const double corner[3][2], const double lines[2], double *left, double *right)
 {
-    const double low = fmin(corner[0][1], fmin(corner[1][1], corner[2][1]));
-    const double high = fmax(corner[0][1], fmax(corner[1][1], corner[2][1]));
-    const uint32_t first = (uint32_t)clamped(floor(low + tolerance), 0.0, bitmap->height - 1.0);
-    const uint32_t end = (uint32_t)clamped(ceil(high - tolerance), first + 1.0, bitmap->height);
-    for (uint32_t y = first; y < end; y++) {
-        /* The part of the triangle between the lines y and y + 1 is convex: its extent is that of its corners. */
-        const double bottom = fmax(y, low), top = fmax(bottom, fmin(y + 1.0, high));
-        double left = INFINITY, right = -INFINITY;
-        for (int k = 0; k < 3; k++) {
-            const double *a = corner[k], *b = corner[(k + 1) % 3];
-            if (a[1] >= bottom && a[1] <= top) {
-                left = fmin(left, a[0]);
-                right = fmax(right, a[0]);
-            }
-            const double lines[2] = {bottom, top};
-            for (int i = 0; i < 2; i++) {
-                if ((a[1] < lines[i]) == (b[1] < lines[i]))
-                    continue;
-                const double x = edge_at(a, b, lines[i]);
-                left = fmin(left, x);
-                right = fmax(right, x);
-            }
+    *left = INFINITY;
+    *right = -INFINITY;
+    for (int k = 0; k < 3; k++) {
+        const double *a = corner[k], *b = corner[(k + 1) % 3];
+        if (a[1] >= lines[0] && a[1] <= lines[1]) {
+            *left = fmin(*left, a[0]);
+            *right = fmax(*right, a[0]);
         }
+        for (int i = 0; i < 2; i++) {
+            if ((a[1] < lines[i]) == (b[1] < lines[i]))
+                continue;
+            const double x = edge_at(a, b, lines[i]);
+            *left = fmin(*left, x);
+            *right = fmax(*right, x);
+        }
+    }
+}
+
+void kiln_raster_rows(const double corner[3][2], double tolerance, uint32_t width, uint32_t height, uint32_t low,
+                      uint32_t high, kiln_raster_taker *take, void *taker)
+{
+    const double bottom = fmin(corner[0][1], fmin(corner[1][1], corner[2][1]));
+    const double top = fmax(corner[0][1], fmax(corner[1][1], corner[2][1]));
+    const uint32_t first = (uint32_t)clamped(floor(bottom + tolerance), 0.0, height - 1.0);
+    const uint32_t end = (uint32_t)clamped(ceil(top - tolerance), first + 1.0, height);
+    for (uint32_t y = first > low ? first : low; y < end && y < high; y++) {
+        double lines[2], left, right;
+        lines[0] = fmax(y, bottom);
+        lines[1] = fmax(lines[0], fmin(y + 1.0, top));
+        extent_between(corner, lines, &left, &right);
         if (!(left <= right))
             continue;
-        const uint32_t x0 = (uint32_t)clamped(floor(left + tolerance), 0.0, bitmap->width - 1.0);
-        const uint32_t x1 = (uint32_t)clamped(ceil(right - tolerance), x0 + 1.0, bitmap->width);
-        kiln_bitmap_set_run(bitmap, y, x0, x1);
+        const uint32_t x0 = (uint32_t)clamped(floor(left + tolerance), 0.0, width - 1.0);
+        take(taker, y, x0, (uint32_t)clamped(ceil(right - tolerance), x0 + 1.0, width));
     }
+}
+
+/* kiln_raster_taker for a struct kiln_bitmap */
+static void set_run(void *taker, uint32_t y, uint32_t first, uint32_t end)
+{
+    (void)kiln_bitmap_set_run(taker, y, first, end);
+}
+
+void kiln_raster_touch(struct kiln_bitmap *bitmap, const double corner[3][2], double tolerance)
+{
+    kiln_raster_rows(corner, tolerance, bitmap->width, bitmap->height, 0, bitmap->height, set_run, bitmap);
 }

@@ -31,8 +31,15 @@ uint32_t kiln_bitmap_set_run(struct kiln_bitmap *bitmap, uint32_t y, uint32_t fi
  * cells, and to `again` the number of those that were set before. */
 void kiln_raster_samples(struct kiln_bitmap *bitmap, const double corner[3][2], uint64_t *covered, uint64_t *again);
 
-/* Sets the cells that the triangle lies in by more than `tolerance` in both directions; at least one. All corners must
- * lie inside the bitmap. */
+/* Cells first .. end-1 of row y. */
+typedef void kiln_raster_taker(void *taker, uint32_t y, uint32_t first, uint32_t end);
+
+/* Gives `take` the cells of a grid of width x height that the triangle lies in by more than `tolerance` in both
+ * directions; at least one. All corners must lie inside the grid. Rows outside `low` .. `high`-1 are left out. */
+void kiln_raster_rows(const double corner[3][2], double tolerance, uint32_t width, uint32_t height, uint32_t low,
+                      uint32_t high, kiln_raster_taker *take, void *taker);
+
+/* Sets the cells that kiln_raster_rows gives for the whole bitmap. */
 void kiln_raster_touch(struct kiln_bitmap *bitmap, const double corner[3][2], double tolerance);
 
 #endif

@@ -36,7 +36,7 @@ static void put_leaf(void *row, const struct kiln_column_point *p)
 static void put_facing(void *row, const struct kiln_column_point *p)
 {
     const struct kiln_surface *s = p->result->surface;
-    const uint32_t side = p->tile_run->map / s->object_count;
+    const uint32_t side = p->tile_run->map % s->whole_maps / s->object_count;
     *(uint8_t *)row = (uint8_t)(side < KILN_SIDES ? side : (side - KILN_SIDES) ^ 1u);
 }
 
@@ -50,6 +50,11 @@ static void put_cell(void *row, const struct kiln_column_point *p) { *(uint32_t 
 static void put_side(void *row, const struct kiln_column_point *p)
 {
     *(uint8_t *)row = kiln_map_back(p->result->surface, p->tile_run->map);
+}
+
+static void put_part(void *row, const struct kiln_column_point *p)
+{
+    *(uint8_t *)row = (uint8_t)kiln_map_part(p->result->surface, p->tile_run->map);
 }
 
 /* Three groups: the fields of the surface follow the first group, the results follow the second. */
@@ -132,6 +137,14 @@ static const struct computed {
       .description = "0: of a front; 1: of a back, a double-sided surface seen from behind; its texels are twice as "
                      "wide as the object's unless its lightmap is published",
       .put = put_side}},
+    {2,
+     {.name = "/points/part",
+      .early = true,
+      .type = KILN_UINT8,
+      .components = 1,
+      .units = "1",
+      .description = "0: the lightmap shows this point; 1 to 3: it is another part of a texel that walls divide",
+      .put = put_part}},
 };
 enum { COMPUTED = sizeof computed / sizeof *computed };
 static_assert((int)COMPUTED + (int)KILN_FIELDS_MAX <= (int)KILN_COLUMNS_MAX, "all columns have room");
@@ -155,8 +168,10 @@ static void add_fields(struct kiln_columns *columns, const struct kiln_field_set
     }
 }
 
-static bool is_in(const struct computed *c, bool backs, bool octree)
+static bool is_in(const struct computed *c, bool backs, bool octree, bool parts)
 {
+    if (c->column.put == put_part)
+        return parts;
     if (c->column.put == put_side)
         return backs;
     if (c->column.put == put_texel)
@@ -164,12 +179,13 @@ static bool is_in(const struct computed *c, bool backs, bool octree)
     return octree || (c->column.put != put_leaf && c->column.put != put_facing);
 }
 
-void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set *fields, bool backs, bool octree)
+void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set *fields, bool backs, bool octree,
+                       bool parts)
 {
     columns->count = 0;
     for (int group = 0; group < GROUPS; group++) {
         for (size_t i = 0; i < COMPUTED; i++)
-            if (computed[i].group == group && is_in(&computed[i], backs, octree))
+            if (computed[i].group == group && is_in(&computed[i], backs, octree, parts))
                 columns->column[columns->count++] = computed[i].column;
         if (group + 1 < GROUPS)
             add_fields(columns, fields, group == 0);
@@ -179,7 +195,8 @@ void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set
 void kiln_columns_of(struct kiln_columns *columns, const struct kiln_bake_result *result)
 {
     const struct kiln_surface *s = result->surface;
-    kiln_columns_make(columns, result->fields, s->map_count > kiln_front_maps(s), s->bricks != NULL);
+    kiln_columns_make(columns, result->fields, s->whole_maps > kiln_front_maps(s), s->bricks != NULL,
+                      s->map_count > s->whole_maps);
 }
 
 size_t kiln_columns_find(const struct kiln_columns *columns, const char *name)

@@ -40,9 +40,11 @@ struct kiln_columns {
 };
 
 /* Lists the columns of a bake. kiln_columns_make does it for a bake that is not there yet: with `backs` there is one
- * that distinguishes backs from fronts; with `octree` points are leaves, not texels. */
+ * that distinguishes backs from fronts; with `octree` points are leaves, not texels; with `parts` one that tells the
+ * parts of divided texels. */
 void kiln_columns_of(struct kiln_columns *columns, const struct kiln_bake_result *result);
-void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set *fields, bool backs, bool octree);
+void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set *fields, bool backs, bool octree,
+                       bool parts);
 /* Index of the column of that name; columns->count if there is none. */
 size_t kiln_columns_find(const struct kiln_columns *columns, const char *name);
 

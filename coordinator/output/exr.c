@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "coordinator/files/plain_file.h"
 #include "coordinator/files/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
@@ -632,12 +633,12 @@ int kiln_exr_read_open(int descriptor, const char *path, const char *const *want
 int kiln_exr_read(const char *path, const char *const *wanted, size_t wanted_count, struct kiln_image **image,
                   struct kiln_error *error)
 {
+    int descriptor;
     *image = NULL;
-    /* O_NONBLOCK, so that opening a pipe does not wait for its writer */
-    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0);
-    if (descriptor < 0)
-        return kiln_fail_errno(error, 0, "'%s' cannot be opened", path);
-    const int status = kiln_exr_read_open(descriptor, path, wanted, wanted_count, image, error);
+    int status = kiln_open_plain(path, &descriptor, error);
+    if (status != KILN_OK)
+        return status;
+    status = kiln_exr_read_open(descriptor, path, wanted, wanted_count, image, error);
     (void)close(descriptor);
     return status;
 }

@@ -362,7 +362,7 @@ uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface
 size_t kiln_h5_columns(const struct kiln_field_set *fields)
 {
     struct kiln_columns columns;
-    kiln_columns_make(&columns, fields, false, false);
+    kiln_columns_make(&columns, fields, false, false, false);
     return columns.count;
 }
 

@@ -244,7 +244,7 @@ uint64_t kiln_points_largest(const struct kiln_field_set *fields, uint64_t point
     const uint64_t held =
         points < KILN_H5_CHUNK_ROWS ? points : round_up(points, KILN_H5_CHUNK_ROWS) * KILN_H5_CHUNK_ROWS;
     struct kiln_columns columns;
-    kiln_columns_make(&columns, fields, true, true);
+    kiln_columns_make(&columns, fields, true, true, true);
     return held * (kiln_columns_row(&columns) + 1) + (held / KILN_H5_CHUNK_ROWS + 1) * columns.count * 256;
 }
 

@@ -374,7 +374,7 @@ static int read_manifest(struct kiln_manifest **manifest, const char *directory,
     *manifest = NULL;
     int status = kiln_path_join(path, directory, NAME, error);
     if (status == KILN_OK)
-        status = kiln_read_file(path, KILN_JSON_BYTES_MOST, &text, &size, error);
+        status = kiln_read_file_below(directory, NAME, KILN_JSON_BYTES_MOST, &text, &size, error);
     if (status == KILN_OK)
         status = kiln_manifest_parse(manifest, path, text, size, error);
     kiln_free(&text);
@@ -481,9 +481,9 @@ int kiln_manifest_parse(struct kiln_manifest **manifest, const char *path, const
                         struct kiln_error *error)
 {
     *manifest = NULL;
-    json_t *json = kiln_unseal(text, size);
-    int status = KILN_OK;
-    if (json == NULL)
+    json_t *json;
+    int status = kiln_unseal(&json, text, size, path, error);
+    if (status == KILN_BAD_INPUT)
         status = kiln_fail(error, KILN_BAD_INPUT,
                            "'%s' is not as it was written: it does not end with its own hash; the results cannot be "
                            "checked, bake again",

@@ -51,6 +51,17 @@ static double leaf_centroid(const struct kiln_bake_result *result, uint32_t tria
     return area;
 }
 
+/* The same of the part of a texel that walls divide. */
+static double part_centroid(const struct kiln_footprint *part, uint32_t triangle, bool flipped, double *b1, double *b2)
+{
+    struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid = {0.5, 0.5, 1.0 / 3.0, 1.0 / 3.0};
+    const uint32_t count = kiln_footprint_clip(part, triangle, polygon);
+    const double area = count < 3 ? 0.0 : kiln_clip_area(polygon, count, &centroid);
+    *b1 = flipped ? centroid.b2 : centroid.b1;
+    *b2 = flipped ? centroid.b1 : centroid.b2;
+    return area;
+}
+
 static double weigh(double a, double b, double c, double b1, double b2) { return a + b1 * (b - a) + b2 * (c - a); }
 
 static void add_position(const struct kiln_scene *scene, const struct triangle_view *view, double b1, double b2,
@@ -95,13 +106,16 @@ static void describe(const struct kiln_bake_result *result, const struct kiln_po
 {
     const double scale = 1.0 / (double)(1u << at->place.shift), side = at->back ? -1.0 : 1.0;
     struct kiln_dvec3 normal = dvec3(0.0, 0.0, 0.0);
+    struct kiln_footprint part;
     double coverage = 0.0, before = 0.0;
+    kiln_footprint_prepare(&part, result->scene, result->geometry, result->surface, at);
     for (uint32_t i = 0; i < piece_count; i++) {
         const double until = i + 1 < piece_count ? (double)shares[i] : 1.0;
         const struct triangle_view view = view_triangle(result, at->object, pieces[i]);
         double b1, b2;
-        coverage += at->leaves ? leaf_centroid(result, pieces[i], &at->place, view.object->flipped != 0, &b1, &b2)
-                               : piece_centroid(result->scene, &view, detail->x, detail->y, scale, &b1, &b2);
+        coverage += part.divided != NULL ? part_centroid(&part, pieces[i], view.object->flipped != 0, &b1, &b2)
+                    : at->leaves ? leaf_centroid(result, pieces[i], &at->place, view.object->flipped != 0, &b1, &b2)
+                                 : piece_centroid(result->scene, &view, detail->x, detail->y, scale, &b1, &b2);
         add_position(result->scene, &view, b1, b2, until - before, detail->position);
         add_normal(result->scene, &view, b1, b2, until - before, &normal);
         before = until;

@@ -37,7 +37,7 @@ static int bin_at(const uint64_t bins[STOP_BINS], double below)
     return bin;
 }
 
-struct kiln_exposure kiln_auto_exposure(const struct kiln_image *image)
+struct kiln_exposure kiln_auto_exposure(const struct kiln_image *image, double level)
 {
     uint64_t bins[STOP_BINS] = {0}, used = 0, kept = 0;
     double sum = 0.0;
@@ -64,7 +64,8 @@ struct kiln_exposure kiln_auto_exposure(const struct kiln_image *image)
     }
     if (kept == 0)
         return (struct kiln_exposure){1.0, INFINITY};
-    const double scale = 0.18 / exp(sum / (double)kept),
+    const double most = level > 0.0 ? 0.18 / level * exp2(KILN_EXPOSURE_STOPS) : INFINITY,
+                 scale = fmin(0.18 / exp(sum / (double)kept), most),
                  bright = exp2((double)(bin_at(bins, 0.99 * (double)used) + 1) / STOP_PARTS + STOP_LEAST);
     return (struct kiln_exposure){scale, fmax(0.5, scale * bright)};
 }

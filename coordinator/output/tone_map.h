@@ -41,8 +41,13 @@ extern const struct kiln_exposure kiln_plain_exposure;
 /* Automatic exposure: the scale that brings the logarithmic mean of luminance to 0.18 (Reinhard et al. 2002), and as
  * white the 99th percentile of scaled luminance, at least 0.5. Uses pixels with finite luminance above 0. The mean
  * leaves out the darkest and the brightest 5 % of them, so that neither a lamp nor a black corner determines it.
- * Without such pixels the scale is 1 and white infinite. Deterministic. */
-struct kiln_exposure kiln_auto_exposure(const struct kiln_image *image);
+ * Without such pixels the scale is 1 and white infinite. Deterministic.
+ *
+ * `level`: the luminance that the lights would give if they lit all surfaces alike (view/light_level.h); 0: unknown.
+ * What is more than KILN_EXPOSURE_STOPS below it is no picture's middle grey: it stays as dark as it is, be it a leak
+ * or a black room with a few bright places. */
+#define KILN_EXPOSURE_STOPS 10.0
+struct kiln_exposure kiln_auto_exposure(const struct kiln_image *image, double level);
 
 struct kiln_tone {
     enum kiln_tone_curve curve;

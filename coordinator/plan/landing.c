@@ -2,29 +2,48 @@
 
 #include <math.h>
 
-#include "coordinator/bake/probe_paths.h"
-#include "coordinator/integrate/land.h"
-#include "coordinator/integrate/land_exchange.h"
-#include "coordinator/integrate/merge.h"
+#include "coordinator/bake/volume/probe_paths.h"
+#include "coordinator/integrate/land/land.h"
+#include "coordinator/integrate/land/land_exchange.h"
+#include "coordinator/integrate/land/merge.h"
+#include "worker/backend/extended.h"
 #include "worker/light/aims.h"
 #include "worker/light/emission.h"
 #include "worker/pass/land.h"
 #include "worker/pass/spheres.h"
 #include "worker/pass/weighed.h"
 
-enum { SAMPLE_PATHS = 1 << 15, SAMPLE_BATCH = 1 << 12, SAMPLE_TILE_RUNS = 64 };
+enum { SAMPLE_PATHS = 1 << 15, SAMPLE_BATCH = 1 << 12, SAMPLE_TILE_RUNS = 64, STRETCHES = 1 << 9 };
 static const double LANDED_SECONDS = 0.1e-6;   /* of a rank, for a path that lands: sorted, sent and summed */
 static const double MERGE_PASS_SECONDS = 1e-6; /* of one thread, for a point: the points near it found and summed */
+
+/* Where paths landed: how many beside points, and in which of STRETCHES equal parts of the points' curve. */
+struct landings {
+    uint64_t points, count;
+    bool in[STRETCHES];
+};
 
 /* kiln_take_results */
 static int count_landed(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     (void)first, (void)error;
-    uint64_t *landed = context;
+    struct landings *l = context;
     const struct kiln_land_result *r = results;
     for (size_t i = 0; i < count; i++)
-        *landed += r[i].point != KILN_NO_POINT;
+        if (r[i].point != KILN_NO_POINT) {
+            l->count++;
+            l->in[(uint64_t)r[i].point * STRETCHES / l->points] = true;
+        }
     return KILN_OK;
+}
+
+static double covered_share(const struct landings *l)
+{
+    const uint64_t all = l->points < STRETCHES ? l->points : STRETCHES;
+    uint64_t in = 0;
+    for (size_t i = 0; i < STRETCHES; i++)
+        in += l->in[i];
+    return all > 0 ? (double)in / (double)all : 0.0;
 }
 
 /* What is measured, and how. */
@@ -50,27 +69,29 @@ static double busy_seconds(const struct measure *m, const struct kiln_backend *b
     return info.device_seconds > 0.0 ? info.device_seconds : info.thread_seconds / m->p->threads;
 }
 
-/* Paths spread over all aims: *landed of them beside points, and seconds of each by all threads. */
-static int sample_paths(const struct measure *m, const struct kiln_land_parameters *parameters, double *landed,
-                        double *seconds, struct kiln_error *error)
+/* Paths spread over all aims: where they land, *landed is their share beside points, and seconds of each by all
+ * threads.
+ */
+static int sample_paths(const struct measure *m, const struct kiln_land_parameters *parameters,
+                        struct landings *landings, double *landed, double *seconds, struct kiln_error *error)
 {
     const uint64_t paths = m->aims->paths, batches = paths < SAMPLE_PATHS ? (paths + SAMPLE_BATCH - 1) / SAMPLE_BATCH
                                                                           : SAMPLE_PATHS / SAMPLE_BATCH;
     struct kiln_backend *backend = tracer(m, &kiln_pass_land, parameters);
     const double begin = busy_seconds(m, backend);
-    uint64_t rays = 0, beside = 0, traced = 0;
+    uint64_t rays = 0, traced = 0;
     int status = KILN_OK;
     for (uint64_t i = 0; i < batches && status == KILN_OK; i++) {
         const uint64_t first = paths * i / batches, left = paths - first;
         const struct kiln_batch batch = {.first = first,
                                          .count = left < SAMPLE_BATCH ? left : SAMPLE_BATCH,
                                          .take = count_landed,
-                                         .context = &beside};
+                                         .context = landings};
         traced += batch.count;
         status = kiln_backend_run(backend, &kiln_pass_land, parameters, &batch, &rays, error);
     }
     *seconds = (busy_seconds(m, backend) - begin) / (double)traced;
-    *landed = (double)beside / (double)traced;
+    *landed = (double)landings->count / (double)traced;
     return status;
 }
 
@@ -110,12 +131,14 @@ static int measure_step(const struct measure *m, struct kiln_plan_landing *landi
 {
     const bool shares = m->settings->caustics == KILN_CAUSTICS_VCM;
     struct kiln_emission *emission = NULL;
+    struct landings landings = {.points = m->points};
     int status = shares ? kiln_emission_create(&emission, m->p->lights, error) : KILN_OK;
     const struct kiln_caustic_techniques techniques = {
         .aims = m->aims, .emission = emission, .iterations = m->settings->iterations, .mis = m->settings->mis};
     const struct kiln_land_parameters parameters = {.aims = m->aims, .techniques = shares ? &techniques : NULL};
     if (status == KILN_OK)
-        status = sample_paths(m, &parameters, &landing->landed, &landing->path, error);
+        status = sample_paths(m, &parameters, &landings, &landing->landed, &landing->path, error);
+    landing->covered = covered_share(&landings);
     if (status == KILN_OK && shares)
         status = sample_rays(m, &techniques, &landing->gathered, error);
     kiln_emission_destroy(&emission);
@@ -133,6 +156,7 @@ static int measure_probes(const struct measure *m, const struct kiln_volume_resu
 {
     const uint64_t probes = volume->size[0] * volume->size[1] * volume->size[2];
     struct kiln_probe_spheres spheres = {.count = 0};
+    struct landings landings = {.points = m->points};
     double landed, path = 0.0;
     if (probes == 0 || leaves == 0)
         return KILN_OK;
@@ -140,7 +164,7 @@ static int measure_probes(const struct measure *m, const struct kiln_volume_resu
                                         m->aims, leaves, error);
     const struct kiln_land_parameters parameters = {.aims = m->aims, .spheres = &spheres};
     if (status == KILN_OK)
-        status = sample_paths(m, &parameters, &landed, &path, error);
+        status = sample_paths(m, &parameters, &landings, &landed, &path, error);
     kiln_probe_spheres_release(&spheres);
     landing->probes = path * (double)kiln_probe_paths_photons(m->settings, m->aims->count, volume->size, samples) *
                       m->settings->iterations * m->settings->parts * ceil((double)probes / KILN_PROBE_PATHS_CHUNK);

@@ -1,10 +1,10 @@
-/* What light paths that land (integrate/land.h) will take, by a few of them; with --caustics vcm pilots and the gather
- * rays that share the light, by those of some tile runs, too. And what the paths will take that probes get
- * (bake/probe_paths.h). */
+/* What light paths that land (integrate/land/land.h) will take, by a few of them; with --caustics vcm pilots and the
+ * gather rays that share the light, by those of some tile runs, too. And what the paths will take that probes get
+ * (bake/volume/probe_paths.h). */
 #ifndef KILN_COORDINATOR_PLAN_LANDING_H
 #define KILN_COORDINATOR_PLAN_LANDING_H
 
-#include "coordinator/bake/prepare.h"
+#include "coordinator/bake/prepare/prepare.h"
 #include "coordinator/field/result.h"
 #include "coordinator/integrate/settings.h"
 
@@ -13,6 +13,7 @@ struct kiln_plan_landing {
     uint64_t photons, aims;
     uint32_t iterations;
     double landed;        /* share of paths that land beside a point */
+    double covered;       /* share of the points that lie near a landing; of the rest caustics are 0 */
     double path;          /* s each, by the threads of one rank */
     double gathered;      /* s of a point's rays, likewise; 0: no rays share the light */
     double seconds;       /* s of one rank that traces all paths of a step, and merges or gathers over all points */

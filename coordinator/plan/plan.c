@@ -4,23 +4,22 @@
 #include <string.h>
 #include <time.h>
 
+#include "coordinator/integrate/relight/transport.h"
 #include "coordinator/field/field.h"
-#include "coordinator/integrate/link_file.h"
-#include "coordinator/integrate/blocks.h"
-#include "coordinator/integrate/patches.h"
-#include "coordinator/integrate/senders.h"
-#include "coordinator/integrate/nodes.h"
+#include "coordinator/integrate/companion.h"
+#include "coordinator/integrate/patches/link_file.h"
+#include "coordinator/integrate/patches/patches.h"
 #include "coordinator/integrate/energy.h"
 #include "coordinator/run/process.h"
 #include "coordinator/run/process_memory.h"
 #include "coordinator/integrate/integrate.h"
-#include "coordinator/integrate/land.h"
-#include "coordinator/bake/light_settings.h"
-#include "coordinator/bake/occluders.h"
-#include "coordinator/bake/preview_size.h"
-#include "coordinator/bake/results_memory.h"
-#include "coordinator/bake/transport_identity.h"
-#include "coordinator/bake/volume.h"
+#include "coordinator/integrate/land/land.h"
+#include "coordinator/bake/light/light_settings.h"
+#include "coordinator/bake/volume/occluders.h"
+#include "coordinator/bake/prepare/preview_size.h"
+#include "coordinator/bake/prepare/results_memory.h"
+#include "coordinator/bake/identity/transport_identity.h"
+#include "coordinator/bake/volume/volume.h"
 #include "coordinator/export/export.h"
 #include "coordinator/output/output.h"
 #include "coordinator/output/points_ahead.h"
@@ -55,7 +54,8 @@ static const double DENOISE_LIGHTMAP_DISK = 0.87, DENOISE_POINT_DISK = -4.0;
 static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
 static const double LIGHTMAP_TEXEL_SECONDS = 0.9e-6; /* of one thread: filled, smoothed, compressed, read back */
 static const double H5_POINT_SECONDS = 1.0e-6;       /* of one thread: described, compressed, written, read back */
-/* Of a lightmap in bands: bytes of a texel on its way to the part that denoises it (output/map/denoise_parts.h). */
+/* Of a lightmap in bands: bytes of a texel on its way to the part that denoises it
+ * (output/map/denoise/denoise_parts.h). */
 static const double TEXEL_BYTES = 90.0;
 /* the part of it that is packed while light is computed: a gain where devices compute, else it takes their time */
 static const double H5_EARLY = 0.3;
@@ -105,7 +105,12 @@ static uint64_t section_bytes(const struct kiln_scene *scene, enum kiln_scene_se
     return scene->header->sections[section].count * kiln_scene_element_size(section);
 }
 
-static bool on_device(const struct kiln_prepared *p) { return strcmp(p->backend->api->name, "embree") != 0; }
+static bool on_device(const struct kiln_prepared *p)
+{
+    struct kiln_backend_info info;
+    kiln_backend_info(p->backend, &info);
+    return info.on_device;
+}
 
 static uint64_t result_bytes(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
@@ -142,16 +147,25 @@ static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *
     m->program = KILN_PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
 }
 
-static uint64_t landing_bytes(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
+/* What the companions of the bake need; while paths land, a device's host has a BVH, and each triangle a target. */
+static struct kiln_companion_bytes companion_bytes(const struct kiln_plan *plan, const struct kiln_prepared *p,
+                                                   const struct kiln_job *job)
 {
     const struct kiln_integrate_settings settings = kiln_light_settings(job, p->lights, plan->surface.points);
     const double bvh = on_device(p) ? BVH_BYTES * (double)p->geometry->triangle_count : 0.0;
-    const uint64_t targets = sizeof(uint32_t) * (uint64_t)p->geometry->triangle_count; /* of each triangle its own */
-    return plan->landing.photons > 0
-               ? (uint64_t)bvh + targets +
-                     kiln_landing_bytes(&settings, (size_t)plan->landing.aims, plan->here.light.points_most, job->ranks,
-                                        plan->landing.landed)
-               : 0;
+    const struct kiln_companion_demand demand = {.settings = &settings,
+                                                 .points = plan->surface.points,
+                                                 .own = plan->here.light.points_most,
+                                                 .ranks = job->ranks,
+                                                 .device = on_device(p),
+                                                 .aims = (size_t)plan->landing.aims,
+                                                 .landed = plan->landing.landed};
+    struct kiln_companion_bytes bytes = kiln_companions_demand(kiln_companions, &demand);
+    if (plan->landing.photons > 0)
+        bytes.in_step += (uint64_t)bvh + sizeof(uint32_t) * (uint64_t)p->geometry->triangle_count;
+    else
+        bytes.in_step = 0;
+    return bytes;
 }
 
 static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_surface *rank_surface,
@@ -168,17 +182,14 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     const double results = (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT); /* they move, too */
     m->surface_own = (uint64_t)(own * plan->here.light.points_most);
     m->light = kiln_field_set_light_bytes(&fields, (uint64_t)plan->here.light.points_most, plan->surface.points);
-    if (kiln_job_is_radiosity(job))
-        m->light += kiln_patches_bytes(&job->patches, (uint64_t)plan->here.light.points_most, plan->surface.points,
-                                       on_device(p));
-    if (kiln_job_is_radiosity(job) && on_device(p))
-        m->device +=
-            kiln_patches_device_bytes(&job->patches, (uint64_t)plan->here.light.points_most, plan->surface.points);
+    const struct kiln_companion_bytes companions = companion_bytes(plan, p, job);
+    m->light += companions.always;
+    m->device += companions.device;
     m->volume = plan->probes * (KILN_PROBE_BYTES + job->group_count * sizeof(struct kiln_probe_group)) +
                 plan->landing.probe_bytes;
     m->results = result_bytes(plan, p, job);
     m->moving = plan->here.light.repartitions > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
-    m->landing = landing_bytes(plan, p, job);
+    m->landing = companions.in_step;
     const uint64_t early = m->moving > m->landing ? m->moving : m->landing,
                    last = m->volume + m->results; /* there is none of these while points move, or light lands */
     m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own + m->light +
@@ -192,16 +203,33 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
         plan->bytes_per_triangle = (double)(m->scene + m->geometry) / (double)p->geometry->triangle_count;
 }
 
+/* Floats of a point that are 0 and take no disk: those of light that lands, at points where none does, as a mean over
+ * all points. */
+static double floats_not_lit(const struct kiln_plan *plan, const struct kiln_field_set *fields, bool in_lightmaps)
+{
+    static const char *const names[] = {"caustic", "error_caustic"};
+    double floats = 0.0;
+    for (size_t i = 0; i < sizeof names / sizeof *names && plan->landing.photons > 0; i++) {
+        const size_t at = kiln_field_set_find(fields, names[i]);
+        const bool published = at < fields->count && (in_lightmaps ? fields->entry[at].in_lightmaps
+                                                                   : fields->entry[at].field->dataset != NULL);
+        floats += published ? (1.0 - plan->landing.covered) * fields->entry[at].field->components : 0.0;
+    }
+    return floats;
+}
+
 static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
     const double points = (double)plan->surface.points;
     const struct kiln_field_set fields = fields_of(job);
     const bool denoises = kiln_job_denoises(job);
-    plan->lightmap_bytes =
-        (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->half ? 0.45 : 1.0) * (denoises ? DENOISE_LIGHTMAP_DISK : 1.0) *
-                   ((double)kiln_field_set_channels(&fields) / 9.0));
-    plan->h5_bytes = (uint64_t)(points * (H5_POINT_DISK + (double)kiln_field_set_column_bytes(&fields) -
-                                          KILN_RESULTS_COLUMNS + (denoises ? DENOISE_POINT_DISK : 0.0)));
+    const double channels = (double)kiln_field_set_channels(&fields) - floats_not_lit(plan, &fields, true),
+                 columns = (double)kiln_field_set_column_bytes(&fields) -
+                           floats_not_lit(plan, &fields, false) * (double)sizeof(float);
+    plan->lightmap_bytes = (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->half ? 0.45 : 1.0) *
+                                      (denoises ? DENOISE_LIGHTMAP_DISK : 1.0) * (channels / 9.0));
+    plan->h5_bytes =
+        (uint64_t)(points * (H5_POINT_DISK + columns - KILN_RESULTS_COLUMNS + (denoises ? DENOISE_POINT_DISK : 0.0)));
     plan->volume_bytes =
         (uint64_t)((double)plan->probes * (PROBE_DISK * (double)sizeof(struct kiln_probe_result) +
                                            OCCLUDER_DISK * (double)sizeof(struct kiln_probe_occluders)));
@@ -251,31 +279,21 @@ static bool is_cheap(const struct kiln_planned_steps *steps, uint32_t kind)
 /* What samples are taken of. */
 struct calibration {
     const struct kiln_prepared *p;
-    uint16_t *block;      /* of all points (integrate/blocks.h); NULL: there are none */
-    uint64_t *mixture;    /* likewise (integrate/nodes.h) */
-    const uint16_t *seen; /* of all tile runs (bake/visible_from.h); NULL: there are no views */
-    uint32_t scale, final_scale;
-    uint64_t seed;
+    struct kiln_integrate_params params; /* of one rank, as companions want them */
+    struct kiln_rank_data data;          /* of all points: the fields by which companions select */
 };
 
 /* The points of a batch's tile runs that gather: as many as the batch has, then likewise those of them that take few
  * samples; to be freed. */
-static int draw_points(const struct calibration *c, const struct kiln_cost_kind *kind, const struct kiln_batch *batch,
+static int draw_points(const struct calibration *c, const struct kiln_step *step, const struct kiln_batch *batch,
                        uint64_t **masks, struct kiln_error *error)
 {
-    const struct kiln_surface *s = c->p->surface;
-    const struct kiln_step step = {.stream = batch->stream};
     const int status = kiln_allocate(masks, 2 * batch->count, sizeof **masks, "a sample's points", error);
     for (size_t i = 0; status == KILN_OK && i < batch->count; i++) {
-        const struct kiln_tile_run *run = &s->tile_runs[batch->first + i];
-        const uint64_t own = kiln_own_of_global(s, run->first).at;
-        struct kiln_blocks_draw draw = {.gathers = UINT64_MAX};
-        if (kind->by_blocks)
-            kiln_blocks_draw(&draw, s, run, c->block + own, c->scale, c->seed, &step);
-        else if (kind->by_nodes)
-            draw.gathers = kiln_nodes_of(s, run, c->mixture + own);
-        (*masks)[i] = kind->seen_only && c->seen[batch->first + i] == 0 ? 0 : draw.gathers;
-        (*masks)[batch->count + i] = draw.few;
+        const struct kiln_selection selection =
+            kiln_companions_selection(kiln_companions, c->params.settings, step, &c->data, batch->first + i);
+        (*masks)[i] = selection.gathers;
+        (*masks)[batch->count + i] = selection.few;
     }
     return status;
 }
@@ -295,15 +313,16 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct cali
                                    .stream = steps->kinds[k].stream,
                                    .samples = steps->kinds[k].samples};
         uint64_t *masks = NULL;
-        if (steps->kinds[k].by_blocks || steps->kinds[k].by_nodes || steps->kinds[k].seen_only)
-            status = draw_points(c, &steps->kinds[k], &batch, &masks, error);
+        const struct kiln_step step = {.stream = batch.stream, .with = steps->kinds[k].with};
+        bool few;
+        if (kiln_companions_select(kiln_companions, &step, &few))
+            status = draw_points(c, &step, &batch, &masks, error);
         batch.point_masks = masks;
         batch.few_masks = masks != NULL ? masks + batch.count : NULL;
         sample->points[k] = kiln_tile_runs_points(&tile_runs[first], &tile_runs[first + batch.count - 1]);
-        if (status == KILN_OK && !steps->kinds[k].lands)
+        if (status == KILN_OK && !steps->kinds[k].answered)
             status = sample_step(p, &batch, &steps->kinds[k], &sample->seconds[k], error);
-        if (steps->kinds[k].by_unshot) /* timed with all patches */
-            sample->seconds[k] /= KILN_UNSHOT_ROUNDS;
+        sample->seconds[k] *= kiln_companions_share(kiln_companions, &step); /* timed with all patches */
         kiln_free(&masks);
     }
     return status;
@@ -579,8 +598,8 @@ static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *
         cells->points[i] = in_cells ? s->cell_first[i + 1] - first : s->tile_runs[i].count;
         for (uint32_t l = 0; l < plan->steps.kind_count; l++)
             cells->cost[l][i] =
-                crowd(p, job) * ((plan->steps.kinds[l].lands ? plan->landing.seconds / (double)plan->surface.points
-                                                             : cost_in(plan, first, cells->points[i], l)) +
+                crowd(p, job) * ((plan->steps.kinds[l].answered ? plan->landing.seconds / (double)plan->surface.points
+                                                                : cost_in(plan, first, cells->points[i], l)) +
                                  take_seconds(p));
     }
     return status;
@@ -692,46 +711,59 @@ static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const
     return status;
 }
 
-static int find_blocks(struct calibration *c, struct kiln_error *error)
+static bool selects(const struct calibration *c, const struct kiln_companion *row)
 {
-    const struct kiln_prepared *p = c->p;
-    const int status =
-        kiln_allocate(&c->block, p->surface->count, sizeof *c->block, "the blocks of a sample's points", error);
-    return status == KILN_OK ? kiln_blocks_find(p->surface, p->backend, p->threads, c->scale, c->block, NULL, error)
-                             : status;
+    return row->find != NULL && row->wanted(&c->params);
 }
 
-static int find_nodes(struct calibration *c, struct kiln_error *error)
+/* The fields by which companions select, of all points. */
+static int find_fields(struct calibration *c, struct kiln_error *error)
 {
-    const struct kiln_prepared *p = c->p;
-    const int status =
-        kiln_allocate(&c->mixture, p->surface->count, sizeof *c->mixture, "the nodes of a sample's points", error);
-    return status == KILN_OK ? kiln_nodes_find(p->surface, p->backend, p->threads, c->final_scale, c->mixture, error)
-                             : status;
+    const struct kiln_field_set *fields = c->params.fields;
+    int status = KILN_OK;
+    for (size_t i = 0; kiln_companions[i] != NULL && status == KILN_OK; i++)
+        if (selects(c, kiln_companions[i]))
+            status =
+                kiln_rank_data_add(&c->data, fields, kiln_field_set_find(fields, kiln_companions[i]->field), error);
+    return status == KILN_OK ? kiln_companions_find(kiln_companions, &c->params, &c->data, error) : status;
 }
 
-static bool is_of_patches(const struct kiln_cost_kind *kind)
+static void free_fields(struct calibration *c)
 {
-    return kind->pass == &kiln_pass_patches || kind->pass == &kiln_pass_links || kind->pass == &kiln_pass_directions;
+    for (size_t i = 0; kiln_companions[i] != NULL; i++)
+        if (selects(c, kiln_companions[i]))
+            kiln_rank_data_remove(&c->data, c->params.fields,
+                                  kiln_field_set_find(c->params.fields, kiln_companions[i]->field));
 }
 
-/* The nodes that steps of patches gather from: those of the first bounce, of even light. */
-static int find_patches(struct kiln_patches **patches, struct kiln_planned_steps *steps, const struct kiln_prepared *p,
-                        const struct kiln_integrate_settings *settings, const uint64_t *radiosity,
-                        struct kiln_error *error)
+/* The parameters that a companion makes for steps of its passes: those of the first bounce, of even light. */
+static int make_parameters(const struct kiln_companion *row, void *self, struct kiln_planned_steps *steps,
+                           const uint64_t *radiosity, struct kiln_error *error)
 {
     struct kiln_step step = {.bounce = 1, .stream = 1};
-    const struct kiln_patches_source source = {
-        .communicator = MPI_COMM_SELF, .ranks = 1, .surface = p->surface, .backend = p->backend, .settings = settings};
-    const void *parameters = NULL;
-    int status = kiln_patches_create(patches, &source, error);
     for (uint32_t k = 0; k < steps->kind_count; k++)
-        step.samples = is_of_patches(&steps->kinds[k]) ? steps->kinds[k].samples : step.samples;
-    if (status == KILN_OK)
-        status = kiln_patches_update(*patches, radiosity, &step, &parameters, error);
+        step.samples = row->makes(steps->kinds[k].pass) ? steps->kinds[k].samples : step.samples;
+    const int status = row->parameters(self, radiosity, &step, error);
     for (uint32_t k = 0; k < steps->kind_count && status == KILN_OK; k++)
-        if (is_of_patches(&steps->kinds[k]))
-            steps->kinds[k].parameters = parameters;
+        if (row->makes(steps->kinds[k].pass))
+            steps->kinds[k].parameters = step.parameters;
+    return status;
+}
+
+/* Makes the companions that make parameters; `self` has room for all, and borrows the calibration. */
+static int make_companions(const struct calibration *c, struct kiln_planned_steps *steps, const uint64_t *radiosity,
+                           void **self, struct kiln_error *error)
+{
+    const struct kiln_companion_site site = {.params = &c->params, .plans = true};
+    int status = KILN_OK;
+    for (size_t i = 0; i < KILN_COMPANIONS && status == KILN_OK; i++) {
+        const struct kiln_companion *row = kiln_companions[i];
+        if (row->parameters == NULL || !row->wanted(&c->params))
+            continue;
+        status = row->create(&self[i], &site, error);
+        if (status == KILN_OK)
+            status = make_parameters(row, self[i], steps, radiosity, error);
+    }
     return status;
 }
 
@@ -740,20 +772,24 @@ static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, 
                          struct kiln_error *error)
 {
     uint64_t *radiosity = NULL;
-    struct kiln_patches *patches = NULL;
+    void *companions[KILN_COMPANIONS] = {NULL};
+    const struct kiln_field_set fields = fields_of(job);
     struct calibration c = {.p = p,
-                            .seen = plan->visible.seen,
-                            .scale = 1u << job->indirect_scale,
-                            .final_scale = 1u << job->final_scale,
-                            .seed = job->seed};
+                            .params = {.communicator = MPI_COMM_SELF,
+                                       .ranks = 1,
+                                       .settings = settings,
+                                       .fields = &fields,
+                                       .backend = p->backend,
+                                       .surface = p->surface,
+                                       .seen = plan->visible.seen,
+                                       .threads = p->threads},
+                            .data = {.surface = *p->surface}};
     const double start = MPI_Wtime();
     int status = fill_radiosity(p, &radiosity, error);
-    if (status == KILN_OK && job->indirect_scale > 0)
-        status = find_blocks(&c, error);
-    if (status == KILN_OK && job->final_scale > 0)
-        status = find_nodes(&c, error);
-    if (status == KILN_OK && settings->patches != NULL)
-        status = find_patches(&patches, &plan->steps, p, settings, radiosity, error);
+    if (status == KILN_OK)
+        status = find_fields(&c, error);
+    if (status == KILN_OK)
+        status = make_companions(&c, &plan->steps, radiosity, companions, error);
     if (status == KILN_OK)
         status = calibrate(plan, &c, error);
     if (status == KILN_OK && plan->probes > 0)
@@ -761,10 +797,11 @@ static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, 
     if (status == KILN_OK)
         status = emission_seconds(p, &timing->emission, error);
     plan->calibration_seconds = MPI_Wtime() - start;
-    kiln_patches_destroy(&patches);
+    for (size_t i = 0; i < KILN_COMPANIONS; i++)
+        if (companions[i] != NULL)
+            kiln_companions[i]->destroy(&companions[i]);
     kiln_free(&radiosity);
-    kiln_free(&c.block);
-    kiln_free(&c.mixture);
+    free_fields(&c);
     return status;
 }
 
@@ -808,13 +845,12 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     struct kiln_volume_result volume = {0};
     struct timing timing = {0};
     if (status == KILN_OK && job->samples_probe > 0)
-        status = kiln_volume_grid(&volume, prepared->scene, job->probe_spacing, error);
+        status = kiln_volume_grid(&volume, prepared->scene, job->probe_spacing, job->volume_bounds, error);
     const struct kiln_integrate_settings settings = kiln_light_settings(job, prepared->lights, plan->surface.points);
     if (status == KILN_OK)
         status = kiln_planned_steps_make(&plan->steps, &settings, typical_bounces(job), error);
     if (status == KILN_OK) {
         plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
-        plan_disk(plan, prepared, job);
         status = find_visible(plan, prepared, job, &timing, error);
     }
     if (status == KILN_OK)
@@ -823,6 +859,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
         status = kiln_plan_landing_measure(&plan->landing, prepared, &settings, &volume, job->samples_probe,
                                            plan->surface.points, job->ranks, error);
     if (status == KILN_OK) {
+        plan_disk(plan, prepared, job);
         plan_before_and_after(plan, prepared, job, phases, &timing);
         status = simulate(plan, prepared, job, &timing, error);
     }

@@ -4,8 +4,8 @@
 
 #include "coordinator/plan/landing.h"
 #include "coordinator/plan/working_set.h"
-#include "coordinator/bake/prepare.h"
-#include "coordinator/bake/visible_from.h"
+#include "coordinator/bake/prepare/prepare.h"
+#include "coordinator/bake/light/visible_from.h"
 #include "coordinator/plan/simulate.h"
 
 /* Bytes of the fullest rank, by purpose. */
@@ -62,8 +62,9 @@ struct kiln_plan {
     uint64_t triangles;
     /* of the results, compressed (estimated) */
     uint64_t lightmap_bytes, h5_bytes, volume_bytes, scene_bytes, preview_bytes, export_bytes;
-    uint64_t transport_bytes;  /* kept beside them (integrate/transport.h); exact for the steps that are planned */
-    uint64_t disk_bytes;       /* their sum */
+    uint64_t
+        transport_bytes; /* kept beside them (integrate/relight/transport.h); exact for the steps that are planned */
+    uint64_t disk_bytes; /* their sum */
     uint64_t checkpoint_bytes; /* of a generation, the largest; two are kept while the bake runs */
     uint64_t probes;
     double bytes_per_point;           /* fullest rank: surface and light, for each of its own points when it has all */

@@ -6,8 +6,8 @@
 
 static const double SAVE_START = 2e-3; /* s: folders, manifest and synchronisation of a checkpoint of any size */
 static const double NODE_MEMORY_BANDWIDTH = 10e9; /* bytes a second that ranks of one node hand over */
-/* Texels around a part of a lightmap (output/map/denoise_parts.h) that take as long as its own: some 42 are seen, of
- * which 16 in the mean go through each sweep. */
+/* Texels around a part of a lightmap (output/map/denoise/denoise_parts.h) that take as long as its own: some 42 are
+ * seen, of which 16 in the mean go through each sweep. */
 static const double SEEN = 16.0;
 
 /* Seconds of one exchange, in which all ranks learn `bytes` of which each made its part: an all-gather by recursive

@@ -21,7 +21,7 @@ struct kiln_simulation {
     double shared_a_point; /* done for own points besides tracing: validity, files, their hashes */
     double shared;         /* divided between ranks whatever the number of points: probes */
     /* all ranks denoise the largest lightmap, when there are several: its texels, and seconds for each texel beside a
-     * rank's part, which it sees (output/map/denoise_parts.h) */
+     * rank's part, which it sees (output/map/denoise/denoise_parts.h) */
     double largest_map, seen_a_texel;
     /* done by one rank for all points while the others wait: where each chunk of kiln.h5 belongs */
     double alone_a_point;

@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-#include "coordinator/integrate/repartition_rule.h"
+#include "coordinator/integrate/run/repartition_rule.h"
 #include "coordinator/job/faults.h"
 #include "coordinator/surface/surface_build.h"
 #include "worker/base/memory.h"
@@ -273,7 +273,7 @@ static void consider(struct state *t, const struct kiln_planned_step *last, cons
     light->points_most = fmax(light->points_most, most_points(t));
 }
 
-/* ---- the trial before the first step (integrate/trial.h) ---- */
+/* ---- the trial before the first step (integrate/run/trial.h) ---- */
 
 /* The rank whose points take longest to try ends it; what it finds is what the cells cost. */
 static void run_trial(struct state *t, const struct kiln_planned_step *first, struct kiln_simulated_light *light)

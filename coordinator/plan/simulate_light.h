@@ -4,7 +4,7 @@
  * Cells stand in a row, in the global order, and within each one points cost the same; a rank has a stretch of that
  * row. The first ones are those of the partition. The ranks of a node that help each other end together, half
  * of a smallest batch after the mean of their work; others end when the slowest does. After a step the rule of bakes
- * (integrate/repartition_rule.h) is asked, with what the simulated step cost. */
+ * (integrate/run/repartition_rule.h) is asked, with what the simulated step cost. */
 #ifndef KILN_COORDINATOR_PLAN_SIMULATE_LIGHT_H
 #define KILN_COORDINATOR_PLAN_SIMULATE_LIGHT_H
 

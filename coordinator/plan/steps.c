@@ -1,5 +1,6 @@
 #include "coordinator/plan/steps.h"
 
+#include "coordinator/integrate/companion.h"
 #include "worker/base/memory.h"
 
 /* The kind of a step, a new one where none fits. */
@@ -9,9 +10,7 @@ static int find_kind(struct kiln_planned_steps *steps, struct kiln_planned_step 
     uint32_t k = 0;
     while (k < steps->kind_count &&
            (steps->kinds[k].pass != step->pass || steps->kinds[k].parameters != step->parameters ||
-            steps->kinds[k].samples != step->samples || steps->kinds[k].by_blocks != step->by_blocks ||
-            steps->kinds[k].seen_only != step->seen_only || steps->kinds[k].by_nodes != step->by_nodes ||
-            steps->kinds[k].by_unshot != step->by_unshot || steps->kinds[k].lands != step->lands))
+            steps->kinds[k].samples != step->samples || steps->kinds[k].with != step->with))
         k++;
     planned->kind = k;
     if (k < steps->kind_count)
@@ -19,9 +18,9 @@ static int find_kind(struct kiln_planned_steps *steps, struct kiln_planned_step 
     if (k == KILN_COST_KINDS_MAX)
         return kiln_fail(error, KILN_SYSTEM, "this bake has steps of more than %d kinds, which cannot be planned",
                          KILN_COST_KINDS_MAX);
-    steps->kinds[steps->kind_count++] =
-        (struct kiln_cost_kind){step->pass,      step->parameters, step->samples,   step->stream, step->by_blocks,
-                                step->seen_only, step->by_nodes,   step->by_unshot, step->lands};
+    steps->kinds[steps->kind_count++] = (struct kiln_cost_kind){
+        step->pass,   step->parameters, step->samples,
+        step->stream, step->with,       kiln_companion_answering(kiln_companions, step) != NULL};
     return KILN_OK;
 }
 

@@ -9,11 +9,8 @@ struct kiln_cost_kind {
     const struct kiln_pass *pass;
     const void *parameters;   /* of the pass */
     uint32_t samples, stream; /* stream: of the first such step */
-    bool by_blocks;           /* one point of each block gathers (integrate/blocks.h) */
-    bool seen_only;           /* tile runs that no view sees are left out (bake/visible_from.h) */
-    bool by_nodes;            /* nodes gather (integrate/nodes.h) */
-    bool by_unshot;           /* a part of all patches sends (integrate/radiosity/unshot.h) */
-    bool lands;               /* light paths land (landing.h): the pass is not run */
+    uint32_t with;            /* companions of the step (integrate/companion.h) */
+    bool answered;            /* one of them answers it: the pass is not run */
 };
 
 enum { KILN_COST_KINDS_MAX = 12 };

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "coordinator/integrate/radiance_grid.h"
+#include "coordinator/integrate/probes/radiance_grid.h"
 #include "coordinator/surface/surface_build.h"
 #include "worker/base/memory.h"
 #include "worker/scene/footprint.h"

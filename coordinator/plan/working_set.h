@@ -4,7 +4,7 @@
 #ifndef KILN_COORDINATOR_PLAN_WORKING_SET_H
 #define KILN_COORDINATOR_PLAN_WORKING_SET_H
 
-#include "coordinator/bake/prepare.h"
+#include "coordinator/bake/prepare/prepare.h"
 #include "coordinator/job/job.h"
 
 /* Of one rank. An upper bound: distances are those of the voxels of a grid over the scene, 1/48 of its longest side,

@@ -119,9 +119,10 @@ static int parse_manifest(struct kiln_checkpoint *c, const char *path, const cha
                           struct kiln_error *error)
 {
     static const char *const order = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? "little" : "big";
-    c->manifest = kiln_unseal(text, size);
-    if (c->manifest == NULL)
-        return damaged(error, path, "is cut off or damaged: it does not end with its hash");
+    const int status = kiln_unseal(&c->manifest, text, size, path, error);
+    if (status != KILN_OK)
+        return status == KILN_BAD_INPUT ? damaged(error, path, "is cut off or damaged: it does not end with its hash")
+                                        : status;
     const json_t *format = json_object_get(c->manifest, "format"), *parts = json_object_get(c->manifest, "parts");
     const char *written_by = json_string_value(json_object_get(c->manifest, "kiln"));
     const char *written_order = json_string_value(json_object_get(c->manifest, "byte_order"));

@@ -512,7 +512,8 @@ static bool share_manifest(struct bringing *b, struct kiln_error *error)
         return false;
     (void)MPI_Bcast(b->manifest, (int)size, MPI_BYTE, holder, b->communicator);
     b->manifest_size = (size_t)size;
-    json_t *json = kiln_unseal(b->manifest, b->manifest_size);
+    json_t *json;
+    (void)kiln_unseal(&json, b->manifest, b->manifest_size, b->local, NULL);
     b->part_count = json_array_size(json_object_get(json, "parts"));
     json_decref(json);
     return b->part_count > 0;

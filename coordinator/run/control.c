@@ -11,7 +11,7 @@
 #include <unistd.h>
 
 #include "coordinator/run/checkpoint.h"
-#include "coordinator/run/lock.h"
+#include "coordinator/run/output_folder.h"
 #include "coordinator/run/process.h"
 #include "coordinator/run/status_file.h"
 #include "coordinator/mpi/waiting.h"
@@ -57,7 +57,7 @@ struct kiln_control {
     pthread_cond_t wake;
     bool leave;
     struct kiln_bake_status status;
-    struct kiln_lock *lock; /* rank 0: lock of the folder */
+    struct kiln_output_folder *folder; /* rank 0 */
 };
 
 static double seconds_now(clockid_t clock)
@@ -81,7 +81,7 @@ static void *write_status(void *data)
         status.updated = seconds_now(CLOCK_REALTIME);
         status.seconds = status.updated - status.seconds;
         kiln_bake_status_write(c->params.directory, &status);
-        kiln_lock_beat(c->lock);
+        kiln_lock_beat(kiln_output_folder_lock(c->folder));
         (void)pthread_mutex_lock(&c->mutex);
         struct timespec until;
         (void)clock_gettime(CLOCK_REALTIME, &until);
@@ -141,17 +141,14 @@ static bool asked(void *context);
 /* ---- create and destroy ---- */
 
 /* Rank 0: locks the folder. Also refuses if an older kiln is at work, which takes no lock but writes a status file. */
-static int claim_folder(struct kiln_lock **lock, const char *directory, bool no_locks, struct kiln_error *error)
+static int claim_folder(struct kiln_output_folder **output, const char *directory, bool no_locks,
+                        struct kiln_error *error)
 {
     struct kiln_folder folder;
     struct kiln_bake_status before;
-    int status = kiln_lock_take(lock, directory, no_locks, error);
-    /* another bake that was refused may have removed the folder, which it had created */
-    for (int i = 0; i < 3 && status == KILN_NO_INPUT; i++) {
-        status = kiln_make_directories(directory, error);
-        if (status == KILN_OK)
-            status = kiln_lock_take(lock, directory, no_locks, error);
-    }
+    const struct kiln_output_folder_params params = {
+        .directory = directory, .kind = KILN_FOLDER_LOCKED, .no_locks = no_locks};
+    int status = kiln_output_folder_begin(output, &params, error);
     if (status == KILN_OK && kiln_bake_status_read(directory, &before, NULL) == KILN_OK &&
         kiln_bake_status_alive(directory, &before))
         status = kiln_fail(error, KILN_CANNOT_CREATE,
@@ -195,9 +192,9 @@ int kiln_control_create(struct kiln_control **control, const struct kiln_control
     /* here the time at which the run began; the thread turns it into seconds since then */
     c->status.seconds = c->status.updated - (MPI_Wtime() - params->begin);
     *control = c;
-    status =
-        kiln_agree(c->communicator,
-                   c->rank == 0 ? claim_folder(&c->lock, params->directory, params->no_locks, error) : KILN_OK, error);
+    status = kiln_agree(c->communicator,
+                        c->rank == 0 ? claim_folder(&c->folder, params->directory, params->no_locks, error) : KILN_OK,
+                        error);
     if (status != KILN_OK) {
         kiln_control_destroy(control);
         return status;
@@ -213,7 +210,7 @@ void kiln_control_destroy(struct kiln_control **control)
     if (c == NULL)
         return;
     stop_thread(c);
-    kiln_lock_release(&c->lock);
+    kiln_output_folder_end(&c->folder, false);
     (void)MPI_Comm_free(&c->communicator);
     (void)pthread_cond_destroy(&c->wake);
     (void)pthread_mutex_destroy(&c->mutex);
@@ -223,7 +220,7 @@ void kiln_control_destroy(struct kiln_control **control)
 
 int kiln_control_check_folder(const struct kiln_control *c, struct kiln_error *error)
 {
-    return kiln_lock_check(c->lock, error);
+    return kiln_lock_check(kiln_output_folder_lock(c->folder), error);
 }
 
 static void write_final_status(struct kiln_control *c, int status, const char *message)
@@ -242,7 +239,7 @@ void kiln_control_conclude(struct kiln_control *c, int status, const char *messa
     stop_thread(c);
     if (c->rank != 0)
         return;
-    if (kiln_lock_check(c->lock, NULL) == KILN_OK) { /* else another bake has taken the folder over */
+    if (kiln_control_check_folder(c, NULL) == KILN_OK) { /* else another bake has taken the folder over */
         kiln_stop_forget(c->params.directory);
         if (remove) {
             kiln_bake_status_remove(c->params.directory);
@@ -251,7 +248,7 @@ void kiln_control_conclude(struct kiln_control *c, int status, const char *messa
             write_final_status(c, status, message);
         }
     }
-    kiln_lock_release(&c->lock);
+    kiln_output_folder_end(&c->folder, false);
 }
 
 /* ---- rounds ---- */

@@ -53,8 +53,8 @@ enum kiln_event {
 
 struct kiln_control;
 
-/* Collective. Locks the folder of the bake; KILN_CANNOT_CREATE when another bake is at work there. Removes a stop
- * request that is left from an earlier run. Destroy with kiln_control_destroy. */
+/* Collective. Makes the folder of the bake and locks it (output_folder.h); KILN_CANNOT_CREATE when another bake is at
+ * work there. Removes a stop request that is left from an earlier run. Destroy with kiln_control_destroy. */
 int kiln_control_create(struct kiln_control **control, const struct kiln_control_params *params,
                         struct kiln_error *error);
 /* Collective. */
@@ -121,8 +121,8 @@ int kiln_stopped_between(const struct kiln_control *control, struct kiln_error *
 /* Rank 0, before results are replaced: checks that this bake still holds the lock of the folder (kiln_lock_check). */
 int kiln_control_check_folder(const struct kiln_control *control, struct kiln_error *error);
 
-/* Rank 0: writes the final state to the status file, or removes the file with `remove`; then unlocks the folder. Call
- * it before kiln_control_destroy. */
+/* Rank 0: writes the final state to the status file, or removes the file with `remove`; then ends the use of the
+ * folder. Call it before kiln_control_destroy. */
 void kiln_control_conclude(struct kiln_control *control, int status, const char *message, bool remove);
 
 #endif

@@ -13,7 +13,9 @@
 #include <unistd.h>
 
 #include "coordinator/run/status_file.h"
+#include "coordinator/files/foreign_json.h"
 #include "coordinator/files/json.h"
+#include "coordinator/files/left_behind.h"
 #include "coordinator/files/publish.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
@@ -29,6 +31,7 @@ struct kiln_lock {
     struct kiln_folder folder;
     int descriptor;
     bool locks; /* the file system has locks */
+    struct kiln_left *left;
     char aside[128];
 };
 
@@ -105,7 +108,9 @@ static void read_holder(int descriptor, struct holder *holder)
     char text[TEXT_MOST];
     *holder = (struct holder){0};
     const ssize_t length = pread(descriptor, text, sizeof text, 0);
-    json_t *json = length > 0 ? json_loadb(text, (size_t)length, 0, NULL) : NULL;
+    json_t *json = NULL;
+    if (length > 0)
+        (void)kiln_foreign_json(&json, KILN_JSON_CHILD, text, (size_t)length, NAME, NULL);
     take_text(json, "host", holder->host, sizeof holder->host);
     take_text(json, "boot", holder->boot, sizeof holder->boot);
     take_text(json, "command", holder->command, sizeof holder->command);
@@ -240,6 +245,7 @@ static int make_own(struct kiln_lock *lock, bool no_locks, struct kiln_error *er
     if (status != KILN_OK)
         return status;
     (void)kiln_unlinkat(lock->folder.descriptor, lock->aside, 0);
+    lock->left = kiln_left_note(lock->folder.descriptor, lock->aside);
     lock->descriptor =
         kiln_openat(lock->folder.descriptor, lock->aside, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
     if (lock->descriptor < 0)
@@ -343,7 +349,15 @@ static int take(struct kiln_lock *lock, struct kiln_error *error)
                : kiln_fail_errno(error, KILN_CANNOT_CREATE, "'%s/%s' cannot be created", lock->folder.path, NAME);
 }
 
-/* Removes temporary files of killed processes: those older than a minute by the file server's clock. */
+/* Whether a temporary file is of a process of this host that is dead: `own` is this process' own. */
+static bool is_of_dead(const char *name, const char *own)
+{
+    const size_t length = (size_t)(strrchr(own, '.') + 1 - own);
+    return strncmp(name, own, length) == 0 && kiln_process_started(strtoll(name + length, NULL, 10)) == 0;
+}
+
+/* Removes temporary files of killed processes: those of this host, and those older than a minute by the file server's
+ * clock. */
 static void sweep(const struct kiln_lock *lock)
 {
     struct stat own, found;
@@ -356,7 +370,7 @@ static void sweep(const struct kiln_lock *lock)
     for (const struct dirent *entry; (entry = readdir(entries)) != NULL;)
         if (strncmp(entry->d_name, NAME, sizeof NAME - 1) == 0 && entry->d_name[sizeof NAME - 1] == '.' &&
             fstatat(lock->folder.descriptor, entry->d_name, &found, AT_SYMLINK_NOFOLLOW) == 0 &&
-            found.st_mtim.tv_sec + 60 < own.st_mtim.tv_sec)
+            (found.st_mtim.tv_sec + 60 < own.st_mtim.tv_sec || is_of_dead(entry->d_name, lock->aside)))
             (void)kiln_unlinkat(lock->folder.descriptor, entry->d_name, 0);
 end:
     if (entries != NULL)
@@ -378,7 +392,10 @@ int kiln_lock_take(struct kiln_lock **result, const char *directory, bool no_loc
         status = take(lock, error);
     if (lock->folder.descriptor >= 0 && lock->aside[0] != '\0')
         (void)kiln_unlinkat(lock->folder.descriptor, lock->aside, 0);
+    kiln_left_forget(&lock->left);
     if (status == KILN_OK) {
+        if (lock->locks) /* else another process may have taken it over when a signal ends this one */
+            lock->left = kiln_left_note(lock->folder.descriptor, NAME);
         sweep(lock);
         *result = lock;
         return KILN_OK;
@@ -397,6 +414,7 @@ void kiln_lock_release(struct kiln_lock **pointer)
         return;
     if (is_named(&lock->folder, lock->descriptor))
         (void)kiln_unlinkat(lock->folder.descriptor, NAME, 0);
+    kiln_left_forget(&lock->left);
     (void)close(lock->descriptor);
     kiln_folder_close(&lock->folder);
     kiln_free(pointer);

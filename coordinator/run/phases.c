@@ -49,6 +49,17 @@ void kiln_phase_add(struct kiln_phases *phases, const char *name, double seconds
     phases->seconds[find(phases, name)] += seconds;
 }
 
+void kiln_phase_part(struct kiln_phases *phases, const char *whole, const char *part, double seconds)
+{
+    const size_t from = find(phases, whole), to = find(phases, part);
+    const double moved = fmin(seconds, phases->seconds[from]),
+                 processor = moved > 0.0 ? phases->processor[from] * moved / phases->seconds[from] : 0.0;
+    phases->seconds[from] -= moved;
+    phases->seconds[to] += moved;
+    phases->processor[from] -= processor;
+    phases->processor[to] += processor;
+}
+
 void kiln_phase_rest(struct kiln_phases *phases, double before)
 {
     double rest = before + MPI_Wtime() - phases->begin;

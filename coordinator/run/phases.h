@@ -30,6 +30,8 @@ struct kiln_phases {
 void kiln_phase(struct kiln_phases *phases, const char *name);
 /* Adds time to a phase that was measured elsewhere. */
 void kiln_phase_add(struct kiln_phases *phases, const char *name, double seconds);
+/* Moves seconds of a phase that has ended to another, of which they were a part, and processor time in proportion. */
+void kiln_phase_part(struct kiln_phases *phases, const char *whole, const char *part, double seconds);
 /* Adds the phase "other" with the time of the run that belongs to no phase, so that the phases of a rank add up to its
  * time. `before`: seconds of earlier runs of the same bake, whose phases were added with kiln_phase_add. */
 void kiln_phase_rest(struct kiln_phases *phases, double before);

@@ -11,6 +11,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "coordinator/files/foreign_json.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/publish.h"
 #include "worker/base/calls.h"
@@ -92,11 +93,14 @@ int kiln_bake_status_read(const char *directory, struct kiln_bake_status *s, str
 {
     char *text = NULL;
     size_t size = 0;
-    const int status = kiln_read_file_below(directory, status_name, 1 << 20, &text, &size, error);
+    json_t *json;
+    int status = kiln_read_file_below(directory, status_name, 1 << 20, &text, &size, error);
     if (status != KILN_OK)
         return status;
-    json_t *json = json_loadb(text, size, 0, NULL);
+    status = kiln_foreign_json(&json, KILN_JSON_CHILD, text, size, status_name, error);
     kiln_free(&text);
+    if (status == KILN_SYSTEM)
+        return status; /* a file that is damaged says nothing */
     *s = (struct kiln_bake_status){0};
     take_text(json, "state", s->state, sizeof s->state);
     take_text(json, "phase", s->phase, sizeof s->phase);

@@ -80,6 +80,19 @@ int kiln_builder_append(struct kiln_builder *builder, enum kiln_scene_section se
     return KILN_OK;
 }
 
+int kiln_builder_reserve(struct kiln_builder *builder, enum kiln_scene_section section, size_t count,
+                         struct kiln_error *error)
+{
+    const size_t size = kiln_scene_element_size(section);
+    if (builder->sections[section].count > 0 || count <= builder->sections[section].capacity)
+        return KILN_OK;
+    kiln_free(&builder->sections[section].data);
+    builder->sections[section].capacity = 0;
+    const int status = kiln_allocate(&builder->sections[section].data, count, size, "the scene", error);
+    builder->sections[section].capacity = status == KILN_OK ? count : 0;
+    return status;
+}
+
 bool kiln_builder_has(const struct kiln_builder *builder, enum kiln_scene_section section)
 {
     return (section != KILN_SECTION_TEXCOORD_NORMAL || builder->sections[KILN_SECTION_NORMAL_MAPS].count > 0) &&

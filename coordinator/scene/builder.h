@@ -21,6 +21,9 @@ struct kiln_builder {
     uint64_t *mesh_turned; /* per mesh: number of triangles whose normals point to the back of their winding */
     size_t turned_capacity;
     bool trust_normals; /* such triangles are flipped; otherwise their normals are reversed */
+    bool up_z;          /* an OBJ file's z points up, not its y */
+    double unit;        /* m, of an OBJ file; 0: 1 m */
+    bool strict;        /* missing pictures are an error */
     /* per object: the user's settings */
     struct kiln_object_settings *object_settings;
     size_t object_capacity;
@@ -39,6 +42,9 @@ void kiln_builder_destroy(struct kiln_builder **builder);
 /* Appends `count` elements (copied from `data`; zeroed if data is NULL). Gives the index of the first. */
 int kiln_builder_append(struct kiln_builder *builder, enum kiln_scene_section section, const void *data, size_t count,
                         size_t *first, struct kiln_error *error);
+/* Makes room for `count` elements of an empty section, so that it does not move while it grows to them. */
+int kiln_builder_reserve(struct kiln_builder *builder, enum kiln_scene_section section, size_t count,
+                         struct kiln_error *error);
 /* Whether the scene has that section of its vertices: normal-map coordinates only if it has normal maps, gloss
  * coordinates only if it has gloss, all others always. Materials are there before vertices. */
 bool kiln_builder_has(const struct kiln_builder *builder, enum kiln_scene_section section);

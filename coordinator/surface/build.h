@@ -65,6 +65,9 @@ struct kiln_build {
     uint64_t own_first, own_end; /* blocks that this rank covers */
     uint64_t *cell_codes;        /* Morton codes of the occupied cells, ascending */
     struct kiln_units units;
+    struct kiln_texture_means **means; /* one per material, some shared or NULL; while points are filled */
+    uint32_t *owners;                  /* materials whose means are shared by none before them: `owner_count` */
+    size_t owner_count;
     /* the first failure of any thread; KILN_OK: none */
     int status;
     struct kiln_error *error;

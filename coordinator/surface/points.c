@@ -90,7 +90,7 @@ static uint32_t count_maps(const struct kiln_build *build)
 }
 
 /* Sets a lightmap's size. A lightmap of backs that is published is as fine as that of the front; one that only rays see
- * has half as many texels a side. */
+ * has half as many texels a side, unless charts would share some. */
 static void size_lightmap(const struct kiln_build *build, uint32_t number, struct kiln_lightmap *map)
 {
     const uint32_t o = kiln_map_object(build->surface, number);
@@ -102,7 +102,7 @@ static void size_lightmap(const struct kiln_build *build, uint32_t number, struc
     if (back && !has_backs(build, o))
         return;
     map->published = shown && (!back || both);
-    map->shift = back && !both ? 1 : 0;
+    map->shift = back && !both && (object->flags & KILN_OBJECT_FINE_BACKS) == 0 ? 1 : 0;
     map->width = (object->lightmap_width - 1) / (1u << map->shift) + 1;
     map->height = (object->lightmap_height - 1) / (1u << map->shift) + 1;
     map->tiles_x = (map->width - 1) / KILN_TILE_SIDE + 1;
@@ -134,7 +134,7 @@ static int place_lightmaps(struct kiln_build *build)
                          "the scene has %zu objects, and at most %u are possible: join some of them",
                          scene->object_count, most);
     surface->object_count = (uint32_t)scene->object_count;
-    surface->map_count = count_maps(build);
+    surface->map_count = surface->whole_maps = count_maps(build);
     int status = kiln_allocate(&surface->lightmaps, surface->map_count, sizeof *surface->lightmaps, "the lightmaps",
                                build->error);
     if (status == KILN_OK)

@@ -2,14 +2,18 @@
 #include <stdlib.h>
 
 #include "coordinator/surface/build.h"
+#include "worker/sampling/keys.h"
 #include "worker/base/memory.h"
 #include "worker/material/surface_bsdf.h"
 #include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"
+#include "worker/scene/texture_means.h"
 
 static const double DITHERED_ALBEDO = 0.95; /* below it rounding costs at most 1.6e-4 of the light */
 
-enum { COLOR_SAMPLES = 16, COLOR_SIDE = 4 }; /* positions at which the texture of a whole texel is read */
+/* Places at which the colour of a texel is looked up where it is no mean of one texture: along a side, and in all. */
+enum { LOOKS_LEAST = 4, LOOKS_SIDE = 16, LOOKS = LOOKS_SIDE * LOOKS_SIDE };
+enum { CELLS = 8 }; /* of a texture, along a texel's longer side */
 
 /* A triangle whose colour is sampled. */
 struct sampled {
@@ -20,6 +24,10 @@ struct sampled {
     bool flipped, see_through; /* its corners 1 and 2 are exchanged; it has opacity */
     bool glossy;               /* its material is taken with its gloss; else `paint` is ready */
     struct kiln_paint paint;
+    /* of its texture, by which all of its colour is found with `factor`; NULL: it is looked up */
+    const struct kiln_texture_means *means;
+    struct kiln_texture_factor factor;
+    double uv[3][2]; /* in the texture, of the stored corners */
 };
 
 /* Working memory of one thread. */
@@ -37,6 +45,154 @@ struct color_sum {
     double all[3], area;      /* sums weighted with area, for texels whose opacity is 0 everywhere */
 };
 
+/* ---- means of textures ---- */
+
+/* Whether means of the texture can have the metal's in them, which is read at the same place (is_beside). */
+static bool goes_along(const struct kiln_scene *scene, uint32_t texture, uint32_t metal)
+{
+    const struct kiln_texture *a = &scene->textures[texture], *b = &scene->textures[metal];
+    return a->width == b->width && a->height == b->height && a->wrap_u == b->wrap_u && a->wrap_v == b->wrap_v &&
+           a->nearest == b->nearest;
+}
+
+/* What of a material's texture is averaged. False: it has no texture, or not all of its colour and opacity is this
+ * texture's, and perhaps that of its metal, times what is the same, or linear, all over a triangle. */
+static bool look_of(const struct kiln_scene *scene, uint32_t material, struct kiln_texture_look *look)
+{
+    const struct kiln_material *m = &scene->materials[material];
+    const struct kiln_gloss *gloss = kiln_gloss_taken(scene, material);
+    if (m->base_color_texture == KILN_NONE || (m->transmission > 0.0f && m->transmission_texture != KILN_NONE))
+        return false;
+    if (gloss != NULL &&
+        (gloss->textures[KILN_GLOSS_TRANSMISSION].texture != KILN_NONE ||
+         (gloss->model == KILN_GLOSS_PHONG && (gloss->transmission > 0.0f || (gloss->flags & KILN_GLOSS_MIRROR) != 0))))
+        return false;
+    if (m->alpha_mode == KILN_ALPHA_MASK && !(m->base_color[3] > 0.0f))
+        return false;
+    *look = (struct kiln_texture_look){.texture = m->base_color_texture, .alpha_mode = m->alpha_mode};
+    look->alpha_cutoff = m->alpha_mode == KILN_ALPHA_MASK ? m->alpha_cutoff / m->base_color[3] : 0.0f;
+    const struct kiln_gloss_texture *metal = gloss != NULL ? &gloss->textures[KILN_GLOSS_METALLIC] : NULL;
+    if (metal == NULL || metal->texture == KILN_NONE || !(gloss->metallic > 0.0f))
+        return true;
+    look->metal = gloss->metallic;
+    look->metal_texture = metal->texture;
+    look->metal_channel = metal->channel;
+    return goes_along(scene, look->texture, look->metal_texture);
+}
+
+/* Means that were made for another material and serve this look, too; NULL: there are none. */
+static struct kiln_texture_means *means_of_other(const struct kiln_build *build, const struct kiln_texture_look *look)
+{
+    for (size_t i = 0; i < build->owner_count; i++) {
+        struct kiln_texture_look other;
+        if (look_of(build->scene, build->owners[i], &other) && kiln_texture_looks_equal(*look, other))
+            return build->means[build->owners[i]];
+    }
+    return NULL;
+}
+
+static int create_means(struct kiln_build *build)
+{
+    const size_t count = build->scene->material_count;
+    int status = kiln_allocate(&build->means, count, sizeof *build->means, "the means of textures", build->error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&build->owners, count, sizeof *build->owners, "the means of textures", build->error);
+    for (uint32_t i = 0; i < count && status == KILN_OK; i++) {
+        struct kiln_texture_look look;
+        if (!look_of(build->scene, i, &look))
+            continue;
+        build->means[i] = means_of_other(build, &look);
+        if (build->means[i] != NULL)
+            continue;
+        status = kiln_texture_means_create(&build->means[i], build->scene, look, build->error);
+        if (status == KILN_OK)
+            build->owners[build->owner_count++] = i;
+    }
+    return status;
+}
+
+static void destroy_means(struct kiln_build *build)
+{
+    for (size_t i = 0; i < build->owner_count; i++)
+        kiln_texture_means_destroy(&build->means[build->owners[i]]);
+    build->owner_count = 0;
+    kiln_free(&build->owners);
+    kiln_free(&build->means);
+}
+
+/* ---- a triangle ---- */
+
+/* Vertex colours x `factor` x the coverage of a blended alpha, which is linear where the colours are not. */
+static bool find_factor(struct sampled *t, const float factor[3], uint32_t alpha_mode, float alpha)
+{
+    const uint32_t *corner = t->scene->triangles + 3 * t->stored;
+    const uint8_t *code[3];
+    for (int k = 0; k < 3; k++)
+        code[k] = t->scene->colors + 4 * (t->mesh->vertex_first + corner[k]);
+    const bool alike = code[0][3] == code[1][3] && code[0][3] == code[2][3];
+    if ((alpha_mode == KILN_ALPHA_MASK && !(alike && code[0][3] == 255)) || (alpha_mode == KILN_ALPHA_BLEND && !alike))
+        return false;
+    const double covered = alpha_mode == KILN_ALPHA_BLEND ? (double)alpha * code[0][3] / 255.0 : 1.0;
+    for (int c = 0; c < 4; c++) {
+        double at[3];
+        for (int k = 0; k < 3; k++)
+            at[k] = c < 3 ? covered * (double)factor[c] * code[k][c] / 255.0 : covered;
+        if (!kiln_texture_linear(t->uv, at, t->factor.value[c]))
+            return false;
+    }
+    return true;
+}
+
+/* Whether the metal of the triangle's material has no texture, or reads it where the base colour is read. */
+static bool is_beside(const struct sampled *t, const struct kiln_gloss *gloss)
+{
+    if (gloss == NULL || gloss->textures[KILN_GLOSS_METALLIC].texture == KILN_NONE)
+        return true;
+    const float *m = gloss->textures[KILN_GLOSS_METALLIC].transform;
+    const uint32_t *corner = t->scene->triangles + 3 * t->stored;
+    for (int k = 0; k < 3; k++) {
+        const struct kiln_vec2 at = t->scene->texcoord_gloss[t->mesh->vertex_first + corner[k]];
+        const double u = (double)(m[0] * at.x + m[1] * at.y + m[2]), v = (double)(m[3] * at.x + m[4] * at.y + m[5]);
+        if (fabs(u - t->uv[k][0]) > 1e-5 * fmax(1.0, fabs(u)) || fabs(v - t->uv[k][1]) > 1e-5 * fmax(1.0, fabs(v)))
+            return false;
+    }
+    return true;
+}
+
+/* What the means of the texture leave of the factor 1 - metallic, and of what is let through. */
+static float matt_of(const struct sampled *t, const struct kiln_gloss *gloss, const struct kiln_material *m)
+{
+    const float third = 1.0f / 3.0f;
+    if (gloss == NULL)
+        return 1.0f - m->metallic;
+    struct kiln_bsdf p = kiln_surface_bsdf(t->scene, gloss, t->mesh, t->stored, third, third);
+    if (gloss->textures[KILN_GLOSS_METALLIC].texture != KILN_NONE)
+        p.metallic = 0.0f;
+    return kiln_bsdf_matt(p);
+}
+
+/* Whether means of its texture tell the triangle's colour; then they are ready. */
+static bool find_means(const struct kiln_build *build, struct sampled *t)
+{
+    const uint32_t material = t->scene->triangle_materials[t->stored];
+    const struct kiln_material *m = &t->scene->materials[material];
+    const struct kiln_gloss *gloss = kiln_gloss_taken(t->scene, material);
+    const uint32_t *corner = t->scene->triangles + 3 * t->stored;
+    float factor[3];
+    t->means = build->means[material];
+    if (t->means == NULL)
+        return false;
+    for (int k = 0; k < 3; k++) {
+        const struct kiln_vec2 at = t->scene->texcoord_base[t->mesh->vertex_first + corner[k]];
+        t->uv[k][0] = (double)at.x;
+        t->uv[k][1] = (double)at.y;
+    }
+    const float matt = matt_of(t, gloss, m);
+    for (int c = 0; c < 3; c++)
+        factor[c] = m->base_color[c] * matt;
+    return is_beside(t, gloss) && find_factor(t, factor, m->alpha_mode, m->base_color[3]);
+}
+
 static void begin_samples(const struct kiln_build *build, uint32_t triangle, struct sampled *t)
 {
     const struct kiln_geometry *g = build->geometry;
@@ -51,14 +207,18 @@ static void begin_samples(const struct kiln_build *build, uint32_t triangle, str
     t->flipped = object->flipped != 0;
     t->see_through = triangle >= g->opaque_count;
     t->glossy = kiln_gloss_taken(scene, scene->triangle_materials[t->stored]) != NULL;
+    if (!find_means(build, t))
+        t->means = NULL;
     if (!t->glossy)
         kiln_paint_prepare(&t->paint, scene, t->mesh, t->stored);
 }
 
+/* ---- looks ---- */
+
 /* Positions of a triangle at which its colour is read, each standing for some area, m2. */
 struct positions {
-    float b1[COLOR_SAMPLES], b2[COLOR_SAMPLES];
-    double area[COLOR_SAMPLES];
+    float b1[LOOKS], b2[LOOKS];
+    double area[LOOKS];
     int count;
 };
 
@@ -71,9 +231,10 @@ static void add_position(const struct sampled *t, double b1, double b2, double a
 
 static void sample_colors(const struct sampled *t, const struct positions *at, struct color_sum *sum)
 {
-    float rgba[COLOR_SAMPLES][4];
-    if (!t->glossy)
-        kiln_paint_colors(&t->paint, at->b1, at->b2, at->count, rgba);
+    float rgba[LOOKS][4];
+    for (int i = 0; i < at->count && !t->glossy; i += KILN_PAINT_MOST)
+        kiln_paint_colors(&t->paint, at->b1 + i, at->b2 + i,
+                          at->count - i < KILN_PAINT_MOST ? at->count - i : KILN_PAINT_MOST, rgba + i);
     for (int i = 0; i < at->count; i++) {
         if (t->glossy)
             kiln_surface_albedo(t->scene, t->mesh, t->stored, at->b1[i], at->b2[i], rgba[i]);
@@ -89,20 +250,40 @@ static void sample_colors(const struct sampled *t, const struct positions *at, s
     }
 }
 
-/* The piece fills its texel: the centres of 4 x 4 sub-squares. */
-static void spread_in_square(const struct sampled *t, const double local[3][2], double area, struct positions *at)
+/* How many looks a texel needs along its side: its texture may be so many times as fine. */
+static int looks_along(const struct sampled *t, const double local[3][2])
+{
+    double at[3][2];
+    if (t->glossy || t->paint.texture == KILN_NONE)
+        return LOOKS_SIDE;
+    const struct kiln_texture *texture = &t->scene->textures[t->paint.texture];
+    for (int k = 0; k < 3; k++) {
+        at[k][0] = (double)t->paint.at[k].x * texture->width;
+        at[k][1] = (double)t->paint.at[k].y * texture->height;
+    }
+    const double area = fabs(kiln_clip_twice_area(local)), fine = sqrt(fabs(kiln_clip_twice_area(at)) / area);
+    return fine < LOOKS_SIDE / 2 ? (int)fmax(LOOKS_LEAST, ceil(2.0 * fine)) : LOOKS_SIDE;
+}
+
+/* The piece fills its texel: a place in each of side x side sub-squares, which hangs on the texel, so that no grid of
+ * looks falls in step with what is regular in a texture. */
+static void spread_in_square(const struct sampled *t, const double local[3][2], const struct kiln_texel_place *place,
+                             double area, struct positions *at)
 {
     const struct kiln_clip_weights w = kiln_clip_weights(local);
-    for (int i = 0; i < COLOR_SAMPLES; i++) {
-        const double x = (i % 4 + 0.5) / 4.0, y = (i / 4 + 0.5) / 4.0;
-        add_position(t, w.b1[0] + w.b1[1] * x + w.b1[2] * y, w.b2[0] + w.b2[1] * x + w.b2[2] * y, area / COLOR_SAMPLES,
+    const int side = looks_along(t, local);
+    const uint32_t key = kiln_hash2(kiln_hash2(place->x, place->y), t->triangle);
+    for (int i = 0; i < side * side; i++) {
+        const uint32_t hash = kiln_hash2(key, (uint32_t)i);
+        const double x = (i % side + (double)kiln_unit_float(hash)) / side,
+                     y = (i / side + (double)kiln_unit_float(kiln_hash1(hash))) / side;
+        add_position(t, w.b1[0] + w.b1[1] * x + w.b1[2] * y, w.b2[0] + w.b2[1] * x + w.b2[2] * y, area / (side * side),
                      at);
     }
 }
 
 /* The piece does not fill its texel. Its bounding box is cut into equal rectangles, more of them the larger the piece
- * is; each has the centroid of what the piece covers of it. All pieces of a texel together get at least about 8
- * positions. `fraction`: the piece's area / the point's area. */
+ * is; each has the centroid of what the piece covers of it. `fraction`: the piece's area / the point's area. */
 static void spread_in_polygon(const struct sampled *t, const struct kiln_texel_triangle *local, double area,
                               double fraction, struct positions *at)
 {
@@ -118,10 +299,10 @@ static void spread_in_polygon(const struct sampled *t, const struct kiln_texel_t
         add_position(t, centroid.b1, centroid.b2, area, at);
         return;
     }
-    const int side = (int)fmin(COLOR_SIDE, ceil(6.0 * sqrt(fraction)));
+    const int most = looks_along(t, local->corner), side = (int)fmin(most, ceil(1.5 * most * sqrt(fraction)));
     const double dx = (x1 - x0) / side, dy = (y1 - y0) / side;
-    struct kiln_clip_corner column[COLOR_SIDE][KILN_CLIP_CORNERS];
-    uint32_t in_column[COLOR_SIDE];
+    struct kiln_clip_corner column[LOOKS_SIDE][KILN_CLIP_CORNERS];
+    uint32_t in_column[LOOKS_SIDE];
     for (int i = 0; i < side; i++) {
         const double x = x0 + i * dx;
         in_column[i] = kiln_clip_column(local->corner, x, x + dx, column[i]);
@@ -139,6 +320,58 @@ static void spread_in_polygon(const struct sampled *t, const struct kiln_texel_t
     }
 }
 
+/* ---- a piece ---- */
+
+/* Where a place of the triangle, by the world's weights, is in the texture. */
+static void texture_place(const struct sampled *t, double b1, double b2, double at[2])
+{
+    const double first = t->flipped ? b2 : b1, second = t->flipped ? b1 : b2;
+    for (int k = 0; k < 2; k++)
+        at[k] = t->uv[0][k] + first * (t->uv[1][k] - t->uv[0][k]) + second * (t->uv[2][k] - t->uv[0][k]);
+}
+
+/* Adds the mean over all that the piece has of the texel; false where the texture's means do not tell it. */
+static bool add_mean(const struct sampled *t, const struct kiln_texel_triangle *local, bool whole, double area,
+                     struct color_sum *sum)
+{
+    double polygon[KILN_CLIP_CORNERS][2];
+    struct kiln_clip_corner clipped[KILN_CLIP_CORNERS];
+    struct kiln_texture_mean mean;
+    uint32_t corners = 4;
+    if (t->means == NULL)
+        return false;
+    if (whole) {
+        const struct kiln_clip_weights w = kiln_clip_weights(local->corner);
+        for (int i = 0; i < 4; i++) {
+            const double x = i == 1 || i == 2 ? 1.0 : 0.0, y = i >= 2 ? 1.0 : 0.0;
+            texture_place(t, w.b1[0] + w.b1[1] * x + w.b1[2] * y, w.b2[0] + w.b2[1] * x + w.b2[2] * y, polygon[i]);
+        }
+    } else {
+        corners = kiln_texel_clip(local, 0.0, 0.0, 1.0, 1.0, clipped);
+        for (uint32_t i = 0; i < corners; i++)
+            texture_place(t, clipped[i].b1, clipped[i].b2, polygon[i]);
+    }
+    if (!kiln_texture_means_over(t->means, polygon, corners, CELLS, &t->factor, &mean) || !(mean.value[3] > 0.0))
+        return false;
+    for (int c = 0; c < 3; c++) {
+        sum->opaque[c] += area * mean.value[c];
+        sum->all[c] += area * mean.value[c] / mean.value[3];
+    }
+    sum->weight += area * mean.value[3];
+    sum->area += area;
+    return true;
+}
+
+/* Whether the colour or the opacity of a material may be another within a triangle, but for its vertex colours. */
+static bool has_texture(const struct kiln_scene *scene, uint32_t material)
+{
+    const struct kiln_material *m = &scene->materials[material];
+    const struct kiln_gloss *gloss = kiln_gloss_taken(scene, material);
+    return m->base_color_texture != KILN_NONE || (m->transmission > 0.0f && m->transmission_texture != KILN_NONE) ||
+           (gloss != NULL && (gloss->textures[KILN_GLOSS_METALLIC].texture != KILN_NONE ||
+                              gloss->textures[KILN_GLOSS_TRANSMISSION].texture != KILN_NONE));
+}
+
 static void add_piece_color(const struct kiln_build *build, const struct kiln_coverage_piece *piece,
                             const struct kiln_texel_place *place, double total, struct sampled *t,
                             struct color_sum *sum)
@@ -149,12 +382,14 @@ static void add_piece_color(const struct kiln_build *build, const struct kiln_co
     struct positions at;
     at.count = 0;
     begin_samples(build, piece->triangle, t);
-    if (build->scene->materials[material].base_color_texture == KILN_NONE) {
+    if (!has_texture(build->scene, material)) {
         add_position(t, piece->b1, piece->b2, piece->area, &at);
     } else {
         kiln_texel_triangle(build->scene, build->geometry, piece->triangle, place, &local);
+        if (add_mean(t, &local, piece->whole, piece->area, sum))
+            return;
         if (piece->whole)
-            spread_in_square(t, local.corner, piece->area, &at);
+            spread_in_square(t, local.corner, place, piece->area, &at);
         else
             spread_in_polygon(t, &local, piece->area, piece->area / total, &at);
     }
@@ -220,6 +455,16 @@ struct point_place {
     struct kiln_texel_place texel; /* the same, or its leaf */
 };
 
+/* Whether a texel has next to nothing of a surface that ends in it (kiln_texel_is_sliver). */
+static bool is_sliver(const struct kiln_build *build, const struct kiln_coverage_piece *pieces, const uint32_t *order,
+                      uint32_t count, double area, const struct kiln_texel_place *texel)
+{
+    const struct kiln_coverage_piece *largest = &pieces[order[0]];
+    for (uint32_t i = 0; i < count; i++)
+        largest = pieces[order[i]].area > largest->area ? &pieces[order[i]] : largest;
+    return !largest->whole && kiln_texel_is_sliver(build->scene, build->geometry, largest->triangle, texel, area);
+}
+
 static int fill_point(struct kiln_build *build, struct fill_scratch *scratch, uint32_t *order, uint32_t count,
                       struct point_place *place, struct kiln_error *error)
 {
@@ -247,7 +492,7 @@ static int fill_point(struct kiln_build *build, struct fill_scratch *scratch, ui
     const uint64_t p = place->point.at++;
     s->piece_count[p] = (uint16_t)(count | (count == 1 && pieces[order[0]].whole ? KILN_PIECES_WHOLE : 0u));
     s->area[p] = fmaxf((float)total, 0x1p-126f); /* never 0, however small the scene */
-    s->visible[p] = 0xffff;
+    s->visible[p] = is_sliver(build, pieces, order, count, total, &place->texel) ? 0 : 0xffff;
     for (int c = 0; c < 3; c++)
         s->albedo[3 * p + (uint64_t)c] = albedo_of(&color, c, place->x, place->y);
     return KILN_OK;
@@ -387,10 +632,13 @@ int kiln_build_fill(struct kiln_build *build)
         status = kiln_allocate(&s->visible, s->count, sizeof *s->visible, "the surface points", build->error);
     if (status == KILN_OK)
         status = group_by_map(build, &own);
+    if (status == KILN_OK)
+        status = create_means(build);
     if (status == KILN_OK) {
         kiln_build_for_maps(build, own.wanted, fill_map, &own);
         status = build->status;
     }
+    destroy_means(build);
     kiln_free(&own.first);
     kiln_free(&own.tile_runs);
     kiln_free(&own.wanted);

@@ -93,8 +93,11 @@ struct kiln_surface_report {
  * run whatever cells it lies in, and the tile run's `cell` is that of its first point.
  *
  * `albedo` is the area-weighted mean over the covered part: taken at the centroid of each piece or, where the base
- * colour is textured, at 16 or more stratified positions. Where the surface has an alpha mask or is blended, each
- * position is also weighted with its opacity. `visible` is set to 65535 everywhere; the validity pass lowers it later.
+ * colour is textured, as the texture's mean over the piece (worker/scene/texture_means.h), with that of its metal where
+ * this is read at the same places. Where it is no such mean (a metal's texture of another size or place, one of
+ * transmission, a mask under uneven vertex alpha) it is that of up to 256 looks at places drawn for the texel. Where
+ * the surface has an alpha mask or is blended, each place is also weighted with its opacity. `visible` is set to 65535
+ * everywhere; the validity pass lowers it later.
  *
  * Ranks get whole cells (with KILN_PARTITION_OBJECTS whole lightmaps) if no rank then has more than 1.1 times the mean
  * number of points; otherwise the border between two ranks may lie between any two tile runs. Ranks beyond the number

@@ -16,9 +16,9 @@
  *
  * with the means v of the stated variances of y, and d of (f - y)^2, of luminance, over the window of 9 x 9 pixels
  * around it, and l, the leverage of the pixel in the fit. This is the t of least squared error, if b is the fit's bias
- * (coordinator/output/map/regression.h derives it). A pixel whose deviation is more than 20 times the mean over its
- * blocks is left out of windows, for it would speak for all pixels around it, and has its own variance for v.
- * Not collective; the same bits for any number of threads. */
+ * (coordinator/output/map/denoise/regression.h derives it). A pixel whose deviation is more than 20 times the mean over
+ * its blocks is left out of windows, for it would speak for all pixels around it, and has its own variance for v. Not
+ * collective; the same bits for any number of threads. */
 #ifndef KILN_COORDINATOR_VIEW_BMFR_H
 #define KILN_COORDINATOR_VIEW_BMFR_H
 

@@ -8,10 +8,12 @@
 #include "worker/base/memory.h"
 
 #define SIDE "/points/side"
+#define PART "/points/part"
 
 struct kiln_point_rows {
-    struct kiln_image *image;                              /* a pixel for each point */
-    const float *value[3], *object, *x, *y, *valid, *side; /* valid NULL: all are; side NULL: all are fronts */
+    struct kiln_image *image;                       /* a pixel for each point */
+    const float *value[3], *object, *x, *y, *valid; /* valid NULL: all are */
+    const float *side, *part;                       /* NULL: all are fronts; all are parts 0, which lightmaps show */
     uint32_t objects;
     float *own;              /* in the place of the dataset; NULL: its values stand */
     uint32_t *first, *point; /* the points of each object: point[first[o]] to point[first[o + 1] - 1] */
@@ -27,6 +29,7 @@ static bool find_rows(struct kiln_point_rows *r, const struct kiln_field *field)
     r->y = kiln_rows_of(r->image, "/points/texel", 1);
     r->valid = strncmp(field->dataset, "/points/", 8) == 0 ? NULL : kiln_rows_of(r->image, "/points/valid", 0);
     r->side = kiln_rows_of(r->image, SIDE, 0);
+    r->part = kiln_rows_of(r->image, PART, 0);
     bool found = r->value[0] != NULL && r->value[1] != NULL && r->value[2] != NULL && r->object != NULL &&
                  r->x != NULL && r->y != NULL;
     for (uint32_t i = 0; found && i < r->image->width; i++)
@@ -54,17 +57,21 @@ static int sort_rows(struct kiln_point_rows *r, struct kiln_error *error)
 int kiln_point_rows_read(struct kiln_point_rows **rows, struct kiln_results *results, const struct kiln_field *field,
                          uint32_t objects, struct kiln_error *error)
 {
-    enum { WITHOUT_SIDE = 4 };
-    const char *const datasets[WITHOUT_SIDE + 1] = {field->dataset, "/points/object", "/points/texel", "/points/valid",
-                                                    SIDE};
+    enum { ALWAYS = 4, MORE = 2, WAYS = 4 };
+    static const char *const more[WAYS][MORE] = {{SIDE, PART}, {PART}, {SIDE}, {NULL}}; /* not all bakes have them */
+    const char *datasets[ALWAYS + MORE] = {field->dataset, "/points/object", "/points/texel", "/points/valid"};
     int status = kiln_allocate(rows, 1, sizeof **rows, "the points of a bake", error);
     if (status != KILN_OK)
         return status;
     struct kiln_point_rows *r = *rows;
     r->objects = objects;
-    status = kiln_results_image(results, "kiln.h5", datasets, WITHOUT_SIDE + 1, &r->image, error);
-    if (status == KILN_NO_INPUT) /* without backs */
-        status = kiln_results_image(results, "kiln.h5", datasets, WITHOUT_SIDE, &r->image, error);
+    status = KILN_NO_INPUT;
+    for (size_t way = 0; status == KILN_NO_INPUT && way < WAYS; way++) {
+        size_t count = ALWAYS;
+        for (size_t k = 0; k < MORE && more[way][k] != NULL; k++)
+            datasets[count++] = more[way][k];
+        status = kiln_results_image(results, "kiln.h5", datasets, count, &r->image, error);
+    }
     if (status == KILN_OK && !find_rows(r, field))
         status = kiln_fail(error, KILN_BAD_INPUT, "kiln.h5 does not say where the values of %s lie; bake again",
                            field->dataset);
@@ -116,7 +123,8 @@ int kiln_point_map_create(struct kiln_image **image, const struct kiln_point_row
             planes[c][i] = NAN;
     for (uint32_t k = r->first[object]; status == KILN_OK && k < r->first[object + 1]; k++) {
         const uint32_t i = r->point[k];
-        if ((r->side != NULL && (r->side[i] > 0.0f) != back) || (r->valid != NULL && !(r->valid[i] > 0.0f)))
+        if ((r->side != NULL && (r->side[i] > 0.0f) != back) || (r->part != NULL && r->part[i] > 0.0f) ||
+            (r->valid != NULL && !(r->valid[i] > 0.0f)))
             continue;
         if (!(r->x[i] < (float)width && r->y[i] < (float)height))
             status = kiln_fail(error, KILN_BAD_INPUT,

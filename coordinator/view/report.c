@@ -163,6 +163,14 @@ static void add_caption(struct kiln_html *page, const json_t *object, const stru
         kiln_html_add(page, "<br>standard error %.2g %% of the mean", 100.0 * error);
 }
 
+/* Irradiance that the lights would give if they lit all surfaces alike; 0: unknown. */
+static double level_of(const struct report *r)
+{
+    const double emitted = number(field(field(r->run, "energy"), "emitted")),
+                 area = number(field(field(r->run, "points"), "geometry_area"));
+    return emitted > 0.0 && area > 0.0 ? emitted / area : 0.0;
+}
+
 static int add_lightmap(struct report *r, const char *file, const char *name, const json_t *object,
                         struct kiln_error *error)
 {
@@ -175,7 +183,8 @@ static int add_lightmap(struct report *r, const char *file, const char *name, co
     int status = kiln_results_image(r->results, file, wanted, 3, &image, error);
     if (status == KILN_OK)
         status = shrink(image, &small, error);
-    const struct kiln_exposure exposure = status == KILN_OK ? kiln_auto_exposure(small) : kiln_plain_exposure;
+    const struct kiln_exposure exposure =
+        status == KILN_OK ? kiln_auto_exposure(small, level_of(r)) : kiln_plain_exposure;
     if (status == KILN_OK)
         status = kiln_allocate(&bytes, (size_t)small->width * small->height * 3, 1, "a picture", error);
     if (status == KILN_OK)

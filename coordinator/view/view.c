@@ -6,6 +6,7 @@
 
 #include "coordinator/files/publish.h"
 #include "coordinator/view/false_color.h"
+#include "coordinator/view/light_level.h"
 #include "coordinator/view/view_filter.h"
 #include "coordinator/view/view_surfaces.h"
 #include "worker/base/memory.h"
@@ -42,14 +43,19 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
     return status == KILN_OK ? kiln_picture_fit(source, look, picture, error) : status;
 }
 
+static double level_of(const struct kiln_view_source *source)
+{
+    return source->lights != NULL ? kiln_light_level(source->lights, source->geometry) : 0.0;
+}
+
 int kiln_picture_fit(const struct kiln_view_source *source, const struct kiln_look *look, struct kiln_picture *picture,
                      struct kiln_error *error)
 {
     if (source->field != NULL)
         picture->meaning = source->field->meaning;
     if (picture->meaning == KILN_FIELD_AMOUNT && !look->no_metering) {
-        picture->exposure = kiln_auto_exposure(picture->image);
-        picture->metering = KILN_METERED_PICTURE;
+        picture->exposure = look->kept != NULL ? *look->kept : kiln_auto_exposure(picture->image, level_of(source));
+        picture->metering = look->kept != NULL ? KILN_METERED_BEFORE : KILN_METERED_PICTURE;
     }
     return has_range(picture) ? kiln_false_color_fit(picture, error) : KILN_OK;
 }
@@ -105,7 +111,8 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *v, char text[KILN_VIEWPOIN
 /* Which colour is which value. */
 static void scale_text(const struct kiln_picture *picture, const struct kiln_look *look, char text[200])
 {
-    static const char *const automatic[] = {"automatic", "automatic for all frames together"};
+    static const char *const automatic[] = {"automatic", "automatic for all frames together",
+                                            "that of the bake before"};
     const char *curve = kiln_tone_name(look->curve), *unit = picture->unit;
     char added[80] = "";
     if (look->stops != 0.0)
@@ -157,18 +164,55 @@ json_t *kiln_picture_json(const struct kiln_picture *picture, const struct kiln_
     /* in the order of enum kiln_view_kind */
     static const char *const kinds[] = {"camera", "given", "inside", "outside", "atlas"};
     const struct kiln_viewpoint *v = &picture->viewpoint;
-    json_t *json =
-        json_pack("{s:{s:s, s:s*, s:[f,f,f], s:[f,f,f]}, s:{s:f, s:f}, s:s*, s:f, s:f}", "viewpoint", "chosen",
-                  kinds[v->kind], "camera", v->camera, "from", v->from[0], v->from[1], v->from[2], "to", v->to[0],
-                  v->to[1], v->to[2], "exposure", "automatic", log2(picture->exposure.scale), "added", look->stops,
-                  "tone_map", picture->meaning == KILN_FIELD_AMOUNT ? kiln_tone_name(look->curve) : NULL, "metal_share",
-                  picture->approximate.metal, "front_light_share", picture->approximate.front_light);
+    json_t *json = json_pack("{s:{s:s, s:s*, s:[f,f,f], s:[f,f,f]}, s:{s:f, s:f, s:f}, s:s*, s:f, s:f}", "viewpoint",
+                             "chosen", kinds[v->kind], "camera", v->camera, "from", v->from[0], v->from[1], v->from[2],
+                             "to", v->to[0], v->to[1], v->to[2], "exposure", "automatic", log2(picture->exposure.scale),
+                             "added", look->stops, "white", fmin(picture->exposure.white, 1e30), "tone_map",
+                             picture->meaning == KILN_FIELD_AMOUNT ? kiln_tone_name(look->curve) : NULL, "metal_share",
+                             picture->approximate.metal, "front_light_share", picture->approximate.front_light);
     if (has_range(picture))
         (void)json_object_set_new(json, "scale",
                                   json_pack("{s:[f,f,f], s:[f,f,f], s:s*}", "low", picture->low[0], picture->low[1],
                                             picture->low[2], "high", picture->high[0], picture->high[1],
                                             picture->high[2], "unit", picture->unit));
     return json;
+}
+
+static void read_place(const json_t *json, const char *key, double place[3])
+{
+    for (size_t c = 0; c < 3; c++)
+        place[c] = json_number_value(json_array_get(json_object_get(json, key), c));
+}
+
+bool kiln_picture_keep(const json_t *preview, struct kiln_kept_picture *kept)
+{
+    const json_t *exposure = json_object_get(preview, "exposure"), *viewpoint = json_object_get(preview, "viewpoint");
+    const char *chosen = json_string_value(json_object_get(viewpoint, "chosen")),
+               *curve = json_string_value(json_object_get(preview, "tone_map"));
+    const double white = json_number_value(json_object_get(exposure, "white"));
+    *kept = (struct kiln_kept_picture){.look.stops = json_number_value(json_object_get(exposure, "added"))};
+    if (!json_is_number(json_object_get(exposure, "automatic")) || curve == NULL || chosen == NULL)
+        return false;
+    const double stops = json_number_value(json_object_get(exposure, "automatic"));
+    kept->exposure = (struct kiln_exposure){exp2(fmin(fmax(stops, -200.0), 200.0)), white > 0.0 ? white : 4.0};
+    for (int c = KILN_TONE_FILMIC; c <= KILN_TONE_NONE; c++)
+        if (strcmp(curve, kiln_tone_name((enum kiln_tone_curve)c)) == 0)
+            kept->look.curve = (enum kiln_tone_curve)c;
+    kept->look.kept = &kept->exposure;
+    kept->inside = strcmp(chosen, "inside") == 0;
+    kept->found = kept->inside || strcmp(chosen, "outside") == 0;
+    read_place(viewpoint, "from", kept->from);
+    read_place(viewpoint, "to", kept->to);
+    return true;
+}
+
+void kiln_picture_keep_place(const struct kiln_kept_picture *kept, struct kiln_view_wish *wish)
+{
+    if (!kept->found)
+        return;
+    wish->from = kept->from;
+    wish->to = kept->to;
+    wish->field_of_view = kept->inside ? KILN_VIEW_INSIDE_DEGREES : KILN_VIEW_OUTSIDE_DEGREES;
 }
 
 int kiln_picture_write(const char *directory, const char *name, const struct kiln_picture *picture,
@@ -228,7 +272,7 @@ int kiln_view_meter(const struct kiln_view_source *source, const struct kiln_vie
     for (size_t i = 0; status == KILN_OK && i < used; i++)
         status = meter_one(source, &wishes[used < 2 ? 0 : i * (count - 1) / (used - 1)], i, all, error);
     if (status == KILN_OK)
-        *exposure = kiln_auto_exposure(all);
+        *exposure = kiln_auto_exposure(all, level_of(source));
     kiln_image_destroy(&all);
     return status;
 }

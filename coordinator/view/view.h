@@ -76,6 +76,8 @@ int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_s
                           struct kiln_error *error);
 void kiln_view_maps_destroy(struct kiln_view_maps **maps);
 
+enum { KILN_VIEW_INSIDE_DEGREES = 55, KILN_VIEW_OUTSIDE_DEGREES = 45 }; /* vertical angles of automatic views */
+
 struct kiln_view_camera {
     struct kiln_dvec3 position;           /* m, relative to the scene's centre */
     struct kiln_dvec3 right, up, forward; /* unit */
@@ -146,8 +148,8 @@ struct kiln_view_approximate {
 int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **image,
                      struct kiln_view_approximate *approximate, struct kiln_error *error);
 
-/* How an exposure was chosen: from the picture, from all frames of a path, or not at all. */
-enum kiln_metering { KILN_METERED_PICTURE, KILN_METERED_PATH, KILN_METERED_NOTHING };
+/* How an exposure was chosen: from the picture, from all frames of a path, by a picture before, or not at all. */
+enum kiln_metering { KILN_METERED_PICTURE, KILN_METERED_PATH, KILN_METERED_BEFORE, KILN_METERED_NOTHING };
 
 /* What colours stand for where neither exposure nor range says it: pairs of colours, with a word each that stands under
  * them, and a sentence. */
@@ -180,9 +182,22 @@ struct kiln_picture {
 /* What a user may ask of the looks of a picture. */
 struct kiln_look {
     enum kiln_tone_curve curve;
-    double stops;     /* powers of two on the exposure */
-    bool no_metering; /* no automatic exposure: kiln_plain_exposure */
+    double stops;                     /* powers of two on the exposure */
+    bool no_metering;                 /* no automatic exposure: kiln_plain_exposure */
+    const struct kiln_exposure *kept; /* the exposure, in the place of an automatic one; borrowed; NULL: none */
 };
+
+/* Of a picture before: its looks, and the place it was seen from if that was found automatically, so that the same
+ * scene in other light can be compared with it. Its look points into it: do not copy it. */
+struct kiln_kept_picture {
+    struct kiln_look look;
+    struct kiln_exposure exposure;
+    bool found, inside;
+    double from[3], to[3]; /* world, m */
+};
+/* Reads what kiln_picture_json has written; false: there is no picture of light. */
+bool kiln_picture_keep(const json_t *preview, struct kiln_kept_picture *kept);
+void kiln_picture_keep_place(const struct kiln_kept_picture *kept, struct kiln_view_wish *wish);
 
 /* Chooses the camera and renders, with `side` x `side` rays for each pixel. Receiver-only objects are visible too: if
  * rays pass through them in the source's geometry, a BVH with them is built for the picture. Release with
@@ -215,7 +230,7 @@ void kiln_viewpoint_text(const struct kiln_viewpoint *viewpoint, char text[KILN_
 void kiln_picture_notes(const struct kiln_picture *picture, const struct kiln_look *look, char text[KILN_PICTURE_TEXT]);
 
 /* The same as JSON: {"viewpoint": {"chosen": "camera" | "given" | "inside" | "outside" | "atlas", "camera", "from",
- * "to"}, "exposure": {"automatic", "added"} in stops, "tone_map" (where there is one), "metal_share",
+ * "to"}, "exposure": {"automatic", "added"} in stops and "white", "tone_map" (where there is one), "metal_share",
  * "front_light_share"}, and where colours have a range "scale": {"low", "high", "unit"}. */
 json_t *kiln_picture_json(const struct kiln_picture *picture, const struct kiln_look *look);
 

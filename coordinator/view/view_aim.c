@@ -113,7 +113,7 @@ static int find_place(const struct kiln_view_source *source, const struct kiln_v
         distances[k] = frame_all(source->scene, k, &outside[k]);
     }
     viewpoint->kind = KILN_VIEW_OUTSIDE;
-    inside.extent_y = degrees_to_extent(wish->field_of_view > 0.0 ? wish->field_of_view : 55.0);
+    inside.extent_y = degrees_to_extent(wish->field_of_view > 0.0 ? wish->field_of_view : KILN_VIEW_INSIDE_DEGREES);
     inside.extent_x = inside.extent_y * aspect;
     const int status =
         wish->to != NULL ? KILN_OK : kiln_view_seek(source, outside, OUTSIDE, &inside, &found, &best, &reach, error);
@@ -173,7 +173,7 @@ int kiln_view_aim(const struct kiln_view_source *source, const struct kiln_view_
                                                            : first;
     double distance = 1.0;
     int status = KILN_OK;
-    *camera = (struct kiln_view_camera){.extent_y = degrees_to_extent(45.0)};
+    *camera = (struct kiln_view_camera){.extent_y = degrees_to_extent(KILN_VIEW_OUTSIDE_DEGREES)};
     *viewpoint = (struct kiln_viewpoint){.kind = KILN_VIEW_GIVEN};
     if (own != NULL) {
         camera->orthographic = own->orthographic != 0;

@@ -62,11 +62,6 @@ struct kiln_view_gloss {
     size_t grain_count, grain_capacity;
 };
 
-bool kiln_view_goes_on(const struct kiln_view_source *source, const struct kiln_hit *hit)
-{
-    return source->field == NULL && !source->texels && kiln_particle_turns(&source->backend->params, hit);
-}
-
 static uint32_t spread_bits(uint32_t x)
 {
     x = (x | x << 8) & 0x00ff00ffu;

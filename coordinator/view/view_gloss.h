@@ -11,9 +11,6 @@
 
 #include "coordinator/view/view_light.h"
 
-/* Whether a ray that has this hit goes on from there in the view. */
-bool kiln_view_goes_on(const struct kiln_view_source *source, const struct kiln_hit *hit);
-
 struct kiln_view_gloss;
 
 /* Borrows the view and its lightmaps. KILN_SYSTEM. */

@@ -114,7 +114,7 @@ double kiln_view_lamps_share(const struct kiln_view_lamps *lamps, const struct k
             return 1.0;
         light = kiln_emission_environment(e);
     } else {
-        light = kiln_emission_of_triangle(e, hit->triangle);
+        light = kiln_emission_at(e, hit->triangle, (double)hit->u, (double)hit->v);
         if (light == KILN_NONE || (hit->back && !e->lights->areas[light].two_sided))
             return 1.0;
         place = dvec3_of(kiln_triangle_position(lamps->source->geometry, hit->triangle, hit->u, hit->v));

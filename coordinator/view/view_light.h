@@ -1,38 +1,10 @@
-/* Tracing and shading of view rays: finds hits beyond the backs of single-sided surfaces, and reads the light there
- * from the published lightmaps. Private to coordinator/view. Nothing here is collective. */
+/* Shading of view rays: reads the light at their hits from the published lightmaps. Private to coordinator/view.
+ * Nothing here is collective. */
 #ifndef KILN_COORDINATOR_VIEW_VIEW_LIGHT_H
 #define KILN_COORDINATOR_VIEW_VIEW_LIGHT_H
 
 #include "coordinator/view/point_map.h"
-#include "coordinator/view/view.h"
-
-/* A batch of rays. The caller fills in origins and directions (unit vectors). kiln_view_trace fills in the rest, and
- * moves the origins of rays that continue beyond a back. */
-struct kiln_view_rays {
-    size_t capacity;
-    struct kiln_vec3 *origins, *directions;
-    struct kiln_hit *hits; /* the distance counts from the last origin; passed + distance counts from the first one */
-    float *passed;         /* distance of the last origin from the first, m; above 0: the ray went through a back */
-    uint32_t *active;      /* indices of rays that are not finished; below, what is traced of them */
-    struct kiln_vec3 *active_origins, *active_directions;
-    struct kiln_hit *active_hits;
-};
-
-int kiln_view_rays_create(struct kiln_view_rays **rays, size_t capacity, struct kiln_error *error);
-void kiln_view_rays_destroy(struct kiln_view_rays **rays);
-
-/* Traces rays 0..count-1. Rays that hit the back of a single-sided surface continue beyond it. */
-int kiln_view_trace(const struct kiln_view_source *source, struct kiln_view_rays *rays, size_t count,
-                    struct kiln_error *error);
-
-/* Makes and traces side x side rays for each of `count` pixels from number `first` on, row by row: those of a pixel
- * stand together, at the middles of a grid of its parts. There is room for them. */
-int kiln_view_trace_pixels(const struct kiln_view_params *params, uint32_t side, struct kiln_view_rays *rays,
-                           size_t first, size_t count, struct kiln_error *error);
-
-/* Whether the hit is visible: it is a hit, not on the back of a single-sided surface, and not on a caster-only object,
- * which has no lightmap, unless that emits. */
-bool kiln_view_is_seen(const struct kiln_view_source *source, const struct kiln_hit *hit);
+#include "coordinator/view/view_rays.h"
 
 /* Reads the lightmaps of the objects at hits 0..count-1; for hits on backs, that in lightmaps/back if it was baked
  * (--sides two). KILN_NO_INPUT, KILN_BAD_INPUT. */

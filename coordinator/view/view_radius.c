@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "worker/backend/extended.h"
 #include "worker/base/memory.h"
 
 enum { RAYS_ASIDE = 64 };                   /* in each direction at most */
@@ -60,7 +61,8 @@ int kiln_view_pixel_width(struct kiln_backend *backend, const struct kiln_geomet
     int status = kiln_allocate(&looks, 1, sizeof *looks, "rays of a view", error);
     if (status == KILN_OK) {
         const size_t count = make_rays(params, looks);
-        status = kiln_backend_intersect_alike(backend, looks->origins, looks->directions, count, looks->hits, error);
+        status = kiln_backend_intersect_hinted(backend, looks->origins, looks->directions, count,
+                                               &(struct kiln_ray_hints){.alike = true}, looks->hits, error);
         if (status == KILN_OK)
             *width = pixel * median_depth(looks, count, c->forward, (double)geometry->extent);
     }

@@ -55,18 +55,6 @@ struct renderer {
     struct kiln_view_approximate sums; /* over pixels, of the means of their rays */
 };
 
-void kiln_view_ray(const struct kiln_view_params *params, double x, double y, struct kiln_vec3 *origin,
-                   struct kiln_vec3 *direction)
-{
-    const struct kiln_view_camera *c = &params->camera;
-    const double sx = x / params->width * 2.0 - 1.0, sy = 1.0 - y / params->height * 2.0;
-    const struct kiln_dvec3 aside =
-        dvec3_add(dvec3_scale(c->right, sx * c->extent_x), dvec3_scale(c->up, sy * c->extent_y));
-    const struct kiln_dvec3 way = c->orthographic ? c->forward : dvec3_add(c->forward, aside);
-    *origin = vec3_of(c->orthographic ? dvec3_add(c->position, aside) : c->position);
-    *direction = vec3_of(dvec3_scale(way, 1.0 / dvec3_length(way)));
-}
-
 static void make_ray(const struct renderer *r, uint32_t x, uint32_t y, uint32_t k, struct kiln_vec3 *origin,
                      struct kiln_vec3 *direction)
 {

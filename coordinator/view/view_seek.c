@@ -33,12 +33,21 @@ struct view {
     double score, distance;
 };
 
+/* A point of the surfaces, over which they are spread evenly, and more on small objects. */
+struct spot {
+    struct kiln_dvec3 position, normal; /* normal: of the side that it stands for */
+    struct kiln_hit hit;                /* a ray that would meet it */
+    double light;                       /* 0 to 1 */
+};
+
 struct seek {
     const struct kiln_view_source *source;
     struct kiln_view_maps *maps;
     struct kiln_view_rays *rays;
     struct place *places;
     size_t place_count, enclosed, roofed;
+    struct spot *spots; /* PLACES */
+    size_t spot_count;
     double room;  /* m: how far one sees from the widest tenth of the enclosed candidates */
     double light; /* median luminance of the irradiance that they see */
     double box;   /* m: side of the boxes of space that separate items */
@@ -85,6 +94,11 @@ static void leave_surface(const struct seek *s, uint64_t triangle, size_t k)
     const struct kiln_vec3 p = vec3_madd(vec3_madd(c[0], a, (float)u), b, (float)v);
     s->rays->origins[k] = vec3_madd(p, n, 4e-6f * g->extent);
     s->rays->directions[k] = n;
+    s->spots[k] = (struct spot){
+        .position = dvec3_of(p),
+        .normal = dvec3_of(n),
+        .hit = {
+            .triangle = (uint32_t)triangle, .u = (float)u, .v = (float)v, .back = other, .tint = {1.0f, 1.0f, 1.0f}}};
 }
 
 /* State of the spreading: the next point lies where the running sum of weights passes its number. */
@@ -144,6 +158,7 @@ static int find_places(struct seek *s, struct kiln_error *error)
                                         error);
     for (size_t i = 0; status == KILN_OK && i < count; i++)
         stand(s, i);
+    s->spot_count = count;
     return status;
 }
 
@@ -390,6 +405,51 @@ static double openness(const struct seek *s, size_t first)
     return sum / VIEW_RAYS;
 }
 
+/* Finds how much light the spots have, from 0 to that of what enclosed candidates see in the median. */
+static int light_spots(struct seek *s, struct kiln_error *error)
+{
+    for (size_t i = 0; i < s->spot_count; i++)
+        s->rays->hits[i] = s->spots[i].hit;
+    const int status = kiln_view_maps_load(s->maps, s->rays->hits, s->spot_count, error);
+    for (size_t i = 0; status == KILN_OK && i < s->spot_count; i++)
+        s->spots[i].light = trust(s, &s->spots[i].hit) *
+                            (s->light > 0.0 ? fmin(1.0, luminance_at(s, &s->spots[i].hit) / s->light) : 1.0);
+    return status;
+}
+
+/* Whether each spot is seen from the place, whichever way one looks. */
+static int see_spots(struct seek *s, struct kiln_dvec3 eye, bool *seen, struct kiln_error *error)
+{
+    for (size_t i = 0; i < s->spot_count; i++) {
+        const struct kiln_dvec3 way = dvec3_sub(s->spots[i].position, eye);
+        const double distance = dvec3_length(way);
+        seen[i] = dvec3_dot(way, s->spots[i].normal) < 0.0 && distance > 0.0;
+        s->rays->origins[i] = vec3_of(eye);
+        s->rays->directions[i] = vec3_of(dvec3_scale(way, 1.0 / fmax(distance, 1e-30)));
+        s->rays->passed[i] = (float)distance;
+    }
+    const int status = kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, s->spot_count,
+                                              s->rays->hits, error);
+    for (size_t i = 0; status == KILN_OK && i < s->spot_count; i++)
+        seen[i] = seen[i] &&
+                  (s->rays->hits[i].triangle == KILN_NONE || s->rays->hits[i].distance > 0.999f * s->rays->passed[i]);
+    return status;
+}
+
+/* How much of all light on the spots a view shows; `seen` from where it stands. */
+static double shown(const struct seek *s, const bool *seen, const struct kiln_view_camera *c)
+{
+    double sum = 0.0;
+    for (size_t i = 0; i < s->spot_count; i++) {
+        const struct kiln_dvec3 way = dvec3_sub(s->spots[i].position, c->position);
+        const double depth = dvec3_dot(way, c->forward);
+        if (seen[i] && depth > 0.0 && fabs(dvec3_dot(way, c->right)) < depth * c->extent_x &&
+            fabs(dvec3_dot(way, c->up)) < depth * c->extent_y)
+            sum += s->spots[i].light;
+    }
+    return sum / (double)s->spot_count;
+}
+
 /* Prefers eyes in the lower half of a room, and none at the ceiling. */
 static double comfort(double height) { return 1.0 - fmin(0.8, 1.5 * fmax(0.0, fmax(0.2 - height, height - 0.55))); }
 
@@ -399,20 +459,24 @@ static int try_views(struct seek *s, const struct place *place, const struct kil
 {
     struct kiln_view_camera cameras[TURNS * TILTS];
     double scores[TURNS * TILTS];
+    bool seen[PLACES];
+    int status = see_spots(s, place->position, seen, error);
     for (int v = 0; v < TURNS * TILTS; v++) {
         point_view(place, lens, v / TILTS, v % TILTS, &cameras[v]);
         aim_rays(s, &cameras[v], (size_t)v * VIEW_RAYS);
     }
     const size_t count = (size_t)TURNS * TILTS * VIEW_RAYS;
-    int status =
-        kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count, s->rays->hits, error);
+    if (status == KILN_OK)
+        status = kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count, s->rays->hits,
+                                        error);
     if (status == KILN_OK)
         status = kiln_view_maps_load(s->maps, s->rays->hits, count, error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(dynamic, 1)
     for (int v = 0; v < TURNS * TILTS; v++)
-        scores[v] = comfort(place->height) * openness(s, (size_t)v * VIEW_RAYS) * entropy(s, (size_t)v * VIEW_RAYS);
+        scores[v] = comfort(place->height) * openness(s, (size_t)v * VIEW_RAYS) * entropy(s, (size_t)v * VIEW_RAYS) *
+                    shown(s, seen, &cameras[v]);
     for (int v = 0; v < TURNS * TILTS; v++)
         if (scores[v] > best->score)
             *best = (struct view){.camera = cameras[v], .score = scores[v], .distance = place->middle};
@@ -424,7 +488,7 @@ static int find_view(struct seek *s, struct kiln_view_camera *camera, bool *foun
 {
     struct view best = {0};
     const size_t chosen = choose_places(s);
-    int status = KILN_OK;
+    int status = light_spots(s, error);
     for (size_t i = 0; status == KILN_OK && i < chosen; i++)
         status = try_views(s, &s->places[i], camera, &best, error);
     *found = status == KILN_OK && best.score > 0.0;
@@ -490,6 +554,8 @@ int kiln_view_seek(const struct kiln_view_source *source, const struct kiln_view
         return KILN_OK;
     int status = kiln_allocate(&s.places, PLACES, sizeof *s.places, "candidate viewpoints", error);
     if (status == KILN_OK)
+        status = kiln_allocate(&s.spots, PLACES, sizeof *s.spots, "points of surfaces", error);
+    if (status == KILN_OK)
         status = kiln_view_maps_create(&s.maps, source, COARSE, error);
     if (status == KILN_OK)
         status = kiln_view_rays_create(&s.rays, (size_t)PLACES * LOOKS, error);
@@ -509,5 +575,6 @@ int kiln_view_seek(const struct kiln_view_source *source, const struct kiln_view
     kiln_view_rays_destroy(&s.rays);
     kiln_view_maps_destroy(&s.maps);
     kiln_free(&s.places);
+    kiln_free(&s.spots);
     return status;
 }

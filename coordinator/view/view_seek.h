@@ -11,7 +11,8 @@
  * The best view from the enclosed candidates is the one with the greatest viewpoint entropy (Vazquez, Feixas, Sbert,
  * Heidrich: Viewpoint Selection using Viewpoint Entropy, 2001): -sum p ln p over the items in the picture, where p is
  * the fraction of the picture that an item covers. An item is the part of an object that lies in one box of space and
- * faces one direction. Items that are dark, or too close to the eye, count less.
+ * faces one direction. Items that are dark, or too close to the eye, count less. That is multiplied by how much of the
+ * lit surface the view shows: the points above that it sees, each by its light up to that of the median.
  *
  * The choice depends only on the published lightmaps and a fixed set of rays, so it is the same for any number of ranks
  * and threads. */

@@ -43,6 +43,34 @@ KILN_FUNCTION void kiln_triangle_weights(kiln_real3 e1, kiln_real3 e2, kiln_real
     KILN_AT(b2) = real_clamp((y * e11 - x * e12) / below, kiln_real_of(0), 1 - KILN_AT(b1));
 }
 
+/* Parts of an emitting triangle (worker/light/lamp_parts.h): the way to the part that a place is in, the first step in
+ * the highest bit. A triangle (v0, v1, v2) has the halves (m, v0, v1) and (m, v2, v0), with m the middle of the edge
+ * from v1 to v2. `turn`: v0 is the triangle's corner of that number. */
+#define KILN_PART_DEPTH 32u
+KILN_FUNCTION KILN_U32 kiln_part_path(kiln_real b1, kiln_real b2, KILN_U32 turn)
+{
+    const kiln_real b0 = 1 - b1 - b2;
+    kiln_real w0 = turn == 0u   ? b0
+                   : turn == 1u ? b1
+                                : b2,
+              w1 = turn == 0u   ? b1
+                   : turn == 1u ? b2
+                                : b0,
+              w2 = turn == 0u   ? b2
+                   : turn == 1u ? b0
+                                : b1;
+    KILN_U32 path = 0u;
+    for (KILN_U32 i = 0u; i < KILN_PART_DEPTH; i++) {
+        const bool second = w2 > w1;
+        const kiln_real lesser = second ? w1 : w2, rest = second ? w2 - w1 : w1 - w2, kept = w0;
+        path = path * 2u + (second ? 1u : 0u);
+        w0 = 2 * lesser;
+        w1 = second ? rest : kept;
+        w2 = second ? kept : rest;
+    }
+    return path;
+}
+
 /* How much before a light at `distance` a shadow ray ends, m: the light's corners are floats, off by `rounding`, and
  * the ray meets the light at this cosine. */
 KILN_FUNCTION kiln_real kiln_light_backoff(kiln_real rounding, kiln_real distance, kiln_real cosine)

@@ -8,14 +8,7 @@
 #ifdef KILN_GLSL
 const uint KILN_MIS_POWER = 1u, KILN_MIS_UNIFORM = 2u;
 #else
-enum kiln_mis {
-    KILN_MIS_BALANCE = 0,
-    KILN_MIS_POWER = 1,
-    KILN_MIS_UNIFORM = 2,
-    KILN_MIS_VARIANCE = 3,
-    KILN_MIS_CORRELATION = 4,
-    KILN_MIS_OPTIMAL = 5
-};
+enum kiln_mis { KILN_MIS_BALANCE = 0, KILN_MIS_POWER = 1, KILN_MIS_UNIFORM = 2 };
 #endif
 
 /* What a technique whose density is r times as large adds to the inverse of a weight. */
@@ -30,70 +23,61 @@ KILN_FUNCTION kiln_real kiln_mis_share(KILN_U32 mis, kiln_real r)
 
 /* Of a gather ray's subpath: `land` is the density of light paths over that of hits, but for what the lamp's end adds;
  * `sampled` is one over the density of the last direction, 0 after a mirror or smooth glass: no sample of the lights
- * finds what comes that way. `connect`: the density of connections over that of hits, likewise. */
+ * finds what comes that way. */
 struct kiln_caustic_gathered {
-    kiln_real land, sampled, connect;
+    kiln_real land, sampled;
 };
 
-/* A ray leaves x by this cosine. `area`: m2, A; `factor`: that of landings; `connections`: s. The factor of samples
- * goes with `connect` in what follows. */
-KILN_FUNCTION KILN_STRUCT kiln_caustic_gathered kiln_caustic_gather(kiln_real area, kiln_real rays, kiln_real factor,
-                                                                    kiln_real connections, kiln_real cosine)
+/* A ray leaves x. `area`: m2, A. */
+KILN_FUNCTION KILN_STRUCT kiln_caustic_gathered kiln_caustic_gather(kiln_real area, kiln_real rays)
 {
     KILN_STRUCT kiln_caustic_gathered g;
-    g.land = KILN_REAL_PI * area / rays * factor;
+    g.land = KILN_REAL_PI * area / rays;
     g.sampled = 0;
-    g.connect = connections > 0 ? connections * KILN_REAL_PI / cosine : kiln_real_of(0);
     return g;
 }
 
-/* It arrives at a surface, z_k if it is the `first`; `squared`: m2, of the distance. */
-KILN_FUNCTION void kiln_caustic_arrive(KILN_INOUT(KILN_STRUCT kiln_caustic_gathered) g, bool first, kiln_real squared,
+/* It arrives at a surface; `squared`: m2, of the distance. */
+KILN_FUNCTION void kiln_caustic_arrive(KILN_INOUT(KILN_STRUCT kiln_caustic_gathered) g, kiln_real squared,
                                        kiln_real cosine)
 {
     KILN_AT(g).land /= cosine;
     KILN_AT(g).sampled *= squared / cosine;
-    KILN_AT(g).connect *= first ? squared / cosine : 1 / cosine;
 }
 
 /* It leaves a surface with gloss. `delta`: by a mirror or smooth glass, whose densities are chances. */
-KILN_FUNCTION void kiln_caustic_leave(KILN_INOUT(KILN_STRUCT kiln_caustic_gathered) g, bool first, kiln_real cosine,
+KILN_FUNCTION void kiln_caustic_leave(KILN_INOUT(KILN_STRUCT kiln_caustic_gathered) g, kiln_real cosine,
                                       kiln_real forward, kiln_real backward, bool delta)
 {
     KILN_AT(g).land *= cosine * backward / forward;
     KILN_AT(g).sampled = delta ? kiln_real_of(0) : 1 / forward;
-    KILN_AT(g).connect *= first ? (delta ? kiln_real_of(0) : cosine / forward) : cosine * backward / forward;
 }
 
 /* The weight of a hit. `connect`: the density of a sample of the lights at the lamp's place, per m2, or per steradian
- * of the environment, times the factor of samples; `emission`: N times that of the aim's rays, per m2 and steradian
- * (kiln_aims_density). */
+ * of the environment; `emission`: N times that of the aim's rays, per m2 and steradian (kiln_aims_density). */
 KILN_FUNCTION kiln_real kiln_caustic_weight_hit(KILN_U32 mis, KILN_IN(KILN_STRUCT kiln_caustic_gathered) g,
                                                 kiln_real connect, kiln_real emission)
 {
-    return 1 / (1 + kiln_mis_share(mis, connect * KILN_AT(g).sampled) +
-                kiln_mis_share(mis, emission * KILN_AT(g).land) + kiln_mis_share(mis, emission * KILN_AT(g).connect));
+    return 1 /
+           (1 + kiln_mis_share(mis, connect * KILN_AT(g).sampled) + kiln_mis_share(mis, emission * KILN_AT(g).land));
 }
 
-/* The weight of a sample of the lights at z_1, which is z_k if it is the `first`. `towards`: the cosine at z_1 over the
+/* The weight of a sample of the lights at z_1. `towards`: the cosine at z_1 over the
  * squared distance, without the latter from outside. `hit`: the density with which the gather ray would go on to the
  * lamp's place, in the measure of `connect`; 0 where no ray meets it. */
 KILN_FUNCTION kiln_real kiln_caustic_weight_sampled(KILN_U32 mis, KILN_IN(KILN_STRUCT kiln_caustic_gathered) g,
-                                                    bool first, kiln_real connect, kiln_real emission,
-                                                    kiln_real towards, kiln_real hit, kiln_real backward)
+                                                    kiln_real connect, kiln_real emission, kiln_real towards,
+                                                    kiln_real hit, kiln_real backward)
 {
     return 1 / (kiln_mis_share(mis, hit / connect) + 1 +
-                kiln_mis_share(mis, emission / connect * towards * KILN_AT(g).land * backward) +
-                kiln_mis_share(mis, emission / connect * towards * KILN_AT(g).connect *
-                                        (first ? kiln_real_of(1) : backward)));
+                kiln_mis_share(mis, emission / connect * towards * KILN_AT(g).land * backward));
 }
 
 /* ---- from the lamp ---- */
 
-/* Of a light path: the densities of hits and of samples over its own, but for n / A and what x adds. `last`: one over
- * the density of the last direction, 0 after a mirror or smooth glass: nothing is connected with that. */
+/* Of a light path: the densities of hits and of samples over its own, but for n / A and what x adds. */
 struct kiln_caustic_landing {
-    kiln_real hit, sampled, last;
+    kiln_real hit, sampled;
 };
 
 /* It leaves the lamp: `connect` and `emission` as above, `cosine` that at the lamp, 1 from outside. `is_point`: no ray
@@ -105,7 +89,6 @@ KILN_FUNCTION KILN_STRUCT kiln_caustic_landing kiln_caustic_emit(kiln_real conne
     KILN_STRUCT kiln_caustic_landing l;
     l.hit = is_point ? kiln_real_of(0) : cosine / (emission * arrival);
     l.sampled = connect * squared / (emission * arrival);
-    l.last = 0;
     return l;
 }
 
@@ -116,7 +99,6 @@ KILN_FUNCTION void kiln_caustic_pass_on(KILN_INOUT(KILN_STRUCT kiln_caustic_land
     const kiln_real ratio = leaving / forward;
     KILN_AT(l).hit *= ratio * backward;
     KILN_AT(l).sampled *= first ? (delta ? kiln_real_of(0) : ratio) : ratio * backward;
-    KILN_AT(l).last = delta ? kiln_real_of(0) : 1 / forward;
 }
 
 /* It arrives at a later surface with gloss. */
@@ -126,14 +108,10 @@ KILN_FUNCTION void kiln_caustic_meet(KILN_INOUT(KILN_STRUCT kiln_caustic_landing
     KILN_AT(l).sampled /= cosine;
 }
 
-/* It lands after `squared` m2 by this cosine: what the owner of the texel needs for its weight, besides n / A. */
-KILN_FUNCTION kiln_real kiln_caustic_others(KILN_U32 mis, KILN_IN(KILN_STRUCT kiln_caustic_landing) l,
-                                            kiln_real connections, kiln_real squared, kiln_real cosine)
+/* It lands: what the owner of the texel needs for its weight, besides n / A. */
+KILN_FUNCTION kiln_real kiln_caustic_others(KILN_U32 mis, KILN_IN(KILN_STRUCT kiln_caustic_landing) l)
 {
-    const kiln_real connect = connections > 0 ? connections * KILN_REAL_PI * KILN_AT(l).last * squared / cosine
-                                              : kiln_real_of(0),
-                    sum = kiln_mis_share(mis, KILN_AT(l).hit) + kiln_mis_share(mis, KILN_AT(l).sampled) +
-                          kiln_mis_share(mis, connect);
+    const kiln_real sum = kiln_mis_share(mis, KILN_AT(l).hit) + kiln_mis_share(mis, KILN_AT(l).sampled);
     if (mis == KILN_MIS_UNIFORM)
         return sum;
     return (mis == KILN_MIS_POWER ? real_sqrt(sum) : sum) / KILN_REAL_PI;

@@ -12,8 +12,10 @@
 #    define KILN_FLOATS const float *
 #    define KILN_FLOAT_OF(array, i) array[i]
 #    define KILN_INDEX size_t
+#    define KILN_TO_INDEX(i) ((size_t)(i))
 #else
 #    define KILN_INDEX uint
+#    define KILN_TO_INDEX(i) (i)
 #endif
 
 KILN_FUNCTION KILN_U32 kiln_sky_column(kiln_real3 d, kiln_real rotation, KILN_U32 width)
@@ -77,11 +79,11 @@ KILN_FUNCTION kiln_real3 kiln_sky_direction(KILN_U32 x, kiln_real fx, kiln_real 
 }
 
 /* Pi times the density of a direction of which half are drawn by the cosine about the geometric normal, half about the
- * shading normal, when these are the two cosines; the first is above 0. Directions about the geometric normal alone,
+ * shading normal, when these are the two cosines, one of them above 0. Directions about the geometric normal alone,
  * weighted by the second cosine over the first, have a variance without bound (the integral of 1 / n.w). */
 KILN_FUNCTION kiln_real kiln_sky_two_cosines(kiln_real cosine, kiln_real shading_cosine)
 {
-    return KILN_RATIO(1, 2) * (cosine + real_max(kiln_real_of(0), shading_cosine));
+    return KILN_RATIO(1, 2) * (real_max(kiln_real_of(0), cosine) + real_max(kiln_real_of(0), shading_cosine));
 }
 
 /* Density of a direction that is drawn in turn by the image and by the cosine, an odd sample being the image's (balance

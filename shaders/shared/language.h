@@ -5,6 +5,9 @@
  * with, kiln_real, and their functions are in shaders/shared/real.h: kernels that have no use for them must not see a
  * double.
  *
+ * Arrays are reached by macros, too: KILN_LOAD(lights, areas, i) is &lights->areas[i] in C, whose functions are given
+ * the struct (KILN_CONTEXT, KILN_PASS), and in GLSL kiln_lights_areas(i), which knows where it lies.
+ *
  * Both sides give the same bits as long as a formula is only sums, products, quotients and square roots of doubles, in
  * the order in which it stands here. Sines, arc tangents and so on are the C library's in C and those of
  * shaders/real.glsl in GLSL; floats differ from doubles; and a GPU may contract a product and a sum.
@@ -16,9 +19,13 @@
  *     real.glsl)
  *   - cosine-distributed directions of the bounce pass: C adds them up axis by axis of the world, GLSL along the
  *     tangents (embree/rays.c, hemisphere.glsl)
- *   - the cut of the light tree: one loop, but kept in choices in C and in registers in GLSL (lights.c, lights.glsl)
+ *   - choices among lights: a list in C, made again where one is asked for in GLSL, whose registers are few (lights.c,
+ *     light_choices.glsl); the cut through the light tree is written once (lights.h)
+ *   - flux of emitted rays: a factor over the density, one quotient in GLSL and three in C (emitted.h, aims.h)
+ *   - what is seen of a target's box: C keeps the parts, GLSL finds them again (targets.c, box_seen.glsl)
  *   - texture coordinates: doubles in C, fixed point in GLSL (texture.c, material.glsl)
  *   - vertex colours and samples of footprints: bytes and polygons in C, floats and triangles in GLSL
+ *   - where a texture turns highlights: a product in C, quotients in GLSL (gloss.h)
  *   - what comes through several surfaces: sums of optical depths in Embree's filters and in the ray-tracing pipeline,
  *     a product in the compute kernels (passage.c, trace/payload.glsl, trace/alpha.glsl)
  *
@@ -31,7 +38,17 @@
 #ifdef GL_core_profile
 
 #    define KILN_GLSL
-#    define KILN_U32 uint                /* an unsigned number of 32 bits */
+#    define KILN_CONTEXT(type, name)           /* a parameter: the struct type whose arrays the function reads, */
+#    define KILN_PASS(context)                 /* the argument for it, */
+#    define KILN_CONTEXT_IS(type, name, value) /* or a local one; */
+#    define KILN_GET(context, member) (KILN_CONTEXT_##context.member)        /* a number of it; */
+#    define KILN_LOAD(context, array, index) kiln_##context##_##array(index) /* an element of an array of it, */
+#    define KILN_ITEM(type) type                                             /* and that one's type */
+#    define KILN_RGB(name) vec3 name                                         /* a colour, name[0] to name[2]; */
+#    define KILN_RGB_IN(name) vec3 name                                      /* a parameter; */
+#    define KILN_RGB_OUT(name) out vec3 name                                 /* one that the function sets */
+#    define KILN_U32 uint                                                    /* an unsigned number of 32 bits */
+#    define KILN_U64 uint64_t            /* one of 64 bits; GLSL needs an extension for it */
 #    define KILN_I32 int                 /* a signed one */
 #    define KILN_VECTOR vec3             /* three floats; vec3(x, y, z) makes one in both languages */
 #    define KILN_FUNCTION                /* before every function */
@@ -60,6 +77,9 @@
 #    define vec3_madd(a, b, s) ((a) + (b) * (s))
 #    define vec3_dot(a, b) dot(a, b)
 #    define vec3_length(a) length(a)
+#    define vec3_normalize(a) normalize(a)
+#    define vec3_cross(a, b) cross(a, b)
+#    define KILN_LENGTH2(x, y) length(vec2(x, y))
 #    define KILN_CONSTANT const /* before a table */
 #    define word_min(a, b) min(a, b)
 #    define word_max(a, b) max(a, b)
@@ -73,7 +93,17 @@
 
 #    include "shaders/shared/vector.h"
 
+#    define KILN_CONTEXT(type, name) const struct type *name,
+#    define KILN_PASS(context) context,
+#    define KILN_CONTEXT_IS(type, name, value) const struct type *name = value
+#    define KILN_GET(context, member) ((context)->member)
+#    define KILN_LOAD(context, array, index) (&(context)->array[index])
+#    define KILN_ITEM(type) struct type *
+#    define KILN_RGB(name) float name[3]
+#    define KILN_RGB_IN(name) const float name[3]
+#    define KILN_RGB_OUT(name) float name[3]
 #    define KILN_U32 uint32_t
+#    define KILN_U64 uint64_t
 #    define KILN_I32 int32_t
 #    define KILN_FUNCTION static inline
 #    define KILN_STRUCT struct
@@ -95,6 +125,7 @@
 #    define float_exp expf
 #    define float_log logf
 #    define float_pow powf
+#    define KILN_LENGTH2(x, y) sqrtf((x) * (x) + (y) * (y))
 #    define KILN_CONSTANT static const
 static inline uint32_t word_min(uint32_t a, uint32_t b) { return a < b ? a : b; }
 static inline uint32_t word_max(uint32_t a, uint32_t b) { return a > b ? a : b; }

@@ -22,6 +22,7 @@
         _Static_assert(sizeof(struct type) == (size), "shaders and C disagree on struct " #type)
 #endif
 
+#include "shaders/shared/divided.h"
 #include "shaders/shared/mask.h"
 #include "shaders/shared/passage.h"
 #include "shaders/shared/radiance_probe.h"
@@ -53,6 +54,9 @@ KILN_SIZE_IS(kiln_gpu_record, 32);
 #define KILN_GPU_POINT_GLOSS 16u
 #define KILN_GPU_POINT_GLOSS_PARTS 4u
 #define KILN_GPU_POINT_RECEIVES_ONLY 32u /* its object is lit, and met by no ray */
+/* its rays begin above it (shaders/shared/lift.h): behind the parts, and the mask if there is one, are their triangles
+ */
+#define KILN_GPU_POINT_LIFTED 64u
 
 /* Position of a whole point = origin + s edge_s + t edge_t, the offset off the surface included. */
 struct kiln_gpu_point {
@@ -87,12 +91,13 @@ struct kiln_gpu_mask {
 };
 KILN_SIZE_IS(kiln_gpu_mask, 56);
 
-/* Where a part of a masked point is on its world triangle, as large as a part: the weights of corners 1 and 2 at
- * p + b1 e1 + b2 e2 are weight + b1 along_e1 + b2 along_e2. Of a whole point: at (s, t) in the place of (b1, b2). */
+/* Where a part of a masked or lifted point is on its world triangle, as large as a part: the weights of corners 1 and 2
+ * at p + b1 e1 + b2 e2 are weight + b1 along_e1 + b2 along_e2. Of a whole point: at (s, t) in the place of (b1, b2). */
 struct kiln_gpu_part_triangle {
     KILN_WORD triangle;
     KILN_REAL32 weight[2], along_e1[2], along_e2[2];
-    KILN_WORD reserved[7];
+    KILN_REAL32 lift[6]; /* struct kiln_lift */
+    KILN_WORD reserved[1];
 };
 KILN_SIZE_IS(kiln_gpu_part_triangle, 56);
 

@@ -26,11 +26,10 @@ KILN_SIZE_IS(kiln_gpu_apart_found, 60);
 /* The same of the weighed pass, whose chains need more. */
 struct kiln_gpu_apart_weighed_ray {
     KILN_STRUCT kiln_gpu_apart_ray ray;
-    KILN_REAL32 cosine; /* with the point's geometric normal, absolute */
-    KILN_REAL32 area;   /* m2 of the point that are there to be lit */
+    KILN_REAL32 area; /* m2 of the point that are there to be lit */
 };
-KILN_SIZE_IS(kiln_gpu_apart_weighed_ray, 68);
-#define KILN_GPU_APART_WEIGHED_RAY_BYTES 68ul
+KILN_SIZE_IS(kiln_gpu_apart_weighed_ray, 64);
+#define KILN_GPU_APART_WEIGHED_RAY_BYTES 64ul
 
 /* chains.comp, weighed_chains.comp, chains_add.comp. */
 struct kiln_gpu_chains_push {

@@ -21,8 +21,9 @@ struct kiln_gpu_light_vertex {
     KILN_WORD number;   /* of the path's surface, 0 the first */
     KILN_WORD previous; /* of the path's vertices that are kept; KILN_GPU_NONE: this is the first */
     KILN_WORD path;     /* of light */
+    KILN_REAL32 lift;   /* as of struct kiln_gpu_subpath */
 };
-KILN_SIZE_IS(kiln_gpu_light_vertex, 76);
+KILN_SIZE_IS(kiln_gpu_light_vertex, 80);
 #define KILN_GPU_BOTH_BACK 0x80000000u
 
 /* What of a vertex of light merging reads: struct photon of worker/backend/embree/photons.h. */
@@ -48,8 +49,9 @@ struct kiln_gpu_subpath {
     KILN_WORD triangle;                /* that is met; with KILN_GPU_BOTH_BACK: from behind */
     KILN_REAL32 u, v, distance;
     KILN_REAL32 tint[3];
+    KILN_REAL32 lift; /* m, of rays that begin at what is met, above its offset: not through what lies above */
 };
-KILN_SIZE_IS(kiln_gpu_subpath, 128);
+KILN_SIZE_IS(kiln_gpu_subpath, 132);
 
 /* The vertex that a path of the camera has come to, for what is connected to it and merged with it. */
 struct kiln_gpu_eye_vertex {
@@ -60,10 +62,11 @@ struct kiln_gpu_eye_vertex {
     KILN_WORD triangle; /* with KILN_GPU_BOTH_BACK: met from behind */
     KILN_WORD surface, bounces;
     KILN_WORD faces;                    /* 1: it is diffuse, and only what its normal sees is connected to it */
+    KILN_REAL32 lift;                   /* as of struct kiln_gpu_subpath */
     KILN_WORD vertex;                   /* of light: the next to be connected, KILN_GPU_NONE: none is left */
     KILN_WORD cell, photon, photon_end; /* of merging: the next of eight cells; what is left of the bucket before it */
 };
-KILN_SIZE_IS(kiln_gpu_eye_vertex, 100);
+KILN_SIZE_IS(kiln_gpu_eye_vertex, 104);
 
 /* The vertex of the path in a slot, and a vertex of light or a photon. */
 struct kiln_gpu_both_pair {

@@ -66,8 +66,8 @@ struct kiln_gpu_bvh_push {
     KILN_WORD shift; /* of a digit */
     KILN_WORD first; /* task of thread 0; the first child's is `next` */
     KILN_WORD next;
-    KILN_WORD width; /* children that a node of the layout has at most */
     KILN_WORD radius;
+    KILN_WORD reserved;
 };
 KILN_SIZE_IS(kiln_gpu_bvh_push, 40);
 

@@ -32,13 +32,13 @@ struct kiln_gpu_land {
     KILN_ADDRESS spheres;     /* struct kiln_gpu_spheres, where paths cross the spheres of probes */
     KILN_WORD64 paths;        /* of an iteration */
     KILN_WORD aim_count, target_count;
-    KILN_VECTOR centre;                  /* of the sphere about the scene, m, */
-    KILN_REAL32 radius;                  /* and its radius */
-    KILN_REAL32 iterations, connections; /* of caustic_weights.h */
+    KILN_VECTOR centre;     /* of the sphere about the scene, m, */
+    KILN_REAL32 radius;     /* and its radius */
+    KILN_REAL32 iterations; /* of caustic_weights.h */
     KILN_WORD mis;
-    KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_land, 136);
+KILN_SIZE_IS(kiln_gpu_land, 128);
+#define KILN_GPU_LAND_BYTES 128ul
 
 /* The spheres about probes: struct kiln_probe_spheres. */
 struct kiln_gpu_spheres {
@@ -61,11 +61,12 @@ KILN_SIZE_IS(kiln_gpu_spheres, 120);
 /* How a path has ended; the host looks its surface point up. */
 struct kiln_gpu_landing {
     KILN_REAL32 flux[3];
-    KILN_REAL32 shading, taken_up, others, sampled; /* struct kiln_land_result */
+    KILN_REAL32 shading, taken_up, others; /* struct kiln_land_result */
     KILN_WORD point_low, point_high; /* the surface point's global number; KILN_NO_POINT: it has landed beside all */
     KILN_WORD end; /* enum kiln_land_end, KILN_GPU_LAND_..., and from KILN_GPU_LAND_LENGTH on the surfaces met */
 };
-KILN_SIZE_IS(kiln_gpu_landing, 40);
+KILN_SIZE_IS(kiln_gpu_landing, 36);
+#define KILN_GPU_LANDING_BYTES 36ul
 #define KILN_GPU_LAND_END 0xffu
 #define KILN_GPU_LAND_MISSED 0x100u /* its last ray has met nothing */
 #define KILN_GPU_LAND_LENGTH 16u

@@ -15,7 +15,9 @@ struct KILN_STORED_NAME(kiln_gpu_area_light) { /* struct kiln_area_light */
     KILN_STORED_REAL p0[3], e1[3], e2[3], normal[3];
     KILN_STORED_REAL area, rounding;
     KILN_REAL32 radiance[3];
-    KILN_WORD triangle, flags, reserved;
+    KILN_WORD triangle, flags;
+    KILN_REAL32 at[6]; /* weights of the triangle's corners 1 and 2 at its own corners */
+    KILN_WORD path, depth, turn;
 };
 
 struct KILN_STORED_NAME(kiln_gpu_point_light) { /* struct kiln_point_light */

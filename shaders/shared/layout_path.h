@@ -7,8 +7,9 @@ struct kiln_gpu_path_triangle {
     KILN_VECTOR shading0, shading1, shading2; /* of each corner, unit; unused but for smooth ones */
     KILN_REAL32 offset;                       /* m along the normal, on either side, from which rays start */
     KILN_WORD flags;
+    KILN_REAL32 lift[3]; /* of smooth ones: struct kiln_lift of edges 0 1, 0 2 and 1 2, below 0 where of the back */
 };
-KILN_SIZE_IS(kiln_gpu_path_triangle, 92);
+KILN_SIZE_IS(kiln_gpu_path_triangle, 104);
 #define KILN_GPU_PATH_SMOOTH 1u
 #define KILN_GPU_PATH_HIDDEN 2u /* the camera does not see it */
 

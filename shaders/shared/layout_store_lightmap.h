@@ -8,14 +8,14 @@ struct kiln_gpu_lightmap { /* struct kiln_lightmap */
 KILN_SIZE_IS(kiln_gpu_lightmap, 32);
 
 struct kiln_gpu_divided { /* struct kiln_divided_texel */
-    KILN_WORD64 point, beyond;
-    KILN_REAL32 face[3], middle;
+    KILN_WORD64 part[KILN_TEXEL_PARTS];
+    KILN_REAL32 lines[KILN_CUT_FLOATS], margin;
+    KILN_WORD line_count, codes[2], sides, bit;
     KILN_WORD64 tile;
-    KILN_WORD bit;
-    KILN_REAL32 within, beyond_within;
-    KILN_WORD reserved;
+    KILN_REAL32 within;
+    KILN_WORD shown;
 };
-#define KILN_GPU_DIVIDED_BYTES 56
+#define KILN_GPU_DIVIDED_BYTES 120
 KILN_SIZE_IS(kiln_gpu_divided, KILN_GPU_DIVIDED_BYTES);
 
 struct kiln_gpu_tile { /* struct kiln_tile, struct kiln_split_tile_run */

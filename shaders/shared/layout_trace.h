@@ -3,12 +3,10 @@
  *
  * TRAVERSAL, a specialisation constant, is one of these layouts. Hits do not depend on it: every layout applies the
  * same triangle test and gives the nearest triangle, of equally near ones that of the lowest number. */
-#define KILN_TRAVERSAL_BRUTE 0u /* no tree: all triangles in order of their numbers */
-#define KILN_TRAVERSAL_BINARY 1u
-#define KILN_TRAVERSAL_FOUR 2u
-#define KILN_TRAVERSAL_EIGHT 3u /* compressed */
+#define KILN_TRAVERSAL_FOUR 0u
+#define KILN_TRAVERSAL_EIGHT 1u /* compressed */
 /* the device's own acceleration structure, in kernels compiled with KILN_PIPELINE */
-#define KILN_TRAVERSAL_PIPELINE 4u
+#define KILN_TRAVERSAL_PIPELINE 2u
 
 /* A triangle as it is traced, 48 bytes; world numbers as in worker/scene/geometry.h. */
 struct kiln_gpu_triangle {
@@ -21,20 +19,11 @@ struct kiln_gpu_triangle {
 };
 KILN_SIZE_IS(kiln_gpu_triangle, 48);
 
-/* A child of a node, binary and four: the index of a node; or, with KILN_GPU_LEAF, a leaf's first triangle (29 bits)
+/* A child of a node of four: the index of a node; or, with KILN_GPU_LEAF, a leaf's first triangle (29 bits)
  * and one less than their count (2 bits). KILN_GPU_NONE: nothing. */
 #define KILN_GPU_LEAF 0x80000000u
 #define KILN_GPU_LEAF_COUNT_SHIFT 29u
 #define KILN_GPU_LEAF_FIRST 0x1fffffffu
-
-/* Two children (Aila and Laine, "Understanding the efficiency of ray traversal on GPUs", 2009), 64 bytes: each child's
- * box as lower x, upper x, lower y, upper y; then lower z, upper z of both. */
-struct kiln_gpu_node2 {
-    KILN_REAL32 xy[2][4];
-    KILN_REAL32 z[4];
-    KILN_WORD child[2], unused[2];
-};
-KILN_SIZE_IS(kiln_gpu_node2, 64);
 
 /* Four children, 128 bytes, a value a child: lower x, upper x, lower y, ... upper z. A child that is not there has a
  * box whose lower bounds are above its upper ones. */
@@ -57,8 +46,7 @@ struct kiln_gpu_node8 {
 };
 KILN_SIZE_IS(kiln_gpu_node8, 80);
 
-/* Entries of a thread's stack in each layout (one more for the end); bvh.c refuses a layout that needs more. */
-#define KILN_GPU_STACK2 64u
+/* Entries of a thread's stack in each layout (one more for the end); bvh.c makes trees that need no more. */
 #define KILN_GPU_STACK4 124u
 #define KILN_GPU_STACK8 44u
 

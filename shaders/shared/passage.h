@@ -12,9 +12,6 @@
 #define KILN_PASSAGE_TINT 3u  /* a fraction of the light that depends on colour */
 #define KILN_PASSAGE_PANE 4u  /* and on the angle: panes of glass, which reflect */
 
-/* A surface of at least this opacity is there where chance must have no part. */
-#define KILN_OPACITY_HALF 0.5f
-
 /* So little light that it is none: optical depths, -log2 of what comes through, end at this one. */
 #define KILN_DEPTH_MOST 48
 

@@ -35,6 +35,22 @@
 #    define real_sqrt(x) sqrt(x)
 #    define real_floor(x) floor(x)
 #    define real_is_infinite(x) isinf(x)
+#    define real3_differ(a, b) ((a) != (b))
+#    define real3_negate(a) (-(a))
+#    define real3_normalize(a) normalize(a)
+#    define KILN_DEVICE_UNIT(a) real_unit_vector(a) /* where C leaves a length of 1 as rounding made it */
+#    define KILN_REAL_INFINITE real(KILN_INFINITY)
+#    define KILN_REAL_RGB(name) kiln_real3 name /* a colour, name[0] to name[2] */
+/* What lies in memory, and differences of what does (shaders/kernel.glsl) */
+#    define kiln_stored stored
+#    define kiln_stored3 stored3
+#    define stored3_negate(a) (-(a))
+#    define stored3_sub(a, b) ((a) - (b))
+#    define stored3_dot(a, b) dot(a, b)
+#    define KILN_TO_STORED3(a) stored3(a)
+#    define KILN_TO_REAL3(a) kiln_real3(a)
+#    define KILN_TO_VECTOR(a) vec3(a)
+#    define KILN_OF_VECTOR(a) kiln_real3(a)
 
 #else
 
@@ -42,6 +58,8 @@
 
 typedef double kiln_real;
 typedef struct kiln_dvec3 kiln_real3;
+typedef double kiln_stored;
+typedef struct kiln_dvec3 kiln_stored3;
 #    define kiln_real_of(x) ((double)(x))
 #    define KILN_RATIO(a, b) ((double)(a) / (double)(b))
 #    define KILN_REAL_PI KILN_PI
@@ -61,6 +79,17 @@ typedef struct kiln_dvec3 kiln_real3;
 #    define real_sqrt sqrt
 #    define real_floor floor
 #    define real_is_infinite(x) isinf(x)
+#    define real3_negate(a) dvec3_scale(a, -1.0)
+#    define KILN_DEVICE_UNIT(a) (a)
+#    define KILN_REAL_INFINITE ((double)INFINITY)
+#    define KILN_REAL_RGB(name) kiln_real name[3]
+#    define stored3_sub dvec3_sub
+#    define stored3_dot dvec3_dot
+#    define stored3_negate(a) dvec3_scale(a, -1.0)
+#    define KILN_TO_STORED3(a) (a)
+#    define KILN_TO_REAL3(a) (a)
+#    define KILN_TO_VECTOR(a) vec3_of(a)
+#    define KILN_OF_VECTOR(a) dvec3_of(a)
 #    define real_atan2 atan2
 #    define real_acos acos
 #    define real_asin asin
@@ -68,6 +97,14 @@ static inline void real_sincos(double x, double *sine, double *cosine)
 {
     *sine = sin(x);
     *cosine = cos(x);
+}
+static inline bool real3_differ(kiln_real3 a, kiln_real3 b) { return a.x != b.x || a.y != b.y || a.z != b.z; }
+static inline kiln_real3 real3_normalize(kiln_real3 a) { return dvec3_scale(a, 1.0 / dvec3_length(a)); }
+/* Unit vector along a; the zero vector stays zero. */
+static inline kiln_real3 real_unit_vector(kiln_real3 a)
+{
+    const double length = dvec3_length(a);
+    return length > 0.0 ? dvec3_scale(a, 1.0 / length) : a;
 }
 
 #endif

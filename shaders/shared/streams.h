@@ -93,7 +93,8 @@ KILN_FUNCTION KILN_U32 kiln_place_try(float s, float t, KILN_U32 key, KILN_U32 i
 }
 
 /* A place is buried where a ray along the normal and three around it, 53 degrees off, all meet backs: 0.6 of the normal
- * and, of the tangents, (0.8, 0) turned by thirds. */
+ * and, of the tangents, (0.8, 0) turned by thirds. So many of them may meet a front too, in the same place. */
+#define KILN_BURIED_BOTH 1
 #define KILN_BURIED_ALONG 0.6f
 #define KILN_BURIED_ACROSS 0.8f
 #define KILN_BURIED_HALF 0.4f

@@ -36,4 +36,30 @@ KILN_FUNCTION KILN_U32 kiln_sun_other(KILN_U32 samples, KILN_U32 others, KILN_U3
     return word_max(1u, KILN_TO_U32((KILN_TO_U64(samples) * rest + others / 2u) / others));
 }
 
+/* How a point's samples are shared out, choice by choice; zero but for `samples` and `rest`, which are those of all. */
+struct kiln_sun_sharing {
+    KILN_U32 samples, rest; /* in all; not spent on directional lights and their pilots */
+    KILN_U32 others;        /* of the other choices */
+    bool any;               /* some light has a pilot: the other choices have kiln_sun_other then */
+};
+
+/* Takes a choice with so many samples by its importance. Whether it is a directional light with a pilot. */
+KILN_FUNCTION bool kiln_sun_asks(KILN_INOUT(KILN_STRUCT kiln_sun_sharing) s, bool is_sun, KILN_U32 samples)
+{
+    const KILN_U32 least = kiln_sun_least(KILN_AT(s).samples);
+    const bool asks = is_sun && samples >= least;
+    if (is_sun)
+        KILN_AT(s).rest = kiln_samples_left(KILN_AT(s).rest, word_min(samples, least));
+    else
+        KILN_AT(s).others += samples;
+    KILN_AT(s).any = KILN_AT(s).any || asks;
+    return asks;
+}
+
+/* The samples of such a choice, whose light differs around the point or does not. */
+KILN_FUNCTION KILN_U32 kiln_sun_samples(KILN_IN(KILN_STRUCT kiln_sun_sharing) s, KILN_U32 samples, bool differs)
+{
+    return differs ? KILN_SUN_TIMES * samples : kiln_sun_few(KILN_AT(s).samples);
+}
+
 #endif

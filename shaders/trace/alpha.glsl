@@ -4,8 +4,8 @@
 
 #include "shaders/material.glsl"
 
-const uint KILN_BY_HALF = 0u, KILN_BY_CHANCE = 1u, KILN_THROUGH = 2u; /* enum embree_question */
-const float KILN_DARK = 3.5527136788005009e-15;                       /* 2^-48: so little light is none */
+const uint KILN_SOLID = 0u, KILN_BY_CHANCE = 1u, KILN_THROUGH = 2u; /* enum embree_question */
+const float KILN_DARK = 3.5527136788005009e-15;                     /* 2^-48: so little light is none */
 
 /* Whether a mask has a hole there. */
 bool kiln_is_hole(uint triangle, float u, float v)
@@ -14,14 +14,20 @@ bool kiln_is_hole(uint triangle, float u, float v)
     return alpha_cutoff.x < alpha_cutoff.y;
 }
 
+/* Whether a ray that looks for solids passes the triangle. */
+bool kiln_is_clear(uint triangle)
+{
+    return (MaterialWords(SCENE.records + uint64_t(triangle) * 32ul).at[7] & KILN_RECORD_CLEAR) != 0u;
+}
+
 /* Whether the ray goes on behind the surface; if so, what is left of its light. */
 bool kiln_passes(uint question, uint seed, uint triangle, float u, float v, vec3 direction, inout vec3 share)
 {
+    if (question == KILN_SOLID)
+        return kiln_is_clear(triangle);
     if (HAS_ALPHA == KILN_PASSAGE_MASK)
         return kiln_is_hole(triangle, u, v);
     const kiln_passage p = kiln_surface_passage(triangle, u, v, kiln_passage_cosine(triangle, direction));
-    if (question == KILN_BY_HALF)
-        return p.opacity < KILN_OPACITY_HALF;
     if (question == KILN_THROUGH) {
         share *= p.through;
         return max(max(share.r, share.g), share.b) > KILN_DARK;

@@ -15,9 +15,11 @@ struct kiln_ray {
     vec3 across, up;   /* right-handed: across x up = direction */
     float after;       /* what lies up to here was met before and let the ray through: */
     uint after_number; /* at this very distance, triangles up to this number */
+    uint preferred;    /* KILN_EITHER, ... */
 };
 
-/* The nearest triangle so far; `distance` begins as the ray's limit. Of a back it has kiln_behind in it. */
+/* The nearest triangle so far; `distance` begins as the ray's limit. Of a face that another is preferred to it has
+ * kiln_behind in it. */
 struct kiln_found {
     float distance, u, v;
     uint triangle;
@@ -25,14 +27,14 @@ struct kiln_found {
 };
 
 /* Two unit vectors across the ray (Duff et al., "Building an orthonormal basis, revisited", 2017). */
-kiln_ray kiln_ray_of(vec3 origin, vec3 direction)
+kiln_ray kiln_ray_of(vec3 origin, vec3 direction, uint preferred)
 {
     const float s = direction.z < 0.0 ? -1.0 : 1.0;
     precise const float a = -1.0 / (s + direction.z);
     precise const float b = direction.x * direction.y * a;
     precise const vec3 across = vec3(1.0 + s * direction.x * direction.x * a, s * b, -s * direction.x);
     precise const vec3 up = vec3(b, s + direction.y * direction.y * a, -direction.y);
-    return kiln_ray(origin, direction, across, up, 0.0, KILN_GPU_NONE);
+    return kiln_ray(origin, direction, across, up, 0.0, KILN_GPU_NONE, preferred);
 }
 
 /* For slabs, t = (plane - origin) / direction; finite also where the direction has a zero (margins of boxes hide the
@@ -84,7 +86,16 @@ float kiln_hit_distance(vec3 a, vec3 b, vec3 c, vec3 direction, vec3 w, float sc
     return clamp(edge_on ? weighted : height / steepness, min(min(at_a, at_b), at_c), max(max(at_a, at_b), at_c));
 }
 
-/* How much farther the back of a triangle counts than it is, where opposite faces coincide, m. */
+/* Whether faces of this side count as farther than they are. Only kernels that ask whether places are buried have rays
+ * that prefer something which the scene does not. */
+bool kiln_is_later(const kiln_ray ray, bool back)
+{
+    if (KILN_ASKS_BURIED && ray.preferred != KILN_EITHER)
+        return back == (ray.preferred == KILN_FRONT);
+    return HAS_COINCIDENT != 0u && back;
+}
+
+/* How much farther such a face counts than it is, m. */
 float kiln_behind(vec3 a, vec3 b, vec3 c, vec3 direction)
 {
     const vec3 normal = cross(b - a, c - a);
@@ -118,10 +129,11 @@ bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_
     float t = kiln_hit_distance(a, b, c, ray.direction, w, scale);
     const uint number = first.w;
     bool beyond = t > 0.0;
-    if (HAS_COINCIDENT != 0u && beyond && area > 0.0)
+    const bool prefers = HAS_COINCIDENT != 0u || KILN_ASKS_BURIED;
+    if (prefers && beyond && kiln_is_later(ray, area > 0.0))
         t += kiln_behind(a, b, c, ray.direction);
     if (HAS_ALPHA != 0u)
-        beyond = (HAS_COINCIDENT == 0u || beyond) &&
+        beyond = (!prefers || beyond) &&
                  (t > ray.after || (t == ray.after && ray.after_number != KILN_GPU_NONE && number > ray.after_number));
     if (!(beyond && (t < found.distance || (t == found.distance && number < found.triangle))))
         return false;
@@ -143,30 +155,16 @@ bool kiln_test_leaf(const kiln_ray ray, TraceQuads triangles, uint leaf, bool an
     return false;
 }
 
-#include "shaders/trace/binary.glsl"
 #include "shaders/trace/four.glsl"
 #include "shaders/trace/eight.glsl"
-
-void kiln_walk_brute(const kiln_ray ray, bool any, inout kiln_found found)
-{
-    TraceQuads triangles = TraceQuads(SCENE.trace.triangles);
-    const uint count = SCENE.trace.triangle_count;
-    for (uint i = 0u; i < count; i++)
-        if (kiln_test(ray, triangles, i, found) && any && kiln_ends(found))
-            return;
-}
 
 kiln_found kiln_walk_once(const kiln_ray ray, float limit, bool any)
 {
     kiln_found found = kiln_found(limit, 0.0, 0.0, KILN_GPU_NONE, false);
-    if (TRAVERSAL == KILN_TRAVERSAL_BINARY)
-        kiln_walk_binary(ray, any, found);
-    else if (TRAVERSAL == KILN_TRAVERSAL_FOUR)
-        kiln_walk_four(ray, any, found);
-    else if (TRAVERSAL == KILN_TRAVERSAL_EIGHT)
+    if (TRAVERSAL == KILN_TRAVERSAL_EIGHT)
         kiln_walk_eight(ray, any, found);
     else
-        kiln_walk_brute(ray, any, found);
+        kiln_walk_four(ray, any, found);
     return found;
 }
 
@@ -174,9 +172,10 @@ kiln_found kiln_walk_once(const kiln_ray ray, float limit, bool any)
  * behind those that the ray passes: inside it the lookup made the whole kernel up to 400 times slower. Drivers lay the
  * text of a function down wherever it is called, so the walk is called in one place, or kernels take long to make; and
  * a return from within this loop lost what `share` had on Mesa's software device. */
-kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any, uint question, uint seed, inout vec3 share)
+kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any, uint question, uint preferred, uint seed,
+                     inout vec3 share)
 {
-    kiln_ray ray = kiln_ray_of(origin, direction);
+    kiln_ray ray = kiln_ray_of(origin, direction, preferred);
     kiln_found found;
     bool passes = true;
     while (passes) {
@@ -193,33 +192,36 @@ kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 t
 {
     tint = vec3(1.0);
     const kiln_found found =
-        kiln_walk(origin, direction, uintBitsToFloat(0x7f800000u), false, KILN_BY_CHANCE, seed, tint);
+        kiln_walk(origin, direction, uintBitsToFloat(0x7f800000u), false, KILN_BY_CHANCE, KILN_EITHER, seed, tint);
     return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
 }
 
 kiln_hit kiln_trace_within(vec3 origin, vec3 direction, float limit, uint seed, out vec3 tint)
 {
     tint = vec3(1.0);
-    const kiln_found found = kiln_walk(origin, direction, limit, false, KILN_BY_CHANCE, seed, tint);
+    const kiln_found found = kiln_walk(origin, direction, limit, false, KILN_BY_CHANCE, KILN_EITHER, seed, tint);
     return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
 }
 
 bool kiln_is_met(vec3 origin, vec3 direction, float limit, uint seed)
 {
     vec3 tint = vec3(1.0);
-    return kiln_walk(origin, direction, limit, true, KILN_BY_CHANCE, seed, tint).triangle != KILN_GPU_NONE;
+    return kiln_walk(origin, direction, limit, true, KILN_BY_CHANCE, KILN_EITHER, seed, tint).triangle != KILN_GPU_NONE;
 }
 
-kiln_hit kiln_trace(vec3 origin, vec3 direction)
+const float KILN_ENDLESS = 3.0e38;
+
+kiln_hit kiln_trace(vec3 origin, vec3 direction, float limit, uint preferred)
 {
     vec3 share = vec3(1.0);
-    const kiln_found found = kiln_walk(origin, direction, uintBitsToFloat(0x7f800000u), false, KILN_BY_HALF, 0u, share);
+    const kiln_found found = kiln_walk(origin, direction, limit, false, KILN_SOLID, preferred, 0u, share);
     return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
 }
 
 vec3 kiln_through(vec3 origin, vec3 direction, float limit)
 {
     vec3 share = vec3(1.0);
-    return kiln_walk(origin, direction, limit, true, KILN_THROUGH, 0u, share).triangle != KILN_GPU_NONE ? vec3(0.0)
-                                                                                                        : share;
+    return kiln_walk(origin, direction, limit, true, KILN_THROUGH, KILN_EITHER, 0u, share).triangle != KILN_GPU_NONE
+               ? vec3(0.0)
+               : share;
 }

@@ -2,7 +2,7 @@
  *
  * What a ray asks of surfaces that let light through (shaders/trace/alpha.glsl), its flags tell the any-hit shader, and
  * the payload holds, until an answer takes its place: no flags                             which surface is the
- * nearest? `v` is KILN_BY_HALF or KILN_BY_CHANCE, `u` the seed; `distance` becomes 1 when something with a colour was
+ * nearest? `v` is KILN_SOLID or KILN_BY_CHANCE, `u` the seed; `distance` becomes 1 when something with a colour was
  * passed, which the closest-hit shader hands on skip closest hit                     tint: `triangle_back` is the seed;
  * u, v, distance are the optical depths of red, green and blue skip closest hit, end on first hit   through: likewise,
  * without a seed Any-hit shaders are called in any order. So a product of what surfaces let through is a sum of optical

@@ -11,30 +11,32 @@ const float kiln_far = 3.0e38; /* a finite number stands for "no limit" */
  * on, the triangle they had left: 0.3 % of all light was lost). */
 float kiln_start() { return SCENE.trace.extent * (1.0 / 262144.0); }
 
-/* After the back of a triangle was met: a front that coincides with it takes its place (KILN_COINCIDENT; the margin is
- * kiln_start's, since the device knows distances no better). */
-void kiln_prefer_front(vec3 origin, vec3 direction, uint question, uint seed)
+/* After a triangle was met: one that coincides with it and whose other side is met takes its place (KILN_COINCIDENT;
+ * the margin is kiln_start's, since the device knows distances no better). `cull` leaves out those that are not to. */
+void kiln_prefer(vec3 origin, vec3 direction, uint question, uint seed, uint cull)
 {
-    const kiln_payload back = kiln_answer;
-    const float margin = kiln_start(), distance = uintBitsToFloat(back.distance);
+    const kiln_payload met = kiln_answer;
+    const float margin = kiln_start(), distance = uintBitsToFloat(met.distance);
     kiln_answer = kiln_payload(0u, seed, question, 0u);
-    traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level), gl_RayFlagsCullBackFacingTrianglesEXT, 0xff, 0, 0, 0,
-                origin, max(distance - margin, margin), direction, distance + margin, 0);
+    traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level), cull, 0xff, 0, 0, 0, origin,
+                max(distance - margin, margin), direction, distance + margin, 0);
     if (kiln_answer.triangle_back == KILN_GPU_NONE)
-        kiln_answer = back;
-    else if ((back.triangle_back & KILN_PAYLOAD_TINTED) != 0u)
+        kiln_answer = met;
+    else if ((met.triangle_back & KILN_PAYLOAD_TINTED) != 0u)
         kiln_answer.triangle_back |= KILN_PAYLOAD_TINTED;
 }
 
-kiln_hit kiln_nearest(vec3 origin, vec3 direction, float limit, uint question, uint seed)
+kiln_hit kiln_nearest(vec3 origin, vec3 direction, float limit, uint question, uint preferred, uint seed)
 {
-    if (HAS_ALPHA >= KILN_PASSAGE_BLEND)
+    if (HAS_ALPHA >= KILN_PASSAGE_MASK)
         kiln_answer = kiln_payload(0u, seed, question, 0u);
     traceRayEXT(accelerationStructureEXT(SCENE.trace.top_level), gl_RayFlagsNoneEXT, 0xff, 0, 0, 0, origin,
                 kiln_start(), direction, limit, 0);
-    if (HAS_COINCIDENT != 0u && kiln_answer.triangle_back != KILN_GPU_NONE &&
-        (kiln_answer.triangle_back & KILN_PAYLOAD_BACK) != 0u)
-        kiln_prefer_front(origin, direction, question, seed);
+    const bool front = preferred == KILN_FRONT || (preferred == KILN_EITHER && HAS_COINCIDENT != 0u);
+    if (kiln_answer.triangle_back != KILN_GPU_NONE && (front || preferred == KILN_BACK) &&
+        ((kiln_answer.triangle_back & KILN_PAYLOAD_BACK) != 0u) == front)
+        kiln_prefer(origin, direction, question, seed,
+                    front ? gl_RayFlagsCullBackFacingTrianglesEXT : gl_RayFlagsCullFrontFacingTrianglesEXT);
     kiln_hit hit;
     hit.back = kiln_answer.triangle_back != KILN_GPU_NONE && (kiln_answer.triangle_back & KILN_PAYLOAD_BACK) != 0u;
     hit.triangle =
@@ -45,9 +47,13 @@ kiln_hit kiln_nearest(vec3 origin, vec3 direction, float limit, uint question, u
     return hit;
 }
 
-kiln_hit kiln_trace(vec3 origin, vec3 direction)
+const float KILN_ENDLESS = kiln_far;
+
+kiln_hit kiln_trace(vec3 origin, vec3 direction, float limit, uint preferred)
 {
-    return kiln_nearest(origin, direction, kiln_far, KILN_BY_HALF, 0u);
+    if (!(limit > kiln_start())) /* traceRayEXT wants the far end not before the near one */
+        return kiln_hit(KILN_GPU_NONE, 0.0, 0.0, 0.0, false);
+    return kiln_nearest(origin, direction, min(limit, kiln_far), KILN_SOLID, preferred, 0u);
 }
 
 kiln_hit kiln_trace_within(vec3 origin, vec3 direction, float limit, uint seed, out vec3 tint)
@@ -56,7 +62,7 @@ kiln_hit kiln_trace_within(vec3 origin, vec3 direction, float limit, uint seed, 
     tint = vec3(1.0);
     if (!(far > kiln_start())) /* traceRayEXT wants the far end not before the near one */
         return kiln_hit(KILN_GPU_NONE, 0.0, 0.0, 0.0, false);
-    const kiln_hit hit = kiln_nearest(origin, direction, far, KILN_BY_CHANCE, seed);
+    const kiln_hit hit = kiln_nearest(origin, direction, far, KILN_BY_CHANCE, KILN_EITHER, seed);
     if (HAS_ALPHA < KILN_PASSAGE_TINT)
         return hit;
     const bool missed = hit.triangle == KILN_GPU_NONE;
@@ -95,5 +101,6 @@ bool kiln_is_met(vec3 origin, vec3 direction, float limit, uint seed)
         return kiln_through(origin, direction, limit) == vec3(0.0);
     if (!(limit > kiln_start())) /* as in kiln_through */
         return false;
-    return kiln_nearest(origin, direction, min(limit, kiln_far), KILN_BY_CHANCE, seed).triangle != KILN_GPU_NONE;
+    return kiln_nearest(origin, direction, min(limit, kiln_far), KILN_BY_CHANCE, KILN_EITHER, seed).triangle !=
+           KILN_GPU_NONE;
 }

@@ -13,9 +13,12 @@
  *
  * is whether there is such a triangle before `limit`.
  *
- *     kiln_hit kiln_trace(vec3 origin, vec3 direction);
+ *     kiln_hit kiln_trace(vec3 origin, vec3 direction, float limit, uint preferred);
  *
- * is the nearest triangle that is there by half at least: for what chance must have no part in.
+ * is the nearest triangle that lets no light through anywhere and is nearer than `limit` (KILN_ENDLESS: any): for what
+ * tells solids by. `preferred`: of a front and a back that coincide (KILN_COINCIDENT) which is met: KILN_FRONT or
+ * KILN_BACK; KILN_EITHER: as of all other rays, the front where HAS_COINCIDENT is not 0, else rounding decides. The
+ * others' distances are not exact, and only where KILN_ASKS_BURIED are they known.
  *
  *     vec3 kiln_through(vec3 origin, vec3 direction, float limit);
  *
@@ -28,6 +31,14 @@
  * tracing. */
 #ifndef KILN_SHADERS_TRACE_GLSL
 #define KILN_SHADERS_TRACE_GLSL
+
+const uint KILN_EITHER = 0u, KILN_FRONT = 1u, KILN_BACK = 2u;
+
+#ifdef KILN_VALIDITY
+const bool KILN_ASKS_BURIED = true;
+#else
+const bool KILN_ASKS_BURIED = false;
+#endif
 
 struct kiln_hit {
     uint triangle; /* KILN_GPU_NONE: nothing */

@@ -27,7 +27,7 @@ def check_furnaces(kiln, checks, table):
     for name, scale in (('furnace_cube_rho0.5', 2), ('furnace_cube_rho0.9', 10)):
         for way in WAYS:
             bake = kiln.bake(harness.own_scene('analytic', name + '.glb'), *PLAIN, '--lights', 'patches', '--gather',
-                             way, '--lightmap-size', 12, '--directions', 64)
+                             way + ':64', '--lightmap-size', 12)
             if checks.baked(bake):
                 total = bake.points.total[bake.points.valid]
                 off = np.abs(total / (3 * np.pi * scale) - 1).max()
@@ -55,12 +55,12 @@ def sun_room(path):
 def check_sun_room(kiln, checks, table):
     path = sun_room(os.path.join(kiln.scratch, 'sun.glb'))
     options = (*PLAIN, '--texels-per-metre', 4, '--bounces', 1, '--samples-direct', 64)
-    many = kiln.bake(path, *options, '--gather', 'cosine', '--directions', 8192)
+    many = kiln.bake(path, *options, '--gather', 'cosine:8192')
     if not checks.baked(many):
         return
     own, wanted, error = many.points.valid, many.points.indirect[many.points.valid, 0], {}
     for way in WAYS:
-        bake = kiln.bake(path, *options, '--gather', way, '--directions', 128)
+        bake = kiln.bake(path, *options, '--gather', way + ':128')
         if not checks.baked(bake):
             return
         got = bake.points.indirect[own, 0]
@@ -72,9 +72,21 @@ def check_sun_room(kiln, checks, table):
                 (error['mixed'] / error['cosine']))
 
 
+def check_few(kiln, checks, table):
+    """With as few directions as circles take, all indirect light of the Cornell box is right."""
+    options = (*PLAIN, '--texels-per-metre', 2, '--bounces', 2, '--samples-direct', 64)
+    many, few = (kiln.bake(CORNELL, *options, '--gather', '%s:%d' % (way, count))
+                 for way, count in (('cosine', 2048), ('circles', 64)))
+    if checks.baked(many) and checks.baked(few):
+        power = [(b.points.indirect @ harness.LUMINANCE * b.points.area)[b.points.valid].sum() for b in (many, few)]
+        table.row('Cornell box circles', '', '%+.2e' % (power[1] / power[0] - 1))
+        checks.that(abs(power[1] / power[0] - 1) < 0.02, '64 circles: off by %g' % (power[1] / power[0] - 1),
+                    few.process)
+
+
 def check_same(kiln, checks):
     for way, lights in (('mixed', 'sampled'), ('even', 'patches')):
-        few = (*PLAIN, '--gather', way, '--lights', lights, '--texels-per-metre', 2, '--bounces', 2, '--directions', 32,
+        few = (*PLAIN, '--gather', way + ':32', '--lights', lights, '--texels-per-metre', 2, '--bounces', 2,
                '--samples-direct', 16)
         ways = ((0, ()), (3, ('--threads', 1)), (4, ('--threads', 1)), (1, ('--partition', 'objects')),
                 (0, ('--cell-size', 0.7)))
@@ -87,7 +99,8 @@ def check_same(kiln, checks):
 
 def check_refusals(kiln, checks):
     for more in (('--directions', 8), ('--clamp', '--gather', 'even'),
-                 ('--undersample', 'mipmap', '--gather', 'mixed'), ('--directions', 5000, '--gather', 'circles')):
+                 ('--undersample', 'mipmap', '--gather', 'mixed'), ('--gather', 'circles:5000'),
+                 ('--gather', 'circles:32')):
         process = kiln.bake(CORNELL, *PLAIN, *more).process
         checks.that(process.status == 64 and ': ' in process.sentence(), '%s was not refused' % (more, ), process)
     process = kiln.bake(CORNELL, '--gather', 'even').process
@@ -100,6 +113,7 @@ def main():
     table = harness.Table(('scene', 44), ('error', 10), ('mean', 10))
     check_furnaces(kiln, checks, table)
     check_sun_room(kiln, checks, table)
+    check_few(kiln, checks, table)
     check_same(kiln, checks)
     check_refusals(kiln, checks)
     checks.end()

@@ -1,9 +1,10 @@
 """--method radiosity --patches links: light between points and nodes of a tree (worker/pass/links.h).
 
 - Closed furnaces: every texel within 0.1 %.
-- In the Cornell box the light goes to that of all pairs as --link-error goes to 0, with fewer rays; at the default it
+- In the Cornell box the light goes to that of all pairs as links' error goes to 0, with fewer rays; at the default it
   is off by no more than that, and its links take 256 bytes a point at most.
 - The same bits on 1, 3 and 4 ranks, in other cells, and after an interruption.
+- A sealed box in a lit room is black, whatever the error. Materials that are not diffuse are refused.
 - In coarse Sponza no texel has light that rays do not find (where the scene is there).
 - Energy is kept, and the mean of light stays within 0.8 %, also at 0.1: the nearer part of a node counts as what it
   sends, not as the mean. What links have no use for is refused.
@@ -15,6 +16,7 @@ import numpy as np
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [os.path.join(HERE, '..', 'common'), os.path.join(HERE, '..', 'mpi'), HERE]
+import glb  # noqa: E402
 import harness  # noqa: E402
 import patches  # noqa: E402
 import same_result  # noqa: E402
@@ -26,7 +28,7 @@ def check_error(kiln, checks, table):
     """Light of texels against all pairs: root of the mean square, over that of the light."""
     options = (*patches.PLAIN, '--bounces', 2, '--samples-direct', 64, '--samples-indirect', 64, '--texels-per-metre',
                4, '--method', 'radiosity')
-    ways = ((), (*LINKS, '--link-error', 0), LINKS, (*LINKS, '--link-error', 0.1))
+    ways = ((), (*LINKS, '--patches', 'links:0'), LINKS, (*LINKS, '--patches', 'links:0.1'))
     mean = []
     bakes = [kiln.bake(patches.CORNELL, *options, *more) for more in ways]
     if not all([checks.baked(bake) for bake in bakes]):
@@ -72,7 +74,8 @@ def check_tilted(kiln, checks):
     sponza = os.path.join(harness.SHARED, 'third_party', 'crytek_sponza.glb')
     if not os.path.exists(sponza):
         return
-    common = (sponza, *patches.PLAIN, '--quality', 'preview', '--texels-per-metre', 0.35, '--bounces', 1)
+    common = (sponza, *patches.PLAIN, '--quality', 'preview', '--texels-per-metre', 0.35, '--bounces', 1,
+              '--materials', 'diffuse')
     rays = kiln.bake(*common, '--samples-indirect', 256, '--denoise', 'none')
     links = kiln.bake(*common, '--method', 'radiosity', *LINKS, '--denoise', 'auto')
     if not all([checks.baked(bake) for bake in (rays, links)]):
@@ -86,17 +89,68 @@ def check_tilted(kiln, checks):
     checks.that(stated < 0.3, 'the stated error is %g of the mean light' % stated)
 
 
+def sealed_box(path):
+    """A box of five sheets on the floor of a lit room, nothing in it."""
+    scene = glb.Scene()
+    white, lamp = scene.material('white', (0.7,) * 3), scene.material('lamp', (0, 0, 0), (20,) * 3)
+    paper = scene.material('paper', (0.7,) * 3, double_sided=True)
+    glb.box(scene, 'room', (0, 0, 0), (4, 2.5, 4), white, range(6))
+    scene.quad('lamp', [(1.5, 2.45, 1.5), (2.5, 2.45, 1.5), (2.5, 2.45, 2.5), (1.5, 2.45, 2.5)], lamp)
+    for name, corners in (('a', ('100', '101', '111', '110')), ('b', ('201', '200', '210', '211')),
+                          ('c', ('200', '100', '110', '210')), ('d', ('101', '201', '211', '111')),
+                          ('e', ('111', '211', '210', '110'))):
+        scene.quad(name, [(float(x), 0.8 * float(y), 1 + float(z)) for x, y, z in corners], paper)
+    return scene.write(path)
+
+
+def check_sealed(kiln, checks, table):
+    """No node has points of within and without, and none shares a ray with one beyond the wall."""
+    path = sealed_box(os.path.join(kiln.scratch, 'sealed.glb'))
+    for error in (0.015, 0.1, 0.7) if kiln.backend == 'embree' else (0.1,):
+        bake = kiln.bake(path, *patches.PLAIN, '--method', 'radiosity', '--patches', 'links:%g' % error, '--bounces', 3,
+                         '--texels-per-metre', 8, '--samples-direct', 16, '--samples-indirect', 64, '--no-stitch')
+        if not checks.baked(bake):
+            return
+        points, edge = bake.points, 0.5 / 8
+        x, y, z = points.position.T
+        light = points.total @ harness.LUMINANCE
+        floor = points.valid & (y < 0.01) & (np.abs(x - 1.5) < 0.5 - edge) & (np.abs(z - 1.5) < 0.5 - edge)
+        backs = points.valid & (points.side == 1)
+        checks.that(floor.sum() > 30 and backs.sum() > 50 and not light[floor | backs].any(),
+                    'links of %g: in a sealed box the light is %g at most' % (error, light[floor | backs].max()),
+                    bake.process)
+        table.row('sealed box, links:%g' % error, '%g' % light[floor | backs].max(), '')
+        bake.remove()
+
+
+def check_materials(kiln, checks):
+    """What is not diffuse is not left out in silence: auto is refused, and --materials diffuse is not."""
+    scene = glb.Scene()
+    glb.box(scene, 'room', (0, 0, 0), (1, 1, 1), scene.material('white', (0.7,) * 3), range(6))
+    scene.quad('mirror', [(0.2, 0.2, 0.01), (0.8, 0.2, 0.01), (0.8, 0.8, 0.01), (0.2, 0.8, 0.01)],
+               glb.gloss(scene, 'silver', (0.9,) * 3, 1.0, 0.0))
+    path = scene.write(os.path.join(kiln.scratch, 'mirror.glb'))
+    for method in (('--method', 'radiosity'), ('--method', 'radiosity', *LINKS)):
+        process = kiln.bake(path, *patches.PLAIN, *method, '--texels-per-metre', 4).process
+        checks.that(process.status == 64 and "'silver': metal" in process.sentence() and
+                    '--materials diffuse' in process.sentence(), 'a mirror was not refused', process)
+        checks.baked(kiln.bake(path, *patches.PLAIN, *method, '--texels-per-metre', 4, '--materials', 'diffuse',
+                               '--bounces', 1, '--samples-direct', 16, '--samples-indirect', 16))
+
+
 def main():
     _, kiln = harness.start(__doc__)
     checks = harness.Checks()
     table = harness.Table(('scene', 44), ('worst', 10), ('mean', 10))
     known = patches.cases()
     patches.check_furnace(kiln, checks, table, known['furnace_cube_rho0.5'], *LINKS)
-    patches.check_furnace(kiln, checks, table, known['furnace_cube_rho0.9'], *LINKS, '--link-error', 0.05)
+    patches.check_furnace(kiln, checks, table, known['furnace_cube_rho0.9'], *LINKS, '--patches', 'links:0.05')
     check_error(kiln, checks, table)
+    check_sealed(kiln, checks, table)
     patches.check_same_bits(kiln, checks, *LINKS)
     check_tilted(kiln, checks)
     check_refusals(kiln, checks)
+    check_materials(kiln, checks)
     checks.end()
 
 

@@ -152,7 +152,7 @@ def check_contact(kiln, checks, table):
 def check_nodes(kiln, checks, table):
     options = (*PLAIN, '--bounces', 1, '--samples-direct', 64, '--texels-per-metre', 4, '--method', 'radiosity')
     ways = ((), ('--undersample', 'stride'), ('--undersample', 'random'), ('--undersample', 'mipmap'),
-            ('--undersample', 'mipmap', '--sampling-window', 2), ('--subdivide', 0.02), ('--subdivide', 0.2))
+            ('--undersample', 'mipmap:2'), ('--subdivide', 0.02), ('--subdivide', 0.2))
     bakes = [kiln.bake(CORNELL, *options, *more) for more in ways]
     if not all([checks.baked(bake) for bake in bakes]):
         return
@@ -183,7 +183,7 @@ def check_charts(kiln, checks):
                scene.material('grey', (0.5, ) * 3))
     path = scene.write(os.path.join(kiln.scratch, 'lamps.glb'))
     options = (*PATCHES, '--lightmap-size', 16, '--bounces', 0, '--samples-direct', 1)
-    ways = ((), ('--undersample', 'mipmap', '--sampling-window', 64), ('--subdivide', 1000, '--node-max', 64))
+    ways = ((), ('--undersample', 'mipmap:64'), ('--subdivide', '1000:64'))
     bakes = [kiln.bake(path, *options, *more) for more in ways]
     if all([checks.baked(bake) for bake in bakes]):
         light = [mean(bake, 'floor')[0] for bake in bakes]
@@ -206,6 +206,29 @@ def check_scaled(kiln, checks):
         checks.that(said == wanted, 'run.json has other settings: %s' % said, half.process)
         ratio = clamped.points.direct.sum() / free.points.direct.sum()
         checks.that(0.001 < ratio < 0.9, '--clamp leaves %g of the direct light' % ratio, clamped.process)
+
+
+def check_triangle(kiln, checks, table):
+    """A floor outdoors under a lamp of one triangle, which few of the rays that close rows meet, or none: patches bring
+    what samples of the lamp do."""
+    scene = glb.Scene()
+    scene.quad('floor', [(-2, 0, 2), (2, 0, 2), (2, 0, -2), (-2, 0, -2)], scene.material('white', (0.5,) * 3))
+    scene.mesh('lamp', [(-0.5, 2, -0.5), (0.5, 2, -0.5), (0, 2, 0.6)], [(0, 0), (1, 0), (0.5, 1)], [(0, 1, 2)],
+               scene.material('lamp', (0, 0, 0), (10,) * 3))
+    path = scene.write(os.path.join(kiln.scratch, 'triangle.glb'))
+    few = (*PLAIN, '--method', 'radiosity', '--texels-per-metre', 4, '--bounces', 0, '--samples-direct', 256,
+           '--samples-indirect', 64)
+    true = kiln.bake(path, *few, '--lights', 'sampled')
+    for more in ((), ('--patches', 'links')):
+        bake = kiln.bake(path, *few, '--lights', 'patches', *more)
+        if not checks.baked(true) or not checks.baked(bake):
+            return
+        floor = true.points.of(true.index('floor'))
+        found, wanted = bake.points.total[floor, 1], true.points.total[floor, 1]
+        worst, mean = np.abs(found / wanted - 1).max(), found.sum() / wanted.sum() - 1
+        table.row(' '.join(('triangle', *more)), '%.2e' % worst, '%+.2e' % mean)
+        checks.that(worst < 0.02 and abs(mean) < 0.005, 'under a triangle: the mean is off by %g, a texel by %g' %
+                    (mean, worst), bake.process)
 
 
 def check_same(kiln, checks):
@@ -277,6 +300,7 @@ def main():
         check_furnace(kiln, checks, table, known['furnace_cube_rho0.5'], *more)
     check_convergence(kiln, checks, table)
     check_contact(kiln, checks, table)
+    check_triangle(kiln, checks, table)
     check_glass(kiln, checks, table)
     check_nodes(kiln, checks, table)
     check_charts(kiln, checks)

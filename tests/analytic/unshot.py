@@ -59,7 +59,7 @@ def check_pairs(kiln, checks, table, wanted):
 
 
 def check_end(kiln, checks):
-    bake = kiln.bake(patches.CORNELL, *FEW, '--texels-per-metre', 2, *UNSHOT, '--unshot-left', 0.01)
+    bake = kiln.bake(patches.CORNELL, *FEW, '--texels-per-metre', 2, *UNSHOT, '--order', 'unshot:0.01')
     if not checks.baked(bake):
         return
     reflected = sum(np.array(step['reflected']) @ harness.LUMINANCE for step in bake.run['bounces'])
@@ -68,7 +68,7 @@ def check_end(kiln, checks):
                 '%g of all is left over, and %s is said' % (left, bake.run['tail']), bake.process)
     said = [bake.run['job'][key] for key in ('order', 'unshot_left')]
     checks.that(said == ['unshot', 0.01], 'run.json has other settings: %s' % said, bake.process)
-    checks.energy(bake, '--unshot-left 0.01')
+    checks.energy(bake, '--order unshot:0.01')
 
 
 def check_same(kiln, checks):
@@ -103,7 +103,7 @@ def main():
     if wanted is not None:
         check_pairs(kiln, checks, table, wanted)
     check_light(kiln, checks, table, '--lights', 'patches')
-    check_light(kiln, checks, table, '--undersample', 'mipmap', '--sampling-window', 2)
+    check_light(kiln, checks, table, '--undersample', 'mipmap:2')
     check_end(kiln, checks)
     check_same(kiln, checks)
     check_refusals(kiln, checks)

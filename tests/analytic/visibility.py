@@ -107,7 +107,7 @@ def check_voxels(kiln, checks):
     few, off = (*FEW, '--texels-per-metre', 2), []
     rays = kiln.bake(CORNELL, *few)
     for voxels in (16, 32, 96):
-        more = ('--visibility', 'voxels', '--voxels', voxels)
+        more = ('--visibility', 'voxels:%d' % voxels)
         bake = kiln.bake(CORNELL, *few, *more)
         if not checks.baked(rays) or not checks.baked(bake):
             return

@@ -9,7 +9,6 @@ paths. Where single paths are bright the root mean square hangs on which have be
 """
 import argparse
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -19,6 +18,7 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
 import harness  # noqa: E402
+from study import child  # noqa: E402
 
 INTERIORS = os.path.join(harness.SHARED, 'third_party')
 COMMON = ['--threads', '1', '--backend', 'embree', '--bounces', '0', '--samples-direct', '4', '--samples-probe', '0',
@@ -39,11 +39,8 @@ def scenes(kiln, folder):
 
 def bake(kiln, scene, folder, *more):
     """Processor seconds, and luminances of the layer, if there is one."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([kiln, 'bake', *scene, '-o', folder, *COMMON, *more], check=True,
-                   env={**os.environ, 'OMP_WAIT_POLICY': 'passive'})
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    os.environ['OMP_WAIT_POLICY'] = 'passive'
+    seconds = child.run([kiln, 'bake', *scene, '-o', folder, *COMMON, *more]).must('the bake').processor
     with h5py.File(os.path.join(folder, 'kiln.h5')) as file:
         name = 'irradiance/caustic'
         return seconds, file[name][()] @ np.array([0.2126, 0.7152, 0.0722]) if name in file else None

@@ -72,10 +72,9 @@ def main():
         of = Side(kiln, arguments.scene, side, arguments.rays)
         rays = ('--samples-indirect', arguments.samples)
         if arguments.window > 0:
-            of.row(table, 'window %d' % arguments.window, '--undersample', 'mipmap', '--sampling-window',
-                   arguments.window, *rays)
+            of.row(table, 'window %d' % arguments.window, '--undersample', 'mipmap:%d' % arguments.window, *rays)
         for error in arguments.link_error:
-            of.row(table, 'links %g' % error, '--patches', 'links', '--link-error', error, *rays)
+            of.row(table, 'links %g' % error, '--patches', 'links:%g' % error, *rays)
 
 
 if __name__ == '__main__':

@@ -6,14 +6,13 @@ Single triangles above a floor, each an object with a lightmap of its own. With 
 times the processor time the other program takes.
 """
 import os
-import resource
-import subprocess
 import sys
 import tempfile
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import measure  # noqa: E402, F401: it says where harness is
 import harness  # noqa: E402
+from study import child  # noqa: E402
 
 CHEAP = ('--quality', 'draft', '--samples-probe', '0', '--quiet')
 
@@ -28,10 +27,7 @@ def write_scene(path, count):
 
 
 def processor_seconds(program, scene, folder):
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([program, 'bake', scene, '-o', folder, *CHEAP], check=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return child.run([program, 'bake', scene, '-o', folder, *CHEAP]).must('the bake').processor
 
 
 def main():

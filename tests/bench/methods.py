@@ -28,9 +28,9 @@ METHODS = {
     'cells': RAYS,
     'cells, guide': [(*r, '--guide', 'auto') for r in RAYS],
     'pairs': [PATCHES],
-    'mipmap windows': [(*PATCHES, '--undersample', 'mipmap', '--sampling-window', w) for w in (8, 4, 2)],
-    'links': [(*PATCHES, '--patches', 'links', '--link-error', e) for e in (0.06, 0.03, 0.015)],
-    'mixed': [(*PATCHES, '--gather', 'mixed', '--directions', n) for n in (32, 128, 512)],
+    'mipmap windows': [(*PATCHES, '--undersample', 'mipmap:%d' % w) for w in (8, 4, 2)],
+    'links': [(*PATCHES, '--patches', 'links:%g' % e) for e in (0.06, 0.03, 0.015)],
+    'mixed': [(*PATCHES, '--gather', 'mixed:%d' % n) for n in (32, 128, 512)],
     'path': [('--quality', 'preview', '--method', 'path', '--samples-indirect', n) for n in (32, 128, 512)],
 }
 

@@ -10,8 +10,6 @@ root mean square of the luminance over its mean.
 import argparse
 import json
 import os
-import resource
-import subprocess
 import sys
 import tempfile
 
@@ -20,6 +18,7 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
 import harness  # noqa: E402
+from study import child  # noqa: E402
 
 SCENES = {
     'cornell': (os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb'), 12, [],
@@ -31,10 +30,8 @@ PLAIN = ['--quality', 'preview', '--samples-probe', '0', '--no-stitch', '--denoi
 
 
 def run(kiln, *arguments):
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([kiln, *arguments], check=True, env={**os.environ, 'OMP_WAIT_POLICY': 'passive'})
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    os.environ['OMP_WAIT_POLICY'] = 'passive'
+    return child.run([kiln, *arguments]).must('kiln %s' % arguments[0]).processor
 
 
 def light(folder):

@@ -10,7 +10,6 @@ that it is that of the resolution alone: rms over the mean, by area.
 """
 import math
 import os
-import resource
 import sys
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -31,9 +30,8 @@ def processor_time(kiln, scene, density, scale, bounces):
     """(s, rays of the bounces)"""
     seconds = []
     for _ in range(3):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
         b = bake(kiln, scene, density, scale, 16, 16, 4, bounces)
-        seconds.append(resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before)
+        seconds.append(b.process.processor)
         rays = b.run['rays']['bounces']
         b.remove()
     return min(seconds), rays

@@ -3,7 +3,7 @@
   /usr/bin/python3 tests/bench/traversals.py --kiln build/release/kiln [--size W H] [--samples N] [SCENE ...]
 
 Of cornell-spheres, the mirrors, and of files that are given, each method (bdpt, vcm; path, whose kernels are others)
-draws by `--traversal compute` and `pipeline`. Rows have milliseconds of a path for each pixel by both, from pictures of
+draws by KILN_TRAVERSAL=compute and =pipeline. Rows have milliseconds of a path for each pixel by both, from pictures of
 N + 1 samples and of one; how far apart the two pictures are, rms and mean over the mean; and how far apart two seeds
 are by compute, which noise makes of it. Both traversals follow the same paths by the same random numbers, so that
 pictures differ where rounding decides whether an edge is met: much less than by seeds. It ends with 1 where their
@@ -27,9 +27,10 @@ GENERATED = ('cornell-spheres', 'mirrors')
 def draw(kiln, scene, options, method, traversal, samples, seed):
     """(picture, seconds); ends with the program's sentence where it draws none."""
     path = os.path.join(kiln.scratch, 'view.exr')
-    run = kiln.command('view', scene, '--method', method, '--backend', 'vulkan', '--traversal', traversal,
-                       '--materials', 'auto', '--width', options.size[0], '--height', options.size[1],
-                       '--samples-pixel', samples, '--seed', seed, '-o', path, '--json', '--quiet', timeout=3600)
+    kiln.environment['KILN_TRAVERSAL'] = traversal
+    run = kiln.command('view', scene, '--method', method, '--backend', 'vulkan', '--materials', 'auto', '--width',
+                       options.size[0], '--height', options.size[1], '--samples-pixel', samples, '--seed', seed, '-o',
+                       path, '--json', '--quiet', timeout=3600)
     if run.status != 0:
         sys.exit('%s, %s by %s: %s' % (os.path.basename(scene), method, traversal, run.sentence()))
     return exr.rgb(path), run.json()['seconds']

@@ -16,7 +16,6 @@
 #include <unistd.h>
 
 #include "coordinator/import/import.h"
-#include "shaders/intersect.h"
 #include "worker/backend/vulkan/bvh_device.h"
 #include "worker/backend/vulkan/tracer.h"
 #include "worker/backend/vulkan/vulkan.h"
@@ -164,11 +163,8 @@ static double trace(struct gpu *gpu, const struct kiln_geometry *g, const struct
                     const struct rays *rays, struct kiln_gpu_hit *hits)
 {
     const uint32_t constants[VULKAN_CONSTANTS] = {[VULKAN_TRAVERSAL] = KILN_TRAVERSAL_FOUR};
-    const struct gpu_kernel_params params = {.name = "intersect",
-                                             .code = kiln_spirv_intersect,
-                                             .code_bytes = sizeof kiln_spirv_intersect,
-                                             .constants = constants,
-                                             .constant_count = VULKAN_CONSTANTS};
+    const struct gpu_kernel_params params = {
+        .name = "intersect", .code = &kiln_code_intersect, .constants = constants, .constant_count = VULKAN_CONSTANTS};
     const struct kiln_gpu_scene scene = {.trace = {.nodes = l->nodes.address,
                                                    .triangles = l->triangles.address,
                                                    .triangle_count = (uint32_t)l->triangle_count,
@@ -254,7 +250,7 @@ static void try_device(struct gpu *gpu, const struct kiln_geometry *g, const str
     check(bvh_device_create(&tree, gpu, g, 0, &error), &error);
     seconds[0] = kiln_clock_seconds() - start;
     start = kiln_clock_seconds();
-    check(bvh_device_layout_create(tree, KILN_TRAVERSAL_FOUR, &l, &too_deep, &error), &error);
+    check(bvh_device_layout_create(tree, &l, &too_deep, &error), &error);
     seconds[1] = kiln_clock_seconds() - start;
     bvh_device_destroy(&tree);
     if (too_deep)

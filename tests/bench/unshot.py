@@ -47,7 +47,7 @@ def main():
         baked(kiln, table, wanted, scene, options, '--order', 'unshot')
         wanted = baked(kiln, table, None, scene, options, '--bounces', 1)
         for voxels in (32, 64, 128, 256):
-            baked(kiln, table, wanted, scene, options, '--bounces', 1, '--visibility', 'voxels', '--voxels', voxels)
+            baked(kiln, table, wanted, scene, options, '--bounces', 1, '--visibility', 'voxels:%d' % voxels)
 
 
 if __name__ == '__main__':

@@ -20,11 +20,15 @@ class Answer:
         return lines[0][len("kiln: error: "):]
 
 
-def kiln(*arguments, folder=None, stdout=subprocess.PIPE, prefix=(), timeout=60):
-    """Runs kiln in `folder` and waits. `prefix` goes before it on the command line, as for mpirun."""
+def kiln(*arguments, folder=None, stdout=subprocess.PIPE, prefix=(), timeout=60, columns=None):
+    """Runs kiln in `folder` and waits. `prefix` goes before it on the command line, as for mpirun. `columns`: width of
+    the terminal, as a shell states it."""
+    environment = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
+    if columns is not None:
+        environment["COLUMNS"] = str(columns)
     begin = time.monotonic()
     completed = subprocess.run([*prefix, KILN, *map(str, arguments)], cwd=folder, stdin=subprocess.DEVNULL,
-                               stdout=stdout,
+                               stdout=stdout, env=environment,
                                stderr=subprocess.PIPE, text=True, errors="surrogateescape", timeout=timeout)
     return Answer(completed, time.monotonic() - begin)
 
@@ -35,4 +39,4 @@ def quickest(*arguments, tries=5):
 
 
 COMMANDS = ["bake", "plan", "info", "check", "view", "compare", "probe", "generate", "report", "bench", "submit",
-            "status", "stop", "verify", "export", "mix"]
+            "status", "stop", "verify", "export", "mix", "relight"]

@@ -68,7 +68,6 @@ class Devices(unittest.TestCase):
         for arguments in (["info", "--devices", self.scene], ["bake", self.scene, "--verify-fraction", "1.5"],
                           ["bake", self.scene, "--dispatch-time", "0"], ["bake", self.scene, "--device", "-2"]):
             self.assertEqual(kiln(*arguments).code, 64, arguments)
-        self.assertEqual(kiln("bake", self.scene, "--traversal", "magic").code, 69)
 
 
 if __name__ == "__main__":

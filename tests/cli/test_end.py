@@ -56,7 +56,8 @@ class End(unittest.TestCase):
         self.assertEqual(answer.code, 0)
         self.assertRegex(answer.out, r"(?m)^state +done$")
         self.assertRegex(answer.out, r"(?m)^next +kiln report")
-        self.assertEqual(json.loads(kiln("status", self.out, "--json").out)["state"], "done")
+        said = json.loads(kiln("status", self.out, "--json").out)
+        self.assertEqual((said["status"], said["state"]), ("done", "done"))
         self.assertEqual(kiln("status", self.folder).code, 66)
 
     def test_damage_is_one_object(self):

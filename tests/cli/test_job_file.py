@@ -69,7 +69,7 @@ class JobFile(unittest.TestCase):
         for name in ("folder.yaml", "zero.yaml", "pipe.yaml"):
             answer = kiln("bake", name, folder=self.folder.name, timeout=5)
             self.assertEqual(answer.code, 65)
-            self.assertRegex(answer.sentence(), f"^{name}: is not a file")
+            self.assertRegex(answer.sentence(), f"^'{name}' is not a plain file")
 
     def test_paths_are_relative_to_the_job_file(self):
         os.mkdir(os.path.join(self.folder.name, "deep"))

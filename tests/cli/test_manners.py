@@ -60,6 +60,15 @@ class Manners(unittest.TestCase):
                 self.assertNotIn(FORGED, text.splitlines())
         self.assertTrue(any("\\x1b[31mX\\x0a" in answer.out + answer.err for answer in answers))
 
+    def test_names_write_nothing_in_pages(self):
+        """Whoever prints one on a terminal is as safe."""
+        page = os.path.join(self.folder, "report.html")
+        self.assertEqual(kiln("report", self.out, "-o", page).code, 0)
+        with open(page, encoding="utf-8") as file:
+            text = file.read()
+        self.assertTrue("\\x1b[31mX" in text)
+        self.assertTrue(ACTS.search(text) is None)
+
     def test_threads_sleep_while_they_wait(self):
         """Unless the environment says otherwise. OpenMP's library says what it has read."""
         for wish, policy in (({}, "PASSIVE"), ({"OMP_WAIT_POLICY": "active"}, "ACTIVE")):
@@ -80,6 +89,7 @@ class Manners(unittest.TestCase):
         answer = kiln("status", place, "--json")
         self.assertEqual(answer.code, 0, answer.err)
         self.assertTrue(json.loads(answer.out)["message"].endswith("é"))
+        self.assertEqual(json.loads(answer.out)["status"], "ééééééé")  # and not done
         self.assertIsNone(ACTS.search(kiln("status", place).out))
 
     def test_closed_descriptors_are_nobody_elses(self):
@@ -107,6 +117,39 @@ class Manners(unittest.TestCase):
             self.assertEqual(done.returncode, 74, done.stderr)
             self.assertIn("at most 4096 bytes (ulimit -f)", done.stderr)
 
+    def test_what_cannot_be_printed_is_said(self):
+        def broken():
+            signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+        for words in (["help"], ["info", self.scene], ["info", self.scene, "--json"], ["verify", self.out, "--json"],
+                      ["bake", "--help"]):
+            with open("/dev/full", "w") as full:
+                done = subprocess.run([KILN, *words], stdin=subprocess.DEVNULL, stdout=full, stderr=subprocess.PIPE,
+                                      text=True, timeout=60)
+            self.assertEqual(done.returncode, 74, done.stderr)
+            self.assertIn("cannot write to stdout: No space left on device", done.stderr)
+            reads, writes = os.pipe()
+            os.close(reads)
+            done = subprocess.run([KILN, *words], stdin=subprocess.DEVNULL, stdout=writes, stderr=subprocess.PIPE,
+                                  text=True, timeout=60, preexec_fn=broken, restore_signals=False)
+            os.close(writes)
+            self.assertEqual(done.returncode, 74, done.stderr)
+            self.assertIn("cannot write to stdout: Broken pipe", done.stderr)
+
+    def test_a_limit_on_the_stack_is_said(self):
+        """The soft limit is raised; a hard one that is too low is told."""
+        for hard in (512 << 10, 1 << 20, 64 << 20):
+            out = os.path.join(self.folder, f"stack{hard}")
+
+            def limited():
+                resource.setrlimit(resource.RLIMIT_STACK, (512 << 10, hard))
+            for words in (["plan", self.scene], ["bake", self.scene, "-o", out, *SMALL]):
+                done = subprocess.run([KILN, *words], stdin=subprocess.DEVNULL, capture_output=True, text=True,
+                                      preexec_fn=limited, timeout=60)
+                self.assertEqual(done.returncode, 0 if hard > 4 << 20 else 71, done.stderr)
+                if hard < 4 << 20:
+                    self.assertIn(f"the stack may have {hard >> 10} KiB, and kiln needs 4096: raise the limit first "
+                                  "(ulimit -s 4096)", done.stderr)
+
     def test_zero_is_zero(self):
         answer = kiln("info", self.scene, "--environment", "1,1,1", "--environment-scale", "0")
         self.assertRegex(answer.out, r"(?m)^  environment  none")
@@ -117,10 +160,10 @@ class Manners(unittest.TestCase):
     def test_numbers_have_bounds(self):
         for words, code, pattern in ((["view", self.out, "--from", "1e19,0,0"], 64, "1e\\+19 is out of range"),
                                      (["view", self.out, "--to", "0,-1e300,0"], 64, "out of range"),
-                                     (["bake", self.scene, "--environment", "1e31,1,1"], 64,
-                                      "radiance of 1e\\+31 is out of range; .* from 0 to 1e\\+30"),
-                                     (["info", self.scene, "--environment", "1e30,1e30,1e30", "--environment-scale",
-                                       "1e3"], 64, "radiance into 1e\\+33")):
+                                     (["bake", self.scene, "--environment", "1e19,1,1"], 64,
+                                      "radiance of 1e\\+19 is out of range; .* from 0 to 1e\\+15"),
+                                     (["info", self.scene, "--environment", "1e15,1e15,1e15", "--environment-scale",
+                                       "1e3"], 64, "radiance into 1e\\+18")):
             answer = kiln(*words)
             self.assertEqual(answer.code, code, answer.err)
             self.assertRegex(answer.sentence(), pattern)
@@ -148,8 +191,8 @@ class Manners(unittest.TestCase):
             self.assertNotRegex(answer.err, "(?m)^(validity|emission|direct light)")
 
     def test_signals_at_any_time(self):
-        """From the begin of main on a bake notes them; what nohup ignores stays ignored; other commands end as any
-        program does and leave nothing."""
+        """From the begin of main on a bake notes them; what nohup ignores stays ignored; other commands that
+        write files end at once."""
         def started(process):
             return subprocess.run(["grep", "-q", "^SigCgt:.*[1-9a-f]", f"/proc/{process.pid}/status"]).returncode == 0
         for number in (signal.SIGHUP, signal.SIGUSR1, signal.SIGTERM):
@@ -170,6 +213,17 @@ class Manners(unittest.TestCase):
         process.send_signal(signal.SIGHUP)
         process.communicate(timeout=60)
         self.assertEqual(process.returncode, 0)
+        process = subprocess.Popen([KILN, "generate", "city", "--triangles", "300000", "--json", "-o",
+                                    os.path.join(self.folder, "city.glb")],
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        while not started(process) and process.poll() is None:
+            time.sleep(0.001)
+        process.send_signal(signal.SIGTERM)
+        said, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 75, error)
+        self.assertEqual(error, "kiln: stopped by SIGTERM; the same command starts again\n")
+        self.assertEqual(json.loads(said), {"status": "stopped", "code": 75, "message": error[len("kiln: "):-1]})
+        self.assertEqual([name for name in os.listdir(self.folder) if "city" in name], [])
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ class Usage(unittest.TestCase):
     def test_unknown_names_bring_the_nearest(self):
         for pattern, arguments in {
             r"unknown command 'bakee'.*'bake'": ["bakee"],
+            r"--quality: the command comes first": ["--quality", "draft", "bake", self.scene],
             r"unknown command 'generat'.*'generate'": ["generat", "--help"],
             r"--smaples-direct.*--samples-direct": ["bake", self.scene, "--smaples-direct", "4"],
             r"--sampels-bounce.*--samples-bounce": ["bake", self.scene, "--sampels-bounce=4"],
@@ -34,6 +35,9 @@ class Usage(unittest.TestCase):
             r"--no-stich.*--stitch|--no-stich": ["bake", self.scene, "--no-stich"],
             r"-x.*-o and -h": ["bake", self.scene, "-x"],
             r"belongs to bake.*": ["view", "out", "--samples-bounce", "4"],
+            r"has no option --camera; it belongs to view": ["bake", self.scene, "--camera", "all"],
+            r"has no option --undersample; it belongs to bake, plan": ["info", self.scene, "--undersample", "random"],
+            r"--subdivid.*--subdivide": ["bake", self.scene, "--subdivid", "0.1:16"],
         }.items():
             self.refused(64, pattern, *arguments)
 
@@ -42,7 +46,7 @@ class Usage(unittest.TestCase):
                           ["view", "out", "--xyzzy"], ["generate", "teapot"]):
             answer = self.refused(64, "unknown|no scene is called", *arguments)
             self.assertNotIn("nearest", answer.sentence())
-            self.assertRegex(answer.sentence(), "lists all|there are: cornell")
+            self.assertRegex(answer.sentence(), "lists all|lists them|there are: cornell")
         self.refused(64, "the nearest one is --no-stitch", "bake", self.scene, "--no-stich")
         self.refused(64, "the nearest one is 'generate'", "gen")  # how it begins
 
@@ -92,7 +96,7 @@ class Usage(unittest.TestCase):
             r"--method: .*'paths'.*cells": ["--method", "paths"],
             r"--quality: .*'high'.*draft, preview, production, reference": ["--quality", "high"],
             r"--environment: '1,2' is neither": ["--environment", "1,2"],
-            r"--environment: a radiance of -2 is out of range.*from 0 to 1e\+30": ["--environment", "1,-2,3"],
+            r"--environment: a radiance of -2 is out of range.*from 0 to 1e\+15": ["--environment", "1,-2,3"],
             r"--environment: 'sky.png' is neither": ["--environment", "sky.png"],
             r"--output: is empty": ["-o", ""],
             r"--stitch: 'maybe' is neither true nor false": ["--stitch=maybe"],
@@ -109,7 +113,7 @@ class Usage(unittest.TestCase):
             self.refused(66, "Not a directory", command, "scene.glb/inside.glb")
             self.refused(65, "is a folder", command, ".")
             self.refused(65, "is not a regular file", command, "/dev/null")
-            self.refused(66, "missing.yaml: No such file", command, "missing.yaml")
+            self.refused(66, "missing.yaml.*: No such file", command, "missing.yaml")
 
     def test_json_errors(self):
         for arguments in (["bake", "missing.glb", "--json"], ["bakee", "--json"],
@@ -127,6 +131,21 @@ class Usage(unittest.TestCase):
             answer = kiln(*arguments, prefix=["mpirun", "-n", "3"], folder=self.folder.name)
             self.assertEqual(answer.code, 64 if arguments == ["bakee"] else 66)
             answer.sentence()
+
+    def test_options_that_do_not_count_are_told(self):
+        """From the command line and from a job file alike; never of what was not given, and not with --quiet."""
+        with tempfile.TemporaryDirectory() as folder:
+            scene, job = os.path.join(folder, "room.glb"), os.path.join(folder, "job.yaml")
+            kiln("generate", "furnace", "-o", scene)
+            with open(job, "w") as file:
+                file.write("scene: room.glb\nenvironment: none\nenvironment-scale: 2\nprobe-basis: cubemap\n")
+            wanted = r"(?m)^kiln: note: --environment-scale does not count here: --environment none is no light"
+            for words in (["info", scene, "--environment", "none", "--environment-scale", "2"], ["info", job]):
+                self.assertRegex(kiln(*words).err, wanted)
+                self.assertNotIn("does not count", kiln(*words, "--quiet").err)
+            self.assertNotIn("does not count", kiln("info", scene).err)
+            self.assertRegex(kiln("plan", job, "--ranks", "1", "--texels-per-metre", "1").err,
+                             r"note: --probe-basis does not count here: .*give --tracing-range M")
 
 
 if __name__ == "__main__":

@@ -55,7 +55,7 @@ def wait_for(condition, seconds, what):
 
 
 def bake_can(option):
-    return f"--{option}" in subprocess.run([KILN, "bake", "--help"], capture_output=True, text=True).stdout
+    return f"--{option}" in subprocess.run([KILN, "bake", "--help", "all"], capture_output=True, text=True).stdout
 
 
 def bits(folder):

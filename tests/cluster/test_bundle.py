@@ -110,7 +110,7 @@ class Bundle(unittest.TestCase):
     def test_no_library_is_left_to_chance(self):
         """All that the folder's own libraries need is in the folder, of the C library, or lent."""
         inside = {path.name for path in self.bundle.rglob("*.so*")}
-        for library in (self.bundle / "lib").iterdir():
+        for library in (self.bundle / "lib").glob("*.so*"):
             needed = subprocess.run(["patchelf", "--print-needed", library], capture_output=True, text=True,
                                     check=True).stdout.split()
             for name in needed:
@@ -118,6 +118,12 @@ class Bundle(unittest.TestCase):
                                 or name.startswith(("libc.so", "libm.so", "ld-linux", "libdl.", "libpthread.",
                                                     "librt.")),
                                 f"{library.name} needs {name}")
+
+    def test_kernels_without_doubles(self):
+        """Where the program looks for them: in ../lib/kiln of its folder."""
+        name = "kiln-float.kernels"
+        self.assertEqual((self.bundle / "lib/kiln" / name).read_bytes(),
+                         (pathlib.Path(KILN).resolve().parent / name).read_bytes())
 
 
 if __name__ == "__main__":

@@ -163,6 +163,7 @@ class Points:
             else:  # of octrees
                 self.leaf, self.facing = get('points/leaf').astype(np.int64), get('points/facing')
             self.side = get('points/side') if 'points/side' in f else np.zeros(len(self.object), np.uint8)
+            self.part = get('points/part') if 'points/part' in f else np.zeros(len(self.object), np.uint8)
             self.area = get('points/area').astype(np.float64)
             self.valid = get('points/valid').astype(bool)
             self.direct = get('irradiance/direct').astype(np.float64)
@@ -175,8 +176,9 @@ class Points:
         self.count = len(self.area)
 
     def of(self, index, side=0):
-        """Indices of the valid points of object number `index`: of its fronts, or with side 1 of its backs."""
-        return np.flatnonzero((self.object == index) & (self.side == side) & self.valid)
+        """Indices of the valid points of object number `index` that its lightmap shows: of its fronts, or with side 1
+        of its backs."""
+        return np.flatnonzero((self.object == index) & (self.side == side) & (self.part == 0) & self.valid)
 
 
 class Bake:

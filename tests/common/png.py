@@ -39,14 +39,15 @@ def _unfilter(kind, line, above):
 
 
 def data_uri(pixels):
-    """A PNG of 8-bit RGB, as a data URI."""
+    """A PNG of 8-bit RGB or RGBA, as a data URI."""
     pixels = np.asarray(pixels, np.uint8)
-    height, width, _ = pixels.shape
+    height, width, channels = pixels.shape
 
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     rows = b"".join(b"\0" + row.tobytes() for row in pixels)
-    data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) + chunk(
+    kind = 2 if channels == 3 else 6
+    data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, kind, 0, 0, 0)) + chunk(
         b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
     return "data:image/png;base64," + base64.b64encode(data).decode()

@@ -28,6 +28,15 @@ def refused(status, words, *arguments):
     assert run.returncode == status and words in run.stderr, (arguments, run.returncode, run.stderr)
 
 
+def refused_damaged(words, folder, *arguments):
+    """What is not as the manifest has it is not read; without a manifest, what does not fit its own check."""
+    manifest, aside = os.path.join(folder, "manifest"), os.path.join(folder, "manifest.aside")
+    refused(harness.BAD_INPUT, "is not as it was written: its hash", "relight", folder, *arguments)
+    os.rename(manifest, aside)
+    refused(harness.BAD_INPUT, words, "relight", folder, *arguments)
+    os.rename(aside, manifest)
+
+
 def light(folder):
     """All that a bake says of light, as bytes by name."""
     found = {}

@@ -16,6 +16,8 @@ def _library():
             library = ctypes.CDLL(name)
             library.XXH3_128bits.restype = _Hash
             library.XXH3_128bits.argtypes = [ctypes.c_char_p, ctypes.c_size_t]
+            library.XXH3_64bits_withSeed.restype = ctypes.c_uint64
+            library.XXH3_64bits_withSeed.argtypes = [ctypes.c_char_p, ctypes.c_size_t, ctypes.c_uint64]
             return library
         except (OSError, TypeError, AttributeError):
             pass
@@ -32,6 +34,10 @@ def available():
 def hash_of(data):
     value = _xxhash.XXH3_128bits(bytes(data), len(data))
     return "%016x%016x" % (value.high, value.low)
+
+
+def hash64(data, seed):
+    return _xxhash.XXH3_64bits_withSeed(bytes(data), len(data), seed & (1 << 64) - 1)
 
 
 def read(path):

@@ -161,7 +161,7 @@ static inline void synthetic_surface(struct synthetic *s)
     for (uint32_t o = 0; o < 2; o++) {
         const uint32_t width = s->objects[o].lightmap_width, height = s->objects[o].lightmap_height;
         f->lightmaps[o] = (struct kiln_lightmap){f->tile_count, width, height, (width + 7) / 8, (height + 7) / 8, 0, 1};
-        f->object_count = f->map_count = 2;
+        f->object_count = f->whole_maps = f->map_count = 2;
         f->cell_first[o] = f->point_count;
         for (uint32_t tile = 0; tile < f->lightmaps[o].tiles_x * f->lightmaps[o].tiles_y; tile++, f->tile_count++) {
             struct kiln_tile_run tile_run = {.first = {f->point_count}, .map = o, .tile = tile, .cell = o};

@@ -14,8 +14,8 @@
  *
  * What the command would do with other processes is done by forks too, which the linker's --wrap brings about
  * (tests/CMakeLists.txt): posix_spawn calls kiln_main in the child instead of loading the program again.
- * MPI_Init_thread and MPI_Finalize do nothing where MPI runs already; fsync does nothing. All else is the program as it
- * is. */
+ * MPI_Init_thread and MPI_Finalize do nothing where MPI runs already, and MPI_Abort ends this process alone; fsync does
+ * nothing. All else is the program as it is. */
 #include <errno.h>
 #include <fcntl.h>
 #include <hdf5.h>
@@ -212,6 +212,15 @@ int __wrap_MPI_Init_thread(int *argc, char ***argv, int required, int *provided)
 int __real_MPI_Finalize(void);
 int __wrap_MPI_Finalize(void);
 int __wrap_MPI_Finalize(void) { return mpi_runs ? MPI_SUCCESS : __real_MPI_Finalize(); }
+
+int __real_MPI_Abort(MPI_Comm communicator, int code);
+int __wrap_MPI_Abort(MPI_Comm communicator, int code);
+int __wrap_MPI_Abort(MPI_Comm communicator, int code)
+{
+    if (mpi_runs)
+        _exit(code); /* what runs is the server's, and would be waited for */
+    return __real_MPI_Abort(communicator, code);
+}
 
 int __wrap_fsync(int descriptor);
 int __wrap_fsync(int descriptor) { return fcntl(descriptor, F_GETFD) < 0 ? -1 : 0; }

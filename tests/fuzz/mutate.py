@@ -259,8 +259,10 @@ class Worker:
         """The outcome, and whether it was traced."""
         if self.chosen('traced', name, number):
             return self.plain(arguments, True), True
-        leaks = self.chosen('leaks', name, number) and arguments[0] != 'bake'  # MPI's own are many
-        return self.servers[arguments[0] == 'bake'].run(arguments, leaks), False
+        if name in readers.PLAIN:
+            return self.plain(arguments, False), False
+        mpi = arguments[0] in ('bake', 'relight', 'mix')
+        return self.servers[mpi].run(arguments, not mpi and self.chosen('leaks', name, number)), False  # MPI leaks
 
     def plain(self, arguments, traced, patience=PATIENCE):
         """The release build."""

@@ -22,11 +22,27 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 REPOSITORY = os.path.dirname(os.path.dirname(HERE))
 sys.path.insert(0, os.path.join(REPOSITORY, 'tests', 'common'))
 import exr as exr_file  # noqa: E402
+import glb as glb_file  # noqa: E402
 
 SMALL = ('--lightmap-size', '4')
 BAKE = ('--backend', 'embree', '--lightmap-size', '4', '--samples-direct', '1', '--samples-bounce', '2',
         '--samples-indirect', '2', '--bounces', '2', '--samples-probe', '2',
         '--probe-spacing', '0.5', '--error-map', '--no-preview', '--threads', '1', '--quiet', '--watchdog', '0')
+# of a bake that keeps its transport, and of one by radiosity, which has links
+KEPT = ('--backend', 'embree', '--lightmap-size', '4', '--bounces', '2', '--samples-probe', '2', '--probe-spacing',
+        '0.5', '--no-preview', '--no-export', '--threads', '1', '--quiet', '--watchdog', '0')
+ROWS = (*KEPT, '--samples-direct', '1', '--samples-bounce', '2', '--samples-indirect', '2', '--keep-transport', 'rows')
+LINKS = (*KEPT, '--method', 'radiosity', '--materials', 'diffuse', '--patches', 'links',
+         '--keep-transport', 'links')
+SINGLES = [x for x in formats.NUMBERS if abs(x) < 3.4e38] + [float('inf'), float('-inf'), float('nan')]
+GROUPED = (*(o for o in BAKE if o != '--error-map'), '--materials', 'diffuse')
+# as trees of JSON, which is YAML, too
+GROUPS = {'lamps': {'materials': ['lamp']}, 'suns': {'lights': ['sun']}}
+CHANGES = {'lights': {'sun': {'on': True, 'scale': 0.5, 'intensity': [100, 50, 25]}},
+           'materials': {'white': {'albedo': [0.5, 0.4, 0.3]}, 'lamp': {'emission': [1, 2, 3], 'emission-scale': 2}},
+           'environment': {'radiance': [1, 1, 1], 'scale': 2, 'rotation': 30}}
+STATES = {'day': {'lights': {'sun': {'scale': 2}}},
+          'night': {'lights': {'sun': {'on': False}}, 'environment': {'scale': 0}}}
 SECTIONS = ('strings', 'materials', 'textures', 'texels', 'meshes', 'objects', 'lights', 'cameras', 'environment',
             'environment texels', 'positions', 'normals',
             'base', 'emission', 'lightmap', 'colors', 'triangles', 'triangle materials', 'sources', 'notes',
@@ -46,6 +62,8 @@ XXHASH.XXH3_128bits.restype = Hash128
 XXHASH.XXH3_128bits.argtypes = (ctypes.c_char_p, ctypes.c_size_t)
 XXHASH.XXH3_64bits.restype = ctypes.c_uint64
 XXHASH.XXH3_64bits.argtypes = (ctypes.c_char_p, ctypes.c_size_t)
+XXHASH.XXH3_64bits_withSeed.restype = ctypes.c_uint64
+XXHASH.XXH3_64bits_withSeed.argtypes = (ctypes.c_char_p, ctypes.c_size_t, ctypes.c_uint64)
 XXHASH.XXH3_128bits_withSeed.restype = Hash128
 XXHASH.XXH3_128bits_withSeed.argtypes = (ctypes.c_char_p, ctypes.c_size_t, ctypes.c_uint64)
 
@@ -161,6 +179,7 @@ class Seeds:
         self.hdr = [radiance(4, 2, False), radiance(16, 8, True), radiance(9, 3, True)]
         self.exr = self.exr_files()
         self.bake, self.mapped = self.made_bake(), self.mapped_bake()
+        self.rows, self.links, self.groups = self.kept_bakes()
         self.checkpoints = [c for c in (self.stopped(1), self.stopped(2)) if c]
         self.blocks = {name: hdf5.blocks(read(os.path.join(self.bake, name))) for name in ('kiln.h5', 'volume.hdf')}
 
@@ -203,6 +222,25 @@ class Seeds:
         write(scene, quad(uri='data:image/png;base64,' + FLAT_PNG, normal_map=True))
         self.run([self.program, 'bake', scene, '-o', target, *BAKE], (0,))
         return target
+
+    def kept_bakes(self):
+        """Of a floor, a mirror, a lamp and a sun: bakes with rows and chains, with links, and with groups of lights."""
+        scene, groups = os.path.join(self.folder, 'kept.glb'), os.path.join(self.folder, 'groups.yaml')
+        room = glb_file.Scene()
+        room.quad('floor', ((0, 0, 1), (1, 0, 1), (1, 0, 0), (0, 0, 0)), room.material('white', (0.7, 0.7, 0.7)))
+        room.quad('mirror', ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)), room.material('mirror', (0.9, 0.9, 0.9)))
+        room.document['materials'][-1]['pbrMetallicRoughness'].update(metallicFactor=1.0, roughnessFactor=0.0)
+        room.quad('lamp', ((0, 1, 0), (1, 1, 0), (1, 1, 1), (0, 1, 1)), room.material('lamp', radiance=(3, 2, 1)))
+        room.light('sun', {'type': 'directional', 'name': 'sun', 'intensity': 100.0}, rotation=[-0.6, 0, 0, 0.8])
+        room.environment((0.5, 0.6, 0.7))
+        room.write(scene)
+        write(groups, json.dumps(GROUPS).encode())
+        made = []
+        for name, options in (('rows', (*ROWS, '--materials', 'auto')), ('links', LINKS),
+                              ('groups', (*GROUPED, '--light-groups', groups))):
+            made.append(os.path.join(self.folder, 'kept-' + name))
+            self.run([self.program, 'bake', scene, '-o', made[-1], *options], (0,))
+        return made
 
     def stopped(self, ranks):
         """A bake that ended with a checkpoint: a bake whose last rank is slow, stopped."""
@@ -544,6 +582,146 @@ def make_checkpoint_part(r, w):
     return resume(w, folder)
 
 
+def reseal_transport(r, folder, name):
+    """The manifest says of a kept file what is now true; now and then it does not."""
+    if r.random() < 0.95:
+        reseal_bake(folder, os.path.join('transport', name))
+
+
+def instead(r, w, path):
+    """In the place of a file something else."""
+    os.unlink(path)
+    r.choice((lambda: os.mkfifo(path), lambda: os.symlink(os.path.join(w.outside, 'secret.bin'), path),
+              lambda: os.mkdir(path), lambda: None))()
+
+
+def relit(r, w, folder, *more):
+    return ['relight', folder, *more, '-o', w.output('relit'), '--threads', '1', '--quiet', '--watchdog', '0',
+            '--no-preview'] if r.random() < 0.8 else ['verify', folder]
+
+
+def make_transport_index(r, w):
+    """Values of other types and options that a bake had no use for: paths above all."""
+    folder = w.copy('bake', r.choice((w.seeds.rows, w.seeds.links)))
+    path = os.path.join(folder, 'transport', 'index')
+    tree = json.loads(unseal(read(path)))
+    if r.random() < 0.5:
+        value = r.choice((*w.references, os.path.join(w.outside, 'x'), formats.word(r), None, 1, [], {}, True, 'none'))
+        tree['job'][r.choice(option_names())] = value
+        text = formats.dumps(tree)
+    elif r.random() < 0.2:
+        tree['scene'] = r.choice((*w.references, None, 7))
+        text = formats.dumps(tree)
+    else:
+        text = mutated_json(r, json.dumps(tree).encode())
+    write(path, seal(text) if r.random() < 0.95 else text)
+    reseal_transport(r, folder, 'index')
+    return relit(r, w, folder)
+
+
+def make_rows(r, w):
+    folder = w.copy('bake', w.seeds.rows)
+    name = r.choice(sorted(n for n in os.listdir(os.path.join(folder, 'transport')) if n != 'index'))
+    path = os.path.join(folder, 'transport', name)
+    if r.random() < 0.05:
+        instead(r, w, path)
+        return relit(r, w, folder)
+    data = read(path)
+    if r.random() < 0.8 and len(data) > 4096:  # behind the header
+        data = data[:4096] + formats.havoc(r, data[4096:])
+    else:
+        data = formats.havoc(r, data)
+    write(path, data)
+    reseal_transport(r, folder, name)
+    return relit(r, w, folder)
+
+
+def seal_links(data):
+    """The codes' hashes in the table are right (coordinator/integrate/patches/link_file.c)."""
+    if len(data) < 4096:
+        return data
+    runs, key = struct.unpack_from('<Q8xQ', data, 32)
+    for at in range(4096, min(len(data) - 31, 4096 + 32 * min(runs, 10000)), 32):
+        first, offset, size = struct.unpack_from('<QQI', data, at)
+        code = data[offset:offset + size]
+        if len(code) == size:
+            check = XXHASH.XXH3_64bits_withSeed(code, size, key ^ (first * 0x9e3779b97f4a7c15 & (1 << 64) - 1))
+            data = data[:at + 24] + struct.pack('<Q', check) + data[at + 32:]
+    return data
+
+
+def make_links(r, w):
+    folder = w.copy('bake', w.seeds.links)
+    path = os.path.join(folder, 'transport', 'links')
+    if r.random() < 0.05:
+        instead(r, w, path)
+        return relit(r, w, folder)
+    data, what = read(path), r.random()
+    runs = struct.unpack_from('<Q', data, 32)[0]
+    if what < 0.2:
+        data = formats.field(r, data, r.choice(range(0, 56, 8)), 8)
+    elif what < 0.5:
+        entry = 4096 + 32 * r.randrange(max(1, runs))
+        data = formats.field(r, data, entry + r.choice((0, 8, 16, 20)), r.choice((4, 8)))
+    elif what < 0.8:
+        at = 4096 + 32 * runs
+        piece = data[at:]
+        for _ in range(r.choice((1, 3, 20))):
+            i = r.randrange(max(1, len(piece) - 4))
+            piece = piece[:i] + struct.pack('<f', r.choice(SINGLES)) + piece[i + 4:]
+        data = data[:at] + piece
+    else:
+        data = formats.havoc(r, data)
+    write(path, seal_links(data))
+    reseal_transport(r, folder, 'links')
+    return relit(r, w, folder)
+
+
+def make_yaml(r, w, kind):
+    """Changes and states of kept light, and groups of a bake's lights."""
+    tree = {'changes': CHANGES, 'states': STATES, 'groups': GROUPS}[kind]
+    if r.random() < 0.7:
+        text = formats.dumps(formats.mutate_tree(r, tree))
+    else:
+        names = ['lights', 'materials', 'environment', 'objects', 'sun', 'lamp', 'on', 'scale', 'color', 'radiance',
+                 *w.references]
+        rows = '\n'.join('%s: %s' % (name, json.dumps(value)) for name, value in tree.items())
+        text = formats.yaml(r, rows.encode(), names)
+    path = w.put(kind + '.yaml', text)
+    if r.random() < 0.03:  # links that the user names may be followed
+        os.unlink(path)
+        r.choice((lambda: os.mkfifo(path), lambda: os.mkdir(path), lambda: None))()
+    if kind == 'groups':
+        return ['bake', os.path.join(w.seeds.folder, 'kept.glb'), '-o', w.output('bake'), *GROUPED, '--light-groups',
+                path]
+    return ['relight', w.seeds.rows, *((path,) if kind == 'changes' else ('--states', path)), '-o', w.output('relit'),
+            '--threads', '1', '--quiet', '--watchdog', '0', '--no-preview']
+
+
+def argument(r):
+    """A word that a command line can have."""
+    return formats.word(r).encode('utf-8', 'replace').decode().replace('\0', '?')
+
+
+def make_mixture(r, w):
+    """Groups of a bake, in its report, its tables and its lightmaps."""
+    folder = w.copy('bake', w.seeds.groups)
+    names = ['run.json', 'kiln.h5', 'scene.kscene', *(os.path.join('lightmaps', n) for n in
+             sorted(os.listdir(os.path.join(folder, 'lightmaps'))))]
+    name = r.choice(names)
+    path = os.path.join(folder, name)
+    if r.random() < 0.03:
+        instead(r, w, path)
+    else:
+        data = read(path)
+        write(path, mutated_json(r, data) if name == 'run.json' else
+              hdf5.raw(r, data, hdf5.blocks(data)) if name == 'kiln.h5' else
+              formats.exr(r, data) if name.endswith('.exr') else seal_scene(scene_file(r, data)))
+        reseal_bake(folder, name)
+    return ['mix', folder, '-o', w.output('mixed'), '--quiet', '--set', 'lamps=%s' % r.choice(('0.5', '0', '2,1,0')),
+            *(('--set', argument(r) + '=1') if r.random() < 0.2 else ())]
+
+
 def make_status(r, w):
     folder = w.copy('bake', r.choice(w.seeds.checkpoints))
     path = os.path.join(folder, 'checkpoint', 'status.json')
@@ -556,6 +734,8 @@ STATUS = json.dumps({'state': 'stopped', 'phase': 'direct', 'share': 0.5, 'left'
                      'host': 'node1', 'process': 12345, 'started': 1, 'updated': 1.7e9,
                      'beat': 3, 'generation': 1, 'saved': 1.7e9, 'code': 75, 'message': 'stopped as asked'}).encode()
 
+# By the release build alone: the command ends while Embree starts its threads, which in a fork do not come to an end.
+PLAIN = ('rows',)
 # name: (share of the cases, make)
 READERS = {
     'gltf': (14, make_gltf),
@@ -580,4 +760,11 @@ READERS = {
     'checkpoint': (0.7, make_checkpoint_manifest),
     'part': (0.7, make_checkpoint_part),
     'status': (2, make_status),
+    'index': (3, make_transport_index),
+    'rows': (2, make_rows),
+    'links': (2, make_links),
+    'changes': (2, lambda r, w: make_yaml(r, w, 'changes')),
+    'states': (1, lambda r, w: make_yaml(r, w, 'states')),
+    'groups': (1, lambda r, w: make_yaml(r, w, 'groups')),
+    'mixture': (2, make_mixture),
 }

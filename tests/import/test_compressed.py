@@ -100,7 +100,8 @@ class Compressed(importing.Case):
 
     def bake(self, scene):
         out = os.path.join(self.folder(), "out")
-        answer = kiln("bake", scene, "-o", out, "--texels-per-metre", 6, "--samples-direct", 128, "--samples-indirect",
+        answer = kiln("bake", scene, "-o", out, "--shared-texels", "keep",
+                      "--texels-per-metre", 6, "--samples-direct", 128, "--samples-indirect",
                       256, "--samples-probe", 0,
                       "--bounces", 1, "--backend", "embree", "--no-preview", "--quiet", "--denoise", "none")
         self.assertEqual(answer.code, 0, answer.err)

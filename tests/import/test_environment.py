@@ -112,6 +112,34 @@ class Environment(importing.Case):
                 self.assertLess(answer.memory, importing.MEMORY)
                 self.assertLess(answer.seconds, importing.QUICK)
 
+    def test_exposure(self):
+        """A header's EXPOSURE and COLORCORR lines multiply; pixels are divided by their product, which is said."""
+        body = hdr(8, 4, (128, 128, 128, 129))  # 1 1 1
+        with_lines = lambda lines: body.replace(b"FORMAT", lines + b"FORMAT")
+        for lines, right in ((b"EXPOSURE=2\n", (0.5, 0.5, 0.5)), (b"EXPOSURE= 2\nEXPOSURE=1e-1\n", (5, 5, 5)),
+                             (b"COLORCORR=2 4 0.5\nEXPOSURE=0.5\n", (1, 0.5, 4)), (b"EXPOSURE=1\n", None)):
+            with self.subTest(lines=lines):
+                path = self.image("e.hdr", with_lines(lines))
+                report = self.accepted(self.scene, "--environment", path, "--lightmap-size", 4)
+                said = [n["text"] for n in report["notes"] if "EXPOSURE" in n["text"]]
+                self.assertEqual(len(said), right is not None)
+                if right is not None:
+                    self.assertIn("multiplied by {:.6g}, {:.6g} and {:.6g}".format(*(1 / r for r in right)), said[0])
+        for lines in (b"EXPOSURE=0\n", b"EXPOSURE=-1\n", b"EXPOSURE=x\n", b"EXPOSURE=nan\n", b"COLORCORR=1 2\n",
+                      b"EXPOSURE=1e30\nEXPOSURE=1e30\n"):
+            answer = self.answer("f.hdr", with_lines(lines))
+            self.assertEqual(answer.code, 65, answer.err)
+        for lines, said in ((b"PRIMARIES=0.64 0.33 0.29 0.6 0.15 0.06 0.333 0.333\n", False),
+                            (b"PRIMARIES=0.708 0.292 0.17 0.797 0.131 0.046 0.3127 0.329\n", True)):
+            report = self.accepted(self.scene, "--environment", self.image("p.hdr", with_lines(lines)))
+            self.assertEqual(any("primaries" in n["text"] for n in report["notes"]), said)
+
+    def test_a_large_plain_sky(self):
+        """What a sky may take follows from memory: 8192 x 4096 pixels in 2 MB."""
+        path = self.image("plain.hdr", hdr_runs(8192, 4096))
+        report = self.accepted(self.scene, "--environment", path, "--lightmap-size", 4)
+        self.assertEqual(report["environment"]["width"], 8192)
+
     def test_hostile_files(self):
         folder = importing.want_shared("own", "hostile")
         for name in ("hdr_loop_49_bytes.hdr", "hdr_8192_claim.hdr"):
@@ -121,7 +149,7 @@ class Environment(importing.Case):
             self.assertLess(answer.seconds, importing.QUICK)
 
     def test_scaled_beyond_float(self):
-        answer = self.answer("bright.exr", exr(8, 4, value=1e20), "--environment-scale", "1e20")
+        answer = self.answer("bright.exr", exr(8, 4, value=1e10), "--environment-scale", "1e10")
         self.assertEqual(answer.code, 64, answer.err)
         self.assertIn("--environment-scale", answer.err)
 

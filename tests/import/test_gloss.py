@@ -167,7 +167,8 @@ class Mtl(importing.Case):
         self.assertEqual(len(report["textures"]), 2)  # linear and sRGB
         material, notes = self.gloss("Ks 1 1 1\nNs 300\nmap_Ks absent.png\nmap_Ns r.png\n", shape)
         self.assertEqual(material["gloss"]["textures"], ["roughness"])
-        self.assertIn("the file of its map_Ks, 'absent.png', cannot be opened", notes)
+        self.assertIn("map_Ks: the picture 'absent.png' is missing in the scene's folder; its factor stands alone",
+                      notes)
 
     def test_numbers_out_of_range(self):
         material, notes = self.gloss("Ks 2 -1 0.5\nNs -3\nNi 0.5\nPc spectral x.rfl\nPr nan\n")

@@ -113,7 +113,8 @@ class Good(importing.Case):
             self.assertAlmostEqual(value, expected, places=5)
 
     def test_obj_equals_its_glb(self):
-        obj, glb = (self.accepted(os.path.join(SCENES, "cornell_original." + kind), "--lightmap-max", 64)
+        obj, glb = (self.accepted(os.path.join(SCENES, "cornell_original." + kind), "--lightmap-max", 64,
+                                  "--shared-texels", "keep")
                     for kind in ("obj", "glb"))
         self.assertEqual(obj["counts"]["triangles"], glb["counts"]["triangles"])
         self.assertAlmostEqual(obj["surface"]["area"], glb["surface"]["area"], places=4)

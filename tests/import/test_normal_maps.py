@@ -77,19 +77,28 @@ class NormalMaps(importing.Case):
         self.refused(self.check("huge", {"index": 0, "scale": 1e30}), ["materials[0]", "scale"])
         self.refused(self.check("set", {"index": 0, "texCoord": -1}), ["materials[0]", "texCoord"])
         self.refused(self.check("kind", [0]), ["materials[0].normalTexture"])
-        self.refused(self.check("missing", {"index": 0}, "nothing.png"), ["images[0]", "nothing.png"])
         self.refused(self.check("outside", {"index": 0}, "../../etc/passwd"), ["images[0]"])
-        self.refused(self.check("text", {"index": 0}, "data:image/png;base64,aGVsbG8gd29ybGQh"), ["images[0]", "PNG"])
-        self.refused(self.check("cut", {"index": 0}, png(FLAT)[:-40]), ["images[0]"])
-        self.refused(self.check("source", {"index": 0}, textures=[{}]), ["textures[0].source"])
 
-    def test_limits(self):
-        """The texels of normal maps count like those of other textures."""
+    def test_without_its_picture(self):
+        """A bake needs none: a normal map whose picture is missing, broken or too large stops nothing, and is said."""
         row = zlib.compress(b"\0" + bytes(3 * 16384))  # the header promises more rows than there are bytes for
         big = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 16384, 16384, 8, 2, 0, 0, 0)) + chunk(
             b"IDAT", row) + chunk(b"IEND", b"")
-        uri = "data:image/png;base64," + base64.b64encode(big).decode()
-        self.refused(self.check("big", {"index": 0}, uri), ["images[0]", "16384"])
+        for name, image, more, words in (
+                ("missing", "nothing.png", {}, ["images[0].uri", "nothing.png", "missing"]),
+                ("text", "data:image/png;base64,aGVsbG8gd29ybGQh", {},
+                 ["materials[0].normalTexture", "images[0]", "PNG"]),
+                ("cut", png(FLAT)[:-40], {}, ["materials[0].normalTexture", "images[0]"]),
+                ("source", png(FLAT), {"textures": [{}]}, ["materials[0].normalTexture", "textures[0].source"]),
+                ("big", "data:image/png;base64," + base64.b64encode(big).decode(), {}, ["images[0]", "16384"])):
+            with self.subTest(name):
+                path = self.check(name, {"index": 0}, image, **more)
+                answer = self.accepted(path)
+                self.assertFalse(answer["materials"][0]["normal_map"])
+                (warning,) = self.warnings(answer)
+                for word in words:
+                    self.assertIn(word, warning)
+                self.assertEqual(importing.kiln("info", path, "--strict").code, 65)
 
     def test_often(self):
         """An image's texels are looked at once, however many materials and textures have it."""

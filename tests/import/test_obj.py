@@ -150,12 +150,39 @@ class Obj(importing.Case):
                                  ("mtllib m.mtl", "newmtl a\nd x\n", ["line 2"]),
                                  ("mtllib m.mtl", "newmtl a\nKe -1 0 0\n", ["line 2", "outside"]),
                                  ("mtllib m.mtl", "newmtl a\nmap_Kd -clamp on\n", ["m.mtl", "line 2", "map"]),
-                                 ("mtllib m.mtl\n" + SQUARE + face, "newmtl a\nmap_Kd none.png\n",
-                                  ["none.png", "missing"]),
                                  ("mtllib m.mtl\n" + SQUARE + face, "newmtl a\nmap_Kd m.mtl\n", ["map_Kd", "neither"])):
             with self.subTest(text=text, mtl=mtl):
                 self.refused(self.scene(text, mtl), words, seconds=importing.QUICK)
         self.refused(self.scene(SQUARE + face, name="scene.ply"), ["files of this name"])
+
+    def test_map_coordinates(self):
+        """Doubles are read, and each object is stored about its own centre: nothing of a far one is bent."""
+        for far in (4500000.1234, -123456789.0625, 1e9 + 0.25):
+            corners = ((0, 0), (1.25, 0), (1.25, 0.5), (0, 0.5))
+            text = "".join(f"v {far + x!r} 30 {2 * far + z!r}\n" for x, z in corners)
+            report = self.accepted(self.scene(text + "f 4 3 2 1\no b\nf 1 2 3\nf 1 3 4\n"), "--lightmap-size", 4)
+            for found, right in zip(report["bounds"]["min"] + report["bounds"]["max"],
+                                    (far, 30, 2 * far, far + 1.25, 30, 2 * far + 0.5)):
+                self.assertAlmostEqual(found, right, delta=1e-6 + 4e-16 * abs(right))
+            for o in report["objects"]:
+                self.assertAlmostEqual(o["area"], 0.625, delta=1e-6)
+
+    def test_up_and_unit(self):
+        """A box of 1 x 2 x 3 units: z up turns it upright, and a unit scales it, its texels too."""
+        text = "v 0 0 0\nv 1 0 0\nv 1 2 3\nv 0 2 3\nvn 0 -3 2\nf 1//1 2//1 3//1 4//1\n"
+        for options, low, high in (((), (0, 0, 0), (1, 2, 3)), (("--up", "z"), (0, 0, -2), (1, 3, 0)),
+                                   (("--unit", "cm"), (0, 0, 0), (0.01, 0.02, 0.03)),
+                                   (("--unit", "2.5", "--up", "y"), (0, 0, 0), (2.5, 5, 7.5)),
+                                   (("--unit", "ft", "--up", "z"), (0, 0, -0.6096), (0.3048, 0.9144, 0))):
+            with self.subTest(options=options):
+                report = self.accepted(self.scene(text), "--lightmap-size", 4, *options)
+                for found, right in zip(report["bounds"]["min"] + report["bounds"]["max"], low + high):
+                    self.assertAlmostEqual(found, right, places=6)
+                self.assertFalse(report["objects"][0]["mirrored"])
+                self.assertNotIn("point to the back", self.notes(report))
+        fine = self.accepted(self.scene(text), "--unit", "mm", "--texels-per-metre", 4000)
+        self.assertAlmostEqual(fine["objects"][0]["area"], 13 ** 0.5 * 1e-6, delta=1e-10)
+        self.assertGreater(fine["objects"][0]["lightmap"][0], 3)
 
     def test_pictures_of_hostile_kinds(self):
         """What stb_image would take besides: none of it gets there."""

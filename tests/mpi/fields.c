@@ -9,9 +9,10 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "coordinator/files/foreign_json.h"
 #include "coordinator/field/field_blocks.h"
 #include "coordinator/output/exr.h"
-#include "coordinator/output/map/lightmaps.h"
+#include "coordinator/output/map/write/lightmaps.h"
 #include "tests/common/synthetic.h"
 
 static const char *const channels[] = {"made_up.X", "made_up.Y", "made_up.Z"};
@@ -314,7 +315,7 @@ static void write_files(struct test *t, const struct kiln_field_set *fields, boo
     result.fields = fields;
     result.data = own(t);
     const struct kiln_output_params params = {.directory = t->directory, .stitch = true};
-    expect(t, kiln_write_lightmaps(&result, &params, NULL, &t->error) == KILN_OK, "lightmaps cannot be written");
+    expect(t, kiln_write_lightmaps(&result, &params, NULL, NULL, &t->error) == KILN_OK, "lightmaps cannot be written");
     expect(t, kiln_write_h5(&result, &params, &t->error) == KILN_OK, "kiln.h5 cannot be written");
     if (t->rank != 0)
         return;
@@ -354,6 +355,8 @@ static int remove_one(const char *path, const struct stat *found, int kind, stru
 
 int main(int argc, char **argv)
 {
+    if (argc > 1 && strcmp(argv[1], KILN_JSON_CHILD) == 0) /* which reads manifests of checkpoints */
+        return kiln_foreign_json_child(argc, argv, NULL);
     static struct test t = {.directory = "/tmp/kiln-fields-XXXXXX"};
     int total = 0;
     MPI_Init(&argc, &argv);

@@ -1,17 +1,22 @@
 /* Run by mpirun on two ranks: the lockstep runner takes an integrator that it does not know, which is no more than the
  * struct below, and computes direct light and one bounce of cubes under a sky with it, the bounce with samples that a
- * field says for each tile run. The integrator "cells" must find the same bits by its equal schedule. */
+ * field says for each tile run. The integrator "cells" must find the same bits by its equal schedule.
+ *
+ * Beside both goes a companion that the runner does not know either: it is asked once before and once after each step,
+ * takes the answers of each point once a step, and leaves every second tile run out of the steps that name it. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/integrate/integrate.h"
+#include "coordinator/files/foreign_json.h"
+#include "coordinator/integrate/companion.h"
 #include "coordinator/integrate/packing.h"
-#include "coordinator/integrate/radiosity_exchange.h"
+#include "coordinator/integrate/run/radiosity_exchange.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/surface/surface_build.h"
 #include "tests/unit/surface_scene.h"
+#include "worker/backend/emission.h"
 #include "worker/light/lights.h"
 #include "worker/scene/radiosity.h"
 
@@ -98,6 +103,131 @@ static const struct kiln_integrator pair = {.name = "pair",
                                             .begin_step = pair_begin,
                                             .take = pair_take,
                                             .end_step = pair_end};
+
+/* ---- the companion ---- */
+
+/* How often each was asked; points on this rank, by whoever took them. */
+struct visits {
+    uint32_t created, settled, before, complete, after, ended, destroyed;
+    uint64_t points;
+};
+static struct visits visits;
+
+static bool visitor_wanted(const struct kiln_integrate_params *params)
+{
+    (void)params;
+    return true;
+}
+
+static int visitor_create(void **self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    (void)site;
+    (void)error;
+    *self = &visits;
+    visits = (struct visits){.created = 1};
+    return KILN_OK;
+}
+
+static void visitor_destroy(void **self)
+{
+    visits.destroyed++;
+    *self = NULL;
+}
+
+static int visitor_settle(void **self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    (void)error;
+    ((struct visits *)*self)->settled += site->solution->own != NULL;
+    return KILN_OK;
+}
+
+static int visitor_before(void *self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    (void)site;
+    (void)error;
+    ((struct visits *)self)->before++;
+    return KILN_OK;
+}
+
+static int visitor_complete(void *self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    (void)site;
+    (void)error;
+    ((struct visits *)self)->complete++;
+    return KILN_OK;
+}
+
+static int visitor_after(void *self, const struct kiln_companion_site *site, double unit, struct kiln_error *error)
+{
+    (void)site;
+    (void)error;
+    ((struct visits *)self)->after += unit > 0.0;
+    return KILN_OK;
+}
+
+static int visitor_end(void *self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    (void)site;
+    (void)error;
+    ((struct visits *)self)->ended++;
+    return KILN_OK;
+}
+
+static void visitor_take(const void *self, const struct kiln_taking *taking, const struct kiln_rank_data *data,
+                         const struct kiln_tile_run *tile_run, const void *results)
+{
+    (void)self;
+    (void)taking;
+    (void)data;
+    (void)results;
+    (void)__atomic_fetch_add(&visits.points, tile_run->count, __ATOMIC_RELAXED);
+}
+
+static const struct kiln_companion visitor = {.name = "visitor",
+                                              .wanted = visitor_wanted,
+                                              .create = visitor_create,
+                                              .destroy = visitor_destroy,
+                                              .settle = visitor_settle,
+                                              .before_step = visitor_before,
+                                              .complete = visitor_complete,
+                                              .after_step = visitor_after,
+                                              .end = visitor_end,
+                                              .take = visitor_take};
+
+static void halve(const struct kiln_integrate_settings *settings, const struct kiln_step *step,
+                  const struct kiln_rank_data *data, size_t tile_run, struct kiln_selection *selection)
+{
+    (void)settings;
+    (void)step;
+    (void)data;
+    selection->gathers = tile_run % 2 == 0 ? selection->gathers : 0;
+}
+
+static const struct kiln_companion half = {.name = "half", .by_step = true, .wanted = visitor_wanted, .select = halve};
+
+static const struct kiln_companion *const companions[] = {&half, &visitor, NULL};
+
+/* Of a bake with two steps and so many points on all ranks. */
+static int check_visits(uint64_t points)
+{
+    uint64_t taken = visits.points;
+    struct kiln_step step = {.with = 0};
+    bool few;
+    int failures = visits.created != 1 || visits.settled != 1 || visits.before != 2 || visits.complete != 2 ||
+                   visits.after != 2 || visits.ended != 1 || visits.destroyed != 1;
+    (void)MPI_Allreduce(MPI_IN_PLACE, &taken, 1, MPI_UINT64_T, MPI_SUM, MPI_COMM_WORLD);
+    failures += taken != 2 * points;
+    failures += kiln_companions_select(companions, &step, &few);
+    step.with = 1;
+    failures += !kiln_companions_select(companions, &step, &few) || few;
+    failures += kiln_companions_selection(companions, NULL, &step, NULL, 0).gathers != UINT64_MAX;
+    failures += kiln_companions_selection(companions, NULL, &step, NULL, 1).gathers != 0;
+    if (failures != 0)
+        (void)fprintf(stderr, "a companion was asked %u %u %u %u %u %u %u times, for %llu of 2 x %llu points\n",
+                      visits.created, visits.settled, visits.before, visits.complete, visits.after, visits.ended,
+                      visits.destroyed, (unsigned long long)taken, (unsigned long long)points);
+    return failures;
+}
 
 /* ---- a bake without files ---- */
 
@@ -198,6 +328,7 @@ static int bake(const struct world *w, const struct kiln_integrator *integrator,
                                            .area = 48.0,
                                            .control = w->control,
                                            .checkpoint = w->checkpoint,
+                                           .companions = companions,
                                            .threads = 1};
     struct kiln_emission_result emission;
     struct kiln_surface_report report;
@@ -254,6 +385,8 @@ static int compare(struct found *a, struct found *b)
 
 int main(int argc, char **argv)
 {
+    if (argc > 1 && strcmp(argv[1], KILN_JSON_CHILD) == 0) /* which reads manifests of checkpoints */
+        return kiln_foreign_json_child(argc, argv, NULL);
     struct world w = {.rank = 0};
     struct found own = {0}, cells = {0};
     struct kiln_error error = {""};
@@ -272,7 +405,7 @@ int main(int argc, char **argv)
         status = bake(&w, kiln_integrator_find("cells"), &cells, &error);
     if (status != KILN_OK)
         (void)fprintf(stderr, "%s\n", error.message);
-    const int failures = status == KILN_OK ? compare(&own, &cells) : 1;
+    const int failures = status == KILN_OK ? compare(&own, &cells) + check_visits(cells.points) : 1;
     free(own.light);
     free(cells.light);
     free_world(&w);

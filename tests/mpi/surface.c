@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "coordinator/bake/surface_exchange.h"
+#include "coordinator/bake/points/surface_exchange.h"
 #include "tests/unit/surface_scene.h"
 
 enum { WORLD = 8 };

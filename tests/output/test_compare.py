@@ -192,9 +192,10 @@ def densities(rng, folder):
     and B's lightmap at the same object and coordinate."""
     scene = os.path.join(folder, "cornell.glb")
     assert kiln("generate", "cornell", "-o", scene, "--quiet").returncode == 0
-    coarse = bake(scene, os.path.join(folder, "coarse"), "--texels-per-metre", "6", "--quality", "draft")
+    coarse = bake(scene, os.path.join(folder, "coarse"), "--texels-per-metre", "6", "--quality", "draft",
+                  "--shared-texels", "keep")
     fine = bake(scene, os.path.join(folder, "fine"), "--texels-per-metre", "14", "--quality", "draft",
-                "--samples-direct", "64", "--samples-indirect", "128")
+                "--samples-direct", "64", "--samples-indirect", "128", "--shared-texels", "keep")
     found = compare(coarse, fine)
     assert found["sampled"] is True and found["dssim"] is found["dfpr_8bit"] is None and not found["identical"] and len(
         found["worst"]["position"]) == 3 and found["picture_psnr"] is None

@@ -54,6 +54,15 @@ class LightGroups(unittest.TestCase):
         alone = self.bake('alone', '--changes', self.write('off.yaml', off))['irradiance/total'].astype(float)
         self.assertLess(abs(both['groups/sun'].mean() - alone.mean()), 0.02 * alone.mean())
 
+    def test_verified(self):
+        """A fresh bake is sound whatever its groups are called, and its denoised layers are a little below 0 in
+        places."""
+        groups = 'R: {lights: [sun]}\nalbedo: {lights: ["pt*"]}\nvalidity: {lights: ["sp*"]}\n'
+        self.bake('named', '--light-groups', self.write('named.yaml', groups), '--denoise', 'regression',
+                  '--samples-indirect', 16)
+        answer = kiln('verify', os.path.join(self.folder, 'named'), timeout=60)
+        self.assertEqual(answer.code, 0, answer.err)
+
     def add_up(self, found):
         total = found['irradiance/total'].astype(float)
         parts = sum(found[f'groups/{name}'].astype(float) for name in ('sun', 'points', 'rest'))

@@ -142,10 +142,10 @@ class Merge(unittest.TestCase):
         self.assertTrue(np.array_equal(lights["vcm"]["caustic"][floor], lights["gather"]["caustic"][floor]))
 
     def test_rays_of_a_point(self):
-        """Rays that share the light with paths are a fourth of a gather's, unless they are connected with paths, or
-        show images of lamps in mirrors."""
+        """Rays that share the light with paths are a fourth of a gather's, unless they show images of lamps in
+        mirrors."""
         images = corner(os.path.join(self.folder, "images.glb"))
-        for scene, options, rays in ((self.spheres, (), 4), (self.spheres, ("--connections", "1"), 16),
+        for scene, options, rays in ((self.spheres, (), 4),
                                      (self.spheres, ("--target-error", "0.5"), 2), (images, (), 16)):
             report = self.report(self.bake(scene, "--texels-per-metre", "2", "--samples-indirect", "16", "--photons",
                                            "500", "--iterations", "1", "--caustics", "vcm", *options))
@@ -178,9 +178,9 @@ class Merge(unittest.TestCase):
         self.assertLess(off[1], 0.4 * off[0])
 
     def test_shared(self):
-        """--caustics vcm spreads what lands as far as it suits each place: flux stays, so small a radius that no texel
-        has another within it is the texel, the error falls, and a caustic's edge stays: what lies dark beside it does
-        not get its light. Where nothing has landed by chance it is not dark."""
+        """--caustics vcm spreads what lands as far as it suits each place: flux stays or is told, so small a radius
+        that no texel has another within it is the texel, the error falls, and a caustic's edge stays: what lies dark
+        beside it does not get its light. Where nothing has landed by chance it is not dark."""
         fine = ("--texels-per-metre", "24")
         more = ("--photons", "20000", "--iterations", "4", "--caustics", "vcm")
         radii = (("--merge-radius", "texel"), ("--merge-radius", "1e-6"), ())
@@ -189,6 +189,7 @@ class Merge(unittest.TestCase):
         best = self.many_paths(*fine)
         self.assertTrue(np.allclose(tiny["caustic"], texel["caustic"], rtol=1e-5, atol=1e-7))
         power = [(light["caustic"] * light["area"][:, None]).sum(0, dtype=float) for light in (texel, near)]
+        power[1] += self.report(folders[2])["energy"]["unfound"]  # of objects that hardly any path has met
         self.assertTrue(np.allclose(*power, rtol=1e-5), power)
         off = [np.sqrt((light["area"] * ((light["caustic"] - best["caustic"]) @ LUMINANCE)**2).sum())
                for light in (texel, near)]

@@ -78,7 +78,7 @@ class Mirrors(unittest.TestCase):
         for i, (name, _) in enumerate(WHITE):
             pixels = exr.rgb(self.view(path, f"--from={2.5 * i},0.5,3.5", f"--to={2.5 * i},0,0", "--materials", "auto",
                                        "--field-of-view", "24", "--width", "24", "--height", "24", "--samples-pixel",
-                                       "64"))
+                                       "512" if name == "rough metal" else "64"))  # its lobe meets lamps by chance
             # within frosted glass light meets facets many times, each of which loses a little
             self.assertLess(abs(pixels.mean() - 1), 0.03 if name.startswith("frosted") else 0.01,
                             (what, name, pixels.mean()))

@@ -82,7 +82,10 @@ class Mix(unittest.TestCase):
         baked, mixed = self.maps('dark'), self.mix('sky', 'night', '--set', 'sky.*=0')
         for file, layers in baked.items():
             for colour in 'RGB':
-                self.assertLess(abs(mixed[file][colour].mean() - layers[colour].mean()), 0.01 * layers[colour].mean())
+                # on the surface: which chart a texel beside it is a copy of hangs on all light
+                on = layers['coverage.Y'] > 0
+                one, other = mixed[file][colour][on].mean(), layers[colour][on].mean()
+                self.assertLess(abs(one - other), 0.01 * other)
         for file, layers in self.maps('sky').items():
             parts = [exr.read(os.path.join(self.path(f'sky/lightmaps/groups-{n}'), file))[0] for n in range(3)]
             self.assertEqual(sum(map(len, parts)), 147 * 6)

@@ -224,7 +224,7 @@ class Octree(unittest.TestCase):
             start = ["mpirun", "-n", str(ranks), KILN, "bake", *map(str, command), "-o", folder]
             environment = {**os.environ, **harness.MPI_ENVIRONMENT}
             if kill:
-                environment["KILN_SLOW_RANK"] = "1:30"
+                environment["KILN_SLOW_RANK"] = "1:300"
                 bake = subprocess.Popen([*start, "--checkpoint-every", "0.1"], env=environment,
                                         stderr=subprocess.DEVNULL)
                 while bake.poll() is None and not glob.glob(os.path.join(folder, "checkpoint", "gen-*")):

@@ -17,7 +17,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import glb  # noqa: E402
 import harness  # noqa: E402
 import png  # noqa: E402
-from relit import done, kept_files, kiln, light, rays, refused, same  # noqa: E402
+from relit import done, kept_files, kiln, light, rays, refused, refused_damaged, same  # noqa: E402
 
 OPTIONS = ["--texels-per-metre", "6", "--backend", "embree", "--samples-direct", "32", "--samples-bounce", "16",
            "--samples-indirect", "64", "--samples-probe", "16", "--probe-spacing", "1", "--materials", "diffuse"]
@@ -125,7 +125,7 @@ with tempfile.TemporaryDirectory() as top:
     assert kiln(*again, "--quiet", "--max-time", "0.3", slowness=SLOWNESS).returncode == STOPPED, "not stopped"
     done(*again, ranks=4)
     same(at("textured"), at("relit_textured"), "textures, a moved and a new lamp")
-    assert rays(at("relit_textured"))[0] > 0.9 * counted, rays(at("relit_textured"))
+    assert rays(at("relit_textured"))[0] > 0.85 * counted, rays(at("relit_textured"))
     sky = ("--environment", "0.1,0.2,3")
     done("bake", scene, *OPTIONS, *sky, "-o", at("sky"))
     done("relight", at("kept"), *sky, "-o", at("relit_sky"))
@@ -178,7 +178,7 @@ with tempfile.TemporaryDirectory() as top:
         data[place] ^= 1
         with open(name, "wb") as file:
             file.write(data)
-        refused(harness.BAD_INPUT, words, "relight", at("hurt"), edited, "-o", at("no"))
+        refused_damaged(words, at("hurt"), edited, "-o", at("no"))
         refused(harness.BAD_INPUT, "transport/rows-65535-0", "verify", at("hurt"))
     print("%d rays kept, %d files, %d bytes; stopped %d times" %
           (counted, len(kept), sum(map(len, kept.values())), stops))

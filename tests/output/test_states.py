@@ -189,7 +189,7 @@ with tempfile.TemporaryDirectory() as top:
     refused(USAGE, "exclude each other", at("kept"), "--states", states, "--listen", "-o", at("no"))
     refused(USAGE, "folder of the bake that is relit", at("kept"), "--states", file("kept.yaml", {"kept": {}}), "-o",
             top)
-    refused(66, "cannot open", at("kept"), "--states", at("none.yaml"), "-o", at("no"))
+    refused(66, "cannot be opened", at("kept"), "--states", at("none.yaml"), "-o", at("no"))
     refused(harness.BAD_INPUT, "a line is longer", at("kept"), "--listen", "-o", at("no"), lines="#" * 70000)
     rows = at("kept", "transport", "rows-65535-0")
     with open(rows, "rb") as old:
@@ -197,5 +197,7 @@ with tempfile.TemporaryDirectory() as top:
     data[next(i for i in range(len(data) // 2, len(data)) if data[i])] ^= 1
     with open(rows, "wb") as new:
         new.write(data)
+    refused(harness.BAD_INPUT, "is not as it was written: its hash", at("kept"), "--states", few, "-o", at("no"))
+    os.remove(at("kept", "manifest"))
     refused(harness.BAD_INPUT, "the row of surface point", at("kept"), "--states", few, "-o", at("no"))
     print("; ".join(figures))

@@ -16,7 +16,7 @@
 #include <unistd.h>
 
 #include "coordinator/output/exr.h"
-#include "coordinator/output/map/lightmaps.h"
+#include "coordinator/output/map/write/lightmaps.h"
 #include "coordinator/output/points_ahead.h"
 #include "tests/common/synthetic.h"
 
@@ -97,7 +97,7 @@ static int write_large(const struct kiln_bake_result *result, const struct kiln_
     within_mpi = 0.0;
     const double held = most_memory(), begin = processor_seconds();
     const int status =
-        points ? kiln_write_h5(result, params, error) : kiln_write_lightmaps(result, params, reports, error);
+        points ? kiln_write_h5(result, params, error) : kiln_write_lightmaps(result, params, reports, NULL, error);
     const double own[2] = {processor_seconds() - begin - within_mpi, most_memory() - held};
     if (status != KILN_OK || ranks > 64)
         return status;
@@ -208,7 +208,7 @@ static int write_all(const char *directory, const char *mode, const char *how, i
     if (large)
         return write_large(&result, &params, points, rank, ranks, error);
     struct kiln_lightmap_report reports[2];
-    status = kiln_write_lightmaps(&result, &params, reports, error);
+    status = kiln_write_lightmaps(&result, &params, reports, NULL, error);
     for (int i = 0; status == KILN_OK && rank == 0 && i < 2; i++)
         printf("%u %llu %llu %llu %.9g %.9g\n", reports[i].map, (unsigned long long)reports[i].valid,
                (unsigned long long)reports[i].filled, (unsigned long long)reports[i].dilated,

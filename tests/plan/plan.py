@@ -25,7 +25,8 @@ TIME = 2.5
 # What few samples change is seconds.
 FEW = ['--quality', 'draft', '--samples-probe', 4, '--bounces', 2]
 CITY = 60000  # triangles; where seconds do not count, a third
-# s of a thread for a point: its radius is found and its light spread, in 12 passes (coordinator/integrate/merge.h).
+# s of a thread for a point: its radius is found and its light spread, in 12 passes
+# (coordinator/integrate/land/merge.h).
 SPREADING = 12e-6
 FLIPS = int(os.environ.get('KILN_FLIPS', '48'))
 UNEVEN = 0.15  # of the mean

@@ -7,7 +7,7 @@ the irradiance there (stage.py says how).
 
 three needs Chromium and a folder with three in it, named by KILN_THREE (npm install --prefix FOLDER three); blender
 needs Blender. --lamp replaces the scene's lights by a square lamp that looks down: noise and hard shadows would hide
-what is looked for. README.md, 'Longer runs', has the run of the dining room.
+what is looked for. tests/NOTES.md has the run of the dining room.
 """
 import json
 import os

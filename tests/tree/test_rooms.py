@@ -2,7 +2,6 @@
 and, where kiln has been built, the symbols of the object files are held against it. In a table a room may include only
 rooms above its own row, so there is no circle, of includes or of calls."""
 import os
-import subprocess
 import unittest
 
 import tree
@@ -60,30 +59,6 @@ def idle_arrows(rooms, sources):
                 yield f'{room}: the table lets it include {target}, and nothing in it does: take that out'
 
 
-def read_symbols(folder):
-    """({symbol: source that defines it}, [(source, symbol it needs)]) of the object files of a build folder."""
-    objects = {}
-    for library in ('kiln_worker.dir', 'kiln_coordinator.dir', 'kiln.dir'):
-        for place, _, names in os.walk(os.path.join(folder, 'CMakeFiles', library)):
-            for name in names:
-                path = os.path.join(place, name)
-                source = os.path.relpath(path, os.path.join(folder, 'CMakeFiles', library))[:-len('.o')]
-                if name.endswith('.o') and os.path.exists(os.path.join(tree.ROOT, source)):
-                    objects[path] = source
-    defined, needed = {}, []
-    if not objects:
-        return defined, needed
-    listing = subprocess.run(['nm', '-A', '--format=posix', *objects], check=True, capture_output=True, text=True)
-    for line in listing.stdout.splitlines():
-        path, rest = line.split(': ', 1)
-        name, kind = rest.split()[:2]
-        if kind in 'TDBRV':
-            defined[name] = objects[path]
-        elif kind == 'U':
-            needed.append((objects[path], name))
-    return defined, needed
-
-
 def wrong_calls(rooms, defined, needed):
     """Sentences on symbols that are taken from rooms from which the tables do not allow to take any."""
     for source, name in needed:
@@ -123,7 +98,7 @@ class Rooms(unittest.TestCase):
 
     def test_calls(self):
         folder = os.path.dirname(os.environ.get('KILN', ''))
-        defined, needed = read_symbols(folder)
+        defined, needed = tree.read_symbols(folder)
         if not needed:
             self.skipTest(f"there are no object files of kiln in '{folder}'")
         self.none(sorted(set(wrong_calls(self.rooms, defined, needed))))

@@ -1,5 +1,5 @@
-"""What every text of the repository keeps to: at most 120 columns, and citations that a reader of the repository can
-follow."""
+"""What every text of the repository keeps to: at most 120 columns, maps of rooms that are short, and citations that a
+reader of the repository can follow."""
 import os
 import re
 import unittest
@@ -7,6 +7,7 @@ import unittest
 import tree
 
 COLUMNS = 120
+MAP_LINES = 150
 KINDS = re.compile(r'(\.(c|h|cpp|comp|glsl|rahit|rchit|rmiss|py|sh|js|md|yaml|yml|cmake)'
                    r'|CMakeLists\.txt|CMakePresets\.json|\.clang-format|cluster/packages)$')
 # Pages of the place where kiln was planned, which its readers do not have.
@@ -55,6 +56,14 @@ def far_citations(files):
                 yield f"{path}:{number}: '{match.group(0)}' is not in the repository: cite a README.md or a paper"
 
 
+def long_maps(files):
+    """README.md files of rooms that take more than five minutes to read."""
+    for path, text in files.items():
+        if path.endswith('/README.md') and len(text.splitlines()) >= MAP_LINES:
+            yield (f'{path}: {len(text.splitlines())} lines; the map of a room has less than {MAP_LINES}: what was '
+                   'measured and tried goes to NOTES.md beside it')
+
+
 def lost_names(files, known):
     """Files that texts name and that are not there; `known` holds all paths."""
     names = {os.path.basename(path) for path in known}
@@ -99,8 +108,13 @@ class Texts(unittest.TestCase):
     def test_citations(self):
         self.none(far_citations(self.files))
 
+    def test_maps(self):
+        self.none(long_maps(self.files))
+
     def test_names(self):
-        own = {path: text for path, text in self.files.items() if not path.startswith('tests/tree/')}  # made-up names
+        # The names of tests/tree are made up. Notes are of their day: what they name may be elsewhere since.
+        own = {path: text for path, text in self.files.items()
+               if not path.startswith('tests/tree/') and os.path.basename(path) != 'NOTES.md'}
         self.none(lost_names(own, self.known))
 
     def test_sources(self):
@@ -115,6 +129,11 @@ class Checks(unittest.TestCase):
         self.assertEqual(1, len(list(long_lines({'a.c': f'{line[1:]}\n{line}\n'}))))
         self.assertEqual(0, len(list(long_lines({'a.md': f'| {line} |\nhttps://{line}\n'}))))
         self.assertEqual(1, len(list(long_lines({'a.md': line}))))
+
+    def test_maps(self):
+        short, long = 'a\n' * (MAP_LINES - 1), 'a\n' * MAP_LINES
+        self.assertEqual(0, len(list(long_maps({'a/README.md': short, 'README.md': long, 'a/NOTES.md': long}))))
+        self.assertEqual(1, len(list(long_maps({'a/README.md': long}))))
 
     def test_citations(self):
         cases = {'/* Estimators (DES' 'IGN section 3) */': 1, '/* see PERF' 'ORMANCE.md */': 1, '/* by design */': 0,

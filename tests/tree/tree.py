@@ -83,3 +83,27 @@ def includes(sources):
             if match:
                 name = match.group(1)
                 yield path, number, name if '/' in name else f'{os.path.dirname(path)}/{name}'
+
+
+def read_symbols(folder):
+    """({symbol: source that defines it}, [(source, symbol it needs)]) of the object files of a build folder."""
+    objects = {}
+    for library in ('kiln_worker.dir', 'kiln_coordinator.dir', 'kiln.dir'):
+        for place, _, names in os.walk(os.path.join(folder, 'CMakeFiles', library)):
+            for name in names:
+                path = os.path.join(place, name)
+                source = os.path.relpath(path, os.path.join(folder, 'CMakeFiles', library))[:-len('.o')]
+                if name.endswith('.o') and os.path.exists(os.path.join(ROOT, source)):
+                    objects[path] = source
+    defined, needed = {}, []
+    if not objects:
+        return defined, needed
+    listing = subprocess.run(['nm', '-A', '--format=posix', *objects], check=True, capture_output=True, text=True)
+    for line in listing.stdout.splitlines():
+        path, rest = line.split(': ', 1)
+        name, kind = rest.split()[:2]
+        if kind in 'TDBRV':
+            defined[name] = objects[path]
+        elif kind == 'U':
+            needed.append((objects[path], name))
+    return defined, needed

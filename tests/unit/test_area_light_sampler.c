@@ -115,7 +115,7 @@ static void same_as_one_by_one_at_the_centre(void **state)
         const struct kiln_dvec3 p = dvec3(0.2 * uniform(&seed), 0.0, 0.2 * uniform(&seed));
         if (kiln_area_light_sampler(&lights, &lone, p, 0.0, &target)) {
             compare_at_centre(&lights, &target, p, &seed);
-            *(target.spherical ? &spherical : &flat) += 1;
+            *(target.view.spherical ? &spherical : &flat) += 1;
         }
         kiln_free(&lights.nodes);
     }
@@ -167,7 +167,7 @@ static void closed_form_from_other_places(void **state)
             struct kiln_area_light_sampler target;
             const struct kiln_dvec3 centre = dvec3(0.0, 0.0, 0.0), n = dvec3(0.0, 1.0, 0.0);
             if (kiln_area_light_sampler(&lights, &lone, centre, 0.0, &target)) {
-                const double turn = 6.28 * uniform(&seed), far = 0.12 * target.height;
+                const double turn = 6.28 * uniform(&seed), far = 0.12 * target.view.height;
                 const struct kiln_dvec3 p = dvec3(far * cos(turn), 0.0, far * sin(turn));
                 assert_true(kiln_area_light_sampler(&lights, &lone, centre, 1.001 * far, &target));
                 const double exact = polygon_irradiance(&light, p, n), sampled = sampled_irradiance(&target, p, n);
@@ -193,7 +193,7 @@ static void others_are_left_alone(void **state)
     assert_false(kiln_area_light_sampler(&one, &sky, origin, 0.0, &target));
     assert_false(kiln_area_light_sampler(&one, &lone, above, 0.0, &target)); /* from behind */
     assert_true(kiln_area_light_sampler(&one, &lone, origin, 0.0, &target));
-    assert_false(kiln_area_light_sampler(&one, &lone, origin, 0.2 * target.height, &target));
+    assert_false(kiln_area_light_sampler(&one, &lone, origin, 0.2 * target.view.height, &target));
     kiln_free(&two.nodes);
     kiln_free(&one.nodes);
 }

@@ -7,7 +7,7 @@
 
 #include <cmocka.h>
 
-#include "coordinator/bake/backend_choice.h"
+#include "coordinator/bake/prepare/backend_choice.h"
 
 /* Whether processors are predicted to be quicker with so many triangles, rays and threads. */
 static bool processors(uint64_t triangles, double rays, uint64_t threads)
@@ -44,11 +44,23 @@ static void test_threads_move_the_line(void **state)
 static void test_what_a_job_asks_for(void **state)
 {
     (void)state;
-    struct kiln_object object = {.lightmap_width = 100, .lightmap_height = 50};
+    struct kiln_object object = {
+        .lightmap_width = 100, .lightmap_height = 50, .transform = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
     struct kiln_scene_header header = {.bounds_max = {1.0, 1.0, 1.0}};
-    struct kiln_mesh mesh = {.triangle_count = 12};
-    const struct kiln_scene scene = {
-        .header = &header, .meshes = &mesh, .mesh_count = 1, .objects = &object, .object_count = 1};
+    struct kiln_mesh mesh = {.triangle_count = 12, .vertex_count = 2};
+    const struct kiln_material grey = {.base_color = {0.5f, 0.5f, 0.5f}};
+    const struct kiln_vec3 corners[] = {{0, 0, 0}, {1, 1, 1}};
+    const uint32_t materials[12] = {0};
+    const struct kiln_scene scene = {.header = &header,
+                                     .strings = "",
+                                     .materials = &grey,
+                                     .material_count = 1,
+                                     .positions = corners,
+                                     .triangle_materials = materials,
+                                     .meshes = &mesh,
+                                     .mesh_count = 1,
+                                     .objects = &object,
+                                     .object_count = 1};
     struct kiln_job job = {.bounces = 3,
                            .schedule = KILN_SCHEDULE_EQUAL,
                            .samples_direct = 10,

@@ -6,8 +6,9 @@
 #include <cmocka.h>
 
 #include "coordinator/output/exr_strips.h"
-#include "coordinator/output/map/bands.h"
-#include "coordinator/output/map/texel_gather.h"
+#include "coordinator/output/map/bands/assignment.h"
+#include "coordinator/output/map/bands/bands.h"
+#include "coordinator/output/map/write/texel_gather.h"
 
 static void check_rows(uint32_t height, uint32_t ranks)
 {

@@ -1,6 +1,6 @@
-/* Blocks (coordinator/integrate/blocks.h): a flat sheet has squares of K x K texels, a wall and a sharp edge cut them,
- * and each of a block's points has its turn. Nodes (nodes.h): points mix those of their side of the wall, so that what
- * is linear is kept. */
+/* Blocks (coordinator/integrate/sparse/blocks.h): a flat sheet has squares of K x K texels, a wall and a sharp edge cut
+ * them, and each of a block's points has its turn. Nodes (nodes.h): points mix those of their side of the wall, so that
+ * what is linear is kept. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -11,8 +11,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "coordinator/integrate/blocks.h"
-#include "coordinator/integrate/nodes.h"
+#include "coordinator/integrate/sparse/blocks.h"
+#include "coordinator/integrate/sparse/nodes.h"
 #include "coordinator/surface/surface_build.h"
 #include "tests/unit/surface_scene.h"
 #include "worker/light/lights.h"

@@ -11,7 +11,9 @@
 
 #include "coordinator/layout/padding.h"
 #include "coordinator/layout/unwrap.h"
-#include "coordinator/output/map/borders.h"
+#include "coordinator/output/map/charts/borders.h"
+#include "coordinator/output/map/charts/dilate.h"
+#include "coordinator/output/map/charts/nearest.h"
 #include "tests/common/synthetic.h"
 
 enum { SIDE = 16, HALF = SIDE / 2, TEXELS = SIDE * SIDE };

@@ -11,15 +11,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "shaders/intersect.h"
 #include "tests/unit/vulkan_device.h"
 #include "worker/backend/backend.h"
 #include "worker/backend/vulkan/bvh_device.h"
 #include "worker/backend/vulkan/vulkan.h"
 
-enum { RAYS = 16384, LAYOUTS = 4 };
-static const uint32_t layouts[LAYOUTS] = {KILN_TRAVERSAL_BRUTE, KILN_TRAVERSAL_BINARY, KILN_TRAVERSAL_FOUR,
-                                          KILN_TRAVERSAL_EIGHT};
+enum { RAYS = 16384, LAYOUTS = 2 };
+static const uint32_t layouts[LAYOUTS] = {KILN_TRAVERSAL_FOUR, KILN_TRAVERSAL_EIGHT};
 
 struct push {
     uint64_t scene, origins, directions, hits;
@@ -187,8 +185,7 @@ static int tracer_open(void **state)
     for (uint32_t i = 0; i < 2 * LAYOUTS; i++) {
         const uint32_t constants[VULKAN_CONSTANTS] = {[VULKAN_TRAVERSAL] = layouts[i / 2], [VULKAN_OWN] = i % 2};
         const struct gpu_kernel_params params = {.name = "intersect",
-                                                 .code = kiln_spirv_intersect,
-                                                 .code_bytes = sizeof kiln_spirv_intersect,
+                                                 .code = &kiln_code_intersect,
                                                  .constants = constants,
                                                  .constant_count = VULKAN_CONSTANTS};
         if (gpu_kernel_create(t->gpu, &t->kernels[i / 2][i % 2], &params, &error) != KILN_OK) {
@@ -273,20 +270,16 @@ static void check_device_tree(const struct tracer *t, const struct world *w, uin
     assert_true(bvh_device_can(t->gpu, &w->g));
     if (bvh_device_create(&tree, t->gpu, &w->g, 0, &error) != KILN_OK)
         fail_msg("%s", error.message);
-    for (int i = 0; i < LAYOUTS; i++) {
-        struct bvh_device_layout layout;
-        bool too_deep = true;
-        if (!bvh_device_makes(layouts[i]))
-            continue;
-        assert_int_equal(bvh_device_layout_create(tree, layouts[i], &layout, &too_deep, &error), KILN_OK);
-        assert_false(too_deep);
-        assert_int_equal(layout.triangle_count, w->g.triangle_count);
-        run_rays(t, w, &layout.nodes, &layout.triangles, layout.triangle_count, i, false, hits);
-        assert_memory_equal(hits, first, sizeof hits);
-        bvh_device_layout_free(&layout, t->gpu);
-    }
+    struct bvh_device_layout layout;
+    bool too_deep = true;
+    assert_int_equal(bvh_device_layout_create(tree, &layout, &too_deep, &error), KILN_OK);
+    assert_false(too_deep);
+    assert_int_equal(layout.triangle_count, w->g.triangle_count);
+    run_rays(t, w, &layout.nodes, &layout.triangles, layout.triangle_count, 0, false, hits);
+    assert_memory_equal(hits, first, sizeof hits);
+    bvh_device_layout_free(&layout, t->gpu);
     assert_int_equal(bvh_device_fetch(tree, &(struct bvh_params){.depth_limit = depth_limit}, &bvh, &error), KILN_OK);
-    for (int i = 1; i < LAYOUTS; i++) {
+    for (int i = 0; i < LAYOUTS; i++) {
         trace(t, w, bvh, i, false, hits);
         assert_memory_equal(hits, first, sizeof hits);
     }
@@ -298,9 +291,11 @@ static void trace_embree(const struct world *w, struct kiln_hit *hits)
 {
     struct kiln_backend *embree = NULL;
     struct kiln_error error = {""};
+    const struct kiln_ray_hints hints = {.alike = false};
     assert_int_equal(kiln_backend_embree.create(&embree, &(struct kiln_backend_params){.geometry = &w->g}, &error),
                      KILN_OK);
-    assert_int_equal(kiln_backend_embree.intersect(embree, w->origins, w->directions, RAYS, hits, &error), KILN_OK);
+    assert_int_equal(kiln_backend_embree.intersect(embree, w->origins, w->directions, RAYS, &hints, hits, &error),
+                     KILN_OK);
     kiln_backend_embree.destroy(&embree);
 }
 
@@ -332,7 +327,7 @@ static void check_occlusion(const struct tracer *t, const struct world *w, const
     assert_int_equal(wrong, 0);
 }
 
-/* All layouts against brute force, bit by bit, and against Embree but for `allowed` rays. */
+/* All layouts against the first, bit by bit, and against Embree but for `allowed` rays. */
 static void check_world(const struct tracer *t, struct world *w, size_t allowed, bool closed, uint32_t depth_limit)
 {
     static struct kiln_gpu_hit first[RAYS], hits[RAYS];
@@ -343,9 +338,8 @@ static void check_world(const struct tracer *t, struct world *w, size_t allowed,
     if (bvh_create(&bvh, &w->g, &(struct bvh_params){.depth_limit = depth_limit}, &error) != KILN_OK)
         fail_msg("%s", error.message);
     print_message("%zu triangles\n", w->g.triangle_count);
-    const bool few = w->g.triangle_count < 2000;
-    for (int i = few ? 0 : 1; i < LAYOUTS; i++) {
-        struct kiln_gpu_hit *to = i == (few ? 0 : 1) ? first : hits;
+    for (int i = 0; i < LAYOUTS; i++) {
+        struct kiln_gpu_hit *to = i == 0 ? first : hits;
         trace(t, w, bvh, i, false, to);
         if (to == hits)
             assert_memory_equal(hits, first, sizeof hits);
@@ -485,6 +479,52 @@ static void too_deep(void **state)
     check_world(*state, w, 16, false, 4);
 }
 
+/* The tree of `chain`: at each level four triangles in large boxes beside a small one with all the rest. */
+static void chain_nodes(struct kiln_gpu_bvh_node *nodes, struct kiln_gpu_bvh_share *shares, uint32_t triangles)
+{
+    uint32_t at = triangles, rest = KILN_GPU_NONE;
+    for (uint32_t i = 0; i < triangles; i++) {
+        nodes[i] = (struct kiln_gpu_bvh_node){{-2.0f, -2.0f, -2.0f}, i, {2.0f, 2.0f, 2.0f}, KILN_GPU_NONE};
+        shares[i].triangles = KILN_GPU_LEAF | 1u;
+    }
+    for (uint32_t i = 0; i < triangles; i += 4) {
+        const uint32_t inner[4][3] = {{i, i + 1, 2}, {i + 2, i + 3, 2}, {at, at + 1, 4}, {rest, at + 2, i + 4}};
+        for (uint32_t k = 0; k < (i == 0 ? 3u : 4u); k++, at++) {
+            const float size = k == 3 ? 0.1f : 2.0f;
+            nodes[at] = (struct kiln_gpu_bvh_node){{-size, -size, -size}, inner[k][0], {size, size, size}, inner[k][1]};
+            shares[at].triangles = inner[k][2];
+        }
+        rest = at - 1;
+    }
+}
+
+/* Four-wide walks of it want three entries a level: it is cut sooner than below depth 40, so that they fit their stack.
+ */
+static void chain(void **state)
+{
+    (void)state;
+    enum { TRIANGLES = 400 };
+    static struct kiln_gpu_bvh_node nodes[2 * TRIANGLES - 1];
+    static struct kiln_gpu_bvh_share shares[2 * TRIANGLES - 1];
+    struct world *w = world_create(3 * TRIANGLES, TRIANGLES);
+    struct bvh *bvh = NULL;
+    struct bvh_layout layout[LAYOUTS];
+    add_soup(w, TRIANGLES, 1.0f, 0.2f, 0.2f);
+    world_finish(w);
+    chain_nodes(nodes, shares, TRIANGLES);
+    assert_int_equal(bvh_create_of(&bvh, &w->g, &(struct bvh_params){0}, nodes, shares, NULL), KILN_OK);
+    for (int i = 0; i < LAYOUTS; i++) {
+        assert_int_equal(bvh_layout_create(&layout[i], bvh, layouts[i], NULL), KILN_OK);
+        assert_int_equal(layout[i].triangle_count, TRIANGLES);
+    }
+    assert_in_range(layout[0].stack, 100, KILN_GPU_STACK4);
+    assert_in_range(layout[1].stack, 1, KILN_GPU_STACK8);
+    for (int i = 0; i < LAYOUTS; i++)
+        bvh_layout_free(&layout[i]);
+    bvh_destroy(&bvh);
+    world_destroy(w);
+}
+
 /* Thousands of triangles in one place among more than the host joins from above: rounds on the device go on. (Mesa's
  * llvmpipe leaves a loop after 65,535 rounds, so they are not all in one place.) */
 static void one_place(void **state)
@@ -566,6 +606,7 @@ int main(void)
                                        cmocka_unit_test(poor_triangles),
                                        cmocka_unit_test(hardly_any),
                                        cmocka_unit_test(too_deep),
+                                       cmocka_unit_test(chain),
                                        cmocka_unit_test(one_place),
                                        cmocka_unit_test(any_scale),
                                        cmocka_unit_test(same_tree_again),

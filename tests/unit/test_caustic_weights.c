@@ -1,4 +1,4 @@
-/* Weights of caustics: those of a hit, a sample of the lights, a landing and a connection, each from what its subpath
+/* Weights of caustics: those of a hit, a sample of the lights and a landing, each from what its subpath
  * carries, against the densities of the whole path by each technique. */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -12,7 +12,7 @@
 #include "shaders/shared/random.h"
 #include "worker/pass/caustic_weights.h"
 
-enum { SURFACES = 4, TECHNIQUES = 4 };
+enum { SURFACES = 4, TECHNIQUES = 3 };
 
 /* The lamp is 0, surfaces with gloss are 1 ... count, the texel is last. Cosines towards lamp and texel, squared
  * distances to what comes next, densities of going on towards texel and lamp. */
@@ -20,9 +20,8 @@ struct path {
     int count;
     double in[SURFACES + 2], out[SURFACES + 2], squared[SURFACES + 2], to_texel[SURFACES + 2], to_lamp[SURFACES + 2];
     bool delta[SURFACES + 2];
-    double connect, emission, rays, area, connections;
+    double connect, emission, rays, area;
     bool is_point;
-    struct kiln_caustic_factors factors;
 };
 
 static double number(uint32_t *state, double low, double high)
@@ -47,8 +46,6 @@ static struct path make(uint32_t seed)
     p.emission = number(&state, 0.01, 1e4);
     p.rays = number(&state, 1.0, 1e3);
     p.area = number(&state, 1e-4, 1.0);
-    p.factors = kiln_caustic_factors_alike;
-    p.connections = seed % 11 == 0 ? 0.0 : number(&state, 1e-4, 1e2);
     if (seed % 5 == 0) /* from outside */
         p.squared[0] = 1.0;
     if (seed % 5 == 0 || p.is_point)
@@ -56,7 +53,7 @@ static struct path make(uint32_t seed)
     return p;
 }
 
-/* Of the whole path by hit, sample, landing and connection. Per m2 of each place, with deltas as chances. */
+/* Of the whole path by hit, sample and landing. Per m2 of each place, with deltas as chances. */
 static void find_densities(const struct path *p, double density[TECHNIQUES])
 {
     const int m = p->count;
@@ -69,18 +66,16 @@ static void find_densities(const struct path *p, double density[TECHNIQUES])
     for (int i = 1; i < m; i++)
         light *= p->to_texel[i] * p->in[i + 1] / p->squared[i];
     density[2] = light * p->to_texel[m] * p->in[m + 1] / p->squared[m];
-    density[3] = p->delta[m] ? 0.0 : light * p->connections * p->rays / p->area;
 }
 
 /* The subpath from the texel, arrived at surface `last`, or at the lamp, 0. */
 static struct kiln_caustic_gathered gathered(const struct path *p, int last)
 {
-    struct kiln_caustic_gathered g =
-        kiln_caustic_gather(p->area, p->rays, (double)p->factors.land, p->connections, p->in[p->count + 1]);
+    struct kiln_caustic_gathered g = kiln_caustic_gather(p->area, p->rays);
     for (int i = p->count; i >= last; i--) {
-        kiln_caustic_arrive(&g, i == p->count, p->squared[i], p->out[i]);
+        kiln_caustic_arrive(&g, p->squared[i], p->out[i]);
         if (i > last)
-            kiln_caustic_leave(&g, i == p->count, p->in[i], p->to_lamp[i], p->to_texel[i], p->delta[i]);
+            kiln_caustic_leave(&g, p->in[i], p->to_lamp[i], p->to_texel[i], p->delta[i]);
     }
     return g;
 }
@@ -100,43 +95,19 @@ static struct kiln_caustic_landing sent(const struct path *p, int last)
 
 static double landed(const struct path *p, enum kiln_mis mis)
 {
-    const int m = p->count;
-    const struct kiln_caustic_landing l = sent(p, m + 1);
-    double others = kiln_caustic_others(mis, &l, p->connections, p->squared[m], p->in[m + 1]);
-    if (kiln_mis_has_factors(mis))
-        others = kiln_caustic_others_by(&p->factors, (double)(float)others, (double)(float)kiln_caustic_sampled(&l));
-    const double weight = kiln_caustic_weight_landed(mis, others, p->rays, p->area);
-    return mis == KILN_MIS_OPTIMAL ? kiln_caustic_exchanged_landed(&p->factors, weight) : weight;
-}
-
-static double connected(const struct path *p, enum kiln_mis mis)
-{
-    const int m = p->count;
-    const struct kiln_caustic_landing l = sent(p, m);
-    return kiln_caustic_weight_connected(mis, &l, m == 1, p->connections,
-                                         p->in[m + 1] / KILN_PI * p->out[m] / p->squared[m], p->to_lamp[m],
-                                         p->to_texel[m] * p->in[m + 1] / p->squared[m], p->rays, p->area);
+    const struct kiln_caustic_landing l = sent(p, p->count + 1);
+    return kiln_caustic_weight_landed(mis, kiln_caustic_others(mis, &l), p->rays, p->area);
 }
 
 static double weight_of(const struct path *p, enum kiln_mis mis, int technique)
 {
     if (technique == 2)
         return landed(p, mis);
-    if (technique == 3)
-        return connected(p, mis);
     const struct kiln_caustic_gathered g = gathered(p, technique);
-    const double connect = p->connect * (double)p->factors.sample, towards = p->in[1] / p->squared[0],
-                 hit = p->is_point ? 0.0 : p->to_lamp[1] * p->out[0] / p->squared[0];
-    double more[KILN_CAUSTIC_EXCHANGES], weight;
-    if (technique == 0) {
-        weight = kiln_caustic_weight_hit(mis, &g, connect, p->emission);
-        kiln_caustic_exchange_hit(&g, weight, connect, p->emission, more);
-    } else {
-        weight =
-            kiln_caustic_weight_sampled(mis, &g, p->count == 1, connect, p->emission, towards, hit, p->to_texel[1]);
-        kiln_caustic_exchange_sampled(&g, weight, connect, p->emission, towards, hit, p->to_texel[1], more);
-    }
-    return mis == KILN_MIS_OPTIMAL ? kiln_caustic_exchanged(&p->factors, weight, more) : weight;
+    const double hit = p->is_point ? 0.0 : p->to_lamp[1] * p->out[0] / p->squared[0];
+    return technique == 0 ? kiln_caustic_weight_hit(mis, &g, p->connect, p->emission)
+                          : kiln_caustic_weight_sampled(mis, &g, p->connect, p->emission, p->in[1] / p->squared[0], hit,
+                                                        p->to_texel[1]);
 }
 
 /* What a path with these densities ought to have. */
@@ -153,53 +124,29 @@ static double expected(const double density[TECHNIQUES], enum kiln_mis mis, int 
     return own / sum;
 }
 
-/* Weights of balance with these exchanges. */
-static double exchanged(const double share[TECHNIQUES], const float exchange[KILN_CAUSTIC_EXCHANGES], int technique)
-{
-    const double a = (double)exchange[KILN_CAUSTIC_SAMPLES_TO_HITS],
-                 b = (double)exchange[KILN_CAUSTIC_LANDINGS_TO_RAYS],
-                 more[TECHNIQUES] = {a * share[1] + b * share[2], -a * share[0] + b * share[2],
-                                     -b * (share[0] + share[1])};
-    return share[technique] * (1.0 + more[technique]);
-}
-
 /* The weight of each technique is its share of all that can find the path, and they add up to 1. */
 static void weights_are_shares_of_densities(void **state)
 {
     (void)state;
-    for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= KILN_MIS_OPTIMAL; mis++) {
+    for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= KILN_MIS_UNIFORM; mis++) {
         double worst = 0.0;
         int several = 0;
         for (uint32_t seed = 0; seed < 6000; seed++) {
-            struct path p = make(seed);
+            const struct path p = make(seed);
             double density[TECHNIQUES], sum = 0.0, most = 0.0;
-            uint32_t random = seed + 77u;
-            if (kiln_mis_learns(mis)) /* pilots know nothing of connections */
-                p.connections = 0.0;
             find_densities(&p, density);
-            if (kiln_mis_has_factors(mis)) {
-                p.factors = (struct kiln_caustic_factors){.sample = (float)number(&random, 1.0 / 256.0, 256.0),
-                                                          .land = (float)number(&random, 1.0 / 256.0, 256.0)};
-                density[1] *= (double)p.factors.sample;
-                density[2] *= (double)p.factors.land;
-            }
-            if (mis == KILN_MIS_OPTIMAL)
-                for (int e = 0; e < KILN_CAUSTIC_EXCHANGES; e++)
-                    p.factors.exchange[e] = (float)log2(number(&random, 0.5, 2.0));
-            const double share[TECHNIQUES] = {expected(density, mis, 0), expected(density, mis, 1),
-                                              expected(density, mis, 2), expected(density, mis, 3)};
             for (int i = 0; i < TECHNIQUES; i++) {
                 const double weight = density[i] > 0.0 ? weight_of(&p, mis, i) : 0.0;
-                worst = fmax(worst, fabs(weight - exchanged(share, p.factors.exchange, i)));
+                worst = fmax(worst, fabs(weight - expected(density, mis, i)));
                 most = fmax(most, weight);
                 sum += weight;
             }
-            assert_true(fabs(sum - 1.0) < 1e-5);
+            assert_true(fabs(sum - 1.0) < 1e-9);
             several += most < 0.9;
         }
         print_message("rule %d: weights off by %.3g at most; %d paths that several techniques share\n", (int)mis, worst,
                       several);
-        assert_true(worst < (kiln_mis_has_factors(mis) ? 1e-5 : 1e-9) && several > 500);
+        assert_true(worst < 1e-9 && several > 500);
     }
 }
 

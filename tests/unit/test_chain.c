@@ -27,6 +27,7 @@
 #include "worker/pass/radiance.h"
 #include "worker/pass/validity.h"
 #include "worker/scene/gloss.h"
+#include "worker/scene/radiance_probes.h"
 #include "worker/scene/radiosity.h"
 
 static const double flat[4] = {0.02, 0.98, 0.02, 0.98};

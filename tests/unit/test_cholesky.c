@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/output/map/cholesky.h"
+#include "coordinator/math/cholesky.h"
 #include "worker/base/memory.h"
 
 enum { SIZE = 8, LANES = 6 };

@@ -8,7 +8,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/output/map/map.h"
+#include "coordinator/output/map/charts/dilate.h"
+#include "coordinator/output/map/charts/fill.h"
+#include "coordinator/output/map/charts/nearest.h"
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 

@@ -11,9 +11,12 @@
 
 #include "coordinator/surface/surface_build.h"
 #include "tests/unit/surface_scene.h"
+#include "worker/backend/api.h"
+#include "worker/backend/extended.h"
 #include "worker/backend/fallback.h"
 #include "worker/light/lights.h"
 #include "worker/pass/direct.h"
+#include "worker/pass/rows.h"
 
 enum { LAST_GOOD = 9, OWN_FAILURE = KILN_IO };
 
@@ -60,9 +63,9 @@ static int quit_run(struct kiln_backend *backend, const struct kiln_pass *pass, 
     return kiln_fail(error, KILN_NO_DEVICE, "the device is gone");
 }
 
-static int quit_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
+static int quit_set(struct kiln_backend *backend, enum kiln_resource_index index, struct kiln_error *error)
 {
-    return kiln_backend_set_surface(((struct quitter *)backend)->embree, surface, error);
+    return kiln_backend_give(((struct quitter *)backend)->embree, index, &backend->given, error);
 }
 
 static void quit_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
@@ -123,18 +126,23 @@ static void embree_goes_on(void **state)
         size_t claimed = 0;
         const struct kiln_claims claims = {claim_all, &claimed};
         struct quitter *q = calloc(1, sizeof *q);
+        const uint64_t radiosity = 0; /* neither is read by the direct pass */
+        struct kiln_rows rows = {.file = -1};
         struct kiln_backend *backend = &q->base;
         struct answers got = {.stop = own ? 5 : SIZE_MAX, .surface = surface, .results = malloc(bytes)};
         q->api = (struct kiln_backend_api){.name = "quitter",
                                            .destroy = quit_destroy,
                                            .info = quit_info,
-                                           .set_surface = quit_surface,
+                                           .set = quit_set,
                                            .claims = UINT32_MAX,
                                            .run = quit_run};
         q->base.api = &q->api;
         assert_int_equal(kiln_backend_create(&q->embree, "embree", &params, &error), KILN_OK);
         assert_int_equal(kiln_fallback_create(&backend, &params, &error), KILN_OK);
         assert_int_equal(kiln_backend_set_surface(backend, surface, &error), KILN_OK);
+        assert_int_equal(kiln_backend_set_radiosity(backend, &radiosity, &error), KILN_OK);
+        if (way == DEVICE_FAILS)
+            kiln_backend_set_rows(backend, &rows);
         batch.context = &got;
         if (way == CLAIMED) { /* what the device has claimed is computed; what it has not is left */
             batch.claims = &claims;
@@ -159,6 +167,9 @@ static void embree_goes_on(void **state)
         assert_true(info.fell_back == !own && strcmp(info.name, own ? "quitter" : "embree") == 0 &&
                     info.recoveries == 3);
         assert_true(info.device_seconds >= 2.5);
+        const struct kiln_backend *inner = kiln_backend_innermost(backend); /* which has all that was given */
+        assert_true((inner->api == &kiln_backend_embree) == !own && inner->given.radiosity == &radiosity);
+        assert_memory_equal(&inner->given, &backend->given, sizeof inner->given);
         free(got.results);
         kiln_backend_destroy(&backend);
     }

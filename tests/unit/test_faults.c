@@ -11,7 +11,8 @@
 #include "coordinator/job/faults.h"
 
 static const char *const names[] = {"KILN_SLOW_RANK", "KILN_HALT_RANK",    "KILN_FAILING_PACKER", "KILN_LOCKS",
-                                    "KILN_GPU_FAULT", "KILN_VULKAN_GUARD", "KILN_DIVIDE_FROM"};
+                                    "KILN_GPU_FAULT", "KILN_VULKAN_GUARD", "KILN_DIVIDE_FROM",    "KILN_HOLD",
+                                    "KILN_DOUBLES",   "KILN_TRAVERSAL"};
 
 static int clear(void **state)
 {
@@ -36,7 +37,8 @@ static void none(void **state)
 
 static void all(void **state)
 {
-    static const char *const values[] = {"1:4.5", "2:MPI's end", "3", "none", "lost:3:5", "before", "64"};
+    static const char *const values[] = {"1:4.5",  "2:MPI's end", "3",         "none", "lost:3:5",
+                                         "before", "64",          "/tmp/held", "none", "eight"};
     struct kiln_faults faults;
     (void)state;
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
@@ -50,6 +52,9 @@ static void all(void **state)
     assert_false(kiln_faults_packer_fails(&faults, 0));
     assert_true(faults.no_locks);
     assert_true(faults.divide_from == 64);
+    assert_string_equal(faults.hold, "/tmp/held");
+    assert_true(faults.device.floats);
+    assert_int_equal(faults.traversal, KILN_TRAVERSE_EIGHT);
     assert_true(faults.device.kind == KILN_DEVICE_FAULT_LOST && faults.device.at == 3 && faults.device.every == 5);
     assert_true(faults.device.guard == KILN_GUARD_BEFORE);
     assert_int_equal(setenv("KILN_GPU_FAULT", "memory:17", 1), 0);

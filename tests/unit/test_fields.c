@@ -59,10 +59,10 @@ static void a_bake_has_what_it_wants(void **state)
     assert_memory_equal(&layers.planes, &kiln_map_light, sizeof layers.planes);
     kiln_field_set_choose(&set, &with_errors);
     assert_true(set.entry[error].in_lightmaps);
-    kiln_columns_make(&columns, &set, false, false);
+    kiln_columns_make(&columns, &set, false, false, false);
     assert_int_equal(columns.count, 15); /* the errors of direct and of indirect light, and the parts, too */
     assert_int_equal(kiln_columns_row(&columns), 117 + 16);
-    kiln_columns_make(&columns, &set, true, false);
+    kiln_columns_make(&columns, &set, true, false, false);
     assert_string_equal(columns.column[15].name, "/points/side");
     assert_int_equal(kiln_columns_find(&columns, "/irradiance/total"), 10);
 }

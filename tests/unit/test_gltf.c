@@ -595,13 +595,66 @@ static void gloss_out_of_range_is_refused(void **state)
         refused(f, cases[i].text, cases[i].word);
 }
 
-static void specular_glossiness_is_told(void **state)
+static void specular_glossiness_is_read(void **state)
 {
     struct fixture *f = *state;
-    accepted(f, MATERIALS("{\"extensions\":{\"KHR_materials_pbrSpecularGlossiness\":{}}}") "}");
-    const struct kiln_note *notes = DATA(struct kiln_note, KILN_SECTION_NOTES);
-    assert_int_equal(notes[0].severity, KILN_NOTE_WARNING);
-    assert_non_null(strstr(DATA(char, KILN_SECTION_STRINGS) + notes[0].text, "a white metal"));
+    accepted(f, MATERIALS("{\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,1]},\"extensions\":{"
+                          "\"KHR_materials_pbrSpecularGlossiness\":{\"diffuseFactor\":[0.5,0.25,0.125,1],"
+                          "\"specularFactor\":[0.5,0.25,1],\"glossinessFactor\":0.75}}},"
+                          "{\"extensions\":{\"KHR_materials_pbrSpecularGlossiness\":{\"diffuseFactor\":[0.5,0.1,0.1,1],"
+                          "\"specularFactor\":[0,0,0],\"glossinessFactor\":0}}},"
+                          "{\"extensions\":{\"KHR_materials_pbrSpecularGlossiness\":{\"diffuseFactor\":[0,0,0,1],"
+                          "\"specularFactor\":[0.75,0.5,0.25],\"glossinessFactor\":0.5}}}") "}");
+    const struct kiln_material *m = DATA(struct kiln_material, KILN_SECTION_MATERIALS);
+    const struct kiln_gloss *gloss = DATA(struct kiln_gloss, KILN_SECTION_GLOSS);
+    assert_int_equal(COUNT(KILN_SECTION_NOTES), 0);
+    near((double)m[0].base_color[0], 0.5);
+    near((double)m[0].base_color[2], 0.125);
+    near((double)m[0].metallic, 0.0);
+    near((double)gloss[0].ior, 0.0); /* reflects its specular colour at any angle */
+    near((double)gloss[0].specular_color[0], 0.5);
+    near((double)gloss[0].specular_color[2], 1.0);
+    near((double)gloss[0].roughness, 0.25);
+    near((double)m[1].base_color[1], 0.1);
+    near((double)m[1].roughness, 1.0);
+    assert_int_equal(kiln_gloss_kind(&m[1], &gloss[1]), KILN_GLOSS_KIND_DIFFUSE);
+    near((double)m[2].metallic, 1.0); /* black below a bright specular colour: a metal of that colour */
+    near((double)m[2].base_color[2], 0.25);
+    near((double)m[2].roughness, 0.5);
+    refused(f, MATERIALS("{\"extensions\":{\"KHR_materials_pbrSpecularGlossiness\":{\"glossinessFactor\":2}}}") "}",
+            "glossinessFactor");
+}
+
+/* Two pixels of opaque colours: alpha 1, so that roughness is 1 - the factor. */
+static void glossiness_has_a_texture(void **state)
+{
+    struct fixture *f = *state;
+    accepted(f, HEAD ACCESSORS("") "," TWO_PIXELS ",\"textures\":[{\"source\":0}],\"materials\":[{\"extensions\":{"
+                                   "\"KHR_materials_pbrSpecularGlossiness\":{\"diffuseTexture\":{\"index\":0},"
+                                   "\"specularGlossinessTexture\":{\"index\":0},\"glossinessFactor\":0.6}}}]}");
+    const struct kiln_gloss *gloss = DATA(struct kiln_gloss, KILN_SECTION_GLOSS);
+    const struct kiln_texture *textures = DATA(struct kiln_texture, KILN_SECTION_TEXTURES);
+    const struct kiln_gloss_texture *roughness = &gloss[0].textures[KILN_GLOSS_ROUGHNESS];
+    assert_int_not_equal(DATA(struct kiln_material, KILN_SECTION_MATERIALS)[0].base_color_texture, KILN_NONE);
+    assert_int_not_equal(gloss[0].textures[KILN_GLOSS_SPECULAR_COLOR].texture, KILN_NONE);
+    assert_int_not_equal(roughness->texture, KILN_NONE);
+    near((double)gloss[0].roughness, 1.0);
+    near((double)gloss[0].mean_roughness, (double)0.4f);
+    assert_int_equal(DATA(uint8_t, KILN_SECTION_TEXELS)[textures[roughness->texture].first + roughness->channel], 102);
+}
+
+/* KHR_materials_unlit: neither emission nor metal nor gloss counts. */
+static void unlit_is_diffuse_and_dark(void **state)
+{
+    struct fixture *f = *state;
+    accepted(f, MATERIALS("{\"emissiveFactor\":[1,1,1],\"pbrMetallicRoughness\":{\"roughnessFactor\":0.1,"
+                          "\"baseColorFactor\":[0.2,0.6,0.2,1]},\"extensions\":{\"KHR_materials_unlit\":{},"
+                          "\"KHR_materials_clearcoat\":{\"clearcoatFactor\":1}}}") "}");
+    const struct kiln_material *m = DATA(struct kiln_material, KILN_SECTION_MATERIALS);
+    near((double)m[0].emission[0], 0.0);
+    near((double)m[0].metallic, 0.0);
+    near((double)m[0].base_color[1], 0.6);
+    assert_int_equal(COUNT(KILN_SECTION_GLOSS), 0);
 }
 
 static void colors_are_normalised(void **state)
@@ -719,7 +772,9 @@ int main(void)
                                        TEST(gloss_has_textures),
                                        TEST(anisotropy_has_coordinates),
                                        TEST(gloss_out_of_range_is_refused),
-                                       TEST(specular_glossiness_is_told),
+                                       TEST(specular_glossiness_is_read),
+                                       TEST(glossiness_has_a_texture),
+                                       TEST(unlit_is_diffuse_and_dark),
                                        TEST(colors_are_normalised),
                                        TEST(instances_are_objects),
                                        TEST(lights_and_cameras),

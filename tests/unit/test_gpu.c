@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "tests/counter.h"
+#include "tests/modules.h"
 #include "worker/backend/vulkan/gpu/gpu.h"
 
 struct push {
@@ -31,11 +31,8 @@ static struct gpu *create(const struct gpu_choice *choice)
 static struct gpu_kernel *counter(struct gpu *gpu, uint32_t step)
 {
     const uint32_t constants[] = {0, 0, 0, 0, 0, 0, step};
-    const struct gpu_kernel_params params = {.name = "counter",
-                                             .code = kiln_spirv_counter,
-                                             .code_bytes = sizeof kiln_spirv_counter,
-                                             .constants = constants,
-                                             .constant_count = 7};
+    const struct gpu_kernel_params params = {
+        .name = "counter", .code = &kiln_code_counter, .constants = constants, .constant_count = 7};
     struct gpu_kernel *kernel = NULL;
     assert_int_equal(gpu_kernel_create(gpu, &kernel, &params, NULL), KILN_OK);
     return kernel;
@@ -272,11 +269,8 @@ static int work(struct gpu_faults *faults, bool *lost, bool *short_of_memory)
     struct gpu_kernel *kernel = NULL;
     uint32_t words[N] = {0};
     const uint32_t constants[] = {0, 0, 0, 0, 0, 0, 1};
-    const struct gpu_kernel_params params = {.name = "counter",
-                                             .code = kiln_spirv_counter,
-                                             .code_bytes = sizeof kiln_spirv_counter,
-                                             .constants = constants,
-                                             .constant_count = 7};
+    const struct gpu_kernel_params params = {
+        .name = "counter", .code = &kiln_code_counter, .constants = constants, .constant_count = 7};
     *lost = *short_of_memory = false;
     struct kiln_error error = {0};
     int status = gpu_create(&gpu, &(struct gpu_choice){.device = -1, .faults = faults}, &error);

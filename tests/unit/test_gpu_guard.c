@@ -13,7 +13,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "tests/counter.h"
+#include "tests/modules.h"
 #include "worker/backend/vulkan/gpu/gpu.h"
 
 enum { WORDS = 100, BYTES = 4 * WORDS };
@@ -52,11 +52,8 @@ static int add_words(struct gpu *gpu, const struct deed *deed, struct kiln_error
         uint32_t width, height;
     };
     static const uint32_t words[WORDS] = {0}, constants[] = {0, 0, 0, 0, 0, 0, 1};
-    const struct gpu_kernel_params params = {.name = "counter",
-                                             .code = kiln_spirv_counter,
-                                             .code_bytes = sizeof kiln_spirv_counter,
-                                             .constants = constants,
-                                             .constant_count = 7};
+    const struct gpu_kernel_params params = {
+        .name = "counter", .code = &kiln_code_counter, .constants = constants, .constant_count = 7};
     struct gpu_kernel *kernel = NULL;
     struct gpu_buffer source, target;
     int status = gpu_kernel_create(gpu, &kernel, &params, error);

@@ -191,19 +191,25 @@ static void the_childs_death_is_a_sentence(void **state)
     struct fixture *f = *state;
     static const struct {
         const char *script, *word;
-    } cases[] = {{"#!/bin/sh\nkill -SEGV $$\n", "importer died (signal 11"},
-                 {"#!/bin/sh\nkill -ABRT $$\n", "importer died (signal 6"},
-                 {"#!/bin/sh\nkill -XCPU $$\n", "CPU time"},
-                 {"#!/bin/sh\nexit 3\n", "exit status 3"},
-                 {"#!/bin/sh\nexit 0\n", "no answer"},
-                 {"#!/bin/sh\nprintf '65\\nSCENE: all wrong'\nexit 65\n", "SCENE: all wrong"}};
+        int status;
+    } cases[] = {{"#!/bin/sh\nkill -SEGV $$\n", "importer died (signal 11", KILN_BAD_INPUT},
+                 {"#!/bin/sh\nkill -ABRT $$\n", "importer died (signal 6", KILN_BAD_INPUT},
+                 {"#!/bin/sh\nkill -XCPU $$\n", "CPU time", KILN_BAD_INPUT},
+                 {"#!/bin/sh\nkill -KILL $$\n", "no memory left", KILN_SYSTEM},
+                 {"#!/bin/sh\nkill -HUP $$\n", "ended from outside (signal 1", KILN_STOPPED},
+                 {"#!/bin/sh\nkill -TERM $$\n", "ended from outside (signal 15", KILN_STOPPED},
+                 {"#!/bin/sh\nkill -USR1 $$\n", "ended from outside (signal 10", KILN_STOPPED},
+                 {"#!/bin/sh\nkill -XFSZ $$\n", "ulimit -f", KILN_IO},
+                 {"#!/bin/sh\nexit 3\n", "exit status 3", KILN_BAD_INPUT},
+                 {"#!/bin/sh\nexit 0\n", "no answer", KILN_BAD_INPUT},
+                 {"#!/bin/sh\nprintf '65\\nSCENE: all wrong'\nexit 65\n", "SCENE: all wrong", KILN_BAD_INPUT}};
     char program[96];
     (void)snprintf(program, sizeof program, "%s/program", f->folder);
     f->params.program = program;
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         put(program, cases[i].script);
         assert_int_equal(chmod(program, 0700), 0);
-        assert_int_equal(import_now(f), KILN_BAD_INPUT);
+        assert_int_equal(import_now(f), cases[i].status);
         if (strstr(f->error.message, cases[i].word) == NULL)
             fail_msg("'%s' does not say '%s'", f->error.message, cases[i].word);
         assert_int_not_equal(access(f->output, F_OK), 0);

@@ -12,6 +12,7 @@
 
 #include "worker/base/memory.h"
 #include "coordinator/field/field.h"
+#include "coordinator/integrate/companion.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/late.h"
 #include "coordinator/integrate/cells/schedule.h"
@@ -179,7 +180,7 @@ static void lean_all(void **state)
 
 /* Late bounces have a field of samples, and only where their number is not given. Their ratio is over the power that
  * they gather for: tiles that have ended do not make it less. */
-/* Steps after bounces whose tile errors are `before` and `last`, and once `most` some bounces earlier. */
+/* Steps after bounces whose objects' errors are `before` and `last`, and once `most` some bounces earlier. */
 static bool goes_on(double most, double before, double last)
 {
     const struct kiln_integrate_settings settings = settings_of(KILN_SCHEDULE_LEAN, -1);
@@ -188,22 +189,23 @@ static bool goes_on(double most, double before, double last)
     run(&b, KILN_SCHEDULE_LEAN, -1, 0.5, 0.0);
     const size_t count = b.count - 1; /* without the final gather */
     assert_true(count >= 3);
-    b.reports[count - 3].tile_error = most;
-    b.reports[count - 2].tile_error = before;
-    b.reports[count - 1].tile_error = last;
+    b.reports[count - 3].object_error = most;
+    b.reports[count - 2].object_error = before;
+    b.reports[count - 1].object_error = last;
     assert_true(settings.integrator->next(&settings, b.reports, count, &step));
     return step.role == KILN_CELLS_BOUNCE;
 }
 
-/* What is off by little in a tile does not ask for bounces; what is off by more does until it is good twice. */
+/* What is off by little in an object's mean does not ask for bounces; what is off by more does until it is good twice.
+ */
 static void tiles(void **state)
 {
     (void)state;
-    assert_false(goes_on(0.0, 0.0, 0.04));
-    assert_true(goes_on(0.0, 0.0, 0.06));
-    assert_true(goes_on(0.3, 0.06, 0.015));
-    assert_true(goes_on(0.3, 0.0, 0.015)); /* the one before was not measured */
-    assert_false(goes_on(0.3, 0.015, 0.015));
+    assert_false(goes_on(0.0, 0.0, 0.0025));
+    assert_true(goes_on(0.0, 0.0, 0.004));
+    assert_true(goes_on(0.3, 0.004, 0.0015));
+    assert_true(goes_on(0.3, 0.0, 0.0015)); /* the one before was not measured */
+    assert_false(goes_on(0.3, 0.0015, 0.0015));
     assert_false(goes_on(0.3, 0.3, 0.0)); /* all tiles have ended */
 }
 
@@ -548,8 +550,8 @@ static void try_light_paths(uint32_t iterations, bool grow)
     }
     for (size_t i = 0; i < b.count; i++) {
         const struct kiln_step *step = &b.reports[i].step;
-        assert_int_equal(step->iterations > 0, step->lands);
-        if (!step->lands)
+        assert_int_equal(step->iterations > 0, kiln_step_has(step, KILN_WITH(landing)));
+        if (!kiln_step_has(step, KILN_WITH(landing)))
             continue;
         assert_int_equal(step->first_iteration, before);
         assert_int_equal(step->iterations, grow ? iterations * step->samples / 6 : iterations);

@@ -11,7 +11,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/bake/materials.h"
+#include "coordinator/bake/prepare/materials.h"
+#include "coordinator/job/conditions.h"
 #include "coordinator/job/job_private.h"
 #include "coordinator/job/options.h"
 
@@ -29,11 +30,148 @@ static int parse(struct kiln_job **job, int count, ...)
     return kiln_job_parse(job, count + 1, arguments, &error);
 }
 
+/* ---- options that do not count ---- */
+
+enum { WORDS = 32 };
+
+/* A value of the option that is not its default. */
+static const char *value_of(const struct kiln_option *option, char room[KILN_OPTION_TEXT])
+{
+    const char *fallback = option->fallback != NULL ? option->fallback : "";
+    for (size_t i = 0; option->choices != NULL; i++)
+        if (strcmp(option->choices[i], fallback) != 0 && strcmp(option->choices[i], "none") != 0)
+            return option->choices[i];
+    if (option->kind < KILN_OPTION_UINT32 || option->kind > KILN_OPTION_DOUBLE)
+        return option->kind == KILN_OPTION_POINT ? "1,2,3" : "3";
+    const double wanted = option->kind == KILN_OPTION_DOUBLE ? 0.5 : 3.0;
+    (void)snprintf(room, KILN_OPTION_TEXT, "%.17g", fmin(fmax(wanted, option->minimum), option->maximum));
+    return room;
+}
+
+/* Parses the option for the command, with further words: those of a bench begin with its name. */
+static int parse_with(struct kiln_job **job, const char *command, const struct kiln_option *option, const char *words)
+{
+    char room[KILN_OPTION_TEXT], name[64], copy[200], *arguments[WORDS] = {(char *)"kiln", (char *)(uintptr_t)command};
+    int count = 2;
+    const bool bench = strcmp(command, "bench") == 0;
+    (void)snprintf(copy, sizeof copy, "%s", words);
+    char *rest = NULL, *word = strtok_r(copy, " ", &rest);
+    if (bench) {
+        arguments[count++] = word;
+        word = strtok_r(NULL, " ", &rest);
+    }
+    arguments[count++] = (char *)"room.glb";
+    (void)snprintf(name, sizeof name, "--%s", option->name);
+    arguments[count++] = name;
+    if (option->kind != KILN_OPTION_FLAG)
+        arguments[count++] = (char *)(uintptr_t)value_of(option, room);
+    for (; word != NULL; word = strtok_r(NULL, " ", &rest))
+        arguments[count++] = word;
+    error.message[0] = '\0';
+    return kiln_job_parse(job, count, arguments, &error);
+}
+
+/* What is printed of options that do not count. Release with free. */
+static char *idle_of(const struct kiln_job *job)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *stream = open_memstream(&text, &size);
+    kiln_job_print_idle(job, stream);
+    (void)fclose(stream);
+    return text;
+}
+
+static void assert_counts(const struct kiln_option *option)
+{
+    const struct kiln_condition *when = option->when;
+    struct kiln_job *job = NULL;
+    if (parse_with(&job, when->command, option, when->with) != KILN_OK)
+        fail_msg("--%s with '%s': %s", option->name, when->with, error.message);
+    char *text = idle_of(job);
+    if (text[0] != '\0')
+        fail_msg("--%s with '%s': %s", option->name, when->with, text);
+    free(text);
+    kiln_job_destroy(&job);
+}
+
+static void assert_refused_or_noted(const struct kiln_option *option)
+{
+    const struct kiln_condition *when = option->when;
+    struct kiln_job *job = NULL;
+    char wanted[80];
+    (void)snprintf(wanted, sizeof wanted, "--%s ", option->name);
+    const int status = parse_with(&job, when->command, option, when->without);
+    if (status != KILN_OK) {
+        assert_int_equal(status, KILN_USAGE);
+        assert_non_null(strstr(error.message, option->name));
+        return;
+    }
+    char *text = idle_of(job);
+    if (strstr(text, wanted) == NULL || strstr(text, when->otherwise) == NULL)
+        fail_msg("--%s with '%s' is ignored in silence", option->name, when->without);
+    free(text);
+    kiln_job_destroy(&job);
+}
+
+/* Every row of the table: where its condition holds it is not refused and nothing is said, else one of the two. */
+static void test_options_that_do_not_count(void **state)
+{
+    (void)state;
+    size_t conditions = 0;
+    for (size_t i = 0; i < kiln_option_count; i++) {
+        const struct kiln_option *option = &kiln_options[i];
+        if (option->when == NULL)
+            continue;
+        assert_counts(option);
+        assert_refused_or_noted(option);
+        conditions++;
+    }
+    assert_true(conditions > 70);
+}
+
+/* What a preset or a default sets is never told, nor what switches off what is off anyway. */
+static void test_presets_are_not_told(void **state)
+{
+    (void)state;
+    for (size_t q = 0; q < kiln_quality_count; q++) {
+        struct kiln_job *job = NULL;
+        assert_int_equal(parse(&job, 9, "bake", "room.glb", "--quality", kiln_qualities[q].name, "--materials",
+                               "diffuse", "--backend", "embree", "--no-preview"),
+                         KILN_OK);
+        char *text = idle_of(job);
+        assert_string_equal(text, "");
+        free(text);
+        kiln_job_destroy(&job);
+    }
+    struct kiln_job *job = NULL;
+    assert_int_equal(parse(&job, 10, "bake", "room.glb", "--materials", "diffuse", "--caustics", "none", "--schedule",
+                           "equal", "--indirect-scale", "1"),
+                     KILN_OK);
+    char *text = idle_of(job);
+    assert_string_equal(text, "");
+    free(text);
+    kiln_job_destroy(&job);
+}
+
 /* Whether two options may have one place in the struct: those of one name, kind and default for different commands. */
 static bool may_share(const struct kiln_option *a, const struct kiln_option *b)
 {
     return strcmp(a->name, b->name) == 0 && a->kind == b->kind && a->fallback != NULL && b->fallback != NULL &&
            strcmp(a->fallback, b->fallback) == 0 && (a->commands & b->commands) == 0;
+}
+
+/* A second value belongs to one option of the same commands, has a default to go back to, and is on no screen. */
+static void assert_second(const struct kiln_option *option)
+{
+    if (option->second_of == NULL)
+        return;
+    const struct kiln_option *first = kiln_option_find_for(option->second_of, option->commands);
+    assert_non_null(first);
+    assert_int_equal(first->commands, option->commands);
+    assert_ptr_equal(kiln_option_second(first), option);
+    assert_null(first->second_of);
+    assert_true(option->fallback != NULL && option->value != NULL && option->when != NULL && option->common == 0);
 }
 
 /* Every option: named once, helped, placed inside the struct, its default within its own range. */
@@ -56,9 +194,13 @@ static void test_table(void **state)
             assert_true(kiln_options[j].offset != option->offset || may_share(&kiln_options[j], option));
         for (size_t j = 0; option->former != NULL && j < kiln_option_count; j++)
             assert_string_not_equal(kiln_options[j].name, option->former);
+        assert_int_equal(option->common & ~option->commands, 0);
+        assert_second(option);
     }
     struct kiln_job *job = NULL;
     for (size_t i = 0; i < kiln_command_count; i++) {
+        assert_int_equal(kiln_commands[i].output != NULL,
+                         (kiln_option_find("output")->commands & kiln_commands[i].bit) != 0);
         const char *const words[] = {"1", "2", "3", "4"};
         char *arguments[8] = {(char *)"kiln", (char *)kiln_commands[i].name};
         for (size_t j = 0; j < kiln_commands[i].minimum; j++)
@@ -82,7 +224,7 @@ static void test_defaults(void **state)
     assert_string_equal(job->quality, "preview");
     assert_null(job->environment);
     assert_null(job->instruction_set);
-    assert_true(job->device == -1 && job->traversal == 0 && job->dispatch_time == 100.0 && job->device_memory == 0 &&
+    assert_true(job->device == -1 && job->dispatch_time == 100.0 && job->device_memory == 0 &&
                 job->verify_fraction == 0);
     assert_true(job->environment_scale == 1.0 && job->threads == 0 && job->bounces == -1 && job->tail);
     assert_true(job->stitch && job->preview && !job->half && !job->error_map && !job->json);
@@ -125,10 +267,10 @@ static void test_forms(void **state)
     assert_true(job->devices && job->scene == NULL && job->argument_count == 0);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 3, "info", "--devices", "a.glb"), KILN_USAGE);
-    assert_int_equal(parse(&job, 14, "bake", "a.glb", "--backend", "vulkan", "--device", "2", "--traversal", "pipeline",
-                           "--dispatch-time", "12.5", "--device-memory", "0.25", "--verify-fraction", "0.01"),
+    assert_int_equal(parse(&job, 12, "bake", "a.glb", "--backend", "vulkan", "--device", "2", "--dispatch-time", "12.5",
+                           "--device-memory", "0.25", "--verify-fraction", "0.01"),
                      KILN_OK);
-    assert_true(job->device == 2 && job->traversal == 2 && job->dispatch_time == 12.5 && job->device_memory == 0.25 &&
+    assert_true(job->device == 2 && job->dispatch_time == 12.5 && job->device_memory == 0.25 &&
                 job->verify_fraction == 0.01);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 3, "info", "--", "--odd.glb"), KILN_OK);
@@ -234,6 +376,37 @@ static void test_former_names(void **state)
     assert_int_equal(rmdir(folder), 0);
 }
 
+/* A value given behind a colon goes with the value before it; one given by its former name stays. */
+static void test_second_values(void **state)
+{
+    (void)state;
+    enum { FOUR = 2, EIGHT = 3, SIXTEEN = 4 }; /* logarithms of windows */
+    static const char *const lines[][4] = {
+        {"--undersample", "mipmap:8"},
+        {"--undersample=mipmap:8", NULL},
+        {"--undersample", "mipmap:8", "--undersample", "stride"},
+        {"--sampling-window", "8", "--undersample", "stride"},
+        {"--undersample", "stride:16", "--sampling-window", "8"},
+        {"--sampling-window", "8", "--undersample", "stride:16"},
+    };
+    static const int windows[] = {EIGHT, EIGHT, FOUR, EIGHT, EIGHT, SIXTEEN};
+    for (size_t i = 0; i < sizeof windows / sizeof *windows; i++) {
+        struct kiln_job *job = NULL;
+        int count = 4;
+        for (size_t k = 0; k < 4 && lines[i][k] != NULL; k++)
+            count++;
+        assert_int_equal(parse(&job, count, "bake", "a.glb", "--method", "radiosity", lines[i][0], lines[i][1],
+                               lines[i][2], lines[i][3]),
+                         KILN_OK);
+        assert_int_equal(job->patches.window, windows[i]);
+        char room[KILN_OPTION_TEXT];
+        const bool given = i != 2;
+        const char *text = kiln_option_argument(job, kiln_option_find("undersample"), room);
+        assert_int_equal(strchr(text, ':') != NULL, given);
+        kiln_job_destroy(&job);
+    }
+}
+
 static void test_refusals(void **state)
 {
     (void)state;
@@ -257,6 +430,10 @@ static void test_refusals(void **state)
         {"--verify-fraction", "1.5", "from 0 to 1", KILN_USAGE},
         {"--instruction-set", "neon", "sse2, sse4.2", KILN_NO_DEVICE},
         {"--method", "paths", "there is: cells, radiosity, path, bdpt, vcm", KILN_USAGE},
+        {"--mis", "optimal", "--mis: 'optimal' is no more since kiln 0.2.0", KILN_USAGE},
+        {"--mis", "optimal", "give --mis balance", KILN_USAGE},
+        {"--connections", "1", "--connections is no more since kiln 0.2.0: leave it out", KILN_USAGE},
+        {"--mis", "best", "there is: balance, power, uniform", KILN_USAGE},
         {"--qualtiy", "draft", "nearest one is --quality", KILN_USAGE},
         {"--camera", "main", "it belongs to view", KILN_USAGE},
     };
@@ -340,11 +517,19 @@ static void test_edit_distance(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_table),         cmocka_unit_test(test_defaults),
-        cmocka_unit_test(test_forms),         cmocka_unit_test(test_quality_gives_way),
-        cmocka_unit_test(test_order),         cmocka_unit_test(test_refusals),
-        cmocka_unit_test(test_edit_distance), cmocka_unit_test(test_former_names),
-        cmocka_unit_test(test_merge_radius),  cmocka_unit_test(test_paths_of_references),
+        cmocka_unit_test(test_table),
+        cmocka_unit_test(test_options_that_do_not_count),
+        cmocka_unit_test(test_presets_are_not_told),
+        cmocka_unit_test(test_defaults),
+        cmocka_unit_test(test_forms),
+        cmocka_unit_test(test_quality_gives_way),
+        cmocka_unit_test(test_order),
+        cmocka_unit_test(test_refusals),
+        cmocka_unit_test(test_edit_distance),
+        cmocka_unit_test(test_former_names),
+        cmocka_unit_test(test_second_values),
+        cmocka_unit_test(test_merge_radius),
+        cmocka_unit_test(test_paths_of_references),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -9,9 +9,9 @@
 #include <math.h>
 #include <stdio.h>
 
-#include "coordinator/output/map/edge_tree.h"
-#include "coordinator/output/map/ghosts.h"
-#include "coordinator/output/map/joints.h"
+#include "coordinator/output/map/seams/edge_tree.h"
+#include "coordinator/output/map/denoise/ghosts.h"
+#include "coordinator/output/map/seams/joints.h"
 #include "tests/unit/surface_scene.h"
 #include "worker/base/memory.h"
 
@@ -61,8 +61,10 @@ static double find(struct sheets *s, bool backs)
 {
     const uint32_t objects = (uint32_t)s->f->scene.object_count;
     double sum = 0.0;
-    s->surface = (struct kiln_surface){
-        .object_count = objects, .map_count = backs ? 2 * objects : objects, .lightmaps = s->lightmaps};
+    s->surface = (struct kiln_surface){.object_count = objects,
+                                       .whole_maps = backs ? 2 * objects : objects,
+                                       .map_count = backs ? 2 * objects : objects,
+                                       .lightmaps = s->lightmaps};
     for (uint32_t i = 0; backs && i < objects; i++)
         s->lightmaps[objects + i] = s->lightmaps[i];
     assert_int_equal(kiln_joints_find(&s->joints, &s->f->scene, &s->surface, 4.0, NULL), KILN_OK);

@@ -14,8 +14,9 @@
 
 #include "coordinator/surface/surface_build.h"
 #include "shaders/shared/random.h"
+#include "shaders/shared/streams.h"
 #include "tests/unit/surface_scene.h"
-#include "worker/backend/backend.h"
+#include "worker/backend/extended.h"
 #include "worker/light/aims.h"
 #include "worker/light/emission.h"
 #include "worker/base/memory.h"
@@ -34,16 +35,15 @@ struct world {
     struct kiln_geometry *geometry;
     struct kiln_lights *made;
     struct kiln_surface *surface;
-    struct kiln_aims *aims, *kept; /* kept: of light paths that gather rays connect with; NULL: they do not */
-    size_t most_aims;              /* objects are cut as long as there are so many */
+    struct kiln_aims *aims;
+    size_t most_aims; /* objects are cut as long as there are so many */
     struct kiln_emission *emission;
     struct kiln_caustic_techniques techniques;
     bool weighs; /* landings leave a part of their light to gather rays */
     struct kiln_backend *backend;
 };
 
-enum { RAYS = 256 };     /* of a point, where gather rays have a part */
-#define CONNECTIONS 0.75 /* the chance of a ray to be connected with a light path, where there are such */
+enum { RAYS = 256 }; /* of a point, where gather rays have a part */
 
 static void begin(struct world *w)
 {
@@ -159,7 +159,6 @@ static void release(struct world *w)
     kiln_backend_destroy(&w->backend);
     kiln_emission_destroy(&w->emission);
     kiln_aims_destroy(&w->aims);
-    kiln_aims_destroy(&w->kept);
     kiln_surface_destroy(&w->surface);
     kiln_lights_destroy(&w->made);
     kiln_geometry_destroy(&w->geometry);
@@ -199,14 +198,8 @@ static int add(void *context, size_t first, size_t count, const void *results, s
         const struct kiln_surface *surface = s->world->surface;
         assert_true(s->world->weighs || r->others == 0.0f);
         const struct kiln_caustic_techniques *t = &s->world->techniques;
-        const double others =
-            !kiln_mis_has_factors(t->mis)
-                ? (double)r->others
-                : kiln_caustic_others_by(&t->factors[t->region_of[r->point]], (double)r->others, (double)r->sampled);
-        double weight = kiln_caustic_weight_landed(t->mis, others, RAYS,
-                                                   kiln_lit_area(surface, (struct kiln_own_point){r->point}, 1.0f));
-        if (t->mis == KILN_MIS_OPTIMAL)
-            weight = kiln_caustic_exchanged_landed(&t->factors[t->region_of[r->point]], weight);
+        const double area = kiln_lit_area(surface, (struct kiln_own_point){r->point}, 1.0f),
+                     weight = kiln_caustic_weight_landed(t->mis, (double)r->others, RAYS, area);
         for (int c = 0; c < 3; c++)
             s->landed[c] += weight * (double)r->flux[c];
         s->squares += weight * (double)r->flux[1] * weight * (double)r->flux[1];
@@ -226,9 +219,6 @@ static void trace(struct world *w, uint64_t paths, uint64_t first, uint64_t iter
     w->techniques.aims = w->aims;
     w->techniques.emission = w->emission;
     w->techniques.iterations = iterations;
-    w->techniques.kept = w->kept;
-    w->techniques.first_kept = 1000;
-    w->techniques.connections = CONNECTIONS;
     if (w->aims->paths != paths)
         kiln_aims_share(w->aims, paths, NULL);
     if (kiln_backend_run(w->backend, &kiln_pass_land, &parameters, &batch, &rays, &error) != KILN_OK)
@@ -785,29 +775,6 @@ static int add_gathered(void *context, size_t first, size_t count, const void *r
     return KILN_OK;
 }
 
-/* Pilots: by luminance of hits and of samples alone, E(X^2) = Var(X) + mean^2. Returns the largest mean^2 / Var(X). */
-static double learn_moments(struct world *w)
-{
-    struct kiln_caustic_moments *moments = calloc(w->surface->count, sizeof *moments);
-    struct kiln_caustic_techniques techniques = w->techniques;
-    techniques.mis = KILN_MIS_VARIANCE;
-    techniques.rays = RAYS;
-    const struct kiln_batch batch = {.count = w->surface->tile_run_count, .samples = RAYS};
-    uint64_t rays = 0;
-    double most = 0.0;
-    techniques.moments = moments;
-    assert_int_equal(kiln_backend_run(w->backend, &kiln_pass_weighed, &techniques, &batch, &rays, NULL), KILN_OK);
-    for (uint64_t i = 0; i < w->surface->count; i++)
-        for (int t = 0; t < KILN_CAUSTIC_GATHERS; t++) {
-            const double square = (double)moments[i].square[t], variance = (double)moments[i].variance[t];
-            assert_true(square >= (1.0 - 1.0 / RAYS - 1e-6) * variance && moments[i].net[t] >= 0.0f);
-            if (variance > 0.0)
-                most = fmax(most, square / variance - 1.0);
-        }
-    free(moments);
-    return most;
-}
-
 /* What light paths and gather rays bring together: the power that lands, what is gathered, and its error, W. */
 struct shared {
     double landed, found, error;
@@ -840,17 +807,7 @@ static void shared_light_is_the_same(void **state)
         struct sums alone = {.count = 0};
         bodies(&w, lamp, coarse ? COARSE : cut ? FRAME : APART, cut ? 16 : 0);
         trace(&w, PATHS, 0, 2, &alone);
-        uint32_t *region_of = calloc(w.surface->count, sizeof *region_of);
-        for (uint64_t i = 0; i < w.surface->count; i++)
-            region_of[i] = (uint32_t)i % 3;
-        w.techniques.region_of = region_of;
-        const struct kiln_caustic_factors factors[3] = {
-            {.sample = 0.3f, .land = 5.0f}, {.sample = 4.0f, .land = 0.2f}, {.sample = 6.0f, .land = 9.0f}};
-        const struct kiln_caustic_factors exchanges[3] = {
-            {1.0f, 1.0f, {1.0f, -1.0f}}, {1.0f, 1.0f, {-1.0f, -0.5f}}, {1.0f, 1.0f, {0.5f, 1.0f}}};
-        for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= (cut ? KILN_MIS_BALANCE : KILN_MIS_OPTIMAL);
-             mis += mis == KILN_MIS_VARIANCE ? 2 : 1) {
-            w.techniques.factors = mis == KILN_MIS_OPTIMAL ? exchanges : kiln_mis_has_factors(mis) ? factors : NULL;
+        for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= (cut ? KILN_MIS_BALANCE : KILN_MIS_UNIFORM); mis++) {
             const struct shared s = share(&w, mis, FEW);
             const double sum = s.landed + s.found, all = alone.landed[1] / 2.0,
                          error = hypot(s.error, sqrt(alone.squares) / 2.0);
@@ -859,38 +816,6 @@ static void shared_light_is_the_same(void **state)
             assert_true(fabs(sum - all) < 5.0 * error && error < 0.1 * all);
             if (lamp != SUN && !cut) /* which light paths find so much better that hardly anything is left */
                 assert_true(s.found > 1e-3 * all);
-        }
-        const double sure = learn_moments(&w);
-        print_message("  mean^2 is up to %.3f of the variance of what one ray finds\n", sure);
-        assert_true(lamp != SKY || cut || sure > 0.1); /* which a ray through a ball hardly misses */
-        free(region_of);
-        release(&w);
-    }
-}
-
-/* The same where gather rays connect with vertices of light paths that are kept: less lands then. */
-static void connected_light_is_the_same(void **state)
-{
-    (void)state;
-    enum { PATHS = 1 << 16, FEW = 1 << 13, KEPT = 1 << 11 };
-    static const enum lamp lamps[] = {AREA, POINT};
-    for (size_t i = 0; i < sizeof lamps / sizeof *lamps; i++) {
-        struct world w;
-        struct sums alone = {.count = 0};
-        bodies(&w, lamps[i], APART, 0);
-        trace(&w, PATHS, 0, 2, &alone);
-        const double all = alone.landed[1] / 2.0;
-        for (enum kiln_mis mis = KILN_MIS_BALANCE; mis <= KILN_MIS_UNIFORM; mis++) {
-            const double before = share(&w, mis, FEW).landed;
-            assert_int_equal(kiln_aims_create(&w.kept, w.made, w.most_aims, NULL), KILN_OK);
-            kiln_aims_share(w.kept, KEPT, NULL);
-            const struct shared s = share(&w, mis, FEW);
-            kiln_aims_destroy(&w.kept);
-            const double sum = s.landed + s.found, error = hypot(s.error, sqrt(alone.squares) / 2.0);
-            print_message("lamp %d, rule %d: %.4f W land, not %.4f: %.5f of %.5f, %.2f standard errors\n",
-                          (int)lamps[i], (int)mis, s.landed, before, sum, all, (sum - all) / error);
-            assert_true(fabs(sum - all) < 5.0 * error);
-            assert_true(s.landed < 0.99 * before);
         }
         release(&w);
     }
@@ -988,7 +913,7 @@ static void densities_are_those_of_draws(void **state)
             const uint32_t met = ray.triangle != KILN_NONE ? ray.triangle : a_triangle_of(&w, aim);
             const double sent = lamp == AREA || lamp == TWO_SIDED ? 4.0 * ray.cosine
                                 : lamp == SKY                     ? 2.0
-                                : lamp == SPOT ? 1.0 * kiln_point_light_cone(&w.made->points[0], direction)
+                                : lamp == SPOT ? 1.0 * kiln_punctual_profile(&w.made->points[0], direction)
                                                : 1.0;
             const double paths = (double)(w.aims->first[aim + 1] - w.aims->first[aim]),
                          density = kiln_aims_density(w.aims, ray.light, met, ray.place, direction),
@@ -1047,7 +972,6 @@ int main(void)
                                        cmocka_unit_test(a_frame_is_cut),
                                        cmocka_unit_test(a_sky_is_cut),
                                        cmocka_unit_test(shared_light_is_the_same),
-                                       cmocka_unit_test(connected_light_is_the_same),
                                        cmocka_unit_test(a_lamp_within_a_sphere),
                                        cmocka_unit_test(coarse_balls),
                                        cmocka_unit_test(densities_are_those_of_draws),

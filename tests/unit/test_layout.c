@@ -169,6 +169,7 @@ static struct kiln_builder *new_builder(void)
     assert_int_equal(kiln_builder_create(&b, NULL), KILN_OK);
     assert_int_equal(kiln_builder_string(b, "thing", 5, &offset, NULL), KILN_OK);
     assert_int_equal(kiln_builder_append(b, KILN_SECTION_NORMAL_MAPS, NULL, 1, NULL, NULL), KILN_OK);
+    assert_int_equal(kiln_builder_append(b, KILN_SECTION_MATERIALS, NULL, 1, NULL, NULL), KILN_OK);
     return b;
 }
 
@@ -751,7 +752,7 @@ static void test_second_uv_set(void **state)
 }
 
 /* A grid whose charts share 0.1 % of their samples, as rounding at seams gives, passes; with 2 % it passes with a
- * warning; with 5 % it does not. */
+ * warning, but charts are packed anew, since they share whole texels; with 5 % it does not. */
 static void test_overlap_tolerance(void **state)
 {
     (void)state;
@@ -772,8 +773,10 @@ static void test_overlap_tolerance(void **state)
         add_object(b, mesh, 1.0, 1.0, 1.0);
         assert_int_equal(kiln_layout(b, &(struct kiln_layout_params){0}, NULL), KILN_OK);
         assert_int_equal(has_note(b, "overlaps itself"), grade > 0);
-        assert_int_equal(has_note(b, "used as it is"), grade == 1);
-        assert_int_equal((mesh_of(b, mesh)->flags & KILN_MESH_UNWRAPPED) != 0, grade == 2);
+        assert_int_equal(has_note(b, "used as they are"), grade == 1);
+        assert_int_equal((mesh_of(b, mesh)->flags & KILN_MESH_UNWRAPPED) != 0, grade > 0);
+        assert_int_equal((mesh_of(b, mesh)->flags & KILN_MESH_REPACKED) != 0, grade == 1);
+        assert_int_equal(has_note(b, "would share texels"), grade == 1);
         kiln_builder_destroy(&b);
         free_shape(&s);
     }
@@ -919,6 +922,41 @@ static void test_shares(void **state)
     free_shape(&box);
 }
 
+/* Automatic density: no object has twice the density of the largest one, be it small or one of few; unless that one is
+ * vast. */
+static void test_largest(void **state)
+{
+    (void)state;
+    static const double floors[] = {2.0, 20.0, 200.0, 20000.0}, things[] = {1.0, 0.6, 0.1};
+    struct shape floor = two_by_one(), box = {0};
+    add_box(&box, 1.0, 1.0, 1.0);
+    for (size_t f = 0; f < sizeof floors / sizeof *floors; f++) {
+        struct kiln_builder *b = new_builder();
+        const size_t plane = add_mesh(b, &floor, good_uv);
+        add_object(b, plane, floors[f], floors[f], floors[f]);
+        for (int k = 1; k <= 2; k++) { /* what stands around: else the floor would be ground */
+            const size_t post = add_object(b, add_mesh(b, &box, NULL), 0.01, 0.01, 0.01);
+            struct kiln_object *o = &KILN_BUILDER_DATA(b, struct kiln_object, KILN_SECTION_OBJECTS)[post];
+            o->transform[3] = o->transform[7] = o->transform[11] = 0.4 * k * floors[f];
+        }
+        for (size_t i = 0; i < 3;
+             i++) /* a mesh each: instances cannot be less than half as fine as their mesh's layout */
+            add_object(b, add_mesh(b, &box, NULL), things[i], things[i], things[i]);
+        assert_int_equal(kiln_layout(b, &(struct kiln_layout_params){0}, NULL), KILN_OK);
+        const double ground = sqrt(texels_of(b, 0) * mesh_of(b, plane)->uv_area / 2.0) / floors[f];
+        for (size_t i = 0; i < 3; i++) {
+            const double own = sqrt(texels_of(b, i + 3) * mesh_of(b, plane + 3 + i)->uv_area / 6.0) / things[i];
+            print_message("%g m, %g m: %g and %g texels a metre\n", floors[f], things[i], ground, own);
+            /* a cube has a texel for each face, whatever the density */
+            assert_true(own <= 2.0 * ground || floors[f] > 1000.0 || own * things[i] < 4.0);
+            assert_true(floors[f] < 1000.0 || i > 0 || own > 100.0 * ground);
+        }
+        kiln_builder_destroy(&b);
+    }
+    free_shape(&floor);
+    free_shape(&box);
+}
+
 /* Instances of very different size and shape: the padding stays, the largest has the density asked for. */
 static void test_instances(void **state)
 {
@@ -1029,6 +1067,7 @@ int main(void)
         cmocka_unit_test(test_overlap_tolerance),
         cmocka_unit_test(test_sizes),
         cmocka_unit_test(test_default_density),
+        cmocka_unit_test(test_largest),
         cmocka_unit_test(test_shares),
         cmocka_unit_test(test_instances),
         cmocka_unit_test(test_many_meshes),

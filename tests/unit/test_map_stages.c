@@ -8,8 +8,9 @@
 #include <mpi.h>
 #include <string.h>
 
-#include "coordinator/output/map/stage.h"
-#include "coordinator/output/map/texel_gather.h"
+#include "coordinator/output/map/charts/chart_graphs.h"
+#include "coordinator/output/map/write/stages.h"
+#include "coordinator/output/map/write/texel_gather.h"
 #include "tests/common/synthetic.h"
 
 enum { WIDTH = 40, HEIGHT = 32 };
@@ -129,9 +130,11 @@ static void planes_only_for_those_that_read_them(void **state)
     params.stitch = true;
     assert_int_equal(kiln_map_stages_layers(some, &params, &layers, &fields, &error), KILN_OK);
     assert_int_equal(layers.planes.count, KILN_MAP_PLANES + 9); /* once, though two stages read them */
-    assert_int_equal(kiln_layers_plane(&layers, &fields, "albedo"), KILN_MAP_PLANES);
-    assert_int_equal(kiln_layers_plane(&layers, &fields, "error"), KILN_MAP_ERROR);
-    assert_int_equal(kiln_layers_plane(&layers, &fields, "area"), KILN_MAP_PLANES_MAX);
+    assert_int_equal(kiln_layers_plane(&layers, kiln_field_set_find(&fields, "albedo")), KILN_MAP_PLANES);
+    assert_int_equal(kiln_layers_plane(&layers, kiln_field_set_find(&fields, "error")), KILN_MAP_ERROR);
+    assert_int_equal(kiln_layers_plane(&layers, kiln_field_set_find(&fields, "area")), KILN_MAP_PLANES_MAX);
+    assert_true(layers.reads[2][0] == KILN_MAP_PLANES && layers.reads[2][1] == KILN_MAP_ERROR);
+    assert_int_equal(layers.reads[2][KILN_MAP_IF_ANY], KILN_MAP_PLANES_MAX);
     assert_true(layers.position == KILN_MAP_PLANES + 3 && layers.normal == KILN_MAP_PLANES + 6);
 }
 
@@ -151,7 +154,7 @@ static float find_shared(float shared)
     assert_int_equal(kiln_layers_make(&layers, &fields, NULL), KILN_OK);
     assert_int_equal(kiln_map_stages_layers(stages, &params, &layers, &fields, NULL), KILN_OK);
     assert_int_equal(kiln_map_create(&work.map, 70, 65, &layers.planes, NULL), KILN_OK);
-    float **parts = work.map->planes + kiln_layers_plane(&layers, &fields, "parts");
+    float **parts = work.map->planes + kiln_layers_plane(&layers, kiln_field_set_find(&fields, "parts"));
     for (size_t i = 0; i < kiln_map_texels(work.map); i++) {
         work.map->state[i] = i % 5 == 0 ? KILN_TEXEL_MARGIN : KILN_TEXEL_VALID;
         work.map->area[i] = 1.0f;

@@ -1,5 +1,5 @@
-/* Points near a point (coordinator/integrate/merge_near.h) against all pairs, where some points look far and others a
- * hundredth as far. */
+/* Points near a point (coordinator/integrate/land/merge_near.h) against all pairs, where some points look far and
+ * others a hundredth as far. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -9,7 +9,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "coordinator/integrate/merge_near.h"
+#include "coordinator/integrate/land/merge_near.h"
 #include "worker/base/memory.h"
 
 enum { POINTS = 5000 }; /* more than one thread sorts */

@@ -1,4 +1,4 @@
-/* Sorting of surface points into cells (coordinator/output/map/neighbours.h). */
+/* Sorting of surface points into cells (coordinator/output/map/denoise/neighbours.h). */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/output/map/neighbours.h"
+#include "coordinator/output/map/denoise/neighbours.h"
 #include "worker/base/memory.h"
 
 enum { COUNT = 60000, THREADS = 5 };

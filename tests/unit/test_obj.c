@@ -124,9 +124,8 @@ static void sixteen_bit_text(void **state)
 static struct kiln_dvec3 area_of(const struct obj_polygon *p, size_t triangle)
 {
     const uint32_t *c = p->triangles + 3 * triangle;
-    const struct kiln_dvec3 a = dvec3_of(p->points[c[0]]);
-    return dvec3_scale(dvec3_cross(dvec3_sub(dvec3_of(p->points[c[1]]), a), dvec3_sub(dvec3_of(p->points[c[2]]), a)),
-                       0.5);
+    const struct kiln_dvec3 a = p->points[c[0]];
+    return dvec3_scale(dvec3_cross(dvec3_sub(p->points[c[1]], a), dvec3_sub(p->points[c[2]], a)), 0.5);
 }
 
 /* A star of `count` corners with radii from 0.3 to 1, in a tilted plane, turned either way round. */
@@ -136,7 +135,7 @@ static void make_star(struct obj_polygon *p, size_t count, bool reverse)
     for (size_t i = 0; i < count; i++) {
         const double r = 0.3 + 0.7 * rand() / RAND_MAX, angle = 2.0 * KILN_PI * (double)i / (double)count;
         const float x = (float)(r * cos(angle)), y = (float)(r * sin(angle));
-        p->points[reverse ? count - 1 - i : i] = vec3(x, y, 0.5f * x - 0.25f * y);
+        p->points[reverse ? count - 1 - i : i] = dvec3_of(vec3(x, y, 0.5f * x - 0.25f * y));
     }
 }
 
@@ -151,8 +150,7 @@ static void triangles_cover_polygons(void **state)
         make_star(&p, count, k % 2 == 1);
         struct kiln_dvec3 whole = dvec3(0, 0, 0);
         for (size_t i = 0; i < count; i++)
-            whole = dvec3_add(
-                whole, dvec3_scale(dvec3_cross(dvec3_of(p.points[i]), dvec3_of(p.points[(i + 1) % count])), 0.5));
+            whole = dvec3_add(whole, dvec3_scale(dvec3_cross(p.points[i], p.points[(i + 1) % count]), 0.5));
         assert_true(obj_polygon_cut(&p, count));
         double sum = 0.0;
         for (size_t i = 0; i + 2 < count; i++) {
@@ -172,7 +170,7 @@ static void a_concave_quadrilateral_is_cut_at_its_reflex_corner(void **state)
     const struct kiln_vec3 corners[4] = {vec3(0, 0, 0), vec3(2, -1, 0), vec3(0.5f, 0, 0), vec3(2, 1, 0)};
     for (size_t shift = 0; shift < 4; shift++) {
         for (size_t i = 0; i < 4; i++)
-            p.points[i] = corners[(i + shift) % 4];
+            p.points[i] = dvec3_of(corners[(i + shift) % 4]);
         assert_true(obj_polygon_cut(&p, 4));
         for (size_t t = 0; t < 2; t++)
             assert_true(area_of(&p, t).z > 0.0);
@@ -187,16 +185,16 @@ static void large_and_hopeless_polygons_end(void **state)
     const size_t many = 200000;
     assert_int_equal(obj_polygon_room(&p, many, NULL), KILN_OK);
     for (size_t i = 0; i < many; i++)
-        p.points[i] = vec3((float)cos(2.0 * KILN_PI * (double)i / (double)many) * 1e6f,
-                           (float)sin(2.0 * KILN_PI * (double)i / (double)many) * 1e6f, 0);
+        p.points[i] = dvec3_of(vec3((float)cos(2.0 * KILN_PI * (double)i / (double)many) * 1e6f,
+                                    (float)sin(2.0 * KILN_PI * (double)i / (double)many) * 1e6f, 0));
     (void)obj_polygon_cut(&p, many); /* rounding may make it concave: refused, then */
     for (size_t i = 0; i < OBJ_CONCAVE_MAX; i++)
-        p.points[i] = vec3((float)(rand() % 1000), (float)(rand() % 1000), (float)(rand() % 3));
+        p.points[i] = dvec3_of(vec3((float)(rand() % 1000), (float)(rand() % 1000), (float)(rand() % 3)));
     assert_true(obj_polygon_cut(&p, OBJ_CONCAVE_MAX)); /* crosses itself everywhere */
     for (size_t i = 0; i < 3 * (OBJ_CONCAVE_MAX - 2); i++)
         assert_true(p.triangles[i] < OBJ_CONCAVE_MAX);
     for (size_t i = 0; i < 100; i++)
-        p.points[i] = vec3((float)i, 0, 0);
+        p.points[i] = dvec3_of(vec3((float)i, 0, 0));
     assert_true(obj_polygon_cut(&p, 100));
     make_star(&p, OBJ_CONCAVE_MAX + 1, false);
     assert_false(obj_polygon_cut(&p, OBJ_CONCAVE_MAX + 1));

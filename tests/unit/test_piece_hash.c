@@ -12,6 +12,7 @@
 #include <omp.h>
 #include <xxhash.h>
 
+#include "coordinator/files/foreign_json.h"
 #include "coordinator/output/manifest.h"
 #include "coordinator/output/piece_hash.h"
 #include "worker/base/memory.h"
@@ -133,8 +134,10 @@ static void test_manifests_with_pieces(void **state)
     (void)close(file);
 }
 
-int main(void)
+int main(int argc, char **argv)
 {
+    if (argc > 1 && strcmp(argv[1], KILN_JSON_CHILD) == 0) /* which reads manifests */
+        return kiln_foreign_json_child(argc, argv, NULL);
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_hash_is_as_defined),
                                        cmocka_unit_test(test_a_short_file_is_told),
                                        cmocka_unit_test(test_manifests_with_pieces)};

@@ -6,7 +6,7 @@
 
 #include <cmocka.h>
 
-#include "coordinator/bake/probe_paths.h"
+#include "coordinator/bake/volume/probe_paths.h"
 
 static void enough(void **state)
 {

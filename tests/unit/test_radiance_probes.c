@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/integrate/radiance_grid.h"
+#include "coordinator/integrate/probes/radiance_grid.h"
 #include "worker/sampling/harmonics.h"
 
 static const struct kiln_geometry box = {.bounds_min = {-4.0f, -1.0f, -2.0f}, .bounds_max = {4.0f, 1.0f, 2.0f}};

@@ -15,19 +15,20 @@
 
 #include "coordinator/output/read/ranges.h"
 
-/* The verdict on a file with one dataset /irradiance/NAME of six values, all 0.5 but one. */
-static int verdict(const char *name, double odd, char *message, size_t size)
+/* The verdict on a file with one dataset "/GROUP/NAME" of six values, all 0.5 but one. */
+static int verdict_in(const char *folder, const char *name, double odd, char *message, size_t size)
 {
-    char path[] = "/tmp/kiln-ranges-XXXXXX.h5", full[64];
+    char path[] = "/tmp/kiln-ranges-XXXXXX.h5", full[64], in[32];
     const int descriptor = mkstemps(path, 3);
     assert_true(descriptor >= 0);
     (void)close(descriptor);
     const hsize_t extent[2] = {2, 3};
     double values[6] = {0.5, 0.5, 0.5, 0.5, odd, 0.5};
-    (void)snprintf(full, sizeof full, "/irradiance/%s", name);
+    (void)snprintf(in, sizeof in, "/%s", folder);
+    (void)snprintf(full, sizeof full, "%s/%s", in, name);
     const hid_t file = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT),
                 space = H5Screate_simple(2, extent, NULL);
-    const hid_t group = H5Gcreate2(file, "/irradiance", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    const hid_t group = H5Gcreate2(file, in, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
     const hid_t dataset = H5Dcreate2(file, full, H5T_NATIVE_FLOAT, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
     assert_true(H5Dwrite(dataset, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) >= 0);
     assert_true(H5Dclose(dataset) >= 0 && H5Gclose(group) >= 0 && H5Sclose(space) >= 0 && H5Fclose(file) >= 0);
@@ -41,6 +42,11 @@ static int verdict(const char *name, double odd, char *message, size_t size)
     return status;
 }
 
+static int verdict(const char *name, double odd, char *message, size_t size)
+{
+    return verdict_in("irradiance", name, odd, message, size);
+}
+
 static void test_values(void **state)
 {
     (void)state;
@@ -51,7 +57,20 @@ static void test_values(void **state)
     assert_int_equal(verdict("indirect", INFINITY, message, sizeof message), KILN_BAD_INPUT);
     assert_int_equal(verdict("harmonics", -3.0, message, sizeof message), KILN_OK); /* coefficients have a sign */
     assert_int_equal(verdict("harmonics", NAN, message, sizeof message), KILN_BAD_INPUT);
-    assert_int_equal(verdict("albedo", 1.5, message, sizeof message), KILN_BAD_INPUT);
+    assert_int_equal(verdict_in("points", "albedo", 1.5, message, sizeof message), KILN_BAD_INPUT);
+}
+
+/* Users name groups of lights: what a name ends with, or is in another folder, means nothing. */
+static void test_groups(void **state)
+{
+    (void)state;
+    char message[2048];
+    static const char *const names[] = {"B", "albedo", "area", "total", "ambient_occlusion", "validity"};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        assert_int_equal(verdict_in("groups", names[i], -0.25, message, sizeof message), KILN_OK);
+        assert_int_equal(verdict_in("groups_direct", names[i], 1.5, message, sizeof message), KILN_OK);
+        assert_int_equal(verdict_in("groups", names[i], NAN, message, sizeof message), KILN_BAD_INPUT);
+    }
 }
 
 static void test_files_that_are_none(void **state)
@@ -70,6 +89,7 @@ static void test_files_that_are_none(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_values), cmocka_unit_test(test_files_that_are_none)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_values), cmocka_unit_test(test_groups),
+                                       cmocka_unit_test(test_files_that_are_none)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/bake/run_table.h"
+#include "coordinator/bake/report/run_table.h"
 
 static json_t *phase(const char *name, double low, double mean, double high)
 {
@@ -55,6 +55,9 @@ static void test_notes(void **state)
         note_count(json_pack("[o,o]", phase("lightmaps", 4.0, 4.0, 4.0), phase("checkpoints", 7.0, 7.0, 7.0)),
                    "files took 11 % of the time (11.0 s), most of it checkpoints (7.0 s); a longer --checkpoint-every"),
         1);
+    /* taking noise out is no writing of files */
+    assert_int_equal(
+        note_count(json_pack("[o,o]", phase("denoising", 29.0, 29.0, 29.0), phase("lightmaps", 4.0, 4.0, 4.0)), ""), 0);
     assert_int_equal(note_count(json_pack("[o]", phase("bounces", 0.1, 1.0, 1.9)), ""), 0); /* less than a second */
     assert_int_equal(note_count(json_array(), ""), 0);
 }

@@ -8,8 +8,11 @@
 #include <omp.h>
 #include <stdio.h>
 
-#include "coordinator/output/map/seam_system.h"
-#include "coordinator/output/map/seams.h"
+#include "coordinator/output/map/charts/dilate.h"
+#include "coordinator/output/map/charts/nearest.h"
+#include "coordinator/output/map/seams/seam_samples.h"
+#include "coordinator/output/map/seams/seam_system.h"
+#include "coordinator/output/map/seams/seams.h"
 #include "tests/common/synthetic.h"
 
 enum { WIDTH = 40, HEIGHT = 32 };

@@ -8,35 +8,17 @@
 #include <cmocka.h>
 #include <math.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "shaders/choose.h"
-#include "shaders/direct.h"
-#include "shaders/directional.h"
-#include "shaders/directional_reduce.h"
-#include "shaders/gather.h"
-#include "shaders/gather_reduce.h"
-#include "shaders/guided.h"
-#include "shaders/guided_learn.h"
-#include "shaders/guided_reduce.h"
-#include "shaders/intersect.h"
-#include "shaders/occlusion.h"
-#include "shaders/occlusion_reduce.h"
-#include "shaders/patches.h"
-#include "shaders/path.h"
-#include "shaders/probes.h"
-#include "shaders/probes_reduce.h"
-#include "shaders/replay_take.h"
+#include "coordinator/files/publish.h"
 #include "shaders/shared/area_light.h"
 #include "shaders/shared/color.h"
 #include "shaders/shared/mask.h"
 #include "shaders/shared/push.h"
 #include "shaders/shared/warp.h"
-#include "shaders/sight_close.h"
-#include "shaders/sight_forget.h"
-#include "shaders/sight_open.h"
-#include "shaders/validity.h"
+#include "worker/base/memory.h"
 
 /* ---- a reader of SPIR-V: names and offsets of struct members (SPIR-V specification, sections 2.3 and 3.42) ---- */
 
@@ -44,21 +26,42 @@ enum { OP_NAME = 5, OP_MEMBER_NAME = 6, OP_MEMBER_DECORATE = 72, DECORATION_OFFS
 
 struct module {
     const char *name;
-    const uint32_t *words;
+    uint32_t *words;
     size_t count;
 };
 
-#define MODULE(kernel)                                                                                                 \
-    {                                                                                                                  \
-#        kernel, kiln_spirv_##kernel, sizeof kiln_spirv_##kernel / sizeof(uint32_t)                                    \
+/* Read by read_modules. */
+static struct module modules[] = {
+    {"choose", NULL, 0},      {"direct", NULL, 0},           {"gather", NULL, 0},       {"gather_reduce", NULL, 0},
+    {"probes", NULL, 0},      {"probes_reduce", NULL, 0},    {"intersect", NULL, 0},    {"validity", NULL, 0},
+    {"occlusion", NULL, 0},   {"occlusion_reduce", NULL, 0}, {"directional", NULL, 0},  {"directional_reduce", NULL, 0},
+    {"path", NULL, 0},        {"guided", NULL, 0},           {"guided_learn", NULL, 0}, {"guided_reduce", NULL, 0},
+    {"replay_take", NULL, 0}, {"patches", NULL, 0},          {"sight_forget", NULL, 0}, {"sight_open", NULL, 0},
+    {"sight_close", NULL, 0}};
+
+static int read_modules(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof modules / sizeof *modules; i++) {
+        char path[512], *bytes = NULL;
+        size_t size = 0;
+        struct kiln_error error = {""};
+        (void)snprintf(path, sizeof path, KILN_KERNELS_NAMED "/%s.spv", modules[i].name);
+        if (kiln_read_file(path, 1 << 24, &bytes, &size, &error) != KILN_OK)
+            fail_msg("%s", error.message);
+        modules[i].words = (uint32_t *)(void *)bytes;
+        modules[i].count = size / sizeof(uint32_t);
     }
-static const struct module modules[] = {
-    MODULE(choose),      MODULE(direct),           MODULE(gather),       MODULE(gather_reduce),
-    MODULE(probes),      MODULE(probes_reduce),    MODULE(intersect),    MODULE(validity),
-    MODULE(occlusion),   MODULE(occlusion_reduce), MODULE(directional),  MODULE(directional_reduce),
-    MODULE(path),        MODULE(guided),           MODULE(guided_learn), MODULE(guided_reduce),
-    MODULE(replay_take), MODULE(patches),          MODULE(sight_forget), MODULE(sight_open),
-    MODULE(sight_close)};
+    return 0;
+}
+
+static int free_modules(void **state)
+{
+    (void)state;
+    for (size_t i = 0; i < sizeof modules / sizeof *modules; i++)
+        kiln_free(&modules[i].words);
+    return 0;
+}
 
 /* The next instruction from *at on with this code; NULL: none. */
 static const uint32_t *next(const struct module *m, size_t *at, uint32_t code)
@@ -218,6 +221,7 @@ static void offsets(void **state)
                                             MEMBER(kiln_gpu_material, seen_color),
                                             MEMBER(kiln_gpu_path_triangle, shading2),
                                             MEMBER(kiln_gpu_path_triangle, flags),
+                                            MEMBER(kiln_gpu_path_triangle, lift),
                                             MEMBER(kiln_gpu_path_sums, rays),
                                             MEMBER(kiln_gpu_texture, wrap_v),
                                             MEMBER(kiln_gpu_coating, material),
@@ -263,5 +267,5 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(offsets), cmocka_unit_test(reader),
                                        cmocka_unit_test(constants)};
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    return cmocka_run_group_tests(tests, read_modules, free_modules);
 }

@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "coordinator/output/exr_strips.h"
-#include "coordinator/output/map/strip_exchange.h"
+#include "coordinator/output/map/bands/strip_exchange.h"
 #include "worker/base/memory.h"
 
 enum { OBJECTS = 40, RANKS = 70 };

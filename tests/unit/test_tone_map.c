@@ -168,8 +168,8 @@ static void exposure(void **state)
     for (int stops = -30; stops <= 30; stops += 15) {
         struct kiln_image *image = image_of((float)exp2(stops));
         float *planes[3];
-        near(kiln_auto_exposure(image).scale * exp2(stops), 0.18, 1e-9);
-        near(kiln_auto_exposure(image).white, 0.5, 1e-9);
+        near(kiln_auto_exposure(image, 0.0).scale * exp2(stops), 0.18, 1e-9);
+        near(kiln_auto_exposure(image, 0.0).white, 0.5, 1e-9);
         assert_true(kiln_image_rgb(image, "", planes));
         for (int i = 0; i < 80; i++)
             for (int c = 0; c < 3; c++) {
@@ -178,11 +178,17 @@ static void exposure(void **state)
                 planes[c][200 + i] = i % 2 == 0 ? NAN : INFINITY;
                 planes[c][300 + i] = 0.0f;
             }
-        near(kiln_auto_exposure(image).scale * exp2(stops), 0.18, 1e-9);
+        near(kiln_auto_exposure(image, 0.0).scale * exp2(stops), 0.18, 1e-9);
         kiln_image_destroy(&image);
     }
+    /* what is dark for the lights of the scene stays dark: 20 stops below what they could give are 10 below grey */
+    struct kiln_image *leak = image_of(0.18f * 0x1p-20f);
+    near(kiln_auto_exposure(leak, 0.18).scale, 0x1p10, 1e-3);
+    near(kiln_auto_exposure(leak, 0.18 * 0x1p-8).scale, 0x1p18, 1.0);
+    near(kiln_auto_exposure(leak, 0.18 * 0x1p-12).scale, 0x1p20, 1.0);
+    kiln_image_destroy(&leak);
     struct kiln_image *black = image_of(0.0f);
-    assert_true(kiln_auto_exposure(black).scale == 1.0);
+    assert_true(kiln_auto_exposure(black, 0.0).scale == 1.0);
     kiln_image_destroy(&black);
 }
 

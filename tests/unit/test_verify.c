@@ -12,6 +12,7 @@
 #include "coordinator/surface/surface_build.h"
 #include "shaders/shared/random.h"
 #include "tests/unit/surface_scene.h"
+#include "worker/backend/api.h"
 #include "worker/backend/verify.h"
 #include "worker/light/lights.h"
 #include "worker/pass/direct.h"
@@ -107,15 +108,10 @@ static int lying_run(struct kiln_backend *backend, const struct kiln_pass *pass,
     return kiln_backend_run(l->embree, pass, parameters, &own, rays, error);
 }
 
-static int liar_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
+static int liar_set(struct kiln_backend *backend, enum kiln_resource_index index, struct kiln_error *error)
 {
-    ((struct liar *)backend)->surface = surface;
-    return kiln_backend_set_surface(((struct liar *)backend)->embree, surface, error);
-}
-
-static int liar_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
-{
-    return kiln_backend_set_radiosity(((struct liar *)backend)->embree, radiosity, error);
+    ((struct liar *)backend)->surface = backend->surface;
+    return kiln_backend_give(((struct liar *)backend)->embree, index, &backend->given, error);
 }
 
 static void liar_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
@@ -152,16 +148,12 @@ static struct world create(double share, enum lie lie)
         .scene = &f->scene, .geometry = w.geometry, .lights = w.lights, .threads = 2, .verify_fraction = share};
     w.liar->lie = lie;
     assert_int_equal(kiln_backend_create(&w.liar->embree, "embree", &params, &error), KILN_OK);
-    w.liar->api = (struct kiln_backend_api){.name = "liar",
-                                            .destroy = liar_destroy,
-                                            .info = liar_info,
-                                            .set_surface = liar_surface,
-                                            .set_radiosity = liar_radiosity,
-                                            .run = lying_run};
+    w.liar->api = (struct kiln_backend_api){
+        .name = "liar", .destroy = liar_destroy, .info = liar_info, .set = liar_set, .run = lying_run};
     w.liar->base.api = &w.liar->api;
     w.backend = &w.liar->base;
     assert_int_equal(kiln_verify_create(&w.backend, &params, &error), KILN_OK);
-    assert_string_equal(w.backend->api->name, "liar");
+    assert_string_equal(kiln_backend_name(w.backend), "liar");
     w.radiosity = malloc(w.surface->point_count * sizeof *w.radiosity);
     for (uint32_t i = 0; i < w.surface->point_count; i++) {
         const float rgb[3] = {1.0f + 0.01f * (float)(i % 100), 1.0f, 2.0f - 0.01f * (float)(i % 50)};

@@ -12,9 +12,7 @@
 
 #include "shaders/shared/bsdf.h"
 #include "shaders/shared/random.h"
-#include "tests/bsdf.h"
-#include "tests/bsdf_lobes.h"
-#include "tests/bsdf_prepare.h"
+#include "tests/modules.h"
 #include "tests/unit/bsdf_checks.h"
 #include "tests/unit/vulkan_device.h"
 
@@ -65,8 +63,7 @@ static struct answer host_answer(const struct query *q)
 
 static void ask(struct gpu *gpu, const struct query *queries, struct answer *answers)
 {
-    const struct gpu_kernel_params params = {
-        .name = "bsdf", .code = kiln_spirv_bsdf, .code_bytes = sizeof kiln_spirv_bsdf};
+    const struct gpu_kernel_params params = {.name = "bsdf", .code = &kiln_code_bsdf};
     struct gpu_kernel *kernel = NULL;
     struct gpu_buffer buffers[2];
     assert_int_equal(gpu_kernel_create(gpu, &kernel, &params, NULL), KILN_OK);
@@ -165,8 +162,7 @@ static void ask_lobes(void *context, const struct kiln_bsdf_lobes *lobes, size_t
 
 static void whole_materials(void **state)
 {
-    const struct gpu_kernel_params params = {
-        .name = "lobes", .code = kiln_spirv_bsdf_lobes, .code_bytes = sizeof kiln_spirv_bsdf_lobes};
+    const struct gpu_kernel_params params = {.name = "lobes", .code = &kiln_code_bsdf_lobes};
     struct device_lobes device = {.gpu = *state};
     const struct lobes_source there = {.ask = ask_lobes, .context = &device, .thin = getenv("KILN_TEST_FULL") == NULL};
     assert_int_equal(gpu_kernel_create(device.gpu, &device.kernel, &params, NULL), KILN_OK);
@@ -258,8 +254,7 @@ static double prepared(struct gpu *gpu, struct gpu_kernel *kernel, const struct 
 
 static void hits_with_textures(void **state)
 {
-    const struct gpu_kernel_params params = {
-        .name = "prepare", .code = kiln_spirv_bsdf_prepare, .code_bytes = sizeof kiln_spirv_bsdf_prepare};
+    const struct gpu_kernel_params params = {.name = "prepare", .code = &kiln_code_bsdf_prepare};
     struct gpu_kernel *kernel = NULL;
     assert_int_equal(gpu_kernel_create(*state, &kernel, &params, NULL), KILN_OK);
     for (size_t i = 0; i < MATERIALS; i++) {

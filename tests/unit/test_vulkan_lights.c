@@ -12,8 +12,7 @@
 
 #include "shaders/shared/random.h"
 #include "tests/unit/vulkan_device.h"
-#include "tests/vulkan_lights.h"
-#include "tests/vulkan_lights_float.h"
+#include "tests/modules.h"
 #include "worker/base/memory.h"
 #include "worker/backend/vulkan/layout.h"
 #include "worker/backend/vulkan/lights.h"
@@ -119,8 +118,7 @@ static void compare_choices(const struct kiln_lights *lights, const struct query
 static bool draw_sample(const struct kiln_lights *lights, const struct query *q, bool *brings,
                         struct kiln_light_sample *s)
 {
-    const struct kiln_light_choice choice = {
-        .kind = (enum kiln_choice_kind)q->kind, .index = q->index, .samples = q->count};
+    const struct kiln_light_choice choice = {.kind = q->kind, .index = q->index, .samples = q->count};
     const struct kiln_dvec3 place = array3(q->place);
     const double u = kiln_unit_double(q->u), v = kiln_unit_double(q->v);
     struct kiln_area_light_sampler target;
@@ -190,12 +188,11 @@ static void answer_queries(struct gpu *gpu, const struct kiln_lights *lights, bo
     struct kiln_gpu_scene scene = {0};
     assert_int_equal(vulkan_lights_create(gpu, lights, float64, &on_device, &scene.lights, NULL), KILN_OK);
     const uint32_t constants[] = {0, 0, 0, on_device.kinds, 0};
-    const struct gpu_kernel_params params = {
-        .name = "lights",
-        .code = float64 ? kiln_spirv_vulkan_lights : kiln_spirv_vulkan_lights_float,
-        .code_bytes = float64 ? sizeof kiln_spirv_vulkan_lights : sizeof kiln_spirv_vulkan_lights_float,
-        .constants = constants,
-        .constant_count = 5};
+    const struct gpu_kernel_params params = {.name = "lights",
+                                             .code =
+                                                 float64 ? &kiln_code_vulkan_lights : &kiln_code_vulkan_lights_float,
+                                             .constants = constants,
+                                             .constant_count = 5};
     struct gpu_kernel *kernel = NULL;
     struct gpu_buffer buffers[3];
     assert_int_equal(gpu_kernel_create(gpu, &kernel, &params, NULL), KILN_OK);

@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 #include "coordinator/import/import.h"
-#include "tests/materials.h"
+#include "tests/modules.h"
 #include "tests/unit/surface_scene.h"
 #include "tests/unit/vulkan_device.h"
 #include "worker/backend/vulkan/materials.h"
@@ -43,8 +43,7 @@ static int open_device(void **state)
         print_error("%s\n", error.message);
         return -1;
     }
-    const struct gpu_kernel_params params = {
-        .name = "materials", .code = kiln_spirv_materials, .code_bytes = sizeof kiln_spirv_materials};
+    const struct gpu_kernel_params params = {.name = "materials", .code = &kiln_code_materials};
     *state = &device;
     return gpu_kernel_create(device.gpu, &device.kernel, &params, NULL);
 }

@@ -16,6 +16,7 @@
 #include "shaders/shared/random.h"
 #include "tests/unit/surface_scene.h"
 #include "tests/unit/vulkan_device.h"
+#include "worker/backend/emission.h"
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/light/lights.h"
 #include "worker/pass/probes.h"

@@ -55,7 +55,7 @@ void sample_light(Query q, uint x)
         brings = kiln_area_light_sampler_draw(kiln_area_light_sampler_of(choice.index, vec3_of(q.p)),
                                               place - real3(vec3_of(q.p)), real_unit(q.u), real_unit(q.v), s);
     else
-        brings = kiln_lights_sample(choice, q.k, place, real3(vec3_of(q.n)), real3(vec3_of(q.shading)),
+        brings = kiln_sample_choice(choice, q.k, place, real3(vec3_of(q.n)), real3(vec3_of(q.shading)),
                                     real_unit(q.pick), real_unit(q.u), real_unit(q.v), s);
     Answers(push.answers).at[x].aimed = aimed ? 1u : 0u;
     Answers(push.answers).at[x].brings = brings ? 1u : 0u;

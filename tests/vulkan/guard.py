@@ -28,19 +28,19 @@ SKY = 'sky.hdr'
 GLASS = 'glass.glb'  # made when wanted
 WATER = 'cornell_water.glb'
 GROUPS = 'groups.yaml'
-CASES = (  # scene, options of all its bakes, guarded bakes: guard, ranks, more options
+CASES = (  # scene, options of all its bakes, guarded bakes: guard, ranks, more options and variables
     ('two_rooms.glb', ('--texels-per-metre', 2), (('after', 0, ()), ('after', 2, ('--dispatch-time', 1)))),
     ('two_rooms.glb', ('--texels-per-metre', 2, '--guide', 'auto', '--bounces', 3),
      (('after', 0, ('--dispatch-time', 1)), ('before', 0, ()))),
     ('cornell.glb', ('--texels-per-metre', 3),
-     (('before', 0, ('--traversal', 'binary')), ('after', 0, ('--verify-fraction', 0.2)))),
-    ('penumbra_alphamask.glb', ('--lightmap-max', 16, '--environment', SKY), (('after', 0, ('--traversal', 'four')),)),
+     (('before', 0, ('KILN_TRAVERSAL=four',)), ('after', 0, ('--verify-fraction', 0.2)))),
+    ('penumbra_alphamask.glb', ('--lightmap-max', 16, '--environment', SKY), (('after', 0, ('KILN_TRAVERSAL=four',)),)),
     ('cornell.glb', RADIOSITY, (('after', 0, ('--visibility-cache', 4e-5)), ('before', 2, ('--visibility-cache', 1)))),
     ('punctual_zoo.glb', ('--lightmap-max', 12, '--environment', '0.1,0.2,0.3'), (('after', 0, ()),)),
-    ('textured_emitter.glb', ('--lightmap-max', 16), (('after', 0, ('--traversal', 'all')),)),
+    ('textured_emitter.glb', ('--lightmap-max', 16), (('after', 0, ()),)),
     ('many_lights.glb', ('--lightmap-max', 4), (('after', 0, ()),)),
     (GLASS, ('--lightmap-size', 6, '--environment', '0.1,0.2,0.3', '--materials', 'diffuse'),
-     (('after', 2, ()), ('before', 0, ('--traversal', 'eight')))),
+     (('after', 2, ()), ('before', 0, ('KILN_TRAVERSAL=eight',)))),
     ('punctual_zoo.glb', ('--lightmap-max', 12, '--environment', '0.1,0.2,0.3', '--light-groups', GROUPS,
                           '--keep-transport', 'rows'), (('after', 0, ()), ('before', 2, ()))),
     (WATER, ('--lightmap-max', 6), (('after', 0, ()),)),
@@ -100,8 +100,11 @@ def run_case(kiln, checks, device, case):
         return
     wanted = bits(plain)
     for guard, ranks, more in ways:
-        kiln.environment['KILN_VULKAN_GUARD'] = guard
-        bake = kiln.bake(scene, *options, *more, ranks=ranks)
+        variables = dict(o.split('=') for o in map(str, more) if o.startswith('KILN_'))
+        kiln.environment.update(variables, KILN_VULKAN_GUARD=guard)
+        bake = kiln.bake(scene, *options, *(o for o in more if str(o).split('=')[0] not in variables), ranks=ranks)
+        for name_of in variables:
+            del kiln.environment[name_of]
         if not checks.baked(bake):
             continue
         found = bits(bake)

@@ -23,9 +23,9 @@ import same_result  # noqa: E402
 from patches import CORNELL, FEW  # noqa: E402
 
 BOX = (*FEW, '--texels-per-metre', 1, '--bounces', 2, '--error-map')
-LINKS = ('--patches', 'links', '--link-error', 0.03)
+LINKS = ('--patches', 'links:0.03')
 KEEP = ('--keep-transport', 'links')
-MIXED = ('--lights', 'patches', '--gather', 'mixed', '--directions', 64)
+MIXED = ('--lights', 'patches', '--gather', 'mixed:64')
 SPHERES = 'cornell_spheres.glb'  # smooth normals, and glass
 STOPPED = 75
 

@@ -30,11 +30,11 @@ MORE = ('cornell_spheres.glb', 'cornell_layers.glb')  # where they are
 FEW = ('--samples-probe', 0, '--no-export', '--denoise', 'none', '--method', 'radiosity', '--samples-direct', 16,
        '--samples-indirect', 32)
 BOX = (*FEW, '--lights', 'patches', '--texels-per-metre', 2, '--bounces', 2)
-NODES = (('--undersample', 'mipmap', '--sampling-window', 2), ('--subdivide', 0.2), ('--clamp', '--albedo-scale', 0.9),
+NODES = (('--undersample', 'mipmap:2'), ('--subdivide', 0.2), ('--clamp', '--albedo-scale', 0.9),
          ('--order', 'unshot'))
-RAYS = (('--gather', 'even', '--directions', 64), ('--gather', 'cosine'))
-MIXED = ('--gather', 'mixed', '--directions', 64)
-VOXELS = ('--visibility', 'voxels', '--voxels', 32)
+RAYS = (('--gather', 'even:64'), ('--gather', 'cosine'))
+MIXED = ('--gather', 'mixed:64')
+VOXELS = ('--visibility', 'voxels:32')
 ALL, SOME = ('--visibility-cache', 1), ('--visibility-cache', 4e-5)
 
 
@@ -159,7 +159,6 @@ def check_furnace(kiln, checks, *options):
 
 def main():
     def add(parser):
-        parser.add_argument('--traversal', default='auto', help='of the Vulkan backend')
         parser.add_argument('--few', action='store_true', help='voxels and a cache alone')
 
     arguments, kiln = harness.start(__doc__, add)
@@ -171,7 +170,7 @@ def main():
         check_few(kiln, checks, table)
         checks.end()
         return
-    box = compare(kiln, checks, table, 'Cornell box', CORNELL, *BOX, '--traversal', arguments.traversal)
+    box = compare(kiln, checks, table, 'Cornell box', CORNELL, *BOX)
     if box is not None:
         said = box.run['backend']
         checks.that(said['name'] == 'vulkan' and 'pairs of patches' in said['kernels'], 'run.json says %s' % said)

@@ -105,7 +105,8 @@ def check_states(kiln, checks, kept, wanted, colours):
 
 
 def check_damaged(kiln, checks, kept):
-    """A bit of a row is another."""
+    """A bit of a row is another, and no manifest says so."""
+    os.remove(os.path.join(kept.directory, 'manifest'))
     folder = os.path.join(kept.directory, 'transport')
     path = os.path.join(folder, next(name for name in sorted(os.listdir(folder)) if name.startswith('rows-')))
     with open(path, 'r+b') as file:

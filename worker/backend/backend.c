@@ -1,9 +1,10 @@
-#include "worker/backend/backend.h"
+#include "worker/backend/extended.h"
 
 #include <assert.h>
 #include <stdio.h>
 #include <string.h>
 
+#include "worker/backend/api.h"
 #include "worker/backend/fallback.h"
 #include "worker/backend/few.h"
 #include "worker/backend/start.h"
@@ -33,6 +34,8 @@ int kiln_backend_devices(const char *name, struct kiln_device *list, size_t room
     *count = 0;
     return api != NULL ? api->devices(list, room, count, error) : no_such_backend(name, error);
 }
+
+bool kiln_backend_may_use_device(const char *name) { return find(name) != &kiln_backend_embree; }
 
 void kiln_backend_begin(struct kiln_backend_start **start, const char *name, const struct kiln_backend_params *params)
 {
@@ -107,34 +110,22 @@ void kiln_backend_destroy(struct kiln_backend **backend)
         (*backend)->api->destroy(backend);
 }
 
+const char *kiln_backend_name(const struct kiln_backend *backend) { return backend->api->name; }
+
+void kiln_backend_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
+{
+    backend->api->info(backend, info);
+}
+
 int kiln_backend_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface, struct kiln_error *error)
 {
     assert(surface != NULL);
-    backend->surface = backend->own = surface;
-    backend->others = (struct kiln_others){.surface = NULL};
-    return backend->api->set_surface(backend, surface, error);
-}
-
-int kiln_backend_set_others(struct kiln_backend *backend, struct kiln_others others, struct kiln_error *error)
-{
-    assert(backend->own != NULL);
-    backend->surface = others.surface != NULL ? others.surface : backend->own;
-    backend->others = others;
-    return backend->api->set_others != NULL ? backend->api->set_others(backend, &backend->others, error)
-                                            : backend->api->set_surface(backend, backend->surface, error);
+    return kiln_backend_give(backend, KILN_RESOURCE_surface, &(struct kiln_resources){.surface = surface}, error);
 }
 
 int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
 {
-    backend->radiosity = radiosity;
-    return backend->api->set_radiosity(backend, radiosity, error);
-}
-
-int kiln_backend_set_probes(struct kiln_backend *backend, const struct kiln_radiance_probes *probes,
-                            struct kiln_error *error)
-{
-    backend->probes = probes;
-    return backend->api->set_probes(backend, probes, error);
+    return kiln_backend_give(backend, KILN_RESOURCE_radiosity, &(struct kiln_resources){.radiosity = radiosity}, error);
 }
 
 /* Whether a call of kiln_backend_run keeps to the pass's row. */
@@ -144,7 +135,7 @@ static bool is_well_formed(const struct kiln_backend *backend, const struct kiln
     const bool surface = pass->domain == KILN_DOMAIN_TILE_RUNS || pass->domain == KILN_DOMAIN_LIGHT_PATHS;
     const bool positions = pass->domain == KILN_DOMAIN_POSITIONS;
     return (parameters != NULL) == (pass->parameter_bytes > 0) && (batch->positions != NULL) == positions &&
-           (!surface || backend->surface != NULL) && (!pass->reads_radiosity || backend->radiosity != NULL) &&
+           (!surface || backend->surface != NULL) && (!pass->reads_radiosity || backend->given.radiosity != NULL) &&
            (pass->has_streams || batch->stream == 0) && (pass->is_divisible || batch->first_sample == 0) &&
            (pass->is_masked || batch->point_masks == NULL) &&
            (batch->few_masks == NULL || (surface && batch->samples > 0 && batch->point_masks != NULL)) &&
@@ -218,7 +209,7 @@ static int run_mixed(struct kiln_backend *backend, const struct kiln_pass *pass,
 static bool is_claimed(const struct kiln_backend *backend, const struct kiln_pass *pass, const struct kiln_batch *batch)
 {
     const bool mixed = (backend->api->mixed >> pass->index & 1u) != 0;
-    return (backend->api->claims >> pass->index & 1u) != 0 && backend->rows == NULL && batch->few_masks == NULL &&
+    return (backend->api->claims >> pass->index & 1u) != 0 && backend->given.rows == NULL && batch->few_masks == NULL &&
            (batch->samples_each == NULL || mixed);
 }
 
@@ -255,96 +246,26 @@ int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass,
     return run_by_numbers(backend, pass, parameters, batch, rays, error);
 }
 
-int kiln_backend_change_light(struct kiln_backend *backend, struct kiln_error *error)
-{
-    return backend->api->change_light != NULL ? backend->api->change_light(backend, error) : KILN_OK;
-}
+/* ---- rays ---- */
 
-int kiln_backend_replay(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights,
-                        size_t count, const struct kiln_batch *batch, struct kiln_error *error)
+int kiln_backend_intersect_hinted(struct kiln_backend *backend, const struct kiln_vec3 *origins,
+                                  const struct kiln_vec3 *directions, size_t count, const struct kiln_ray_hints *hints,
+                                  struct kiln_hit *hits, struct kiln_error *error)
 {
-    if (batch->count == 0 || count == 0)
+    if (count == 0)
         return KILN_OK;
-    assert(backend->api->replay != NULL && batch->few_masks == NULL && count <= KILN_ROW_LIGHTS);
-    return backend->api->replay(backend, rows, lights, count, batch, error);
-}
-
-int kiln_backend_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held,
-                      struct kiln_held_power *powers, struct kiln_error *error)
-{
-    *held = false;
-    if (backend->api->hold == NULL || begin->count == 0 || backend->surface->count != backend->surface->point_count)
-        return KILN_OK;
-    assert(begin->count <= KILN_ROW_LIGHTS);
-    return backend->api->hold(backend, begin, held, powers, error);
-}
-
-int kiln_backend_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
-                           const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error)
-{
-    assert(batch->take == NULL && batch->point_masks == NULL && batch->first == 0 &&
-           batch->count == backend->surface->tile_run_count);
-    return backend->api->hold_step(backend, rows, batch, step, powers, error);
-}
-
-int kiln_backend_hold_fetch(struct kiln_backend *backend, uint32_t light, const struct kiln_held_fetch *to,
-                            struct kiln_error *error)
-{
-    return backend->api->hold_fetch(backend, light, to, error);
-}
-
-int kiln_backend_regress(struct kiln_backend *backend, const struct kiln_regression_work *work, bool *done,
-                         struct kiln_error *error)
-{
-    *done = false;
-    if (backend->api->regress == NULL || work->count == 0)
-        return KILN_OK;
-    assert(work->lights >= 1 && work->lights <= 2);
-    return backend->api->regress(backend, work, done, error);
+    struct kiln_backend *b = kiln_backend_innermost(backend);
+    int status = b->api->intersect(b, origins, directions, count, hints, hits, error);
+    if (status == KILN_OK || (status = kiln_backend_replace(backend, status, error)) != KILN_OK)
+        return status;
+    b = kiln_backend_innermost(backend);
+    return b->api->intersect(b, origins, directions, count, hints, hits, error);
 }
 
 int kiln_backend_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
                            const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                            struct kiln_error *error)
 {
-    if (count == 0)
-        return KILN_OK;
-    return backend->api->intersect(backend, origins, directions, count, hits, error);
-}
-
-int kiln_backend_intersect_within(struct kiln_backend *backend, const struct kiln_vec3 *origins,
-                                  const struct kiln_vec3 *directions, const float *lengths, size_t count,
-                                  struct kiln_hit *hits, struct kiln_error *error)
-{
-    if (count == 0)
-        return KILN_OK;
-    if (backend->api->intersect_within == NULL)
-        return backend->api->intersect(backend, origins, directions, count, hits, error);
-    return backend->api->intersect_within(backend, origins, directions, lengths, count, hits, error);
-}
-
-int kiln_backend_intersect_alike(struct kiln_backend *backend, const struct kiln_vec3 *origins,
-                                 const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
-                                 struct kiln_error *error)
-{
-    if (count == 0)
-        return KILN_OK;
-    return (backend->api->intersect_alike != NULL ? backend->api->intersect_alike : backend->api->intersect)(
-        backend, origins, directions, count, hits, error);
-}
-
-int kiln_backend_clearance(struct kiln_backend *backend, const struct kiln_sphere *spheres, size_t count, float *clear,
-                           struct kiln_error *error)
-{
-    memset(clear, 0, count * sizeof *clear);
-    return backend->api->clearance != NULL ? backend->api->clearance(backend, spheres, count, clear, error) : KILN_OK;
-}
-
-int kiln_backend_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
-                         struct kiln_error *error)
-{
-    if (batch->count == 0)
-        return KILN_OK;
-    assert(batch->samples > 0 && batch->samples_each == NULL);
-    return backend->api->ceiling(backend, batch, seconds, rays, error);
+    static const struct kiln_ray_hints nothing = {.lengths = NULL};
+    return kiln_backend_intersect_hinted(backend, origins, directions, count, &nothing, hits, error);
 }

@@ -16,8 +16,8 @@
 #include "worker/light/lights.h"
 #include "worker/material/scene_lobes.h"
 #include "worker/sampling/sequence.h"
+#include "worker/scene/enclosures.h"
 #include "worker/scene/footprint.h"
-#include "worker/scene/texture.h"
 
 enum { GROUPS = KILN_EMISSION_GROUPS };
 enum { BATCH = 1 << 16 }; /* particles traced at once */
@@ -35,19 +35,37 @@ struct particle {
     bool unfound;                          /* no gather ray finds its way */
 };
 
+/* What comes to an object straight from suns and sky: to its front; to its back as that of a room's wall, or otherwise;
+ * and how many particles it is. */
+struct from_outside {
+    double front, room, back;
+    uint64_t count;
+};
+
+/* Particles straight from suns and sky that have met backs of single-sided surfaces, which go on behind these. */
+struct beyond {
+    struct kiln_enclosures *enclosures; /* NULL: no light comes from outside, and there is no room for particles */
+    size_t count;
+    struct kiln_vec3 *origins, *directions; /* BATCH of each of these */
+    struct kiln_hit *hits;
+    uint32_t *numbers;            /* of the particles in their batch */
+    struct from_outside *objects; /* of each object, in a group */
+};
+
 struct emission {
     struct kiln_backend *backend;
     const struct kiln_backend_params *params;
     int threads;
     double radius; /* of the sphere about the scene */
     struct kiln_vec3 centre;
-    size_t light_count;
+    size_t light_count, inside; /* of all lights; of those that are no suns and no sky, which come first */
     double total;               /* flux_of all lights */
     struct particle *particles; /* BATCH of each of these */
     struct kiln_vec3 *origins, *directions;
     struct kiln_hit *hits;
     struct kiln_gloss_lobes *lobes;   /* of each material; NULL: none is taken with its gloss */
     struct kiln_particle_turn *turns; /* where something is taken with its gloss; else NULL */
+    struct beyond beyond;
 };
 
 /* How far a group has come in dealing out its particles. The choice is systematic: a light gets those whose place on
@@ -61,10 +79,6 @@ struct walk {
 };
 
 static double area_flux(const struct kiln_area_light *a) { return KILN_PI * a->area * (a->two_sided ? 2.0 : 1.0); }
-static double solid_angle(const struct kiln_point_light *l)
-{
-    return l->spot ? 2.0 * KILN_PI * (1.0 - l->cos_outer) : 4.0 * KILN_PI;
-}
 
 /* Luminance of the flux of light i (areas, points, directionals, environment), the one weight that all use. */
 static double flux_of(const struct emission *e, size_t i)
@@ -74,7 +88,7 @@ static double flux_of(const struct emission *e, size_t i)
         return area_flux(&l->areas[i]) * kiln_luminance_of_floats(l->areas[i].radiance);
     i -= l->area_count;
     if (i < l->point_count)
-        return solid_angle(&l->points[i]) * kiln_luminance_of_floats(l->points[i].intensity);
+        return kiln_punctual_angle(&l->points[i]) * kiln_luminance_of_floats(l->points[i].intensity);
     i -= l->point_count;
     const double disk = KILN_PI * e->radius * e->radius;
     if (i < l->directional_count)
@@ -100,25 +114,16 @@ static void from_area(const struct emission *e, const struct kiln_area_light *a,
     p->origin = kiln_offset_origin(vec3_of(at), vec3_of(normal), params->geometry, a->triangle);
     p->direction = turn(kiln_cosine_direction(r[2], r[3]), normal);
     float rgb[3];
-    memcpy(rgb, a->radiance, sizeof rgb);
-    if (a->textured) {
-        const struct kiln_object *object = &params->scene->objects[params->geometry->records[a->triangle].object];
-        kiln_surface_emission(params->scene, &params->scene->meshes[object->mesh],
-                              params->geometry->stored_triangle[a->triangle], (float)(object->flipped ? b2 : b1),
-                              (float)(object->flipped ? b1 : b2), rgb);
-    }
+    kiln_area_light_radiance(params->lights, a, b1, b2, rgb);
     for (int c = 0; c < 3; c++)
         p->flux[c] = (double)rgb[c] * area_flux(a);
 }
 
 static void from_point(const struct kiln_point_light *l, const double r[5], struct particle *p)
 {
-    const double lowest = l->spot ? l->cos_outer : -1.0, z = 1.0 - r[2] * (1.0 - lowest),
-                 s = sqrt(fmax(0.0, 1.0 - z * z));
-    const double phi = 2.0 * KILN_PI * r[3];
-    p->direction = turn(dvec3(s * cos(phi), s * sin(phi), z), l->spot ? l->direction : dvec3(0.0, 0.0, 1.0));
+    p->direction = kiln_punctual_sample(l, r[2], r[3]);
     p->origin = vec3_of(l->position);
-    const double factor = solid_angle(l) * kiln_point_light_cone(l, p->direction);
+    const double factor = kiln_punctual_angle(l) * kiln_punctual_profile(l, p->direction);
     for (int c = 0; c < 3; c++)
         p->flux[c] = (double)l->intensity[c] * factor;
     p->ranged = l->range > 0.0 ? l : NULL;
@@ -217,6 +222,23 @@ static void receive(const struct particle *p, const double flux[3], double targe
     }
 }
 
+static bool is_textured(const struct emission *e, uint32_t light)
+{
+    const struct kiln_lights *l = e->params->lights;
+    return light < l->area_count && l->areas[light].textured;
+}
+
+/* What triangles with textures emit, by the textures' integrals. */
+static void add_textured(const struct emission *e, struct kiln_emission_result *out)
+{
+    const struct kiln_lights *l = e->params->lights;
+    for (size_t i = 0; i < l->area_count; i++)
+        for (int c = 0; c < 3 && l->areas[i].textured; c++)
+            out->textured[c] += area_flux(&l->areas[i]) * (double)l->areas[i].radiance[c];
+    for (int c = 0; c < 3; c++)
+        out->emitted[c] += out->textured[c];
+}
+
 static void land(const struct emission *e, const struct particle *p, const struct kiln_hit *hit,
                  struct kiln_emission_result *out)
 {
@@ -232,13 +254,109 @@ static void land(const struct emission *e, const struct particle *p, const struc
     for (int c = 0; c < 3; c++) {
         const double flux = p->flux[c] * p->scale, here = flux * (double)hit->tint[c];
         if (p->surface == 0)
-            out->emitted[c] += flux;
+            (is_textured(e, p->light) ? out->drawn : out->emitted)[c] += flux;
         arrives[c] = here * kept;
         out->ranged[c] += here * (1.0 - kept);
         out->glass[c] += flux - here;
     }
     if (!turns)
         receive(p, arrives, target, out);
+}
+
+/* Adds particle j of the batch to those that go on behind a back. */
+static void go_beyond(const struct emission *e, size_t j, struct beyond *b)
+{
+    const struct kiln_geometry *g = e->params->geometry;
+    const struct kiln_hit *hit = &e->hits[j];
+    const struct kiln_vec3 direction = e->directions[j], normal = kiln_triangle_normal(g, hit->triangle),
+                           ahead = vec3_scale(normal, vec3_dot(normal, direction) < 0.0f ? -1.0f : 1.0f);
+    b->numbers[b->count] = (uint32_t)j;
+    b->directions[b->count] = direction;
+    b->origins[b->count++] =
+        kiln_offset_origin(vec3_madd(e->origins[j], direction, hit->distance), ahead, g, hit->triangle);
+}
+
+/* Whether what stands behind a back shows that this is a room's, seen from outside. */
+static bool is_room(const struct emission *e, struct kiln_enclosures *enclosures, const struct kiln_hit *back,
+                    const struct kiln_hit *behind)
+{
+    const struct kiln_hit_record *records = e->params->geometry->records;
+    if (behind->triangle == KILN_NONE ||
+        (behind->back && (records[behind->triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0))
+        return false;
+    const uint32_t object = records[back->triangle].object;
+    return records[behind->triangle].object != object || kiln_encloses(enclosures, object);
+}
+
+/* Luminance of what arrives of a particle. */
+static double arrives(const struct particle *p, const struct kiln_hit *hit)
+{
+    double flux[3];
+    for (int c = 0; c < 3; c++)
+        flux[c] = p->flux[c] * p->scale * (double)hit->tint[c];
+    return kiln_luminance(flux);
+}
+
+/* Adds what came straight from suns and sky to surfaces of the batch, by the sides that it met. */
+static void meet_objects(const struct emission *e, struct beyond *b, size_t count, struct kiln_emission_result *out)
+{
+    const struct kiln_hit_record *records = e->params->geometry->records;
+    b->count = 0;
+    for (size_t j = 0; j < count; j++) {
+        const struct kiln_hit *hit = &e->hits[j];
+        if (e->particles[j].surface > 0 || e->particles[j].light < e->inside || hit->triangle == KILN_NONE ||
+            kiln_particle_turns(e->params, hit))
+            continue;
+        const double flux = arrives(&e->particles[j], hit);
+        struct from_outside *object = &b->objects[records[hit->triangle].object];
+        object->count++;
+        if (hit->back && (records[hit->triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0) {
+            out->outside += flux;
+            go_beyond(e, j, b);
+        } else {
+            out->from_outside += flux;
+            object->front += flux;
+        }
+    }
+}
+
+/* The same, and what of it fell on rooms. */
+static int look_beyond(const struct emission *e, struct beyond *b, size_t count, struct kiln_emission_result *out,
+                       struct kiln_error *error)
+{
+    if (b->enclosures == NULL)
+        return KILN_OK;
+    meet_objects(e, b, count, out);
+    const int status = b->count == 0
+                           ? KILN_OK
+                           : kiln_backend_intersect(e->backend, b->origins, b->directions, b->count, b->hits, error);
+    for (size_t k = 0; status == KILN_OK && k < b->count; k++) {
+        const struct kiln_hit *back = &e->hits[b->numbers[k]];
+        struct from_outside *object = &b->objects[e->params->geometry->records[back->triangle].object];
+        const double flux = arrives(&e->particles[b->numbers[k]], back);
+        const bool room = is_room(e, b->enclosures, back, &b->hits[k]);
+        *(room ? &object->room : &object->back) += flux;
+        out->on_rooms += room ? flux : 0.0;
+    }
+    return status;
+}
+
+/* How much more objects have on their backs than what falls there as on a room's wall, and twice in front. Those that
+ * few particles meet count together. */
+static void find_astray(const struct emission *e, struct beyond *b, struct kiln_emission_result *out)
+{
+    enum { FEW = 16 };
+    double rest = 0.0;
+    for (size_t i = 0; i < e->params->scene->object_count; i++) {
+        const struct from_outside *object = &b->objects[i];
+        const double more = object->back - object->room - 2.0 * object->front;
+        if (object->count < FEW)
+            rest += more;
+        else
+            out->astray += fmax(0.0, more);
+    }
+    out->astray += fmax(0.0, rest);
+    memset(b->objects, 0, e->params->scene->object_count * sizeof *b->objects);
 }
 
 /* Whether the light has no size, so that no ray of a chain can meet it. */
@@ -301,7 +419,7 @@ static size_t turn_on(const struct emission *e, uint32_t base, size_t count, str
 }
 
 /* Sums in the order of the particles, whatever the batches. */
-static int trace_group(const struct emission *e, uint32_t group, uint32_t samples, struct kiln_emission_result *out,
+static int trace_group(struct emission *e, uint32_t group, uint32_t samples, struct kiln_emission_result *out,
                        struct kiln_error *error)
 {
     struct walk w;
@@ -311,7 +429,9 @@ static int trace_group(const struct emission *e, uint32_t group, uint32_t sample
         while (count > 0) {
             if (kiln_stop_asked(e->params->stop))
                 return kiln_give_up(error);
-            const int status = e->backend->api->intersect(e->backend, e->origins, e->directions, count, e->hits, error);
+            int status = kiln_backend_intersect(e->backend, e->origins, e->directions, count, e->hits, error);
+            if (status == KILN_OK)
+                status = look_beyond(e, &e->beyond, count, out, error);
             if (status != KILN_OK)
                 return status;
             for (size_t j = 0; j < count; j++)
@@ -319,6 +439,8 @@ static int trace_group(const struct emission *e, uint32_t group, uint32_t sample
             count = e->turns != NULL ? turn_on(e, w.base, count, out) : 0;
         }
     }
+    if (e->beyond.enclosures != NULL)
+        find_astray(e, &e->beyond, out);
     return KILN_OK;
 }
 
@@ -336,11 +458,18 @@ static double spread_of(const double numbers[GROUPS])
 void kiln_emission_combine(const struct kiln_emission_result groups[GROUPS], struct kiln_emission_result *result)
 {
     *result = (struct kiln_emission_result){0};
+    for (int i = 0; i < GROUPS; i++) {
+        result->from_outside += groups[i].from_outside / GROUPS;
+        result->outside += groups[i].outside / GROUPS;
+        result->on_rooms += groups[i].on_rooms / GROUPS;
+        result->astray += groups[i].astray / GROUPS;
+    }
     for (int c = 0; c < 3; c++) {
-        double received[GROUPS], straight[GROUPS], caustic[GROUPS];
+        double received[GROUPS], straight[GROUPS], caustic[GROUPS], drawn[GROUPS];
         for (int i = 0; i < GROUPS; i++) {
             received[i] = groups[i].received[c];
             caustic[i] = groups[i].caustic[c];
+            drawn[i] = groups[i].drawn[c];
             straight[i] = received[i] - caustic[i];
             result->emitted[c] += groups[i].emitted[c] / GROUPS;
             result->received[c] += groups[i].received[c] / GROUPS;
@@ -351,11 +480,41 @@ void kiln_emission_combine(const struct kiln_emission_result groups[GROUPS], str
             result->gloss[c] += groups[i].gloss[c] / GROUPS;
             result->caustic[c] += groups[i].caustic[c] / GROUPS;
             result->mirrored[c] += groups[i].mirrored[c] / GROUPS;
+            result->textured[c] += groups[i].textured[c] / GROUPS;
+            result->drawn[c] += groups[i].drawn[c] / GROUPS;
         }
         result->error[c] = spread_of(received);
         result->straight_error[c] = spread_of(straight);
         result->caustic_error[c] = spread_of(caustic);
+        result->drawn_error[c] = spread_of(drawn);
     }
+}
+
+static int make_beyond(struct emission *e, struct kiln_error *error)
+{
+    struct beyond *b = &e->beyond;
+    int status = kiln_allocate(&b->origins, BATCH, sizeof *b->origins, "the particles' origins", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&b->directions, BATCH, sizeof *b->directions, "the particles' directions", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&b->hits, BATCH, sizeof *b->hits, "the particles' hits", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&b->numbers, BATCH, sizeof *b->numbers, "the particles' numbers", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&b->objects, e->params->scene->object_count, sizeof *b->objects,
+                               "the light of objects from outside", error);
+    return status == KILN_OK ? kiln_enclosures_create(&b->enclosures, e->params->scene, e->params->geometry, error)
+                             : status;
+}
+
+static void release_beyond(struct beyond *b)
+{
+    kiln_free(&b->origins);
+    kiln_free(&b->directions);
+    kiln_free(&b->hits);
+    kiln_free(&b->numbers);
+    kiln_free(&b->objects);
+    kiln_enclosures_destroy(&b->enclosures);
 }
 
 static int make_room(struct emission *e, struct kiln_error *error)
@@ -369,6 +528,8 @@ static int make_room(struct emission *e, struct kiln_error *error)
         status = kiln_allocate(&e->turns, BATCH, sizeof *e->turns, "the particles' ways", error);
     if (status == KILN_OK)
         status = kiln_scene_lobes(&e->lobes, e->params->scene, error);
+    if (status == KILN_OK && e->light_count > e->inside)
+        status = make_beyond(e, error);
     return status == KILN_OK ? kiln_allocate(&e->hits, BATCH, sizeof *e->hits, "the particles' hits", error) : status;
 }
 
@@ -380,7 +541,8 @@ int kiln_emission_groups(struct kiln_backend *backend, uint32_t samples, uint32_
     const struct kiln_geometry *g = backend->params.geometry;
     struct emission e = {.backend = backend, .params = &backend->params};
     e.threads = e.params->threads != 0 ? (int)e.params->threads : omp_get_num_procs();
-    e.light_count = l->area_count + l->point_count + l->directional_count + (l->environment ? 1 : 0);
+    e.inside = l->area_count + l->point_count;
+    e.light_count = e.inside + l->directional_count + (l->environment ? 1 : 0);
     e.centre = vec3_scale(vec3_add(g->bounds_min, g->bounds_max), 0.5f);
     e.radius = 0.5 * (double)vec3_length(vec3_sub(g->bounds_max, g->bounds_min)) * 1.0001;
     memset(groups, 0, GROUPS * sizeof *groups);
@@ -389,14 +551,17 @@ int kiln_emission_groups(struct kiln_backend *backend, uint32_t samples, uint32_
     if (!(e.total > 0.0) || first >= GROUPS)
         return KILN_OK;
     int status = make_room(&e, error);
-    for (uint32_t i = first; i < GROUPS && status == KILN_OK; i += step)
+    for (uint32_t i = first; i < GROUPS && status == KILN_OK; i += step) {
         status = trace_group(&e, i, samples / GROUPS < 1 ? 1 : samples / GROUPS, &groups[i], error);
+        add_textured(&e, &groups[i]);
+    }
     kiln_free(&e.particles);
     kiln_free(&e.origins);
     kiln_free(&e.directions);
     kiln_free(&e.hits);
     kiln_free(&e.turns);
     kiln_free(&e.lobes);
+    release_beyond(&e.beyond);
     return status;
 }
 

@@ -146,7 +146,7 @@ int kiln_backend_run_few(struct kiln_backend *backend, const struct kiln_pass *p
                          const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     struct few_run r = {
-        .batch = batch, .surface = backend->surface, .bytes = pass->result_bytes, .groups = backend->groups};
+        .batch = batch, .surface = backend->surface, .bytes = pass->result_bytes, .groups = backend->given.groups};
     if (r.groups != NULL)
         r.group_floats = (size_t)r.groups->lights->count * KILN_GROUP_FLOATS;
     int status = make_room(&r, error);

@@ -41,6 +41,8 @@ static bool lie_together(const struct kiln_link_run *w, uint64_t points, double 
     for (uint64_t rest = points & (points - 1); rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
         const struct kiln_dvec3 d = dvec3_sub(w->at[bit], w->at[lead]);
+        if (w->p->rooms[w->index[bit]] != w->p->rooms[w->index[lead]])
+            return false;
         if (dvec3_dot(d, d) > within * within || dvec3_dot(w->receiver[bit].n, w->receiver[lead].n) < ALIKE)
             return false;
     }

@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "worker/backend/api.h"
 #include "worker/base/memory.h"
 #include "worker/base/thread.h"
 

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "shaders/shared/random.h"
+#include "worker/backend/api.h"
 #include "worker/base/memory.h"
 
 static const double MOST_ERRORS = 6.0, ROUNDING = 1e-4;
@@ -186,16 +187,6 @@ static int trace_again(struct verified_run *run, size_t first, size_t count, str
     return kiln_backend_run(run->v->embree, run->pass, run->parameters, &chosen, &rays, error);
 }
 
-static bool verify_takes(const struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters)
-{
-    return kiln_backend_takes(((const struct verify_backend *)backend)->checked, pass, parameters);
-}
-
-static void verify_expect(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters)
-{
-    kiln_backend_expect(((struct verify_backend *)backend)->checked, pass, parameters);
-}
-
 /* kiln_take_results of the checked backend's run: looks before the caller takes. */
 static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
@@ -222,8 +213,6 @@ static int verify_run(struct kiln_backend *backend, const struct kiln_pass *pass
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     struct verify_backend *v = (struct verify_backend *)backend;
-    kiln_backend_set_rows(v->checked, v->base.rows);
-    kiln_backend_set_groups(v->checked, v->base.groups);
     if (pass->figures == NULL || pass->domain != KILN_DOMAIN_TILE_RUNS)
         return kiln_backend_run(v->checked, pass, parameters, batch, rays, error);
     struct verified_run run = {
@@ -246,44 +235,6 @@ static void verify_destroy(struct kiln_backend **backend)
     kiln_free(backend);
 }
 
-static int verify_change_light(struct kiln_backend *backend, struct kiln_error *error)
-{
-    struct verify_backend *v = (struct verify_backend *)backend;
-    const int status = kiln_backend_change_light(v->checked, error);
-    return status == KILN_OK ? kiln_backend_change_light(v->embree, error) : status;
-}
-
-/* The rays were verified when they were traced. */
-static int verify_replay(struct kiln_backend *backend, struct kiln_rows *rows, const uint64_t *const *lights,
-                         size_t count, const struct kiln_batch *batch, struct kiln_error *error)
-{
-    return kiln_backend_replay(((struct verify_backend *)backend)->checked, rows, lights, count, batch, error);
-}
-
-static int verify_hold(struct kiln_backend *backend, const struct kiln_held *begin, bool *held,
-                       struct kiln_held_power *powers, struct kiln_error *error)
-{
-    return kiln_backend_hold(((struct verify_backend *)backend)->checked, begin, held, powers, error);
-}
-
-static int verify_regress(struct kiln_backend *backend, const struct kiln_regression_work *work, bool *done,
-                          struct kiln_error *error)
-{
-    return kiln_backend_regress(((struct verify_backend *)backend)->checked, work, done, error);
-}
-
-static int verify_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const struct kiln_batch *batch,
-                            const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error)
-{
-    return kiln_backend_hold_step(((struct verify_backend *)backend)->checked, rows, batch, step, powers, error);
-}
-
-static int verify_hold_fetch(struct kiln_backend *backend, uint32_t light, const struct kiln_held_fetch *to,
-                             struct kiln_error *error)
-{
-    return kiln_backend_hold_fetch(((struct verify_backend *)backend)->checked, light, to, error);
-}
-
 static void verify_info(const struct kiln_backend *backend, struct kiln_backend_info *info)
 {
     const struct verify_backend *v = (const struct verify_backend *)backend;
@@ -297,47 +248,19 @@ static void verify_info(const struct kiln_backend *backend, struct kiln_backend_
     }
 }
 
-static int verify_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface,
-                              struct kiln_error *error)
+static struct kiln_backend *verify_inner(const struct kiln_backend *backend)
+{
+    return ((const struct verify_backend *)backend)->checked;
+}
+
+/* What passes leave answers in is the checked backend's alone. */
+static int verify_set(struct kiln_backend *backend, enum kiln_resource_index index, struct kiln_error *error)
 {
     struct verify_backend *v = (struct verify_backend *)backend;
-    const int status = kiln_backend_set_surface(v->checked, surface, error);
-    return status == KILN_OK ? kiln_backend_set_surface(v->embree, surface, error) : status;
-}
-
-static int verify_set_others(struct kiln_backend *backend, const struct kiln_others *others, struct kiln_error *error)
-{
-    struct verify_backend *v = (struct verify_backend *)backend;
-    const int status = kiln_backend_set_others(v->checked, *others, error);
-    return status == KILN_OK ? kiln_backend_set_others(v->embree, *others, error) : status;
-}
-
-static int verify_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
-{
-    struct verify_backend *v = (struct verify_backend *)backend;
-    const int status = kiln_backend_set_radiosity(v->checked, radiosity, error);
-    return status == KILN_OK ? kiln_backend_set_radiosity(v->embree, radiosity, error) : status;
-}
-
-static int verify_set_probes(struct kiln_backend *backend, const struct kiln_radiance_probes *probes,
-                             struct kiln_error *error)
-{
-    struct verify_backend *v = (struct verify_backend *)backend;
-    const int status = kiln_backend_set_probes(v->checked, probes, error);
-    return status == KILN_OK ? kiln_backend_set_probes(v->embree, probes, error) : status;
-}
-
-static int verify_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins,
-                            const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
-                            struct kiln_error *error)
-{
-    return kiln_backend_intersect(((struct verify_backend *)backend)->checked, origins, directions, count, hits, error);
-}
-
-static int verify_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
-                          struct kiln_error *error)
-{
-    return kiln_backend_ceiling(((struct verify_backend *)backend)->checked, batch, seconds, rays, error);
+    const int status = kiln_backend_give(v->checked, index, &backend->given, error);
+    return status == KILN_OK && !kiln_resources[index].is_filled
+               ? kiln_backend_give(v->embree, index, &backend->given, error)
+               : status;
 }
 
 int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_params *params,
@@ -359,23 +282,12 @@ int kiln_verify_create(struct kiln_backend **backend, const struct kiln_backend_
     v->api = (struct kiln_backend_api){.name = v->checked->api->name,
                                        .destroy = verify_destroy,
                                        .info = verify_info,
-                                       .set_surface = verify_set_surface,
-                                       .set_others = verify_set_others,
-                                       .set_radiosity = verify_set_radiosity,
-                                       .set_probes = verify_set_probes,
+                                       .set = verify_set,
                                        .mixed = UINT32_MAX,
                                        .claims = UINT32_MAX,
-                                       .takes = verify_takes,
-                                       .expect = verify_expect,
                                        .run = verify_run,
-                                       .intersect = verify_intersect,
-                                       .ceiling = verify_ceiling,
-                                       .change_light = verify_change_light,
-                                       .replay = v->checked->api->replay != NULL ? verify_replay : NULL,
-                                       .hold = v->checked->api->hold != NULL ? verify_hold : NULL,
-                                       .hold_step = verify_hold_step,
-                                       .hold_fetch = verify_hold_fetch,
-                                       .regress = verify_regress};
+                                       .extras = v->checked->api->extras,
+                                       .inner = verify_inner};
     v->base = (struct kiln_backend){.api = &v->api, .params = *params};
     *backend = &v->base;
     return KILN_OK;

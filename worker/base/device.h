@@ -22,6 +22,16 @@ struct kiln_device {
     uint64_t memory, budget; /* bytes: of the largest device-local heap; of it, free for this process */
 };
 
+/* How a device finds hits: by walking a BVH in compute shaders, or by its own ray-tracing pipeline. AUTO: what is
+ * fastest here. COMPUTE: the BVH that is fastest here. FOUR and EIGHT: the BVH with so many children a node. */
+enum kiln_traversal {
+    KILN_TRAVERSE_AUTO,
+    KILN_TRAVERSE_COMPUTE,
+    KILN_TRAVERSE_PIPELINE,
+    KILN_TRAVERSE_FOUR,
+    KILN_TRAVERSE_EIGHT
+};
+
 /* What tests make a device do. All zero: nothing. */
 struct kiln_device_faults {
     /* Every call of the driver that can fail is counted. LOST: the call `at` says that the device is lost, and so does
@@ -31,6 +41,7 @@ struct kiln_device_faults {
     /* On a software device: memory that nobody may touch after each buffer, or before it. */
     enum kiln_buffer_guard { KILN_GUARD_NONE, KILN_GUARD_AFTER, KILN_GUARD_BEFORE } guard;
     bool makers; /* a software device's kernels are made by threads too */
+    bool floats; /* devices are taken for such as have no doubles */
     /* who builds the tree that a device walks, wherever that can be done */
     enum kiln_tree_builder { KILN_TREE_AS_USUAL, KILN_TREE_HOST, KILN_TREE_DEVICE } tree;
 };

@@ -3,14 +3,12 @@
 #include <assert.h>
 #include <math.h>
 
-#include "shaders/shared/area_light.h"
 #include "shaders/shared/streams.h"
 #include "worker/base/memory.h"
-#include "worker/sampling/sequence.h"
+#include "worker/light/access.h"
 #include "worker/scene/footprint.h"
 
 #define SLACK 1.0001 /* of a sphere's radius, for rounding */
-#define WIDE 0.5     /* cosine of half a cone that is wide */
 #define LEARNT 0.9   /* part of the paths that goes by what was learnt */
 
 enum {
@@ -19,12 +17,66 @@ enum {
     CELL_LOOKS = 4   /* the square of it: directions that say how much of a target a cell sees */
 };
 
-/* ---- lamps ---- */
+/* ---- what shaders/shared/aims.h asks for ---- */
 
-static double area_flux(const struct kiln_area_light *light)
+#define KILN_AIM_COUNT(aims) ((uint32_t)(aims)->count)
+#define KILN_AIM_LAMP(aims, aim) ((aims)->aims[aim].lamp)
+#define KILN_AIM_TARGET(aims, aim) ((aims)->aims[aim].target)
+#define KILN_AIM_AT(aims, lamp, target) ((lamp) * (uint32_t)(aims)->targets.count + (target))
+#define KILN_AIM_EVEN(aims, aim) kiln_aims_even(aims, aim)
+#define KILN_TARGET(aims, index) (&(aims)->targets.all[index])
+#define KILN_TARGET_OF(aims, triangle) kiln_aims_target(aims, triangle)
+#define KILN_TARGET_PICK(aims, target, pick) kiln_targets_pick(&(aims)->targets, target, pick)
+#define KILN_AIM_CENTRE(aims) ((aims)->centre)
+#define KILN_AIM_RADIUS(aims) ((aims)->radius)
+#define KILN_AIM_LAMP_NUMBER(aims, light, direction) lamp_number(aims, light, direction)
+#define KILN_AIM_SUNS(aims) ((uint32_t)((aims)->lights->area_count + (aims)->lights->point_count))
+#define KILN_AIM_SKY(aims) (KILN_AIM_SUNS(aims) + (uint32_t)(aims)->lights->directional_count)
+#define KILN_AIM_PER_CELL(aims, lamp, density)                                                                         \
+    ((density) / ((aims)->sky.count > 1 ? (aims)->sky.all[(lamp)->cell].share : 1.0))
+#define KILN_AIM_NORMAL(aims, triangle)                                                                                \
+    kiln_triangle_exact_normal((aims)->lights->scene, (aims)->lights->geometry, triangle)
+#define KILN_AIM_OFFSET(aims, triangle, normal) kiln_offset_distance((aims)->lights->geometry, triangle, normal)
+#define KILN_AREA_LUMINANCE(light) kiln_luminance_of_floats((light)->radiance)
+
+static struct kiln_dvec3 kiln_aim_sky_sample(const struct kiln_aims *a, const struct kiln_lamp *lamp, double u,
+                                             double v, double *density)
 {
-    return KILN_PI * light->area * (light->two_sided ? 2.0 : 1.0) * kiln_luminance_of_floats(light->radiance);
+    return a->sky.count > 1 ? kiln_sky_cell_sample(&a->sky, lamp->cell, u, v, density)
+                            : kiln_environment_sample(a->lights, u, v, density);
 }
+
+static struct kiln_dvec3 kiln_aim_corner(const struct kiln_aims *a, uint32_t triangle)
+{
+    struct kiln_vec3 corner[3];
+    kiln_geometry_corners(a->lights->geometry, triangle, corner);
+    return dvec3_of(corner[0]);
+}
+
+static struct kiln_dvec3 kiln_aim_place(const struct kiln_aims *a, uint32_t triangle, double u, double v)
+{
+    struct kiln_vec3 corner[3];
+    kiln_geometry_corners(a->lights->geometry, triangle, corner);
+    const struct kiln_dvec3 origin = dvec3_of(corner[0]);
+    return dvec3_add(origin, kiln_triangle_place(dvec3_sub(dvec3_of(corner[1]), origin),
+                                                 dvec3_sub(dvec3_of(corner[2]), origin), u, v));
+}
+
+/* The lamp that a light is a part of: they are in the order of the lights. */
+static uint32_t lamp_number(const struct kiln_aims *a, uint32_t light, struct kiln_dvec3 direction)
+{
+    const uint32_t areas = (uint32_t)a->lights->area_count;
+    if (light < areas)
+        return a->lamp_of[light];
+    const uint32_t lamp = (areas > 0 ? a->lamp_of[areas - 1] + 1 : 0) + (light - areas);
+    return a->lamps[lamp].kind == KILN_LAMP_ENVIRONMENT && a->sky.count > 1
+               ? lamp + (uint32_t)kiln_sky_cell_of(&a->sky, dvec3_scale(direction, -1.0))
+               : lamp;
+}
+
+#include "shaders/shared/aims.h"
+
+/* ---- lamps ---- */
 
 /* Emitting triangles that follow each other and are of one object. */
 static void area_lamp(struct kiln_aims *a, size_t first, size_t end)
@@ -34,8 +86,8 @@ static void area_lamp(struct kiln_aims *a, size_t first, size_t end)
     for (size_t i = first; i < end; i++) {
         const struct kiln_dvec3 middle =
             dvec3_add(areas[i].p0, dvec3_scale(dvec3_add(areas[i].e1, areas[i].e2), 1.0 / 3.0));
-        lamp.flux += area_flux(&areas[i]);
-        lamp.centre = dvec3_add(lamp.centre, dvec3_scale(middle, area_flux(&areas[i])));
+        lamp.flux += kiln_area_flux(&areas[i]);
+        lamp.centre = dvec3_add(lamp.centre, dvec3_scale(middle, kiln_area_flux(&areas[i])));
         a->until[i] = lamp.flux;
         a->lamp_of[i] = (uint32_t)a->lamp_count;
     }
@@ -83,20 +135,6 @@ static int find_lamps(struct kiln_aims *a, size_t most, struct kiln_error *error
 
 /* ---- aims ---- */
 
-/* 1 less the cosine of half the cone in which a target's sphere is seen; 2 from within. */
-static double cone_height(const struct kiln_target *target, struct kiln_dvec3 from)
-{
-    const struct kiln_dvec3 to = dvec3_sub(target->centre, from);
-    const double sine2 = target->radius * target->radius / dvec3_dot(to, to);
-    return sine2 < 1.0 ? sine2 / (1.0 + sqrt(1.0 - sine2)) : 2.0;
-}
-
-/* The spot's own cone is narrower than that to the target. */
-static bool is_narrow(const struct kiln_point_light *light, double height)
-{
-    return light->spot && 1.0 - light->cos_outer < height;
-}
-
 /* m2: what the light of a cell of the sky sees of a target, about. */
 static double cell_outline(const struct kiln_aims *a, size_t cell, const struct kiln_target *target)
 {
@@ -110,14 +148,13 @@ static double cell_outline(const struct kiln_aims *a, size_t cell, const struct 
 static double flux_towards(const struct kiln_aims *a, const struct kiln_lamp *lamp, const struct kiln_target *target)
 {
     const struct kiln_lights *l = a->lights;
-    const double height = cone_height(target, lamp->centre);
+    const double height = kiln_cone_height(target, lamp->centre);
     switch (lamp->kind) {
     case KILN_LAMP_AREA:
         return lamp->flux * (height < 1.0 ? height * (2.0 - height) : 1.0);
     case KILN_LAMP_POINT: {
         const struct kiln_point_light *p = &l->points[lamp->first];
-        return kiln_luminance_of_floats(p->intensity) * 2.0 * KILN_PI *
-               (is_narrow(p, height) ? 1.0 - p->cos_outer : height);
+        return kiln_luminance_of_floats(p->intensity) * 2.0 * KILN_PI * fmin(kiln_punctual_cone(p), height);
     }
     case KILN_LAMP_DIRECTIONAL:
         return kiln_luminance_of_floats(l->directionals[lamp->first].irradiance) *
@@ -226,293 +263,9 @@ bool kiln_aims_is_left(const struct kiln_aims *a, size_t aim, uint32_t leaves)
     return (leaves & kinds[a->lamps[a->aims[aim].lamp].kind]) != 0;
 }
 
-size_t kiln_aims_find(const struct kiln_aims *a, uint64_t path)
-{
-    size_t low = 0, high = a->count; /* first[low] <= path < first[high] */
-    while (high - low > 1) {
-        const size_t middle = low + (high - low) / 2;
-        *(a->first[middle] <= path ? &low : &high) = middle;
-    }
-    return low;
-}
+size_t kiln_aims_find(const struct kiln_aims *a, uint64_t path) { return kiln_aim_find(a, path); }
 
-/* ---- rays ---- */
-
-static struct kiln_dvec3 about(struct kiln_dvec3 axis, struct kiln_dvec3 local)
-{
-    struct kiln_vec3 s, t;
-    kiln_basis(vec3_of(axis), &s, &t);
-    return dvec3_add(dvec3_add(dvec3_scale(dvec3_of(s), local.x), dvec3_scale(dvec3_of(t), local.y)),
-                     dvec3_scale(axis, local.z));
-}
-
-static void set_flux(struct kiln_aimed_ray *ray, const float rgb[3], double factor)
-{
-    for (int c = 0; c < 3; c++)
-        ray->flux[c] = (double)rgb[c] * factor;
-}
-
-/* Evenly over the cone about the axis, of which 1 less the cosine of half its angle is `height`. */
-static struct kiln_dvec3 cone_direction(struct kiln_dvec3 axis, double height, double u, double v)
-{
-    const double below = u * height, sine = sqrt(below * (2.0 - below)), turn = 2.0 * KILN_PI * v;
-    return about(axis, dvec3(sine * cos(turn), sine * sin(turn), 1.0 - below));
-}
-
-static struct kiln_dvec3 towards(const struct kiln_target *target, struct kiln_dvec3 from)
-{
-    const struct kiln_dvec3 to = dvec3_sub(target->centre, from);
-    const double length = dvec3_length(to);
-    return length > 0.0 ? dvec3_scale(to, 1.0 / length) : dvec3(0.0, 0.0, 1.0);
-}
-
-/* The cone that a point or spot sends to: 1 less the cosine of half its angle, and its axis. */
-static double point_cone(const struct kiln_point_light *light, const struct kiln_target *target,
-                         struct kiln_dvec3 *axis)
-{
-    const double height = cone_height(target, light->position);
-    const bool narrow = is_narrow(light, height);
-    *axis = narrow ? light->direction : towards(target, light->position);
-    return narrow ? 1.0 - light->cos_outer : height;
-}
-
-static bool draw_point(const struct kiln_point_light *light, const struct kiln_target *target, const double numbers[],
-                       struct kiln_aimed_ray *ray)
-{
-    struct kiln_dvec3 axis;
-    struct kiln_box_seen box;
-    const double used = point_cone(light, target, &axis);
-    const bool by_box = kiln_target_see_box(target, light->position, 2.0 * KILN_PI * used, &box);
-    const struct kiln_dvec3 direction = by_box ? kiln_box_direction(&box, numbers[1], numbers[4], numbers[5])
-                                               : cone_direction(axis, used, numbers[4], numbers[5]);
-    ray->origin = vec3_of(light->position);
-    ray->direction = vec3_of(direction);
-    ray->place = light->position;
-    ray->range = light->range;
-    ray->has_place = ray->is_point = true;
-    set_flux(ray, light->intensity,
-             (by_box ? box.omega : 2.0 * KILN_PI * used) * kiln_point_light_cone(light, direction));
-    return true;
-}
-
-/* From outside the scene, through a place at the target. */
-static void draw_outside(const struct kiln_aims *a, const struct kiln_target *target, struct kiln_dvec3 back,
-                         struct kiln_dvec3 through, struct kiln_aimed_ray *ray)
-{
-    const double away = a->radius + dvec3_length(dvec3_sub(target->centre, a->centre)) + kiln_target_reach(target);
-    ray->place = dvec3_add(through, dvec3_scale(back, away));
-    ray->origin = vec3_of(ray->place);
-    ray->direction = vec3_of(dvec3_scale(back, -1.0));
-}
-
-/* The emitting triangle of a lamp that `pick` falls to. */
-static size_t find_area(const struct kiln_aims *a, const struct kiln_lamp *lamp, double pick)
-{
-    size_t low = lamp->first, high = lamp->first + lamp->count - 1;
-    while (low < high) {
-        const size_t middle = low + (high - low) / 2;
-        if (a->until[middle] > pick)
-            high = middle;
-        else
-            low = middle + 1;
-    }
-    return low;
-}
-
-/* The cone is so wide that directions are drawn by the cosine. */
-static bool is_wide(double height) { return height > 1.0 - WIDE; }
-
-/* sr: of a box that is better than that cone, for an emitting triangle. */
-static double box_most(double height) { return 2.0 * KILN_PI * (is_wide(height) ? WIDE : height); }
-
-/* The ray leaves an emitting triangle at the place `on` from its corner 0, and has `factor` of its radiance. */
-static bool leave_area(const struct kiln_aims *a, size_t area, struct kiln_dvec3 on, double side,
-                       struct kiln_dvec3 direction, double factor, struct kiln_aimed_ray *ray)
-{
-    const struct kiln_area_light *light = &a->lights->areas[area];
-    float rgb[3];
-    double b1 = 0.0, b2 = 0.0;
-    if (!(factor > 0.0))
-        return false;
-    if (light->textured)
-        kiln_triangle_weights(light->e1, light->e2, on, &b1, &b2);
-    kiln_area_light_radiance(a->lights, light, b1, b2, rgb);
-    ray->place = dvec3_add(light->p0, on);
-    ray->origin = kiln_offset_origin(vec3_of(ray->place), vec3_of(dvec3_scale(light->normal, side)),
-                                     a->lights->geometry, light->triangle);
-    ray->direction = vec3_of(direction);
-    ray->cosine = side * dvec3_dot(light->normal, direction);
-    ray->light = (uint32_t)area;
-    ray->has_place = true;
-    set_flux(ray, rgb, factor);
-    return true;
-}
-
-static bool draw_area(const struct kiln_aims *a, const struct kiln_lamp *lamp, const struct kiln_target *target,
-                      const double numbers[], struct kiln_aimed_ray *ray)
-{
-    const size_t area = find_area(a, lamp, numbers[0]);
-    const struct kiln_area_light *light = &a->lights->areas[area];
-    const struct kiln_dvec3 on = kiln_triangle_place(light->e1, light->e2, numbers[2], numbers[3]),
-                            at = dvec3_add(light->p0, on);
-    const double height = cone_height(target, at), sides = light->two_sided ? 2.0 : 1.0;
-    struct kiln_box_seen box;
-    const bool by_box = kiln_target_see_box(target, at, box_most(height), &box);
-    /* area over the chance of the triangle; what the direction's density adds */
-    double factor = light->area * lamp->flux / area_flux(light), side = 1.0;
-    struct kiln_dvec3 direction;
-    if (!by_box && is_wide(height)) {
-        side = light->two_sided && numbers[1] < 0.5 ? -1.0 : 1.0;
-        direction = about(dvec3_scale(light->normal, side), kiln_cosine_direction(numbers[4], numbers[5]));
-        factor *= KILN_PI * sides;
-    } else {
-        direction = by_box ? kiln_box_direction(&box, numbers[1], numbers[4], numbers[5])
-                           : cone_direction(towards(target, at), height, numbers[4], numbers[5]);
-        const double cosine = dvec3_dot(light->normal, direction);
-        side = light->two_sided && cosine < 0.0 ? -1.0 : 1.0;
-        factor *= (by_box ? box.omega : 2.0 * KILN_PI * height) * side * cosine;
-    }
-    return leave_area(a, area, on, side, direction, factor, ray);
-}
-
-/* ---- rays that go evenly over triangles ---- */
-
-static struct kiln_dvec3 unit_of(struct kiln_dvec3 v) { return dvec3_scale(v, 1.0 / dvec3_length(v)); }
-
-/* Of rays that go evenly over the target's triangles, the density of those that go to this one: per m2 across the
- * direction, or per steradian from a place. */
-static double even_across(const struct kiln_aims *a, const struct kiln_target *target, uint32_t triangle,
-                          struct kiln_dvec3 direction)
-{
-    const struct kiln_vec3 normal = kiln_triangle_exact_normal(a->lights->scene, a->lights->geometry, triangle);
-    const double cosine = fabs(dvec3_dot(dvec3_of(normal), direction));
-    return cosine > 0.0 ? 1.0 / (target->area * cosine) : 0.0;
-}
-
-static double even_from(const struct kiln_aims *a, const struct kiln_target *target, uint32_t triangle,
-                        struct kiln_dvec3 place, struct kiln_dvec3 direction)
-{
-    const struct kiln_vec3 normal = kiln_triangle_exact_normal(a->lights->scene, a->lights->geometry, triangle);
-    struct kiln_vec3 corner[3];
-    kiln_geometry_corners(a->lights->geometry, triangle, corner);
-    const double height = dvec3_dot(dvec3_sub(dvec3_of(corner[0]), place), dvec3_of(normal)),
-                 cosine = dvec3_dot(dvec3_of(normal), direction), far = height / cosine;
-    return isfinite(far) && far > 0.0 ? far * far / (target->area * fabs(cosine)) : 0.0;
-}
-
-/* The same by the lamp, with the density of the place on an emitting triangle, or of the sky's direction. */
-static double even_density(const struct kiln_aims *a, const struct kiln_lamp *lamp, uint32_t light, uint32_t triangle,
-                           struct kiln_dvec3 place, struct kiln_dvec3 direction)
-{
-    const struct kiln_target *target = &a->targets.all[a->targets.of_triangle[triangle]];
-    if (lamp->kind == KILN_LAMP_AREA) {
-        const struct kiln_area_light *area = &a->lights->areas[light];
-        return area->two_sided || dvec3_dot(area->normal, direction) > 0.0
-                   ? area_flux(area) / lamp->flux / area->area * even_from(a, target, triangle, place, direction)
-                   : 0.0;
-    }
-    const double across = even_across(a, target, triangle, direction);
-    if (lamp->kind == KILN_LAMP_DIRECTIONAL)
-        return across;
-    const double share = a->sky.count > 1 ? a->sky.all[lamp->cell].share : 1.0;
-    return kiln_environment_density(a->lights, dvec3_scale(direction, -1.0)) / share * across;
-}
-
-/* A place on the target's triangle `triangle`. */
-static struct kiln_dvec3 even_place(const struct kiln_aims *a, uint32_t triangle, double u, double v)
-{
-    struct kiln_vec3 corner[3];
-    kiln_geometry_corners(a->lights->geometry, triangle, corner);
-    const struct kiln_dvec3 origin = dvec3_of(corner[0]);
-    return dvec3_add(origin, kiln_triangle_place(dvec3_sub(dvec3_of(corner[1]), origin),
-                                                 dvec3_sub(dvec3_of(corner[2]), origin), u, v));
-}
-
-/* The number of the first light of a lamp. */
-static uint32_t light_of(const struct kiln_aims *a, const struct kiln_lamp *lamp)
-{
-    const struct kiln_lights *l = a->lights;
-    const size_t before = lamp->kind == KILN_LAMP_AREA          ? 0
-                          : lamp->kind == KILN_LAMP_POINT       ? l->area_count
-                          : lamp->kind == KILN_LAMP_DIRECTIONAL ? l->area_count + l->point_count
-                                                                : l->area_count + l->point_count + l->directional_count;
-    return (uint32_t)before + lamp->first;
-}
-
-/* Towards what a directional light or the environment sends its light, `rgb`, from; `density`: of that direction. */
-static void from_outside(const struct kiln_aims *a, const struct kiln_lamp *lamp, const double numbers[],
-                         struct kiln_dvec3 *back, float rgb[3], double *density, struct kiln_aimed_ray *ray)
-{
-    const struct kiln_lights *l = a->lights;
-    *density = 1.0;
-    if (lamp->kind == KILN_LAMP_DIRECTIONAL) {
-        const struct kiln_directional_light *sun = &l->directionals[lamp->first];
-        *back = sun->towards;
-        ray->is_point = true;
-        for (int c = 0; c < 3; c++)
-            rgb[c] = sun->irradiance[c];
-        return;
-    }
-    *back = a->sky.count > 1 ? kiln_sky_cell_sample(&a->sky, lamp->cell, numbers[4], numbers[5], density)
-                             : kiln_environment_sample(l, numbers[4], numbers[5], density);
-    kiln_environment_radiance(l, *back, rgb);
-}
-
-/* By sphere or box. */
-static bool draw_by_outline(const struct kiln_aims *a, const struct kiln_lamp *lamp, const struct kiln_target *target,
-                            const double numbers[], struct kiln_aimed_ray *ray)
-{
-    const struct kiln_lights *l = a->lights;
-    struct kiln_dvec3 back;
-    double density;
-    float rgb[3];
-    if (lamp->kind == KILN_LAMP_AREA)
-        return draw_area(a, lamp, target, numbers, ray);
-    if (lamp->kind == KILN_LAMP_POINT)
-        return draw_point(&l->points[lamp->first], target, numbers, ray);
-    from_outside(a, lamp, numbers, &back, rgb, &density, ray);
-    draw_outside(a, target, back, kiln_target_place(target, back, numbers[1], numbers[2], numbers[3]), ray);
-    set_flux(ray, rgb, kiln_target_outline(target, back) / density);
-    return density > 0.0;
-}
-
-/* From an emitting triangle of the lamp to the place `to` on the ray's triangle, which was drawn evenly; likewise from
- * outside. */
-static bool draw_even_area(const struct kiln_aims *a, const struct kiln_lamp *lamp, const double numbers[],
-                           struct kiln_dvec3 to, struct kiln_aimed_ray *ray)
-{
-    const size_t area = find_area(a, lamp, numbers[0]);
-    const struct kiln_area_light *light = &a->lights->areas[area];
-    const struct kiln_dvec3 on = kiln_triangle_place(light->e1, light->e2, numbers[2], numbers[3]),
-                            at = dvec3_add(light->p0, on), direction = dvec3_of(vec3_of(unit_of(dvec3_sub(to, at))));
-    const double cosine = dvec3_dot(light->normal, direction), side = light->two_sided && cosine < 0.0 ? -1.0 : 1.0,
-                 density = even_density(a, lamp, (uint32_t)area, ray->triangle, at, direction);
-    return density > 0.0 && leave_area(a, area, on, side, direction, side * cosine / density, ray);
-}
-
-static bool draw_even_outside(const struct kiln_aims *a, const struct kiln_lamp *lamp, const struct kiln_target *target,
-                              const double numbers[], struct kiln_dvec3 to, struct kiln_aimed_ray *ray)
-{
-    struct kiln_dvec3 back;
-    double density;
-    float rgb[3];
-    from_outside(a, lamp, numbers, &back, rgb, &density, ray);
-    draw_outside(a, target, back, to, ray);
-    density *= even_across(a, target, ray->triangle, dvec3_of(ray->direction));
-    if (density > 0.0)
-        set_flux(ray, rgb, 1.0 / density);
-    return density > 0.0;
-}
-
-static bool draw_even(const struct kiln_aims *a, const struct kiln_lamp *lamp, const struct kiln_target *target,
-                      const double numbers[], struct kiln_aimed_ray *ray)
-{
-    const uint32_t triangle = kiln_targets_pick(&a->targets, target, numbers[1]);
-    ray->triangle = triangle;
-    return lamp->kind == KILN_LAMP_AREA
-               ? draw_even_area(a, lamp, numbers, even_place(a, triangle, numbers[4], numbers[5]), ray)
-               : draw_even_outside(a, lamp, target, numbers, even_place(a, triangle, numbers[2], numbers[3]), ray);
-}
+/* ---- rays and densities ---- */
 
 uint64_t kiln_aims_even(const struct kiln_aims *a, size_t aim)
 {
@@ -522,108 +275,18 @@ uint64_t kiln_aims_even(const struct kiln_aims *a, size_t aim)
 bool kiln_aims_draw(const struct kiln_aims *a, size_t aim, uint64_t k, const double numbers[KILN_AIM_NUMBERS],
                     struct kiln_aimed_ray *ray)
 {
-    const struct kiln_lamp *lamp = &a->lamps[a->aims[aim].lamp];
-    const struct kiln_target *target = &a->targets.all[a->aims[aim].target];
-    *ray = (struct kiln_aimed_ray){.cosine = 1.0, .light = light_of(a, lamp), .triangle = KILN_NONE};
-    return k < kiln_aims_even(a, aim) ? draw_even(a, lamp, target, numbers, ray)
-                                      : draw_by_outline(a, lamp, target, numbers, ray);
-}
-
-/* ---- densities ---- */
-
-/* Per steradian, of a direction in the cone about the axis; 0 beyond it, but for rounding. */
-static double cone_density(struct kiln_dvec3 axis, double height, struct kiln_dvec3 direction)
-{
-    return 1.0 - dvec3_dot(axis, direction) <= SLACK * height ? 1.0 / (2.0 * KILN_PI * height) : 0.0;
-}
-
-static double area_density(const struct kiln_aims *a, uint32_t area, const struct kiln_target *target,
-                           struct kiln_dvec3 place, struct kiln_dvec3 direction)
-{
-    const struct kiln_area_light *light = &a->lights->areas[area];
-    struct kiln_box_seen box;
-    const double height = cone_height(target, place), cosine = dvec3_dot(light->normal, direction),
-                 chance = area_flux(light) / a->lamps[a->lamp_of[area]].flux;
-    if (!light->two_sided && !(cosine > 0.0))
-        return 0.0;
-    if (kiln_target_see_box(target, place, box_most(height), &box))
-        return chance / light->area / box.omega;
-    return chance / light->area *
-           (is_wide(height) ? fabs(cosine) / (KILN_PI * (light->two_sided ? 2.0 : 1.0))
-                            : cone_density(towards(target, place), height, direction));
-}
-
-static double point_density(const struct kiln_point_light *light, const struct kiln_target *target,
-                            struct kiln_dvec3 direction)
-{
-    struct kiln_dvec3 axis;
-    struct kiln_box_seen box;
-    const double height = point_cone(light, target, &axis);
-    if (kiln_target_see_box(target, light->position, 2.0 * KILN_PI * height, &box))
-        return 1.0 / box.omega;
-    return cone_density(axis, height, direction);
-}
-
-/* The lamp that a light is a part of: they are in the order of the lights. */
-static size_t lamp_of(const struct kiln_aims *a, uint32_t light)
-{
-    const size_t areas = a->lights->area_count;
-    if (light < areas)
-        return a->lamp_of[light];
-    return (areas > 0 ? a->lamp_of[areas - 1] + 1 : 0) + (light - areas);
-}
-
-/* Of so many paths whose rays go by sphere or box. */
-static double outline_density(const struct kiln_aims *a, const struct kiln_lamp *lamp, uint32_t light,
-                              const struct kiln_target *target, double paths, struct kiln_dvec3 place,
-                              struct kiln_dvec3 direction)
-{
-    const struct kiln_lights *l = a->lights;
-    switch (lamp->kind) {
-    case KILN_LAMP_AREA:
-        return paths * area_density(a, light, target, place, direction);
-    case KILN_LAMP_POINT:
-        return paths * point_density(&l->points[lamp->first], target, direction);
-    case KILN_LAMP_DIRECTIONAL:
-        return paths / kiln_target_outline(target, l->directionals[lamp->first].towards);
-    case KILN_LAMP_ENVIRONMENT:
-        break;
-    }
-    const struct kiln_dvec3 back = dvec3_scale(direction, -1.0);
-    const double share = a->sky.count > 1 ? a->sky.all[lamp->cell].share : 1.0;
-    return paths * kiln_environment_density(l, back) / share / kiln_target_outline(target, back);
+    const struct kiln_aim_numbers n = {numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]};
+    *ray = (struct kiln_aimed_ray){.triangle = KILN_NONE};
+    return kiln_aim_draw(a, (uint32_t)aim, k, n, ray);
 }
 
 double kiln_aims_met(const struct kiln_aims *a, size_t aim, const struct kiln_aimed_ray *ray, uint32_t triangle)
 {
-    const double all = (double)(a->first[aim + 1] - a->first[aim]), even = (double)kiln_aims_even(a, aim);
-    if (kiln_aims_target(a, triangle) != a->aims[aim].target ||
-        (ray->triangle != KILN_NONE && ray->triangle != triangle))
-        return 0.0;
-    if (!(even > 0.0))
-        return 1.0;
-    const struct kiln_lamp *lamp = &a->lamps[a->aims[aim].lamp];
-    const struct kiln_target *target = &a->targets.all[a->aims[aim].target];
-    const struct kiln_dvec3 direction = dvec3_of(ray->direction);
-    const double by_outline = outline_density(a, lamp, ray->light, target, all - even, ray->place, direction),
-                 by_triangle = even * even_density(a, lamp, ray->light, triangle, ray->place, direction),
-                 own = ray->triangle != KILN_NONE ? by_triangle / even : by_outline / (all - even);
-    return own > 0.0 ? all * own / (by_outline + by_triangle) : 0.0;
+    return kiln_aim_met(a, (uint32_t)aim, ray, triangle);
 }
 
 double kiln_aims_density(const struct kiln_aims *a, uint32_t light, uint32_t triangle, struct kiln_dvec3 place,
                          struct kiln_dvec3 direction)
 {
-    const uint32_t target = kiln_aims_target(a, triangle);
-    if (target == KILN_NONE)
-        return 0.0;
-    const size_t first = lamp_of(a, light),
-                 number = a->lamps[first].kind == KILN_LAMP_ENVIRONMENT && a->sky.count > 1
-                              ? first + kiln_sky_cell_of(&a->sky, dvec3_scale(direction, -1.0))
-                              : first,
-                 aim = number * a->targets.count + target;
-    const struct kiln_lamp *lamp = &a->lamps[number];
-    const double all = (double)(a->first[aim + 1] - a->first[aim]), even = (double)kiln_aims_even(a, aim),
-                 by_outline = outline_density(a, lamp, light, &a->targets.all[target], all - even, place, direction);
-    return even > 0.0 ? by_outline + even * even_density(a, lamp, light, triangle, place, direction) : by_outline;
+    return kiln_aim_density(a, light, triangle, place, direction);
 }

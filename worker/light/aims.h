@@ -28,19 +28,10 @@
 #ifndef KILN_WORKER_LIGHT_AIMS_H
 #define KILN_WORKER_LIGHT_AIMS_H
 
+#include "shaders/shared/aimed_ray.h"
 #include "worker/light/lights.h"
 #include "worker/light/sky_cells.h"
 #include "worker/light/targets.h"
-
-enum kiln_lamp_kind { KILN_LAMP_AREA, KILN_LAMP_POINT, KILN_LAMP_DIRECTIONAL, KILN_LAMP_ENVIRONMENT };
-
-struct kiln_lamp {
-    enum kiln_lamp_kind kind;
-    uint32_t first, count; /* area: the lights' emitting triangles; else `first` is the light's number of its kind */
-    uint32_t cell;         /* environment: an image's cell of the sky */
-    double flux;           /* area: luminance of all that it sends, W */
-    struct kiln_dvec3 centre;
-};
 
 struct kiln_aim {
     uint32_t lamp, target;
@@ -61,18 +52,6 @@ struct kiln_aims {
     uint64_t *first;       /* of each aim its first path, and one more */
     struct kiln_dvec3 centre;
     double radius; /* of a sphere about the scene, m */
-};
-
-/* The ray that a path begins with. */
-struct kiln_aimed_ray {
-    struct kiln_vec3 origin, direction; /* m from the scene's centre; unit */
-    double flux[3];                     /* W over the density, of one path of the aim */
-    double range;                       /* m: of a lamp that has one (kiln_light_range); 0: none */
-    uint32_t light;                     /* its number, as of worker/light/emission.h */
-    struct kiln_dvec3 place;            /* on the lamp; of lamps that are outside `origin` */
-    double cosine;                      /* of the direction at the lamp; 1 where it has no surface */
-    bool has_place, is_point;           /* it begins in the scene, not outside; no ray meets it */
-    uint32_t triangle;                  /* that was picked; KILN_NONE: it goes by sphere or box */
 };
 
 enum { KILN_AIMS_MOST = 1 << 24, KILN_AIM_NUMBERS = 6 };

@@ -12,15 +12,11 @@ bool kiln_area_light_sampler(const struct kiln_lights *lights, const struct kiln
     if (node->left != KILN_NONE || node->right >= lights->area_count)
         return false;
     const struct kiln_area_light *light = &lights->areas[node->right];
-    *target = (struct kiln_area_light_sampler){.light = light, .centre = centre, .to0 = dvec3_sub(light->p0, centre)};
-    const double side = -dvec3_dot(target->to0, light->normal);
-    target->height = light->two_sided ? fabs(side) : side;
-    target->towards = side > 0.0 ? dvec3_scale(light->normal, -1.0) : light->normal;
-    if (!kiln_target_is_near(target->height, light->rounding, spread))
+    if (!kiln_area_is_near(light, centre, spread))
         return false;
-    target->seen = kiln_spherical_triangle_of(target->to0, light->e1, light->e2, light->area, target->height);
-    target->spherical = kiln_spherical_triangle_wanted(target->seen);
-    return kiln_target_is_apart(target->seen);
+    *target = (struct kiln_area_light_sampler){.light = light, .centre = centre};
+    target->view = kiln_area_view_of(light, centre);
+    return kiln_target_is_apart(target->view.seen);
 }
 
 /* Sine and cosine for angles of a few turns at most; absolute error below 1e-15. By blends, so that lanes go together.
@@ -40,20 +36,16 @@ static inline void sine_cosine(double x, double *sine, double *cosine)
 static inline double at_most(double x, double most) { return x < most ? x : most; }
 static inline double at_least(double x, double least) { return x > least ? x : least; }
 
-/* Lane l's sample, (x, y, z) from the centre, as its own place sees it; `area`: 1 / density of the sample on the light,
- * m2. */
+/* Lane l's sample `on` the light, from the centre, as its own place sees it; `area`: 1 / density of the sample on the
+ * light, m2. */
 static inline void see_from_place(const struct kiln_area_light_sampler *restrict t,
-                                  struct kiln_area_light_samples *restrict s, int l, double x, double y, double z,
-                                  double area)
+                                  struct kiln_area_light_samples *restrict s, int l, struct kiln_dvec3 on, double area)
 {
-    const double fx = s->place[0][l] - t->centre.x, fy = s->place[1][l] - t->centre.y,
-                 fz = s->place[2][l] - t->centre.z;
-    const double height = t->height - (fx * t->towards.x + fy * t->towards.y + fz * t->towards.z);
-    x -= fx, y -= fy, z -= fz;
-    /* cosine at the light */
-    const double squared = x * x + y * y + z * z, distance = sqrt(squared), seen = height / distance;
-    const double weight = seen * area / squared;
-    s->to[0][l] = x, s->to[1][l] = y, s->to[2][l] = z;
+    const struct kiln_dvec3 from = dvec3_sub(dvec3(s->place[0][l], s->place[1][l], s->place[2][l]), t->centre);
+    struct kiln_dvec3 to;
+    double distance, seen;
+    const double weight = kiln_area_see(&t->view, on, from, area, &to, &distance, &seen);
+    s->to[0][l] = to.x, s->to[1][l] = to.y, s->to[2][l] = to.z;
     s->distance[l] = distance;
     s->weight[l] = weight > 0.0 && weight < 1e300 ? weight : 0.0;
     s->backoff[l] = at_most(0.5 * distance, t->light->rounding / at_least(seen, 1e-6));
@@ -63,14 +55,13 @@ static inline void see_from_place(const struct kiln_area_light_sampler *restrict
 KILN_CLONES static void sample_spherical(const struct kiln_area_light_sampler *restrict target,
                                          struct kiln_area_light_samples *restrict s)
 {
-    const struct kiln_spherical_triangle t = target->seen;
-    const struct kiln_dvec3 towards = target->towards;
+    const struct kiln_spherical_triangle t = target->view.seen;
     for (int l = 0; l < KILN_TARGET_LANES; l++) {
-        double sine, cosine;
+        double sine, cosine, area;
         sine_cosine(0.5 * s->u[l] * t.omega, &sine, &cosine);
-        const struct kiln_dvec3 d = kiln_spherical_triangle_turn(t, sine, cosine, s->v[l]);
-        const double there = dvec3_dot(d, towards), far = target->height / there;
-        see_from_place(target, s, l, far * d.x, far * d.y, far * d.z, far * far * t.omega / there);
+        const struct kiln_dvec3 on =
+            kiln_area_place(&target->view, kiln_spherical_triangle_turn(t, sine, cosine, s->v[l]), &area);
+        see_from_place(target, s, l, on, area);
     }
 }
 
@@ -78,10 +69,9 @@ KILN_CLONES static void sample_flat(const struct kiln_area_light_sampler *restri
                                     struct kiln_area_light_samples *restrict s)
 {
     const struct kiln_area_light *light = t->light;
-    for (int l = 0; l < KILN_TARGET_LANES; l++) {
-        const struct kiln_dvec3 on = kiln_triangle_place(light->e1, light->e2, s->u[l], s->v[l]);
-        see_from_place(t, s, l, t->to0.x + on.x, t->to0.y + on.y, t->to0.z + on.z, light->area);
-    }
+    for (int l = 0; l < KILN_TARGET_LANES; l++)
+        see_from_place(t, s, l, dvec3_add(t->view.to0, kiln_triangle_place(light->e1, light->e2, s->u[l], s->v[l])),
+                       light->area);
 }
 
 /* Where on the light the samples are. */
@@ -97,7 +87,7 @@ static void find_weights(const struct kiln_area_light_sampler *t, struct kiln_ar
 
 void kiln_area_light_sampler_draw(const struct kiln_area_light_sampler *target, struct kiln_area_light_samples *samples)
 {
-    if (target->spherical)
+    if (target->view.spherical)
         sample_spherical(target, samples);
     else
         sample_flat(target, samples);

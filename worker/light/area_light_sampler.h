@@ -14,19 +14,15 @@
 #ifndef KILN_WORKER_LIGHT_AREA_LIGHT_SAMPLER_H
 #define KILN_WORKER_LIGHT_AREA_LIGHT_SAMPLER_H
 
+#include "shaders/shared/area_sampler.h"
 #include "worker/light/lights.h"
-#include "shaders/shared/area_light.h"
 
 enum { KILN_TARGET_LANES = 8 };
 
 struct kiln_area_light_sampler {
     const struct kiln_area_light *light;
     struct kiln_dvec3 centre;
-    struct kiln_dvec3 to0;               /* from the centre to the light's corner 0 */
-    struct kiln_dvec3 towards;           /* unit, normal to the light's plane, on the centre's side pointing at it */
-    double height;                       /* m: of the centre above that plane, > 0 */
-    bool spherical;                      /* by solid angle, else by area */
-    struct kiln_spherical_triangle seen; /* the light, from the centre */
+    struct kiln_area_view view;
 };
 
 /* Samples in structures of arrays; all lanes are reckoned, whether used or not. */

@@ -12,6 +12,7 @@
 #ifndef KILN_WORKER_LIGHT_EMISSION_H
 #define KILN_WORKER_LIGHT_EMISSION_H
 
+#include "shaders/shared/emitted.h"
 #include "worker/light/lights.h"
 
 /* Numbers of lights: the tree's as in struct kiln_light_sample, then the directional ones, then the environment. */
@@ -44,16 +45,6 @@ static inline uint32_t kiln_emission_environment(const struct kiln_emission *e)
  * lies about the scene, if it were white, which leaves as many above it for sums. */
 double kiln_emission_splat_unit(const struct kiln_emission *e);
 
-/* A ray of light. */
-struct kiln_emitted {
-    uint32_t light;
-    struct kiln_dvec3 origin, direction;
-    double flux[3]; /* radiance (or intensity, or irradiance) x cosine / density: W of the ray */
-    double density; /* of the ray: 1/(m2 sr) with the light's choice; without what is no choice at all */
-    double cosine;  /* of the direction at the light; 1 where it has no surface */
-    bool has_place; /* it begins in the scene, not outside */
-    bool is_point;  /* no ray meets it: a point, a spot, a directional light */
-};
 /* Draws a ray by random numbers in (0, 1). False: it brings nothing. */
 bool kiln_emission_draw(const struct kiln_emission *e, double pick, double u, double v, double s, double t,
                         struct kiln_emitted *ray);
@@ -68,7 +59,9 @@ double kiln_emission_density(const struct kiln_emission *e, uint32_t light, doub
 double kiln_emission_connect(const struct kiln_emission *e, uint32_t light, struct kiln_dvec3 p, struct kiln_dvec3 n,
                              struct kiln_dvec3 place, struct kiln_dvec3 direction);
 
-/* The area light of a world triangle; KILN_NONE: it is none. */
-uint32_t kiln_emission_of_triangle(const struct kiln_emission *e, uint32_t triangle);
+/* The area light at a place of a world triangle, where its corners 1 and 2 have these weights; KILN_NONE: there is
+ * none.
+ */
+uint32_t kiln_emission_at(const struct kiln_emission *e, uint32_t triangle, double b1, double b2);
 
 #endif

@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "shaders/shared/environment.h"
 #include "worker/base/memory.h"
+#include "worker/light/access.h"
 
 /* Mean of sin(theta) over row y of h. */
 static double row_sine(uint32_t y, uint32_t h)
@@ -83,44 +83,23 @@ void kiln_environment_radiance(const struct kiln_lights *lights, struct kiln_dve
         rgb[c] *= t[c];
 }
 
-/* Cosine of the angle from +y at the upper edge of row y. */
-static double row_cosine(const struct kiln_environment *e, uint32_t y) { return cos(KILN_PI * y / e->height); }
-
-/* Its chance over its solid angle. */
 double kiln_environment_texel_density(const struct kiln_lights *lights, uint32_t x, uint32_t y)
 {
-    const struct kiln_environment *e = lights->scene->environment;
-    const double chance =
-        kiln_step_chance(lights->marginal, 0, y) * kiln_step_chance(lights->conditional, (size_t)y * e->width, x);
-    return kiln_sky_density(chance, row_cosine(e, y) - row_cosine(e, y + 1), e->width);
+    return kiln_sky_texel_density(lights, x, y);
 }
 
 struct kiln_dvec3 kiln_environment_in_texel(const struct kiln_lights *lights, uint32_t x, uint32_t y, double fx,
                                             double fy)
 {
-    const struct kiln_environment *e = lights->scene->environment;
-    return kiln_sky_direction(x, fx, fy, row_cosine(e, y), row_cosine(e, y + 1), e->width, (double)e->rotation);
+    return kiln_sky_in_texel(lights, x, y, fx, fy);
 }
 
 struct kiln_dvec3 kiln_environment_sample(const struct kiln_lights *lights, double u, double v, double *density)
 {
-    const struct kiln_environment *e = lights->scene->environment;
-    if (lights->conditional == NULL) {
-        *density = KILN_SPHERE_DENSITY;
-        return kiln_sphere_direction(u, v);
-    }
-    double fy, fx;
-    const uint32_t y = kiln_step_find(lights->marginal, 0, e->height, v, &fy);
-    const uint32_t x = kiln_step_find(lights->conditional, (size_t)y * e->width, e->width, u, &fx);
-    *density = kiln_environment_texel_density(lights, x, y);
-    return kiln_environment_in_texel(lights, x, y, fx, fy);
+    return kiln_sky_sample(lights, u, v, density);
 }
 
 double kiln_environment_density(const struct kiln_lights *lights, struct kiln_dvec3 direction)
 {
-    if (lights->conditional == NULL)
-        return KILN_SPHERE_DENSITY;
-    uint32_t x, y;
-    kiln_environment_texel(lights, direction, &x, &y);
-    return kiln_environment_texel_density(lights, x, y);
+    return kiln_sky_direction_density(lights, direction);
 }

@@ -1,11 +1,11 @@
 /* All light sources of a scene, and choosing among them.
  *
- * Emissive triangles, point and spot lights hang in a light tree (Conty Estevez and Kulla, "Importance Sampling of Many
- * Lights with Adaptive Tree Splitting", 2018; bounds as in pbrt-v4 section 12.6). For a shaded point the tree is cut
- * into at most KILN_CUT_MAX clusters by splitting the most important one again and again, as long as it may bring
- * enough of all (KILN_CUT_SHARE); directional lights and the environment are choices of their own. Each choice then
- * gets a fixed number of samples, in proportion to its importance, so that a lone light has no choice noise at all.
- * Importance is zero only where the contribution is.
+ * Emissive triangles (where textures make them uneven their parts), point and spot lights hang in a light tree (Conty
+ * Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018; bounds as in pbrt-v4
+ * section 12.6). For a shaded point the tree is cut into at most KILN_CUT_MAX clusters by splitting the most important
+ * one again and again, as long as it may bring enough of all (KILN_CUT_SHARE); directional lights and the environment
+ * are choices of their own. Each choice then gets a fixed number of samples, in proportion to its importance, so that a
+ * lone light has no choice noise at all. Importance is zero only where the contribution is.
  *
  * Lights are built once and only read afterwards: safe to share between threads. Positions are relative to the scene's
  * centre. Radiance in W m-2 sr-1, intensity in W/sr, directional lights in W/m2. */
@@ -16,34 +16,12 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "shaders/shared/area_light.h"
 #include "shaders/shared/color.h"
 #include "shaders/shared/light_importance.h"
+#include "shaders/shared/light_structs.h"
+#include "shaders/shared/punctual_light.h"
 #include "worker/scene/geometry.h"
-
-/* An emissive triangle. */
-struct kiln_area_light {
-    struct kiln_dvec3 p0, e1, e2; /* corner 0 and the edges to corners 1 and 2, in the world triangle's corner order */
-    struct kiln_dvec3 normal;     /* unit, front face */
-    double area;                  /* m2 */
-    double rounding;              /* m: what the corners' floats may be off by */
-    float radiance[3];            /* mean over the triangle */
-    uint32_t triangle;            /* world triangle */
-    bool two_sided, textured;
-};
-
-struct kiln_point_light {
-    struct kiln_dvec3 position;
-    struct kiln_dvec3 direction; /* spot: the way it points */
-    float intensity[3];
-    double range; /* m, 0: none */
-    double cos_inner, cos_outer;
-    bool spot;
-};
-
-struct kiln_directional_light {
-    struct kiln_dvec3 towards; /* unit, towards the light */
-    float irradiance[3];
-};
 
 /* Bounds of a cluster: where it is, which way it shines, how much. */
 struct kiln_light_node {
@@ -61,7 +39,9 @@ struct kiln_lights {
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
     size_t area_count, point_count, directional_count;
-    struct kiln_area_light *areas;
+    size_t triangle_count, textured_count; /* emissive triangles of which the areas are parts; those with textures */
+    struct kiln_lamp_textures *textures;   /* of emissive triangles (lamp_textures.h) */
+    struct kiln_area_light *areas;         /* ascending by triangle, then by path */
     struct kiln_point_light *points;
     struct kiln_directional_light *directionals;
     size_t node_count;
@@ -79,15 +59,8 @@ int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *sce
 int kiln_lights_create_without_areas(struct kiln_lights **lights, const struct kiln_scene *scene,
                                      const struct kiln_geometry *geometry, struct kiln_error *error);
 void kiln_lights_destroy(struct kiln_lights **lights);
-
-enum kiln_choice_kind { KILN_CHOICE_NODE, KILN_CHOICE_DIRECTIONAL, KILN_CHOICE_ENVIRONMENT };
-
-struct kiln_light_choice {
-    enum kiln_choice_kind kind;
-    uint32_t index;    /* node or directional light */
-    uint32_t samples;  /* set by kiln_lights_allot */
-    double importance; /* about the irradiance it may bring, W/m2 */
-};
+/* Whether nothing shines. */
+bool kiln_lights_are_none(const struct kiln_lights *lights);
 
 /* Choices for points within `spread` metres of p with unit normal n (n = 0: every direction counts, as for a probe or a
  * texel with several normals), in a fixed order. Directional lights beyond the cut's room are all kept: `choices` must
@@ -97,18 +70,6 @@ size_t kiln_lights_choices(const struct kiln_lights *lights, struct kiln_dvec3 p
 /* Shares out `samples` by importance, at least one each; returns the total given (at most samples + count). */
 uint32_t kiln_lights_allot(struct kiln_light_choice *choices, size_t count, uint32_t samples);
 
-/* One sample of a choice. The contribution to irradiance is value x max(0, n . direction) if nothing lies between p and
- * p + distance x direction. */
-struct kiln_light_sample {
-    struct kiln_dvec3 direction; /* unit */
-    double distance;             /* m; INFINITY for light from outside */
-    double value[3];             /* radiance / density of the direction */
-    /* m: stop the shadow ray this much before the light (rounding of the light's own position) */
-    double backoff;
-    bool has_extent; /* a ray may meet it: an emitting triangle, or the environment */
-    uint32_t light;  /* which of the tree's it is, areas first, then points; KILN_NONE: none of these */
-};
-
 /* Number of sampling strategies a choice alternates between: its `index`-th sample is number index / strategies of
  * strategy index % strategies. Each strategy needs a sequence of random points of its own: the parity of a Sobol' index
  * is a digit of the point, so one sequence dealt out in turn would give each strategy half of the square. */
@@ -116,12 +77,13 @@ uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct k
                                 struct kiln_dvec3 n);
 
 /* Draws the choice's `index`-th sample with random numbers in (0,1): `pick` goes down the tree, u and v over the light.
- * False when it brings nothing. n as above; `shading` is the shading normal there, n where it has no other. */
+ * False when it brings nothing. n as above; `shading` is the shading normal there, n where it has no other: directions
+ * are then on the front of either normal. */
 bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index,
                         struct kiln_dvec3 p, struct kiln_dvec3 n, struct kiln_dvec3 shading, double pick, double u,
                         double v, struct kiln_light_sample *sample);
 
-/* Radiance at barycentric (b1, b2) of an emissive triangle, world corner order. */
+/* Radiance at barycentric (b1, b2) of an area light, in its corner order: emission x opacity. */
 void kiln_area_light_radiance(const struct kiln_lights *lights, const struct kiln_area_light *light, double b1,
                               double b2, float rgb[3]);
 
@@ -130,8 +92,5 @@ void kiln_environment_radiance(const struct kiln_lights *lights, struct kiln_dve
 /* A direction (outwards) by luminance, and its density per steradian; lat-long and constant alike. */
 struct kiln_dvec3 kiln_environment_sample(const struct kiln_lights *lights, double u, double v, double *density);
 double kiln_environment_density(const struct kiln_lights *lights, struct kiln_dvec3 direction);
-
-/* Share of a point light's intensity towards unit `direction` from it: 1 unless it is a spot. */
-double kiln_point_light_cone(const struct kiln_point_light *light, struct kiln_dvec3 direction);
 
 #endif

@@ -229,7 +229,7 @@ static void spread(struct kiln_targets *targets, const struct kiln_lights *l, st
                    const uint32_t *triangles, size_t count)
 {
     double sum = 0.0, leans = 0.0;
-    t->first = targets->listed;
+    t->first = (uint32_t)targets->listed;
     for (size_t i = 0; i < count; i++) {
         const double area = area_of(l->geometry, triangles[i]);
         targets->triangles[t->first + i] = triangles[i];
@@ -241,7 +241,7 @@ static void spread(struct kiln_targets *targets, const struct kiln_lights *l, st
         return;
     t->even = fmin(even, EVEN_MOST);
     t->area = sum;
-    t->count = count;
+    t->count = (uint32_t)count;
     targets->listed += count;
     for (size_t i = 0; i < count; i++)
         targets->until[t->first + i] /= sum;
@@ -370,54 +370,10 @@ uint32_t kiln_targets_pick(const struct kiln_targets *targets, const struct kiln
 
 /* ---- from afar ---- */
 
-/* m2, of the sphere. */
-static double disc_of(const struct kiln_target *target) { return KILN_PI * target->radius * target->radius; }
-
-/* m2: what each pair of the box's sides shows along a direction. Returns their sum. */
-static double find_shades(const struct kiln_target *t, struct kiln_dvec3 direction, double shades[ABOUT_AN_AXIS])
-{
-    const struct kiln_dvec3 size = dvec3_sub(t->high, t->low);
-    shades[0] = fabs(direction.x) * size.y * size.z;
-    shades[1] = fabs(direction.y) * size.z * size.x;
-    shades[2] = fabs(direction.z) * size.x * size.y;
-    return shades[0] + shades[1] + shades[2];
-}
-
-double kiln_target_outline(const struct kiln_target *target, struct kiln_dvec3 direction)
-{
-    double shades[ABOUT_AN_AXIS];
-    return fmin(disc_of(target), find_shades(target, direction, shades));
-}
-
 double kiln_target_mean_outline(const struct kiln_target *target)
 {
     const struct kiln_dvec3 size = dvec3_sub(target->high, target->low);
-    return fmin(disc_of(target), mean_shade(size.x, size.y, size.z));
-}
-
-struct kiln_dvec3 kiln_target_place(const struct kiln_target *t, struct kiln_dvec3 back, double pick, double u,
-                                    double v)
-{
-    double shades[ABOUT_AN_AXIS];
-    const double shade = find_shades(t, back, shades);
-    if (!(shade < disc_of(t))) {
-        const double r = t->radius * sqrt(u), turn = 2.0 * KILN_PI * v;
-        struct kiln_vec3 a, b;
-        kiln_basis(vec3_of(back), &a, &b);
-        return dvec3_add(t->centre,
-                         dvec3_add(dvec3_scale(dvec3_of(a), r * cos(turn)), dvec3_scale(dvec3_of(b), r * sin(turn))));
-    }
-    const struct kiln_dvec3 size = dvec3_sub(t->high, t->low);
-    if (pick * shade < shades[0])
-        return dvec3(back.x > 0.0 ? t->high.x : t->low.x, t->low.y + u * size.y, t->low.z + v * size.z);
-    if (pick * shade < shades[0] + shades[1])
-        return dvec3(t->low.x + u * size.x, back.y > 0.0 ? t->high.y : t->low.y, t->low.z + v * size.z);
-    return dvec3(t->low.x + u * size.x, t->low.y + v * size.y, back.z > 0.0 ? t->high.z : t->low.z);
-}
-
-double kiln_target_reach(const struct kiln_target *target)
-{
-    return fmax(target->radius, 0.5 * dvec3_length(dvec3_sub(target->high, target->low)));
+    return fmin(kiln_target_disc(target), mean_shade(size.x, size.y, size.z));
 }
 
 /* ---- from a place ---- */

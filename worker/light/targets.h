@@ -8,24 +8,15 @@
  * sphere and a box about its triangles, with some slack for rounding. Rays are sent through whichever is seen smaller.
  *
  * Where smooth normals lean far from the true ones, because triangles are few, a part of a target's rays is sent evenly
- * over its triangles: what little is seen of one that is met edge on may bring much light (worker/README.md).
+ * over its triangles: what little is seen of one that is met edge on may bring much light (worker/NOTES.md).
  *
  * Not collective; a pure function of scene and `most`. Read by several threads at once. */
 #ifndef KILN_WORKER_LIGHT_TARGETS_H
 #define KILN_WORKER_LIGHT_TARGETS_H
 
 #include "shaders/shared/spherical_triangle.h"
+#include "shaders/shared/targets.h"
 #include "worker/light/lights.h"
-
-struct kiln_target {
-    uint32_t object;
-    struct kiln_dvec3 centre;    /* of sphere and box, m from the scene's centre */
-    double radius;               /* of the sphere, m */
-    struct kiln_dvec3 low, high; /* the box's corners, m */
-    double even;                 /* the part of its rays that go evenly over its triangles */
-    double area;                 /* m2, of these; where `even` is not 0 */
-    size_t first, count;         /* and where they are listed */
-};
 
 struct kiln_targets {
     size_t count;
@@ -42,18 +33,10 @@ int kiln_targets_create(struct kiln_targets *targets, const struct kiln_lights *
                         struct kiln_error *error);
 void kiln_targets_release(struct kiln_targets *targets);
 
-/* ---- from afar ---- */
+/* ---- from afar: shaders/shared/targets.h ---- */
 
-/* m2: what is seen of the sphere or of the box, whichever is less, along `direction`, unit; from anywhere, the mean. */
-double kiln_target_outline(const struct kiln_target *target, struct kiln_dvec3 direction);
+/* m2: kiln_target_outline from anywhere, the mean. */
 double kiln_target_mean_outline(const struct kiln_target *target);
-
-/* A place on what is seen along `back`, unit, towards who looks; even over the outline. `pick`, u and v in (0, 1). */
-struct kiln_dvec3 kiln_target_place(const struct kiln_target *target, struct kiln_dvec3 back, double pick, double u,
-                                    double v);
-
-/* m, from the centre: nothing of a target is farther away. */
-double kiln_target_reach(const struct kiln_target *target);
 
 /* The triangle of a target whose `even` is not 0 that `pick`, in (0, 1), falls to, by area. */
 uint32_t kiln_targets_pick(const struct kiln_targets *targets, const struct kiln_target *target, double pick);

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "shaders/shared/gloss.h"
 #include "worker/scene/texture.h"
 
 /* A position of a gloss's surface. */
@@ -49,28 +50,13 @@ static float number_of(const struct spot *s, enum kiln_gloss_use use)
 /* Strength of anisotropy; the direction of the tangent, from the u axis on, as cosine and sine. */
 static float anisotropy_of(const struct spot *s, float *cosine, float *sine)
 {
-    float rgba[4], x = 1.0f, y = 0.0f, strength = s->gloss->anisotropy;
-    if (texel_of(s, KILN_GLOSS_ANISOTROPY, rgba)) {
-        x = 2.0f * rgba[0] - 1.0f;
-        y = 2.0f * rgba[1] - 1.0f;
-        strength *= rgba[2];
-    }
-    const float turn = s->gloss->anisotropy_rotation, length = sqrtf(x * x + y * y);
-    const float scale = length > 0.0f ? 1.0f / length : 0.0f;
-    const float a = length > 0.0f ? x * scale : 1.0f, b = y * scale;
-    *cosine = cosf(turn) * a - sinf(turn) * b;
-    *sine = sinf(turn) * a + cosf(turn) * b;
-    return strength;
-}
-
-static void set_colors(struct kiln_bsdf *p, const struct spot *s, const float base[3])
-{
-    const struct kiln_gloss *g = s->gloss;
-    float tint[4];
-    texel_of(s, KILN_GLOSS_SPECULAR_COLOR, tint);
-    p->base_color = vec3(base[0], base[1], base[2]);
-    p->specular_color =
-        vec3(g->specular_color[0] * tint[0], g->specular_color[1] * tint[1], g->specular_color[2] * tint[2]);
+    float rgba[4];
+    *cosine = cosf(s->gloss->anisotropy_rotation);
+    *sine = sinf(s->gloss->anisotropy_rotation);
+    if (!texel_of(s, KILN_GLOSS_ANISOTROPY, rgba))
+        return s->gloss->anisotropy;
+    kiln_gloss_turn(rgba[0], rgba[1], cosine, sine);
+    return s->gloss->anisotropy * rgba[2];
 }
 
 struct kiln_vec3 kiln_gloss_index(const struct kiln_gloss *gloss)
@@ -81,35 +67,28 @@ struct kiln_vec3 kiln_gloss_index(const struct kiln_gloss *gloss)
 
 static struct kiln_bsdf bsdf_at(const struct spot *s, const float base[3])
 {
-    const struct kiln_gloss *gloss = s->gloss;
-    struct kiln_bsdf p = {.thin_wall = (gloss->flags & KILN_GLOSS_VOLUME) == 0 ? 1u : 0u, .model = KILN_BSDF_LAYERS};
-    float cosine, sine;
-    set_colors(&p, s, base);
-    p.eta = kiln_gloss_index(gloss);
-    p.transmission = gloss->transmission * number_of(s, KILN_GLOSS_TRANSMISSION);
-    if (gloss->model == KILN_GLOSS_PHONG) {
-        const bool mirror = (gloss->flags & KILN_GLOSS_MIRROR) != 0, black = base[0] + base[1] + base[2] == 0.0f;
-        if (!(p.transmission > 0.0f) && !(mirror && black)) {
-            p.model = KILN_BSDF_PHONG;
-            p.exponent = mirror ? KILN_BSDF_PHONG_MIRROR : gloss->exponent * number_of(s, KILN_GLOSS_ROUGHNESS);
-            p.alpha_x = p.alpha_y = kiln_bsdf_phong_alpha(p.exponent);
-            return p;
-        }
-        p.base_color = p.transmission > 0.0f ? vec3(gloss->filter[0], gloss->filter[1], gloss->filter[2])
-                                             : p.specular_color; /* a mirror is a metal of the specular colour */
-        p.metallic = p.transmission > 0.0f ? 0.0f : 1.0f;
-        p.specular_color = vec3(1.0f, 1.0f, 1.0f);
-        p.specular = 1.0f;
-        return p;
-    }
-    p.metallic = gloss->metallic * number_of(s, KILN_GLOSS_METALLIC);
-    p.specular = gloss->specular * number_of(s, KILN_GLOSS_SPECULAR);
-    kiln_bsdf_alphas(gloss->roughness * number_of(s, KILN_GLOSS_ROUGHNESS), anisotropy_of(s, &cosine, &sine),
-                     &p.alpha_x, &p.alpha_y);
-    p.coat = gloss->clearcoat * number_of(s, KILN_GLOSS_CLEARCOAT);
-    const float coat = gloss->clearcoat_roughness * number_of(s, KILN_GLOSS_CLEARCOAT_ROUGHNESS);
-    p.coat_alpha = coat * coat;
-    return p;
+    const struct kiln_gloss *g = s->gloss;
+    const float *color = g->specular_color, roughness = number_of(s, KILN_GLOSS_ROUGHNESS);
+    const bool phong = g->model == KILN_GLOSS_PHONG;
+    float tint[4], cosine, sine;
+    texel_of(s, KILN_GLOSS_SPECULAR_COLOR, tint);
+    const struct kiln_gloss_values values = {
+        .base_color = vec3(base[0], base[1], base[2]),
+        .specular_color = vec3(color[0] * tint[0], color[1] * tint[1], color[2] * tint[2]),
+        .filter_color = vec3(g->filter[0], g->filter[1], g->filter[2]),
+        .eta = kiln_gloss_index(g),
+        .metallic = g->metallic * number_of(s, KILN_GLOSS_METALLIC),
+        .roughness = g->roughness * roughness,
+        .specular = g->specular * number_of(s, KILN_GLOSS_SPECULAR),
+        .transmission = g->transmission * number_of(s, KILN_GLOSS_TRANSMISSION),
+        .coat = g->clearcoat * number_of(s, KILN_GLOSS_CLEARCOAT),
+        .coat_roughness = g->clearcoat_roughness * number_of(s, KILN_GLOSS_CLEARCOAT_ROUGHNESS),
+        .anisotropy = phong ? 0.0f : anisotropy_of(s, &cosine, &sine),
+        .exponent = g->exponent * roughness,
+        .thin_wall = (g->flags & KILN_GLOSS_VOLUME) == 0,
+        .phong = phong,
+        .mirror = (g->flags & KILN_GLOSS_MIRROR) != 0};
+    return kiln_gloss_scattering(&values);
 }
 
 struct kiln_bsdf kiln_surface_bsdf(const struct kiln_scene *scene, const struct kiln_gloss *gloss,
@@ -202,26 +181,17 @@ struct kiln_frame kiln_surface_frame(const struct kiln_scene *scene, const struc
     const struct kiln_vec2 *uv = scene->texcoord_gloss + mesh->vertex_first;
     const uint32_t *corner = scene->triangles + 3 * triangle;
     const struct kiln_vec2 a = uv[corner[0]], b = uv[corner[1]], c = uv[corner[2]];
-    /* how the position changes along u, times the area in the texture */
-    const float turned = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y) < 0.0f ? -1.0f : 1.0f;
-    const struct kiln_vec3 along =
-        vec3_scale(vec3_sub(vec3_scale(edge[0], c.y - a.y), vec3_scale(edge[1], b.y - a.y)), turned);
-    const struct kiln_vec3 tangent = vec3_sub(along, vec3_scale(z, vec3_dot(along, z)));
-    if (!(vec3_length(tangent) > 0.0f))
-        return kiln_frame_about(z);
+    struct kiln_frame frame = {.z = z};
     float cosine, sine;
     (void)anisotropy_of(&s, &cosine, &sine);
-    const struct kiln_vec3 t = vec3_normalize(tangent), bitangent = vec3_cross(z, t);
-    struct kiln_frame frame = {.z = z};
-    frame.x = vec3_madd(vec3_scale(t, cosine), bitangent, sine);
-    frame.y = vec3_cross(z, frame.x);
-    return frame;
+    return kiln_gloss_axes(z, b.x - a.x, b.y - a.y, c.x - a.x, c.y - a.y, edge[0], edge[1], cosine, sine, &frame.x,
+                           &frame.y)
+               ? frame
+               : kiln_frame_about(z);
 }
 
 void kiln_gloss_attenuation(const struct kiln_gloss *gloss, float distance, float share[3])
 {
     for (int c = 0; c < 3; c++)
-        share[c] = gloss->attenuation_distance > 0.0f
-                       ? powf(gloss->attenuation_color[c], distance / gloss->attenuation_distance)
-                       : 1.0f;
+        share[c] = kiln_gloss_left(gloss->attenuation_color[c], gloss->attenuation_distance, distance);
 }

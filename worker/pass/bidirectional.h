@@ -18,6 +18,10 @@
  *               merged (Hachisuka and Jensen, "Stochastic Progressive Photon Mapping", SIGGRAPH Asia 2009).
  *               With ppm the camera's paths are those of sample 0 in every sample, with sppm new ones
  *
+ * Light that comes to a facet from below (path.h) is found from the camera's side alone: no path of light meets the
+ * facet from there, so that the densities of techniques by which one would have to are 0. With light, ppm and sppm
+ * there is no such light.
+ *
  * A vertex is merged with those within the radius, which in sample k is `radius` (k + 1)^((alpha - 1) / 2), alpha 3/4
  * (Knaus and Zwicker, "Progressive Photon Mapping: A Probabilistic Approach", TOG 2011): merging blurs, and less and
  * less. Embree sums vertices in a fixed order, Vulkan in whole units of the film's, whose sums have no order.
@@ -29,7 +33,7 @@
  *
  * Items: pixels of the camera. Result: struct kiln_path_result, without the film's light, of which the squares know
  * nothing either. Samples: paths of a pixel. Memory: where there is merging, 64 bytes for each vertex of a sample's
- * paths of light, twice; on a device 132. */
+ * paths of light, twice; on a device 136. */
 #ifndef KILN_WORKER_PASS_BIDIRECTIONAL_H
 #define KILN_WORKER_PASS_BIDIRECTIONAL_H
 

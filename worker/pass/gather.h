@@ -24,7 +24,7 @@
  * If it meets nothing before, and does not leave the scene's box, it asks a probe for the radiance from where it goes
  * on to: one of the eight about its end, drawn by trilinear weights, if another short ray says that it is seen from
  * there; else one of those that the point sees, drawn likewise at the ray's origin. It counts as neither escaped nor
- * blocked (Vandersanden, "Radiance Cells", 2023, chapters 3.6 and 3.7; worker/README.md says what differs). That is
+ * blocked (Vandersanden, "Radiance Cells", 2023, chapters 3.6 and 3.7; worker/NOTES.md says what differs). That is
  * biased. With range 0 such a point traces no ray. Harmonics may be negative in places; the sum of a point is at least
  * 0.
  *

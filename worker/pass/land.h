@@ -67,7 +67,6 @@ struct kiln_land_result {
     /* where there are other techniques, kiln_caustic_others: who knows the texel's area and rays weighs with it
      * (kiln_caustic_weight_landed); else 0 */
     float others;
-    float sampled; /* of it the part of samples (kiln_caustic_sampled), where they have factors of their own; else 0 */
     uint32_t aim;
     uint16_t end;    /* enum kiln_land_end */
     uint16_t length; /* surfaces met */

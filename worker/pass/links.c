@@ -250,6 +250,13 @@ static void get_point(struct reader *r, struct kiln_linked_point *p, float shadi
         get(r, shading, 3 * sizeof *shading);
 }
 
+static void get_tinted(struct reader *r, struct kiln_tinted_link *t, uint64_t all, const uint64_t most[2])
+{
+    get(r, t, sizeof *t);
+    r->bad = r->bad || t->bit >= KILN_TILE_TEXELS || (all >> t->bit & 1) == 0 ||
+             (t->to & ~KILN_LINK_LEAF) >= most[(t->to & KILN_LINK_LEAF) != 0];
+}
+
 static void get_links(struct reader *r, struct kiln_found_links *f, uint64_t all, const uint64_t most[2])
 {
     uint64_t last[2] = {0, 0}, asked = all;
@@ -262,12 +269,8 @@ static void get_links(struct reader *r, struct kiln_found_links *f, uint64_t all
         r->bad = r->bad || last[leaf] >= most[leaf] || (f->asked[i] & ~all) != 0 || (f->seen[i] & ~f->asked[i]) != 0;
         f->to[i] = (uint32_t)last[leaf] | (leaf != 0 ? KILN_LINK_LEAF : 0);
     }
-    for (uint32_t i = 0; i < f->tinted_count && !r->bad; i++) {
-        const struct kiln_tinted_link *t = &f->tinted[i];
-        get(r, &f->tinted[i], sizeof f->tinted[i]);
-        r->bad = r->bad || t->bit >= KILN_TILE_TEXELS || (all >> t->bit & 1) == 0 ||
-                 (t->to & ~KILN_LINK_LEAF) >= most[(t->to & KILN_LINK_LEAF) != 0];
-    }
+    for (uint32_t i = 0; i < f->tinted_count && !r->bad; i++)
+        get_tinted(r, &f->tinted[i], all, most);
 }
 
 static int say_damaged(const struct kiln_kept_links *kept, struct kiln_error *error)
@@ -341,6 +344,57 @@ void kiln_links_close(struct kiln_kept_links *kept, uint64_t mask, const float s
         if ((flags & IS_SMOOTH) != 0)
             memcpy(kept->code + (r.at - kept->code) - sizeof shading[bit], shading[bit], sizeof shading[bit]);
     }
+}
+
+/* ---- checking ---- */
+
+#define MOST_RAYS 1e9f   /* sums over a point's samples; what mirrors and glass take may be below 0 */
+#define MOST_SCALE 1e18f /* of a row: of one that is very short it is large, but what it brings must stay finite */
+#define MOST_TINT 1e3f
+#define MOST_UNIT 1.01f /* of a part of a normal */
+
+/* False for what is not finite, too. */
+static bool are_within(const float *values, size_t count, float low, float high)
+{
+    bool within = true;
+    for (size_t i = 0; i < count; i++)
+        within = within && values[i] >= low && values[i] <= high;
+    return within;
+}
+
+static void check_point(struct reader *r, uint8_t flags)
+{
+    struct kiln_linked_point p;
+    float shading[3] = {0.0f, 0.0f, 0.0f};
+    get_point(r, &p, shading, flags);
+    r->bad = r->bad || !are_within(&p.scale, 1, 0.0f, MOST_SCALE) || !are_within(&p.escaped, 1, 0.0f, MOST_RAYS) ||
+             !are_within(&p.blocked, 1, 0.0f, MOST_RAYS) || !are_within(p.glass, 3, -MOST_RAYS, MOST_RAYS) ||
+             !are_within(&p.present, 1, 0.0f, 1.0f) || !are_within(shading, 3, -MOST_UNIT, MOST_UNIT);
+}
+
+int kiln_links_check(const struct kiln_kept_links *kept, uint64_t point_count, struct kiln_error *error)
+{
+    struct reader r = {kept->code, kept->bytes, kept->points > KILN_TILE_TEXELS};
+    const uint64_t most[2] = {KILN_LINK_LEAF, point_count};
+    uint64_t count, tinted, last[2] = {0, 0};
+    const uint8_t flags = get_head(&r, kept, &count, &tinted);
+    for (uint32_t i = 0; i < kept->points && !r.bad; i++)
+        check_point(&r, flags);
+    for (uint64_t i = 0; i < count && !r.bad; i++) {
+        const uint64_t code = get_number(&r), leaf = code & TO_LEAF;
+        last[leaf] += code >> STEP_SHIFT;
+        if ((code & OTHERS_ASKED) != 0)
+            (void)get_mask(&r);
+        if ((code & SOME_SEEN) != 0)
+            (void)get_mask(&r);
+        r.bad = r.bad || last[leaf] >= most[leaf];
+    }
+    for (uint64_t i = 0; i < tinted && !r.bad; i++) {
+        struct kiln_tinted_link link;
+        get_tinted(&r, &link, UINT64_MAX, most);
+        r.bad = r.bad || !are_within(link.through, 3, 0.0f, MOST_TINT);
+    }
+    return !r.bad && r.left == 0 ? KILN_OK : say_damaged(kept, error);
 }
 
 int kiln_links_decode(struct kiln_found_links *f, const struct kiln_kept_links *kept, uint64_t mask, uint64_t shares,

@@ -10,9 +10,10 @@
  * M light was 1 to 3 % low. No link's light falls below 0. V is what the surfaces
  * between the point and one of the node's points let through, k: taken by a sequence that goes from point to point
  * through all that the node has, so that the means over a tile's points are right. A square of 2 x 2 or 4 x 4 points of
- * a tile has one V by one ray where two or four of a point's edges are less than kiln_links_shared times R: then they
- * see the node as one, or what they see of it is as much of a chance for each of them. A node's points look much the
- * same way (coordinator/integrate/link_tree.h), so that the back of what is lit never shines through.
+ * a tile that are in one room has one V by one ray where two or four of a point's edges are less than kiln_links_shared
+ * times R: then they see the node as one, or what they see of it is as much of a chance for each of them. A node's
+ * points look much the same way (coordinator/integrate/patches/link_tree.h), so that the back of what is lit never
+ * shines through.
  *
  * F is the mean over the node to the second order in its size, by the covariance of its points' places, where it lies
  * above the point's horizon and all of it faces the point; else F and B are those of k, as if all of the node's area
@@ -139,6 +140,9 @@ int kiln_links_encode(struct kiln_kept_links **kept, const struct kiln_found_lin
 /* KILN_BAD_INPUT: this is no such code, or links to nodes or points that are not there. KILN_SYSTEM. */
 int kiln_links_decode(struct kiln_found_links *found, const struct kiln_kept_links *kept, uint64_t mask,
                       uint64_t shares, uint32_t node_count, uint64_t point_count, struct kiln_error *error);
+/* Of a code that somebody may have made: KILN_BAD_INPUT as above, of links to `point_count` points, or if it has a
+ * number that is not finite or that no bake finds. It knows nothing of the tree. */
+int kiln_links_check(const struct kiln_kept_links *kept, uint64_t point_count, struct kiln_error *error);
 /* How many times e was halved for them. */
 uint32_t kiln_links_opened(const struct kiln_kept_links *kept);
 /* Puts `made` in the place of *kept, which is freed. Where these are the same links, and rows alone are closed anew,
@@ -186,6 +190,7 @@ struct kiln_links_parameters {
     const struct kiln_link_node *nodes;  /* node_count; none where no point sends light */
     uint32_t node_count;
     const struct kiln_link_sent *sent; /* of nodes */
+    const uint32_t *rooms;             /* of all surface points, by global index: those of several never share a ray */
     const float *first;                /* luminance of first light of all points, by global index, over the mean */
     double error;                      /* e, relative */
     double target;                     /* standard error of a point's light that links are opened to; 0: none */

@@ -6,10 +6,10 @@
  * land.h, bidirectional.h, weighed.h, reference.h, shapes.h, patches.h, links.h, directions.h. kiln_backend_run
  * (worker/backend/backend.h) runs any of them.
  *
- * A new pass called NAME is: NAME in KILN_PASS_LIST below, a row in passes.c, a header NAME.h in this folder, and a
- * file NAME.c in each backend's folder with what the backend's header declares for every name of the list: the function
- * embree_NAME (worker/backend/embree/embree.h), the row vulkan_pass_NAME (worker/backend/vulkan/vulkan.h). The neutral
- * layer, the fallback and the verifying backend walk the table and know no pass by name.
+ * A new pass called NAME is: NAME in KILN_PASS_LIST_OF_ALL below, a row in passes.c, a header NAME.h in this folder,
+ * and a file NAME.c in each backend's folder with what the backend's header declares for every name of the list: the
+ * function embree_NAME (worker/backend/embree/embree.h), the row vulkan_pass_NAME (worker/backend/vulkan/vulkan.h). The
+ * neutral layer, the fallback and the verifying backend walk the table and know no pass by name.
  *
  * Determinism: a result is a function of (seed, item, stream, samples, parameters) and the scene alone. Any batch,
  * number of threads or rank gives the same bits. */
@@ -23,8 +23,9 @@
 #include "worker/base/status.h"
 #include "worker/base/vector.h"
 
-/* The names of all passes. */
-#define KILN_PASS_LIST(DO)                                                                                             \
+/* The names of all passes: those that every backend has, and those that only processors run, which devices refuse with
+ * KILN_USAGE. */
+#define KILN_PASS_LIST_OF_ALL(DO)                                                                                      \
     DO(validity)                                                                                                       \
     DO(direct)                                                                                                         \
     DO(gather)                                                                                                         \
@@ -34,7 +35,9 @@
     DO(path)                                                                                                           \
     DO(radiance)                                                                                                       \
     DO(guided)                                                                                                         \
-    DO(caustic) DO(land) DO(bidirectional) DO(weighed) DO(reference) DO(shapes) DO(patches) DO(links) DO(directions)
+    DO(caustic) DO(land) DO(bidirectional) DO(weighed) DO(reference) DO(patches) DO(links) DO(directions)
+#define KILN_PASS_LIST_OF_PROCESSORS(DO) DO(shapes)
+#define KILN_PASS_LIST(DO) KILN_PASS_LIST_OF_ALL(DO) KILN_PASS_LIST_OF_PROCESSORS(DO)
 
 /* Where a pass stands in kiln_passes: KILN_PASS_INDEX_direct and so on. */
 #define KILN_PASS_INDEX_OF(name) KILN_PASS_INDEX_##name,
@@ -83,8 +86,7 @@ struct kiln_pass {
     /* A rank may run it over tile runs of another rank of its node (work stealing): it needs no more than that rank's
      * surface, and nothing that the ranks exchange hangs on who ran it. */
     bool is_stealable;
-    bool on_embree_only; /* devices refuse it, with KILN_USAGE */
-    bool is_whole;       /* a batch is not cut up: its items share what is computed once */
+    bool is_whole; /* a batch is not cut up: its items share what is computed once */
     /* Comparison of results, for the verifying backend. NULL: results are not verified; then the rest is unused. */
     void (*figures)(const void *result, struct kiln_pass_figures *figures);
     size_t figure_count;                         /* at most KILN_PASS_FIGURES */

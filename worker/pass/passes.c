@@ -241,8 +241,7 @@ const struct kiln_pass kiln_pass_shapes = {.index = KILN_PASS_INDEX_shapes,
                                            .name = "shapes",
                                            .what = "shapes of patches",
                                            .domain = KILN_DOMAIN_TILE_RUNS,
-                                           .result_bytes = sizeof(struct kiln_shape_result),
-                                           .on_embree_only = true};
+                                           .result_bytes = sizeof(struct kiln_shape_result)};
 
 /* Not verified: it has no standard error to compare by. */
 const struct kiln_pass kiln_pass_patches = {.index = KILN_PASS_INDEX_patches,
@@ -296,7 +295,10 @@ int kiln_validity_keep(void *surface, size_t first, size_t count, const void *re
     (void)error;
     const struct kiln_surface *s = surface;
     const struct kiln_tile_run *run = &s->tile_runs[first], *last = run + count - 1;
-    memcpy(s->visible + kiln_own_of_global(s, run->first).at, results,
-           (size_t)kiln_tile_runs_points(run, last) * sizeof *s->visible);
+    const uint64_t points = kiln_tile_runs_points(run, last);
+    const uint16_t *shares = results;
+    uint16_t *visible = s->visible + kiln_own_of_global(s, run->first).at;
+    for (uint64_t i = 0; i < points; i++)
+        visible[i] = visible[i] != 0 ? shares[i] : 0;
     return KILN_OK;
 }

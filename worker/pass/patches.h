@@ -4,22 +4,24 @@
  *
  *     E(i) = sum over nodes j of  B(j) F(i, j),      F(i, j) = A(j) cos(i) cos(j) V(i, j) / (pi r^2)
  *
- * A node stands for a surface point, or for several (coordinator/integrate/patches.h). Light goes straight between the
- * places of the two; V is what the surfaces on the way let through, of each colour. Nodes that look away from the
- * point, or lie behind it, are left out before a ray is traced; and so are those in whose plane it lies, or that lie in
- * its own, but for KILN_PATCHES_FLAT of the world's extent, which rounding decides. A node counts as the parallelogram
- * of its edges: its factor is the mean over that, to the second order in its size. One that is nearer than
- * KILN_PATCHES_NEAR times the root of its area, or crosses the point's horizon, is clipped at the horizon and has the
- * exact one (worker/light/view_factor.h). The point itself is its place. E about the shading normal has the factors
+ * A node stands for a surface point, or for several (coordinator/integrate/patches/patches.h). Light goes straight
+ * between the places of the two; V is what the surfaces on the way let through, of each colour. Nodes that look away
+ * from the point, or lie behind it, are left out before a ray is traced; and so are those in whose plane it lies, or
+ * that lie in its own, but for KILN_PATCHES_FLAT of the world's extent, which rounding decides. A node counts as the
+ * parallelogram of its edges: its factor is the mean over that, to the second order in its size. One that is nearer
+ * than KILN_PATCHES_NEAR times the root of its area, or crosses the point's horizon, is clipped at the horizon and has
+ * the exact one (worker/light/view_factor.h). The point itself is its place. E about the shading normal has the factors
  * about that, of what lies above both horizons.
  *
  * Rows. The factors of a point add up to what its rays by the cosine meet: 1 - escaped - blocked, less what tinted
  * surfaces take. These shares are those that the gather pass finds with the same samples and stream, and where the sum
  * of the factors is off by more than chance explains, all factors of the row are scaled: with d what the shares say
- * less the sum, and s = 3 sqrt(e (1 - e)) samples^(-3/4), e = escaped + blocked, by which a net of so many samples is
- * hardly ever off, the row then adds up to its sum + d max(0, 1 - s^2 / d^2). Where no ray escapes that is exactly 1.
- * Nothing is clamped, but on request: then rows are as they come, and a factor is that of a node's middle (Kahl's
- * form).
+ * less the sum, and s = 3 max(sqrt(e (1 - e)), e q^(1/4)) samples^(-3/4), e = escaped + blocked, q the larger one of
+ * the sum and of what rays have met, by which a net of so many samples is hardly ever off, the row then adds up to its
+ * sum + d max(0, 1 - s^2 / d^2). Where no ray escapes that is exactly 1. The second s is of what is small: a net has
+ * about 4 (q samples)^(1/2) cells on its edge; that all rays have passed a small lamp by does not say that it is not
+ * there. Nothing is clamped, but on request: then rows are as they come, and a factor is that of a node's middle
+ * (Kahl's form).
  *
  * Surfaces are diffuse: chains through gloss are not followed. What the rays meet that is no node's brings nothing.
  *

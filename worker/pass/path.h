@@ -31,6 +31,9 @@
  * A ray meets a surface that lets light through with a chance that is its opacity, and is tinted by those that it
  * passes; shadow rays take the product of what they let through.
  *
+ * Where a surface scatters light about its shading normal, x0 or one with gloss but no glass, its rays begin above
+ * coarse facets (shaders/shared/lift.h), and light counts that the shading normal faces, be it from below the facet.
+ *
  * The camera sees what views of a bake show (coordinator/view/view.h): not the backs of single-sided surfaces, and not
  * objects that have no lightmap (KILN_OBJECT_CASTER_ONLY), unless they emit; camera rays go on behind these. A camera
  * ray that leaves the scene brings the environment.

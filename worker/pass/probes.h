@@ -32,7 +32,7 @@ struct kiln_probe_result {
     float irradiance_axes[6][3]; /* W/m2: irradiance on faces looking along +x -x +y -y +z -z, estimated directly */
     /* m, harmonic-free plain mean of hit distances; the scene's diagonal stands in for escapes */
     float mean_distance;
-    float back_share; /* share of rays that met a back face: near 1 inside geometry */
+    float back_share; /* share of rays that met backs of solids (kiln_geometry_is_solid): near 1 inside */
 };
 
 #endif

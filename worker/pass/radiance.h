@@ -26,7 +26,7 @@ struct kiln_radiance_parameters {
 
 struct kiln_radiance_result {
     float radiance[3]; /* W/(m2 sr) */
-    float back;        /* share of the element whose rays met the back of a single-sided surface */
+    float back;        /* share of the element whose rays met backs of solids (kiln_geometry_is_solid) */
 };
 
 #endif

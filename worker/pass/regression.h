@@ -1,5 +1,5 @@
-/* Surface regression on a device: the sweeps of coordinator/output/map/regression.h, for the points of one grid of
- * neighbours. It traces no rays and needs neither scene nor surface. Points are numbered by their place in the grid;
+/* Surface regression on a device: the sweeps of coordinator/output/map/denoise/regression.h, for the points of one grid
+ * of neighbours. It traces no rays and needs neither scene nor surface. Points are numbered by their place in the grid;
  * they are handed over, and results taken, in stretches. Results are those of the host but for rounding, which may
  * choose another fit where two are as good; they depend on the points only, not on how the work is cut up. */
 #ifndef KILN_WORKER_PASS_REGRESSION_H

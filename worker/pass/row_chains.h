@@ -13,7 +13,7 @@
  * A file is of one step. After the header of rows, with a magic of its own, it has a record for each surface point in
  * the global order, and then the streams. While a bake is under way each rank adds the streams that it makes to a file
  * of its own, and its records say so; in the end all are moved behind the records, in the order of points, so that the
- * bytes hang on no number of ranks or threads (coordinator/integrate/transport.h). */
+ * bytes hang on no number of ranks or threads (coordinator/integrate/relight/transport.h). */
 #ifndef KILN_WORKER_PASS_ROW_CHAINS_H
 #define KILN_WORKER_PASS_ROW_CHAINS_H
 
@@ -61,9 +61,10 @@ static inline uint64_t kiln_row_chain_offset(uint64_t point)
 uint32_t kiln_row_chain_check(uint64_t key, uint64_t point, const struct kiln_row_chain *record,
                               const uint32_t *stream);
 
-/* Whether a stream has what the words of the row ask for, no more, and no point beyond `points`. */
-bool kiln_row_chain_is_sound(const uint32_t *stream, uint64_t words, const uint32_t *row, uint32_t samples,
-                             uint64_t points);
+/* Whether a stream, of record->words words, has what the words of the row ask for, no more, and no point beyond
+ * `points`; and whether all numbers of both are finite, and of a size that rays may bring. */
+bool kiln_row_chain_is_sound(const struct kiln_row_chain *record, const uint32_t *stream, const uint32_t *row,
+                             uint32_t samples, uint64_t points);
 
 /* What a ray with such a word brings, W/m2, by the radiosity of all points; returns where the stream goes on. The
  * stream is sound. Sums are those of chains that are traced. */

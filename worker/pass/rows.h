@@ -8,7 +8,7 @@
  * has no row: its bytes are 0, on most file systems a hole.
  *
  * The check is a hash of key, point, number of samples and words, and never 0. The key is a hash of what the rays hang
- * on (coordinator/integrate/transport.h), so a row of another bake is as good as damaged.
+ * on (coordinator/integrate/relight/transport.h), so a row of another bake is as good as damaged.
  *
  * What rays bring that go on from gloss, or are tinted, stands beside the rows (row_chains.h); Embree's backend alone
  * keeps that. Rows are of rays without radiance probes and without guide. Either backend keeps and replays them. Bits

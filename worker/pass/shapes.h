@@ -16,7 +16,7 @@
 
 struct kiln_shape_result {
     struct kiln_patch patch; /* area 0, with a place: on objects that no ray meets; its number is 0 */
-    float emission[3];       /* W/m2: pi times the mean radiance of 8 x 8 positions */
+    float emission[3];       /* W/m2: pi times the mean radiance over what is there of it */
 };
 
 #endif

@@ -150,18 +150,23 @@ static void cut(struct polygon *p, double nx, double ny, double most)
     p->count = count;
 }
 
-static double area_of(const struct polygon *p)
+static double area_of(const struct polygon *p, double middle[2])
 {
     double twice = 0.0;
+    middle[0] = middle[1] = 0.0;
     for (uint32_t i = 0; i < p->count; i++) {
-        const double *a = p->corners[i], *b = p->corners[(i + 1) % p->count];
-        twice += a[0] * b[1] - a[1] * b[0];
+        const double *a = p->corners[i], *b = p->corners[(i + 1) % p->count], part = a[0] * b[1] - a[1] * b[0];
+        twice += part;
+        for (int c = 0; c < 2; c++)
+            middle[c] += part * (a[c] + b[c]);
     }
+    for (int c = 0; c < 2; c++)
+        middle[c] /= 3.0 * twice;
     return 0.5 * twice;
 }
 
-/* The share of the disk that is nearer to place k than to any other. */
-static double share_of(const struct search *s, struct polygon *p, uint32_t k)
+/* The share of the disk that is nearer to place k than to any other, and its middle. */
+static double share_of(const struct search *s, struct polygon *p, uint32_t k, double middle[2])
 {
     static const double around[4][2] = {{-2.0, -2.0}, {2.0, -2.0}, {2.0, 2.0}, {-2.0, 2.0}};
     const double *at = s->places[k], inner = sqrt(KILN_PI / (RIM * tan(KILN_PI / RIM))); /* of the area of the disk */
@@ -178,7 +183,7 @@ static double share_of(const struct search *s, struct polygon *p, uint32_t k)
     }
     for (int i = 0; i < RIM; i++)
         cut(p, cos(2.0 * KILN_PI * i / RIM), sin(2.0 * KILN_PI * i / RIM), inner);
-    return area_of(p) / KILN_PI;
+    return area_of(p, middle) / KILN_PI;
 }
 
 static int fill_set(const struct search *s, struct kiln_direction *set, struct kiln_error *error)
@@ -189,10 +194,11 @@ static int fill_set(const struct search *s, struct kiln_direction *set, struct k
     if (status == KILN_OK)
         status = kiln_allocate(&p.spare, corners, sizeof *p.spare, "a part of the disk", error);
     for (uint32_t k = 0; k < s->placed && status == KILN_OK; k++) {
-        const double *at = s->places[k], turn = atan2(at[1], at[0]) / (2.0 * KILN_PI);
+        double at[2];
+        const double weight = share_of(s, &p, k, at) * s->placed, turn = atan2(at[1], at[0]) / (2.0 * KILN_PI);
         set[k] = (struct kiln_direction){.radius = (float)fmin(hypot(at[0], at[1]), RADIUS_MOST),
                                          .turn = (float)(turn < 0.0 ? turn + 1.0 : turn),
-                                         .weight = (float)(share_of(s, &p, k) * s->placed)};
+                                         .weight = (float)weight};
         if (!(set[k].turn < 1.0f))
             set[k].turn = 0.0f;
     }

@@ -5,6 +5,7 @@
 #include <stdint.h>
 
 #include "shaders/shared/random.h"
+#include "shaders/shared/streams.h"
 
 static inline uint32_t kiln_seed_key(uint64_t seed) { return kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32)); }
 

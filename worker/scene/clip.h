@@ -12,8 +12,9 @@
 #include <stdint.h>
 
 /* Corners of a clipped polygon, at most. A triangle clipped by a rectangle has at most 7. Where rounding makes the
- * outline of a thin triangle wind, each of the four cuts can add half as many corners as there were: 3, 4, 6, 9, 13. */
-enum { KILN_CLIP_CORNERS = 13 };
+ * outline of a thin triangle wind, each of the four cuts can add half as many corners as there were: 3, 4, 6, 9, 13.
+ * Each of four more lines (shaders/shared/divided.h) adds one. */
+enum { KILN_CLIP_CORNERS = 17 };
 
 /* A covered area smaller than this is rounding and does not count. In texels or, where the triangle's own area is below
  * 1 texel, relative to that area. Corners at 2^14 texels are good to 2e-12. */

@@ -9,33 +9,126 @@
 #include "worker/scene/clip.h"
 #include "worker/scene/texture.h"
 
+/* Roundings of half a unit in the last place of a coordinate that a position and the planes about it have seen. */
+static const double ROUNDINGS = 8.0;
+static const double SLIVER = 1e-3; /* of a triangle's area: what is smaller is the end of something larger */
+
 static void local_corners(const struct kiln_footprint *f, uint32_t triangle, struct kiln_texel_triangle *local)
 {
     kiln_texel_triangle(f->scene, f->geometry, triangle, &f->place, local);
 }
 
-/* What the footprint has of a triangle. Returns the number of corners. */
-static uint32_t clip(const struct kiln_footprint *f, uint32_t triangle,
-                     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
+uint32_t kiln_part_clip(const struct kiln_divided_texel *texel, uint32_t part,
+                        struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t corners)
+{
+    const uint32_t sides = texel->sides >> 8 * part;
+    for (uint32_t i = 0; i < texel->line_count; i++) {
+        const float *l = &texel->lines[3 * i];
+        const float near[3] = {l[0], l[1], l[2] - texel->margin}, far[3] = {-l[0], -l[1], -l[2] - texel->margin};
+        if ((sides >> i & 1) != 0)
+            corners = kiln_clip_line(polygon, corners, (sides >> (4 + i) & 1) != 0 ? far : near);
+    }
+    return corners;
+}
+
+uint32_t kiln_footprint_clip(const struct kiln_footprint *f, uint32_t triangle,
+                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
 {
     struct kiln_texel_triangle local;
     local_corners(f, triangle, &local);
     const uint32_t corners = kiln_texel_clip(&local, 0.0, 0.0, 1.0, 1.0, polygon);
-    return f->line == NULL ? corners : kiln_clip_line(polygon, corners, f->line);
+    return f->divided == NULL ? corners : kiln_part_clip(f->divided, f->part, polygon, corners);
+}
+
+/* ---- room for rounding ---- */
+
+/* A bound, m, of how far rounding moves a position of the triangle. */
+static double rounding_of(const struct kiln_vec3 corner[3])
+{
+    float most = 0.0f;
+    for (int c = 0; c < 3; c++)
+        most = fmaxf(most, fmaxf(fabsf(corner[c].x), fmaxf(fabsf(corner[c].y), fabsf(corner[c].z))));
+    return ROUNDINGS * 0x1p-24 * (double)most;
+}
+
+/* Twice the area and the outline, m and m2, of a polygon of a triangle whose edges are e1 and e2. */
+static void measure(const struct kiln_clip_corner *polygon, uint32_t corners, struct kiln_dvec3 e1,
+                    struct kiln_dvec3 e2, double *twice, double *outline)
+{
+    double fraction = 0.0;
+    *outline = 0.0;
+    for (uint32_t i = 0; i < corners; i++) {
+        const struct kiln_clip_corner *o = &polygon[0], *a = &polygon[i], *b = &polygon[i + 1 < corners ? i + 1 : 0];
+        fraction += (a->b1 - o->b1) * (b->b2 - o->b2) - (b->b1 - o->b1) * (a->b2 - o->b2);
+        *outline += dvec3_length(dvec3_add(dvec3_scale(e1, b->b1 - a->b1), dvec3_scale(e2, b->b2 - a->b2)));
+    }
+    *twice = fraction * dvec3_length(dvec3_cross(e1, e2));
+}
+
+/* What samples are drawn from: the polygon, made smaller about its centroid so that rounding moves no sample out of it,
+ * and so to the other side of a wall that it ends at. What is thinner than rounding shrinks to a point. */
+static uint32_t clip_inside(const struct kiln_footprint *f, uint32_t triangle,
+                            struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
+{
+    const uint32_t corners = kiln_footprint_clip(f, triangle, polygon);
+    struct kiln_clip_corner middle;
+    struct kiln_vec3 c[3];
+    double twice, outline;
+    if (corners < 3 || !(kiln_clip_fraction(polygon, corners, &middle) > 0.0))
+        return corners;
+    kiln_geometry_corners(f->geometry, triangle, c);
+    const struct kiln_dvec3 c0 = dvec3_of(c[0]);
+    measure(polygon, corners, dvec3_sub(dvec3_of(c[1]), c0), dvec3_sub(dvec3_of(c[2]), c0), &twice, &outline);
+    const double room = rounding_of(c) * outline, keep = room < twice ? 1.0 - room / twice : 0.0;
+    for (uint32_t i = 0; i < corners; i++) {
+        polygon[i].b1 = middle.b1 + keep * (polygon[i].b1 - middle.b1);
+        polygon[i].b2 = middle.b2 + keep * (polygon[i].b2 - middle.b2);
+    }
+    return corners;
+}
+
+/* Likewise the sides of a whole texel: what is left of a side of that length, m. */
+static double keep_of(struct kiln_dvec3 side, double rounding)
+{
+    const double length = dvec3_length(side);
+    return 2.0 * rounding < length ? 1.0 - 2.0 * rounding / length : 0.0;
+}
+
+bool kiln_texel_is_sliver(const struct kiln_scene *scene, const struct kiln_geometry *g, uint32_t triangle,
+                          const struct kiln_texel_place *place, double area)
+{
+    const double all = kiln_geometry_triangle_area(g, triangle);
+    struct kiln_texel_triangle local;
+    struct kiln_vec3 c[3];
+    if (area >= SLIVER * all)
+        return false;
+    kiln_geometry_corners(g, triangle, c);
+    kiln_texel_triangle(scene, g, triangle, place, &local);
+    const double texels = 0.5 * fabs(kiln_clip_twice_area(local.corner)),
+                 width = texels > 0.0 ? sqrt(all / texels) : 0.0;
+    return area < 2.0 * rounding_of(c) * width;
 }
 
 static void prepare_whole(struct kiln_footprint *f)
 {
     struct kiln_texel_triangle local;
     local_corners(f, f->pieces[0], &local);
-    const struct kiln_clip_weights w = kiln_clip_weights(local.corner);
+    struct kiln_clip_weights w = kiln_clip_weights(local.corner);
     struct kiln_vec3 c[3];
     kiln_geometry_corners(f->geometry, f->pieces[0], c);
     const struct kiln_dvec3 c0 = dvec3_of(c[0]);
     const struct kiln_dvec3 e1 = dvec3_sub(dvec3_of(c[1]), c0), e2 = dvec3_sub(dvec3_of(c[2]), c0);
     struct kiln_dvec3 at[3];
-    for (int i = 0; i < 3; i++)
-        at[i] = dvec3_add(dvec3_scale(e1, w.b1[i]), dvec3_scale(e2, w.b2[i]));
+    for (int i = 1; i < 3; i++) {
+        const struct kiln_dvec3 side = dvec3_add(dvec3_scale(e1, w.b1[i]), dvec3_scale(e2, w.b2[i]));
+        const double keep = keep_of(side, rounding_of(c));
+        at[i] = dvec3_scale(side, keep);
+        w.b1[0] += 0.5 * (1.0 - keep) * w.b1[i];
+        w.b2[0] += 0.5 * (1.0 - keep) * w.b2[i];
+        w.b1[i] *= keep;
+        w.b2[i] *= keep;
+    }
+    at[0] = dvec3_add(dvec3_scale(e1, w.b1[0]), dvec3_scale(e2, w.b2[0]));
     f->whole.origin = vec3_of(dvec3_add(c0, at[0]));
     f->whole.du = vec3_of(at[1]);
     f->whole.dv = vec3_of(at[2]);
@@ -69,7 +162,7 @@ static bool prepare_few(struct kiln_footprint *f)
         struct kiln_footprint_polygon *out = &f->few[i];
         struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
         double until[KILN_CLIP_CORNERS];
-        out->corners = clip(f, f->pieces[i], polygon);
+        out->corners = clip_inside(f, f->pieces[i], polygon);
         if (out->corners < 3 || out->corners > KILN_FOOTPRINT_CORNERS)
             return false;
         fan_areas(polygon, out->corners, until);
@@ -95,10 +188,11 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
     f->area_cdf = surface->area_cdf + at->cdf;
     f->place = at->place;
     f->back = at->back;
-    const struct kiln_divided_texel *divided =
-        surface->divided_count > 0 ? kiln_surface_divided(surface, kiln_global_of_own(surface, at->point)) : NULL;
-    f->line = divided != NULL ? divided->face : NULL;
-    if (kiln_point_whole(surface, at->point) && divided == NULL) {
+    const struct kiln_texel_part *part =
+        surface->part_count > 0 ? kiln_surface_part(surface, kiln_global_of_own(surface, at->point)) : NULL;
+    f->divided = part != NULL ? &surface->divided[part->divided] : NULL;
+    f->part = part != NULL ? part->part : 0;
+    if (kiln_point_whole(surface, at->point) && part == NULL) {
         f->kind = KILN_FOOTPRINT_WHOLE;
         prepare_whole(f);
         return;
@@ -145,7 +239,7 @@ static void clip_piece(const struct kiln_footprint *f, uint32_t triangle, struct
 {
     double until[KILN_CLIP_CORNERS];
     to->triangle = triangle;
-    to->corners = clip(f, triangle, to->polygon);
+    to->corners = clip_inside(f, triangle, to->polygon);
     fan_areas(to->polygon, to->corners, until);
     for (uint32_t i = 0; i + 2 < to->corners; i++)
         to->until[i] = (float)until[i];
@@ -214,7 +308,7 @@ uint32_t kiln_footprint_triangles(const struct kiln_footprint *f, uint32_t piece
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS];
     double until[KILN_CLIP_CORNERS];
-    const uint32_t corners = clip(f, f->pieces[piece], polygon);
+    const uint32_t corners = clip_inside(f, f->pieces[piece], polygon);
     if (corners < 3)
         return 0;
     fan_areas(polygon, corners, until);
@@ -235,7 +329,7 @@ uint32_t kiln_footprint_triangles(const struct kiln_footprint *f, uint32_t piece
 double kiln_footprint_piece_area(const struct kiln_footprint *f, uint32_t piece)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid;
-    return kiln_clip_fraction(polygon, clip(f, f->pieces[piece], polygon), &centroid) *
+    return kiln_clip_fraction(polygon, kiln_footprint_clip(f, f->pieces[piece], polygon), &centroid) *
            kiln_geometry_triangle_area(f->geometry, f->pieces[piece]);
 }
 
@@ -482,13 +576,39 @@ struct kiln_vec3 kiln_triangle_shading_normal(const struct kiln_scene *scene, co
     return vec3_of(shading_normal(scene, geometry, triangle, (double)b1, (double)b2));
 }
 
+bool kiln_triangle_lift(const struct kiln_scene *scene, const struct kiln_geometry *g, uint32_t triangle, bool back,
+                        struct kiln_lift *lift)
+{
+    static const int ends[3][2] = {{0, 1}, {0, 2}, {1, 2}}, places[3][2] = {{0, 2}, {1, 4}, {3, 5}};
+    const struct kiln_object *object = &scene->objects[g->records[triangle].object];
+    const struct kiln_dvec3 n = triangle_normal(g, triangle);
+    struct kiln_dvec3 soft[3];
+    struct kiln_vec3 corner[3];
+    uint64_t vertex[3];
+    bool any = false;
+    kiln_geometry_corners(g, triangle, corner);
+    kiln_geometry_stored_vertices(scene, g, triangle, vertex);
+    for (int i = 0; i < 3; i++) { /* times the cosine, and by how much the corner counts */
+        const struct kiln_dvec3 own = to_world(object, dvec3_of(scene->normals[vertex[i]]));
+        const double cosine = dvec3_dot(own, n), none = (double)KILN_LIFT_NONE, whole = (double)KILN_LIFT_WHOLE;
+        soft[i] = dvec3_scale(own, cosine * fmin(fmax((cosine - none) / (whole - none), 0.0), 1.0));
+    }
+    for (int e = 0; e < 3; e++) {
+        const int i = ends[e][0], j = ends[e][1];
+        const struct kiln_dvec3 edge = dvec3_sub(dvec3_of(corner[i]), dvec3_of(corner[j]));
+        const double height = 0.5 * (back ? -1.0 : 1.0) * dvec3_dot(dvec3_sub(soft[i], soft[j]), edge);
+        const bool counts = height > 1e-5 * dvec3_length(edge);
+        lift->at[places[e][0]] = lift->at[places[e][1]] = counts ? (float)height : 0.0f;
+        any = any || counts;
+    }
+    return any;
+}
+
 /* Shading normal at the centroid of what the triangle covers of the texel. */
 static struct kiln_dvec3 piece_normal(const struct kiln_footprint *f, uint32_t triangle)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid = {0.0, 0.0, 1.0 / 3.0, 1.0 / 3.0};
-    struct kiln_texel_triangle local;
-    local_corners(f, triangle, &local);
-    kiln_clip_fraction(polygon, kiln_texel_clip(&local, 0.0, 0.0, 1.0, 1.0, polygon), &centroid);
+    kiln_clip_fraction(polygon, kiln_footprint_clip(f, triangle, polygon), &centroid);
     return shading_normal(f->scene, f->geometry, triangle, centroid.b1, centroid.b2);
 }
 

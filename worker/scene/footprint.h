@@ -12,6 +12,7 @@
 #include <math.h>
 #include <stdbool.h>
 
+#include "shaders/shared/lift.h"
 #include "shaders/shared/mask.h"
 #include "worker/scene/surface.h"
 #include "worker/scene/texel.h"
@@ -114,10 +115,11 @@ struct kiln_footprint {
     /* area CDF: the cumulative fractions of the point's area; piece_count - 1 entries, since the last is 1 */
     const float *area_cdf;
     uint32_t piece_count;
-    struct kiln_texel_place place; /* the texel or leaf */
-    uint8_t kind;                  /* enum kiln_footprint_kind */
-    const float *line; /* a wall divides the texel along it (face of struct kiln_divided_texel); NULL: none */
-    bool back;         /* the point is on the backs: kiln_footprint_normals reverses the triangles' normals */
+    struct kiln_texel_place place;            /* the texel or leaf */
+    uint8_t kind;                             /* enum kiln_footprint_kind */
+    const struct kiln_divided_texel *divided; /* the texel that walls divide; NULL: it is whole */
+    uint32_t part;                            /* the point's part of it */
+    bool back; /* the point is on the backs: kiln_footprint_normals reverses the triangles' normals */
     union {
         /* KILN_FOOTPRINT_WHOLE. The position at (s, t) in the texel's square, both 0..1, is origin + s du + t dv, m,
          * relative to the scene's centre. Its barycentric weight of corner 1 is b[0] + s b_du[0] + t b_dv[0]; that of
@@ -135,6 +137,18 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
                             const struct kiln_geometry *geometry, const struct kiln_surface *surface,
                             const struct kiln_point_cursor *at);
 
+/* What the footprint has of a triangle, and what a part of a divided texel has of a polygon in it: the number of
+ * corners, and these. Below 3: nothing. Samples keep away from the outline by as much as rounding moves positions. */
+uint32_t kiln_footprint_clip(const struct kiln_footprint *footprint, uint32_t triangle,
+                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
+uint32_t kiln_part_clip(const struct kiln_divided_texel *texel, uint32_t part,
+                        struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t corners);
+
+/* Whether a texel has so little of a surface, `area` m2, that rounding moves places of it across its edge: the end of a
+ * surface that goes on elsewhere. `triangle`: the largest of it. No light is gathered there. */
+bool kiln_texel_is_sliver(const struct kiln_scene *scene, const struct kiln_geometry *geometry, uint32_t triangle,
+                          const struct kiln_texel_place *place, double area);
+
 /* Draws a sample from u1, u2 in [0, 1). Stratified (u1, u2) give positions stratified within each convex piece. */
 void kiln_footprint_sample(const struct kiln_footprint *footprint, float u1, float u2, uint32_t *triangle, float *b1,
                            float *b2);
@@ -148,7 +162,7 @@ struct kiln_footprint_triangle {
     double b1[3], b2[3];
     double until; /* cumulative fraction of the point's area at this triangle's end; 1 for the last */
 };
-enum { KILN_FOOTPRINT_TRIANGLES = 11 }; /* triangles of one piece, at most: a clipped polygon has up to 13 corners */
+enum { KILN_FOOTPRINT_TRIANGLES = KILN_CLIP_CORNERS - 2 }; /* triangles of one piece, at most */
 /* Writes the triangles of piece `piece`, at most KILN_FOOTPRINT_TRIANGLES, and returns their number. */
 uint32_t kiln_footprint_triangles(const struct kiln_footprint *footprint, uint32_t piece,
                                   struct kiln_footprint_triangle *triangles);
@@ -225,6 +239,12 @@ struct kiln_vec3 kiln_triangle_exact_normal(const struct kiln_scene *scene, cons
  * or faces away from the geometric one. */
 struct kiln_vec3 kiln_triangle_shading_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
                                               uint32_t triangle, float b1, float b2);
+
+/* How far rays that begin on the triangle are lifted off it (shaders/shared/lift.h); `back`: on its back. False: not at
+ * all. Lifts of less than 1e-5 of the triangle's size are none, so that faces which are flat but for rounding stay as
+ * they are. */
+bool kiln_triangle_lift(const struct kiln_scene *scene, const struct kiln_geometry *geometry, uint32_t triangle,
+                        bool back, struct kiln_lift *lift);
 
 /* The point's mean normals, weighted by area: of its pieces' geometric normals, and of the shading normals at the
  * pieces' centroids. Unit vectors. Where a mean is nearly zero (the surface folds back), the largest piece's normal is

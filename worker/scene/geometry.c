@@ -7,6 +7,7 @@
 #include "worker/base/memory.h"
 #include "worker/scene/coincident.h"
 #include "worker/scene/gloss.h"
+#include "worker/scene/holes.h"
 #include "worker/scene/solids.h"
 
 /* triangles or vertices that one thread takes at a time: one large mesh then keeps all threads busy */
@@ -386,6 +387,8 @@ int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_s
         find_bounds(e.geometry);
         status = kiln_solids_make_one_sided(e.geometry, scene, error);
     }
+    if (status == KILN_OK)
+        status = kiln_holes_mark(e.geometry, scene, error);
     if (status == KILN_OK)
         status = kiln_coincident_find(e.geometry, error);
     if (status == KILN_OK) {

@@ -104,8 +104,9 @@ static inline void kiln_geometry_make_all_hittable(struct kiln_geometry *g)
     g->opaque_receivers = g->alpha_receivers = 0;
 }
 
-/* Whether a ray that has met the back of a triangle is in a solid: not where the face has two sides, nor where it is
- * glass's that is taken as such, in which things stand and are lit. */
+/* Whether a ray that has met the back of a triangle is in a solid: not where the face has two sides, nor where it lets
+ * light through anywhere (holes.h), nor where it is glass's that is taken as such, in which things stand and are lit.
+ */
 static inline bool kiln_geometry_is_solid(const struct kiln_geometry *g, uint32_t triangle)
 {
     return (g->records[triangle].material & (KILN_RECORD_DOUBLE_SIDED | KILN_RECORD_CLEAR)) == 0;

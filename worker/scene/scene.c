@@ -414,7 +414,7 @@ static int check_texts(const struct check *check)
         if (!is_string(check, scene->sources[i].path))
             return damaged(check, "source %zu refers to a string that does not exist", i);
     for (size_t i = 0; i < scene->note_count; i++)
-        if (!is_string(check, scene->notes[i].text) || scene->notes[i].severity > KILN_NOTE_REPEATED)
+        if (!is_string(check, scene->notes[i].text) || scene->notes[i].severity > KILN_NOTE_UNUSED)
             return damaged(check, "note %zu has an unknown severity or refers to a string that does not exist", i);
     return KILN_OK;
 }

@@ -156,7 +156,8 @@ enum {
     KILN_MESH_UNWRAPPED = 2,       /* the lightmap layout is kiln's own */
     KILN_MESH_REPACKED = 8,        /* the layout is the mesh's own charts, packed anew */
     KILN_MESH_HAS_EMISSION_UV = 4, /* texcoord_emission differs from texcoord_base somewhere */
-    KILN_MESH_NO_LAYOUT = 16       /* there is no layout: all of texcoord_lightmap is 0 */
+    KILN_MESH_NO_LAYOUT = 16,      /* there is no layout: all of texcoord_lightmap is 0 */
+    KILN_MESH_POSED = 32           /* skins or morph targets moved its vertices: positions are not those of the file */
 };
 
 /* An object: one placed instance of a mesh, with a lightmap of its own. */
@@ -179,7 +180,10 @@ enum {
     KILN_OBJECT_RECEIVER_ONLY = 2, /* has a lightmap; no ray hits it */
     KILN_OBJECT_BOTH_SIDES = 4,    /* the lightmap of its backs, if it has double-sided triangles, is published */
     /* the lightmap of its backs is not published, even if the job asks for that of all objects */
-    KILN_OBJECT_ONE_SIDE = 8
+    KILN_OBJECT_ONE_SIDE = 8,
+    /* the lightmap of its backs is as fine as that of its front, even if only rays see it: charts would share texels in
+     * a coarser one */
+    KILN_OBJECT_FINE_BACKS = 16
 };
 /* Why an object's lightmap has another density than the header's. */
 enum kiln_density_reason {
@@ -191,6 +195,7 @@ enum kiln_density_reason {
     KILN_DENSITY_CASTER,     /* caster-only: its lightmap is not published */
     KILN_DENSITY_MAX,        /* limited by the longest side a lightmap may have */
     KILN_DENSITY_PADDING,    /* raised so that two texels lie between its charts */
+    KILN_DENSITY_BOUNDED,    /* at that density it would be above twice that of the largest object */
     KILN_DENSITY_REASONS
 };
 
@@ -270,6 +275,8 @@ enum kiln_scene_section {
 struct kiln_triangle_source {
     uint32_t primitive, triangle;
 };
+/* Of a mesh with KILN_MESH_POSED, added to `primitive`: the last two corners are exchanged. */
+#define KILN_SOURCE_TURNED 0x80000000u
 
 struct kiln_source {
     uint32_t path; /* relative to the scene's folder */
@@ -282,8 +289,14 @@ enum kiln_note_severity {
     KILN_NOTE_INFORMATION = 0,
     KILN_NOTE_WARNING = 1,
     /* a warning that every bake prints again: it concerns what the user asked for, or shows in the light */
-    KILN_NOTE_REPEATED = 2
+    KILN_NOTE_REPEATED = 2,
+    /* information that every bake prints again: what the file has and no bake uses */
+    KILN_NOTE_UNUSED = 3
 };
+static inline int kiln_note_warns(uint32_t severity)
+{
+    return severity == KILN_NOTE_WARNING || severity == KILN_NOTE_REPEATED;
+}
 struct kiln_note {
     uint32_t severity; /* enum kiln_note_severity */
     uint32_t text;

@@ -4,17 +4,17 @@
 
 #include "worker/base/memory.h"
 
-const struct kiln_divided_texel *kiln_surface_divided(const struct kiln_surface *s, struct kiln_global_point point)
+const struct kiln_texel_part *kiln_surface_part(const struct kiln_surface *s, struct kiln_global_point point)
 {
-    uint64_t low = 0, high = s->divided_count;
+    uint64_t low = 0, high = s->part_count;
     while (low < high) {
         const uint64_t middle = low + (high - low) / 2;
-        if (s->divided[middle].point.at < point.at)
+        if (s->parts[middle].point.at < point.at)
             low = middle + 1;
         else
             high = middle;
     }
-    return low < s->divided_count && s->divided[low].point.at == point.at ? &s->divided[low] : NULL;
+    return low < s->part_count && s->parts[low].point.at == point.at ? &s->parts[low] : NULL;
 }
 
 /* `within`: m2 of the point's area. */
@@ -30,12 +30,8 @@ static void leave_out(struct kiln_surface *s, struct kiln_global_point point, fl
 
 void kiln_surface_leave_walls_out(struct kiln_surface *s)
 {
-    for (uint64_t i = 0; i < s->divided_count; i++) {
-        const struct kiln_divided_texel *t = &s->divided[i];
-        const bool one = t->point.at == t->beyond.at;
-        leave_out(s, t->point, one ? t->within + t->beyond_within : t->within);
-        leave_out(s, t->beyond, one ? 0.0f : t->beyond_within);
-    }
+    for (uint64_t i = 0; i < s->divided_count; i++)
+        leave_out(s, s->divided[i].part[0], s->divided[i].within);
 }
 
 struct kiln_global_point kiln_surface_find_leaf(const struct kiln_surface *s, uint32_t number, uint32_t x, uint32_t y,
@@ -59,6 +55,7 @@ void kiln_surface_destroy(struct kiln_surface **surface)
         kiln_free(&s->tiles);
         kiln_free(&s->splits);
         kiln_free(&s->divided);
+        kiln_free(&s->parts);
         kiln_free(&s->lightmaps);
         kiln_free(&s->bricks);
         kiln_free(&s->slots);

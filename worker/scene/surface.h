@@ -31,6 +31,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "shaders/shared/divided.h"
 #include "shaders/shared/store_octree.h"
 #include "worker/scene/geometry.h"
 
@@ -54,28 +55,79 @@ struct kiln_tile {
     uint64_t first;
 };
 /* One tile run of a split tile. A tile's entries are consecutive; together their masks are the tile's mask. Before them
- * come entries of single texels that a wall divides: `first` is KILN_TILE_SPLIT | index in `divided`. */
+ * come entries of single texels that walls divide: `first` is KILN_TILE_SPLIT | index in `divided`. */
 struct kiln_split_tile_run {
     uint64_t mask;
     struct kiln_global_point first;
 };
 
-/* A texel that a wall divides: the wall stands across it, and nothing passes from one side to the other. Its point has
- * its main side alone, up to the wall's face: what of the place (x, y) of the texel, both from 0 to 1, is at
- * face[0] x + face[1] y <= face[2]. What lies beyond the wall, above `middle` in place of face[2], has the light of a
- * neighbour's point on that side. Within the wall no light falls. */
+/* A texel that walls divide into parts: what nothing passes between. Each part that light can reach is a surface point
+ * of its own, so that nothing shines through a wall. Part 0 is the one that the lightmap shows; its point is that of
+ * the texel in its lightmap. The points of parts 1, 2 and 3 are the same texel of further lightmaps, which are written
+ * to no file (kiln_map_part).
+ *
+ * Lines cut the texel into convex cells, and each cell belongs to a part or to none (shaders/shared/divided.h). A place
+ * within `margin` of a line that parts two of them belongs to none: there rounding decides on which side of the wall a
+ * ray has met the surface. The samples of a part are from a convex set of its cells, `margin` away from its lines. */
 struct kiln_divided_texel {
-    struct kiln_global_point point, beyond;
-    float face[3], middle;
-    uint64_t tile;               /* index in `tiles` */
-    uint32_t bit;                /* of the texel in the tile */
-    float within, beyond_within; /* m2 of the areas of `point` and of `beyond` that are within the wall */
-    uint32_t reserved;
+    struct kiln_global_point part[KILN_TEXEL_PARTS]; /* KILN_NO_POINT: there is no such part */
+    float lines[KILN_CUT_FLOATS];
+    float margin; /* in sides of the texel */
+    uint32_t line_count;
+    uint32_t codes[2];
+    uint32_t sides; /* byte k, of part k: bits 0-3 which lines bound its samples; bits 4-7 the code of their sides */
+    uint32_t bit;   /* of the texel in the tile */
+    uint64_t tile;  /* index in `tiles`, of the lightmap of part 0 */
+    float within;   /* m2 of the area of part 0 that lie in cells without a part: nothing lights them */
+    /* bits 0-7: which neighbours (kiln_neighbour_texel) see much less of the surface than part 0
+     * (bake/points/divided.h); bits 8-19 and 20-31: x and y of a place in part 0, from 0 to 4095 over the texel */
+    uint32_t shown;
 };
+static inline float kiln_divided_shown_x(const struct kiln_divided_texel *t)
+{
+    return (float)(t->shown >> 8 & 0xfffu) / 4095.0f;
+}
+static inline float kiln_divided_shown_y(const struct kiln_divided_texel *t)
+{
+    return (float)(t->shown >> 20) / 4095.0f;
+}
+/* The part of the cell that the place (x, y) lies in, which may be beyond the texel; KILN_PART_NONE: none. The margin
+ * does not count. */
+static inline uint32_t kiln_divided_part(const struct kiln_divided_texel *texel, float x, float y)
+{
+    uint32_t code = 0;
+    for (uint32_t i = 0; i < texel->line_count; i++)
+        code |= (uint32_t)(texel->lines[3 * i] * x + texel->lines[3 * i + 1] * y > texel->lines[3 * i + 2]) << i;
+    return kiln_cut_part(texel->codes[0], texel->codes[1], code);
+}
+/* The point at the place (x, y) of the texel. */
 static inline struct kiln_global_point kiln_divided_choose(const struct kiln_divided_texel *texel, float x, float y)
 {
-    return texel->face[0] * x + texel->face[1] * y > texel->middle ? texel->beyond : texel->point;
+    uint32_t sure = 0, perhaps = 0;
+    for (uint32_t i = 0; i < texel->line_count; i++)
+        kiln_cut_add(texel->lines[3 * i] * x + texel->lines[3 * i + 1] * y - texel->lines[3 * i + 2], texel->margin, i,
+                     &sure, &perhaps);
+    const uint32_t part = kiln_cut_part(texel->codes[0], texel->codes[1], sure);
+    return part < KILN_TEXEL_PARTS && part == kiln_cut_part(texel->codes[0], texel->codes[1], perhaps)
+               ? texel->part[part]
+               : (struct kiln_global_point){KILN_NO_POINT};
 }
+
+/* The k-th of the eight neighbours of a texel, in steps from it. */
+enum { KILN_NEIGHBOUR_TEXELS = 8 };
+static inline void kiln_neighbour_texel(uint32_t k, int step[2])
+{
+    const uint32_t place = k < 4 ? k : k + 1; /* of a square of 3 x 3, without its middle */
+    step[0] = (int)(place % 3) - 1;
+    step[1] = (int)(place / 3) - 1;
+}
+
+/* A part of a divided texel, found by its point. */
+struct kiln_texel_part {
+    struct kiln_global_point point;
+    uint64_t divided; /* index in `divided` */
+    uint32_t part, reserved;
+};
 
 struct kiln_lightmap {
     uint64_t tile_first;
@@ -114,13 +166,18 @@ struct kiln_surface {
     struct kiln_tile *tiles;
     struct kiln_split_tile_run *splits;
     uint64_t divided_count;
-    struct kiln_divided_texel *divided; /* by point */
+    struct kiln_divided_texel *divided; /* by point of part 0 */
+    uint64_t part_count;
+    struct kiln_texel_part *parts; /* of all divided texels, by point */
     /* octrees: the place of each tile's brick (kiln_brick_place), and the hash table; NULL with lightmaps */
     uint64_t *bricks;
     struct kiln_brick_slot *slots;
     uint64_t slot_count; /* a power of two */
     uint32_t object_count;
-    uint32_t map_count;              /* object_count, times the sides of octrees; twice that if any object has backs */
+    /* lightmaps of whole texels and of parts 0: object_count, times the sides of octrees; twice that if any object has
+     * backs */
+    uint32_t whole_maps;
+    uint32_t map_count;              /* whole_maps, times the largest number of parts of a texel */
     struct kiln_lightmap *lightmaps; /* one per lightmap; that of the backs has no tiles if the object has none */
     uint64_t cell_count;             /* cells that hold points */
     /* one per cell, and one more at the end: global index of its first point. NULL without partition by cells */
@@ -209,7 +266,19 @@ static inline uint32_t kiln_front_maps(const struct kiln_surface *s)
 {
     return s->bricks != NULL ? KILN_SIDES * s->object_count : s->object_count;
 }
-static inline bool kiln_map_back(const struct kiln_surface *s, uint32_t map) { return map >= kiln_front_maps(s); }
+static inline bool kiln_map_back(const struct kiln_surface *s, uint32_t map)
+{
+    return map % s->whole_maps >= kiln_front_maps(s);
+}
+/* Whether the light of a lightmap's points is a result: that of fronts, and of backs that are published. That of other
+ * backs, such as the insides of solids whose triangles are double-sided, only rays see. */
+static inline bool kiln_map_is_result(const struct kiln_surface *s, uint32_t map)
+{
+    return !kiln_map_back(s, map) || s->lightmaps[map % s->whole_maps].published != 0;
+}
+/* Which part of divided texels the points of a lightmap are; 0: whole texels, too. Lightmap `map` of part 0 has those
+ * of part k at map + k whole_maps. */
+static inline uint32_t kiln_map_part(const struct kiln_surface *s, uint32_t map) { return map / s->whole_maps; }
 
 /* The place of a brick, in bricks, as one word; and back. */
 static inline uint64_t kiln_brick_place(uint32_t x, uint32_t y, uint32_t layer)
@@ -235,11 +304,11 @@ static inline const struct kiln_brick_slot *kiln_brick_slot(const struct kiln_su
     return &s->slots[i];
 }
 
-/* The entry of `divided` of a point; NULL: no wall divides its texel. */
-const struct kiln_divided_texel *kiln_surface_divided(const struct kiln_surface *s, struct kiln_global_point point);
+/* The part that a point is of a divided texel; NULL: its texel is whole. */
+const struct kiln_texel_part *kiln_surface_part(const struct kiln_surface *s, struct kiln_global_point point);
 
-/* Takes what lies within the walls of divided texels out of `visible` of this rank's points. Once, after the validity
- * pass. A point that is valid stays so. */
+/* Takes what no light reaches of divided texels out of `visible` of this rank's points. Once, after the validity pass.
+ * A point that is valid stays so. */
 void kiln_surface_leave_walls_out(struct kiln_surface *s);
 
 /* What a tile has at the bit of a texel: a point, KILN_TILE_SPLIT | index in `divided`, or KILN_NO_POINT. */
@@ -257,13 +326,13 @@ static inline struct kiln_global_point kiln_tile_entry(const struct kiln_surface
     return (struct kiln_global_point){run->first.at + (uint64_t)__builtin_popcountll(run->mask & (bit - 1))};
 }
 
-/* Likewise the point; of a divided texel that of its main side. */
+/* Likewise the point; of a divided texel that of part 0. */
 static inline struct kiln_global_point kiln_tile_point(const struct kiln_surface *s, const struct kiln_tile *tile,
                                                        uint32_t number)
 {
     const struct kiln_global_point entry = kiln_tile_entry(s, tile, number);
     return (entry.at & KILN_TILE_SPLIT) != 0 && entry.at != KILN_NO_POINT
-               ? s->divided[entry.at & ~KILN_TILE_SPLIT].point
+               ? s->divided[entry.at & ~KILN_TILE_SPLIT].part[0]
                : entry;
 }
 
@@ -285,7 +354,7 @@ static inline struct kiln_global_point kiln_surface_find(const struct kiln_surfa
     const struct kiln_global_point entry = kiln_surface_entry(s, number, x, y);
     if ((entry.at & KILN_TILE_SPLIT) == 0 || entry.at == KILN_NO_POINT)
         return entry;
-    return s->divided[entry.at & ~KILN_TILE_SPLIT].point;
+    return s->divided[entry.at & ~KILN_TILE_SPLIT].part[0];
 }
 
 /* The point in the leaf (x, y, layer) of octree `number`; its `at` is KILN_NO_POINT if there is none. */

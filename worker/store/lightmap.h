@@ -48,7 +48,7 @@ static inline int32_t kiln_hit_row(const struct kiln_hit_record *r, float u, flo
 
 /* ---- one hit ---- */
 
-/* Which side of a divided texel's wall the hit is on. */
+/* Which part of a divided texel the hit is on; KILN_NO_POINT: on none. */
 static inline struct kiln_global_point kiln_store_settle(const struct kiln_store *store, uint32_t triangle, float u,
                                                          float v, bool back, struct kiln_global_point place)
 {

@@ -163,7 +163,7 @@ int kiln_adapt_samples(const struct kiln_integration *in, uint32_t mean, struct 
         in->communicator,
         kiln_allocate(&tiles, (size_t)surface->tile_count, sizeof *tiles, "the spreads of tiles", error), error);
     if (status == KILN_OK)
-        status = kiln_tiles_mean(in, own->direct, &light, error);
+        status = kiln_tiles_mean(in, own->direct, NULL, &light, error);
     if (status == KILN_OK) {
         if (light > 0.0)
             add_spreads(own, light, tiles);

@@ -8,9 +8,9 @@
 #include "coordinator/integrate/cells/tail.h"
 #include "coordinator/integrate/cells/take.h"
 #include "coordinator/integrate/cells/tile_error.h"
-#include "coordinator/integrate/groups.h"
-#include "coordinator/integrate/parts.h"
-#include "coordinator/integrate/radiosity_exchange.h"
+#include "coordinator/integrate/company.h"
+#include "coordinator/integrate/parts/parts.h"
+#include "coordinator/integrate/run/radiosity_exchange.h"
 #include "worker/pass/direct.h"
 #include "worker/pass/gather.h"
 #include "worker/pass/guided.h"
@@ -46,7 +46,7 @@ static int begin_step(struct kiln_integration *in, struct kiln_step_report *last
         return KILN_OK;
     if (in->settings->schedule == KILN_SCHEDULE_EQUAL) {
         if (step->bounce == 1)
-            kiln_group_light_each(in->groups, begin_with_direct);
+            kiln_company_each_light(in->company, begin_with_direct);
         if (step->bounce == 1) /* the sum is of irradiance now, and of bounces only */
             memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
         in->solution->report.bounces = step->bounce;
@@ -54,7 +54,7 @@ static int begin_step(struct kiln_integration *in, struct kiln_step_report *last
         if (kiln_cells_adds_tail(in->settings))
             kiln_tail_add(in);
         kiln_cells_pack_sum(own);
-        kiln_group_light_each(in->groups, kiln_cells_pack_sum);
+        kiln_company_each_light(in->company, kiln_cells_pack_sum);
         in->solution->report.bounces = step->bounce;
     }
     const bool late = kiln_late_is(step);
@@ -63,10 +63,10 @@ static int begin_step(struct kiln_integration *in, struct kiln_step_report *last
         return status;
     const bool compact = last->step.compact && step->role == KILN_CELLS_BOUNCE;
     kiln_exchange_radiosity(in->exchange, compact ? KILN_EXCHANGE_NEXT_COMPACT : KILN_EXCHANGE_NEXT, last);
-    kiln_group_light_exchange(in->groups, false);
+    kiln_company_exchange(in->company, false);
     if (late) {
         kiln_late_clear(own);
-        kiln_group_light_each(in->groups, kiln_late_clear);
+        kiln_company_each_light(in->company, kiln_late_clear);
     }
     return KILN_OK;
 }
@@ -80,7 +80,7 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
     if (last->step.role == KILN_CELLS_PILOT)
         return kiln_adapt_samples(in, in->settings->samples_direct - last->step.samples, error);
     if (in->settings->bounces == 0)
-        kiln_group_light_each(in->groups, begin_with_direct);
+        kiln_company_each_light(in->company, begin_with_direct);
     if (in->settings->bounces == 0) /* there is no indirect light */
         memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
     if (in->settings->schedule == KILN_SCHEDULE_EQUAL && in->settings->bounces < 0 && part.count > first)
@@ -92,7 +92,7 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
     if (status != KILN_OK || !decides || last->step.role != KILN_CELLS_BOUNCE ||
         (!kiln_cells_settled(part.of + first, count) && count <= KILN_BOUNCES_ALL))
         return status;
-    return kiln_tile_error(in, &last->tile_error, error);
+    return kiln_tile_error(in, &last->object_error, error);
 }
 
 /* Where the number of bounces is given, and each point gathers for itself with the same samples. */
@@ -104,7 +104,7 @@ static bool hold(struct kiln_integration *in, const struct kiln_step *step, stru
     if (s->schedule != KILN_SCHEDULE_LEAN || s->bounces < 0 || kiln_cells_adds_tail(s) || s->parts > 1 ||
         s->indirect_scale > 1 || s->final_scale > 1 || s->seen_only || s->caustics > KILN_CAUSTICS_NONE ||
         (step->pass != &kiln_pass_gather && !direct) || step->quantity != NULL || step->samples_field != NULL ||
-        in->groups != NULL)
+        kiln_company_has_light(in->company))
         return false;
     *how = (struct kiln_held_step){.final = final,
                                    .compact = step->compact,

@@ -5,7 +5,7 @@
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/cells/tail.h"
 #include "coordinator/integrate/cells/tiles.h"
-#include "coordinator/integrate/parts.h"
+#include "coordinator/integrate/parts/parts.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
@@ -107,7 +107,7 @@ int kiln_late_choose(const struct kiln_integration *in, uint32_t samples, struct
         in->communicator,
         kiln_allocate(&tiles, (size_t)surface->tile_count, sizeof *tiles, "what is left in tiles", error), error);
     if (status == KILN_OK)
-        status = kiln_tiles_mean(in, in->solution->own->sum, &mean, error);
+        status = kiln_tiles_mean(in, in->solution->own->sum, NULL, &mean, error);
     if (status == KILN_OK) {
         add_shares(in, mean, tiles);
         kiln_tiles_reduce(in, tiles, surface->tile_count);

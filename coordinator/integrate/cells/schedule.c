@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "coordinator/integrate/companion.h"
 #include "coordinator/field/field.h"
 #include "coordinator/integrate/cells/adapt.h"
 #include "coordinator/integrate/cells/cells.h"
@@ -13,11 +14,10 @@
 #define LEAST_LEFT 1e-5     /* equal schedule: reflected power of a bounce over that of all, after which none comes */
 #define LEAST_LIGHT 1e-7    /* lean schedule: likewise */
 #define TAIL_ERROR 2e-3     /* lean schedule: step_report.tail_error with which the tail is good enough */
-/* Lean schedule: step_report.tile_error. Single tiles of any scene are off by a few per cent of little light, and more
- * bounces for them alone are not worth their time; where one is off by more, it is gone on with until all are good
- * twice in turn, for once may be chance. */
-#define TILE_ERROR_MOST 5e-2
-#define TILE_ERROR_GOOD 2e-2
+/* Lean schedule: step_report.object_error. Where an object's mean is off by more than the first, bounces go on until
+ * all are good twice in turn, for once may be chance. */
+#define OBJECT_ERROR_MOST 3e-3
+#define OBJECT_ERROR_GOOD 2e-3
 enum {
     LEAST_BOUNCES = 3,      /* before the ratio of two is believed */
     DIVERGING_BOUNCES = 32, /* before a sum is believed to have no end */
@@ -145,25 +145,25 @@ bool kiln_cells_settled(const struct kiln_step_report *reports, size_t count)
             last->tail_error <= TAIL_ERROR && error_by_tail(&fit, reports, count) <= TAIL_ERROR);
 }
 
-static bool tiles_have_settled(const struct kiln_step_report *reports, size_t count)
+static bool objects_have_settled(const struct kiln_step_report *reports, size_t count)
 {
-    const double last = reports[count - 1].tile_error, before = count > 1 ? reports[count - 2].tile_error : 0.0;
+    const double last = reports[count - 1].object_error, before = count > 1 ? reports[count - 2].object_error : 0.0;
     double most = 0.0;
     for (size_t i = 0; i < count; i++)
-        most = fmax(most, reports[i].tile_error);
-    return most <= TILE_ERROR_MOST || !(last > 0.0) ||
-           (last <= TILE_ERROR_GOOD && before > 0.0 && before <= TILE_ERROR_GOOD);
+        most = fmax(most, reports[i].object_error);
+    return most <= OBJECT_ERROR_MOST || !(last > 0.0) ||
+           (last <= OBJECT_ERROR_GOOD && before > 0.0 && before <= OBJECT_ERROR_GOOD);
 }
 
-/* Whether a geometric series from the last step on is good enough, for the scene and for each of its tiles; or has no
- * end. */
+/* Whether a geometric series from the last step on is good enough, for the scene and for the mean of each of its
+ * objects; or has no end. */
 static bool has_settled(const struct kiln_step_report *reports, size_t count)
 {
     struct kiln_tail_fit fit;
     kiln_cells_fit_tail(reports, count, &fit);
     if (fit.diverges && count > DIVERGING_BOUNCES)
         return true;
-    return kiln_cells_settled(reports, count) && tiles_have_settled(reports, count);
+    return kiln_cells_settled(reports, count) && objects_have_settled(reports, count);
 }
 
 /* Rays of a point in the bounce after `count` steps, lean schedule. The first bounces carry most of the light, and
@@ -196,9 +196,10 @@ static bool next_lean(const struct kiln_integrate_settings *settings, const stru
     step->stream = more ? step->bounce : KILN_CELLS_FINAL_STREAM;
     step->counted = !more;
     step->terminal = !more;
-    step->seen_only = !more && settings->seen_only;
-    step->by_blocks = more && settings->indirect_scale > 1;
-    step->by_nodes = !more && settings->final_scale > 1;
+    if (more)
+        step->with = settings->indirect_scale > 1 ? KILN_WITH(blocks) : 0;
+    else
+        step->with = (settings->seen_only ? KILN_WITH(seen) : 0) | (settings->final_scale > 1 ? KILN_WITH(nodes) : 0);
     if (settings->guide) {
         step->pass = &kiln_pass_guided;
         step->parameters = !more ? &following : step->bounce == 1 ? &learning : &both;
@@ -230,11 +231,12 @@ static void first_step(const struct kiln_integrate_settings *settings, size_t co
         return;
     }
     if (settings->caustics > KILN_CAUSTICS_NONE && count == kiln_cells_first(settings)) {
+        const bool lands = settings->caustics >= KILN_CAUSTICS_LAND;
         *step = (struct kiln_step){.pass = &kiln_pass_caustic,
                                    .role = KILN_CELLS_CAUSTIC,
                                    .samples = settings->samples_indirect,
-                                   .lands = settings->caustics >= KILN_CAUSTICS_LAND,
-                                   .iterations = settings->caustics >= KILN_CAUSTICS_LAND ? settings->iterations : 0,
+                                   .with = lands ? KILN_WITH(landing) : 0,
+                                   .iterations = lands ? settings->iterations : 0,
                                    .counted = true};
         return;
     }

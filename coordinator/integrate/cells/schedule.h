@@ -10,8 +10,8 @@
  * first has 3 times as many, the second 1.5 times, the fourth and the fifth 1/2, all later ones 1/4, and none has less
  * than 2; after a step with more than 0.8 of the power of the one before, a bounce has samples_bounce at least. With a
  * number of bounces N given there are N - 1 bounces and the final gather; without, bounces go on until the tail is good
- * enough, for the scene and for each of its tiles (tile_error.h), or diverges: a closed scene of albedo 1. Late ones of
- * these compute only where much is left (late.h).
+ * enough, for the scene and for each object's mean (tile_error.h), or diverges: a closed scene of albedo 1. Late ones
+ * of these compute only where much is left (late.h).
  *
  * Equal: direct light; bounces with many samples, whose irradiance counts as it is. Without a number given they go on
  * until what is left is below 1e-5 of all. */
@@ -38,7 +38,7 @@ enum { KILN_LUMINANCE = 3 };
 double kiln_cells_reflected(const struct kiln_step_report *reports, size_t i, int channel);
 
 /* Whether a geometric series from the last step on is good enough for the scene as a whole: two parts in a thousand.
- * Tiles apart: tile_error.h. */
+ * Objects apart: tile_error.h. */
 bool kiln_cells_settled(const struct kiln_step_report *reports, size_t count);
 
 /* Reflected power of step `i` over that of the one before, luminance; 0 where the latter has none. Of a late bounce

@@ -6,8 +6,8 @@
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/late.h"
 #include "coordinator/integrate/cells/schedule.h"
-#include "coordinator/integrate/groups.h"
-#include "coordinator/integrate/parts.h"
+#include "coordinator/integrate/company.h"
+#include "coordinator/integrate/parts/parts.h"
 #include "worker/scene/radiosity.h"
 
 int kiln_tail_measure(const struct kiln_integration *in, const struct kiln_step_reports *reports, double *tail_error,
@@ -96,7 +96,7 @@ static void find_factors(struct kiln_integrate_report *r, size_t first, float fa
     r->tail_error = error_of_all(&fit, r->tail_share, false);
     if (all > 0.0 && !fit.diverges)
         r->tail_error += left_out(reports, last + 1) / all;
-    r->tail_tile_error = reports[last].tile_error;
+    r->tail_object_error = reports[last].object_error;
 }
 
 void kiln_tail_note_left(struct kiln_integrate_report *r, size_t first)
@@ -127,7 +127,7 @@ void kiln_tail_last(const struct kiln_integration *in, struct kiln_own_point poi
 void kiln_tail_extend(const struct kiln_integration *in, struct kiln_own_point first, uint64_t count,
                       const float factor[3])
 {
-    kiln_group_light_extend(in->groups, first, count, factor);
+    kiln_company_extend(in->company, first, count, factor);
     for (uint64_t i = first.at; i < first.at + count; i++) {
         float last[3];
         kiln_tail_last(in, (struct kiln_own_point){i}, last);

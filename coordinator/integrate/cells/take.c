@@ -3,12 +3,13 @@
 #include <math.h>
 #include <string.h>
 
-#include "coordinator/integrate/blocks.h"
+#include "coordinator/integrate/companion.h"
+#include "coordinator/integrate/sparse/blocks.h"
 #include "coordinator/integrate/cells/adapt.h"
 #include "coordinator/integrate/cells/cells.h"
-#include "coordinator/integrate/nodes.h"
+#include "coordinator/integrate/sparse/nodes.h"
 #include "coordinator/integrate/packing.h"
-#include "coordinator/integrate/parts.h"
+#include "coordinator/integrate/parts/parts.h"
 #include "worker/pass/guided.h"
 #include "worker/scene/radiosity.h"
 
@@ -400,7 +401,7 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
 {
     struct kiln_point_result points[KILN_TILE_TEXELS];
     const struct kiln_point_result *results = point_results(t, data, f, answers, points);
-    if (t->step->seen_only && data->seen[f - data->surface.tile_runs] == 0) {
+    if (kiln_step_has(t->step, KILN_WITH(seen)) && data->seen[f - data->surface.tile_runs] == 0) {
         keep_bounces(data, f);
         return;
     }
@@ -410,11 +411,11 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
     /* what no ray meets takes no light from the scene */
     const bool counts = sums != NULL && (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags &
                                          KILN_OBJECT_RECEIVER_ONLY) == 0;
-    if (t->step->by_blocks) {
+    if (kiln_step_has(t->step, KILN_WITH(blocks))) {
         take_blocks(t, data, f, results, counts, sums, tile_run);
         return;
     }
-    if (t->step->by_nodes) {
+    if (kiln_step_has(t->step, KILN_WITH(nodes))) {
         take_nodes(t, data, f, results, counts, sums, tile_run);
         return;
     }

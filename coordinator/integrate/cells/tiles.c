@@ -10,7 +10,8 @@ void kiln_tiles_reduce(const struct kiln_integration *in, uint64_t *values, uint
                             MPI_SUM, in->communicator);
 }
 
-int kiln_tiles_mean(const struct kiln_integration *in, const float *values, double *mean, struct kiln_error *error)
+int kiln_tiles_mean(const struct kiln_integration *in, const float *values, const float *areas, double *mean,
+                    struct kiln_error *error)
 {
     const struct kiln_rank_data *own = in->solution->own;
     const double unit = kiln_exact_unit(kiln_radiosity_allgather_scale(in->solution->allgather));
@@ -21,7 +22,8 @@ int kiln_tiles_mean(const struct kiln_integration *in, const float *values, doub
 #pragma omp for schedule(static)
         for (uint64_t i = 0; i < own->surface.count; i++)
             if (kiln_point_valid(&own->surface, (struct kiln_own_point){i})) {
-                kiln_exact_add(&some[0], kiln_luminance_of_floats(&values[3 * i]), 1.0 / unit);
+                const double value = kiln_luminance_of_floats(&values[3 * i]);
+                kiln_exact_add(&some[0], areas != NULL ? (double)areas[i] * value : value, 1.0 / unit);
                 some[1].value++;
             }
 #pragma omp critical(kiln_tiles_mean)

@@ -15,8 +15,9 @@ static inline void kiln_tiles_add(uint64_t *value, uint64_t more)
     *value += more;
 }
 
-/* Collective. The mean luminance over all valid points of `values`, 3 an own point, W/m2: the same for any ranks. */
-int kiln_tiles_mean(const struct kiln_integration *integration, const float *values, double *mean,
+/* Collective. The mean luminance over all valid points of `values`, 3 an own point, W/m2; with `areas`, one an own
+ * point, the mean power, W. The same for any ranks. */
+int kiln_tiles_mean(const struct kiln_integration *integration, const float *values, const float *areas, double *mean,
                     struct kiln_error *error);
 
 #endif

@@ -1,5 +1,6 @@
 #include "coordinator/integrate/radiosity/radiosity.h"
 
+#include "coordinator/integrate/companion.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/cells/take.h"
@@ -47,7 +48,7 @@ static uint32_t links_samples(const struct kiln_integrate_settings *settings, ui
     return kiln_links_samples(target > 0.0 && target < error ? target : error, samples);
 }
 
-/* The parameters of a step of patches are its nodes, or where its rays go: coordinator/integrate/patches.h. */
+/* The parameters of a step of patches are its nodes, or where its rays go: coordinator/integrate/patches/patches.h. */
 static bool next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports, size_t count,
                  struct kiln_step *step)
 {
@@ -73,8 +74,8 @@ static bool next(const struct kiln_integrate_settings *settings, const struct ki
 static int begin_step(struct kiln_integration *in, struct kiln_step_report *last, const struct kiln_step *step,
                       struct kiln_error *error)
 {
-    return step->by_unshot ? kiln_unshot_begin(in, last, step)
-                           : kiln_integrator_cells.begin_step(in, last, step, error);
+    return kiln_step_has(step, KILN_WITH(senders)) ? kiln_unshot_begin(in, last, step)
+                                                   : kiln_integrator_cells.begin_step(in, last, step, error);
 }
 
 /* What emits, as direct light. */
@@ -122,7 +123,7 @@ static const struct kiln_point_result *point_results(const struct kiln_taking *t
         return answers;
     for (uint64_t k = 0; k < f->count; k++) {
         points[k] = results[k].point;
-        if (data->surface.closing != NULL && !t->step->by_unshot)
+        if (data->surface.closing != NULL && !kiln_step_has(t->step, KILN_WITH(senders)))
             kiln_closing_keep(&results[k], data->surface.closing + KILN_CLOSING_FLOATS * (first + k));
     }
     return points;
@@ -133,7 +134,7 @@ static void take(const struct kiln_taking *t, const struct kiln_rank_data *data,
 {
     struct kiln_point_result points[KILN_TILE_TEXELS];
     const struct kiln_point_result *results = point_results(t, data, f, answers, points);
-    if (t->step->by_unshot)
+    if (kiln_step_has(t->step, KILN_WITH(senders)))
         kiln_unshot_take(t, data, f, results, sums, tile_run);
     else if (t->step->role == KILN_CELLS_CAUSTIC)
         take_emitted(t, data, f, results, sums, tile_run);
@@ -147,7 +148,7 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
     struct kiln_integration as_cells = *in;
     as_cells.settings = &of_cells;
     const int status = kiln_integrator_cells.end_step(&as_cells, reports, error);
-    if (reports->of[reports->count - 1].step.by_unshot && in->settings->bounces < 0)
+    if (kiln_step_has(&reports->of[reports->count - 1].step, KILN_WITH(senders)) && in->settings->bounces < 0)
         in->solution->report.tail_error = kiln_unshot_share(reports->of, reports->count);
     return status;
 }

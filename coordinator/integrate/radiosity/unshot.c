@@ -2,12 +2,13 @@
 
 #include <string.h>
 
+#include "coordinator/integrate/companion.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/cells/take.h"
 #include "coordinator/integrate/packing.h"
-#include "coordinator/integrate/radiosity_exchange.h"
-#include "coordinator/integrate/senders.h"
+#include "coordinator/integrate/run/radiosity_exchange.h"
+#include "coordinator/integrate/patches/senders.h"
 #include "worker/scene/radiosity.h"
 
 /* What all steps reflect, and what of it they send, W. */
@@ -40,7 +41,7 @@ bool kiln_unshot_next(const struct kiln_integrate_settings *settings, const stru
                                .samples = settings->samples_indirect,
                                .stream = (uint32_t)rounds + 2,
                                .counted = true,
-                               .by_unshot = true};
+                               .with = KILN_WITH(senders)};
     if ((int64_t)bounce > (settings->bounces >= 0 ? settings->bounces : KILN_BOUNCES_ALL))
         return false;
     add_up(reports, count, &reflected, &sent);

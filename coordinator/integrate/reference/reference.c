@@ -1,12 +1,13 @@
 #include "coordinator/integrate/reference/reference.h"
 
+#include "coordinator/integrate/companion.h"
 #include "coordinator/field/rank_data.h"
 #include "coordinator/integrate/cells/adapt.h"
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/cells/take.h"
 #include "coordinator/integrate/packing.h"
-#include "coordinator/integrate/parts.h"
+#include "coordinator/integrate/parts/parts.h"
 #include "worker/pass/reference.h"
 
 /* In the order of KILN_CELLS_DIRECT, ...; the paths are the final gather. There are no bounces. */
@@ -34,7 +35,7 @@ static bool next(const struct kiln_integrate_settings *settings, const struct ki
                                .bounce = 1,
                                .samples = settings->samples_indirect,
                                .stream = KILN_CELLS_FINAL_STREAM,
-                               .seen_only = settings->seen_only,
+                               .with = settings->seen_only ? KILN_WITH(seen) : 0,
                                .counted = true,
                                .terminal = true};
     return true;
@@ -86,7 +87,8 @@ static void take_paths(const struct kiln_taking *t, const struct kiln_rank_data 
 static void take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
                  const void *results, struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
 {
-    if (t->step->pass != &kiln_pass_reference || (t->step->seen_only && data->seen[f - data->surface.tile_runs] == 0))
+    if (t->step->pass != &kiln_pass_reference ||
+        (kiln_step_has(t->step, KILN_WITH(seen)) && data->seen[f - data->surface.tile_runs] == 0))
         kiln_cells_take(t, data, f, results, sums, tile_run);
     else
         take_paths(t, data, f, results, sums, tile_run);

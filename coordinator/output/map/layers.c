@@ -53,9 +53,8 @@ int kiln_layers_make(struct kiln_layers *layers, const struct kiln_field_set *fi
     return status;
 }
 
-uint32_t kiln_layers_plane(const struct kiln_layers *layers, const struct kiln_field_set *fields, const char *name)
+uint32_t kiln_layers_plane(const struct kiln_layers *layers, size_t field)
 {
-    const size_t field = kiln_field_set_find(fields, name);
     for (size_t i = 0; i < layers->count; i++)
         if (layers->layer[i].field == field)
             return layers->layer[i].plane;
@@ -63,14 +62,16 @@ uint32_t kiln_layers_plane(const struct kiln_layers *layers, const struct kiln_f
 }
 
 int kiln_layers_add_field(struct kiln_layers *layers, const struct kiln_field_set *fields, const char *name,
-                          struct kiln_error *error)
+                          uint32_t *plane, struct kiln_error *error)
 {
     const size_t field = kiln_field_set_find(fields, name);
-    if (kiln_layers_plane(layers, fields, name) < KILN_MAP_PLANES_MAX)
+    *plane = kiln_layers_plane(layers, field);
+    if (*plane < KILN_MAP_PLANES_MAX)
         return KILN_OK;
     if (field == fields->count || fields->entry[field].field->dataset == NULL)
         return kiln_fail(error, KILN_BUG, "a stage of lightmaps reads the field '%s', which no point of this bake has",
                          name);
+    *plane = layers->planes.count;
     return add_layer(layers, fields, field, error);
 }
 

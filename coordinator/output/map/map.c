@@ -4,7 +4,6 @@
 #include <sys/mman.h>
 
 #include "coordinator/output/image.h"
-#include "coordinator/output/map/bands.h"
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
@@ -109,11 +108,11 @@ int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, cons
     return create(map, &(struct kiln_map){.width = width, .height = height, .end_row = height, .has = planes}, error);
 }
 
-int kiln_map_create_band(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
-                         const struct kiln_bands *bands, struct kiln_error *error)
+int kiln_map_create_rows(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
+                         const struct kiln_bands *bands, uint32_t first_row, uint32_t end_row, struct kiln_error *error)
 {
-    struct kiln_map shape = {.width = width, .height = height, .has = planes, .bands = bands};
-    kiln_bands_rows(height, bands->rank, bands->ranks, &shape.first_row, &shape.end_row);
+    const struct kiln_map shape = {
+        .width = width, .height = height, .first_row = first_row, .end_row = end_row, .has = planes, .bands = bands};
     return create(map, &shape, error);
 }
 
@@ -129,35 +128,6 @@ void kiln_map_destroy(struct kiln_map **map)
     kiln_map_free(m, &m->coverage, sizeof(float));
     kiln_map_free(m, &m->state, 1);
     kiln_map_free(m, &m->chart, sizeof(uint32_t));
+    kiln_map_free(m, &m->region, sizeof(uint32_t));
     kiln_free(map);
-}
-
-/* Sums over the surface texels of a row: their luminance and their number. */
-static void add_row(const struct kiln_map *map, uint32_t y, double sums[2])
-{
-    for (size_t i = (size_t)y * map->width; i < (y + (size_t)1) * map->width; i++) {
-        float rgb[3];
-        if (map->state[i] == KILN_TEXEL_MARGIN)
-            continue;
-        for (int c = 0; c < 3; c++)
-            rgb[c] = map->planes[KILN_MAP_DIRECT + c][i] + map->planes[KILN_MAP_INDIRECT + c][i];
-        sums[0] += (double)kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
-        sums[1] += 1.0;
-    }
-}
-
-int kiln_map_mean_luminance(const struct kiln_map *map, double *mean, struct kiln_error *error)
-{
-    double(*rows)[2] = NULL, sums[2] = {0};
-    int status = kiln_bands_agree(
-        map, kiln_allocate(&rows, kiln_map_rows(map), sizeof *rows, "sums over a lightmap", error), error);
-    if (status != KILN_OK)
-        return status;
-#pragma omp parallel for schedule(static) if (kiln_map_texels(map) > KILN_IMAGE_ALONE)
-    for (uint32_t y = map->first_row; y < map->end_row; y++)
-        add_row(map, y, rows[y - map->first_row]);
-    status = kiln_bands_sum(map, rows[0], 2, sums, error);
-    *mean = sums[1] > 0.0 ? sums[0] / sums[1] : 0.0;
-    kiln_free(&rows);
-    return status;
 }

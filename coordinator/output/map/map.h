@@ -1,6 +1,5 @@
 /* The lightmap of one object while stages (stage.h) turn it from gathered points into an image with a value in every
- * texel; and what the stages "fill" and "dilate" do. Nothing is collective; all of it is deterministic and depends on
- * this object only. */
+ * texel. Nothing here is collective. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_MAP_H
 #define KILN_COORDINATOR_OUTPUT_MAP_MAP_H
 
@@ -47,6 +46,9 @@ enum kiln_texel_state {
 
 struct kiln_bands;
 
+/* Rows above and below its band that a map in bands may have, too. */
+enum { KILN_BANDS_HALO = 2 };
+
 /* Arrays of width x height, top row (v = 0) first. A map has all of its rows, or is one of bands (bands.h). */
 struct kiln_map {
     uint32_t width, height;
@@ -60,16 +62,27 @@ struct kiln_map {
     /* chart of the first piece of surface in the texel, or its triangle in the mesh until a stage reads charts;
      * KILN_NONE in the margin */
     uint32_t *chart;
+    /* which region of the surface the texel is of, as far as walls part them (walls.c); of all texels of the lightmap.
+     * NULL: walls part nothing. Of the map */
+    uint32_t *region;
 };
+
+/* Whether two texels are of one surface: of one chart, with no wall between. */
+static inline bool kiln_map_together(const struct kiln_map *map, uint32_t a, uint32_t b)
+{
+    return map->chart[a] == map->chart[b] && (map->region == NULL || map->region[a] == map->region[b]);
+}
 
 /* Creates a map whose texels are all margin, which borrows `planes`. KILN_CANNOT_CREATE for 2^32 - 1 texels or more. */
 int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
                     struct kiln_error *error);
 void kiln_map_destroy(struct kiln_map **map);
 
-/* The same of a rank's band of a lightmap in bands. Arrays take memory where they are touched. */
-int kiln_map_create_band(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
-                         const struct kiln_bands *bands, struct kiln_error *error);
+/* The same with the rows [first_row, end_row) of a lightmap that is in bands (bands.h), which it borrows. Arrays take
+ * memory where they are touched. */
+int kiln_map_create_rows(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
+                         const struct kiln_bands *bands, uint32_t first_row, uint32_t end_row,
+                         struct kiln_error *error);
 
 /* Texels of the whole lightmap; the first that the map has, and the end of those. */
 static inline size_t kiln_map_texels(const struct kiln_map *map) { return (size_t)map->width * map->height; }
@@ -82,30 +95,5 @@ static inline uint32_t kiln_map_rows(const struct kiln_map *map) { return map->e
 int kiln_map_allocate(const struct kiln_map *map, void *pointer, size_t size, const char *what,
                       struct kiln_error *error);
 void kiln_map_free(const struct kiln_map *map, void *pointer, size_t size);
-
-/* Collective if the map is one of bands, as all that follows.
- *
- * Fills every KILN_TEXEL_FILLED texel from its surroundings. Within a chart, layer by layer outward from the valid
- * texels: the mean of the known neighbours, with edge neighbours counting twice. A chart without valid texels takes the
- * nearest known texels of the object. An object without valid texels stays 0. */
-int kiln_map_fill(struct kiln_map *map, struct kiln_error *error);
-
-/* Finds for every texel the index (y * width + x) of the nearest texel whose state is at least `least`: exact Euclidean
- * distance between centres, among equals the smaller column, then the smaller row (Meijster, Roerdink and Hesselink
- * 2000, in linear time). KILN_NONE everywhere if there is no such texel. `nearest` has width x height entries.
- * Not collective. */
-int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
-                        struct kiln_error *error);
-
-/* The same for the texels that a map has. `state` is of all its texels. */
-int kiln_map_nearest(const struct kiln_map *map, const uint8_t *state, uint8_t least, uint32_t *nearest,
-                     struct kiln_error *error);
-
-/* The mean luminance of direct + indirect light over the surface texels of the whole lightmap; 0 without any. */
-int kiln_map_mean_luminance(const struct kiln_map *map, double *mean, struct kiln_error *error);
-
-/* Copies to every margin texel the values of the texel that `nearest` gives for it: one of the surface, or itself.
- * `dilated` (may be NULL) is the number of margin texels of the whole lightmap, or 0 if there are no others. */
-int kiln_map_dilate(struct kiln_map *map, const uint32_t *nearest, uint64_t *dilated, struct kiln_error *error);
 
 #endif

@@ -1,6 +1,6 @@
 /* A map stage is one operation on an object's lightmap, between the gathered points and the image: measure, mean
- * error, denoise, fill, borders, seams, directions, dilate. Each is a struct in a file of its own. The table of all, in
- * the order in which they run, is stages.c; the writer of lightmaps walks it and knows no stage by name.
+ * error, walls, denoise, fill, borders, seams, directions, dilate. Each is a struct in a file of its own. The table of
+ * all, in the order in which they run, is stages.c; the writer of lightmaps walks it and knows no stage by name.
  *
  * A new stage is such a file, its line below, and a line in the table. Its row says what it reads besides the planes of
  * light, area, coverage and state, which every map has. A field that it names is sent with the texels even if no
@@ -16,12 +16,14 @@
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_STAGE_H
 #define KILN_COORDINATOR_OUTPUT_MAP_STAGE_H
 
-#include "coordinator/output/map/chart_graphs.h"
-#include "coordinator/output/map/joined.h"
 #include "coordinator/output/map/layers.h"
-#include "coordinator/output/map/lightmaps.h"
-#include "coordinator/output/map/regression_device.h"
+#include "coordinator/output/map/lightmap_report.h"
 #include "coordinator/output/output.h"
+
+struct kiln_chart_graph;  /* chart_graph.h */
+struct kiln_chart_graphs; /* chart_graphs.h */
+struct kiln_joined;       /* joined.h */
+struct kiln_regression_device;
 
 /* What a stage can read that is no field. Made when the first stage that reads it is about to run, but for positions
  * and normals, which are sent with the texels. */
@@ -35,15 +37,16 @@ enum kiln_map_feature {
 /* Ghosts of a map (ghosts.h), as they came. */
 struct kiln_map_ghosts {
     size_t count, capacity, size; /* size: of a record, bytes */
-    uint8_t *records;             /* struct kiln_texel_record, of valid points */
+    uint8_t *records;             /* struct kiln_texel_record (texel_record.h), of valid points */
 };
 
-/* What the stages work on: the map of one object. Borrowed, but for `graph`, `nearest` and ghosts. These, `shared` and
- * `next` begin as zero. */
+/* What the stages work on: the map of one object. Borrowed, but for `graph`, `nearest` and ghosts. These, `denoising`,
+ * `shared` and `next` begin as zero. */
 struct kiln_map_work {
     const struct kiln_bake_result *result;
     const struct kiln_output_params *params;
-    const struct kiln_layers *layers; /* the planes of the map: kiln_layers_plane */
+    const struct kiln_layers *layers; /* the planes of the map */
+    const uint32_t *reads;            /* planes of the fields that the running stage names: a row of layers->reads */
     uint32_t object;                  /* number of the lightmap */
     bool in_bands;                    /* all ranks have some of it (bands.h) */
     struct kiln_map *map;
@@ -53,6 +56,7 @@ struct kiln_map_work {
     const struct kiln_chart_graph *graph;  /* KILN_MAP_CHARTS */
     struct kiln_map_ghosts ghosts;         /* if objects are denoised that touch */
     const struct kiln_joined *joined;      /* if the object touches others, after joining; else NULL */
+    double denoising;                      /* s of it that nobody has counted yet; run_maps.c */
     float shared;                          /* of the squared error, which neighbours share; mean_error.c, else 0 */
     size_t next;                           /* the stage that runs next */
     /* KILN_MAP_NEAREST: for every texel, the surface texel whose values it gets when the map is dilated:
@@ -60,44 +64,23 @@ struct kiln_map_work {
     uint32_t *nearest;
 };
 
-enum { KILN_MAP_STAGE_FIELDS = 4 };
-
 struct kiln_map_stage {
     const char *name;
     bool after_joining;                                      /* see above */
     bool (*wanted)(const struct kiln_output_params *params); /* NULL: always */
     uint32_t features;                                       /* of enum kiln_map_feature, or'ed */
     /* names of the fields it reads besides direct light, indirect light and the error (map.h). Planes of fields,
-     * positions and normals have values in gathered texels, and are filled and dilated as all planes are */
+     * positions and normals have values in gathered texels, and are filled and dilated as all planes are. `reads` of
+     * the work has their planes in this order */
     const char *fields[KILN_MAP_STAGE_FIELDS];
-    const char *if_any; /* likewise, of a field that not all bakes have; NULL: none */
+    const char *if_any; /* likewise, of a field that not all bakes have, at KILN_MAP_IF_ANY; NULL: none */
     /* whether it takes long of a map, whatever its texels are; NULL: of none */
     bool (*is_long)(const struct kiln_map_work *work);
     int (*run)(struct kiln_map_work *work, struct kiln_error *error);
 };
 
-extern const struct kiln_map_stage kiln_map_stage_measure, kiln_map_stage_mean_error, kiln_map_stage_denoise,
-    kiln_map_stage_fill, kiln_map_stage_borders, kiln_map_stage_seams, kiln_map_stage_directions, kiln_map_stage_dilate;
-
-/* All stages in their order, ended by NULL. */
-extern const struct kiln_map_stage *const kiln_map_stages[];
-
-/* Adds to `layers` the planes that the wanted stages read. KILN_BUG if a stage reads a field that the bake does not
- * have, or if they are too many. */
-int kiln_map_stages_layers(const struct kiln_map_stage *const *stages, const struct kiln_output_params *params,
-                           struct kiln_layers *layers, const struct kiln_field_set *fields, struct kiln_error *error);
-/* Runs the wanted stages up to the first with `after_joining`; kiln_map_stages_run runs the others. Ends with the first
- * stage that fails. What the stages have made is kept until kiln_map_stages_release, after which the work can begin
- * again with another map. */
-int kiln_map_stages_begin(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
-                          struct kiln_error *error);
-/* Runs the next stages as long as they take long. */
-int kiln_map_stages_run_long(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
-                             struct kiln_error *error);
-void kiln_map_stages_release(struct kiln_map_work *work);
-/* Runs the wanted stages, all or those that are left, and releases what they have made. Ends with the first stage that
- * fails. */
-int kiln_map_stages_run(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
-                        struct kiln_error *error);
+extern const struct kiln_map_stage kiln_map_stage_measure, kiln_map_stage_mean_error, kiln_map_stage_walls,
+    kiln_map_stage_denoise, kiln_map_stage_fill, kiln_map_stage_borders, kiln_map_stage_seams,
+    kiln_map_stage_directions, kiln_map_stage_dilate;
 
 #endif

@@ -7,53 +7,63 @@
 #include <unistd.h>
 
 #include "coordinator/field/field.h"
+#include "coordinator/field/group_fields.h"
 #include "coordinator/output/exr.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/output/h5_file.h"
 #include "coordinator/files/json_text.h"
 #include "worker/base/memory.h"
+#include "worker/pass/links_file.h"
 #include "worker/scene/scene.h"
 
 struct range {
-    const char *ending; /* ending of the name of a channel or dataset */
+    const char *name; /* of a channel or dataset */
     double low, high;
 };
 
-/* What is no field (coordinator/field/field.h): views, masks of lightmaps, the volume. */
-static const struct range ranges[] = {
-    {"R", 0.0, INFINITY},
-    {"G", 0.0, INFINITY},
-    {"B", 0.0, INFINITY},
+/* Ranges of channels and datasets that are no fields (coordinator/field/field.h): masks of lightmaps, surfaces of
+ * views, vertices, the volume. */
+static const struct range others[] = {
     {"coverage.Y", 0.0, 1.001},
     {"validity.Y", 0.0, 1.0},
-    {"/validity", 0.0, 1.0},
-    {"/mean_distance", 0.0, INFINITY},
+    {"albedo.R", 0.0, INFINITY},
+    {"albedo.G", 0.0, INFINITY},
+    {"albedo.B", 0.0, INFINITY},
+    {"emission.R", 0.0, INFINITY},
+    {"emission.G", 0.0, INFINITY},
+    {"emission.B", 0.0, INFINITY},
+    {"spread.R", 0.0, INFINITY},
+    {"spread.G", 0.0, INFINITY},
+    {"spread.B", 0.0, INFINITY},
+    {"/vertices/irradiance", 0.0, INFINITY},
+    {"/vertices/error", 0.0, INFINITY},
+    {"/VTKHDF/PointData/validity", 0.0, 1.0},
+    {"/VTKHDF/PointData/mean_distance", 0.0, INFINITY},
 };
 
-/* Whether a dataset, in whatever group, or a channel is the field's. */
+/* Whether the dataset or channel is the field's. */
 static bool is_named(const struct kiln_field *field, const char *name)
 {
-    const char *last = strrchr(name, '/');
-    bool found = last != NULL && field->dataset != NULL && strcmp(kiln_field_shown_name(field), last + 1) == 0;
+    bool found = field->dataset != NULL && strcmp(field->dataset, name) == 0;
     for (uint32_t c = 0; field->channels != NULL && !found && c < field->components; c++)
         found = strcmp(field->channels[c], name) == 0;
     return found;
 }
 
+/* The whole name decides: users name groups of lights, so that the end of a name means nothing. */
 static struct range range_of(const char *name)
 {
-    const size_t length = strlen(name);
     size_t fields;
-    const struct kiln_field *table = kiln_fields(&fields);
-    for (size_t i = 0; i < fields; i++)
+    const struct kiln_field *table = kiln_fields(&fields), *field = kiln_group_field_named(name);
+    for (size_t i = 0; i < fields && field == NULL; i++)
         if (is_named(&table[i], name))
-            return (struct range){name, table[i].low, table[i].high};
-    for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
-        const size_t own = strlen(ranges[i].ending);
-        if (length >= own && strcmp(name + length - own, ranges[i].ending) == 0)
-            return ranges[i];
-    }
-    return (struct range){"", -INFINITY, INFINITY};
+            field = &table[i];
+    if (field != NULL)
+        return (struct range){name, field->low, field->high};
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (strcmp(others[i].name, name) == 0)
+            return others[i];
+    return (struct range){name, -INFINITY, INFINITY};
 }
 
 /* ---- EXR ---- */
@@ -187,17 +197,19 @@ static int check_scene(int descriptor, const char *path, struct kiln_error *erro
 /* ---- all ---- */
 
 static const struct kind {
-    const char *ending;
+    const char *ending; /* of the path */
     int (*check)(int descriptor, const char *path, struct kiln_error *error);
-} kinds[] = {
-    {".exr", check_exr}, {".h5", check_h5}, {".hdf", check_h5}, {".json", check_json}, {".kscene", check_scene}};
+} kinds[] = {{".exr", check_exr},   {".h5", check_h5},        {".hdf", check_h5},
+             {".json", check_json}, {".kscene", check_scene}, {"transport/links", kiln_links_file_check}};
 
 static const struct kind *kind_of(const char *path)
 {
-    const char *dot = strrchr(path, '.');
-    for (size_t i = 0; dot != NULL && i < sizeof kinds / sizeof *kinds; i++)
-        if (strcmp(dot, kinds[i].ending) == 0)
+    const size_t length = strlen(path);
+    for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
+        const size_t own = strlen(kinds[i].ending);
+        if (length >= own && strcmp(path + length - own, kinds[i].ending) == 0)
             return &kinds[i];
+    }
     return NULL;
 }
 

@@ -7,11 +7,11 @@
 
 #include "worker/base/status.h"
 
-/* Reads the complete open file, whose descriptor is borrowed. The extension of `path` gives its format: .exr, .h5,
- * .hdf, .kscene or .json; other files pass. KILN_BAD_INPUT, with a message that names `path`, the channel or dataset
- * and the value. Two threads must not check HDF5 files at the same time. */
+/* Reads the complete open file, whose descriptor is borrowed. The end of `path` gives its format: .exr, .h5, .hdf,
+ * .kscene, .json or transport/links; other files pass. KILN_BAD_INPUT, with a message that names `path`, the channel or
+ * dataset and the value. Two threads must not check HDF5 files at the same time. */
 int kiln_ranges_check(int descriptor, const char *path, struct kiln_error *error);
-/* Whether files with the extension of `path` are checked. */
+/* Whether files with such a path are checked. */
 bool kiln_ranges_has(const char *path);
 
 #endif

@@ -11,6 +11,7 @@
 
 #include "coordinator/files/plain_file.h"
 #include "coordinator/files/publish.h"
+#include "coordinator/files/foreign_json.h"
 #include "coordinator/files/json_text.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
@@ -150,8 +151,8 @@ int kiln_results_json(const struct kiln_results *r, const char *name, json_t **j
     int status = kiln_results_bytes(r, name, KILN_JSON_BYTES_MOST, &text, &size, error);
     if (status == KILN_OK)
         status = kiln_path_join(path, r->directory, name, error);
-    if (status == KILN_OK && (*json = kiln_json_text(text, size, path, error)) == NULL)
-        status = KILN_BAD_INPUT;
+    if (status == KILN_OK)
+        status = kiln_foreign_json(json, KILN_JSON_CHILD, text, size, path, error);
     kiln_free(&text);
     return status;
 }

@@ -65,8 +65,8 @@ static int open_dataset(struct source *s, const char *name, hid_t *dataset, hsiz
 {
     *dataset = H5Dopen2(kiln_h5_file_id(s->file), name, H5P_DEFAULT);
     if (*dataset < 0)
-        return kiln_fail(error, KILN_NO_INPUT, "'%s' has no dataset %s; kiln view --help says what keeps it", s->path,
-                         name);
+        return kiln_fail(error, KILN_NO_INPUT, "'%s' has no dataset %s; kiln view --help all says what keeps it",
+                         s->path, name);
     extent_of(*dataset, size);
     if (size[0] > 0 && size[0] <= UINT32_MAX / 2 && size[1] > 0 && size[1] <= COMPONENTS &&
         (s->rows == 0 || s->rows == size[0])) {

@@ -76,7 +76,7 @@ static void meet_environment(struct eye *e, const struct vertex *before)
 static double weigh_emitter(const struct eye *e, const struct vertex *before, const struct vertex *v)
 {
     const struct kiln_emission *emission = e->w->all->emission;
-    const uint32_t light = kiln_emission_of_triangle(emission, v->m.triangle);
+    const uint32_t light = kiln_emission_at(emission, v->m.triangle, (double)v->m.u, (double)v->m.v);
     if (light == KILN_NONE || (v->m.back && !emission->lights->areas[light].two_sided))
         return 1.0;
     const struct kiln_dvec3 place = dvec3_of(v->m.position), direction = dvec3_of(v->from);
@@ -126,7 +126,7 @@ static void add_sample(struct eye *e, const struct vertex *v, const struct kiln_
         return;
     const double hit = sample->has_extent ? s.to_light * cosine / squared : 0.0;
     const double weight =
-        kiln_path_weight_sampled(&all->techniques, &v->sums, connect, emission, s.cosine_i / squared, hit, s.to_eye);
+        kiln_path_weight_sampled(&all->techniques, &v->sums, connect, emission, s.landing_i / squared, hit, s.to_eye);
     const struct vertex_scatter none = {.all = {1.0, 1.0, 1.0}};
     double rgb[3] = {s.all[0], s.all[1], s.all[2]}, last[3] = {0.0, 0.0, 0.0};
     if (all->from_points)
@@ -206,8 +206,8 @@ static void connect(struct eye *e, const struct vertex *v, const struct vertex *
         !subpaths_connect(e->w, vertex_start(v, direction), vertex_start(light, back), through))
         return;
     const double weight =
-        kiln_path_weight_connected(&all->techniques, &v->sums, &light->sums, near.to_light * far.cosine_o / squared,
-                                   far.to_light, far.to_eye * near.cosine_i / squared, near.to_eye);
+        kiln_path_weight_connected(&all->techniques, &v->sums, &light->sums, near.to_light * far.landing_o / squared,
+                                   far.to_light, far.to_eye * near.landing_i / squared, near.to_eye);
     float arriving[3] = {light->weight[0], light->weight[1], light->weight[2]};
     vertex_attenuate(light, back, (float)sqrt(squared), arriving);
     for (int c = 0; c < 3; c++) {
@@ -236,7 +236,7 @@ static void merge(void *context, const struct photon *p)
     struct vertex_scatter s;
     double rgb[3], last[3];
     if (!subpaths_allow(all, m->e->surface + p->number + 2) ||
-        !vertex_scatter(all->b, m->v, m->v->from, p->from, m->lobes, &s))
+        !vertex_scatter(all->b, m->v, m->v->from, p->from, m->lobes, &s) || !(s.landing_i > 0.0))
         return;
     subpaths_products(&s, p->number > 0 || all->from_points, &none, false, allowed, rgb, last);
     const struct kiln_path_sums light = {.vcm = (double)p->vcm, .vm = (double)p->vm};
@@ -359,7 +359,7 @@ static bool go_on(struct eye *e, const struct vertex *v)
     e->origin = vertex_start(v, way.direction);
     e->direction = way.direction;
     e->sums = v->sums;
-    kiln_path_leave(&all->techniques, &e->sums, way.cosine, way.forward, way.backward, way.delta);
+    kiln_path_leave(&all->techniques, &e->sums, way.landing, way.forward, way.backward, way.delta);
     e->bounces = v->bounces + (way.diffuse ? 1 : 0);
     e->last_diffuse = way.diffuse;
     e->chain = way.diffuse ? 0 : e->chain + 1;

@@ -115,17 +115,14 @@ bool subpaths_view(const struct bidirectional *all, struct kiln_vec3 place, cons
 double subpaths_camera_density(const struct bidirectional *all, const struct subpath_view *view, double cosine)
 {
     const struct kiln_path_parameters *c = &all->parameters->camera;
-    if (c->orthographic)
-        return cosine / all->pixel;
-    const double ahead = -(double)vec3_dot(view->towards, c->forward), distance = (double)view->distance;
-    return cosine / (all->pixel * ahead * ahead * ahead * distance * distance);
+    return kiln_camera_density(c->orthographic, view->towards, c->forward, (double)view->distance, cosine, all->pixel);
 }
 
 /* ---- paths of light ---- */
 
 struct kiln_dvec3 subpaths_light_normal(const struct vertex *v)
 {
-    const bool either = v->m.gloss != NULL && v->m.lobes.glass > 0.0f;
+    const bool either = v->m.coarse || (v->m.gloss != NULL && v->m.lobes.glass > 0.0f);
     return either ? dvec3(0.0, 0.0, 0.0) : dvec3_of(v->m.normal);
 }
 
@@ -230,7 +227,7 @@ static bool go_on(struct subpaths *w, const struct vertex *v, struct ray_of_ligh
     r->sums = v->sums;
     r->origin = vertex_start(v, way.direction);
     r->direction = way.direction;
-    kiln_path_leave(&w->all->techniques, &r->sums, way.cosine, way.forward, way.backward, way.delta);
+    kiln_path_leave(&w->all->techniques, &r->sums, way.landing, way.forward, way.backward, way.delta);
     return r->bounces <= w->all->most && (share[0] > 0.0f || share[1] > 0.0f || share[2] > 0.0f) &&
            subpaths_survives(w, surface, r->chain, share, r->weight);
 }
@@ -306,7 +303,9 @@ static void add(struct subpaths *w, uint64_t pixel, const double rgb[3])
 static bool sees(struct subpaths *w, const struct vertex *v, const struct subpath_view *view, uint32_t number,
                  float rgb[3])
 {
-    const struct kiln_vec3 d = vec3_sub(vertex_start(v, view->towards), view->origin);
+    struct meeting m = v->m;
+    m.lift = 0.0f; /* the camera's rays end at the surface */
+    const struct kiln_vec3 d = vec3_sub(meeting_start(&m, view->towards), view->origin);
     const float length = vec3_length(d);
     struct RTCRayHit ray;
     float tint[3];
@@ -331,7 +330,7 @@ static void splat(struct subpaths *w, const struct vertex *met, uint32_t number)
         !meeting_is_seen(all->b, met->m.triangle, vec3_dot(met->front, view.towards) < 0.0f))
         return;
     const struct vertex v = vertex_as_first(all->b, met);
-    if (!vertex_scatter(all->b, &v, view.towards, v.from, KILN_LOBE_ALL, &s))
+    if (!vertex_scatter(all->b, &v, view.towards, v.from, KILN_LOBE_ALL, &s) || !(s.landing_o > 0.0))
         return;
     const int64_t allowed = all->most - v.bounces;
     const struct vertex_scatter none = {.all = {1.0, 1.0, 1.0}};

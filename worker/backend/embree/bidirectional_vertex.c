@@ -63,6 +63,7 @@ struct vertex vertex_make(const struct embree_backend *b, const struct RTCRayHit
     const struct kiln_vec3 direction = vec3(ray->ray.dir_x, ray->ray.dir_y, ray->ray.dir_z);
     struct meeting m = meeting_make(b, ray);
     meeting_face(b, is_first, direction, &m);
+    meeting_lift(b, is_first || m.gloss != NULL, &m);
     struct vertex v = make(b, &m, direction, is_first);
     if (m.triangle >= b->params.geometry->opaque_count)
         v.opacity = kiln_surface_opacity(b->params.scene, m.mesh, m.stored, m.b1, m.b2);
@@ -86,7 +87,8 @@ struct vertex vertex_as_first(const struct embree_backend *b, const struct verte
 /* The frame that paths have which have come from w. */
 static struct kiln_frame frame_of(const struct embree_backend *b, const struct vertex *v, struct kiln_vec3 w)
 {
-    const bool agrees = (vec3_dot(v->smooth, w) > 0.0f) == (vec3_dot(v->front, w) > 0.0f);
+    const bool smooth = vec3_dot(v->smooth, w) > 0.0f,
+               agrees = v->m.lifted ? smooth != v->m.back : smooth == (vec3_dot(v->front, w) > 0.0f);
     const struct kiln_vec3 z = agrees ? v->smooth : v->front, now = v->m.frame.z;
     return z.x == now.x && z.y == now.y && z.z == now.z ? v->m.frame : meeting_frame(b, &v->m, z);
 }
@@ -100,9 +102,9 @@ static struct kiln_vec3 axis_of(const struct vertex *v)
 static bool scatter_diffuse(const struct vertex *v, struct kiln_vec3 o, struct kiln_vec3 i, struct vertex_scatter *s)
 {
     const double no = (double)vec3_dot(v->m.normal, o), ni = (double)vec3_dot(v->m.normal, i);
-    if (!(no > 0.0) || !(ni > 0.0))
+    if (!(no > 0.0) || !(v->m.lifted ? s->cosine_i > 0.0 : ni > 0.0))
         return false;
-    const double share = v->is_first ? fmax(0.0, (double)vec3_dot(v->m.shading, i)) / ni : 1.0;
+    const double share = v->is_first ? fmax(0.0, (double)vec3_dot(v->m.shading, i)) / s->cosine_i : 1.0;
     s->to_light = fmax(0.0, (double)vec3_dot(axis_of(v), i)) / KILN_PI;
     s->to_eye = no / KILN_PI;
     for (int c = 0; c < 3; c++)
@@ -117,9 +119,11 @@ static struct kiln_bsdf_choice choice_of(const struct vertex *v, struct kiln_vec
     return kiln_bsdf_choice_of(same ? v->m.shares : kiln_bsdf_shares(v->m.lobes, local), lobes);
 }
 
-/* Whether w lies on one side of the geometric normal and of the frame. */
+/* Whether w lies on one side of the geometric normal and of the frame; where rays are lifted, above the frame. */
 static bool agrees(const struct vertex *v, struct kiln_vec3 w, struct kiln_vec3 local)
 {
+    if (v->m.lifted)
+        return v->m.back ? local.z < 0.0f : local.z > 0.0f;
     return (local.z > 0.0f) == (vec3_dot(v->front, w) > 0.0f) && local.z != 0.0f;
 }
 
@@ -156,11 +160,20 @@ static bool scatter_whole(const struct embree_backend *b, const struct vertex *v
     return true;
 }
 
+/* See struct vertex_scatter. */
+static double landing(const struct vertex *v, struct kiln_vec3 w)
+{
+    const double cosine = (double)vec3_dot(v->m.normal, w);
+    return v->m.lifted ? fmax(0.0, cosine) : fabs(cosine);
+}
+
 bool vertex_scatter(const struct embree_backend *b, const struct vertex *v, struct kiln_vec3 o, struct kiln_vec3 i,
                     uint32_t lobes, struct vertex_scatter *s)
 {
     *s = (struct vertex_scatter){.cosine_o = fabs((double)vec3_dot(v->m.normal, o)),
-                                 .cosine_i = fabs((double)vec3_dot(v->m.normal, i))};
+                                 .cosine_i = fabs((double)vec3_dot(v->m.normal, i)),
+                                 .landing_o = landing(v, o),
+                                 .landing_i = landing(v, i)};
     return v->m.gloss == NULL ? scatter_diffuse(v, o, i, s) : scatter_whole(b, v, o, i, lobes, s);
 }
 
@@ -244,6 +257,7 @@ bool vertex_leave(const struct embree_backend *b, const struct vertex *v, bool o
             return false;
     }
     way->cosine = fabs((double)vec3_dot(v->m.normal, way->direction));
+    way->landing = landing(v, way->direction);
     if (!(way->cosine > 0.0))
         return false;
     return d.delta ? leave_mirror(b, v, of_light, lobes, &d, way)

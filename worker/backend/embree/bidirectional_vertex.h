@@ -6,7 +6,12 @@
  * A smooth mesh of whole materials has the frame of its shading normal for a direction that lies on one side of both
  * normals, else that of its geometric one: the eye's direction says which frame the value is of, and each subpath is
  * drawn in that of the direction that it has come from. Diffuse surfaces are about the shading normal where the camera
- * sees them itself, else about the geometric one, as in the path pass. Thread-safe. */
+ * sees them itself, else about the geometric one, as in the path pass.
+ *
+ * Where a surface scatters about its shading normal, its rays are lifted off coarse facets (meeting_lift), those of
+ * both subpaths and of connections alike; only the camera's, which look at it, are not. Light comes from below such a
+ * facet then. No ray meets it from there: techniques by which a subpath would have to have no density (landing_o,
+ * landing_i), and the others weigh as much more. Thread-safe. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_BIDIRECTIONAL_VERTEX_H
 #define KILN_WORKER_BACKEND_EMBREE_BIDIRECTIONAL_VERTEX_H
 
@@ -33,6 +38,9 @@ struct vertex_scatter {
     double all[3], diffuse[3]; /* 1/sr: values; of the diffuse lobe alone, of surfaces that have others */
     double to_light, to_eye;   /* 1/sr: densities of i for the eye's subpath, of o for the light's */
     double cosine_o, cosine_i; /* absolute, of the geometric normal */
+    /* the same, for densities of rays that come from there: 0 from below a facet that rays are lifted off, since such
+     * rays meet another one */
+    double landing_o, landing_i;
 };
 
 /* A surface that a ray of this direction has met (meeting_face, meeting_end), as an inner vertex, taken to be there.
@@ -52,6 +60,7 @@ struct vertex_way {
     struct kiln_vec3 direction;
     float factor[3]; /* f x cosine / density */
     double forward, backward, cosine;
+    double landing;      /* the cosine for the density of a ray that comes back: as of struct vertex_scatter */
     bool delta, diffuse; /* by a mirror or smooth glass; as a diffuse event */
 };
 
@@ -67,8 +76,7 @@ bool vertex_is_smooth(const struct vertex *v);
 /* Where a ray starts that leaves the vertex in a direction. */
 static inline struct kiln_vec3 vertex_start(const struct vertex *v, struct kiln_vec3 direction)
 {
-    const float side = vec3_dot(v->m.normal, direction) > 0.0f ? v->m.offset : -v->m.offset;
-    return vec3_madd(v->m.position, v->m.normal, side);
+    return meeting_start(&v->m, direction);
 }
 
 /* Multiplies by what is left of light that leaves the vertex towards the eye's side, over a distance in m, in a body of

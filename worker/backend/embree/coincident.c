@@ -241,12 +241,13 @@ static bool is_place_first(const struct embree_backend *b, uint32_t triangle)
     return true;
 }
 
-/* ---- the front ---- */
+/* ---- the front, or the back ---- */
 
-struct front_search {
+struct face_search {
     const struct embree_backend *b;
     const struct embree_context *context;
     uint32_t lane; /* of the context's seeds */
+    bool back;     /* the back of a solid is looked for, else a front */
     struct kiln_dvec3 place, direction;
     double margin; /* m */
     float gap;     /* m: BOX_MARGINS of them */
@@ -255,18 +256,18 @@ struct front_search {
 };
 
 /* Whether a ray of that context meets the triangle at (u, v) at all. */
-static bool is_there(const struct front_search *s, uint32_t triangle, float u, float v)
+static bool is_there(const struct face_search *s, uint32_t triangle, float u, float v)
 {
     const struct kiln_geometry *g = s->b->params.geometry;
     const struct kiln_scene *scene = s->b->params.scene;
     if (triangle < g->opaque_count)
         return true;
+    if (s->context->question == EMBREE_SOLID)
+        return (g->records[triangle].material & KILN_RECORD_CLEAR) == 0;
     float b1, b2;
     kiln_geometry_stored_barycentrics(scene, g, triangle, u, v, &b1, &b2);
     const struct kiln_mesh *mesh = &scene->meshes[scene->objects[g->records[triangle].object].mesh];
     const float opacity = kiln_surface_opacity(scene, mesh, g->stored_triangle[triangle], b1, b2);
-    if (s->context->question == EMBREE_BY_HALF)
-        return opacity >= KILN_OPACITY_HALF;
     return embree_blends(s->b) ? kiln_is_there(s->context->seed[s->lane], triangle, opacity) : opacity > 0.0f;
 }
 
@@ -285,9 +286,9 @@ static inline bool is_outside(const struct kiln_vec3 corner[3], struct kiln_vec3
 }
 
 /* Embree's question about each triangle that shares a leaf with one whose box is near the place. */
-static bool consider_front(struct RTCPointQueryFunctionArguments *arguments)
+static bool consider_face(struct RTCPointQueryFunctionArguments *arguments)
 {
-    struct front_search *s = arguments->userPtr;
+    struct face_search *s = arguments->userPtr;
     struct kiln_vec3 corner[3];
     const uint32_t triangle = embree_triangle(s->b, arguments->geomID, arguments->primID);
     kiln_geometry_corners(s->b->params.geometry, triangle, corner);
@@ -296,8 +297,11 @@ static bool consider_front(struct RTCPointQueryFunctionArguments *arguments)
     const struct kiln_dvec3 a = dvec3_of(corner[0]), to_b = dvec3_sub(dvec3_of(corner[1]), a),
                             to_c = dvec3_sub(dvec3_of(corner[2]), a), at = dvec3_sub(s->place, a);
     const struct kiln_dvec3 normal = dvec3_cross(to_b, to_c);
-    const double square = dvec3_dot(normal, normal), height = dvec3_dot(normal, at);
-    if (!(dvec3_dot(normal, s->direction) < 0.0) || height * height > s->margin * s->margin * square)
+    const double square = dvec3_dot(normal, normal), height = dvec3_dot(normal, at),
+                 along = dvec3_dot(normal, s->direction);
+    if (!(s->back ? along > 0.0 : along < 0.0) || height * height > s->margin * s->margin * square)
+        return false;
+    if (s->back && !kiln_geometry_is_solid(s->b->params.geometry, triangle))
         return false;
     const double u = dvec3_dot(normal, dvec3_cross(at, to_c)) / square,
                  v = dvec3_dot(normal, dvec3_cross(to_b, at)) / square, inside = fmin(fmin(u, v), 1.0 - u - v);
@@ -311,34 +315,50 @@ static bool consider_front(struct RTCPointQueryFunctionArguments *arguments)
     return false;
 }
 
+/* Searches where a ray of this direction has met `hit`, and sets that to the face that is there. False: none is. */
+static bool find_face(const struct embree_backend *b, const struct embree_context *context, uint32_t lane, bool back,
+                      struct kiln_vec3 direction, struct RTCHit *hit)
+{
+    const struct kiln_geometry *g = b->params.geometry;
+    const uint32_t triangle = embree_triangle(b, hit->geomID, hit->primID);
+    struct face_search s = {.b = b,
+                            .context = context,
+                            .lane = lane,
+                            .back = back,
+                            .place = dvec3_of(kiln_triangle_position(g, triangle, hit->u, hit->v)),
+                            .direction = dvec3_of(direction),
+                            .margin = (double)(KILN_COINCIDENT * g->extent),
+                            .gap = (float)BOX_MARGINS * KILN_COINCIDENT * g->extent,
+                            .inside = -(double)KILN_COINCIDENT,
+                            .hit = hit};
+    struct RTCPointQuery query = {
+        .x = (float)s.place.x, .y = (float)s.place.y, .z = (float)s.place.z, .radius = KILN_COINCIDENT * g->extent};
+    struct RTCPointQueryContext round;
+    rtcInitPointQueryContext(&round);
+    (void)rtcPointQuery(b->scene, &query, &round, consider_face, &s);
+    return s.inside > -(double)KILN_COINCIDENT;
+}
+
+bool embree_coincides(const struct embree_backend *b, const struct embree_context *context, const struct RTCHit *hit,
+                      struct kiln_vec3 direction, bool back)
+{
+    struct RTCHit other = *hit;
+    return find_face(b, context, 0, back, direction, &other);
+}
+
 /* What a ray has met: where it is the back of a single-sided surface, a front that coincides with it (KILN_COINCIDENT)
  * takes its place. `lane`: of the context's seeds. Whether one does. */
 static bool prefer_front(const struct embree_backend *b, const struct embree_context *context, uint32_t lane,
                          struct kiln_vec3 direction, struct RTCHit *hit)
 {
-    const struct kiln_geometry *g = b->params.geometry;
     const uint32_t triangle = embree_triangle(b, hit->geomID, hit->primID);
-    if ((g->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0)
+    if ((b->params.geometry->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0)
         return false;
     const bool place_first = is_place_first(b, triangle);
     if (!place_first && !may_coincide(b, triangle))
         return false;
     struct RTCHit front = *hit;
-    struct front_search s = {.b = b,
-                             .context = context,
-                             .lane = lane,
-                             .place = dvec3_of(kiln_triangle_position(g, triangle, hit->u, hit->v)),
-                             .direction = dvec3_of(direction),
-                             .margin = (double)(KILN_COINCIDENT * g->extent),
-                             .gap = (float)BOX_MARGINS * KILN_COINCIDENT * g->extent,
-                             .inside = -(double)KILN_COINCIDENT,
-                             .hit = &front};
-    struct RTCPointQuery query = {
-        .x = (float)s.place.x, .y = (float)s.place.y, .z = (float)s.place.z, .radius = KILN_COINCIDENT * g->extent};
-    struct RTCPointQueryContext round;
-    rtcInitPointQueryContext(&round);
-    (void)rtcPointQuery(b->scene, &query, &round, consider_front, &s);
-    if (!(s.inside > -(double)KILN_COINCIDENT) || (place_first && !may_coincide(b, triangle)))
+    if (!find_face(b, context, lane, false, direction, &front) || (place_first && !may_coincide(b, triangle)))
         return false;
     *hit = front;
     return true;

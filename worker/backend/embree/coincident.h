@@ -18,4 +18,9 @@ void embree_prefer_front1(const struct embree_backend *backend, const struct emb
 void embree_prefer_front8(const struct embree_backend *backend, const struct embree_context *context, const int *valid,
                           struct RTCRayHit8 *rays);
 
+/* Whether a face coincides with what a ray of this direction has met: the back of a solid, or a front. The context asks
+ * for solids (embree_context_solid). Needs no `coincides`: for rays that are few. From any thread. */
+bool embree_coincides(const struct embree_backend *backend, const struct embree_context *context,
+                      const struct RTCHit *hit, struct kiln_vec3 direction, bool back);
+
 #endif

@@ -95,8 +95,8 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     if (status == KILN_OK)
         status = kiln_allocate(&w->sequence_points, (size_t)SEQUENCES * KILN_DIMENSIONS * w->table_size,
                                sizeof(uint32_t), "the samples of a tile", error);
-    if (status == KILN_OK && b->base.groups != NULL)
-        status = kiln_allocate(&w->groups, b->base.groups->lights->count, KILN_GROUP_FLOATS * sizeof *w->groups,
+    if (status == KILN_OK && b->base.given.groups != NULL)
+        status = kiln_allocate(&w->groups, b->base.given.groups->lights->count, KILN_GROUP_FLOATS * sizeof *w->groups,
                                "the light of groups", error);
     w->shadows.groups = w->groups;
     for (size_t i = 0; status == KILN_OK && i < SEQUENCES; i++)
@@ -112,8 +112,8 @@ static void find_groups(struct direct_work *w, const struct embree_backend *b, c
 {
     const struct kiln_area_light_samples *t = &w->lanes.samples;
     const uint32_t light = (uint32_t)(w->target.light - direct_lights(b)->areas);
-    for (uint32_t l = 0; l < PACKET && b->base.groups != NULL; l++)
-        w->shadows.group[l] = kiln_light_group(b->base.groups->lights, direct_lights(b), choice, light,
+    for (uint32_t l = 0; l < PACKET && b->base.given.groups != NULL; l++)
+        w->shadows.group[l] = kiln_light_group(b->base.given.groups->lights, direct_lights(b), choice, light,
                                                dvec3(t->place[0][l], t->place[1][l], t->place[2][l]),
                                                dvec3(t->to[0][l], t->to[1][l], t->to[2][l]), 1.0);
 }
@@ -201,10 +201,11 @@ static void weigh_lane(struct direct_work *w, const struct embree_backend *b, ui
     const double cosine = dvec3_dot(dvec3_of(n), to);
     const double shading_cosine =
         w->frame.smooth ? fmax(0.0, dvec3_dot(dvec3_of(frame_shading(&w->frame, j, n)), to)) : cosine;
-    const double incident = cosine * (double)frame_taken_up(&w->frame, j, (float)shading_cosine);
+    const double incident = fmax(0.0, cosine) * (double)frame_taken_up(&w->frame, j, (float)shading_cosine);
     float textured[3];
     const float *radiance = light->radiance;
-    s->valid[l] = s->index[l] < s->samples && cosine > 0.0 && t->weight[l] > 0.0 ? -1 : 0;
+    s->valid[l] =
+        s->index[l] < s->samples && frame_faces(&w->frame, j, cosine, shading_cosine) && t->weight[l] > 0.0 ? -1 : 0;
     if (light->textured && s->valid[l] != 0) {
         kiln_area_light_radiance(direct_lights(b), light, t->b1[l], t->b2[l], textured);
         radiance = textured;
@@ -282,15 +283,15 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
                                 random[KILN_DIMENSION_U], random[KILN_DIMENSION_V], &s))
             continue;
         const double cosine = dvec3_dot(normal, s.direction);
-        if (!(cosine > 0.0))
-            continue;
         const double shading_cosine = f->smooth ? fmax(0.0, dvec3_dot(shading, s.direction)) : cosine;
-        if (b->base.groups != NULL)
-            w->shadows.group[w->shadows.count] = kiln_light_group(b->base.groups->lights, direct_lights(b), choice,
-                                                                  s.light, place, s.direction, s.distance);
+        if (!frame_faces(f, j, cosine, shading_cosine))
+            continue;
+        if (b->base.given.groups != NULL)
+            w->shadows.group[w->shadows.count] = kiln_light_group(b->base.given.groups->lights, direct_lights(b),
+                                                                  choice, s.light, place, s.direction, s.distance);
         shadow_aim(&s, place, dvec3_of(p));
-        shadow_add(&w->shadows, b, context, p, &s, i, cosine * (double)frame_taken_up(f, j, (float)shading_cosine),
-                   shading_cosine);
+        shadow_add(&w->shadows, b, context, p, &s, i,
+                   fmax(0.0, cosine) * (double)frame_taken_up(f, j, (float)shading_cosine), shading_cosine);
         (*rays)++;
     }
     shadow_end(&w->shadows, b, context);
@@ -313,9 +314,8 @@ static void aim_pilot(struct direct_work *w, const struct embree_backend *b, uin
                              (float)kiln_unit_double(q->points[KILN_DIMENSION_T][k] ^ shift_t), &p, &n);
         if (k >= count / 2) /* and as much farther off the surface */
             p = vec3_madd(p, vec3_sub(p, f->extent[j].centre), KILN_SUN_PILOT_BEYOND);
-        share[l] = dvec3_dot(dvec3_of(n), towards) > 0.0
-                       ? fmax(0.0, dvec3_dot(dvec3_of(frame_shading(f, j, n)), towards))
-                       : 0.0;
+        const double shading = dvec3_dot(dvec3_of(frame_shading(f, j, n)), towards);
+        share[l] = frame_faces(f, j, dvec3_dot(dvec3_of(n), towards), shading) ? fmax(0.0, shading) : 0.0;
         w->shadows.valid[l] = first + l < count && share[l] > 0.0 ? -1 : 0;
         rays->org_x[l] = p.x, rays->org_y[l] = p.y, rays->org_z[l] = p.z;
         rays->dir_x[l] = (float)towards.x, rays->dir_y[l] = (float)towards.y, rays->dir_z[l] = (float)towards.z;
@@ -352,26 +352,16 @@ static bool pilot_differs(struct direct_work *w, const struct embree_backend *b,
 static void use_pilots(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
                        uint32_t j, size_t count, uint64_t *rays)
 {
-    const uint32_t samples = w->samples, pilot = kiln_sun_pilot(samples), least = kiln_sun_least(samples);
-    uint32_t rest = samples;
-    uint32_t others = 0;
-    bool any = false;
+    const uint32_t pilot = kiln_sun_pilot(w->samples);
+    struct kiln_sun_sharing sharing = {.samples = w->samples, .rest = w->samples};
     for (size_t i = 0; i < count; i++) {
         struct kiln_light_choice *c = &w->choices[i];
-        if (c->kind != KILN_CHOICE_DIRECTIONAL) {
-            others += c->samples;
-            continue;
-        }
-        rest = kiln_samples_left(rest, c->samples < least ? c->samples : least);
-        if (c->samples < least)
-            continue;
-        c->samples =
-            pilot_differs(w, b, context, j, c, pilot, rays) ? KILN_SUN_TIMES * c->samples : kiln_sun_few(samples);
-        any = true;
+        if (kiln_sun_asks(&sharing, c->kind == KILN_CHOICE_DIRECTIONAL, c->samples))
+            c->samples = kiln_sun_samples(&sharing, c->samples, pilot_differs(w, b, context, j, c, pilot, rays));
     }
-    for (size_t i = 0; any && i < count; i++)
+    for (size_t i = 0; sharing.any && i < count; i++)
         if (w->choices[i].kind != KILN_CHOICE_DIRECTIONAL)
-            w->choices[i].samples = kiln_sun_other(w->choices[i].samples, others, rest);
+            w->choices[i].samples = kiln_sun_other(w->choices[i].samples, sharing.others, sharing.rest);
 }
 
 static void direct_point(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
@@ -387,7 +377,7 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
         use_pilots(w, b, context, j, count, rays);
     double incident[3] = {0}, irradiance[3] = {0}, variance = 0.0;
     if (w->groups != NULL)
-        memset(w->groups, 0, b->base.groups->lights->count * KILN_GROUP_FLOATS * sizeof *w->groups);
+        memset(w->groups, 0, b->base.given.groups->lights->count * KILN_GROUP_FLOATS * sizeof *w->groups);
     for (size_t i = 0; i < count; i++) {
         struct shadow_sums sums = {0};
         const struct kiln_light_choice *choice = &w->choices[i];
@@ -410,7 +400,7 @@ static void direct_point(struct direct_work *w, const struct embree_backend *b, 
     result->error = (float)(samples * sqrt(variance));
     result->present = f->present[j];
     result->count = samples;
-    for (size_t i = 0; w->groups != NULL && i < b->base.groups->lights->count * KILN_GROUP_FLOATS; i++)
+    for (size_t i = 0; w->groups != NULL && i < b->base.given.groups->lights->count * KILN_GROUP_FLOATS; i++)
         embree_group_answers(w->group_answers, b, f->place[j])[i] = (float)(samples * w->groups[i]);
 }
 
@@ -420,7 +410,7 @@ static void direct_tile_run(void *work, const struct embree_backend *b, struct e
     struct direct_work *w = work;
     struct kiln_point_result *points = results;
     w->samples = w->part->samples_each != NULL ? w->part->samples_each[tile_run - w->part->first] : w->part->samples;
-    frame_build(&w->frame, b, tile_run, kiln_batch_points(w->part, tile_run), FRAME_EXTENT);
+    frame_build(&w->frame, b, tile_run, kiln_batch_points(w->part, tile_run), FRAME_EXTENT | FRAME_LIFT);
     for (int q = 0; q < SEQUENCES; q++)
         w->sequences[q].used = false;
     w->group_answers = embree_group_run(b, tile_run);

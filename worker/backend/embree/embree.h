@@ -1,22 +1,28 @@
 /* The Embree backend: private declarations that its files share.
  *
- * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c (guided, caustic
- * and reference too), probes.c, occlusion.c, directional.c, path.c, radiance.c, bidirectional.c. The others: embree.c
- * (life of the backend, running a pass in parts, closest hits), tile_runs.c (threads over the tile runs of a part),
- * frame.c (a tile run's points made ready for sampling), rays.c (rays over the hemisphere of its points), lookup.c
- * (radiosity at their hits), light_samples.h (light from all directions straight from the lights), shadow.c (shadow
- * rays in packets), passage.c (rays through surfaces that let light through), meeting.c, walk.c and chain.c (rays that
- * go on from surface to surface), mirror_images.c (lamps that flat mirrors show), coincident.c (fronts before backs
- * where both coincide), ceiling.c (tracing alone, for benches), devices.c (the CPU), spheres.c (what light paths leave
- * at probes); of the bidirectional pass bidirectional_eye.c, bidirectional_light.c, bidirectional_vertex.c (paths from
- * the camera, of light, and their vertices) and photons.c (what is merged); and reference.c, which uses these for the
- * reference pass. */
+ * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, guided.c,
+ * directions.c, caustic.c, weighed.c, reference.c, probes.c, occlusion.c, directional.c, path.c, radiance.c, land.c,
+ * bidirectional.c, patches.c, links.c; and shapes.c, which devices do not have. What passes share:
+ * - life: embree.c (the list of passes, life of the backend, running a pass in parts), core.c (what all files use),
+ *   devices.c (the CPU), intersect.c (closest hits), clearance.c, ceiling.c (tracing alone, for benches);
+ * - rays: tile_runs.c (threads over the tile runs of a part), frame.c (a tile run's points made ready for sampling),
+ *   rays.c (rays over the hemisphere of its points), lookup.c (radiosity at their hits), hemisphere.c (their sums, and
+ *   how they go on), run_guide.c, ray_probes.c, directed.c, kept_rows.c and kept_chains.c (guides, radiance probes,
+ *   other directions and kept rays of the gather pass), passage.c (rays through surfaces that let light through),
+ *   coincident.c (fronts before backs where both coincide);
+ * - light: light_samples.h (straight from the lights), shadow.c (shadow rays in packets), mirror_images.c (lamps that
+ *   flat mirrors show);
+ * - paths: meeting.c, walk.c and chain.c (rays that go on from surface to surface), chain_weighed.c, reference_paths.c,
+ *   spheres.c (what light paths leave at probes), bidirectional_eye.c, bidirectional_light.c,
+ *   bidirectional_vertex.c (paths from the camera, of light, and their vertices), photons.c (what is merged).
+ */
 #ifndef KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 #define KILN_WORKER_BACKEND_EMBREE_EMBREE_H
 
 #include <embree3/rtcore.h>
 
-#include "worker/backend/backend.h"
+#include "worker/backend/api.h"
+#include "worker/backend/extended.h"
 #include "worker/base/clones.h"
 #include "worker/light/lights.h"
 #include "worker/material/surface_bsdf.h"
@@ -33,10 +39,9 @@ struct embree_backend {
     const struct kiln_radiance_probes *probes; /* NULL: gather rays have no end */
     RTCDevice device;
     RTCScene scene;
-    uint16_t *coincides;            /* of each triangle, found when it pays (coincident.c); NULL: none does */
-    struct kiln_gloss_lobes *lobes; /* of each material; NULL: none is taken with its gloss */
-    struct light_vertex_cache *light_vertices; /* that the weighed pass had last (light_vertices.h); NULL: none */
-    struct reference_paths *reference;         /* that the reference pass had last (reference.h); NULL: none */
+    uint16_t *coincides;               /* of each triangle, found when it pays (coincident.c); NULL: none does */
+    struct kiln_gloss_lobes *lobes;    /* of each material; NULL: none is taken with its gloss */
+    struct reference_paths *reference; /* that the reference pass had last (reference.h); NULL: none */
     uint32_t threads;
     bool coherent; /* so few triangles that packets stay together all the way down */
     double build_seconds;
@@ -67,9 +72,13 @@ double embree_thread_seconds(void);
 KILN_PASS_LIST(EMBREE_DECLARE)
 #undef EMBREE_DECLARE
 
-/* kiln_backend_devices (devices.c). */
+/* kiln_backend_intersect (intersect.c). */
+int embree_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
+                     size_t count, const struct kiln_ray_hints *hints, struct kiln_hit *hits, struct kiln_error *error);
+/* kiln_backend_clearance (clearance.c). */
 int embree_clearance(struct kiln_backend *backend, const struct kiln_sphere *spheres, size_t count, float *clear,
                      struct kiln_error *error);
+/* kiln_backend_devices (devices.c). */
 int embree_devices(struct kiln_device *list, size_t room, size_t *count, struct kiln_error *error);
 /* kiln_backend_ceiling (ceiling.c). */
 int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,

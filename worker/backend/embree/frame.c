@@ -7,24 +7,27 @@
 #include "worker/sampling/keys.h"
 #include "worker/sampling/sequence.h"
 
-/* Normal of a triangle and how far rays start off it, kept for the next point of the same one. */
-static void know(struct tile_run_frame *f, const struct embree_backend *b, uint32_t triangle)
+/* Looks a triangle up among those met last. The pieces of a tile run's footprints are few, and met again and again. */
+static const struct frame_triangle *know(struct tile_run_frame *f, const struct embree_backend *b, uint32_t triangle)
 {
-    if (f->known_triangle == triangle)
-        return;
-    f->known_triangle = triangle;
+    struct frame_triangle *known = &f->known[triangle % FRAME_TRIANGLES];
+    if (known->triangle == triangle)
+        return known;
+    known->triangle = triangle;
     const struct kiln_vec3 front = kiln_triangle_exact_normal(b->params.scene, b->params.geometry, triangle);
-    f->known_normal = f->back ? vec3_scale(front, -1.0f) : front;
-    f->known_offset = kiln_offset_distance(b->params.geometry, triangle, f->known_normal);
+    known->normal = f->back ? vec3_scale(front, -1.0f) : front;
+    known->offset = kiln_offset_distance(b->params.geometry, triangle, known->normal);
+    known->lifts = f->lifts && kiln_triangle_lift(b->params.scene, b->params.geometry, triangle, f->back, &known->lift);
+    return known;
 }
 
 /* Positions on the whole square, offset once for all: rounding of s and t is part of the bound. */
 static void build_whole(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, uint32_t triangle)
 {
     const struct kiln_footprint *p = &f->footprint[j];
-    know(f, b, triangle);
-    const struct kiln_vec3 origin = vec3_madd(p->whole.origin, f->known_normal, f->known_offset);
-    f->offset[j] = f->known_offset;
+    const struct frame_triangle *known = know(f, b, triangle);
+    const struct kiln_vec3 origin = vec3_madd(p->whole.origin, known->normal, known->offset);
+    f->offset[j] = known->offset;
     const struct kiln_vec3 du = p->whole.du, dv = p->whole.dv;
     f->origin[0][j] = origin.x, f->origin[1][j] = origin.y, f->origin[2][j] = origin.z;
     f->edge_s[0][j] = du.x, f->edge_s[1][j] = du.y, f->edge_s[2][j] = du.z;
@@ -47,7 +50,7 @@ static struct kiln_vec3 buried_way(struct kiln_vec3 normal, int ray)
     return vec3_madd(vec3_madd(vec3_scale(t, turn[ray][0]), s, turn[ray][1]), normal, KILN_BURIED_ALONG);
 }
 
-/* Whether what a ray that goes along d has met is the back of a single-sided surface. */
+/* Whether what a ray that goes along d has met is the back of a solid. */
 static bool is_solid_back(const struct embree_backend *b, const struct RTCHit *hit, struct kiln_vec3 d)
 {
     if (hit->geomID == RTC_INVALID_GEOMETRY_ID || hit->Ng_x * d.x + hit->Ng_y * d.y + hit->Ng_z * d.z <= 0.0f)
@@ -60,7 +63,7 @@ bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 positio
 {
     struct RTCRayHit rays[BURIED_RAYS];
     struct embree_context context;
-    embree_context_half(&context);
+    embree_context_solid(&context);
     for (int i = 0; i < BURIED_RAYS; i++) {
         const struct kiln_vec3 p = position, d = buried_way(normal, i);
         rays[i] = (struct RTCRayHit){.ray = {.org_x = p.x,
@@ -84,6 +87,22 @@ bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 positio
     return true;
 }
 
+/* Whether a place is buried whose rays have met this: backs, and at most KILN_BURIED_BOTH others, which may coincide
+ * with backs. Faces that coincide are looked for last, and in few places. */
+static bool all_meet_backs(const struct embree_backend *b, const struct embree_context *context,
+                           struct kiln_vec3 normal, const struct RTCHit hits[BURIED_RAYS])
+{
+    int both = 0;
+    for (int i = 0; i < BURIED_RAYS && both <= KILN_BURIED_BOTH; i++) {
+        const struct kiln_vec3 d = buried_way(normal, i);
+        const bool back = is_solid_back(b, &hits[i], d), other = embree_coincides(b, context, &hits[i], d, !back);
+        if (!back && !other)
+            return false;
+        both += other ? 1 : 0;
+    }
+    return both <= KILN_BURIED_BOTH;
+}
+
 static void start_packet(struct RTCRayHit8 *rays, const struct kiln_vec3 *position, const struct kiln_vec3 *normal,
                          const int *valid, int ray)
 {
@@ -100,18 +119,28 @@ static void start_packet(struct RTCRayHit8 *rays, const struct kiln_vec3 *positi
     }
 }
 
-/* Leaves only those lanes valid whose ray has met a back; how many. */
-static uint32_t keep_backs(const struct embree_backend *b, const struct RTCRayHit8 *rays, int *valid)
+static struct RTCHit hit_of(const struct RTCRayHit8 *rays, uint32_t i)
+{
+    return (struct RTCHit){.Ng_x = rays->hit.Ng_x[i],
+                           .Ng_y = rays->hit.Ng_y[i],
+                           .Ng_z = rays->hit.Ng_z[i],
+                           .u = rays->hit.u[i],
+                           .v = rays->hit.v[i],
+                           .primID = rays->hit.primID[i],
+                           .geomID = rays->hit.geomID[i]};
+}
+
+/* Leaves only those lanes valid of which no more than KILN_BURIED_BOTH rays have met anything but a back, and none
+ * nothing; how many. */
+static uint32_t keep_backs(const struct embree_backend *b, const struct RTCRayHit8 *rays, int others[PACKET],
+                           int *valid)
 {
     uint32_t count = 0;
     for (uint32_t i = 0; i < PACKET; i++) {
-        const struct RTCHit hit = {.Ng_x = rays->hit.Ng_x[i],
-                                   .Ng_y = rays->hit.Ng_y[i],
-                                   .Ng_z = rays->hit.Ng_z[i],
-                                   .primID = rays->hit.primID[i],
-                                   .geomID = rays->hit.geomID[i]};
+        const struct RTCHit hit = hit_of(rays, i);
         const struct kiln_vec3 d = vec3(rays->ray.dir_x[i], rays->ray.dir_y[i], rays->ray.dir_z[i]);
-        if (valid[i] != 0 && !is_solid_back(b, &hit, d))
+        others[i] += valid[i] != 0 && !is_solid_back(b, &hit, d) ? 1 : 0;
+        if (hit.geomID == RTC_INVALID_GEOMETRY_ID || others[i] > KILN_BURIED_BOTH)
             valid[i] = 0;
         count += valid[i] != 0;
     }
@@ -122,26 +151,30 @@ uint32_t frame_count_buried(const struct embree_backend *backend, const struct k
                             const struct kiln_vec3 *normal, uint32_t count)
 {
     struct RTCRayHit8 rays[BURIED_RAYS];
-    int valid[PACKET] __attribute__((aligned(32)));
+    int valid[PACKET] __attribute__((aligned(32))), others[PACKET] = {0};
     struct embree_context context;
-    embree_context_half(&context);
+    uint32_t buried = 0;
+    embree_context_solid(&context);
     context.rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT; /* places of one texel, rays along one normal */
     for (uint32_t i = 0; i < PACKET; i++)
         valid[i] = i < count ? -1 : 0;
     for (int i = 0; i < BURIED_RAYS && count > 0; i++) {
         start_packet(&rays[i], position, normal, valid, i);
         rtcIntersect8(valid, backend->scene, &context.rtc, &rays[i]);
-        count = keep_backs(backend, &rays[i], valid);
+        count = keep_backs(backend, &rays[i], others, valid);
     }
-    for (int i = 0; i < BURIED_RAYS && count > 0 && backend->coincides != NULL; i++) {
-        embree_prefer_front8(backend, &context, valid, &rays[i]);
-        count = keep_backs(backend, &rays[i], valid);
+    for (uint32_t k = 0; k < PACKET && count > 0; k++) {
+        struct RTCHit hits[BURIED_RAYS];
+        for (int i = 0; i < BURIED_RAYS; i++)
+            hits[i] = hit_of(&rays[i], k);
+        buried += valid[k] != 0 && all_meet_backs(backend, &context, normal[k], hits) ? 1 : 0;
     }
-    return count;
+    return buried;
 }
 
-static void draw_position(struct tile_run_frame *frame, const struct embree_backend *backend, uint32_t j, float s,
-                          float t, struct kiln_vec3 *position, struct kiln_vec3 *normal)
+/* Returns the offset. */
+static float draw_position(struct tile_run_frame *frame, const struct embree_backend *backend, uint32_t j, float s,
+                           float t, struct kiln_vec3 *position, struct kiln_vec3 *normal)
 {
     uint32_t triangle;
     float b1, b2;
@@ -150,9 +183,15 @@ static void draw_position(struct tile_run_frame *frame, const struct embree_back
     else
         kiln_footprint_sample(&frame->footprint[j], s, t, &triangle, &b1, &b2);
     const struct kiln_geometry *g = backend->params.geometry;
-    know(frame, backend, triangle);
-    *normal = frame->known_normal;
-    *position = vec3_madd(kiln_triangle_position(g, triangle, b1, b2), frame->known_normal, frame->known_offset);
+    const struct frame_triangle *known = know(frame, backend, triangle);
+    *normal = known->normal;
+    *position = vec3_madd(kiln_triangle_position(g, triangle, b1, b2), known->normal, known->offset);
+    float lift = known->lifts ? kiln_lift_at(known->lift, b1, b2) : 0.0f;
+    if (!(lift > 0.0f))
+        return known->offset;
+    lift = embree_clear_lift(backend, *position, *normal, lift);
+    *position = vec3_madd(*position, *normal, lift);
+    return known->offset + lift;
 }
 
 float frame_position(struct tile_run_frame *frame, const struct embree_backend *backend, uint32_t j, float s, float t,
@@ -166,13 +205,14 @@ float frame_position(struct tile_run_frame *frame, const struct embree_backend *
         *normal = vec3(frame->normal[0][j], frame->normal[1][j], frame->normal[2][j]);
         return frame->offset[j];
     }
-    draw_position(frame, backend, j, s, t, position, normal);
+    float offset = draw_position(frame, backend, j, s, t, position, normal);
     for (uint32_t i = 0; frame->partly_buried[j] && i < KILN_BURIED_TRIES && frame_buried(backend, *position, *normal);
          i++) {
         const uint32_t hash = kiln_buried_retry(s, t, frame->key[j], i);
-        draw_position(frame, backend, j, kiln_unit_float(hash), kiln_unit_float(kiln_hash1(hash)), position, normal);
+        offset = draw_position(frame, backend, j, kiln_unit_float(hash), kiln_unit_float(kiln_hash1(hash)), position,
+                               normal);
     }
-    return frame->known_offset;
+    return offset;
 }
 
 /* Where a material is taken with its gloss, what light does there: at the middle of the point's numbers. */
@@ -193,6 +233,15 @@ static void find_lobes(struct tile_run_frame *f, const struct embree_backend *b,
                                      s1, s2, false);
 }
 
+/* Whether rays from some piece of the footprint are lifted. */
+static bool is_lifted(struct tile_run_frame *f, const struct embree_backend *b, const struct kiln_footprint *p)
+{
+    bool lifted = false;
+    for (uint32_t i = 0; i < p->piece_count && f->lifts && !lifted; i++)
+        lifted = know(f, b, p->pieces[i])->lifts;
+    return lifted;
+}
+
 static void build_point(struct tile_run_frame *f, const struct embree_backend *b, const struct kiln_point_cursor *at,
                         uint32_t j, bool partly_buried, unsigned wish)
 {
@@ -208,9 +257,10 @@ static void build_point(struct tile_run_frame *f, const struct embree_backend *b
     }
     f->present[j] = kiln_footprint_opacity(p, kiln_texel_key(KILN_LOOKS_KEY, at->map, texel), &f->mask[j]);
     f->partly_buried[j] = partly_buried;
-    f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && !partly_buried && f->mask[j].count == 0;
-    know(f, b, p->pieces[0]);
-    f->normal[0][j] = f->known_normal.x, f->normal[1][j] = f->known_normal.y, f->normal[2][j] = f->known_normal.z;
+    f->lifted[j] = is_lifted(f, b, p);
+    f->whole[j] = p->kind == KILN_FOOTPRINT_WHOLE && !partly_buried && f->mask[j].count == 0 && !f->lifted[j];
+    const struct kiln_vec3 normal = know(f, b, p->pieces[0])->normal;
+    f->normal[0][j] = normal.x, f->normal[1][j] = normal.y, f->normal[2][j] = normal.z;
     if (f->whole[j])
         build_whole(f, b, j, p->pieces[0]);
     f->glossy[j] = false;
@@ -227,8 +277,10 @@ void frame_build(struct tile_run_frame *frame, const struct embree_backend *back
     const struct kiln_tile_run *f = &s->tile_runs[tile_run];
     const struct kiln_scene *scene = backend->params.scene;
     frame->count = 0;
-    frame->known_triangle = KILN_NONE;
+    for (uint32_t i = 0; i < FRAME_TRIANGLES; i++)
+        frame->known[i].triangle = KILN_NONE;
     frame->smooth = (scene->meshes[scene->objects[kiln_map_object(s, f->map)].mesh].flags & KILN_MESH_SMOOTH) != 0;
+    frame->lifts = frame->smooth && (wish & FRAME_LIFT) != 0;
     frame->back = kiln_map_back(s, f->map);
     frame->tile_key = kiln_tile_key(kiln_seed_key(backend->params.seed), f->map, f->tile);
     struct kiln_point_cursor at = kiln_point_first(s, tile_run);

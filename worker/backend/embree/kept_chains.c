@@ -191,5 +191,5 @@ bool kept_chains_are_whole(const struct kept_chains *kept, uint64_t key, uint32_
 {
     const struct kiln_row_chain *record = &kept->record[j];
     return record->check == kiln_row_chain_check(key, point, record, kept->next[j]) &&
-           kiln_row_chain_is_sound(kept->next[j], record->words, row, samples, points);
+           kiln_row_chain_is_sound(record, kept->next[j], row, samples, points);
 }

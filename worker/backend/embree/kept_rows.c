@@ -13,10 +13,10 @@ int kept_rows_create(struct kept_rows *kept, const struct embree_backend *b, con
 {
     const bool goes_on = embree_tints(b) || b->lobes != NULL;
     *kept = (struct kept_rows){0};
-    if (b->base.rows == NULL || b->probes != NULL || (goes_on && b->base.rows->chains == NULL) ||
-        part->samples > b->base.rows->samples)
+    if (b->base.given.rows == NULL || b->probes != NULL || (goes_on && b->base.given.rows->chains == NULL) ||
+        part->samples > b->base.given.rows->samples)
         return KILN_OK;
-    kept->rows = b->base.rows;
+    kept->rows = b->base.given.rows;
     kept->chains.file = kept->rows->chains;
     kept->samples = part->samples;
     return kiln_allocate(&kept->words, RAY_LANES * (1 + (size_t)part->samples), sizeof *kept->words,

@@ -1,6 +1,4 @@
 /* The land pass (worker/pass/land.h): one path after the other, ray by ray. */
-#include "worker/backend/embree/land.h"
-
 #include <float.h>
 #include <math.h>
 #include <omp.h>
@@ -8,6 +6,7 @@
 #include "shaders/shared/chain.h"
 #include "shaders/shared/land.h"
 #include "shaders/shared/punctual_light.h"
+#include "worker/backend/embree/lookup.h"
 #include "worker/backend/embree/spheres.h"
 #include "worker/backend/embree/techniques.h"
 #include "worker/backend/embree/walk.h"
@@ -18,7 +17,6 @@
 #include "worker/pass/land.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/footprint.h"
-#include "worker/store/landing.h"
 
 /* A path under way. */
 struct light_path {
@@ -32,11 +30,7 @@ struct light_path {
     struct kiln_aimed_ray first;
     struct kiln_caustic_landing sums; /* where there are other techniques */
     bool imaged;                      /* it comes as from its lamp's mirror image */
-    double squared;                   /* m2, of the way to the surface met last */
-    struct light_vertices *kept;      /* where vertices go; NULL: the path lands */
     struct sphere_chords *chords;     /* where there are spheres */
-    int status;                       /* of keeping them */
-    struct kiln_error *error;
 };
 
 static void multiply(struct light_path *p, const float factor[3])
@@ -85,15 +79,11 @@ static void land(const struct light_path *p, const struct meeting *m, struct kil
     const struct kiln_vec3 back = vec3_scale(direction, -1.0f);
     const float above = vec3_dot(m->normal, back), cosine = vec3_dot(m->shading, back);
     result->end = KILN_LAND_LANDED;
-    result->point = p->imaged ? KILN_NO_POINT : kiln_store_landing(&p->walk.b->store, m->triangle, m->u, m->v, m->back);
+    result->point = p->imaged ? KILN_NO_POINT : embree_point(p->walk.b, m->triangle, m->u, m->v, m->back).at;
     result->shading = above > 0.0f ? fmaxf(0.0f, cosine) / above : 1.0f;
     const struct kiln_caustic_techniques *t = p->parameters->techniques;
     if (t != NULL)
-        result->others = (float)fmin(
-            kiln_caustic_others(t->mis, &p->sums, techniques_connections(t), p->squared, fabs((double)above)),
-            (double)FLT_MAX);
-    if (t != NULL && kiln_mis_has_factors(t->mis))
-        result->sampled = (float)fmin(kiln_caustic_sampled(&p->sums), (double)FLT_MAX);
+        result->others = (float)fmin(kiln_caustic_others(t->mis, &p->sums), (double)FLT_MAX);
     result->taken_up = m->gloss != NULL ? kiln_chain_taken_up(m->lobes, m->o.z) : 1.0f;
 }
 
@@ -233,21 +223,6 @@ static void cross(struct light_path *p, uint32_t surface, struct kiln_vec3 origi
 
 /* ---- paths ---- */
 
-/* Keeps the vertex where the path meets gloss, and its chance to land is not looked at. False: it ends. */
-static bool keep(struct light_path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 direction)
-{
-    if (m->gloss == NULL)
-        return false;
-    struct light_vertex kept = {.v = vertex_of(p->walk.b, m, direction), .is_first = surface == 1};
-    if (vertex_is_smooth(&kept.v))
-        return true;
-    kept.sums = arrive(p, &kept.v, surface);
-    for (int c = 0; c < 3; c++)
-        kept.flux[c] = (float)(p->flux[c] * (double)p->weight[c]);
-    p->status = light_vertices_add(p->kept, &kept, p->error);
-    return p->status == KILN_OK;
-}
-
 /* Follows the path to its end. */
 static enum kiln_land_end follow(struct light_path *p, struct kiln_land_result *result)
 {
@@ -276,11 +251,7 @@ static enum kiln_land_end follow(struct light_path *p, struct kiln_land_result *
             multiply(p, share);
         for (int c = 0; c < 3 && surface == 1; c++)
             p->flux[c] *= kiln_light_range(p->first.range, (double)ray.ray.tfar);
-        p->squared = (double)ray.ray.tfar * (double)ray.ray.tfar;
-        if (p->kept != NULL) {
-            if (!keep(p, &m, surface, direction))
-                return KILN_LAND_ABSORBED;
-        } else if (surface > 1 && lands(p, &m, surface)) {
+        if (surface > 1 && lands(p, &m, surface)) {
             land(p, &m, direction, result);
             return KILN_LAND_LANDED;
         }
@@ -309,23 +280,6 @@ static void trace_path(struct light_path *p, uint64_t number, struct kiln_land_r
 static uint32_t seed_of(const struct embree_backend *b)
 {
     return kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ KILN_LAND_SEED);
-}
-
-int land_keep(const struct embree_backend *b, const struct kiln_caustic_techniques *techniques, uint64_t first,
-              uint64_t count, struct light_vertices *list, struct kiln_error *error)
-{
-    const struct kiln_land_parameters parameters = {.aims = techniques->kept, .techniques = techniques};
-    struct embree_context context;
-    struct kiln_land_result dropped;
-    struct light_path p = {.walk = {.b = b, .context = &context},
-                           .parameters = &parameters,
-                           .seed = seed_of(b),
-                           .kept = list,
-                           .error = error};
-    embree_context(b, &context);
-    for (uint64_t i = 0; i < count && p.status == KILN_OK; i++)
-        trace_path(&p, first + i, &dropped);
-    return p.status;
 }
 
 /* What the threads have noted goes into the sums of spheres; by all threads. */

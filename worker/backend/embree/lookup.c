@@ -52,7 +52,8 @@ KILN_CLONES static void follow(const struct embree_backend *b, const struct tile
     for (uint32_t k = 0; k < open; k++) {
         const uint32_t i = f->ways.open[k];
         f->point[i] = settle(b, rays, f, i);
-        __builtin_prefetch(&b->radiosity[f->point[i]]);
+        if (f->point[i] != KILN_NO_POINT)
+            __builtin_prefetch(&b->radiosity[f->point[i]]);
     }
 }
 

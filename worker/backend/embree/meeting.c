@@ -165,6 +165,19 @@ void meeting_face(const struct embree_backend *b, bool smooth, struct kiln_vec3 
     turn(m);
 }
 
+void meeting_lift(const struct embree_backend *b, bool smooth, struct meeting *m)
+{
+    struct kiln_lift lift;
+    if ((m->mesh->flags & KILN_MESH_SMOOTH) == 0 || (m->gloss != NULL && m->gloss->transmission > 0.0f) ||
+        !kiln_triangle_lift(b->params.scene, b->params.geometry, m->triangle, m->back, &lift))
+        return;
+    m->coarse = true;
+    m->lifted = smooth;
+    const float most = smooth ? kiln_lift_at(lift, m->u, m->v) : 0.0f;
+    if (most > 0.0f)
+        m->lift = embree_clear_lift(b, vec3_madd(m->position, m->normal, m->offset), m->normal, most);
+}
+
 struct meeting meeting_begin(const struct embree_backend *b, const struct RTCRayHit *r)
 {
     struct meeting m = touch(b, r);
@@ -221,5 +234,5 @@ bool meeting_send(const struct meeting *m, uint32_t lobes, float pick, float u, 
     weight[2] = d.weight.z;
     *direction = kiln_out_of_frame(&m->frame, d.i);
     const bool same = (d.i.z > 0.0f) == (m->o.z > 0.0f); /* in truth as by the shading normal */
-    return d.i.z != 0.0f && (vec3_dot(m->normal, *direction) > 0.0f) == same;
+    return d.i.z != 0.0f && (m->lifted ? same : (vec3_dot(m->normal, *direction) > 0.0f) == same);
 }

@@ -15,6 +15,10 @@ struct meeting {
     bool back;
     struct kiln_vec3 position, normal, shading; /* normals: geometric and of the mesh */
     float offset;                               /* m along the normal from which rays start */
+    /* meeting_lift: its triangle is a coarse facet of a smooth mesh; rays start `lift` m above the offset besides, and
+     * light counts that the shading normal faces, be it from below the facet */
+    bool coarse, lifted;
+    float lift;
     /* what more there is of a surface that is not only diffuse; NULL: nothing */
     const struct kiln_gloss *gloss;
     struct kiln_frame frame; /* of its front */
@@ -52,6 +56,16 @@ struct meeting meeting_make(const struct embree_backend *b, const struct RTCRayH
 /* Finds how the surface scatters light to where a ray of this direction comes from, and turns the normals to that side.
  * `smooth`: the shading normal is wanted of diffuse surfaces too. */
 void meeting_face(const struct embree_backend *b, bool smooth, struct kiln_vec3 direction, struct meeting *m);
+
+/* Finds whether rays are lifted off the surface, which meeting_face has turned (shaders/shared/lift.h): not off glass.
+ * `smooth`: it scatters light about its shading normal, so that they are; else only `coarse` is set. */
+void meeting_lift(const struct embree_backend *b, bool smooth, struct meeting *m);
+/* Where a ray starts that leaves the surface in a direction. */
+static inline struct kiln_vec3 meeting_start(const struct meeting *m, struct kiln_vec3 direction)
+{
+    const float above = m->offset + m->lift;
+    return vec3_madd(m->position, m->normal, m->lifted || vec3_dot(m->normal, direction) > 0.0f ? above : -above);
+}
 
 /* The same in two parts, of a surface that is not only diffuse: what hangs on no more than the angle (lobes, albedo,
  * o.z), without the colour of the diffuse part; then, where it is wanted, all the rest. */

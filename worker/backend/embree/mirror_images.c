@@ -39,7 +39,7 @@ static struct kiln_light_sample look(const struct kiln_mirror_images *images, co
     if (!(s.distance > 0.0))
         return s;
     s.direction = dvec3_scale(way, 1.0 / s.distance);
-    factor = kiln_point_light_cone(p, dvec3_scale(s.direction, -1.0)) * kiln_light_range(p->range, s.distance) /
+    factor = kiln_punctual_share(p, dvec3_scale(s.direction, -1.0), s.distance, 1.0) /
              ((s.distance + beyond) * (s.distance + beyond));
     for (int c = 0; c < 3; c++)
         s.value[c] = (double)p->intensity[c] * factor;

@@ -40,12 +40,13 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     return status;
 }
 
-/* Directions about a shading normal may lie below the surface. */
+/* Directions about a shading normal may lie below the surface, unless rays are lifted above it. */
 static bool is_above(const struct tile_run_rays *r, uint32_t l)
 {
-    return !r->frame.smooth || r->facet[0][l] * r->direction[0][l] + r->facet[1][l] * r->direction[1][l] +
-                                       r->facet[2][l] * r->direction[2][l] >
-                                   0.0f;
+    return !r->frame.smooth || r->frame.lifted[r->point[l]] ||
+           r->facet[0][l] * r->direction[0][l] + r->facet[1][l] * r->direction[1][l] +
+                   r->facet[2][l] * r->direction[2][l] >
+               0.0f;
 }
 
 static void collect(struct occlusion_work *w, uint32_t step, uint32_t lanes)

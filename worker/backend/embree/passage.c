@@ -56,15 +56,23 @@ static struct place place_of(const struct embree_backend *b, const struct RTCFil
     return p;
 }
 
+/* Whether a ray that looks for solids passes the triangle. */
+static bool is_clear(const struct embree_backend *b, uint32_t triangle)
+{
+    return (b->params.geometry->records[triangle].material & KILN_RECORD_CLEAR) != 0;
+}
+
 /* Scenes with masks alone. */
 static void filter_masked(const struct RTCFilterFunctionNArguments *arguments)
 {
     const struct embree_backend *b = arguments->geometryUserPtr;
+    const bool solid = ((const struct embree_context *)arguments->context)->question == EMBREE_SOLID;
     for (unsigned i = 0; i < arguments->N; i++) {
         if (arguments->valid[i] != -1)
             continue;
         const struct place p = place_of(b, arguments, i);
-        if (!(kiln_surface_opacity(b->params.scene, p.mesh, p.stored, p.b1, p.b2) > 0.0f))
+        if (solid ? is_clear(b, p.triangle)
+                  : !(kiln_surface_opacity(b->params.scene, p.mesh, p.stored, p.b1, p.b2) > 0.0f))
             arguments->valid[i] = 0;
     }
 }
@@ -104,8 +112,6 @@ static bool deepen(int64_t depth[3], const float through[3], float whole)
 static bool stops(struct embree_context *context, uint32_t lane, uint32_t triangle, const struct kiln_passage *p)
 {
     const float passed = 1.0f - p->opacity;
-    if (context->question == EMBREE_BY_HALF)
-        return p->opacity >= KILN_OPACITY_HALF;
     if (context->question == EMBREE_THROUGH)
         return deepen(context->depth[lane], p->through, 1.0f);
     const bool there = kiln_is_there(context->seed[lane], triangle, p->opacity);
@@ -128,6 +134,10 @@ static void filter_partial(const struct RTCFilterFunctionNArguments *arguments)
         if (arguments->valid[i] != -1)
             continue;
         const struct place p = place_of(b, arguments, i);
+        if (context->question == EMBREE_SOLID) {
+            arguments->valid[i] = is_clear(b, p.triangle) ? 0 : -1;
+            continue;
+        }
         const struct kiln_passage passage = passage_at(b, &p);
         if (!stops(context, ids[i], p.triangle, &passage))
             arguments->valid[i] = 0;
@@ -144,7 +154,7 @@ void embree_set_filters(const struct embree_backend *b, RTCGeometry geometry)
 
 void embree_context(const struct embree_backend *b, struct embree_context *context)
 {
-    *context = (struct embree_context){.question = EMBREE_BY_HALF};
+    *context = (struct embree_context){.question = EMBREE_BY_CHANCE};
     rtcInitIntersectContext(&context->rtc);
     context->rtc.flags = b->coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
 }
@@ -221,9 +231,9 @@ void embree_nearest1(const struct embree_backend *b, struct embree_context *cont
         tint[c] = (float)share_of(context->depth[0][c]);
 }
 
-void embree_context_half(struct embree_context *context)
+void embree_context_solid(struct embree_context *context)
 {
-    *context = (struct embree_context){.question = EMBREE_BY_HALF};
+    *context = (struct embree_context){.question = EMBREE_SOLID};
     rtcInitIntersectContext(&context->rtc);
 }
 
@@ -273,4 +283,21 @@ bool passage_between(const struct embree_backend *b, struct embree_context *cont
     through[0] = through[1] = through[2] = 1.0;
     embree_through1(b, context, &ray, through);
     return !(ray.tfar < 0.0f);
+}
+
+float embree_clear_lift(const struct embree_backend *backend, struct kiln_vec3 p, struct kiln_vec3 n, float lift)
+{
+    struct embree_context context;
+    struct RTCRayHit ray = {.ray = {.org_x = p.x,
+                                    .org_y = p.y,
+                                    .org_z = p.z,
+                                    .dir_x = n.x,
+                                    .dir_y = n.y,
+                                    .dir_z = n.z,
+                                    .tfar = lift / KILN_LIFT_CLEAR,
+                                    .mask = ~0u},
+                            .hit = {.geomID = RTC_INVALID_GEOMETRY_ID, .instID = {RTC_INVALID_GEOMETRY_ID}}};
+    embree_context_solid(&context);
+    rtcIntersect1(backend->scene, &context.rtc, &ray);
+    return ray.hit.geomID == RTC_INVALID_GEOMETRY_ID ? lift : KILN_LIFT_CLEAR * ray.ray.tfar;
 }

@@ -16,11 +16,23 @@
 #ifndef KILN_WORKER_BACKEND_EMBREE_PASSAGE_H
 #define KILN_WORKER_BACKEND_EMBREE_PASSAGE_H
 
+#include <string.h>
+
+#include "shaders/shared/streams.h"
 #include "worker/backend/embree/embree.h"
 
+/* Seed of a ray's chances with surfaces that are partly there: the same ray always decides alike. */
+static inline uint32_t kiln_ray_seed(struct kiln_vec3 origin, struct kiln_vec3 direction)
+{
+    uint32_t o[3], d[3];
+    memcpy(o, &origin, sizeof o);
+    memcpy(d, &direction, sizeof d);
+    return kiln_ray_bits_seed(o[0], o[1], o[2], d[0], d[1], d[2]);
+}
+
 enum embree_question {
-    /* which is the nearest surface that is there by half at least? for what chance must have no part in */
-    EMBREE_BY_HALF,
+    /* which is the nearest surface that lets no light through at all? for what tells solids by; chance has no part */
+    EMBREE_SOLID,
     EMBREE_BY_CHANCE, /* which is the nearest that chance takes for there? */
     EMBREE_TINT,      /* what do those let through that chance has passed? */
     EMBREE_THROUGH    /* what do all let through? */
@@ -37,8 +49,8 @@ struct embree_context {
 
 /* Context for incoherent or (few triangles) coherent packets. */
 void embree_context(const struct embree_backend *b, struct embree_context *context);
-/* Context for rays, one by one or in packets, that ask EMBREE_BY_HALF. */
-void embree_context_half(struct embree_context *context);
+/* Context for rays, one by one or in packets, that ask EMBREE_SOLID. */
+void embree_context_solid(struct embree_context *context);
 
 /* Registers what the scene needs with the geometry of its triangles that are not opaque. */
 void embree_set_filters(const struct embree_backend *b, RTCGeometry geometry);
@@ -72,5 +84,9 @@ void embree_through1(const struct embree_backend *b, struct embree_context *cont
 /* The same between two places: what a connection lets through; false: nothing. */
 bool passage_between(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 from,
                      struct kiln_vec3 to, double through[3]);
+
+/* How far a ray that begins at p, offset included, is lifted along n instead of `lift` m: not through what lies above
+ * (KILN_LIFT_CLEAR). */
+float embree_clear_lift(const struct embree_backend *backend, struct kiln_vec3 p, struct kiln_vec3 n, float lift);
 
 #endif

@@ -158,7 +158,7 @@ static bool turn(struct path *p, const struct meeting *m, uint32_t surface, stru
         p->weight[c] *= weight;
         p->seen[c] = 0.0f;
     }
-    return weight > 0.0f && vec3_dot(m->normal, *direction) > 0.0f;
+    return weight > 0.0f && (m->lifted || vec3_dot(m->normal, *direction) > 0.0f);
 }
 
 /* Whether a path that has no last surface, or goes from mirror to mirror, goes on from surface number `surface`. */
@@ -186,13 +186,12 @@ static bool go_on(struct path *p, const struct meeting *m, uint32_t surface, str
         !turn(p, m, surface, &direction, &diffuse))
         return false;
     const bool last = diffuse && p->bounces == p->camera->bounces;
-    const float side = vec3_dot(m->normal, direction) > 0.0f ? m->offset : -m->offset;
     if ((last && !sky && !chains) || (diffuse && is_over(p)))
         return false;
     p->bounces += diffuse;
     p->chain = diffuse ? 0 : p->chain + 1;
     p->walk.rays++;
-    const bool meets = trace(p, vec3_madd(m->position, m->normal, side), direction, surface + 1, ray),
+    const bool meets = trace(p, meeting_start(m, direction), direction, surface + 1, ray),
                arrives = meets && meeting_has_side(p->walk.b, meeting_record(p->walk.b, ray), meeting_is_back(ray));
     if (!meets)
         walk_environment(&p->walk, direction, sky ? p->weight : p->seen, sum_of(p));
@@ -216,6 +215,7 @@ static void follow_from(struct path *p, struct RTCRayHit *ray, uint32_t surface)
     for (;; surface++) {
         struct meeting m = meeting_make(p->walk.b, ray);
         meeting_face(p->walk.b, surface == 0, vec3(ray->ray.dir_x, ray->ray.dir_y, ray->ray.dir_z), &m);
+        meeting_lift(p->walk.b, surface == 0 || m.gloss != NULL, &m);
         attenuate(p, &m, ray->ray.tfar);
         if (p->seen[0] > 0.0f || p->seen[1] > 0.0f || p->seen[2] > 0.0f)
             walk_emission(&p->walk, &m, p->seen, sum_of(p));

@@ -4,7 +4,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 
-#include "shaders/shared/random.h"
+#include "shaders/shared/bidirectional.h"
 #include "worker/base/memory.h"
 
 struct photon_grid {
@@ -29,15 +29,13 @@ int photon_add(struct photon_list *list, const struct photon *photon, struct kil
 /* The cell of a place, shifted by a share of a cell. */
 static struct cell cell_of(const struct photon_grid *grid, struct kiln_vec3 p, double shift)
 {
-    const double scale = 0.5 / grid->radius;
-    return (struct cell){(int64_t)floor((double)p.x * scale + shift), (int64_t)floor((double)p.y * scale + shift),
-                         (int64_t)floor((double)p.z * scale + shift)};
+    return (struct cell){kiln_photon_cell(p.x, grid->radius, shift), kiln_photon_cell(p.y, grid->radius, shift),
+                         kiln_photon_cell(p.z, grid->radius, shift)};
 }
 
 static size_t bucket_of(const struct photon_grid *grid, struct cell c)
 {
-    const uint32_t x = (uint32_t)c.x, y = (uint32_t)c.y, z = (uint32_t)c.z;
-    return kiln_hash2(kiln_hash2(x, y), z) & (grid->buckets - 1);
+    return kiln_photon_bucket(c.x, c.y, c.z, (uint32_t)(grid->buckets - 1));
 }
 
 static int by_path(const void *a, const void *b)

@@ -40,7 +40,7 @@ static void add(struct probe_sums *sums, struct kiln_dvec3 d, const double value
 static void add_groups_of_point(const struct embree_backend *b, struct probe_sums *groups, struct kiln_dvec3 d,
                                 uint64_t point, double weight)
 {
-    const struct kiln_groups *g = b->base.groups;
+    const struct kiln_groups *g = b->base.given.groups;
     for (uint32_t i = 0; point != KILN_NO_POINT && i < g->lights->count; i++) {
         const uint64_t packed = g->radiosity[point * g->lights->count + i];
         float rgb[3];
@@ -58,13 +58,13 @@ static void add_groups_of_point(const struct embree_backend *b, struct probe_sum
 static void add_group_of_sky(const struct embree_backend *b, struct probe_sums *groups, struct kiln_dvec3 d,
                              const double value[3])
 {
-    const struct kiln_light_groups *g = b->base.groups->lights;
+    const struct kiln_light_groups *g = b->base.given.groups->lights;
     add(&groups[g->of_environment + (g->sky_divisions > 0 ? kiln_sky_patch(d, g->sky_divisions) : 0)], d, value);
 }
 
 static void store_groups(const struct embree_backend *b, const struct probe_sums *groups, float *to)
 {
-    for (uint32_t i = 0; i < b->base.groups->lights->count; i++) {
+    for (uint32_t i = 0; i < b->base.given.groups->lights->count; i++) {
         for (int h = 0; h < KILN_HARMONICS; h++)
             for (int c = 0; c < 3; c++)
                 *to++ = (float)groups[i].radiance[h][c];
@@ -78,7 +78,7 @@ static void store_groups(const struct embree_backend *b, const struct probe_sums
 static int make_groups(struct embree_backend *b, const struct kiln_batch *part, struct probe_sums **sums,
                        struct kiln_error *error)
 {
-    struct kiln_groups *g = b->base.groups;
+    struct kiln_groups *g = b->base.given.groups;
     static const char what[] = "the light of groups at probes";
     *sums = NULL;
     if (g == NULL)
@@ -134,9 +134,9 @@ static void gather_sphere(const struct embree_backend *b, struct walk *walk, str
             sums->distance += fmin((double)r.ray.tfar, far) / samples;
             const uint32_t triangle = embree_triangle(b, r.hit.geomID, r.hit.primID);
             const bool back = r.hit.Ng_x * r.ray.dir_x + r.hit.Ng_y * r.ray.dir_y + r.hit.Ng_z * r.ray.dir_z > 0.0f;
-            if (back && (g->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0)
+            if (back && kiln_geometry_is_solid(g, triangle))
                 sums->back++;
-            else
+            if (!back || (g->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) != 0)
                 point = embree_point(b, triangle, r.hit.u, r.hit.v, back).at;
             if (point != KILN_NO_POINT)
                 kiln_radiosity_unpack(b->radiosity[point], rgb);
@@ -174,7 +174,7 @@ static uint64_t gather_lights(const struct embree_backend *b, struct embree_cont
                 continue;
             add(sums, s.direction, s.value);
             if (groups != NULL)
-                add(&groups[kiln_light_group(b->base.groups->lights, lights, &choices[i],
+                add(&groups[kiln_light_group(b->base.given.groups->lights, lights, &choices[i],
                                              choices[i].kind == KILN_CHOICE_NODE ? s.light : KILN_NONE, p, s.direction,
                                              s.distance)],
                     s.direction, s.value);
@@ -198,7 +198,7 @@ int embree_probes(struct embree_backend *b, const void *parameters, const struct
         kiln_free(&choices);
         return status;
     }
-    const size_t group_count = all_groups != NULL ? b->base.groups->lights->count : 0;
+    const size_t group_count = all_groups != NULL ? b->base.given.groups->lights->count : 0;
     uint64_t traced = 0;
 #pragma omp parallel num_threads((int)b->threads) reduction(+ : traced)
     {
@@ -221,7 +221,7 @@ int embree_probes(struct embree_backend *b, const void *parameters, const struct
             traced += part->samples +
                       gather_lights(b, &context, walk.choices, part->positions[i], key, part->samples, &sums, groups);
             if (groups != NULL)
-                store_groups(b, groups, b->base.groups->answers + i * group_count * KILN_GROUP_PROBE_FLOATS);
+                store_groups(b, groups, b->base.given.groups->answers + i * group_count * KILN_GROUP_PROBE_FLOATS);
             struct kiln_probe_result *r = (struct kiln_probe_result *)results + i;
             for (int h = 0; h < KILN_HARMONICS; h++)
                 for (int c = 0; c < 3; c++)

@@ -10,7 +10,8 @@
 #include "worker/pass/radiance.h"
 #include "worker/sampling/sequence.h"
 
-/* Radiosity that ray k finds, as it arrives. Returns whether it met the back of a single-sided surface. */
+/* Radiosity that ray k finds, as it arrives. Returns whether it met the back of a single-sided surface that lets no
+ * light through. */
 static bool find_radiosity(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 p,
                            struct kiln_vec3 d, uint32_t key, uint32_t k, float rgb[3])
 {
@@ -36,7 +37,7 @@ static bool find_radiosity(const struct embree_backend *b, struct embree_context
         chain_follow(&walk, kiln_gather_chance(key), k, &r, true, &found);
         memcpy(rgb, found.radiosity, sizeof found.radiosity);
     } else if (back && (b->params.geometry->records[triangle].material & KILN_RECORD_DOUBLE_SIDED) == 0) {
-        return true;
+        return kiln_geometry_is_solid(b->params.geometry, triangle);
     } else {
         kiln_radiosity_unpack(embree_radiosity(b, triangle, r.hit.u, r.hit.v, back), rgb);
     }

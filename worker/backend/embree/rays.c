@@ -99,7 +99,7 @@ float rays_place(struct tile_run_rays *r, const struct embree_backend *b, uint32
 uint32_t rays_begin(struct tile_run_rays *r, const struct embree_backend *b, size_t tile_run, uint32_t stream,
                     unsigned wish)
 {
-    frame_build(&r->frame, b, tile_run, kiln_batch_points(r->batch, tile_run), wish);
+    frame_build(&r->frame, b, tile_run, kiln_batch_points(r->batch, tile_run), wish | FRAME_LIFT);
     const uint32_t count = r->frame.count;
     if (count == 0)
         return 0;

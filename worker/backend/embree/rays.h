@@ -91,6 +91,23 @@ static inline uint32_t rays_sample(const struct tile_run_rays *rays, uint32_t st
 {
     return rays->first_sample + step * rays->copies + rays->copy[lane];
 }
+/* The quarter of the samples that it is of. */
+static inline uint32_t rays_quarter(const struct tile_run_rays *rays, uint32_t step, uint32_t lane)
+{
+    return rays->quarter_of[step * rays->copies + rays->copy[lane]];
+}
+static inline struct kiln_vec3 rays_origin(const struct tile_run_rays *rays, uint32_t lane)
+{
+    return vec3(rays->origin[0][lane], rays->origin[1][lane], rays->origin[2][lane]);
+}
+static inline struct kiln_vec3 rays_direction(const struct tile_run_rays *rays, uint32_t lane)
+{
+    return vec3(rays->direction[0][lane], rays->direction[1][lane], rays->direction[2][lane]);
+}
+static inline struct kiln_vec3 rays_facet(const struct tile_run_rays *rays, uint32_t lane)
+{
+    return vec3(rays->facet[0][lane], rays->facet[1][lane], rays->facet[2][lane]);
+}
 /* The ray of a lane made last, with what it has hit. */
 struct RTCRayHit rays_lane(const struct tile_run_rays *rays, uint32_t lane);
 static inline bool rays_is_blocked(const struct tile_run_rays *rays, uint32_t lane)

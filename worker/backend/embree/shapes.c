@@ -6,9 +6,7 @@
 #include "worker/backend/embree/frame.h"
 #include "worker/backend/embree/tile_runs.h"
 #include "worker/base/memory.h"
-#include "worker/scene/texture.h"
-
-enum { SIDE = 8, PLACES = SIDE * SIDE };
+#include "worker/light/lamp_textures.h"
 
 static int work_create(void **work, const struct embree_backend *b, const void *parameters,
                        const struct kiln_batch *part, struct kiln_error *error)
@@ -21,6 +19,8 @@ static int work_create(void **work, const struct embree_backend *b, const void *
 }
 
 static void work_destroy(void **work) { kiln_free(work); }
+
+enum { SIDE = 8, PLACES = SIDE * SIDE };
 
 static float number(uint32_t i) { return ((float)i + 0.5f) / SIDE; }
 
@@ -37,21 +37,49 @@ static bool emits(const struct tile_run_frame *f, const struct embree_backend *b
     return false;
 }
 
-/* Mean radiance of the point's texel. */
+enum { CELLS = 8 }; /* of lamps' textures, along a part of a texel */
+
+/* Adds what a polygon of a triangle sends, which has such a share of the point's area. */
+static void add_emission(const struct embree_backend *b, uint32_t triangle, const double (*polygon)[2],
+                         uint32_t corners, double share, double sum[3])
+{
+    double mean[3], square;
+    if (!(share > 0.0) || (b->params.geometry->records[triangle].material & KILN_RECORD_EMITS) == 0)
+        return;
+    kiln_lamp_mean(b->params.lights->textures, triangle, polygon, corners, CELLS, mean, &square);
+    for (int c = 0; c < 3; c++)
+        sum[c] += share * mean[c];
+}
+
+static void add_whole(const struct embree_backend *b, const struct kiln_footprint *p, double sum[3])
+{
+    double polygon[4][2];
+    for (int i = 0; i < 4; i++)
+        for (int k = 0; k < 2; k++)
+            polygon[i][k] = (double)p->whole.b[k] + (i == 1 || i == 2 ? (double)p->whole.b_du[k] : 0.0) +
+                            (i >= 2 ? (double)p->whole.b_dv[k] : 0.0);
+    add_emission(b, p->pieces[0], (const double(*)[2])polygon, 4, 1.0, sum);
+}
+
+/* W/m2, of what is there of the point's texel. */
 static void find_emission(const struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, float emission[3])
 {
-    const struct kiln_scene *scene = b->params.scene;
-    const struct kiln_geometry *g = b->params.geometry;
-    for (uint32_t i = 0; i < PLACES; i++) {
-        uint32_t triangle;
-        float b1, b2, s1, s2, rgb[3];
-        kiln_footprint_sample(&f->footprint[j], number(i % SIDE), number(i / SIDE), &triangle, &b1, &b2);
-        kiln_geometry_stored_barycentrics(scene, g, triangle, b1, b2, &s1, &s2);
-        kiln_surface_emission(scene, &scene->meshes[scene->objects[g->records[triangle].object].mesh],
-                              g->stored_triangle[triangle], s1, s2, rgb);
-        for (int c = 0; c < 3; c++)
-            emission[c] += (float)(KILN_PI / PLACES) * rgb[c];
+    const struct kiln_footprint *p = &f->footprint[j];
+    double sum[3] = {0.0, 0.0, 0.0}, before = 0.0;
+    if (p->kind == KILN_FOOTPRINT_WHOLE)
+        add_whole(b, p, sum);
+    for (uint32_t i = 0; i < p->piece_count && p->kind != KILN_FOOTPRINT_WHOLE; i++) {
+        struct kiln_footprint_triangle triangles[KILN_FOOTPRINT_TRIANGLES];
+        const uint32_t count = kiln_footprint_triangles(p, i, triangles);
+        for (uint32_t k = 0; k < count; k++) {
+            const struct kiln_footprint_triangle *t = &triangles[k];
+            const double polygon[3][2] = {{t->b1[0], t->b2[0]}, {t->b1[1], t->b2[1]}, {t->b1[2], t->b2[2]}};
+            add_emission(b, t->triangle, polygon, 3, t->until - before, sum);
+            before = t->until;
+        }
     }
+    for (int c = 0; c < 3 && f->present[j] > 0.0f; c++)
+        emission[c] = (float)(KILN_PI * sum[c] / (double)f->present[j]);
 }
 
 /* ---- points that are no square of one triangle ---- */

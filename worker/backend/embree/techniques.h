@@ -26,10 +26,4 @@ static inline double techniques_emission(const struct kiln_caustic_techniques *t
     return (double)t->iterations * kiln_aims_density(t->aims, light, v->m.triangle, place, direction);
 }
 
-/* s of caustic_weights.h. */
-static inline double techniques_connections(const struct kiln_caustic_techniques *t)
-{
-    return t->kept == NULL ? 0.0 : t->connections / ((double)t->iterations * (double)t->aims->paths);
-}
-
 #endif

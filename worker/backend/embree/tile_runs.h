@@ -28,7 +28,7 @@ int embree_each_tile_run(struct embree_backend *b, const struct tile_run_pass *p
 /* Where the light of groups is to be put, of a tile run of the present part: all zeros; NULL: nobody asks. */
 static inline float *embree_group_run(const struct embree_backend *b, size_t tile_run)
 {
-    const struct kiln_groups *g = b->base.groups;
+    const struct kiln_groups *g = b->base.given.groups;
     const struct kiln_tile_run *run = &b->surface->tile_runs[tile_run];
     if (g == NULL)
         return NULL;
@@ -40,7 +40,7 @@ static inline float *embree_group_run(const struct embree_backend *b, size_t til
 /* Of the tile run's point at `place`. */
 static inline float *embree_group_answers(float *run, const struct embree_backend *b, uint32_t place)
 {
-    return run + (size_t)place * b->base.groups->lights->count * KILN_GROUP_FLOATS;
+    return run + (size_t)place * b->base.given.groups->lights->count * KILN_GROUP_FLOATS;
 }
 
 #endif

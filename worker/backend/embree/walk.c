@@ -88,8 +88,8 @@ static void add_sample(struct walk *w, const struct meeting *m, const struct kil
 {
     const double above = dvec3_dot(dvec3_of(m->normal), sample->direction),
                  cosine = dvec3_dot(dvec3_of(m->shading), sample->direction);
-    const struct kiln_vec3 start = vec3_madd(m->position, m->normal, m->offset);
-    if (!(above > 0.0) || !(cosine > 0.0))
+    const struct kiln_vec3 start = vec3_madd(m->position, m->normal, m->offset + m->lift);
+    if (!(m->lifted || above > 0.0) || !(cosine > 0.0))
         return;
     w->rays++;
     shadow_aim(sample, dvec3_of(m->position), dvec3_of(start));
@@ -107,7 +107,8 @@ void walk_lights(struct walk *w, const struct meeting *m, uint32_t surface, uint
                  float sum[3])
 {
     const struct kiln_lights *lights = w->b->params.lights;
-    size_t count = kiln_lights_choices(lights, dvec3_of(m->position), 0.0, dvec3_of(m->normal), 1, w->choices);
+    const struct kiln_dvec3 n = m->lifted ? dvec3(0.0, 0.0, 0.0) : dvec3_of(m->normal); /* from below it, too */
+    size_t count = kiln_lights_choices(lights, dvec3_of(m->position), 0.0, n, 1, w->choices);
     if (light_sky_is_constant(lights))
         count--; /* the environment is the last choice */
     for (size_t i = 0; i < count; i++) {

@@ -38,7 +38,7 @@ static int load_calls(struct acceleration *a, struct kiln_error *error)
                                                                               "vkCmdBuildAccelerationStructuresKHR")};
     if (a->calls.sizes == NULL || a->calls.create == NULL || a->calls.destroy == NULL || a->calls.address == NULL ||
         a->calls.build == NULL)
-        return kiln_fail(error, KILN_NO_DEVICE, "%s has no acceleration structures; use --traversal compute",
+        return kiln_fail(error, KILN_NO_DEVICE, "%s has no acceleration structures; set KILN_TRAVERSAL=compute",
                          gpu_about(a->gpu)->name);
     return KILN_OK;
 }
@@ -194,14 +194,18 @@ static int build(struct acceleration *a, const struct kiln_geometry *g, struct k
 }
 
 /* Offsets into the index buffer are 32 bits wide. */
+static const uint64_t MOST_TRIANGLES = UINT32_MAX / (3 * sizeof(uint32_t));
+
+bool acceleration_can(const struct kiln_geometry *geometry) { return geometry->triangle_count <= MOST_TRIANGLES; }
+
 static int check_size(const struct kiln_geometry *g, struct kiln_error *error)
 {
-    const uint64_t most = UINT32_MAX / (3 * sizeof(uint32_t));
-    if (g->triangle_count <= most)
+    if (acceleration_can(g))
         return KILN_OK;
     return kiln_fail(error, KILN_NO_DEVICE,
-                     "%zu triangles are more than the ray-tracing pipeline takes (%llu); use --traversal compute",
-                     g->triangle_count, (unsigned long long)most);
+                     "%zu triangles are more than the ray-tracing pipeline takes (%llu); do not set "
+                     "KILN_TRAVERSAL=pipeline",
+                     g->triangle_count, (unsigned long long)MOST_TRIANGLES);
 }
 
 int acceleration_create(struct acceleration **acceleration, struct gpu *gpu, const struct kiln_geometry *geometry,

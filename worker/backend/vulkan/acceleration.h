@@ -6,6 +6,7 @@
 #ifndef KILN_WORKER_BACKEND_VULKAN_ACCELERATION_H
 #define KILN_WORKER_BACKEND_VULKAN_ACCELERATION_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "worker/backend/vulkan/gpu/gpu.h"
@@ -13,6 +14,8 @@
 
 struct acceleration;
 
+/* Whether it holds so many triangles: 2^32 bytes of indices. */
+bool acceleration_can(const struct kiln_geometry *geometry);
 /* Builds it on a device whose description says ray_tracing; waits until it is there. Vertices and indices are on the
  * device only meanwhile. The gpu is borrowed and must outlive it. KILN_NO_DEVICE when the device refuses, with its
  * reason. */

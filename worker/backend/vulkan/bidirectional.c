@@ -422,4 +422,4 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     return vulkan_run_to_end(b, run_left, parameters, batch, rays, error);
 }
 
-const struct vulkan_pass vulkan_pass_bidirectional = {.run = run};
+const struct vulkan_pass vulkan_pass_bidirectional = {.run = run, .release = vulkan_bidirectional_release};

@@ -9,7 +9,15 @@
 
 #include "worker/base/memory.h"
 
-enum { LEAF_MOST = 3 /* as many as a child of struct kiln_gpu_node8 tells */, DEPTH_LIMIT = 40, WIDTH_MOST = 8 };
+enum { LEAF_MOST = 3 /* as many as a child of struct kiln_gpu_node8 tells */, WIDTH_MOST = 8 };
+enum {
+    DEPTH_LIMIT = 40,
+    /* No walk of a tree so deep needs a deeper stack than shaders have: three entries a level four-wide, one
+     * eight-wide. 2^29 leaves below depth 12 are no deeper. */
+    DEPTH_MOST = (KILN_GPU_STACK4 - 1) / 3,
+    DEPTH_LIMIT_LEAST = DEPTH_MOST - 29
+};
+_Static_assert(DEPTH_MOST <= KILN_GPU_STACK8, "eight-wide walks need no more");
 enum { TASK_TRIANGLES = 2048 }; /* a subtree with fewer is not worth a task of its own */
 
 struct box {
@@ -29,7 +37,7 @@ struct bvh {
     size_t node_count;
     uint32_t *order; /* world triangles, leaf by leaf */
     size_t order_count;
-    uint32_t depth_limit, depth, threads;
+    uint32_t depth_limit, threads;
     bool of_device; /* it built the tree */
 };
 
@@ -278,6 +286,7 @@ static void flatten(struct flattening *f, uint32_t at, const struct built *from,
     flatten(f, child + 1, second, beside);
 }
 
+/* Cut evenly from its depth limit on; while it is too deep, from a lesser one on. */
 static int flatten_root(struct bvh *bvh, const struct built *root, const struct box *bounds, struct kiln_error *error)
 {
     struct flattening f = {.bvh = bvh, .status = KILN_OK};
@@ -287,10 +296,12 @@ static int flatten_root(struct bvh *bvh, const struct built *root, const struct 
     if (status != KILN_OK)
         return status;
     bvh->nodes[0].box = *bounds;
+    do {
+        f.depth = 0;
 #pragma omp parallel num_threads((int)bvh->threads)
 #pragma omp single
-    flatten(&f, 0, root, (struct place){.node = 1});
-    bvh->depth = f.depth;
+        flatten(&f, 0, root, (struct place){.node = 1});
+    } while (f.status == KILN_OK && f.depth > DEPTH_MOST && --bvh->depth_limit >= DEPTH_LIMIT_LEAST);
     return f.status == KILN_OK ? KILN_OK : kiln_fail(error, f.status, "%s", f.error.message);
 }
 
@@ -590,20 +601,6 @@ static uint32_t child_code(const struct bvh *bvh, const struct family *family, u
     return count == 0 ? family->place[i] : KILN_GPU_LEAF | (count - 1u) << KILN_GPU_LEAF_COUNT_SHIFT | family->place[i];
 }
 
-static void encode2(const struct bvh *bvh, const struct family *family, struct kiln_gpu_node2 *to)
-{
-    *to = (struct kiln_gpu_node2){.unused = {0, 0}};
-    for (uint32_t i = 0; i < 2; i++) {
-        const uint32_t from = family->member[i] != KILN_GPU_NONE ? i : 0; /* an only child, a leaf, is there twice */
-        const struct box *box = &bvh->nodes[family->member[from]].box;
-        const float xy[4] = {box->lower[0], box->upper[0], box->lower[1], box->upper[1]};
-        memcpy(to->xy[i], xy, sizeof xy);
-        to->z[2 * i] = box->lower[2];
-        to->z[2 * i + 1] = box->upper[2];
-        to->child[i] = child_code(bvh, family, from);
-    }
-}
-
 static void encode4(const struct bvh *bvh, const struct family *family, struct kiln_gpu_node4 *to)
 {
     const float nowhere = 3.0e38f;
@@ -734,9 +731,7 @@ static void measure(const struct export *e, uint32_t from)
 
 static void encode(const struct export *e, const struct family *family, uint32_t from, uint32_t at)
 {
-    if (e->kind == KILN_TRAVERSAL_BINARY)
-        encode2(e->bvh, family, (struct kiln_gpu_node2 *)e->layout->nodes + at);
-    else if (e->kind == KILN_TRAVERSAL_FOUR)
+    if (e->kind == KILN_TRAVERSAL_FOUR)
         encode4(e->bvh, family, (struct kiln_gpu_node4 *)e->layout->nodes + at);
     else
         encode8(e->bvh, family, from, (struct kiln_gpu_node8 *)e->layout->nodes + at);
@@ -791,40 +786,20 @@ static int fill_all(struct export *e, struct kiln_error *error)
     return KILN_OK;
 }
 
-static int export_tree(struct bvh_layout *layout, const struct bvh *bvh, uint32_t kind, struct kiln_error *error)
-{
-    const uint32_t width[] = {0, 2, 4, 8}, room[] = {0, KILN_GPU_STACK2, KILN_GPU_STACK4, KILN_GPU_STACK8};
-    const size_t size[] = {0, sizeof(struct kiln_gpu_node2), sizeof(struct kiln_gpu_node4),
-                           sizeof(struct kiln_gpu_node8)};
-    struct export e = {.bvh = bvh, .layout = layout, .kind = kind, .width = width[kind]};
-    layout->node_size = size[kind];
-    int status = fill_all(&e, error);
-    kiln_free(&e.extents);
-    layout->stack += kind == KILN_TRAVERSAL_EIGHT ? 0 : 1; /* the entry that ends the walk */
-    if (status == KILN_OK && layout->stack > room[kind])
-        status =
-            kiln_fail(error, KILN_BAD_INPUT,
-                      "the %u-wide layout of the BVH needs a stack of %u entries and shaders have %u: use --traversal "
-                      "binary",
-                      width[kind], layout->stack, room[kind]);
-    return status;
-}
-
 int bvh_layout_create(struct bvh_layout *layout, const struct bvh *bvh, uint32_t traversal, struct kiln_error *error)
 {
-    *layout = (struct bvh_layout){NULL, 0, 0, NULL, 0, 0};
+    const bool four = traversal == KILN_TRAVERSAL_FOUR;
+    struct export e = {.bvh = bvh, .layout = layout, .kind = traversal, .width = four ? 4 : 8};
+    *layout = (struct bvh_layout){.node_size = four ? sizeof(struct kiln_gpu_node4) : sizeof(struct kiln_gpu_node8)};
     assert(traversal <= KILN_TRAVERSAL_EIGHT);
     int status = allocate_untouched(&layout->triangles, bvh->order_count, sizeof *layout->triangles,
                                     "the triangles of the BVH", error);
     layout->triangle_count = status == KILN_OK ? bvh->order_count : 0;
-    if (status == KILN_OK && traversal != KILN_TRAVERSAL_BRUTE)
-        status = export_tree(layout, bvh, traversal, error);
-    else if (status == KILN_OK)
-        for (size_t i = 0; i < bvh->order_count; i++)
-            place_triangle(layout, i, bvh->geometry,
-                           kiln_geometry_hittable_count(bvh->geometry) != 0
-                               ? (uint32_t)kiln_geometry_hittable(bvh->geometry, i)
-                               : KILN_GPU_NONE);
+    if (status == KILN_OK)
+        status = fill_all(&e, error);
+    kiln_free(&e.extents);
+    layout->stack += four ? 1 : 0; /* the entry that ends the walk */
+    assert(layout->stack <= (four ? KILN_GPU_STACK4 : KILN_GPU_STACK8));
     if (status != KILN_OK)
         bvh_layout_free(layout);
     return status;
@@ -835,28 +810,4 @@ void bvh_layout_free(struct bvh_layout *layout)
     kiln_free(&layout->nodes);
     kiln_free(&layout->triangles);
     *layout = (struct bvh_layout){NULL, 0, 0, NULL, 0, 0};
-}
-
-/* Whether any walk of the layout fits the stack, without making it: the tree's depth bounds it. */
-static bool surely_fits(const struct bvh *bvh, uint32_t kind)
-{
-    return kind == KILN_TRAVERSAL_EIGHT ? bvh->depth <= KILN_GPU_STACK8
-                                        : kind != KILN_TRAVERSAL_FOUR || 3 * bvh->depth < KILN_GPU_STACK4;
-}
-
-size_t bvh_candidates(const struct bvh *bvh, bool software, uint32_t *candidates, size_t room)
-{
-    /* On an H200 four-wide was the fastest from 46 triangles to 4 million (binary 5 to 10 % behind, compressed
-     * eight-wide 10 to 55 %, all triangles tested 45 % behind at 46); on Mesa's software device eight-wide was twice as
-     * fast as any other, and has the shortest loops. Exporting a layout of millions of triangles takes longer than it
-     * may win. */
-    const uint32_t real[] = {KILN_TRAVERSAL_FOUR, KILN_TRAVERSAL_BINARY, KILN_TRAVERSAL_EIGHT};
-    const uint32_t played[] = {KILN_TRAVERSAL_EIGHT, KILN_TRAVERSAL_BINARY};
-    const uint32_t *from = software ? played : real;
-    const size_t from_count = software || bvh->order_count > 1u << 20 ? 2 : 3;
-    size_t count = 0;
-    for (size_t i = 0; i < from_count && count < room; i++)
-        if (surely_fits(bvh, from[i]))
-            candidates[count++] = from[i];
-    return count;
 }

@@ -19,7 +19,8 @@ struct bvh;
 /* Zero means default in every field. */
 struct bvh_params {
     uint32_t threads;     /* of the build and of layouts; 0: all of the machine's cores that this process may use */
-    uint32_t depth_limit; /* below this depth subtrees are cut in equal halves; 0: 40 */
+    uint32_t depth_limit; /* below this depth, or a lesser one where walks would need more than their stack, subtrees
+                           * are cut in equal halves; 0: 40 */
 };
 
 /* Builds the tree. The geometry is borrowed and must outlive it. KILN_SYSTEM when memory runs out, KILN_BAD_INPUT
@@ -40,19 +41,14 @@ float bvh_margin(const struct kiln_geometry *g);
 
 /* A layout in plain memory, ready to be uploaded as it is. */
 struct bvh_layout {
-    void *nodes; /* node_count of node_size bytes; none for brute force */
+    void *nodes; /* node_count of node_size bytes */
     size_t node_count, node_size;
     struct kiln_gpu_triangle *triangles; /* in the order of leaves; at least one */
     size_t triangle_count;
     uint32_t stack; /* entries that a walk may need, at most what shaders have */
 };
-/* Exports one layout (a KILN_TRAVERSAL_* but for the pipeline). KILN_BAD_INPUT when its walk could need a deeper stack
- * than shaders have (never for brute force and binary). Free with bvh_layout_free. */
+/* Exports one layout: KILN_TRAVERSAL_FOUR or KILN_TRAVERSAL_EIGHT. Free with bvh_layout_free. */
 int bvh_layout_create(struct bvh_layout *layout, const struct bvh *bvh, uint32_t traversal, struct kiln_error *error);
 void bvh_layout_free(struct bvh_layout *layout);
-
-/* Values of TRAVERSAL that are worth timing on a device, the likeliest first; at most `room`. The first is the default.
- * Leaves out the ray-tracing pipeline and layouts that would need too deep a stack. */
-size_t bvh_candidates(const struct bvh *bvh, bool software, uint32_t *candidates, size_t room);
 
 #endif

@@ -4,9 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "shaders/bvh_cluster.h"
-#include "shaders/bvh_layout.h"
-#include "shaders/bvh_sort.h"
+#include "shaders/modules.h"
 #include "shaders/shared/push.h"
 #include "worker/backend/vulkan/bvh_top.h"
 #include "worker/base/memory.h"
@@ -17,7 +15,7 @@ enum {
     FEW_LEFT_PART = 8, /* neighbours are joined as they stand after rounds that join fewer than one in so many */
     CODE_BITS = 64,    /* of keys */
     STEPS_MOST = 96,   /* of a submission */
-    LEVELS_MOST = KILN_GPU_STACK2
+    LEVELS_MOST = (KILN_GPU_STACK4 - 1) / 3 /* of a layout, so that a walk's stack holds what its levels ask for */
 };
 
 enum kernel { SORT, CLUSTER, LAYOUT, KERNELS };
@@ -152,11 +150,9 @@ static int run_and_ask(struct script *s, const struct bvh_device *t, struct kiln
 static int make_kernels(struct bvh_device *t, struct kiln_error *error)
 {
     static const struct gpu_kernel_params params[KERNELS] = {
-        [SORT] = {.name = "bvh_sort", .code = kiln_spirv_bvh_sort, .code_bytes = sizeof kiln_spirv_bvh_sort},
-        [CLUSTER] = {.name = "bvh_cluster",
-                     .code = kiln_spirv_bvh_cluster,
-                     .code_bytes = sizeof kiln_spirv_bvh_cluster},
-        [LAYOUT] = {.name = "bvh_layout", .code = kiln_spirv_bvh_layout, .code_bytes = sizeof kiln_spirv_bvh_layout}};
+        [SORT] = {.name = "bvh_sort", .code = &kiln_code_bvh_sort},
+        [CLUSTER] = {.name = "bvh_cluster", .code = &kiln_code_bvh_cluster},
+        [LAYOUT] = {.name = "bvh_layout", .code = &kiln_code_bvh_layout}};
     int status = KILN_OK;
     for (int i = 0; i < KERNELS && status == KILN_OK; i++)
         status = gpu_kernel_create(t->gpu, &t->kernels[i], &params[i], error);
@@ -420,23 +416,20 @@ void bvh_device_destroy(struct bvh_device **tree)
 /* The tasks of each level of a layout. */
 struct levels {
     uint32_t first[LEVELS_MOST + 1]; /* and behind the last */
-    uint32_t count, width;
+    uint32_t count;
 };
 
-static uint32_t stack_of(uint32_t width, uint32_t levels) { return (width - 1) * levels + 1; }
-
 /* From the root down, to what a stack can hold. */
-static int open_levels(struct bvh_device *t, struct script *s, struct levels *l, uint32_t most,
-                       struct kiln_error *error)
+static int open_levels(struct bvh_device *t, struct script *s, struct levels *l, struct kiln_error *error)
 {
     const struct kiln_gpu_bvh_task root = {.node = 2 * t->count - 2, .free = 1};
     uint32_t open = 1;
     int status = gpu_upload(t->gpu, &t->arrays[TASKS], 0, &root, sizeof root, error);
     l->count = l->first[0] = 0;
-    for (; open > 0 && l->count < most && status == KILN_OK; l->count++) {
+    for (; open > 0 && l->count < LEVELS_MOST && status == KILN_OK; l->count++) {
         const uint32_t next = l->first[l->count] + open;
         struct kiln_gpu_bvh_push push = {
-            .count = open, .first = l->first[l->count], .next = next, .width = l->width, .stage = KILN_BVH_OPEN};
+            .count = open, .first = l->first[l->count], .next = next, .stage = KILN_BVH_OPEN};
         add(s, t, LAYOUT, open, push);
         push.stage = KILN_BVH_LEVEL;
         add(s, t, LAYOUT, 64, push);
@@ -454,10 +447,10 @@ static int open_levels(struct bvh_device *t, struct script *s, struct levels *l,
 static int write_layout(struct bvh_device *t, struct script *s, const struct levels *l,
                         struct bvh_device_layout *layout, struct kiln_error *error)
 {
-    const size_t size = l->width == 2 ? sizeof(struct kiln_gpu_node2) : sizeof(struct kiln_gpu_node4);
     layout->node_count = l->first[l->count];
     layout->triangle_count = t->count;
-    int status = gpu_buffer_create(t->gpu, &layout->nodes, layout->node_count * size, GPU_DEVICE, "the BVH", error);
+    int status = gpu_buffer_create(t->gpu, &layout->nodes, layout->node_count * sizeof(struct kiln_gpu_node4),
+                                   GPU_DEVICE, "the BVH", error);
     if (status == KILN_OK)
         status = gpu_buffer_create(t->gpu, &layout->triangles, t->count * sizeof(struct kiln_gpu_triangle), GPU_DEVICE,
                                    "the BVH's triangles", error);
@@ -484,54 +477,42 @@ static int write_layout(struct bvh_device *t, struct script *s, const struct lev
     if (status != KILN_OK)
         return status;
     add(s, t, LAYOUT, (uint32_t)layout->node_count,
-        (struct kiln_gpu_bvh_push){.stage = KILN_BVH_WRITE, .count = (uint32_t)layout->node_count, .width = l->width});
+        (struct kiln_gpu_bvh_push){.stage = KILN_BVH_WRITE, .count = (uint32_t)layout->node_count});
     return run(s, t, error);
 }
 
-bool bvh_device_makes(uint32_t traversal)
-{
-    return traversal == KILN_TRAVERSAL_BINARY || traversal == KILN_TRAVERSAL_FOUR;
-}
-
 /* The levels of a layout; *too_deep: there are more than a stack can hold. */
-static int find_levels(struct bvh_device *t, struct script *s, uint32_t traversal, struct levels *l, bool *too_deep,
+static int find_levels(struct bvh_device *t, struct script *s, struct levels *l, bool *too_deep,
                        struct kiln_error *error)
 {
-    const bool binary = traversal == KILN_TRAVERSAL_BINARY;
-    const uint32_t room = binary ? KILN_GPU_STACK2 : KILN_GPU_STACK4;
     int status = KILN_OK;
-    uint32_t most = 0;
-    assert(bvh_device_makes(traversal));
-    *l = (struct levels){.width = binary ? 2 : 4};
-    while (stack_of(l->width, most + 1) <= room)
-        most++;
-    assert(most < LEVELS_MOST);
+    *l = (struct levels){.count = 0};
     if (t->arrays[TASKS].address == 0) {
         status = gpu_buffer_create(t->gpu, &t->arrays[TASKS], (size_t)bytes_of(t->count, t->geometry, TASKS),
                                    GPU_DEVICE, what, error);
         status = status == KILN_OK ? bring_root(t, error) : status;
     }
     if (status == KILN_OK)
-        status = open_levels(t, s, l, most, error);
-    *too_deep = l->count > most;
+        status = open_levels(t, s, l, error);
+    *too_deep = l->count > LEVELS_MOST;
     return status;
 }
 
-int bvh_device_fits(struct bvh_device *tree, uint32_t traversal, bool *fits, struct kiln_error *error)
+int bvh_device_fits(struct bvh_device *tree, bool *fits, struct kiln_error *error)
 {
     struct levels levels;
     struct script *s = NULL;
     bool too_deep = false;
     int status = kiln_allocate(&s, 1, sizeof *s, what, error);
     if (status == KILN_OK)
-        status = find_levels(tree, s, traversal, &levels, &too_deep, error);
+        status = find_levels(tree, s, &levels, &too_deep, error);
     *fits = !too_deep;
     kiln_free(&s);
     return status;
 }
 
-int bvh_device_layout_create(struct bvh_device *tree, uint32_t traversal, struct bvh_device_layout *layout,
-                             bool *too_deep, struct kiln_error *error)
+int bvh_device_layout_create(struct bvh_device *tree, struct bvh_device_layout *layout, bool *too_deep,
+                             struct kiln_error *error)
 {
     struct levels levels = {.count = 0};
     struct script *s = NULL;
@@ -539,8 +520,8 @@ int bvh_device_layout_create(struct bvh_device *tree, uint32_t traversal, struct
     *too_deep = false;
     int status = kiln_allocate(&s, 1, sizeof *s, what, error);
     if (status == KILN_OK)
-        status = find_levels(tree, s, traversal, &levels, too_deep, error);
-    layout->stack = stack_of(levels.width, levels.count);
+        status = find_levels(tree, s, &levels, too_deep, error);
+    layout->stack = 3 * levels.count + 1;
     if (status == KILN_OK && !*too_deep)
         status = write_layout(tree, s, &levels, layout, error);
     if (status != KILN_OK)

@@ -38,20 +38,18 @@ int bvh_device_create(struct bvh_device **tree, struct gpu *gpu, const struct ki
                       struct kiln_error *error);
 void bvh_device_destroy(struct bvh_device **tree);
 
-/* A layout on the device; whoever asks for it destroys the buffers. */
+/* The four-wide layout on the device; whoever asks for it destroys the buffers. */
 struct bvh_device_layout {
     struct gpu_buffer nodes, triangles;
     size_t node_count, triangle_count;
     uint32_t stack; /* entries that a walk may need at most */
 };
-/* Whether the device makes layouts of this kind: two children and four. */
-bool bvh_device_makes(uint32_t traversal);
-/* Whether no walk of that layout needs a deeper stack than shaders have. */
-int bvh_device_fits(struct bvh_device *tree, uint32_t traversal, bool *fits, struct kiln_error *error);
-/* Makes one. *too_deep: a walk might need a deeper stack than shaders have; then no buffer is made, and
+/* Whether no walk of it needs a deeper stack than shaders have. */
+int bvh_device_fits(struct bvh_device *tree, bool *fits, struct kiln_error *error);
+/* Makes it. *too_deep: a walk might need a deeper stack than shaders have; then no buffer is made, and
  * bvh_device_fetch has a tree that is cut evenly where it is too deep. */
-int bvh_device_layout_create(struct bvh_device *tree, uint32_t traversal, struct bvh_device_layout *layout,
-                             bool *too_deep, struct kiln_error *error);
+int bvh_device_layout_create(struct bvh_device *tree, struct bvh_device_layout *layout, bool *too_deep,
+                             struct kiln_error *error);
 void bvh_device_layout_free(struct bvh_device_layout *layout, struct gpu *gpu);
 
 /* The same tree for the host, for layouts that the device does not make. */

@@ -3,12 +3,6 @@
 #include "worker/backend/vulkan/hemisphere.h"
 #include "worker/pass/caustic.h"
 
-#include "shaders/caustic.h"
-#include "shaders/caustic_float.h"
-#include "shaders/caustic_pipeline.h"
-#include "shaders/caustic_pipeline_float.h"
-#include "shaders/gather_reduce.h"
-
 static const struct vulkan_shader caustic_shader = {.name = "caustic",
                                                     .compute = VULKAN_CODE(caustic),
                                                     .pipeline = VULKAN_CODE(caustic_pipeline),

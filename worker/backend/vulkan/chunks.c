@@ -78,15 +78,6 @@ struct run {
     bool refused;  /* whoever takes the answers has failed: no failure of the device */
 };
 
-int vulkan_grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory,
-                       const char *what, struct kiln_error *error)
-{
-    if (gpu_guarded(b->gpu) ? buffer->size == size : buffer->size >= size)
-        return KILN_OK;
-    gpu_buffer_destroy(b->gpu, buffer);
-    return gpu_buffer_create(b->gpu, buffer, size, memory, what, error);
-}
-
 int vulkan_slot_room(struct vulkan_backend *b, struct vulkan_slot *slot, size_t bytes, const char *what,
                      struct kiln_error *error)
 {

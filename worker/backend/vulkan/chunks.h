@@ -34,10 +34,6 @@ void vulkan_record(struct vulkan_recording *recording, struct gpu_kernel *kernel
 void vulkan_record_copy(struct vulkan_recording *recording, const struct gpu_buffer *from, const struct gpu_buffer *to,
                         size_t size);
 
-/* A buffer of a slot, with at least `size` bytes (guarded: as many); what it held is lost. Nothing uses it. */
-int vulkan_grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory,
-                       const char *what, struct kiln_error *error);
-
 /* Room for so many bytes in the slot's `guides`; for half as many again where it grows, since chunks do. */
 int vulkan_slot_room(struct vulkan_backend *b, struct vulkan_slot *slot, size_t bytes, const char *what,
                      struct kiln_error *error);

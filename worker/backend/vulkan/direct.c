@@ -7,23 +7,6 @@
 
 #include "shaders/shared/sun_pilot.h"
 
-#include "shaders/choose.h"
-#include "shaders/choose_float.h"
-#include "shaders/direct.h"
-#include "shaders/direct_float.h"
-#include "shaders/direct_groups.h"
-#include "shaders/direct_groups_float.h"
-#include "shaders/direct_pilot.h"
-#include "shaders/direct_pilot_float.h"
-#include "shaders/direct_pilot_pipeline.h"
-#include "shaders/direct_pilot_pipeline_float.h"
-#include "shaders/direct_pipeline.h"
-#include "shaders/direct_pipeline_float.h"
-#include "shaders/direct_precise.h"
-#include "shaders/direct_precise_pipeline.h"
-#include "shaders/direct_reduce.h"
-#include "shaders/direct_reduce_float.h"
-
 static const struct vulkan_shader choose_shader = {
     .name = "direct: choices of lights", .compute = VULKAN_CODE(choose), .compute_float = VULKAN_CODE(choose_float)};
 static const struct vulkan_shader pilot_shader = {.name = "direct: pilots",

@@ -3,15 +3,6 @@
 #include "worker/backend/vulkan/hemisphere.h"
 #include "worker/pass/directional.h"
 
-#include "shaders/directional.h"
-#include "shaders/directional_float.h"
-#include "shaders/directional_gloss.h"
-#include "shaders/directional_gloss_float.h"
-#include "shaders/directional_gloss_pipeline.h"
-#include "shaders/directional_gloss_pipeline_float.h"
-#include "shaders/directional_pipeline.h"
-#include "shaders/directional_pipeline_float.h"
-#include "shaders/directional_reduce.h"
 #include "shaders/shared/streams.h"
 
 static const struct vulkan_shader gloss_shader = {.name = "directional with gloss",

@@ -5,13 +5,6 @@
 #include "worker/backend/vulkan/bright.h"
 #include "worker/base/memory.h"
 
-#include "shaders/bright.h"
-#include "shaders/bright_float.h"
-#include "shaders/bright_pipeline.h"
-#include "shaders/bright_pipeline_float.h"
-#include "shaders/directions.h"
-#include "shaders/directions_pipeline.h"
-
 static const struct vulkan_shader directions_shader = {
     .name = "gather by directions", .compute = VULKAN_CODE(directions), .pipeline = VULKAN_CODE(directions_pipeline)};
 
@@ -107,4 +100,11 @@ static bool takes(const struct vulkan_backend *b, const void *parameters)
     return b->probes == NULL && !b->materials.gloss;
 }
 
-const struct vulkan_pass vulkan_pass_directions = {.run = run, .takes = takes};
+static void give_back(struct vulkan_backend *b)
+{
+    gpu_buffer_destroy(b->gpu, &b->row_lights);
+    gpu_buffer_destroy(b->gpu, &b->direction_set);
+    vulkan_bright_release(b);
+}
+
+const struct vulkan_pass vulkan_pass_directions = {.run = run, .takes = takes, .release = give_back};

@@ -7,16 +7,6 @@
 #include "worker/pass/gather.h"
 #include "worker/pass/rows.h"
 
-#include "shaders/chains.h"
-#include "shaders/chains_add.h"
-#include "shaders/chains_pipeline.h"
-#include "shaders/gather.h"
-#include "shaders/gather_gloss.h"
-#include "shaders/gather_gloss_pipeline.h"
-#include "shaders/gather_pipeline.h"
-#include "shaders/gather_reduce.h"
-#include "shaders/gather_reduce_gloss.h"
-
 static const struct vulkan_shader gloss_shader = {
     .name = "gather with gloss", .compute = VULKAN_CODE(gather_gloss), .pipeline = VULKAN_CODE(gather_gloss_pipeline)};
 static const struct vulkan_shader gather_shader = {
@@ -82,12 +72,12 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
 {
     (void)parameters;
     const uint64_t own[2] = {0, 0}; /* filled in for each chunk */
-    if (b->base.rows != NULL && vulkan_keeps_rows(b) && batch->samples <= b->base.rows->samples)
+    if (b->base.given.rows != NULL && vulkan_keeps_rows(b) && batch->samples <= b->base.given.rows->samples)
         return vulkan_gather_rows(b, batch, rays, error);
     struct vulkan_hemisphere pass = vulkan_gather_pass(b, batch, own);
     shorten(b, batch, &pass);
-    return b->base.groups != NULL ? vulkan_gather_groups(b, &pass, batch, rays, error)
-                                  : vulkan_hemisphere_run(b, &pass, batch, rays, error);
+    return b->base.given.groups != NULL ? vulkan_gather_groups(b, &pass, batch, rays, error)
+                                        : vulkan_hemisphere_run(b, &pass, batch, rays, error);
 }
 
 int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,

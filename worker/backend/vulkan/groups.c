@@ -36,7 +36,7 @@ static struct kiln_gpu_light_block block_of(const struct kiln_light_block *from)
 int vulkan_groups_of_lights(struct vulkan_backend *b, struct kiln_error *error)
 {
     const struct kiln_lights *l = b->params.lights;
-    const struct kiln_light_groups *g = b->base.groups->lights;
+    const struct kiln_light_groups *g = b->base.given.groups->lights;
     const size_t tree = (l->area_count + l->point_count) * sizeof *g->of_tree,
                  directional = l->directional_count * sizeof *g->of_directional,
                  blocks = l->area_count * sizeof(struct kiln_gpu_light_block),
@@ -71,7 +71,7 @@ int vulkan_groups_of_lights(struct vulkan_backend *b, struct kiln_error *error)
 
 int vulkan_groups_radiosity(struct vulkan_backend *b, struct kiln_error *error)
 {
-    struct kiln_groups *g = b->base.groups;
+    struct kiln_groups *g = b->base.given.groups;
     const size_t bytes = (size_t)b->surface->point_count * g->lights->count * sizeof *g->radiosity;
     if (!g->changed && b->group_lights.size >= bytes)
         return KILN_OK;
@@ -146,7 +146,7 @@ static void copy_run(const struct vulkan_backend *b, const struct kiln_batch *ba
 int vulkan_groups_take(struct vulkan_backend *b, const struct kiln_batch *batch, size_t tile_run_first,
                        size_t tile_run_count, struct kiln_error *error)
 {
-    struct kiln_groups *g = b->base.groups;
+    struct kiln_groups *g = b->base.given.groups;
     const struct kiln_tile_run *runs = b->surface->tile_runs + tile_run_first;
     const struct vulkan_slot *slot = slot_of(b, tile_run_first);
     const uint64_t points = kiln_tile_runs_points(runs, runs + tile_run_count - 1),

@@ -12,7 +12,7 @@
 /* How many there are, and the floats of a point that the device answers; 0: nobody asks for their light. */
 static inline uint32_t vulkan_groups_count(const struct vulkan_backend *b)
 {
-    return b->base.groups != NULL ? b->base.groups->lights->count : 0;
+    return b->base.given.groups != NULL ? b->base.given.groups->lights->count : 0;
 }
 uint32_t vulkan_groups_floats(const struct vulkan_backend *b);
 

@@ -8,14 +8,6 @@
 #include "worker/base/memory.h"
 #include "worker/pass/guided.h"
 
-#include "shaders/guided.h"
-#include "shaders/guided_gloss.h"
-#include "shaders/guided_gloss_pipeline.h"
-#include "shaders/guided_learn.h"
-#include "shaders/guided_pipeline.h"
-#include "shaders/guided_reduce.h"
-#include "shaders/guided_reduce_gloss.h"
-
 static const struct vulkan_shader gloss_shader = {
     .name = "guided with gloss", .compute = VULKAN_CODE(guided_gloss), .pipeline = VULKAN_CODE(guided_gloss_pipeline)};
 static const struct vulkan_shader guided_shader = {

@@ -3,14 +3,9 @@
 #include <math.h>
 #include <string.h>
 
-#include "worker/backend/vulkan/chunks.h"
 #include "worker/backend/vulkan/kept_rows.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
-
-#include "shaders/held.h"
-#include "shaders/held_direct.h"
-#include "shaders/held_powers.h"
 
 static const struct vulkan_shader held_shader = {.name = "light that stays", .compute = VULKAN_CODE(held)};
 static const struct vulkan_shader direct_shader = {.name = "light that stays: direct",

@@ -6,6 +6,7 @@
 #include "worker/backend/vulkan/groups.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
+#include "worker/scene/radiance_probes.h"
 
 /* Threads that follow chains: what fills a GPU. */
 enum { CHAIN_THREADS = 1 << 18 };

@@ -8,14 +8,6 @@
 #include "worker/pass/gather.h"
 #include "worker/pass/resident_rows.h"
 
-#include "shaders/keep.h"
-#include "shaders/keep_pipeline.h"
-#include "shaders/replay.h"
-#include "shaders/replay_groups.h"
-#include "shaders/replay_held.h"
-#include "shaders/replay_take.h"
-#include "shaders/row_weights.h"
-
 static const struct vulkan_shader keep_shader = {
     .name = "gather, kept", .compute = VULKAN_CODE(keep), .pipeline = VULKAN_CODE(keep_pipeline)};
 static const struct vulkan_shader weights_shader = {.name = "gather from rows: weights",
@@ -142,7 +134,7 @@ static int trace(struct rows_run *r, const struct kiln_batch *batch, uint64_t *r
         pass.take_words = take_words;
         pass.context = r;
     }
-    if (r->b->base.groups != NULL)
+    if (r->b->base.given.groups != NULL)
         add_groups(r, &pass, keeps);
     const int status = vulkan_hemisphere_run(r->b, &pass, batch, rays, error);
     if (keeps)
@@ -365,7 +357,7 @@ static int prepare(struct vulkan_backend *b, void *context, struct kiln_error *e
         status = vulkan_kernel_of(b, &vulkan_held_powers, false, 0, &r->powers, error);
     if (status == KILN_OK)
         status = bring_lights(r, error);
-    if (status == KILN_OK && b->base.groups != NULL)
+    if (status == KILN_OK && b->base.given.groups != NULL)
         status = prepare_groups(b, r, error);
     if (status != KILN_OK || r->resident == NULL)
         return status;
@@ -397,7 +389,7 @@ static int replay(struct rows_run *r, const struct kiln_batch *batch, struct kil
         .shader = weight_bytes(r) > 0 ? &weights_shader : NULL,
         .few_slices = true,
         .finish = finish,
-        .besides = r->b->base.groups != NULL ? gather_groups : NULL,
+        .besides = r->b->base.given.groups != NULL ? gather_groups : NULL,
         .pace = VULKAN_PACE_REPLAY,
         .stream = batch->stream,
         .failed_offset = offsetof(struct kiln_gpu_result, error),
@@ -496,7 +488,7 @@ static int make_room(struct rows_run *r, const struct kiln_batch *batch, struct 
 int vulkan_gather_rows(struct vulkan_backend *b, const struct kiln_batch *batch, uint64_t *rays,
                        struct kiln_error *error)
 {
-    struct rows_run r = {.b = b, .rows = b->base.rows, .samples = batch->samples, .count = 1};
+    struct rows_run r = {.b = b, .rows = b->base.given.rows, .samples = batch->samples, .count = 1};
     if (!r.rows->replays)
         return trace(&r, batch, rays, error);
     int status = make_room(&r, batch, error);

@@ -13,7 +13,7 @@
  */
 bool vulkan_keeps_rows(const struct vulkan_backend *b);
 
-/* The gather pass with b->base.rows. */
+/* The gather pass with b->base.given.rows. */
 int vulkan_gather_rows(struct vulkan_backend *b, const struct kiln_batch *batch, uint64_t *rays,
                        struct kiln_error *error);
 

@@ -2,14 +2,9 @@
  * made by threads, one each, and the passes wait for what they use. */
 #include <string.h>
 
-#include "worker/backend/vulkan/regression.h"
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/base/memory.h"
 #include "worker/base/thread.h"
-
-#include "shaders/trace_rahit.h"
-#include "shaders/trace_rchit.h"
-#include "shaders/trace_rmiss.h"
 
 /* A kernel that a thread makes. */
 struct vulkan_maker {
@@ -23,55 +18,20 @@ struct vulkan_maker {
 
 /* ---- what a kernel is made of ---- */
 
-static const struct gpu_hit_shaders hit_shaders = {.closest_hit = kiln_spirv_trace_rchit,
-                                                   .any_hit = kiln_spirv_trace_rahit,
-                                                   .miss = kiln_spirv_trace_rmiss,
-                                                   .closest_hit_bytes = sizeof kiln_spirv_trace_rchit,
-                                                   .any_hit_bytes = sizeof kiln_spirv_trace_rahit,
-                                                   .miss_bytes = sizeof kiln_spirv_trace_rmiss};
+static const struct gpu_hit_shaders hit_shaders = {
+    .closest_hit = VULKAN_CODE(trace_rchit), .any_hit = VULKAN_CODE(trace_rahit), .miss = VULKAN_CODE(trace_rmiss)};
 
-/* Words of SPIR-V's binary form (specification, 2.3 and 3.42). */
-enum { FIRST_INSTRUCTION = 5, OP_NAME = 5, OP_DECORATE = 71, OP_SPEC_CONSTANT = 50, DECORATION_SPEC_ID = 1 };
-
-static uint32_t instruction_length(uint32_t word) { return word >> 16; }
-
-/* The result of the specialisation constant `number`; 0: the code has none. */
-static uint32_t find_constant(const uint32_t *words, size_t count, uint32_t number)
-{
-    for (size_t i = FIRST_INSTRUCTION; i < count && instruction_length(words[i]) > 0; i += instruction_length(words[i]))
-        if ((words[i] & 0xffffu) == OP_DECORATE && words[i + 2] == DECORATION_SPEC_ID && words[i + 3] == number)
-            return words[i + 1];
-    return 0;
-}
-
-/* Whether the code asks for a constant, and does not only declare it. A literal that happens to be the same number
- * counts too: then a constant that means nothing is passed on. */
-static bool asks_for(const struct vulkan_code *code, uint32_t number)
-{
-    const uint32_t *words = code->words;
-    const size_t count = code->bytes / sizeof *words;
-    const uint32_t result = find_constant(words, count, number);
-    for (size_t i = FIRST_INSTRUCTION; result != 0 && i < count && instruction_length(words[i]) > 0;
-         i += instruction_length(words[i])) {
-        const uint32_t op = words[i] & 0xffffu;
-        if (op == OP_NAME || op == OP_DECORATE || op == OP_SPEC_CONSTANT)
-            continue;
-        for (uint32_t k = 1; k < instruction_length(words[i]); k++)
-            if (words[i + k] == result)
-                return true;
-    }
-    return false;
-}
+static bool asks_for(const struct gpu_code *code, uint32_t number) { return (code->asked >> number & 1u) != 0; }
 
 static bool is_pipeline(const struct vulkan_backend *b, const struct vulkan_shader *s)
 {
-    return b->tracer.acceleration != NULL && s->pipeline.words != NULL;
+    return b->tracer.acceleration != NULL && s->pipeline != NULL;
 }
 
-static const struct vulkan_code *code_of(const struct vulkan_backend *b, const struct vulkan_shader *s)
+static const struct gpu_code *code_of(const struct vulkan_backend *b, const struct vulkan_shader *s)
 {
-    const bool pipeline = is_pipeline(b, s), plain = !b->float64 && s->compute_float.words != NULL;
-    return pipeline ? (plain ? &s->pipeline_float : &s->pipeline) : plain ? &s->compute_float : &s->compute;
+    const bool pipeline = is_pipeline(b, s), plain = !b->float64 && s->compute_float != NULL;
+    return pipeline ? (plain ? s->pipeline_float : s->pipeline) : plain ? s->compute_float : s->compute;
 }
 
 /* Constants that compute kernels only declare are 0: what was kept of one scene's kernels then serves another's. */
@@ -79,7 +39,7 @@ static struct gpu_kernel_params describe(const struct vulkan_backend *b, const s
                                          uint32_t constants[VULKAN_CONSTANTS])
 {
     const struct vulkan_shader *s = k->shader;
-    const struct vulkan_code *code = code_of(b, s);
+    const struct gpu_code *code = code_of(b, s);
     const bool pipeline = is_pipeline(b, s);
     memcpy(constants, b->constants, sizeof b->constants);
     constants[VULKAN_DRAW_AGAIN] = k->draw_again;
@@ -92,8 +52,7 @@ static struct gpu_kernel_params describe(const struct vulkan_backend *b, const s
         if (constants[i] != 0 && !asks_for(code, i))
             constants[i] = 0;
     return (struct gpu_kernel_params){.name = s->name,
-                                      .code = code->words,
-                                      .code_bytes = code->bytes,
+                                      .code = code,
                                       .constants = constants,
                                       .constant_count = VULKAN_CONSTANTS,
                                       .hit_shaders = pipeline ? &hit_shaders : NULL};
@@ -215,8 +174,7 @@ void vulkan_forget_kernels(struct vulkan_backend *b)
 
 /* ---- ahead ---- */
 
-/* Software devices make theirs when they first run; ray-tracing kernels cannot be made by several threads. */
-static bool has_makers(const struct vulkan_backend *b)
+bool vulkan_has_makers(const struct vulkan_backend *b)
 {
     return (!gpu_about(b->gpu)->software || b->faults.wanted.makers) && b->tracer.acceleration == NULL &&
            b->faults.wanted.kind == KILN_DEVICE_FAULT_NONE;
@@ -233,28 +191,14 @@ static void make_wish(struct vulkan_backend *b, const struct vulkan_wish *wish)
         b->kernel_count--;
 }
 
-static bool hangs_on_surface(const struct vulkan_backend *b, const struct vulkan_wish *wish)
+bool vulkan_hangs_on_surface(const struct vulkan_backend *b, const struct vulkan_wish *wish)
 {
-    const struct vulkan_code *code = code_of(b, variant_of(b, wish->shader));
+    const struct gpu_code *code = code_of(b, variant_of(b, wish->shader));
     return asks_for(code, VULKAN_HAS_DIVIDED) || asks_for(code, VULKAN_HAS_OCTREE);
-}
-
-void vulkan_kernels_ahead(struct vulkan_backend *b, bool surface)
-{
-    for (int p = 0; p < KILN_PASS_COUNT && has_makers(b); p++) {
-        const struct vulkan_wish *wishes = vulkan_passes[p]->ahead;
-        for (int i = 0; i < VULKAN_WISHES && wishes[i].shader != NULL && (b->params.passes >> p & 1u) != 0; i++)
-            if ((wishes[i].wanted == NULL || wishes[i].wanted(b)) && (surface || !hangs_on_surface(b, &wishes[i])))
-                make_wish(b, &wishes[i]);
-    }
-    if (surface && has_makers(b))
-        vulkan_passes_ahead(b);
-    if (surface && b->params.regresses)
-        vulkan_regression_ahead(b);
 }
 
 void vulkan_kernels_at_once(struct vulkan_backend *b, const struct vulkan_wish *wishes, size_t count)
 {
-    for (size_t i = 0; i < count && wishes[i].shader != NULL && has_makers(b); i++)
+    for (size_t i = 0; i < count && wishes[i].shader != NULL && vulkan_has_makers(b); i++)
         make_wish(b, &wishes[i]);
 }

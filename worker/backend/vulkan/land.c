@@ -4,7 +4,6 @@
 
 #include "shaders/shared/land.h"
 #include "worker/backend/vulkan/bidirectional.h"
-#include "worker/backend/vulkan/chunks.h"
 #include "worker/backend/vulkan/spheres.h"
 #include "worker/base/memory.h"
 #include "worker/light/aims.h"
@@ -31,7 +30,6 @@ struct land_run {
     struct kiln_land_result *results; /* in b->results, which stays: new memory takes as long as half the paths do */
     uint64_t rays;
     const struct kiln_aims *aims;
-    bool shares; /* landings tell the part of samples */
     /* what paths leave there is added to it in the end, and landings are of no use; NULL: they land */
     const struct kiln_probe_spheres *spheres;
     struct gpu_pacer *pacer;
@@ -53,8 +51,6 @@ static void read_landing(const struct land_run *r, const struct kiln_gpu_landing
                                         .aim = (uint32_t)*aim,
                                         .end = (uint16_t)(l->end & KILN_GPU_LAND_END),
                                         .length = (uint16_t)length};
-    if (r->shares)
-        result->sampled = l->sampled;
 }
 
 /* Waits for a portion's answers and takes them over. */
@@ -127,7 +123,6 @@ static int prepare(struct land_run *r, const struct kiln_land_parameters *p, siz
     r->aims = p->aims;
     r->spheres = p->spheres;
     r->pacer = &b->pacers[r->spheres != NULL ? (size_t)VULKAN_PACE_SPHERES : (size_t)KILN_PASS_INDEX_land];
-    r->shares = p->techniques != NULL && kiln_mis_has_factors(p->techniques->mis);
     int status = vulkan_surfaces(b, error);
     if (status == KILN_OK)
         status = prepare_paths(r, count, p->techniques != NULL, error);
@@ -267,4 +262,10 @@ static void expect(struct vulkan_backend *b, const void *parameters)
     both_expect(&r);
 }
 
-const struct vulkan_pass vulkan_pass_land = {.run = run, .takes = takes, .expect = expect};
+static void give_back(struct vulkan_backend *b)
+{
+    vulkan_techniques_release(b);
+    vulkan_spheres_release(b);
+}
+
+const struct vulkan_pass vulkan_pass_land = {.run = run, .takes = takes, .expect = expect, .release = give_back};

@@ -30,12 +30,12 @@ struct shape {
                    "struct " #name " is not reals, then words without a gap")
 
 SHAPE_HOLDS(kiln_gpu_light_node, left, 4);
-SHAPE_HOLDS(kiln_gpu_area_light, radiance, 6);
+SHAPE_HOLDS(kiln_gpu_area_light, radiance, 14);
 SHAPE_HOLDS(kiln_gpu_point_light, intensity, 4);
 SHAPE_HOLDS(kiln_gpu_directional_light, irradiance, 4);
 SHAPE_HOLDS(kiln_gpu_direct_sums, rays, 2);
 static const struct shape node_shape = SHAPE(kiln_gpu_light_node, left, 4);
-static const struct shape area_shape = SHAPE(kiln_gpu_area_light, radiance, 6);
+static const struct shape area_shape = SHAPE(kiln_gpu_area_light, radiance, 14);
 static const struct shape point_shape = SHAPE(kiln_gpu_point_light, intensity, 4);
 static const struct shape directional_shape = SHAPE(kiln_gpu_directional_light, irradiance, 4);
 static const struct shape real_shape = {1, 0, sizeof(double), sizeof(float)};
@@ -115,7 +115,11 @@ static void make_area(const struct kiln_lights *model, size_t i, void *entry)
                                          .rounding = a->rounding,
                                          .triangle = a->triangle,
                                          .flags = (a->two_sided ? KILN_GPU_LIGHT_TWO_SIDED : 0) |
-                                                  (a->textured ? KILN_GPU_LIGHT_HAS_TEXTURE : 0)};
+                                                  (a->textured ? KILN_GPU_LIGHT_HAS_TEXTURE : 0),
+                                         .path = a->path,
+                                         .depth = a->depth,
+                                         .turn = a->turn};
+    memcpy(area->at, a->at, sizeof area->at);
     copy3(area->p0, a->p0);
     copy3(area->e1, a->e1);
     copy3(area->e2, a->e2);

@@ -2,13 +2,7 @@
 
 #include <string.h>
 
-#include "worker/backend/vulkan/chunks.h"
 #include "worker/base/memory.h"
-
-#include "shaders/link_rays.h"
-#include "shaders/link_rays_float.h"
-#include "shaders/link_rays_pipeline.h"
-#include "shaders/link_rays_pipeline_float.h"
 
 static const struct vulkan_shader rays_shader = {.name = "views of links",
                                                  .compute = VULKAN_CODE(link_rays),

@@ -10,10 +10,6 @@
 #include "worker/backend/vulkan/link_views.h"
 #include "worker/base/memory.h"
 
-#include "shaders/links.h"
-#include "shaders/links_float.h"
-#include "shaders/links_reduce.h"
-
 static const struct vulkan_shader links_shader = {
     .name = "links", .compute = VULKAN_CODE(links), .compute_float = VULKAN_CODE(links_float)};
 static const struct vulkan_shader sums_shader = {.name = "links: sums", .compute = VULKAN_CODE(links_reduce)};
@@ -526,4 +522,14 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     return status;
 }
 
-const struct vulkan_pass vulkan_pass_links = {.run = run};
+static void give_back(struct vulkan_backend *b)
+{
+    for (int i = 0; i < VULKAN_LINK_ARRAYS; i++)
+        gpu_buffer_destroy(b->gpu, &b->links[i]);
+    for (int i = 0; i < VULKAN_LINK_GROUPS; i++) {
+        gpu_buffer_destroy(b->gpu, &b->link_rays[i]);
+        gpu_buffer_destroy(b->gpu, &b->link_answers[i]);
+    }
+}
+
+const struct vulkan_pass vulkan_pass_links = {.run = run, .release = give_back};

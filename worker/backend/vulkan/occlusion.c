@@ -3,9 +3,6 @@
 #include "worker/backend/vulkan/hemisphere.h"
 #include "worker/pass/occlusion.h"
 
-#include "shaders/occlusion.h"
-#include "shaders/occlusion_pipeline.h"
-#include "shaders/occlusion_reduce.h"
 #include "shaders/shared/streams.h"
 
 static const struct vulkan_shader occlusion_shader = {

@@ -9,12 +9,6 @@
 #include "worker/backend/vulkan/visibility.h"
 #include "worker/base/memory.h"
 
-#include "shaders/patches.h"
-#include "shaders/patches_float.h"
-#include "shaders/patches_pipeline.h"
-#include "shaders/patches_pipeline_float.h"
-#include "shaders/patches_reduce.h"
-
 static const struct vulkan_shader pairs_shader = {.name = "pairs of patches",
                                                   .compute = VULKAN_CODE(patches),
                                                   .pipeline = VULKAN_CODE(patches_pipeline),
@@ -316,4 +310,12 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     return status;
 }
 
-const struct vulkan_pass vulkan_pass_patches = {.run = run};
+static void give_back(struct vulkan_backend *b)
+{
+    gpu_buffer_destroy(b->gpu, &b->patches);
+    gpu_buffer_destroy(b->gpu, &b->node_facings);
+    gpu_buffer_destroy(b->gpu, &b->node_shapes);
+    vulkan_visibility_release(b);
+}
+
+const struct vulkan_pass vulkan_pass_patches = {.run = run, .release = give_back};

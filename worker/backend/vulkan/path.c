@@ -3,19 +3,6 @@
 #include <stdint.h> /* before the shaders */
 #include <string.h>
 
-#include "shaders/path.h"
-#include "shaders/path_add.h"
-#include "shaders/path_diffuse.h"
-#include "shaders/path_diffuse_float.h"
-#include "shaders/path_diffuse_pipeline.h"
-#include "shaders/path_diffuse_pipeline_float.h"
-#include "shaders/path_float.h"
-#include "shaders/path_gloss.h"
-#include "shaders/path_gloss_float.h"
-#include "shaders/path_gloss_pipeline.h"
-#include "shaders/path_gloss_pipeline_float.h"
-#include "shaders/path_pipeline.h"
-#include "shaders/path_pipeline_float.h"
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/base/memory.h"
 

@@ -207,6 +207,8 @@ struct known {
     uint32_t triangle;
     struct kiln_vec3 normal;
     float offset;
+    bool lifts; /* rays are lifted off it */
+    struct kiln_lift lift;
 };
 
 static void know(struct known *k, const struct maker *m, uint32_t triangle)
@@ -217,6 +219,12 @@ static void know(struct known *k, const struct maker *m, uint32_t triangle)
     const struct kiln_vec3 front = kiln_triangle_exact_normal(m->p->params->scene, m->p->params->geometry, triangle);
     k->normal = k->back ? vec3_scale(front, -1.0f) : front;
     k->offset = kiln_offset_distance(m->p->params->geometry, triangle, k->normal);
+    const struct kiln_scene *scene = m->p->params->scene;
+    const uint32_t mesh = scene->objects[m->p->params->geometry->records[triangle].object].mesh;
+    k->lifts = (scene->meshes[mesh].flags & KILN_MESH_SMOOTH) != 0 &&
+               kiln_triangle_lift(scene, m->p->params->geometry, triangle, k->back, &k->lift);
+    if (!k->lifts)
+        k->lift = (struct kiln_lift){{0.0f}};
 }
 
 static struct kiln_gpu_part part_of(const struct maker *m, struct known *k, const struct kiln_footprint_triangle *from)
@@ -319,16 +327,29 @@ static struct kiln_gpu_part_triangle whole_triangle_of(const struct kiln_footpri
                                            .along_e2 = {f->whole.b_dv[0], f->whole.b_dv[1]}};
 }
 
-static void add_part_triangle(struct part_list *list, struct kiln_gpu_part_triangle from)
+static void add_part_triangle(const struct maker *m, struct known *k, struct part_list *list,
+                              struct kiln_gpu_part_triangle from)
 {
+    know(k, m, from.triangle);
+    memcpy(from.lift, k->lift.at, sizeof from.lift);
     memcpy(&list->at[list->count++], &from, sizeof from);
 }
 
-/* A point's mask stands behind its parts, and their triangles behind it. */
-static int make_mask(struct part_list *list, const struct kiln_footprint *f, struct kiln_gpu_point *point,
-                     const struct kiln_mask *mask, struct kiln_error *error)
+static bool is_lifted(const struct maker *m, struct known *k, const struct kiln_footprint *f)
 {
-    struct kiln_gpu_mask to = {.count = mask->count, .most = mask->most};
+    bool lifted = false;
+    for (uint32_t i = 0; i < f->piece_count && !lifted; i++) {
+        know(k, m, f->pieces[i]);
+        lifted = k->lifts;
+    }
+    return lifted;
+}
+
+/* A point's mask (NULL: none) stands behind its parts, and their triangles behind it. */
+static int make_triangles(const struct maker *m, struct part_list *list, struct known *k,
+                          const struct kiln_footprint *f, struct kiln_gpu_point *point, const struct kiln_mask *mask,
+                          struct kiln_error *error)
+{
     const size_t triangles = f->kind == KILN_FOOTPRINT_WHOLE ? 1 : point->part_count;
     const int status =
         kiln_grow(&list->at, &list->room, list->count + 1 + triangles, sizeof *list->at, "the parts of points", error);
@@ -336,17 +357,20 @@ static int make_mask(struct part_list *list, const struct kiln_footprint *f, str
         return status;
     if ((point->flags & KILN_GPU_POINT_PARTIAL) == 0)
         point->first_part = (uint32_t)list->count;
-    point->flags |= KILN_GPU_POINT_MASKED;
-    memcpy(to.cells, mask->cells, sizeof to.cells);
-    memcpy(&list->at[list->count++], &to, sizeof to);
+    if (mask != NULL) {
+        struct kiln_gpu_mask to = {.count = mask->count, .most = mask->most};
+        point->flags |= KILN_GPU_POINT_MASKED;
+        memcpy(to.cells, mask->cells, sizeof to.cells);
+        memcpy(&list->at[list->count++], &to, sizeof to);
+    }
     const size_t first = list->count;
     if (f->kind == KILN_FOOTPRINT_WHOLE)
-        add_part_triangle(list, whole_triangle_of(f));
+        add_part_triangle(m, k, list, whole_triangle_of(f));
     for (uint32_t i = 0; f->kind != KILN_FOOTPRINT_WHOLE && i < f->piece_count; i++) {
         struct kiln_footprint_triangle of_piece[KILN_FOOTPRINT_TRIANGLES];
         const uint32_t count = triangles_of(f, i, list->count - first, of_piece);
-        for (uint32_t k = 0; k < count; k++)
-            add_part_triangle(list, part_triangle_of(&of_piece[k]));
+        for (uint32_t j = 0; j < count; j++)
+            add_part_triangle(m, k, list, part_triangle_of(&of_piece[j]));
     }
     return KILN_OK;
 }
@@ -417,7 +441,14 @@ static int make_point(struct maker *m, struct part_list *list, struct known *k, 
         status = make_parts(m, list, k, &f, point, error);
     else
         make_whole(k, &f, point);
-    return status == KILN_OK && mask.count != 0 ? make_mask(list, &f, point, &mask, error) : status;
+    const bool lifted = smooth && is_lifted(m, k, &f);
+    if (lifted) {
+        point->flags |= KILN_GPU_POINT_LIFTED;
+        point->flags &= ~KILN_GPU_POINT_ONE_NORMAL; /* light from below it may count */
+    }
+    if (status == KILN_OK && (lifted || mask.count != 0))
+        status = make_triangles(m, list, k, &f, point, mask.count != 0 ? &mask : NULL, error);
+    return status;
 }
 
 static int make_tile_run(struct maker *m, struct part_list *list, struct known *k, size_t tile_run,

@@ -6,16 +6,6 @@
 #include <string.h>
 
 #include "shaders/shared/layout_probe.h"
-#include "shaders/probes.h"
-#include "shaders/probes_float.h"
-#include "shaders/probes_gloss.h"
-#include "shaders/probes_gloss_float.h"
-#include "shaders/probes_gloss_pipeline.h"
-#include "shaders/probes_gloss_pipeline_float.h"
-#include "shaders/probes_groups.h"
-#include "shaders/probes_pipeline.h"
-#include "shaders/probes_pipeline_float.h"
-#include "shaders/probes_reduce.h"
 #include "shaders/shared/light_importance.h"
 #include "shaders/shared/streams.h"
 #include "worker/backend/vulkan/groups.h"
@@ -232,7 +222,7 @@ static int fail_early(const struct probes_run *r, struct kiln_error *error)
 /* Likewise the light of groups, of the probes from `first` on. */
 static int read_groups(const struct probes_run *r, uint64_t first, uint32_t count, struct kiln_error *error)
 {
-    struct kiln_groups *g = r->b->base.groups;
+    struct kiln_groups *g = r->b->base.given.groups;
     const size_t floats = group_bytes(r) / sizeof(float);
     if (g == NULL)
         return KILN_OK;

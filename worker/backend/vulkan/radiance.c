@@ -3,10 +3,6 @@
 #include <stdint.h> /* before the shaders */
 #include <string.h>
 
-#include "shaders/radiance.h"
-#include "shaders/radiance_gloss.h"
-#include "shaders/radiance_gloss_pipeline.h"
-#include "shaders/radiance_pipeline.h"
 #include "shaders/shared/streams.h"
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/pass/radiance.h"

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "shaders/shared/bidirectional.h"
+#include "shaders/shared/streams.h"
 #include "worker/backend/vulkan/bidirectional.h"
 #include "worker/backend/vulkan/hemisphere.h"
 #include "worker/base/memory.h"

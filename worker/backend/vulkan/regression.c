@@ -1,11 +1,7 @@
 /* Surface regression (worker/pass/regression.h): five sweeps of one kernel, each over all points before the next. */
 #include "worker/backend/vulkan/regression.h"
 
-#include "worker/backend/vulkan/chunks.h"
 #include "worker/base/memory.h"
-
-#include "shaders/regression.h"
-#include "shaders/regression_float.h"
 
 /* Its own constant is the number of the sweep. */
 static const struct vulkan_shader regression_shader = {

@@ -3,6 +3,17 @@
 #include "worker/base/memory.h"
 #include "worker/scene/footprint.h"
 
+/* Each edge's lift, of the side on which it has one. */
+static void set_lift(const struct kiln_scene *scene, const struct kiln_geometry *g, uint32_t triangle, float lift[3])
+{
+    static const int edges[3] = {0, 1, 3};
+    struct kiln_lift of;
+    for (int back = 0; back < 2; back++)
+        if (kiln_triangle_lift(scene, g, triangle, back == 1, &of))
+            for (int e = 0; e < 3; e++)
+                lift[e] += back == 1 ? -of.at[edges[e]] : of.at[edges[e]];
+}
+
 static struct kiln_gpu_path_triangle triangle_of(const struct kiln_scene *scene, const struct kiln_geometry *g,
                                                  uint32_t triangle)
 {
@@ -20,6 +31,7 @@ static struct kiln_gpu_path_triangle triangle_of(const struct kiln_scene *scene,
         t.shading0 = kiln_triangle_shading_normal(scene, g, triangle, 0.0f, 0.0f);
         t.shading1 = kiln_triangle_shading_normal(scene, g, triangle, 1.0f, 0.0f);
         t.shading2 = kiln_triangle_shading_normal(scene, g, triangle, 0.0f, 1.0f);
+        set_lift(scene, g, triangle, t.lift);
     }
     if ((object->flags & KILN_OBJECT_CASTER_ONLY) != 0 && (record->material & KILN_RECORD_EMITS) == 0)
         t.flags |= KILN_GPU_PATH_HIDDEN;

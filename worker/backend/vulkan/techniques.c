@@ -144,9 +144,6 @@ int vulkan_techniques_create(struct vulkan_backend *b, const struct kiln_aims *a
         if (techniques->images != NULL)
             root.land.plane_of =
                 upload(&u, techniques->images->plane_of, triangles * sizeof *techniques->images->plane_of);
-        if (techniques->kept != NULL)
-            root.land.connections =
-                (float)(techniques->connections / ((double)techniques->iterations * (double)aims->paths));
     }
     b->techniques.both = upload(&u, &root, sizeof root) + offsetof(struct root, both);
     return u.status;

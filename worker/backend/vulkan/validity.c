@@ -5,8 +5,6 @@
 #include "worker/pass/validity.h"
 
 #include "shaders/shared/streams.h"
-#include "shaders/validity.h"
-#include "shaders/validity_pipeline.h"
 
 static const struct vulkan_shader validity_shader = {
     .name = "validity", .compute = VULKAN_CODE(validity), .pipeline = VULKAN_CODE(validity_pipeline)};

@@ -4,11 +4,6 @@
 
 #include "worker/base/memory.h"
 
-#include "shaders/sight_close.h"
-#include "shaders/sight_forget.h"
-#include "shaders/sight_open.h"
-#include "shaders/sight_store.h"
-
 static const struct vulkan_shader forget_shader = {.name = "kept pairs: forgetting",
                                                    .compute = VULKAN_CODE(sight_forget)},
                                   open_shader = {.name = "kept pairs: laid out", .compute = VULKAN_CODE(sight_open)},

@@ -6,22 +6,11 @@
 #include <string.h>
 
 #include "shaders/shared/chain.h"
-#include "worker/backend/vulkan/bright.h"
-#include "worker/backend/vulkan/chunks.h"
-#include "worker/backend/vulkan/groups.h"
 #include "worker/backend/vulkan/held.h"
 #include "worker/backend/vulkan/kept_rows.h"
 #include "worker/backend/vulkan/regression.h"
-#include "worker/backend/vulkan/spheres.h"
-#include "worker/backend/vulkan/visibility.h"
+#include "worker/backend/vulkan/resources.h"
 #include "worker/base/memory.h"
-#include "worker/sampling/sequence.h"
-
-#include "shaders/intersect.h"
-#include "shaders/intersect_pipeline.h"
-
-static const struct vulkan_shader intersect_shader = {
-    .name = "intersect", .compute = VULKAN_CODE(intersect), .pipeline = VULKAN_CODE(intersect_pipeline)};
 
 /* ---- the scene on the device ---- */
 
@@ -60,67 +49,33 @@ static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
     return status == KILN_OK && b->materials.gloss ? vulkan_surfaces(b, error) : status;
 }
 
-/* The root of everything: after each change of an address. */
-int vulkan_upload_root(struct vulkan_backend *b, struct kiln_error *error)
-{
-    const int status = gpu_upload(b->gpu, &b->scene, 0, &b->layout, sizeof b->layout, error);
-    if (status != KILN_OK || b->params.direct_lights == NULL)
-        return status;
-    struct kiln_gpu_scene direct = b->layout;
-    direct.lights = b->direct_layout;
-    return gpu_upload(b->gpu, &b->direct_scene, 0, &direct, sizeof direct, error);
-}
+/* ---- who is there ---- */
 
-/* ---- radiance probes ---- */
+#define ROW(name) [KILN_PASS_INDEX_##name] = &vulkan_pass_##name,
+static const struct vulkan_pass *const passes[KILN_PASS_COUNT] = {KILN_PASS_LIST_OF_ALL(ROW)}; /* NULL: not here */
+#undef ROW
 
-static void clear_probes(struct vulkan_backend *b)
+/* Begins to make the kernels that the backend's passes (params.passes) will ask for, each in a thread, and does not
+ * wait for them; with `surface` also room for their answers, without it only kernels that hang on nothing that the
+ * surface tells. On software devices all this is made when it is asked for. */
+static void kernels_ahead(struct vulkan_backend *b, bool surface)
 {
-    gpu_buffer_destroy(b->gpu, &b->probes_root);
-    gpu_buffer_destroy(b->gpu, &b->probe_positions);
-    gpu_buffer_destroy(b->gpu, &b->probe_data);
-}
-
-/* Copies the probes to the device, in the place of those before. */
-static int upload_probes(struct vulkan_backend *b, struct kiln_error *error)
-{
-    const struct kiln_radiance_probes *p = b->probes;
-    clear_probes(b);
-    if (p == NULL)
-        return KILN_OK;
-    const size_t count = (size_t)kiln_probes_count(&p->grid);
-    int status = gpu_buffer_of(b->gpu, &b->probe_positions, p->positions, count * sizeof *p->positions,
-                               "the positions of radiance probes", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->probe_data, p->data, count * p->grid.floats * sizeof *p->data,
-                               "the radiance of probes", error);
-    const struct kiln_gpu_radiance_probes root = {
-        .grid = p->grid, .positions = b->probe_positions.address, .data = b->probe_data.address};
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->probes_root, &root, sizeof root, "radiance probes", error);
-    return status;
+    for (int p = 0; p < KILN_PASS_COUNT && vulkan_has_makers(b); p++) {
+        if (passes[p] == NULL || (b->params.passes >> p & 1u) == 0)
+            continue;
+        const struct vulkan_wish *wishes = passes[p]->ahead;
+        for (int i = 0; i < VULKAN_WISHES && wishes[i].shader != NULL; i++)
+            if ((wishes[i].wanted == NULL || wishes[i].wanted(b)) &&
+                (surface || !vulkan_hangs_on_surface(b, &wishes[i])))
+                vulkan_kernels_at_once(b, &wishes[i], 1);
+    }
+    if (surface && vulkan_has_makers(b))
+        vulkan_passes_ahead(b);
+    if (surface && b->params.regresses)
+        vulkan_regression_ahead(b);
 }
 
 /* ---- life ---- */
-
-/* Back to the own points. */
-static void leave_others(struct vulkan_backend *b)
-{
-    if (b->own_points == NULL)
-        return;
-    vulkan_points_destroy(&b->points);
-    b->points = b->own_points;
-    b->own_points = NULL;
-    b->surface = b->own;
-}
-
-static void clear_surface(struct vulkan_backend *b)
-{
-    leave_others(b);
-    vulkan_points_destroy(&b->points);
-    for (size_t i = 0; i < KILN_STORE_ARRAYS; i++)
-        gpu_buffer_destroy(b->gpu, &b->store_arrays[i]);
-    gpu_buffer_destroy(b->gpu, &b->radiosity_buffer);
-}
 
 /* Kernels found and compiled, of this device and those before it. */
 static void count_kernels(const struct vulkan_backend *b, uint64_t *found, uint64_t *made)
@@ -142,8 +97,6 @@ static void clear(struct vulkan_backend *b)
     b->busy_before += clock.busy;
     count_kernels(b, &b->kernels_found, &b->kernels_made);
     vulkan_forget_kernels(b);
-    clear_surface(b);
-    clear_probes(b);
     for (int i = 0; i < GPU_SLOTS; i++) {
         gpu_buffer_destroy(b->gpu, &b->slots[i].scratch);
         gpu_buffer_destroy(b->gpu, &b->slots[i].answers);
@@ -151,26 +104,12 @@ static void clear(struct vulkan_backend *b)
         gpu_buffer_destroy(b->gpu, &b->slots[i].guides);
         gpu_buffer_destroy(b->gpu, &b->slots[i].guides_host);
     }
-    vulkan_bidirectional_release(b);
-    vulkan_techniques_release(b);
-    vulkan_spheres_release(b);
-    vulkan_rows_release(b);
-    vulkan_groups_release(b);
+    for (int p = 0; p < KILN_PASS_COUNT; p++)
+        if (passes[p] != NULL && passes[p]->release != NULL)
+            passes[p]->release(b);
     vulkan_held_release(b);
     vulkan_regression_release(b);
-    gpu_buffer_destroy(b->gpu, &b->row_lights);
-    gpu_buffer_destroy(b->gpu, &b->direction_set);
-    vulkan_bright_release(b);
-    for (int i = 0; i < VULKAN_LINK_ARRAYS; i++)
-        gpu_buffer_destroy(b->gpu, &b->links[i]);
-    for (int i = 0; i < VULKAN_LINK_GROUPS; i++) {
-        gpu_buffer_destroy(b->gpu, &b->link_rays[i]);
-        gpu_buffer_destroy(b->gpu, &b->link_answers[i]);
-    }
-    gpu_buffer_destroy(b->gpu, &b->patches);
-    gpu_buffer_destroy(b->gpu, &b->node_facings);
-    gpu_buffer_destroy(b->gpu, &b->node_shapes);
-    vulkan_visibility_release(b);
+    vulkan_resources_release(b);
     gpu_buffer_destroy(b->gpu, &b->sobol);
     b->sobol_count = 0;
     gpu_buffer_destroy(b->gpu, &b->rays);
@@ -216,7 +155,7 @@ static int start_device(struct vulkan_backend *b, struct kiln_error *error)
     b->float64 = gpu_about(b->gpu)->float64;
     for (int i = 0; i < VULKAN_PACES; i++)
         b->pacers[i].slice_seconds = gpu_slice(b->gpu);
-    return KILN_OK;
+    return b->float64 ? KILN_OK : gpu_code_read(b->gpu, &kiln_code_file, error);
 }
 
 /* Brings the scene to the device. */
@@ -232,64 +171,23 @@ static int set_up(struct vulkan_backend *b, struct kiln_error *error)
     return status;
 }
 
-enum { MOST_RECOVERIES = 3, SCRATCH_PART = 16 };
-static const uint64_t LEAST_SCRATCH = 1ull << 20;
+/* Makes the device anew, with all that was given. */
+static int make_anew(struct vulkan_backend *b, struct kiln_error *error)
+{
+    clear(b);
+    int status = start_device(b, error);
+    if (status == KILN_OK)
+        status = set_up(b, error);
+    return status == KILN_OK ? vulkan_resources_bring(b, error) : status;
+}
+
+enum { SCRATCH_PART = 16 };
 
 /* Sums of points with many samples take much room, and chunks of few points leave most of a large device idle. */
 static uint64_t scratch_of(const struct gpu *gpu)
 {
     const uint64_t part = gpu_about(gpu)->software ? 0 : gpu_memory_left(gpu) / SCRATCH_PART;
     return part > VULKAN_USUAL_SCRATCH ? part : VULKAN_USUAL_SCRATCH;
-}
-
-bool vulkan_can_recover(const struct vulkan_backend *b)
-{
-    return b->gpu != NULL && b->recoveries < MOST_RECOVERIES && (gpu_lost(b->gpu) || gpu_short_of_memory(b->gpu));
-}
-
-static int upload_surface(struct vulkan_backend *b, struct kiln_error *error);
-static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error);
-
-int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error)
-{
-    struct kiln_error why = {"the device failed"};
-    if (error != NULL)
-        why = *error;
-    if (!gpu_lost(b->gpu))
-        b->scratch_most /= 2;
-    int status = KILN_NO_DEVICE;
-    while (status != KILN_OK && b->recoveries < MOST_RECOVERIES && b->scratch_most >= LEAST_SCRATCH) {
-        b->recoveries++;
-        clear(b);
-        status = start_device(b, error);
-        if (status == KILN_OK)
-            status = set_up(b, error);
-        if (status == KILN_OK && b->surface != NULL)
-            status = upload_surface(b, error);
-        if (status == KILN_OK && b->radiosity != NULL)
-            status = upload_radiosity(b, error);
-        if (status == KILN_OK)
-            status = upload_probes(b, error);
-    }
-    if (status != KILN_OK)
-        return kiln_fail(error, KILN_NO_DEVICE,
-                         "%.300s; made anew %u times without success: use --backend embree or another --device",
-                         why.message, b->recoveries);
-    return KILN_OK;
-}
-
-int vulkan_run_to_end(struct vulkan_backend *b, vulkan_run_left run_left, const void *parameters,
-                      const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
-{
-    struct kiln_batch left = *batch;
-    bool refused = false;
-    int status = run_left(b, parameters, &left, rays, &refused, error);
-    while (status != KILN_OK && !refused && vulkan_can_recover(b)) {
-        status = vulkan_recover(b, error);
-        if (status == KILN_OK)
-            status = run_left(b, parameters, &left, rays, &refused, error);
-    }
-    return status;
 }
 
 static int vulkan_begin(struct kiln_backend **backend, const struct kiln_backend_params *params,
@@ -302,6 +200,7 @@ static int vulkan_begin(struct kiln_backend **backend, const struct kiln_backend
         return status;
     *backend = &b->base;
     b->base.api = &kiln_backend_vulkan;
+    b->make_anew = make_anew;
     b->params = *params;
     b->scratch_most = VULKAN_USUAL_SCRATCH;
     b->all_threads = params->threads != 0 ? params->threads : (uint32_t)omp_get_num_procs();
@@ -324,11 +223,27 @@ static int vulkan_create(struct kiln_backend **backend, const struct kiln_backen
     else if (vulkan_can_recover(b))
         status = vulkan_recover(b, error);
     if (status == KILN_OK)
-        vulkan_kernels_ahead(b, false);
+        kernels_ahead(b, false);
     else
         vulkan_destroy(backend);
     return status;
 }
+
+static int vulkan_set(struct kiln_backend *backend, enum kiln_resource_index index, struct kiln_error *error)
+{
+    struct vulkan_backend *b = (struct vulkan_backend *)backend;
+    if (index == KILN_RESOURCE_surface)
+        b->surface = b->own = backend->given.surface;
+    if (index == KILN_RESOURCE_surface || index == KILN_RESOURCE_radiosity)
+        b->radiosity = index == KILN_RESOURCE_radiosity ? backend->given.radiosity : NULL;
+    b->probes = backend->given.probes;
+    const int status = vulkan_resource_bring(b, index, error);
+    if (status == KILN_OK && index == KILN_RESOURCE_surface)
+        kernels_ahead(b, true);
+    return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
+}
+
+/* ---- what it tells ---- */
 
 /* Each name once, though a kernel may have several variants. */
 static void add_kernel(struct kiln_backend_info *info, const char *name)
@@ -338,14 +253,6 @@ static void add_kernel(struct kiln_backend_info *info, const char *name)
             return;
     if (info->kernel_count < KILN_KERNELS_MOST)
         info->kernels[info->kernel_count++] = name;
-}
-
-struct vulkan_once vulkan_once_begin(void) { return (struct vulkan_once){kiln_clock_seconds(), clock()}; }
-
-void vulkan_once_end(struct vulkan_backend *b, struct vulkan_once begin)
-{
-    b->once_seconds += kiln_clock_seconds() - begin.seconds;
-    b->once_processor += (double)(clock() - begin.processor) / CLOCKS_PER_SEC;
 }
 
 /* Passes that take any numbers of samples; and those that run in chunks, with nothing for a whole batch. */
@@ -379,6 +286,8 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
                                        .starting = b->base.starting,
                                        .making = b->making,
                                        .take_threads = b->threads,
+                                       .on_device = true,
+                                       .makes_kernels = true,
                                        .computes_for_others = b->gpu != NULL,
                                        .keeps_points = true,
                                        .point_seconds = point_seconds(b),
@@ -392,251 +301,18 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
             add_kernel(info, b->kernels[i].shader->name);
 }
 
-/* ---- what changes ---- */
-
-/* Copies the store's arrays to the device. */
-static int upload_store(struct vulkan_backend *b, const struct kiln_store *store, struct kiln_error *error)
-{
-    struct kiln_store_array arrays[KILN_STORE_ARRAYS];
-    uint64_t addresses[KILN_STORE_ARRAYS];
-    int status = KILN_OK;
-    kiln_store_arrays(store, arrays);
-    for (size_t i = 0; i < KILN_STORE_ARRAYS; i++) {
-        const struct kiln_store_array *array = &arrays[i];
-        if (status == KILN_OK)
-            status = gpu_buffer_of(b->gpu, &b->store_arrays[i], array->data, array->bytes, array->what, error);
-        addresses[i] = b->store_arrays[i].address;
-    }
-    _Static_assert(sizeof b->layout.store == sizeof addresses, "the store's arrays");
-    memcpy(&b->layout.store, addresses, sizeof addresses);
-    return status;
-}
-
-/* To the points of the others, where there are some. */
-static int enter_others(struct vulkan_backend *b, struct kiln_error *error)
-{
-    struct vulkan_points *points;
-    if (b->others.surface == NULL)
-        return KILN_OK;
-    const int status = vulkan_points_of_others(&points, b->points, &b->others, error);
-    if (status != KILN_OK)
-        return status;
-    b->own_points = b->points;
-    b->points = points;
-    b->surface = b->others.surface;
-    return KILN_OK;
-}
-
-static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
-{
-    struct kiln_store store;
-    clear_surface(b);
-    const struct kiln_surface *s = b->own;
-    kiln_store_build(&store, s, b->params.geometry);
-    int status = upload_store(b, &store, error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &b->radiosity_buffer, kiln_store_count(&store) * sizeof(uint64_t),
-                                   GPU_DEVICE, "the radiosity of all points", error);
-    if (status == KILN_OK)
-        status = vulkan_points_create(&b->points, b->gpu, &b->params, s, &b->materials, error);
-    b->layout.object_count = s->object_count;
-    b->layout.slot_last = s->bricks != NULL ? s->slot_count - 1 : 0;
-    b->constants[VULKAN_HAS_DIVIDED] = s->divided_count > 0;
-    b->constants[VULKAN_HAS_OCTREE] = s->bricks != NULL;
-    b->layout.radiosity = b->radiosity_buffer.address;
-    if (status == KILN_OK)
-        status = vulkan_upload_root(b, error);
-    return status == KILN_OK ? enter_others(b, error) : status;
-}
-
-static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error)
-{
-    return gpu_fill(b->gpu, &b->radiosity_buffer, 0, b->radiosity, b->surface->point_count * sizeof *b->radiosity,
-                    error);
-}
-
-static int vulkan_set_surface(struct kiln_backend *backend, const struct kiln_surface *surface,
-                              struct kiln_error *error)
-{
-    struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    b->surface = b->own = surface;
-    b->others.surface = NULL;
-    b->radiosity = NULL;
-    const int status = upload_surface(b, error);
-    if (status == KILN_OK)
-        vulkan_kernels_ahead(b, true);
-    return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
-}
-
-static int vulkan_set_others(struct kiln_backend *backend, const struct kiln_others *others, struct kiln_error *error)
-{
-    struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    leave_others(b);
-    b->others = *others;
-    return enter_others(b, error);
-}
-
-static int vulkan_set_radiosity(struct kiln_backend *backend, const uint64_t *radiosity, struct kiln_error *error)
-{
-    struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    b->radiosity = radiosity;
-    const int status = upload_radiosity(b, error);
-    return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
-}
-
-static int vulkan_set_probes(struct kiln_backend *backend, const struct kiln_radiance_probes *probes,
-                             struct kiln_error *error)
-{
-    struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    b->probes = probes;
-    if (b->points != NULL)
-        vulkan_points_forget_probes(b->points);
-    const int status = upload_probes(b, error);
-    return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
-}
-
-/* Brings lights and materials anew. Kernels stay, unless there are lights of a kind that they leave out. */
-static int upload_light(struct vulkan_backend *b, struct kiln_error *error)
-{
-    vulkan_bidirectional_release(b);
-    vulkan_lights_destroy(b->gpu, &b->lights);
-    vulkan_materials_destroy(b->gpu, &b->materials);
-    int status =
-        vulkan_materials_create(b->gpu, &b->params, b->all_materials, &b->materials, &b->layout.materials, error);
-    if (status == KILN_OK)
-        status = vulkan_lights_create(b->gpu, b->params.lights, b->float64, &b->lights, &b->layout.lights, error);
-    if (status == KILN_OK && (b->lights.kinds & ~b->constants[VULKAN_LIGHT_KINDS]) != 0) {
-        b->constants[VULKAN_LIGHT_KINDS] |= b->lights.kinds;
-        vulkan_forget_kernels(b);
-    }
-    return status == KILN_OK ? vulkan_upload_root(b, error) : status;
-}
-
-static int vulkan_change_light(struct kiln_backend *backend, struct kiln_error *error)
-{
-    struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    const int status = upload_light(b, error);
-    return status != KILN_OK && vulkan_can_recover(b) ? vulkan_recover(b, error) : status;
-}
-
-int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error)
-{
-    const bool exact = gpu_guarded(b->gpu);
-    if (exact ? b->sobol_count == count : b->sobol_count >= count)
-        return KILN_OK;
-    const uint32_t room = count < 1024 && !exact ? 1024 : count;
-    uint32_t *table = NULL;
-    gpu_buffer_destroy(b->gpu, &b->sobol);
-    b->sobol_count = 0;
-    int status = kiln_allocate(&table, (size_t)room * KILN_DIMENSIONS, sizeof *table, "the samples of a pass", error);
-    for (uint32_t d = 0; status == KILN_OK && d < KILN_DIMENSIONS; d++)
-        for (uint32_t k = 0; k < room; k++)
-            table[(size_t)d * room + k] = kiln_sobol(k, d);
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->sobol, table, (size_t)room * KILN_DIMENSIONS * sizeof *table,
-                               "the samples of a pass", error);
-    if (status == KILN_OK)
-        b->sobol_count = room;
-    kiln_free(&table);
-    return status;
-}
-
-/* ---- any rays ---- */
-
-int vulkan_intersect_on_device(struct vulkan_backend *b, uint64_t origins, uint64_t directions, uint64_t hits,
-                               uint32_t count, double *seconds, struct kiln_error *error)
-{
-    struct gpu_kernel *kernel;
-    const int status = vulkan_kernel_of(b, &intersect_shader, false, 0, &kernel, error);
-    if (status != KILN_OK)
-        return status;
-    const struct kiln_gpu_intersect_push push = {
-        .scene = b->scene.address, .origins = origins, .directions = directions, .hits = hits, .count = count};
-    const struct gpu_step step = {
-        .kernel = kernel, .threads_x = count, .threads_y = 1, .constants = &push, .constant_bytes = sizeof push};
-    return gpu_run(b->gpu, &step, 1, seconds, error);
-}
-
-/* Some rays at once, through buffers that hold `room` of them. */
-static int intersect_some(struct vulkan_backend *b, size_t room, const struct kiln_vec3 *origins,
-                          const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
-                          struct kiln_error *error)
-{
-    struct kiln_vec3 *from = b->rays.mapped, *to = from + room;
-#pragma omp parallel for schedule(static) num_threads((int)b->threads) if (count > 1 << 14)
-    for (size_t i = 0; i < count; i++) {
-        from[i] = origins[i];
-        to[i] = directions[i];
-    }
-    double seconds;
-    const int status = vulkan_intersect_on_device(b, b->rays.address, b->rays.address + room * sizeof *directions,
-                                                  b->hits.address, (uint32_t)count, &seconds, error);
-    if (status != KILN_OK)
-        return status;
-    gpu_pacer_learn(&b->pacers[VULKAN_PACE_INTERSECT], count, seconds);
-    const struct kiln_gpu_hit *found = b->hits.mapped;
-#pragma omp parallel for schedule(static) num_threads((int)b->threads) if (count > 1 << 14)
-    for (size_t i = 0; i < count; i++)
-        hits[i] = (struct kiln_hit){.triangle = found[i].triangle,
-                                    .u = found[i].u,
-                                    .v = found[i].v,
-                                    .distance = found[i].distance,
-                                    .back = found[i].back != 0,
-                                    .tint = {found[i].tint[0], found[i].tint[1], found[i].tint[2]}};
-    return KILN_OK;
-}
-
-int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
-                     size_t count, struct kiln_hit *hits, struct kiln_error *error)
-{
-    enum { MOST = 1 << 20 };
-    struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    const size_t room = count < MOST ? count : MOST;
-    int status = vulkan_grow_buffer(b, &b->rays, 2 * room * sizeof *origins, GPU_HOST, "rays", error);
-    if (status == KILN_OK)
-        status = vulkan_grow_buffer(b, &b->hits, room * sizeof(struct kiln_gpu_hit), GPU_HOST, "hits", error);
-    for (size_t done = 0; done < count && status == KILN_OK;) {
-        size_t some = gpu_pacer_next(&b->pacers[VULKAN_PACE_INTERSECT], 1 << 16);
-        some = some > room ? room : some < 64 ? 64 : some;
-        some = some > count - done ? count - done : some;
-        status = intersect_some(b, room, origins + done, directions + done, some, hits + done, error);
-        done += some;
-    }
-    return status;
-}
-
-/* Starts over after a recovery. */
-static int intersect_again(struct kiln_backend *backend, const struct kiln_vec3 *origins,
-                           const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
-                           struct kiln_error *error)
-{
-    struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    int status = vulkan_intersect(backend, origins, directions, count, hits, error);
-    while (status != KILN_OK && vulkan_can_recover(b)) {
-        status = vulkan_recover(b, error);
-        if (status != KILN_OK)
-            return status;
-        status = vulkan_intersect(backend, origins, directions, count, hits, error);
-    }
-    return status;
-}
-
 /* ---- passes ---- */
-
-#define ROW(name) [KILN_PASS_INDEX_##name] = &vulkan_pass_##name,
-const struct vulkan_pass *const vulkan_passes[KILN_PASS_COUNT] = {KILN_PASS_LIST(ROW)};
-#undef ROW
 
 static bool vulkan_takes(const struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters)
 {
-    const struct vulkan_pass *p = vulkan_passes[pass->index];
-    return !pass->on_embree_only && (p->takes == NULL || p->takes((const struct vulkan_backend *)backend, parameters));
+    const struct vulkan_pass *p = passes[pass->index];
+    return p != NULL && (p->takes == NULL || p->takes((const struct vulkan_backend *)backend, parameters));
 }
 
 static void vulkan_expect(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters)
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
-    const struct vulkan_pass *p = vulkan_passes[pass->index];
+    const struct vulkan_pass *p = passes[pass->index];
     if (b->gpu == NULL)
         return;
     vulkan_kernels_at_once(b, p->ahead, VULKAN_WISHES);
@@ -652,8 +328,17 @@ static int vulkan_run(struct kiln_backend *backend, const struct kiln_pass *pass
     if (!vulkan_takes(backend, pass, parameters))
         return kiln_fail(error, KILN_USAGE, "the Vulkan backend has no %s of this kind: give --backend embree",
                          pass->what);
-    return vulkan_passes[pass->index]->run(b, parameters, batch, rays, error);
+    return passes[pass->index]->run(b, parameters, batch, rays, error);
 }
+
+static const struct kiln_backend_extras extras = {
+    .ceiling = vulkan_ceiling,
+    .replay = vulkan_replay,
+    .hold = vulkan_hold,
+    .hold_step = vulkan_hold_step,
+    .hold_fetch = vulkan_hold_fetch,
+    .regress = vulkan_regress,
+};
 
 const struct kiln_backend_api kiln_backend_vulkan = {
     .name = "vulkan",
@@ -662,21 +347,12 @@ const struct kiln_backend_api kiln_backend_vulkan = {
     .destroy = vulkan_destroy,
     .devices = gpu_list,
     .info = vulkan_info,
-    .set_surface = vulkan_set_surface,
-    .set_others = vulkan_set_others,
-    .set_radiosity = vulkan_set_radiosity,
-    .set_probes = vulkan_set_probes,
+    .set = vulkan_set,
     .mixed = MIXED,
     .claims = CLAIMS,
     .run = vulkan_run,
     .takes = vulkan_takes,
     .expect = vulkan_expect,
-    .intersect = intersect_again,
-    .ceiling = vulkan_ceiling,
-    .change_light = vulkan_change_light,
-    .replay = vulkan_replay,
-    .hold = vulkan_hold,
-    .hold_step = vulkan_hold_step,
-    .hold_fetch = vulkan_hold_fetch,
-    .regress = vulkan_regress,
+    .intersect = vulkan_intersect,
+    .extras = &extras,
 };

@@ -2,14 +2,14 @@
  *
  * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
  * occlusion.c, directional.c, path.c, radiance.c, guided.c, land.c, weighed.c, patches.c, bidirectional.c (with
- * bidirectional_stages.c). The others: vulkan.c (life of the backend, closest hits), kernels.c (made, and made ahead),
- * surfaces.c (of the scene, what paths and chains ask for), regression.c
- * (denoising), chunks.c (running a pass over tile runs in chunks), hemisphere.c (what passes that sample the hemisphere
- * over points have in common), answers.c (what a device hands over of points), points.c (surface points on the device),
- * visibility.c (what pairs of patches see), kept_rows.c and held.c (kept rows, and light that stays with them),
- * groups.c (the light of groups), lights.c, materials.c and techniques.c (the scene on the device), bvh.c,
- * bvh_device.c, bvh_top.c, acceleration.c and tracer.c (what finds hits), layout.h (what C and the shaders share). gpu/
- * is Vulkan for compute and knows no light.
+ * bidirectional_stages.c). The others: vulkan.c (the list of passes, life of the backend), resources.c (what it is
+ * given), core.c (what all files use), intersect.c (closest hits), kernels.c (made, and made ahead), surfaces.c (of the
+ * scene, what paths and chains ask for), regression.c (denoising), chunks.c (running a pass over tile runs in chunks),
+ * hemisphere.c (what passes that sample the hemisphere over points have in common), answers.c (what a device hands over
+ * of points), points.c (surface points on the device), visibility.c (what pairs of patches see), kept_rows.c and held.c
+ * (kept rows, and light that stays with them), groups.c (the light of groups), lights.c, materials.c and techniques.c
+ * (the scene on the device), bvh.c, bvh_device.c, bvh_top.c, acceleration.c and tracer.c (what finds hits), layout.h
+ * (what C and the shaders share). gpu/ is Vulkan for compute and knows no light.
  *
  * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
  * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
@@ -22,7 +22,8 @@
 #ifndef KILN_WORKER_BACKEND_VULKAN_VULKAN_H
 #define KILN_WORKER_BACKEND_VULKAN_VULKAN_H
 
-#include "worker/backend/backend.h"
+#include "worker/backend/api.h"
+#include "worker/backend/extended.h"
 #include "worker/backend/vulkan/gpu/gpu.h"
 #include "worker/backend/vulkan/layout.h"
 #include "worker/backend/vulkan/lights.h"
@@ -35,25 +36,19 @@
 #include "worker/scene/voxels.h"
 #include "worker/store/store.h"
 
+#include "shaders/modules.h"
 #include "shaders/shared/push.h"
 #include "shaders/shared/rows.h"
 #include "shaders/shared/slices.h"
 
 /* A shader and its variants; those that do not exist are NULL. Ray tracing kernels have a pipeline variant. */
-struct vulkan_code {
-    const uint32_t *words;
-    size_t bytes;
-};
 struct vulkan_shader {
     const char *name;
-    struct vulkan_code compute, pipeline;             /* with doubles, where the kernel uses `real` */
-    struct vulkan_code compute_float, pipeline_float; /* without; NULL: it does not use `real` */
+    const struct gpu_code *compute, *pipeline;             /* with doubles, where the kernel uses `real` */
+    const struct gpu_code *compute_float, *pipeline_float; /* without; NULL: it does not use `real` */
     const struct vulkan_shader *gloss; /* in its place where materials are taken with their gloss; NULL: itself */
 };
-#define VULKAN_CODE(name)                                                                                              \
-    {                                                                                                                  \
-        kiln_spirv_##name, sizeof kiln_spirv_##name                                                                    \
-    }
+#define VULKAN_CODE(name) &kiln_code_##name
 
 /* The numbers of the specialisation constants that all kernels share (shaders/kernel.glsl); VULKAN_OWN is each
  * kernel's own. */
@@ -194,11 +189,12 @@ struct vulkan_backend {
     const struct kiln_surface *surface; /* that passes run over; NULL: not given yet */
     const uint64_t *radiosity;          /* NULL: not given yet */
     /* while that is of another rank: the tile runs of it, the own surface, and the points of that */
-    struct kiln_others others;
     const struct kiln_surface *own;
     struct vulkan_points *own_points;
     /* NULL: it was lost and could not be made anew; only info and destroy may follow */
     struct gpu *gpu;
+    /* makes the device anew with the scene, the surface, its radiosity and probes (vulkan_recover asks for it) */
+    int (*make_anew)(struct vulkan_backend *b, struct kiln_error *error);
     struct gpu_faults faults;
     uint32_t recoveries;                  /* so far */
     double busy_before;                   /* s, of the devices before them */
@@ -275,12 +271,11 @@ void vulkan_once_end(struct vulkan_backend *b, struct vulkan_once begin);
 int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own,
                      struct gpu_kernel **kernel, struct kiln_error *error);
 
-/* Begins to make the kernels that the backend's passes (params.passes) will ask for, each in a thread, and does not
- * wait for them; with `surface` also room for their answers, without those kernels alone that hang on nothing that only
- * the surface tells. On software devices all this is made when it is asked for. */
-void vulkan_kernels_ahead(struct vulkan_backend *b, bool surface);
 /* What kernels were made of has changed. */
 void vulkan_forget_kernels(struct vulkan_backend *b);
+/* A buffer of a slot, with at least `size` bytes (guarded: as many); what it held is lost. Nothing uses it. */
+int vulkan_grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory,
+                       const char *what, struct kiln_error *error);
 /* b->layout has changed. */
 int vulkan_upload_root(struct vulkan_backend *b, struct kiln_error *error);
 /* Brings what paths and chains ask of the scene and other kernels do not: the colours of all surfaces, their gloss and
@@ -340,6 +335,11 @@ struct vulkan_wish {
     bool (*wanted)(const struct vulkan_backend *b); /* NULL: always */
 };
 
+/* Whether threads make kernels ahead of their use: software devices make theirs when they first run, and ray-tracing
+ * kernels cannot be made by several threads. */
+bool vulkan_has_makers(const struct vulkan_backend *b);
+/* Whether only the surface tells what the kernel is made of. */
+bool vulkan_hangs_on_surface(const struct vulkan_backend *b, const struct vulkan_wish *wish);
 /* Begins to make kernels that are not there yet, all at once; vulkan_kernel_of waits for each. `wanted` is not asked.
  * They end at the first that has no shader. */
 void vulkan_kernels_at_once(struct vulkan_backend *b, const struct vulkan_wish *wishes, size_t count);
@@ -357,16 +357,18 @@ struct vulkan_pass {
     struct vulkan_wish ahead[VULKAN_WISHES];
     /* The same where the kernels hang on the pass's parameters (kiln_backend_expect); NULL: `ahead` says them all. */
     void (*expect)(struct vulkan_backend *b, const void *parameters);
+    /* Gives back what it keeps on the device from one call to the next; NULL: nothing. */
+    void (*release)(struct vulkan_backend *b);
     /* whether it runs with these parameters here (kiln_backend_takes); NULL: with any */
     bool (*takes)(const struct vulkan_backend *b, const void *parameters);
 };
 #define VULKAN_DECLARE(name) extern const struct vulkan_pass vulkan_pass_##name;
-KILN_PASS_LIST(VULKAN_DECLARE)
+KILN_PASS_LIST_OF_ALL(VULKAN_DECLARE)
 #undef VULKAN_DECLARE
-extern const struct vulkan_pass *const vulkan_passes[KILN_PASS_COUNT];
 
+/* kiln_backend_intersect (intersect.c). */
 int vulkan_intersect(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
-                     size_t count, struct kiln_hit *hits, struct kiln_error *error);
+                     size_t count, const struct kiln_ray_hints *hints, struct kiln_hit *hits, struct kiln_error *error);
 /* kiln_backend_ceiling (gather.c, whose rays it traces). */
 int vulkan_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                    struct kiln_error *error);

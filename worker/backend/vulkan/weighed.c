@@ -6,12 +6,6 @@
 #include "worker/light/aims.h"
 #include "worker/pass/weighed.h"
 
-#include "shaders/chains_add.h"
-#include "shaders/gather_reduce.h"
-#include "shaders/weighed.h"
-#include "shaders/weighed_chains.h"
-#include "shaders/weighed_chains_float.h"
-
 static const struct vulkan_shader weighed_shader = {.name = "weighed", .compute = VULKAN_CODE(weighed)};
 static const struct vulkan_shader chains_shader = {.name = "weighed: chains",
                                                    .compute = VULKAN_CODE(weighed_chains),
@@ -98,13 +92,13 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
 static bool takes(const struct vulkan_backend *b, const void *parameters)
 {
     const struct kiln_caustic_techniques *t = parameters;
-    return !kiln_mis_learns(t->mis) && t->moments == NULL && t->images == NULL && t->kept == NULL &&
-           (t->aims == NULL || t->aims->sky.count <= 1) && b->tracer.acceleration == NULL;
+    return t->images == NULL && (t->aims == NULL || t->aims->sky.count <= 1) && b->tracer.acceleration == NULL;
 }
 
 const struct vulkan_pass vulkan_pass_weighed = {
     .run = run,
     .takes = takes,
+    .release = vulkan_techniques_release,
     .ahead = {{.shader = &chains_shader},
               {.shader = &weighed_shader, .own = SURFACES},
               {.shader = &weighed_shader, .draw_again = true, .own = SURFACES},

@@ -68,6 +68,7 @@ static int choose(struct gpu *gpu, const struct gpu_choice *choice, struct kiln_
         gpu->physical = one->physical;
         gpu->about = one->about;
         gpu->about.ray_tracing = one->about.ray_tracing && !choice->compute_only;
+        gpu->about.float64 = one->about.float64 && !(choice->faults != NULL && choice->faults->wanted.floats);
     }
     kiln_free(&found);
     return status;
@@ -257,6 +258,7 @@ void gpu_destroy(struct gpu **gpu)
     }
     if (g->instance != VK_NULL_HANDLE && !g->hangs)
         destroy_instance(g);
+    kiln_free(&g->code_file);
     kiln_free(gpu);
 }
 

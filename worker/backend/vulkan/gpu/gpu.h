@@ -11,6 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "worker/backend/vulkan/gpu/code.h"
 #include "worker/base/device.h"
 #include "worker/base/kernel_store.h"
 #include "worker/base/status.h"
@@ -117,8 +118,7 @@ void gpu_buffer_forget(const struct gpu *gpu, const struct gpu_buffer *buffer);
  */
 struct gpu_kernel_params {
     const char *name; /* for messages and timings */
-    const uint32_t *code;
-    size_t code_bytes;
+    const struct gpu_code *code;
     const uint32_t *constants;
     size_t constant_count;
     /* ray tracing: `code` is a ray generation shader; these are the others. NULL for compute. */
@@ -127,9 +127,11 @@ struct gpu_kernel_params {
 /* One hit group: closest hit, and any hit for geometry that is not opaque; a miss shader. Any may be NULL but the miss
  * shader. */
 struct gpu_hit_shaders {
-    const uint32_t *closest_hit, *any_hit, *miss;
-    size_t closest_hit_bytes, any_hit_bytes, miss_bytes;
+    const struct gpu_code *closest_hit, *any_hit, *miss;
 };
+/* Reads the file of modules, for kernels whose code is in it; by the store's `file`. KILN_NO_DEVICE where it is not
+ * there, or not `of` this program. */
+int gpu_code_read(struct gpu *gpu, const struct gpu_code_file *of, struct kiln_error *error);
 /* Compute kernels, and only they, may be made by several threads at once when there are no faults on purpose. */
 int gpu_kernel_create(struct gpu *gpu, struct gpu_kernel **kernel, const struct gpu_kernel_params *params,
                       struct kiln_error *error);

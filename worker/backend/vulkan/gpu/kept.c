@@ -9,17 +9,17 @@
 #include "worker/base/memory.h"
 
 /* What a kernel is compiled for and from. Fields of properties, so that no padding is hashed. */
-static XXH128_hash_t hash_of(const struct gpu *gpu, const struct gpu_kernel_params *k)
+static XXH128_hash_t hash_of(const struct gpu *gpu, const struct gpu_kernel_params *k,
+                             const struct gpu_words words[GPU_STAGES])
 {
-    const struct gpu_hit_shaders none = {0}, *h = k->hit_shaders != NULL ? k->hit_shaders : &none;
-    const struct {
+    struct {
         const void *words;
         size_t bytes;
-    } parts[] = {{k->code, k->code_bytes},
-                 {h->closest_hit, h->closest_hit_bytes},
-                 {h->any_hit, h->any_hit_bytes},
-                 {h->miss, h->miss_bytes},
-                 {k->constants, k->constant_count * sizeof *k->constants}};
+    } parts[GPU_STAGES + 1] = {[GPU_STAGES] = {k->constants, k->constant_count * sizeof *k->constants}};
+    for (uint32_t i = 0; i < GPU_STAGES; i++) {
+        parts[i].words = words[i].words;
+        parts[i].bytes = words[i].bytes;
+    }
     XXH128_hash_t hash = gpu->identity;
     for (size_t i = 0; i < sizeof parts / sizeof *parts; i++) { /* each with its length, by the seed */
         const XXH128_hash_t own = XXH3_128bits_withSeed(parts[i].words, parts[i].bytes, hash.low64);
@@ -68,12 +68,13 @@ static bool create_cache(const struct gpu *gpu, struct gpu_kept *kept, const voi
     return false;
 }
 
-void gpu_kept_open(struct gpu *gpu, const struct gpu_kernel_params *params, struct gpu_kept *kept)
+void gpu_kept_open(struct gpu *gpu, const struct gpu_kernel_params *params, const struct gpu_words words[GPU_STAGES],
+                   struct gpu_kept *kept)
 {
     *kept = (struct gpu_kept){.cache = VK_NULL_HANDLE};
     if (gpu->kernels.load == NULL)
         return;
-    const XXH128_hash_t hash = hash_of(gpu, params);
+    const XXH128_hash_t hash = hash_of(gpu, params, words);
     (void)snprintf(kept->key, sizeof kept->key, "%016llx%016llx", (unsigned long long)hash.high64,
                    (unsigned long long)hash.low64);
     size_t size = 0;

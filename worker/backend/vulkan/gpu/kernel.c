@@ -8,14 +8,7 @@
 
 enum { MOST_CONSTANTS = 32, WORKGROUP = 64 };
 
-enum { /* a ray-tracing kernel's stages and groups */
-       STAGE_RAYGEN,
-       STAGE_MISS,
-       STAGE_CLOSEST_HIT,
-       STAGE_ANY_HIT,
-       STAGES,
-       GROUPS = 3 /* ray generation, miss, hit */
-};
+enum { GROUPS = 3 }; /* of a ray-tracing kernel's stages: ray generation, miss, hit */
 
 #define TRACING_STAGES                                                                                                 \
     (VK_SHADER_STAGE_RAYGEN_BIT_KHR | VK_SHADER_STAGE_MISS_BIT_KHR | VK_SHADER_STAGE_CLOSEST_HIT_BIT_KHR |             \
@@ -55,10 +48,10 @@ void gpu_layouts_destroy(struct gpu *gpu)
 
 /* ---- making kernels ---- */
 
-static VkResult create_module(struct gpu *gpu, const uint32_t *code, size_t bytes, VkShaderModule *module)
+static VkResult create_module(struct gpu *gpu, const struct gpu_words *code, VkShaderModule *module)
 {
     const VkShaderModuleCreateInfo info = {
-        .sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO, .codeSize = bytes, .pCode = code};
+        .sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO, .codeSize = code->bytes, .pCode = code->words};
     return GPU_TRY(gpu, vkCreateShaderModule(gpu->device, &info, NULL, module));
 }
 
@@ -73,15 +66,16 @@ static VkPipelineShaderStageCreateInfo stage_info(VkShaderStageFlagBits stage, V
 }
 
 static int create_compute(struct gpu *gpu, struct gpu_kernel *k, const struct gpu_kernel_params *params,
-                          const VkSpecializationInfo *constants, struct kiln_error *error)
+                          const struct gpu_words words[GPU_STAGES], const VkSpecializationInfo *constants,
+                          struct kiln_error *error)
 {
     VkShaderModule module = VK_NULL_HANDLE;
     struct gpu_kept kept;
-    VkResult result = create_module(gpu, params->code, params->code_bytes, &module);
+    VkResult result = create_module(gpu, &words[GPU_STAGE_MAIN], &module);
     const VkComputePipelineCreateInfo info = {.sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
                                               .stage = stage_info(VK_SHADER_STAGE_COMPUTE_BIT, module, constants),
                                               .layout = gpu->compute_layout};
-    gpu_kept_open(gpu, params, &kept);
+    gpu_kept_open(gpu, params, words, &kept);
     if (result == VK_SUCCESS)
         result = GPU_TRY(gpu, vkCreateComputePipelines(gpu->device, kept.cache, 1, &info, NULL, &k->pipeline));
     gpu_kept_close(gpu, &kept, result == VK_SUCCESS);
@@ -105,8 +99,8 @@ static VkResult create_tracing_pipeline(struct gpu *gpu, struct gpu_kernel *k, V
                                         uint32_t closest_hit, uint32_t any_hit)
 {
     const VkRayTracingShaderGroupCreateInfoKHR groups[GROUPS] = {
-        general_group(STAGE_RAYGEN),
-        general_group(STAGE_MISS),
+        general_group(GPU_STAGE_MAIN),
+        general_group(GPU_STAGE_MISS),
         {.sType = VK_STRUCTURE_TYPE_RAY_TRACING_SHADER_GROUP_CREATE_INFO_KHR,
          .type = VK_RAY_TRACING_SHADER_GROUP_TYPE_TRIANGLES_HIT_GROUP_KHR,
          .generalShader = VK_SHADER_UNUSED_KHR,
@@ -148,50 +142,63 @@ static int create_table(struct gpu *gpu, struct gpu_kernel *k, struct kiln_error
 }
 
 static int create_tracing(struct gpu *gpu, struct gpu_kernel *k, const struct gpu_kernel_params *params,
-                          const VkSpecializationInfo *constants, struct kiln_error *error)
+                          const struct gpu_words words[GPU_STAGES], const VkSpecializationInfo *constants,
+                          struct kiln_error *error)
 {
-    const struct gpu_hit_shaders *h = params->hit_shaders;
-    const struct {
-        VkShaderStageFlagBits stage;
-        const uint32_t *code;
-        size_t bytes;
-    } sources[STAGES] = {{VK_SHADER_STAGE_RAYGEN_BIT_KHR, params->code, params->code_bytes},
-                         {VK_SHADER_STAGE_MISS_BIT_KHR, h->miss, h->miss_bytes},
-                         {VK_SHADER_STAGE_CLOSEST_HIT_BIT_KHR, h->closest_hit, h->closest_hit_bytes},
-                         {VK_SHADER_STAGE_ANY_HIT_BIT_KHR, h->any_hit, h->any_hit_bytes}};
-    VkShaderModule modules[STAGES] = {VK_NULL_HANDLE};
-    VkPipelineShaderStageCreateInfo stages[STAGES];
-    uint32_t count = 0, places[STAGES];
+    static const VkShaderStageFlagBits kinds[GPU_STAGES] = {[GPU_STAGE_MAIN] = VK_SHADER_STAGE_RAYGEN_BIT_KHR,
+                                                            [GPU_STAGE_MISS] = VK_SHADER_STAGE_MISS_BIT_KHR,
+                                                            [GPU_STAGE_CLOSEST_HIT] =
+                                                                VK_SHADER_STAGE_CLOSEST_HIT_BIT_KHR,
+                                                            [GPU_STAGE_ANY_HIT] = VK_SHADER_STAGE_ANY_HIT_BIT_KHR};
+    VkShaderModule modules[GPU_STAGES] = {VK_NULL_HANDLE};
+    VkPipelineShaderStageCreateInfo stages[GPU_STAGES];
+    uint32_t count = 0, places[GPU_STAGES];
     struct gpu_kept kept;
     VkResult result = VK_SUCCESS;
     if (!gpu->about.ray_tracing)
         return kiln_fail(error, KILN_NO_DEVICE,
-                         "%s has no ray-tracing pipeline, which the kernel '%s' needs; use --traversal compute",
+                         "%s has no ray-tracing pipeline, which the kernel '%s' needs; set KILN_TRAVERSAL=compute",
                          gpu->about.name, params->name);
-    for (uint32_t i = 0; i < STAGES && result == VK_SUCCESS; i++) {
+    for (uint32_t i = 0; i < GPU_STAGES && result == VK_SUCCESS; i++) {
         places[i] = VK_SHADER_UNUSED_KHR;
-        if (sources[i].code == NULL)
+        if (words[i].words == NULL)
             continue;
-        result = create_module(gpu, sources[i].code, sources[i].bytes, &modules[i]);
+        result = create_module(gpu, &words[i], &modules[i]);
         places[i] = count;
-        stages[count++] = stage_info(sources[i].stage, modules[i], constants);
+        stages[count++] = stage_info(kinds[i], modules[i], constants);
     }
-    gpu_kept_open(gpu, params, &kept);
+    gpu_kept_open(gpu, params, words, &kept);
     if (result == VK_SUCCESS)
-        result = create_tracing_pipeline(gpu, k, kept.cache, stages, count, places[STAGE_CLOSEST_HIT],
-                                         places[STAGE_ANY_HIT]);
+        result = create_tracing_pipeline(gpu, k, kept.cache, stages, count, places[GPU_STAGE_CLOSEST_HIT],
+                                         places[GPU_STAGE_ANY_HIT]);
     gpu_kept_close(gpu, &kept, result == VK_SUCCESS);
-    for (uint32_t i = 0; i < STAGES; i++)
+    for (uint32_t i = 0; i < GPU_STAGES; i++)
         vkDestroyShaderModule(gpu->device, modules[i], NULL);
     if (result != VK_SUCCESS)
         return gpu_failure(gpu, result, error, "cannot make the ray-tracing kernel '%s'", params->name);
     return create_table(gpu, k, error);
 }
 
+/* The words of all stages there are; free each with kiln_free. */
+static int unpack_all(const struct gpu *gpu, const struct gpu_kernel_params *params, struct gpu_words words[GPU_STAGES],
+                      struct kiln_error *error)
+{
+    const struct gpu_hit_shaders none = {0}, *h = params->hit_shaders != NULL ? params->hit_shaders : &none;
+    const struct gpu_code *codes[GPU_STAGES] = {[GPU_STAGE_MAIN] = params->code,
+                                                [GPU_STAGE_MISS] = h->miss,
+                                                [GPU_STAGE_CLOSEST_HIT] = h->closest_hit,
+                                                [GPU_STAGE_ANY_HIT] = h->any_hit};
+    int status = KILN_OK;
+    for (uint32_t i = 0; i < GPU_STAGES && status == KILN_OK; i++)
+        status = codes[i] != NULL ? gpu_code_unpack(gpu, codes[i], &words[i], error) : KILN_OK;
+    return status;
+}
+
 int gpu_kernel_create(struct gpu *gpu, struct gpu_kernel **kernel, const struct gpu_kernel_params *params,
                       struct kiln_error *error)
 {
     VkSpecializationMapEntry entries[MOST_CONSTANTS];
+    struct gpu_words words[GPU_STAGES] = {{NULL, 0}};
     assert(params->constant_count <= MOST_CONSTANTS);
     for (uint32_t i = 0; i < params->constant_count; i++)
         entries[i] = (VkSpecializationMapEntry){
@@ -207,7 +214,11 @@ int gpu_kernel_create(struct gpu *gpu, struct gpu_kernel **kernel, const struct 
     (*kernel)->name = params->name;
     (*kernel)->constant = params->constant_count > 0 ? params->constants[params->constant_count - 1] : 0;
     (*kernel)->tracing = params->hit_shaders != NULL;
-    status = ((*kernel)->tracing ? create_tracing : create_compute)(gpu, *kernel, params, &constants, error);
+    status = unpack_all(gpu, params, words, error);
+    if (status == KILN_OK)
+        status = ((*kernel)->tracing ? create_tracing : create_compute)(gpu, *kernel, params, words, &constants, error);
+    for (uint32_t i = 0; i < GPU_STAGES; i++)
+        kiln_free(&words[i].words);
     if (status == KILN_OK)
         gpu_name(gpu, VK_OBJECT_TYPE_PIPELINE, (uint64_t)(*kernel)->pipeline, params->name);
     else

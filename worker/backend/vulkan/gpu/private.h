@@ -86,6 +86,7 @@ struct gpu {
     double busy, first_submission; /* s; of the monotonic clock, 0: none yet */
     struct gpu_times *times;       /* NULL: steps are not timed one by one */
     struct kiln_kernel_store kernels;
+    char *code_file;            /* modules of devices without doubles; NULL: not read */
     XXH128_hash_t identity;     /* of device and driver, and what stands in the driver's own header: */
     uint32_t vendor, device_id; /* of kept kernels */
     uint8_t cache_uuid[VK_UUID_SIZE];
@@ -175,6 +176,15 @@ int gpu_guard_take(struct gpu *gpu, VkDeviceMemory memory, size_t size, const ch
 void gpu_guard_retire(struct gpu_guarded *guarded);
 /* From here on the device is busy with a kernel of this name, a string that stays; NULL: with no kernel. */
 void gpu_guard_mark(const struct gpu *gpu, VkCommandBuffer commands, const char *kernel);
+/* code.c: the words of a kernel's stages, of compute kernels the first alone; NULL: there is no such stage */
+enum { GPU_STAGE_MAIN, GPU_STAGE_MISS, GPU_STAGE_CLOSEST_HIT, GPU_STAGE_ANY_HIT, GPU_STAGES };
+struct gpu_words {
+    uint32_t *words;
+    size_t bytes;
+};
+/* By any thread. Free the words with kiln_free. */
+int gpu_code_unpack(const struct gpu *gpu, const struct gpu_code *code, struct gpu_words *words,
+                    struct kiln_error *error);
 /* kept.c */
 struct gpu_kept {
     VkPipelineCache cache; /* what a kernel is made with; VK_NULL_HANDLE: nothing */
@@ -184,7 +194,8 @@ struct gpu_kept {
 /* Learns what kept kernels must be for. */
 void gpu_kept_identify(struct gpu *gpu);
 /* Before a kernel is made, and after; `made`: it was. */
-void gpu_kept_open(struct gpu *gpu, const struct gpu_kernel_params *params, struct gpu_kept *kept);
+void gpu_kept_open(struct gpu *gpu, const struct gpu_kernel_params *params, const struct gpu_words words[GPU_STAGES],
+                   struct gpu_kept *kept);
 void gpu_kept_close(struct gpu *gpu, struct gpu_kept *kept, bool made);
 /* times.c: gpu->times, NULL where steps are not timed one by one; then only the first two of these may be called. */
 void gpu_times_create(struct gpu *gpu);

@@ -1,0 +1,17 @@
+/* What the radius of merging with --method vcm goes by where none is given (worker/pass/reference.h). Private to
+ * coordinator. */
+#ifndef KILN_COORDINATOR_BAKE_LIGHT_REFERENCE_RADIUS_H
+#define KILN_COORDINATOR_BAKE_LIGHT_REFERENCE_RADIUS_H
+
+#include <mpi.h>
+
+#include "worker/scene/surface.h"
+
+/* Collective. The width of the median texel of the scene, m, rounded to a power of 2^(1/8); 0 without points. `surface`
+ * has this rank's points. It is what most of a bake shows, as views go by the median depth
+ * (coordinator/view/view_radius.h): a terrain of a few large texels does not count. All ranks get the same, however the
+ * points are parted among them. KILN_SYSTEM. */
+int kiln_median_texel(const struct kiln_surface *surface, MPI_Comm communicator, double *width,
+                      struct kiln_error *error);
+
+#endif

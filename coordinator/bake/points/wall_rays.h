@@ -1,0 +1,35 @@
+/* Wall rays: rays of a given length, which are asked whether walls stand in their way. A wall is a surface that lets no
+ * light through where the ray meets it: what is cut out, blended or clear is none. */
+#ifndef KILN_COORDINATOR_BAKE_POINTS_WALL_RAYS_H
+#define KILN_COORDINATOR_BAKE_POINTS_WALL_RAYS_H
+
+#include "worker/backend/backend.h"
+
+struct kiln_wall_rays {
+    size_t room;                            /* of each array */
+    struct kiln_vec3 *origins, *directions; /* m, relative to the scene's centre; unit vectors */
+    float *lengths;                         /* m; 0: no ray */
+    struct kiln_hit *hits;
+    bool *meets; /* after kiln_wall_rays_trace: a wall is met; `hits` has the nearest */
+};
+
+/* Makes arrays for `room` rays, which have no values yet. KILN_SYSTEM. Destroy with kiln_wall_rays_destroy, which
+ * accepts what is all 0. */
+int kiln_wall_rays_create(struct kiln_wall_rays *rays, size_t room, struct kiln_error *error);
+void kiln_wall_rays_destroy(struct kiln_wall_rays *rays);
+
+/* Sets ray i, from one place to another, m, relative to the scene's centre; or to none. Thread-safe for different i. */
+void kiln_wall_rays_set(struct kiln_wall_rays *rays, size_t i, struct kiln_dvec3 from, struct kiln_dvec3 to);
+void kiln_wall_rays_set_none(struct kiln_wall_rays *rays, size_t i);
+
+/* Finds the walls that the first `count` rays meet. The distance of a hit is from the ray's beginning, m. All other
+ * arguments are borrowed; the backend is that of the geometry. Not collective. KILN_SYSTEM, and the backend's failures.
+ */
+int kiln_wall_rays_trace(struct kiln_wall_rays *rays, const struct kiln_scene *scene,
+                         const struct kiln_geometry *geometry, struct kiln_backend *backend, size_t count,
+                         struct kiln_error *error);
+
+/* Whether the wall that ray i meets is met from inside of a solid. */
+bool kiln_wall_rays_inside(const struct kiln_wall_rays *rays, const struct kiln_geometry *geometry, size_t i);
+
+#endif

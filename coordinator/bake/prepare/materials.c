@@ -1,0 +1,142 @@
+#include "coordinator/bake/prepare/materials.h"
+
+#include "coordinator/job/options.h"
+#include "worker/pass/caustic_weights.h"
+#include "worker/pass/pass.h"
+
+/* Whether a first round of light paths says whether caustics come (coordinator/integrate/land/land_trial.h): where all
+ * of it is left to kiln, and nobody asks for the parts that light is put together from again. */
+static bool is_tried(const struct kiln_job *job)
+{
+    static const char *const of_paths[] = {"photons", "iterations", "merge-radius", "radius-alpha", "mis"};
+    bool given = false;
+    for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths; i++)
+        given = given || kiln_job_given(job, kiln_option_find_for(of_paths[i], KILN_FOR_BAKE));
+    return !given && job->materials == KILN_GLOSS_MODE_AUTO && job->keep_transport == KILN_KEEP_NONE &&
+           job->relight == NULL && job->states == NULL && !job->listen && job->grouped == NULL;
+}
+
+void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
+{
+    if (scene->taken == NULL)
+        job->materials = KILN_GLOSS_MODE_DIFFUSE;
+    if (!kiln_job_takes_gloss(job)) {
+        job->caustics = KILN_CAUSTICS_NONE;
+        job->chain_length = 0; /* there are no chains */
+    } else if (kiln_job_is_reference(job)) {
+        job->caustics = KILN_CAUSTICS_NONE; /* in a step of its own: the paths find them */
+    } else if (job->caustics == KILN_CAUSTICS_AUTO) {
+        job->caustics = KILN_CAUSTICS_VCM;
+        job->caustics_tried = is_tried(job);
+    }
+    if (job->caustics != KILN_CAUSTICS_VCM)
+        job->mis = KILN_MIS_BALANCE; /* nothing shares */
+    if (job->caustics < KILN_CAUSTICS_LAND)
+        job->photons = job->iterations = 0; /* there are no light paths */
+    if (job->caustics < KILN_CAUSTICS_MERGE) {
+        job->merge_radius = job->paths.radius; /* 0 but for --method vcm: nothing else merges */
+        job->radius_alpha = 0.0;
+    }
+}
+
+int kiln_materials_check(const struct kiln_job *job, const struct kiln_scene *scene, struct kiln_error *error)
+{
+    uint32_t count = 0, first = 0;
+    for (uint32_t i = 0; i < scene->material_count && job->diffuse_unasked; i++) {
+        const struct kiln_gloss *gloss = kiln_gloss_find(scene, i);
+        if (kiln_gloss_needed(&scene->materials[i], gloss, KILN_GLOSS_MODE_AUTO))
+            first = count++ == 0 ? i : first;
+    }
+    if (count == 0)
+        return KILN_OK;
+    const struct kiln_material *m = &scene->materials[first];
+    return kiln_fail(
+        error, KILN_USAGE,
+        "--method %s knows the diffuse part of materials alone, and %u of the scene's %s mirrors, gloss or "
+        "glass ('%s': %s): give --materials diffuse to leave that light out, or --method cells",
+        job->method, count, count == 1 ? "materials has" : "materials have", kiln_scene_string(scene, m->name),
+        kiln_gloss_kind_name(kiln_gloss_kind(m, kiln_gloss_find(scene, first))));
+}
+
+/* Why no material is taken with its gloss. */
+static const char *why_none(enum kiln_gloss_mode asked)
+{
+    return asked == KILN_GLOSS_MODE_DIFFUSE
+               ? "--materials diffuse"
+               : "the scene has no metal, glass with a body, clear coat, or reflection of roughness below 0.5";
+}
+
+/* Objects that light paths do not meet, in a scene of lamps that rays do not meet. */
+static json_int_t lacking_receivers(const struct kiln_scene *scene)
+{
+    json_int_t count = 0;
+    for (size_t i = 0; i < scene->object_count && scene->light_count > 0; i++)
+        count += (scene->objects[i].flags & KILN_OBJECT_RECEIVER_ONLY) != 0;
+    return count;
+}
+
+/* What the host has traced that the device has left to it. */
+static json_t *on_host_json(uint32_t passes)
+{
+    json_t *list = json_array();
+    for (int i = 0; i < KILN_PASS_COUNT; i++)
+        if ((passes >> i & 1u) != 0)
+            (void)json_array_append_new(list, json_string(kiln_passes[i]->what));
+    return list;
+}
+
+json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode asked, const struct kiln_scene *scene,
+                            const struct kiln_integrate_report *report)
+{
+    const struct kiln_landing_report *landing = &report->landing;
+    const struct kiln_caustic_trial trial = kiln_caustics_found(&report->steps);
+    static const char *const modes[] = {"auto", "diffuse", "full"};
+    static const char *const caustics[] = {"auto", "none", "gather", "land", "merge", "vcm"};
+    static const char *const rules[] = {"balance", "power", "uniform"};
+    json_int_t of[KILN_GLOSS_KINDS] = {0}, taken = 0;
+    json_t *json = json_pack("{s:s}", "mode", modes[asked]), *kinds = json_object();
+    for (uint32_t i = 0; i < scene->material_count; i++) {
+        const struct kiln_gloss *gloss = kiln_gloss_taken(scene, i);
+        if (gloss == NULL)
+            continue;
+        taken++;
+        of[kiln_gloss_kind(&scene->materials[i], gloss)]++;
+    }
+    for (int k = 0; k < KILN_GLOSS_KINDS; k++)
+        if (of[k] > 0)
+            (void)json_object_set_new(kinds, kiln_gloss_kind_name((enum kiln_gloss_kind)k), json_integer(of[k]));
+    (void)json_object_set_new(json, "taken", json_integer(taken));
+    if (taken == 0) {
+        json_decref(kinds);
+        (void)json_object_set_new(json, "why", json_string(why_none(asked)));
+        return json;
+    }
+    (void)json_object_set_new(json, "kinds", kinds);
+    (void)json_object_set_new(json, "caustics",
+                              json_string(kiln_job_is_reference(job) ? job->method
+                                          : trial.left_out           ? caustics[KILN_CAUSTICS_NONE]
+                                                                     : caustics[job->caustics]));
+    if (trial.tried)
+        (void)json_object_set_new(json, "tried",
+                                  json_pack("{s:b, s:f, s:f}", "left_out", trial.left_out, "brings", trial.brings,
+                                            "error_of_the_rest", trial.rest));
+    if (job->caustics == KILN_CAUSTICS_VCM)
+        (void)json_object_set_new(json, "mis", json_string(rules[job->mis]));
+    if (job->caustics >= KILN_CAUSTICS_LAND && lacking_receivers(scene) > 0)
+        (void)json_object_set_new(json, "receivers_gather", json_integer(lacking_receivers(scene)));
+    if (job->caustics >= KILN_CAUSTICS_LAND) {
+        (void)json_object_set_new(json, "photons", json_integer((json_int_t)landing->photons));
+        (void)json_object_set_new(json, "aims", json_integer((json_int_t)landing->aims));
+        if (landing->rays > 0)
+            (void)json_object_set_new(json, "rays", json_integer(landing->rays));
+        (void)json_object_set_new(json, "iterations",
+                                  job->iterations == KILN_ITERATIONS_ALL ? json_string("all")
+                                                                         : json_integer((json_int_t)job->iterations));
+    }
+    if (landing->on_host != 0)
+        (void)json_object_set_new(json, "on_host", on_host_json(landing->on_host));
+    if (job->caustics >= KILN_CAUSTICS_MERGE)
+        (void)json_object_set_new(json, "merge_radius", json_real(landing->radius));
+    (void)json_object_set_new(json, "chain_length", json_integer((json_int_t)job->chain_length));
+    return json;
+}

@@ -1,0 +1,21 @@
+#include "coordinator/bake/prepare/preview_size.h"
+
+#include <math.h>
+
+/* A ray of the light takes some 0.2 us, and what else is done for a point as long as OTHER_RAYS of them; a pixel 0.3
+ * us, and where materials have gloss 2.5 times that. */
+enum { OTHER_RAYS = 60, ENDLESS_BOUNCES = 8, RAYS_A_PIXEL = 60, RAYS_A_PIXEL_GLOSS = 150, PIXELS_LEAST = 480 * 360 };
+static const double PIXELS_FULL = 960.0 * 800.0; /* the height is by the camera: 720 to 960 as a rule */
+
+uint64_t kiln_preview_pixels(const struct kiln_job *j, const struct kiln_scene *scene, double points)
+{
+    const uint64_t bounces = j->bounces < 0 ? ENDLESS_BOUNCES : (uint64_t)j->bounces,
+                   rays = OTHER_RAYS + j->samples_direct + j->samples_indirect + bounces * j->samples_bounce,
+                   pixels = (uint64_t)points * rays / (scene->taken != NULL ? RAYS_A_PIXEL_GLOSS : RAYS_A_PIXEL);
+    return pixels > PIXELS_LEAST ? pixels : PIXELS_LEAST;
+}
+
+double kiln_preview_part(const struct kiln_job *job, const struct kiln_scene *scene, double points)
+{
+    return fmin((double)kiln_preview_pixels(job, scene, points) / PIXELS_FULL, 1.0);
+}

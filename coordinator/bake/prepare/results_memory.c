@@ -1,0 +1,179 @@
+#include "coordinator/bake/prepare/results_memory.h"
+
+#include <math.h>
+#include <unistd.h>
+
+#include "coordinator/bake/prepare/preview_size.h"
+#include "coordinator/field/result.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/output/kiln_h5_points.h"
+#include "coordinator/output/map/write/lightmaps.h"
+#include "coordinator/output/points_ahead.h"
+#include "coordinator/run/process.h"
+#include "coordinator/run/process_memory.h"
+
+/* What writing the results takes, measured: see the rows' words. */
+static const double LIGHTMAP_WORK = 85.0; /* bytes a texel of the lightmaps under way */
+/* a point on its way to the lightmap's writer: as it is sent, and as it is received where ranks are several */
+static const double RECORD_BYTES = 58.0;
+/* bytes a point of kiln.h5 in hand; of them still held afterwards */
+static const double H5_ROW = 113.0, H5_KEPT = 90.0;
+/* Of kiln.h5, where several ranks write it: compressed bytes of a point that a rank has to itself until it knows where
+ * they belong, besides those that were packed ahead. */
+static const double H5_PACKED = 28.5;
+/* Bytes that fields took in these measurements, of a texel: those of other fields are added. */
+static const double MEASURED_PLANES = 28.0;
+/* Of denoising: planes of positions, normals and errors; what a point takes meanwhile. */
+static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 150.0;
+/* bytes of a surface point in the surface alone (worker/scene/surface.h): pieces, albedo, area, visibility */
+static const double LEAST_OF_POINT = 18.0;
+static const uint64_t ROWS_AT_ONCE = 1ull << 18;
+/* Of a preview, by what bakes took: rays of a band; the picture, of one that nothing limits; rays that gloss sends on,
+ * what guides learn from and what grain is taken from. */
+static const double PREVIEW_BYTES = 26.0 * 0x1p20, PREVIEW_PICTURE = 13.0 * 0x1p20, PREVIEW_GLOSS = 23.0 * 0x1p20;
+static const double PREVIEW_TEXEL = 12.0; /* lightmaps in view */
+
+uint64_t kiln_largest_lightmap(const struct kiln_scene *scene)
+{
+    uint64_t most = 0;
+    for (size_t i = 0; i < scene->object_count; i++) {
+        const uint64_t texels = (uint64_t)scene->objects[i].lightmap_width * scene->objects[i].lightmap_height;
+        most = texels > most ? texels : most;
+    }
+    return most;
+}
+
+/* What a preview takes, whatever the lightmaps are. */
+static double preview_bytes(const struct kiln_job *job, const struct kiln_scene *scene, double points)
+{
+    return PREVIEW_BYTES + PREVIEW_PICTURE * kiln_preview_part(job, scene, points) +
+           (scene->taken != NULL ? PREVIEW_GLOSS : 0.0);
+}
+
+uint64_t kiln_results_memory(const struct kiln_results_size *size)
+{
+    const double largest = (double)kiln_largest_lightmap(size->scene);
+    struct kiln_field_set fields;
+    kiln_field_set_choose(&fields, size->job);
+    const uint32_t plane_count = (uint32_t)(kiln_field_set_plane_bytes(&fields) / sizeof(float));
+    const double texels = size->texels / size->ranks,
+                 at_once = fmax(largest, fmin(texels, (double)kiln_lightmap_texels(plane_count, texels)));
+    const double rows = fmin(size->own, fmin((double)ROWS_AT_ONCE, 64.0 * (double)ROWS_AT_ONCE / plane_count));
+    const bool denoises = kiln_job_denoises(size->job);
+    const double planes =
+                     (double)kiln_field_set_plane_bytes(&fields) - MEASURED_PLANES + (denoises ? DENOISE_PLANES : 0.0),
+                 columns = (double)kiln_field_set_column_bytes(&fields) - KILN_RESULTS_COLUMNS;
+    const double points_a_texel = size->texels > 0.0 ? size->points / size->texels : 1.0;
+    /* not all lightmaps under way are denoised at the same time: measured memory is that of one or two a thread */
+    const double denoised = denoises ? fmin(at_once, 1.5 * size->threads * largest) * points_a_texel : 0.0;
+    const double of_groups = 24.0 * (double)size->job->group_count; /* bytes of a texel, and as many again denoised */
+    const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (DENOISE_WORK + of_groups) * denoised +
+                             (size->ranks > 1.0 ? 2.0 : 1.0) * (RECORD_BYTES + planes) * rows;
+    const double preview = size->job->preview ? preview_bytes(size->job, size->scene, size->points) +
+                                                    PREVIEW_TEXEL * size->texels + (H5_KEPT + columns) * rows
+                                              : 0.0;
+    const double kept =
+        size->ranks > 1.0 ? fmin((H5_PACKED + columns) * size->own, (double)KILN_POINTS_KEPT_MOST) : 0.0;
+    const double ahead =
+        (double)KILN_POINTS_AHEAD_ROOM + fmin(KILN_POINTS_AHEAD_POINT * size->own, (double)KILN_POINTS_AHEAD_MOST);
+    return (uint64_t)fmax(ahead + fmax(lightmaps, (H5_ROW + columns) * rows + kept), preview);
+}
+
+/* ---- the budget ---- */
+
+/* Of what is left for points, the part that a density is told for: the memory that is measured differs from run to run,
+ * and what was told must fit. */
+static const double SURE = 0.75;
+
+/* The largest over the hosts; of what grows with the points, `growing`. Collective. */
+static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *job, uint64_t probes, double *growing)
+{
+    const struct kiln_surface *s = p->surface;
+    struct kiln_field_set fields;
+    kiln_field_set_choose(&fields, job);
+    const double point = (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_SURFACE);
+    const uint64_t most = p->surface_report.points_max, of_host = most * (uint64_t)p->node_ranks;
+    const double light = (double)kiln_field_set_light_bytes(
+                     &fields, of_host < s->point_count ? of_host : s->point_count, s->point_count),
+                 results = (double)kiln_results_memory(
+                     &(struct kiln_results_size){.scene = p->scene,
+                                                 .job = job,
+                                                 .ranks = p->ranks,
+                                                 .threads = p->threads,
+                                                 .own = (double)most,
+                                                 .points = (double)s->point_count,
+                                                 .texels = (double)p->surface_report.texels});
+    kiln_process_give_back();
+    double now = ((double)kiln_process_memory(KILN_MEMORY_SHARE) + KILN_PASS_BYTES) * p->node_ranks;
+    (void)MPI_Allreduce(MPI_IN_PLACE, &now, 1, MPI_DOUBLE, MPI_MAX, p->communicator);
+    /* the radiosity of groups, which each rank has of all points */
+    const double groups = (double)(p->node_ranks - 1) * (double)job->group_count * 8.0 * (double)s->point_count;
+    const double fixed = job->preview ? preview_bytes(job, p->scene, (double)s->point_count)
+                                      : (double)KILN_POINTS_AHEAD_ROOM; /* of the results */
+    *growing = light + groups + fmax(results - fixed, 0.0) + point * (double)of_host;
+    const double probe = (double)(KILN_PROBE_BYTES + job->group_count * sizeof(struct kiln_probe_group));
+    return now + light + groups + results + (double)probes / p->ranks * p->node_ranks * probe;
+}
+
+static double memory_of_host(void) { return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE); }
+
+/* Surface points of an object, about: what its layout covers of the lightmap. */
+static double points_of(const struct kiln_scene *scene, size_t index)
+{
+    const struct kiln_object *o = &scene->objects[index];
+    return (double)o->lightmap_width * (double)o->lightmap_height * fmin(scene->meshes[o->mesh].uv_area, 1.0);
+}
+
+int kiln_points_memory_check(const struct kiln_scene *scene, const struct kiln_job *job, int ranks, int node_ranks,
+                             struct kiln_error *error)
+{
+    const bool given = job->memory_budget > 0.0;
+    const double budget = given ? job->memory_budget * 0x1p30 : memory_of_host();
+    double points = 0.0;
+    size_t largest = 0;
+    for (size_t i = 0; i < scene->object_count && job->store == KILN_STORE_KIND_LIGHTMAP; i++) {
+        points += points_of(scene, i);
+        largest = points_of(scene, i) > points_of(scene, largest) ? i : largest;
+    }
+    const double needed = points * LEAST_OF_POINT / ranks * node_ranks;
+    if (!(budget > 0.0) || needed <= budget)
+        return KILN_OK;
+    const struct kiln_object *o = &scene->objects[largest];
+    return kiln_fail(error, KILN_USAGE,
+                     "the lightmaps have about %.0f million surface points, which take %.2f GiB on a host at least; %s "
+                     "%.2f. Most are of object \"%.100s\", with a lightmap of %u x %u: give fewer --texels-per-metre, "
+                     "or a smaller --lightmap-max",
+                     points * 1e-6, needed / 0x1p30, given ? "--memory-budget is" : "it has", budget / 0x1p30,
+                     kiln_scene_string(scene, o->name), o->lightmap_width, o->lightmap_height);
+}
+
+int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct kiln_job *job, uint64_t probes,
+                             struct kiln_error *error)
+{
+    const bool by_groups = job->group_count > 0 && !(job->memory_budget > 0.0);
+    const double budget = by_groups ? memory_of_host() : job->memory_budget * 0x1p30,
+                 density = (double)prepared->scene->header->texels_per_metre;
+    double growing = 0.0;
+    if (!(budget > 0.0) || prepared->surface == NULL)
+        return KILN_OK;
+    const double needed = host_bytes(prepared, job, probes, &growing), left = budget - (needed - growing);
+    if (needed <= budget)
+        return KILN_OK;
+    if (by_groups)
+        return kiln_fail(error, KILN_USAGE,
+                         "the bake would take about %.2f GiB on a host, which has %.2f: it tells %zu groups of lights "
+                         "apart, each for %.2f million surface points; use fewer groups or patches of the sky, fewer "
+                         "--texels-per-metre than %.3g, or more hosts",
+                         needed / 0x1p30, budget / 0x1p30, job->group_count,
+                         1e-6 * (double)prepared->surface->point_count, density);
+    if (!(left > 0.0))
+        return kiln_fail(
+            error, KILN_USAGE,
+            "the bake would take about %.2f GiB on a host, of which the scene and its BVH alone take %.2f; "
+            "--memory-budget is %.2f: give it more, or use fewer ranks a host",
+            needed / 0x1p30, (needed - growing) / 0x1p30, job->memory_budget);
+    return kiln_fail(error, KILN_USAGE,
+                     "the bake would take about %.2f GiB on a host, and --memory-budget is %.2f: with "
+                     "--texels-per-metre %.3g in place of %.3g it would fit; so would a share of it on more hosts",
+                     needed / 0x1p30, job->memory_budget, density * sqrt(SURE * left / growing), density);
+}

@@ -1,0 +1,43 @@
+/* The memory that writing the results takes, as measured: for `kiln plan`, and for --memory-budget. */
+#ifndef KILN_COORDINATOR_BAKE_PREPARE_RESULTS_MEMORY_H
+#define KILN_COORDINATOR_BAKE_PREPARE_RESULTS_MEMORY_H
+
+#include "coordinator/bake/prepare/prepare.h"
+#include "coordinator/job/job.h"
+
+/* Bytes of a row of kiln.h5 in the bakes that were measured: those of other fields are added. */
+#define KILN_RESULTS_COLUMNS 56.0
+
+/* What passes, their code and MPI take of a rank that is not there yet when its memory is measured before the light. */
+enum { KILN_PASS_BYTES = 8 << 20 };
+
+/* Points and texels may be fractions of them: a plan's. */
+struct kiln_results_size {
+    const struct kiln_scene *scene;
+    const struct kiln_job *job;
+    double ranks, threads;
+    double own;            /* points of the fullest rank */
+    double points, texels; /* of all ranks */
+};
+
+/* Bytes on the fullest rank. The phases that write follow one another; the fullest rank is the first, which draws the
+ * preview. */
+uint64_t kiln_results_memory(const struct kiln_results_size *size);
+
+/* Texels. */
+uint64_t kiln_largest_lightmap(const struct kiln_scene *scene);
+
+/* Whether the surface points of a scene fit the hosts, before any is made. They are counted by what the layouts cover,
+ * and as what a point takes at least, of `node_ranks` of `ranks` ranks; the memory is the job's --memory-budget, or
+ * else the host's. KILN_USAGE, with the object that has most. */
+int kiln_points_memory_check(const struct kiln_scene *scene, const struct kiln_job *job, int ranks, int node_ranks,
+                             struct kiln_error *error);
+
+/* Collective. Whether the bake fits the job's --memory-budget, as far as that is known before the first ray: what the
+ * ranks of each host have by now, surface points and BVH among it, and what light, probes and results will take.
+ * KILN_USAGE, with the texel density that would fit. A job without a budget fits, unless it has groups of lights: then
+ * the memory of the host is the budget. */
+int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct kiln_job *job, uint64_t probes,
+                             struct kiln_error *error);
+
+#endif

@@ -1,0 +1,18 @@
+/* The error of a bake against another one of the same scene, with each texel weighed by its area; and how many values
+ * of their lightmaps have other bits. Not collective. */
+#ifndef KILN_COORDINATOR_CLI_COMPARE_AREA_H
+#define KILN_COORDINATOR_CLI_COMPARE_AREA_H
+
+#include <jansson.h>
+
+#include "worker/base/status.h"
+
+struct kiln_results;
+
+/* The errors of the bake `a` against `b`, for --json: {"nrmse", "nrmse_direct", "nrmse_indirect",
+ * "values_that_differ"}. Each nrmse is sqrt(sum of w (a - b)^2 / sum of w) over the mean of all light in b, where sums
+ * are over R, G, B and the texels of b (kiln_texels_add) and w is a texel's area; 0 where no value differs. Where there
+ * is no such error (other geometry, octrees, no light) the object is {"why": SENTENCE}. NULL if memory is short. */
+json_t *kiln_compare_by_area(struct kiln_results *a, struct kiln_results *b);
+
+#endif

@@ -1,0 +1,180 @@
+/* A companion is what accompanies the steps of an integrator: it prepares what a step gathers from, answers in the
+ * place of rays, chooses which points are computed, takes the answers too, or sees to the points when a step is over.
+ * One struct of functions for each; the table of all is companions.c, one folder for each (or for a few that belong
+ * together) holds its code.
+ *
+ * The lockstep runner, its batches, checkpoints, the moving of points between ranks, and `kiln plan` walk the table and
+ * know no companion by name. A new one is a folder, its line in the list below, and its row.
+ *
+ * A companion with `by_step` accompanies the steps whose `with` names it (KILN_WITH), which the integrator says; any
+ * other accompanies all steps of a bake that wants it, and sees from the step what is to do. */
+#ifndef KILN_COORDINATOR_INTEGRATE_COMPANION_H
+#define KILN_COORDINATOR_INTEGRATE_COMPANION_H
+
+#include "coordinator/integrate/integrate.h"
+#include "worker/backend/backend.h"
+
+/* The names of all companions, in the order in which they are asked: each is a struct kiln_companion_NAME. */
+#define KILN_COMPANION_LIST(DO)                                                                                        \
+    DO(seen) DO(blocks) DO(nodes) DO(reach) DO(probes) DO(landing) DO(patches) DO(senders) DO(groups) DO(kept) DO(parts)
+
+#define KILN_COMPANION_PLACE(name) KILN_COMPANION_PLACE_##name,
+enum kiln_companion_place { KILN_COMPANION_LIST(KILN_COMPANION_PLACE) KILN_COMPANIONS };
+#undef KILN_COMPANION_PLACE
+
+/* The bit of a companion in `with` of a step. */
+#define KILN_WITH(name) (1u << KILN_COMPANION_PLACE_##name)
+
+/* Whether a step has any of the companions whose bits are given. */
+static inline bool kiln_step_has(const struct kiln_step *step, uint32_t bits) { return (step->with & bits) != 0; }
+
+enum { KILN_COMPANION_BLOCKS = 7 }; /* blocks in a checkpoint that a companion has, at most */
+
+struct kiln_batches;
+struct kiln_saved;
+struct kiln_taker;
+
+/* Parts of the lockstep runner (run/) that companions use. Borrowed, and there as long as the companions are. */
+struct kiln_companion_site {
+    const struct kiln_integrate_params *params;
+    struct kiln_solution *solution;
+    struct kiln_batches *batches;
+    struct kiln_taker *taker;
+    const struct kiln_saved *saved;
+    bool plans; /* for `kiln plan`: there are only params, without data of points */
+};
+
+/* Points of one tile run, a bit each: those that gather in the step, and those of them that take fewer samples. */
+struct kiln_selection {
+    uint64_t gathers, few;
+};
+
+/* A job's demand, by which memory is planned. */
+struct kiln_companion_demand {
+    const struct kiln_integrate_settings *settings;
+    uint64_t points; /* of all ranks */
+    double own;      /* of the rank that has most */
+    uint32_t ranks;
+    bool device;   /* a device computes */
+    size_t aims;   /* of light paths (land/land.h) */
+    double landed; /* share of these that land beside points */
+};
+
+/* Memory of a rank, bytes: from begin to end of the light; within a step that it accompanies; on the device. */
+struct kiln_companion_bytes {
+    uint64_t always, in_step, device;
+};
+
+/* Functions may be NULL where nothing is to be done. `self` is what `create` has made, else NULL. Those that are
+ * collective return the same status on all ranks. */
+struct kiln_companion {
+    const char *name;
+    bool by_step;
+    /* Batches of own tile runs are cut before they are handed to a backend: it may not claim parts of them as it comes
+     * to them, and points are not tried before the first step. */
+    bool whole_batches;
+    bool has_few; /* `select` tells points that take fewer samples from others */
+
+    /* Whether a bake has it. */
+    bool (*wanted)(const struct kiln_integrate_params *params);
+    /* Before there is any data of points. Not collective. `destroy` follows in any case, with self NULL too. */
+    int (*create)(void **self, const struct kiln_companion_site *site, struct kiln_error *error);
+    void (*destroy)(void **self);
+    /* Collective. Once the own points have their data, of a checkpoint too, and before the first step. */
+    int (*settle)(void **self, const struct kiln_companion_site *site, struct kiln_error *error);
+    /* Collective. After the last step. */
+    int (*end)(void *self, const struct kiln_companion_site *site, struct kiln_error *error);
+
+    /* Whether it makes the parameters of a pass; and makes those of a step, which gathers from the packed radiosity of
+     * all points, before before_step. These stand until the next call. Collective. */
+    bool (*makes)(const struct kiln_pass *pass);
+    int (*parameters)(void *self, const uint64_t *radiosity, struct kiln_step *step, struct kiln_error *error);
+    /* Collective. Before the batches of the step last reported, at its begin or when it is gone on with. May write
+     * checkpoints. */
+    int (*before_step)(void *self, const struct kiln_companion_site *site, struct kiln_error *error);
+    /* Collective. All batches of the step are done on all ranks, and its sums are not added up yet. */
+    int (*complete)(void *self, const struct kiln_companion_site *site, struct kiln_error *error);
+    /* Collective. The integrator has ended the step; `unit` is that of exact sums of power, W. */
+    int (*after_step)(void *self, const struct kiln_companion_site *site, double unit, struct kiln_error *error);
+
+    /* Narrows the selection of points of tile run `tile_run` of `data`; at first all are selected. Pure. */
+    void (*select)(const struct kiln_integrate_settings *settings, const struct kiln_step *step,
+                   const struct kiln_rank_data *data, size_t tile_run, struct kiln_selection *selection);
+    /* The field (field/fields.c) by which it selects, and what fills it in for the own points: before settle, and by
+     * `kiln plan` for all points. Not collective. */
+    const char *field;
+    int (*find)(const struct kiln_integrate_params *params, const struct kiln_rank_data *data,
+                struct kiln_error *error);
+    /* Answers a batch of own tile runs in the place of the backend: calls its `take`. Ranks do not help each other in
+     * such a step, and what its points have cost says nothing of the next. */
+    int (*answer)(void *self, const struct kiln_batch *batch, struct kiln_error *error);
+    /* Takes the answers of a tile run besides the integrator. Called by several threads at once. */
+    void (*take)(const void *self, const struct kiln_taking *taking, const struct kiln_rank_data *data,
+                 const struct kiln_tile_run *tile_run, const void *results);
+    /* Factor on the speed that is expected of a step, by its samples alone, before any of it was timed: 1 or less. */
+    double (*weight)(const struct kiln_step *step);
+
+    /* ---- light that it keeps besides that of the whole scene: linear changes are done to it, too ---- */
+    /* Collective. The integrator has exchanged radiosity; `restored`: that of a step that is gone on with. */
+    void (*exchange)(void *self, bool restored);
+    /* Calls `change` for the own data as each of its lights has it. */
+    void (*each_light)(const void *self, void (*change)(const struct kiln_rank_data *own));
+    /* Adds to the sums of `count` own points, in each of its lights, `factor` times the radiosity of the last step. */
+    void (*extend)(const void *self, struct kiln_own_point first, uint64_t count, const float factor[3]);
+
+    /* Collective. Before and after points move to other ranks: bounds[r] will be the first point of rank r, and
+     * bounds[ranks] the number of all. */
+    int (*before_move)(void *self, const struct kiln_companion_site *site, const uint64_t *bounds,
+                       struct kiln_error *error);
+    int (*after_move)(void *self, const struct kiln_companion_site *site, struct kiln_error *error);
+
+    /* Blocks for a checkpoint within the step: fills in at most KILN_COMPANION_BLOCKS, which borrow, and returns how
+     * many. Reads them itself, in before_step of the step that is gone on with. */
+    size_t (*blocks)(void *self, struct kiln_block *blocks);
+    /* Bytes of a point in these. */
+    uint64_t (*saved_bytes)(const struct kiln_integrate_settings *settings);
+    /* Whether a report that was read from a checkpoint can be one. */
+    bool (*is_sane)(const struct kiln_step_report *report);
+
+    /* For `kiln plan`: adds the memory of a rank. */
+    void (*demand)(const struct kiln_companion_demand *demand, struct kiln_companion_bytes *bytes);
+    /* Share of a step's time that it takes of what the same step takes without the companion. */
+    double (*share)(const struct kiln_step *step);
+};
+
+#define KILN_COMPANION_DECLARE(name) extern const struct kiln_companion kiln_companion_##name;
+KILN_COMPANION_LIST(KILN_COMPANION_DECLARE)
+#undef KILN_COMPANION_DECLARE
+
+/* All companions, each at its place, ended by NULL: what `companions` of kiln_integrate_params is, but in tests. */
+extern const struct kiln_companion *const kiln_companions[];
+
+/* Whether a step has companion `place` of a table. */
+static inline bool kiln_companion_is_with(const struct kiln_companion *const *table, size_t place,
+                                          const struct kiln_step *step)
+{
+    return !table[place]->by_step || (step->with >> place & 1u) != 0;
+}
+
+/* The companion that answers a step in the place of its pass; NULL: none does. */
+const struct kiln_companion *kiln_companion_answering(const struct kiln_companion *const *table,
+                                                      const struct kiln_step *step);
+/* Whether some companion of the step selects points; *few: and some of few samples. */
+bool kiln_companions_select(const struct kiln_companion *const *table, const struct kiln_step *step, bool *few);
+/* Fills in the fields by which the companions select points. Not collective. */
+int kiln_companions_find(const struct kiln_companion *const *table, const struct kiln_integrate_params *params,
+                         const struct kiln_rank_data *data, struct kiln_error *error);
+/* Whether a report that was read from a checkpoint can be one, as far as the companions of the table know. */
+bool kiln_companions_are_sane(const struct kiln_companion *const *table, const struct kiln_step_report *report);
+/* The share of its time that a step takes of what it takes without its companions. */
+double kiln_companions_share(const struct kiln_companion *const *table, const struct kiln_step *step);
+/* The memory that the companions of the table need. */
+struct kiln_companion_bytes kiln_companions_demand(const struct kiln_companion *const *table,
+                                                   const struct kiln_companion_demand *demand);
+/* The points of a tile run that gather in a step. */
+struct kiln_selection kiln_companions_selection(const struct kiln_companion *const *table,
+                                                const struct kiln_integrate_settings *settings,
+                                                const struct kiln_step *step, const struct kiln_rank_data *data,
+                                                size_t tile_run);
+
+#endif

@@ -1,0 +1,56 @@
+/* The company of a bake: its companions (companion.h) as it has made them. Each function asks all of them, in the order
+ * of the table, those that the bake wants and that have such a function; with a step, those that accompany it. A
+ * function that can fail ends with the first that does. NULL is an empty company. */
+#ifndef KILN_COORDINATOR_INTEGRATE_COMPANY_H
+#define KILN_COORDINATOR_INTEGRATE_COMPANY_H
+
+#include "coordinator/integrate/companion.h"
+
+enum { KILN_COMPANY_MOST = 32 }; /* bits of `with` */
+
+/* Zero: empty. */
+struct kiln_company {
+    const struct kiln_companion *const *table; /* of the params */
+    struct kiln_companion_site site;
+    struct {
+        bool wanted;
+        void *self;
+    } of[KILN_COMPANY_MOST];
+    bool whole_batches; /* some companion asks for them */
+};
+
+/* Not collective. Release with kiln_company_destroy, in any case. */
+int kiln_company_create(struct kiln_company *company, const struct kiln_companion_site *site, struct kiln_error *error);
+void kiln_company_destroy(struct kiln_company *company);
+
+/* Collective. */
+int kiln_company_settle(struct kiln_company *company, struct kiln_error *error);
+int kiln_company_end(struct kiln_company *company, struct kiln_error *error);
+int kiln_company_before_step(struct kiln_company *company, struct kiln_error *error);
+int kiln_company_complete(struct kiln_company *company, struct kiln_error *error);
+int kiln_company_after_step(struct kiln_company *company, double unit, struct kiln_error *error);
+int kiln_company_before_move(struct kiln_company *company, const uint64_t *bounds, struct kiln_error *error);
+int kiln_company_after_move(struct kiln_company *company, struct kiln_error *error);
+
+/* Answers a batch of a step that a companion answers (kiln_companion_answering). */
+int kiln_company_answer(struct kiln_company *company, const struct kiln_step *step, const struct kiln_batch *batch,
+                        struct kiln_error *error);
+void kiln_company_take(const struct kiln_company *company, const struct kiln_taking *taking,
+                       const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run, const void *results);
+/* The factor that the samples of a step are to be taken with, before anything is known of its time. */
+double kiln_company_weight(const struct kiln_company *company, const struct kiln_step *step);
+
+/* Whether a companion keeps light besides that of the whole scene; and what is done to all such light. */
+bool kiln_company_has_light(const struct kiln_company *company);
+void kiln_company_exchange(struct kiln_company *company, bool restored);
+void kiln_company_each_light(const struct kiln_company *company, void (*change)(const struct kiln_rank_data *own));
+void kiln_company_extend(const struct kiln_company *company, struct kiln_own_point first, uint64_t count,
+                         const float factor[3]);
+
+/* Fills in the blocks of all, at most KILN_COMPANY_BLOCKS, and returns how many. */
+enum { KILN_COMPANY_BLOCKS = 2 * KILN_COMPANION_BLOCKS };
+size_t kiln_company_blocks(struct kiln_company *company, struct kiln_block *blocks);
+/* Bytes of a point in the blocks of a step. */
+uint64_t kiln_company_saved_bytes(const struct kiln_company *company, const struct kiln_step *step);
+
+#endif

@@ -1,0 +1,154 @@
+#include "coordinator/integrate/land/land_pool.h"
+
+#include <math.h>
+
+#include "coordinator/integrate/land/land_state.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/base/color.h"
+#include "worker/base/memory.h"
+
+/* Paths of equal light that a point is to hang on, and all noisy points of a lightmap together. */
+#define PATHS 4.0
+#define PATHS_OF_ALL 2.0
+
+/* Sums over the noisy points of a lightmap; of the area also over all of them. Powers are of one iteration. */
+enum { ALL, AREA, IRRADIANCE, INCIDENT = IRRADIANCE + 3, LANDED = INCIDENT + 3, OWN, VARIED, SUMS };
+
+struct pool {
+    struct kiln_exact_sum of[SUMS];
+};
+
+/* The pools of all sides of objects, a pool for each lightmap of part 0: texels' other parts are pooled with it. */
+struct pools {
+    struct pool *maps;
+    size_t count;
+    double units[SUMS], iterations;
+};
+
+static bool is_noisy(const struct kiln_merged *m)
+{
+    const double light = kiln_luminance(m->irradiance);
+    return light > 0.0 && PATHS * m->square > light * light;
+}
+
+static void set_units(struct pools *p, const struct kiln_integrate_params *params)
+{
+    const double power = kiln_luminance(params->emission->emitted), area = params->area;
+    p->units[ALL] = p->units[AREA] = kiln_exact_unit(area);
+    for (int k = IRRADIANCE; k < LANDED; k++)
+        p->units[k] = kiln_exact_unit(power);
+    p->units[LANDED] = p->units[OWN] = kiln_exact_unit(power * power);
+    p->units[VARIED] = kiln_exact_unit(area > 0.0 ? power * power / area : 1.0);
+}
+
+static void add(const struct pools *p, uint32_t map, int which, double value)
+{
+    kiln_exact_add(&p->maps[map].of[which], value, 1.0 / p->units[which]);
+}
+
+static double value_of(const struct pools *p, uint32_t map, int which)
+{
+    return kiln_exact_value(&p->maps[map].of[which], p->units[which]);
+}
+
+static void add_point(const struct pools *p, uint32_t map, double area, const struct kiln_merged *m,
+                      const struct kiln_landing_sum *landed)
+{
+    const double once = 1.0 / p->iterations, light = kiln_luminance(m->irradiance) * once;
+    add(p, map, AREA, area);
+    for (int c = 0; c < 3; c++) {
+        add(p, map, IRRADIANCE + c, area * m->irradiance[c] * once);
+        add(p, map, INCIDENT + c, area * m->incident[c] * once);
+    }
+    add(p, map, LANDED, landed->square * once * once);
+    add(p, map, OWN, area * area * m->square * once * once);
+    add(p, map, VARIED, area * fmax(light * light - m->square * once * once, 0.0));
+}
+
+/* Calls `visit` for all own points that can be lit. */
+static void for_lit(struct kiln_landing *l, struct pools *p,
+                    void (*visit)(struct kiln_landing *, struct pools *, uint32_t map, size_t at))
+{
+    const struct kiln_surface *s = &l->solution->own->surface;
+    for (size_t f = 0; f < s->tile_run_count; f++) {
+        struct kiln_point_cursor at = kiln_point_first(s, f);
+        for (uint32_t k = 0; k < s->tile_runs[f].count; k++, kiln_point_next(s, &at))
+            if (l->lit[at.point.at] > 0.0f)
+                visit(l, p, at.map % s->whole_maps, at.point.at);
+    }
+}
+
+static void collect(struct kiln_landing *l, struct pools *p, uint32_t map, size_t at)
+{
+    add(p, map, ALL, (double)l->lit[at]);
+    if (is_noisy(&l->merged[at]))
+        add_point(p, map, (double)l->lit[at], &l->merged[at], &l->gathered[at]);
+}
+
+/* Of the power of a lightmap's noisy points, W2. */
+static double variance_of(const struct pools *p, uint32_t map)
+{
+    return fmax(value_of(p, map, LANDED), value_of(p, map, OWN));
+}
+
+static double power_of(const struct pools *p, uint32_t map)
+{
+    const double rgb[3] = {value_of(p, map, IRRADIANCE), value_of(p, map, IRRADIANCE + 1),
+                           value_of(p, map, IRRADIANCE + 2)};
+    return kiln_luminance(rgb);
+}
+
+static bool is_left_out(const struct pools *p, uint32_t map)
+{
+    const double power = power_of(p, map);
+    return PATHS_OF_ALL * variance_of(p, map) > power * power;
+}
+
+/* A point gets its share. */
+static void share_out(struct kiln_landing *l, struct pools *p, uint32_t map, size_t at)
+{
+    const double area = value_of(p, map, AREA), mean = power_of(p, map) / area,
+                 chance = variance_of(p, map) / (area * area), all = p->iterations * p->iterations;
+    struct kiln_merged *m = &l->merged[at];
+    if (!is_noisy(m))
+        return;
+    if (is_left_out(p, map)) {
+        const double whole = value_of(p, map, ALL);
+        *m = (struct kiln_merged){.square = variance_of(p, map) / (whole * whole) * all};
+        return;
+    }
+    const double varied = fmax(value_of(p, map, VARIED) / area - mean * mean, 0.0);
+    *m = (struct kiln_merged){.square = (chance + varied) * all, .half = mean * p->iterations};
+    for (int c = 0; c < 3; c++) {
+        m->irradiance[c] = value_of(p, map, IRRADIANCE + c) / area * p->iterations;
+        m->incident[c] = value_of(p, map, INCIDENT + c) / area * p->iterations;
+    }
+}
+
+/* What is left out, W. */
+static void tell(const struct pools *p, double unfound[3])
+{
+    for (int c = 0; c < 3; c++)
+        unfound[c] = 0.0;
+    for (uint32_t map = 0; map < p->count; map++)
+        for (int c = 0; c < 3 && is_left_out(p, map); c++)
+            unfound[c] += value_of(p, map, INCIDENT + c);
+}
+
+int kiln_landing_pool(struct kiln_landing *l, struct kiln_error *error)
+{
+    struct pools p = {.count = l->solution->own->surface.whole_maps, .iterations = (double)kiln_landing_iterations(l)};
+    set_units(&p, l->params);
+    int status = kiln_agree(l->params->communicator,
+                            kiln_allocate(&p.maps, p.count, sizeof *p.maps, "the light of objects", error), error);
+    if (status == KILN_OK) {
+        for_lit(l, &p, collect);
+        status = kiln_exact_reduce(l->params->communicator, p.maps->of, p.count * SUMS, error);
+    }
+    if (status == KILN_OK)
+        for_lit(l, &p, share_out);
+    if (status == KILN_OK)
+        tell(&p, kiln_solution_step(l->solution)->energy.unfound);
+    kiln_free(&p.maps);
+    return status;
+}

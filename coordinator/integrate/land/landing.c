@@ -1,0 +1,70 @@
+#include <assert.h>
+
+#include "coordinator/integrate/companion.h"
+#include "coordinator/integrate/land/land.h"
+
+static_assert((int)KILN_LANDING_BLOCKS <= (int)KILN_COMPANION_BLOCKS, "a checkpoint has room for landings");
+
+static bool landing_wanted(const struct kiln_integrate_params *params)
+{
+    return params->settings->caustics >= KILN_CAUSTICS_LAND;
+}
+
+static int create(void **self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    struct kiln_landing *l = NULL;
+    const int status = kiln_landing_create(&l, site->params, site->solution, site->saved, error);
+    *self = l;
+    return status;
+}
+
+static void destroy(void **self)
+{
+    struct kiln_landing *l = *self;
+    kiln_landing_destroy(&l);
+    *self = NULL;
+}
+
+static int before_step(void *self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    (void)site;
+    return kiln_landing_run(self, error);
+}
+
+static int complete(void *self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    (void)site;
+    (void)error;
+    kiln_landing_end(self);
+    return KILN_OK;
+}
+
+static int answer(void *self, const struct kiln_batch *batch, struct kiln_error *error)
+{
+    return kiln_landing_give(self, batch, error);
+}
+
+static size_t blocks(void *self, struct kiln_block *of) { return kiln_landing_blocks(self, of); }
+
+static uint64_t saved_bytes(const struct kiln_integrate_settings *settings)
+{
+    return kiln_landing_saved_bytes(settings->caustics);
+}
+
+static void demand(const struct kiln_companion_demand *d, struct kiln_companion_bytes *bytes)
+{
+    if (d->settings->caustics >= KILN_CAUSTICS_LAND)
+        bytes->in_step += kiln_landing_bytes(d->settings, d->aims, d->own, d->ranks, d->landed);
+}
+
+const struct kiln_companion kiln_companion_landing = {.name = "landing",
+                                                      .by_step = true,
+                                                      .wanted = landing_wanted,
+                                                      .create = create,
+                                                      .destroy = destroy,
+                                                      .before_step = before_step,
+                                                      .complete = complete,
+                                                      .answer = answer,
+                                                      .blocks = blocks,
+                                                      .saved_bytes = saved_bytes,
+                                                      .demand = demand};

@@ -1,0 +1,638 @@
+#include "coordinator/integrate/land/merge.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "coordinator/integrate/energy.h"
+#include "coordinator/integrate/land/merge_near.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/base/color.h"
+#include "worker/base/memory.h"
+#include "worker/scene/footprint.h"
+
+#define SLACK 1.001f /* of what other ranks get, beyond the radius: for rounding */
+
+#define DOUBT 1.5 /* standard errors on either side, within which light by two radii agrees */
+
+#define BIAS (4.0 / 3.0) /* over that by which half the radius changes */
+#define LEAST_RADIUS 1.5 /* the first radius that is tried, in texels: so that the eight about one are within it */
+
+enum { BOXES = 64, RADII = 9, BALANCINGS = 2, FIT_STEPS = 10 };
+
+/* What landed at a point, W. */
+struct flux {
+    float irradiance[3], incident[3];
+    float square;
+    uint32_t count;
+};
+_Static_assert(sizeof(struct flux) == 32, "a record has no gaps");
+
+/* Of a point, by the radius and by half of it: s, and c = s_p times the sum of a_q s_q. */
+struct weights {
+    float s, c, s_half, c_half;
+};
+_Static_assert(sizeof(struct weights) == 16, "a record has no gaps");
+
+struct box {
+    struct kiln_vec3 low, high;
+};
+_Static_assert(sizeof(struct box) == 24, "a record has no gaps");
+
+/* Own points and those of others near them, by global number: own ones from `own_first` on. */
+struct kiln_merge {
+    MPI_Comm communicator;
+    int rank, ranks;
+    uint32_t threads;
+    float radius;
+    size_t own_first, own_count, count;
+    struct kiln_merge_place *own, *places; /* of own points; of all, with `radius` */
+    struct flux *fluxes;
+    struct weights *weights, *next; /* next: of own points */
+    bool fitted;                    /* places are as wide as their radius is, which has been fitted */
+    struct kiln_merge_grid *grid;   /* of `places` */
+    /* the exchange: own points that each rank gets, one rank after the other, and their numbers and places; the same
+     * of what comes */
+    uint32_t *sent;
+    size_t sent_count;
+    int *counts;           /* 4 x ranks */
+    struct flux *outgoing; /* or weights */
+};
+
+static void forget_others(struct kiln_merge *m)
+{
+    kiln_free(&m->places);
+    kiln_free(&m->fluxes);
+    kiln_free(&m->weights);
+    kiln_free(&m->next);
+    m->fitted = false;
+    kiln_merge_grid_destroy(&m->grid);
+    kiln_free(&m->sent);
+    kiln_free(&m->outgoing);
+    m->sent_count = 0;
+}
+
+void kiln_merge_destroy(struct kiln_merge **merge)
+{
+    struct kiln_merge *m = *merge;
+    if (m == NULL)
+        return;
+    forget_others(m);
+    kiln_free(&m->own);
+    kiln_free(&m->counts);
+    kiln_free(merge);
+}
+
+/* ---- places ---- */
+
+static void find_place(const struct kiln_merge_params *p, const struct kiln_point_cursor *at,
+                       struct kiln_merge_place *place)
+{
+    struct kiln_footprint footprint;
+    struct kiln_vec3 shading;
+    const uint64_t texel = (uint64_t)at->y * p->surface->lightmaps[at->map].width + at->x;
+    *place = (struct kiln_merge_place){.key = (uint64_t)at->map << 32 | texel,
+                                       .lit = p->lit[at->point.at],
+                                       .widest = p->widest == NULL ? INFINITY : p->widest[at->map]};
+    if (!(place->lit > 0.0f))
+        return;
+    kiln_footprint_prepare(&footprint, p->world->scene, p->world->geometry, p->surface, at);
+    kiln_footprint_normals(&footprint, &place->normal, &shading);
+    place->position = kiln_footprint_extent(&footprint).centre;
+}
+
+static void find_places(const struct kiln_merge_params *p, struct kiln_merge_place *places)
+{
+    const struct kiln_surface *s = p->surface;
+#pragma omp parallel for schedule(dynamic, 16) num_threads((int)p->threads)
+    for (size_t f = 0; f < s->tile_run_count; f++) {
+        struct kiln_point_cursor at = kiln_point_first(s, f);
+        for (uint32_t k = 0; k < s->tile_runs[f].count; k++, kiln_point_next(s, &at))
+            find_place(p, &at, &places[at.point.at]);
+    }
+}
+
+/* ---- points of other ranks ---- */
+
+static struct kiln_vec3 least(struct kiln_vec3 a, struct kiln_vec3 b)
+{
+    return vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z));
+}
+static struct kiln_vec3 most(struct kiln_vec3 a, struct kiln_vec3 b)
+{
+    return vec3(fmaxf(a.x, b.x), fmaxf(a.y, b.y), fmaxf(a.z, b.z));
+}
+
+static const struct box nowhere = {{FLT_MAX, FLT_MAX, FLT_MAX}, {-FLT_MAX, -FLT_MAX, -FLT_MAX}};
+
+/* Boxes about stretches of the points that take part: as many as BOXES, some of them perhaps about nothing. */
+static void find_boxes(const struct kiln_merge_place *places, size_t count, struct box boxes[BOXES])
+{
+    for (size_t b = 0; b < BOXES; b++) {
+        boxes[b] = nowhere;
+        for (size_t i = count * b / BOXES; i < count * (b + 1) / BOXES; i++)
+            if (places[i].lit > 0.0f)
+                boxes[b] =
+                    (struct box){least(boxes[b].low, places[i].position), most(boxes[b].high, places[i].position)};
+    }
+}
+
+static bool within(const struct box *box, struct kiln_vec3 low, struct kiln_vec3 high, float radius)
+{
+    return low.x - radius <= box->high.x && low.y - radius <= box->high.y && low.z - radius <= box->high.z &&
+           high.x + radius >= box->low.x && high.y + radius >= box->low.y && high.z + radius >= box->low.z;
+}
+
+/* The boxes of another rank that may have own points near them come first. Returns how many. */
+static size_t choose_boxes(struct box boxes[BOXES], const struct box own[BOXES], float radius)
+{
+    struct box all = nowhere;
+    size_t count = 0;
+    for (size_t b = 0; b < BOXES; b++)
+        all = (struct box){least(all.low, own[b].low), most(all.high, own[b].high)};
+    for (size_t b = 0; b < BOXES; b++)
+        if (boxes[b].low.x <= boxes[b].high.x && within(&boxes[b], all.low, all.high, radius))
+            boxes[count++] = boxes[b];
+    return count;
+}
+
+/* Lists the own points that go to each rank, and counts them. `boxes`: of all ranks. */
+static int list_sent(struct kiln_merge *m, struct box *boxes, struct kiln_error *error)
+{
+    struct box of_own[BOXES];
+    size_t room = 0;
+    const float radius = SLACK * m->radius;
+    memcpy(of_own, boxes + (size_t)m->rank * BOXES, sizeof of_own);
+    for (int r = 0; r < m->ranks; r++) {
+        struct box *of = boxes + (size_t)r * BOXES;
+        const size_t before = m->sent_count, chosen = r == m->rank ? 0 : choose_boxes(of, of_own, radius);
+        for (size_t i = 0; i < m->own_count && chosen > 0; i++) {
+            size_t b = 0;
+            while (b < chosen && !within(&of[b], m->own[i].position, m->own[i].position, radius))
+                b++;
+            if (b == chosen || !(m->own[i].lit > 0.0f))
+                continue;
+            const int status = kiln_grow(&m->sent, &room, m->sent_count + 1, sizeof *m->sent,
+                                         "the points that other ranks merge", error);
+            if (status != KILN_OK)
+                return status;
+            m->sent[m->sent_count++] = (uint32_t)i;
+        }
+        m->counts[r] = (int)(m->sent_count - before);
+        m->counts[m->ranks + r] = (int)before;
+    }
+    return KILN_OK;
+}
+
+/* Collective. Sends records of `size` bytes of the listed own points to other ranks; what comes goes around the own
+ * ones. */
+static void exchange(const struct kiln_merge *m, size_t size, const void *outgoing, void *all)
+{
+    const int *sent = m->counts, *got = sent + 2 * m->ranks;
+    MPI_Datatype type;
+    (void)MPI_Type_contiguous((int)size, MPI_BYTE, &type);
+    (void)MPI_Type_commit(&type);
+    (void)MPI_Alltoallv(outgoing, sent, sent + m->ranks, type, all, got, got + m->ranks, type, m->communicator);
+    (void)MPI_Type_free(&type);
+}
+
+/* Collective. How many points come from each rank, and where among all they go. */
+static void count_received(struct kiln_merge *m)
+{
+    int *got = m->counts + 2 * m->ranks, *places = got + m->ranks;
+    (void)MPI_Alltoall(m->counts, 1, MPI_INT, got, 1, MPI_INT, m->communicator);
+    m->count = 0;
+    for (int r = 0; r < m->ranks; r++) {
+        places[r] = (int)m->count;
+        if (r == m->rank)
+            m->own_first = m->count;
+        m->count += r == m->rank ? m->own_count : (size_t)got[r];
+    }
+}
+
+/* Collective. Own points and those of other ranks near them. */
+static int gather_places(struct kiln_merge *m, struct kiln_error *error)
+{
+    struct kiln_merge_place *outgoing = NULL;
+    struct box *boxes = NULL;
+    int status = kiln_allocate(&boxes, (size_t)m->ranks * BOXES, sizeof *boxes, "the boxes of ranks", error);
+    status = kiln_agree(m->communicator, status, error);
+    if (status == KILN_OK) {
+        find_boxes(m->own, m->own_count, boxes + (size_t)m->rank * BOXES);
+        (void)MPI_Allgather(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, boxes, (int)(BOXES * sizeof *boxes), MPI_BYTE,
+                            m->communicator);
+        status = list_sent(m, boxes, error);
+        if (status == KILN_OK)
+            status = kiln_allocate(&outgoing, m->sent_count, sizeof *outgoing, "points for other ranks", error);
+        if (status == KILN_OK)
+            status = kiln_allocate(&m->outgoing, m->sent_count, sizeof *m->outgoing, "light for other ranks", error);
+        status = kiln_agree(m->communicator, status, error);
+    }
+    if (status == KILN_OK) {
+        count_received(m);
+        status = kiln_allocate(&m->places, m->count, sizeof *m->places, "the points that are merged", error);
+        if (status == KILN_OK)
+            status = kiln_allocate(&m->fluxes, m->count, sizeof *m->fluxes, "the light that is merged", error);
+        if (status == KILN_OK)
+            status = kiln_allocate(&m->weights, m->count, sizeof *m->weights, "the weights of points", error);
+        if (status == KILN_OK)
+            status = kiln_allocate(&m->next, m->own_count, sizeof *m->next, "the weights of points", error);
+        status = kiln_agree(m->communicator, status, error);
+    }
+    if (status == KILN_OK) {
+        for (size_t i = 0; i < m->sent_count; i++)
+            outgoing[i] = m->own[m->sent[i]];
+        memcpy(m->places + m->own_first, m->own, m->own_count * sizeof *m->own);
+        exchange(m, sizeof *outgoing, outgoing, m->places);
+    }
+    kiln_free(&outgoing);
+    kiln_free(&boxes);
+    return status;
+}
+
+int kiln_merge_create(struct kiln_merge **merge, const struct kiln_merge_params *p, struct kiln_error *error)
+{
+    struct kiln_merge *m = NULL;
+    int status = kiln_allocate(&m, 1, sizeof *m, "the merging of light", error);
+    *merge = m;
+    if (status == KILN_OK) {
+        *m =
+            (struct kiln_merge){.communicator = p->communicator, .threads = p->threads, .own_count = p->surface->count};
+        (void)MPI_Comm_rank(p->communicator, &m->rank);
+        (void)MPI_Comm_size(p->communicator, &m->ranks);
+        status = kiln_allocate(&m->counts, 4 * (size_t)m->ranks, sizeof *m->counts, "the ranks' points", error);
+    }
+    if (status == KILN_OK)
+        status = kiln_allocate(&m->own, m->own_count, sizeof *m->own, "the points that are merged", error);
+    status = kiln_agree(p->communicator, status, error);
+    if (status == KILN_OK)
+        find_places(p, m->own);
+    else
+        kiln_merge_destroy(merge);
+    return status;
+}
+
+int kiln_merge_set_radius(struct kiln_merge *m, double radius, struct kiln_error *error)
+{
+    forget_others(m);
+    m->radius = (float)fmax(radius, 0.0);
+    int status = gather_places(m, error);
+    if (status == KILN_OK && m->radius > 0.0f)
+        status = kiln_merge_grid_create(&m->grid, m->places, m->count, m->radius, m->threads, error);
+    return kiln_agree(m->communicator, status, error);
+}
+
+/* ---- points near a point ---- */
+
+/* Within which two points are near each other. */
+static float radius_of(const struct kiln_merge *m, size_t a, size_t b, float radius)
+{
+    return fminf(radius, fminf(m->places[a].widest, m->places[b].widest));
+}
+
+/* ---- weights ---- */
+
+/* What is done for each own point `at` with those near it. */
+typedef void (*each_point)(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_near *near,
+                           void *context);
+
+/* All own points that take part, by all threads. */
+static int for_all(const struct kiln_merge *m, float radius, each_point each, void *context, struct kiln_error *error)
+{
+    int status = KILN_OK;
+#pragma omp parallel num_threads((int)m->threads)
+    {
+        struct kiln_merge_near near = {0};
+        struct kiln_error own_error = {0};
+        int own = KILN_OK;
+#pragma omp for schedule(dynamic, 64) nowait
+        for (size_t i = 0; i < m->own_count; i++) {
+            const size_t at = m->own_first + i;
+            if (own != KILN_OK || !(m->places[at].lit > 0.0f))
+                continue;
+            own = kiln_merge_grid_find(m->grid, at, radius_of(m, at, at, radius), &near, &own_error);
+            if (own == KILN_OK)
+                each(m, at, radius, &near, context);
+        }
+        kiln_free(&near.of);
+#pragma omp critical(kiln_merge)
+        if (own != KILN_OK) {
+            status = own;
+            *error = own_error;
+        }
+    }
+    return status;
+}
+
+static bool in_half(const struct kiln_merge *m, size_t a, size_t b, float radius)
+{
+    return a == b || kiln_merge_are_near(&m->places[a], &m->places[b], 0.5f * radius_of(m, a, b, radius));
+}
+
+/* c of a point. */
+static void sum_weights(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_near *near,
+                        void *context)
+{
+    const struct weights *own = &m->weights[at];
+    struct weights *next = (struct weights *)context + (at - m->own_first);
+    double all = 0.0, half = 0.0;
+    for (size_t i = 0; i < near->count; i++) {
+        const size_t other = near->of[i];
+        const double lit = (double)m->places[other].lit;
+        all += lit * (double)m->weights[other].s;
+        half += in_half(m, at, other, radius) ? lit * (double)m->weights[other].s_half : 0.0;
+    }
+    *next = (struct weights){own->s, (float)((double)own->s * all), own->s_half, (float)((double)own->s_half * half)};
+}
+
+/* Collective. Own weights become `next`, and those of other ranks' points theirs. */
+static void take_weights(struct kiln_merge *m)
+{
+    struct weights *outgoing = (struct weights *)(void *)m->outgoing;
+    memcpy(m->weights + m->own_first, m->next, m->own_count * sizeof *m->next);
+    for (size_t i = 0; i < m->sent_count; i++)
+        outgoing[i] = m->next[m->sent[i]];
+    exchange(m, sizeof *outgoing, outgoing, m->weights);
+}
+
+/* Collective. */
+static int find_weights(struct kiln_merge *m, float radius, int balancings, struct kiln_error *error)
+{
+    int status = KILN_OK;
+#pragma omp parallel for num_threads((int)m->threads) schedule(static)
+    for (size_t i = 0; i < m->count; i++)
+        m->weights[i] = (struct weights){1.0f, 1.0f, 1.0f, 1.0f};
+    for (int k = 0; k <= balancings && status == KILN_OK; k++) {
+        memset(m->next, 0, m->own_count * sizeof *m->next);
+        status = for_all(m, radius, sum_weights, m->next, error);
+#pragma omp parallel for num_threads((int)m->threads) schedule(static) if (k < balancings)
+        for (size_t i = 0; i < (k < balancings ? m->own_count : 0); i++) {
+            struct weights *w = &m->next[i];
+            w->s = w->c > 0.0f ? w->s / sqrtf(w->c) : 0.0f;
+            w->s_half = w->c_half > 0.0f ? w->s_half / sqrtf(w->c_half) : 0.0f;
+        }
+        status = kiln_agree(m->communicator, status, error);
+        if (status == KILN_OK)
+            take_weights(m);
+    }
+    return status;
+}
+
+/* ---- an iteration ---- */
+
+static void add_flux(const struct flux *flux, double k, double k_half, struct kiln_merged *merged)
+{
+    for (int c = 0; c < 3; c++) {
+        merged->irradiance[c] += k * (double)flux->irradiance[c];
+        merged->incident[c] += k * (double)flux->incident[c];
+    }
+    merged->square += k * k * (double)flux->square;
+    merged->half += k_half * kiln_luminance_of_floats(flux->irradiance);
+    merged->variance += (k - k_half) * (k - k_half) * (double)flux->square;
+}
+
+/* Adds to `merged` what point `at` gets. What the weights leave over of its own light stays with it. */
+static void collect(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_near *near,
+                    void *context)
+{
+    const struct weights *own = &m->weights[at];
+    const double lit = (double)m->places[at].lit;
+    struct kiln_merged *merged = (struct kiln_merged *)context + (at - m->own_first);
+    double left = 1.0, left_half = 1.0;
+    for (int pass = 0; pass < 2; pass++) /* what is left over is known after the first */
+        for (size_t i = 0; i < near->count; i++) {
+            const size_t other = near->of[i];
+            const struct flux *flux = &m->fluxes[other];
+            const struct weights *w = &m->weights[other];
+            const double k = (double)own->s * (double)w->s / fmax((double)own->c, (double)w->c),
+                         k_half = in_half(m, at, other, radius) ? (double)own->s_half * (double)w->s_half /
+                                                                      fmax((double)own->c_half, (double)w->c_half)
+                                                                : 0.0;
+            if (pass == 0) {
+                left -= (double)m->places[other].lit * k;
+                left_half -= (double)m->places[other].lit * k_half;
+            } else if (flux->count > 0) {
+                add_flux(flux, other == at ? k + left / lit : k, other == at ? k_half + left_half / lit : k_half,
+                         merged);
+            }
+        }
+}
+
+/* Collective. What landed at own points, and at those of other ranks. */
+static void take_fluxes(struct kiln_merge *m, const struct kiln_landing_sum *landed)
+{
+#pragma omp parallel for num_threads((int)m->threads) schedule(static)
+    for (size_t i = 0; i < m->own_count; i++) {
+        struct flux *flux = &m->fluxes[m->own_first + i];
+        for (int c = 0; c < 3; c++) {
+            flux->irradiance[c] = (float)landed[i].irradiance[c];
+            flux->incident[c] = (float)landed[i].incident[c];
+        }
+        flux->square = (float)landed[i].square;
+        flux->count = (uint32_t)landed[i].count;
+    }
+    for (size_t i = 0; i < m->sent_count; i++)
+        m->outgoing[i] = m->fluxes[m->own_first + m->sent[i]];
+    exchange(m, sizeof *m->outgoing, m->outgoing, m->fluxes);
+}
+
+/* Collective. */
+static int spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, double radius, int balancings,
+                  struct kiln_merged *merged, struct kiln_error *error)
+{
+    const float now = fminf((float)radius, m->radius);
+    int status = find_weights(m, now, balancings, error);
+    if (status != KILN_OK)
+        return status;
+    take_fluxes(m, landed);
+    status = for_all(m, now, collect, merged, error);
+    return kiln_agree(m->communicator, status, error);
+}
+
+int kiln_merge_spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, double radius,
+                      struct kiln_merged *merged, struct kiln_error *error)
+{
+    return spread(m, landed, radius, BALANCINGS, merged, error);
+}
+
+/* ---- a radius for each point ---- */
+
+/* What is looked for: of own points. */
+struct fit {
+    double landings; /* that a radius is to have within it */
+    float *radii;
+};
+
+/* What lies within a radius of a point: area, m2, the luminances that have landed, W, and their squares. */
+struct ring {
+    double lit, light, square;
+};
+
+/* By step 0, 1, ... from the point alone to the largest. */
+static void find_steps(float largest, float radii[FIT_STEPS])
+{
+    radii[0] = 0.0f;
+    for (int step = 1; step < FIT_STEPS; step++)
+        radii[step] = largest * exp2f(-0.5f * (float)(FIT_STEPS - 1 - step));
+}
+
+/* Sorts the points nearby into the rings between one radius and the next. Most are in the widest, which come first. */
+static void fill_rings(const struct kiln_merge *m, size_t at, const float radii[FIT_STEPS],
+                       const struct kiln_merge_near *near, struct ring rings[FIT_STEPS])
+{
+    memset(rings, 0, FIT_STEPS * sizeof *rings);
+    for (size_t i = 0; i < near->count; i++) {
+        const size_t other = near->of[i];
+        const struct kiln_merge_place *a = &m->places[at], *b = &m->places[other];
+        const struct flux *flux = &m->fluxes[other];
+        int step = other == at ? 0 : FIT_STEPS - 1;
+        while (step > 1 && kiln_merge_are_near(a, b, radii[step - 1]))
+            step--;
+        rings[step].lit += (double)b->lit;
+        rings[step].light += kiln_luminance_of_floats(flux->irradiance);
+        rings[step].square += (double)flux->square;
+    }
+}
+
+/* Whether the light within two radii agrees, up to what chance does. Of few landings the squares are not known well:
+ * those within the narrow radius are at least what the wide one lets expect there. */
+static bool agree(const struct ring *narrow, const struct ring *wide)
+{
+    const double expected = wide->square * narrow->lit / wide->lit,
+                 error = sqrt(fmax(narrow->square, expected)) / narrow->lit + sqrt(wide->square) / wide->lit;
+    return fabs(narrow->light / narrow->lit - wide->light / wide->lit) <= DOUBT * error;
+}
+
+/* The widest step whose light agrees with that of all narrower ones; that with enough landings, where it is narrower.
+ */
+static int choose_step(const struct ring rings[FIT_STEPS], double landings)
+{
+    struct ring within[FIT_STEPS] = {rings[0]};
+    for (int step = 0; step < FIT_STEPS; step++) {
+        struct ring *all = &within[step];
+        if (step > 0)
+            *all = (struct ring){.lit = all[-1].lit + rings[step].lit,
+                                 .light = all[-1].light + rings[step].light,
+                                 .square = all[-1].square + rings[step].square};
+        for (int narrow = 0; narrow < step; narrow++)
+            if (!agree(&within[narrow], all))
+                return step - 1;
+        if (all->square > 0.0 && all->light * all->light >= landings * all->square)
+            return step;
+    }
+    return FIT_STEPS - 1;
+}
+
+/* The radius of a point. */
+static void fit_point(const struct kiln_merge *m, size_t at, float largest, const struct kiln_merge_near *near,
+                      void *context)
+{
+    const struct fit *fit = context;
+    struct ring rings[FIT_STEPS];
+    float radii[FIT_STEPS];
+    find_steps(radius_of(m, at, at, largest), radii);
+    fill_rings(m, at, radii, near, rings);
+    fit->radii[at - m->own_first] = radii[choose_step(rings, fit->landings)];
+}
+
+/* Collective. Makes all points as wide as their radius is. `radii`: of all, of which own ones are known. */
+static int take_radii(struct kiln_merge *m, float *radii, struct kiln_error *error)
+{
+    float *outgoing = (float *)(void *)m->outgoing;
+    for (size_t i = 0; i < m->sent_count; i++)
+        outgoing[i] = radii[m->own_first + m->sent[i]];
+    exchange(m, sizeof *outgoing, outgoing, radii);
+    for (size_t i = 0; i < m->count; i++)
+        m->places[i].widest = radii[i];
+    m->fitted = true;
+    kiln_merge_grid_destroy(&m->grid);
+    return m->radius > 0.0f ? kiln_merge_grid_create(&m->grid, m->places, m->count, m->radius, m->threads, error)
+                            : KILN_OK;
+}
+
+int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, double landings,
+                   struct kiln_error *error)
+{
+    struct fit fit = {.landings = landings};
+    float *radii = NULL;
+    int status = m->fitted ? kiln_merge_set_radius(m, (double)m->radius, error) : KILN_OK;
+    if (status == KILN_OK)
+        status = kiln_allocate(&radii, m->count, sizeof *radii, "the radii of points", error);
+    status = kiln_agree(m->communicator, status, error);
+    if (status == KILN_OK) {
+        fit.radii = radii + m->own_first;
+        take_fluxes(m, landed);
+        status = for_all(m, m->radius, fit_point, &fit, error);
+        const int taken = take_radii(m, radii, error);
+        status = kiln_agree(m->communicator, status == KILN_OK ? taken : status, error);
+    }
+    kiln_free(&radii);
+    return status;
+}
+
+/* ---- radius and error ---- */
+
+/* The square of what half the radius changes, without what of that is chance. */
+static double change2_of(const struct kiln_merged *merged)
+{
+    const double difference = kiln_luminance(merged->irradiance) - merged->half;
+    return difference * difference - merged->variance;
+}
+
+double kiln_merge_error(const struct kiln_merged *merged, uint64_t iterations)
+{
+    return sqrt(merged->square + BIAS * BIAS * fmax(0.0, change2_of(merged))) / (double)iterations;
+}
+
+double kiln_merge_radius_of(double first, double alpha, uint64_t iteration)
+{
+    const int doublings = 63 - __builtin_clzll(iteration + 1);
+    return first * pow(2.0, 0.5 * (alpha - 1.0) * doublings);
+}
+
+/* Collective. The square of the error of all iterations with a radius, as the first one shows it, over the scene. */
+static int find_error(struct kiln_merge *m, const struct kiln_merge_search *search, double radius, double *square,
+                      struct kiln_error *error)
+{
+    const double unit = kiln_exact_unit(search->scale),
+                 bias = 0.5 * radius < search->texel ? 1.0 : BIAS; /* by a half without bias, or with a quarter */
+    struct kiln_exact_sum sum = {0};
+    memset(search->merged, 0, m->own_count * sizeof *search->merged);
+    int status = kiln_merge_set_radius(m, radius, error);
+    if (status == KILN_OK)
+        status = spread(m, search->landed, radius, 0, search->merged, error); /* edges are few */
+    for (size_t i = 0; i < m->own_count && status == KILN_OK; i++) {
+        const struct kiln_merged *merged = &search->merged[i];
+        kiln_exact_add(&sum,
+                       (double)m->own[i].lit *
+                           (merged->square / (double)search->iterations + bias * bias * change2_of(merged)),
+                       1.0 / unit);
+    }
+    if (status == KILN_OK)
+        status = kiln_exact_reduce(m->communicator, &sum, 1, error);
+    *square = kiln_exact_value(&sum, unit);
+    return status;
+}
+
+int kiln_merge_find_radius(struct kiln_merge *m, const struct kiln_merge_search *search, double *radius,
+                           struct kiln_error *error)
+{
+    double least, square, mean = 0.0;
+    int worse = 0, status = find_error(m, search, 0.0, &least, error);
+    *radius = 0.0;
+    for (int k = 0; k < RADII && worse < 2 && status == KILN_OK; k++) {
+        const double tried = search->texel * LEAST_RADIUS * pow(2.0, 0.5 * k);
+        status = find_error(m, search, tried, &square, error);
+        worse = square < least ? 0 : worse + 1;
+        if (worse == 0) {
+            least = square;
+            *radius = tried;
+        }
+    }
+    for (uint64_t i = 0; i < search->iterations; i++)
+        mean += kiln_merge_radius_of(1.0, search->alpha, i) / (double)search->iterations;
+    *radius /= mean;
+    memset(search->merged, 0, m->own_count * sizeof *search->merged);
+    return status;
+}

@@ -1,0 +1,182 @@
+#include "coordinator/integrate/parts/parts.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "coordinator/integrate/parts/part_errors.h"
+#include "coordinator/integrate/parts/rounds.h"
+#include "coordinator/integrate/companion.h"
+
+/* ---- which steps ---- */
+
+size_t kiln_part_first(const struct kiln_step_report *reports, size_t count)
+{
+    size_t first = count > 0 ? count - 1 : 0;
+    while (first > 0 && reports[first - 1].step.part == reports[count - 1].step.part)
+        first--;
+    return first;
+}
+
+/* Which light paths a part has of a step that has got its samples, `first` in the first round: each part has its own.
+ * Of iterations that grow those of all parts follow one another as the samples do: samples are whole halves of `first`,
+ * and KILN_ITERATIONS_FIRST is even. */
+static void share_iterations(const struct kiln_integrate_settings *settings, uint32_t first, struct kiln_step *step)
+{
+    const uint64_t iterations = step->iterations;
+    step->first_iteration = (uint32_t)(iterations * step->part);
+    if (settings->iterations_grow && kiln_step_has(step, KILN_WITH(landing))) {
+        step->iterations = (uint32_t)(iterations * step->samples / first);
+        step->first_iteration = (uint32_t)(iterations * step->first_sample / first);
+    }
+}
+
+/* The share of a step's samples that the part has, and which ones of the sequence. `round`: that it is of; NULL: the
+ * first. */
+static void share_samples(const struct kiln_integrate_settings *settings, const struct kiln_round *round, uint32_t part,
+                          struct kiln_step *step)
+{
+    if (settings->parts <= 1)
+        return;
+    step->part = part;
+    step->samples = settings->target_error > 0.0 ? kiln_round_first(step->samples, step->counted)
+                                                 : (step->samples + KILN_PARTS - 1) / KILN_PARTS;
+    step->first_sample = step->samples * (part % KILN_PARTS);
+    const uint32_t first = step->samples;
+    if (round != NULL)
+        kiln_round_share(round, part % KILN_PARTS, step->counted, step);
+    step->counted = step->counted && round == NULL;
+    share_iterations(settings, first, step);
+}
+
+/* Whether another round comes after the last of the reports, which ends one. */
+static bool wants_round(const struct kiln_integrate_settings *settings, const struct kiln_step_report *last)
+{
+    return settings->target_error > 0.0 && last->round.to > last->round.from;
+}
+
+bool kiln_parts_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
+                     size_t count, struct kiln_step *step)
+{
+    const size_t first = kiln_part_first(reports, count);
+    uint32_t part = count > 0 ? reports[first].step.part : 0;
+    const struct kiln_round *round = count > 0 ? kiln_round_of(reports, count) : NULL;
+    bool any = settings->integrator->next(settings, reports + first, count - first, step);
+    if (!any && settings->parts > 1 && ((part + 1) % KILN_PARTS != 0 || wants_round(settings, &reports[count - 1]))) {
+        any = settings->integrator->next(settings, reports + count, 0, step);
+        round = ++part % KILN_PARTS == 0 ? &reports[count - 1].round : round;
+    }
+    if (any)
+        share_samples(settings, round, part, step);
+    return any;
+}
+
+/* ---- means ---- */
+
+double kiln_part_mix_error(double before, double error, const struct kiln_step *step)
+{
+    const double parts = kiln_part_before(step);
+    return step->part == 0 ? error : sqrt(parts * parts * before * before + error * error) / (parts + 1.0);
+}
+
+/* What part k of each round has found at a point is averaged over the rounds, by their samples. */
+static float *found_by(const struct kiln_rank_data *data, struct kiln_own_point own, uint32_t part)
+{
+    return &data->parts[KILN_PARTS * own.at + part % KILN_PARTS];
+}
+
+/* The share of a part's samples in those of this part and of the parts of that number in earlier rounds. */
+static float share_of(const struct kiln_step *step)
+{
+    const double before = (kiln_part_before(step) - (double)(step->part % KILN_PARTS)) / KILN_PARTS;
+    return step->part < KILN_PARTS ? 1.0f : (float)(1.0 / (before + 1.0));
+}
+
+void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
+                     const struct kiln_step *step)
+{
+    if (data->parts == NULL)
+        return;
+    float *found = found_by(data, own, step->part);
+    *found = (1.0f - share_of(step)) * *found + share_of(step) * luminance;
+}
+
+void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
+                   const struct kiln_step *step)
+{
+    if (data->parts != NULL)
+        *found_by(data, own, step->part) += share_of(step) * luminance;
+}
+
+/* Takes what the part has found of indirect light into the means. */
+static void take_indirect(const struct kiln_rank_data *data, const struct kiln_step *step)
+{
+    for (size_t i = 0; i < data->surface.tile_run_count; i++) {
+        const struct kiln_tile_run *run = &data->surface.tile_runs[i];
+        struct kiln_own_point own = kiln_own_of_global(&data->surface, run->first);
+        for (uint32_t k = 0; k < run->count && kiln_part_changes(data, run, step->part); k++, own.at++) {
+            const float *indirect = data->sum + 3 * own.at;
+            kiln_part_add(data, own, kiln_luminance_in_float(indirect), step);
+            kiln_part_mix(data->indirect + 3 * own.at, indirect, 3, step);
+        }
+    }
+}
+
+static void state_errors(const struct kiln_rank_data *data, const struct kiln_part_survey *survey)
+{
+    for (size_t i = 0; i < data->surface.tile_run_count; i++) {
+        const struct kiln_tile_run *run = &data->surface.tile_runs[i];
+        const struct kiln_own_point first = kiln_own_of_global(&data->surface, run->first);
+        float errors[KILN_PART_ERRORS];
+        kiln_part_errors(data, run, survey, errors);
+        for (uint32_t k = 0; k < run->count; k++)
+            data->error[first.at + k] = kiln_error_pack(errors[k]);
+    }
+}
+
+/* ---- a part is over ---- */
+
+static bool is_over(const struct kiln_integrate_settings *settings, const struct kiln_step_reports *part)
+{
+    struct kiln_step step;
+    return !settings->integrator->next(settings, part->of, part->count, &step);
+}
+
+int kiln_part_end(const struct kiln_integrate_params *p, struct kiln_solution *solution, double unit,
+                  struct kiln_error *error)
+{
+    const struct kiln_rank_data *data = solution->own;
+    const struct kiln_step_reports *steps = &solution->report.steps, part = kiln_part_reports(steps);
+    struct kiln_step_report *last = kiln_solution_step(solution);
+    struct kiln_part_survey survey;
+    struct kiln_step next;
+    int status = KILN_OK;
+    if (data->parts == NULL || !is_over(p->settings, &part))
+        return KILN_OK;
+    take_indirect(data, &last->step);
+    if (p->settings->target_error > 0.0 && (last->step.part + 1) % KILN_PARTS == 0)
+        status = kiln_round_judge(p, data, unit, &solution->report.steps, error);
+    if (status != KILN_OK || kiln_parts_next(p->settings, steps->of, steps->count, &next))
+        return status;
+    memcpy(data->sum, data->indirect, 3 * data->surface.count * sizeof *data->sum);
+    status = kiln_part_survey(p, data, &part, unit, &survey, error);
+    if (status == KILN_OK)
+        state_errors(data, &survey);
+    kiln_part_survey_release(&survey);
+    return status;
+}
+
+/* ---- the companion ---- */
+
+static bool parts_wanted(const struct kiln_integrate_params *params) { return params->settings->parts > 1; }
+
+static int after_step(void *self, const struct kiln_companion_site *site, double unit, struct kiln_error *error)
+{
+    const struct kiln_step *step = &kiln_solution_step(site->solution)->step;
+    (void)self;
+    return step->quantity == NULL ? kiln_part_end(site->params, site->solution, unit, error) : KILN_OK;
+}
+
+static bool is_sane(const struct kiln_step_report *report) { return kiln_round_is_sane(&report->round); }
+
+const struct kiln_companion kiln_companion_parts = {
+    .name = "parts", .wanted = parts_wanted, .after_step = after_step, .is_sane = is_sane};

@@ -1,0 +1,203 @@
+#include "coordinator/integrate/parts/rounds.h"
+
+#include <math.h>
+
+#include "coordinator/run/control.h"
+#include "coordinator/integrate/parts/part_errors.h"
+#include "coordinator/integrate/parts/parts.h"
+
+enum {
+    FIRST = 4 * KILN_PARTS, /* the settings' samples over those of a part of the first round */
+    LEVELS = 40,
+    LEVELS_MOST = 6,       /* that a round goes on by: what few samples say of an error is not known well */
+    SAMPLES_MOST = 1 << 18 /* of a step of one part */
+};
+#define LEFT 0.025  /* share of the points that may lie in tile runs that are not finished */
+#define MORE 0.1    /* share of the points that are not finished which may get more samples than they need */
+#define SAFETY 1.25 /* of what a round is expected to take */
+
+/* ---- samples ---- */
+
+const struct kiln_round *kiln_round_of(const struct kiln_step_report *reports, size_t count)
+{
+    size_t first = count;
+    while (first > 0 && reports[first - 1].step.part / KILN_PARTS == reports[count - 1].step.part / KILN_PARTS)
+        first--;
+    return first > 0 ? &reports[first - 1].round : NULL;
+}
+
+bool kiln_round_is_sane(const struct kiln_round *round)
+{
+    return round->from < LEVELS && round->to < LEVELS && round->share >= 0.0 && round->share <= 1.0;
+}
+
+uint32_t kiln_round_first(uint32_t samples, bool counts)
+{
+    const uint32_t share = samples / FIRST + (samples % FIRST > 0);
+    return counts ? share + (share & 1u) : share;
+}
+
+/* Twice the samples by a level, over those of the first round. */
+static uint64_t level_times(uint32_t level) { return (level % 2 > 0 ? 3ull : 2ull) << level / 2; }
+
+void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts, struct kiln_step *step)
+{
+    const uint64_t before = level_times(round->from), more = round->to > 0 ? level_times(round->to) - before : 0;
+    const uint32_t first = step->samples;
+    if (counts) {
+        step->samples = (uint32_t)(first / 2 * more);
+        step->first_sample = (uint32_t)(first / 2 * before) * KILN_PARTS + own * step->samples;
+        /* of caustics, which finished tile runs need too, all have the same */
+        step->samples_field = step->pass == &kiln_pass_direct ? KILN_FIELD_SAMPLES_DIRECT
+                              : step->terminal                ? KILN_FIELD_SAMPLES
+                                                              : NULL;
+    } else { /* the places are those of twice as many samples, so that no two rounds share any */
+        step->samples = (uint32_t)ceil(0.5 * (double)(first * more) * round->share);
+        step->first_sample = (uint32_t)(first * before) * KILN_PARTS + own * step->samples;
+    }
+}
+
+/* ---- the target ---- */
+
+/* What tile runs are judged by. */
+struct target {
+    struct kiln_part_survey survey;
+    double relative; /* error over luminance */
+};
+
+/* Mean square, over a tile run's points, of the errors over what is allowed. */
+static double mean_square(const struct kiln_rank_data *data, const struct kiln_tile_run *run, const struct target *t)
+{
+    const struct kiln_own_point first = kiln_own_of_global(&data->surface, run->first);
+    double square = 0.0, valid = 0.0;
+    float errors[KILN_PART_ERRORS];
+    kiln_part_errors(data, run, &t->survey, errors);
+    for (uint32_t k = 0; k < run->count; k++) {
+        if (!kiln_point_valid(&data->surface, (struct kiln_own_point){first.at + k}))
+            continue;
+        const double allowed = t->relative *
+                               fmax(kiln_part_light(data, first.at + k), KILN_PART_LEAST_LIGHT * t->survey.mean),
+                     ratio = errors[k] > 0.0f ? (double)errors[k] / allowed : 0.0;
+        square += fmin(ratio * ratio, 1e30);
+        valid += 1.0;
+    }
+    return valid > 0.0 ? square / valid : 0.0;
+}
+
+/* ---- the next round ---- */
+
+/* The level at which a tile run is expected to be finished. */
+static uint32_t level_needed(uint32_t level, double square)
+{
+    uint32_t needed = level + 1;
+    for (; needed < LEVELS - 1; needed++) {
+        const double times = (double)level_times(needed) / (double)level_times(level);
+        if (times * sqrt(times) >= square)
+            break;
+    }
+    return needed;
+}
+
+/* Points that are not finished by the level they need. */
+struct needs {
+    uint64_t points[LEVELS];
+};
+
+/* The most samples that a part of the first round has in a step. */
+static uint64_t most_first(const struct kiln_integrate_settings *settings)
+{
+    const uint32_t direct = kiln_round_first(settings->samples_direct, true),
+                   final = kiln_round_first(settings->samples_indirect, true);
+    const uint64_t bounce = 4 * (uint64_t)kiln_round_first(settings->samples_bounce, false);
+    const uint64_t counted = direct > final ? direct : final;
+    return counted > bounce ? counted : bounce;
+}
+
+static void choose_level(const struct kiln_integrate_params *p, const struct needs *needs, struct kiln_round *round)
+{
+    const uint64_t first = most_first(p->settings), points = p->surface->point_count;
+    const uint32_t now = round->from;
+    uint64_t unfinished = 0, below = 0;
+    for (uint32_t l = 0; l < LEVELS; l++)
+        unfinished += needs->points[l];
+    round->share = points > 0 ? (double)unfinished / (double)points : 0.0;
+    if (round->share <= LEFT)
+        return;
+    for (uint32_t l = now + 1; l < LEVELS && l <= now + LEVELS_MOST; l++) {
+        if (first / 2 * level_times(l) > SAMPLES_MOST || (double)below > MORE * (double)unfinished)
+            break;
+        below += needs->points[l];
+        round->to = l;
+    }
+}
+
+/* Collective. Takes a round back that would hardly end within --max-time as far as one that would: there may be none.
+ * Returns whether it did. */
+static bool keep_in_time(const struct kiln_integrate_params *p, const struct kiln_step_reports *steps,
+                         struct kiln_round *round)
+{
+    const uint32_t last = steps->of[steps->count - 1].step.part / KILN_PARTS;
+    const double left = kiln_control_seconds_left(p->control);
+    size_t first = steps->count;
+    double seconds = 0.0;
+    for (; first > 0 && steps->of[first - 1].step.part / KILN_PARTS == last; first--)
+        seconds += steps->of[first - 1].seconds + steps->of[first - 1].exchange_seconds;
+    const uint64_t now = level_times(round->from),
+                   before = first > 0 ? level_times(steps->of[first - 1].round.from) : 0;
+    uint32_t to = round->to;
+    while (isfinite(left) && to > round->from &&
+           left < SAFETY * seconds * (double)(level_times(to) - now) / (double)(now - before))
+        to--;
+    (void)MPI_Bcast(&to, 1, MPI_UINT32_T, 0, p->communicator);
+    const bool late = to < round->to;
+    round->to = to > round->from ? to : 0;
+    return late && round->to == 0;
+}
+
+/* The samples of a tile run in the terminal steps and in direct light of the next round. */
+static void set_samples(const struct kiln_integrate_settings *settings, const struct kiln_rank_data *data,
+                        const struct kiln_round *round, size_t i, bool finished)
+{
+    const uint32_t first = kiln_round_first(settings->samples_direct, true);
+    struct kiln_step direct = {.pass = &kiln_pass_direct, .samples = first},
+                     gather = {.pass = &kiln_pass_gather,
+                               .samples = kiln_round_first(settings->samples_indirect, true)};
+    kiln_round_share(round, 0, true, &direct);
+    kiln_round_share(round, 0, true, &gather);
+    data->samples[i] = finished ? 0 : gather.samples;
+    data->samples_direct[i] = finished && direct.samples > first ? first : direct.samples;
+}
+
+/* The level of the round that the last report is of. */
+static uint32_t level_of_last(const struct kiln_step_reports *steps)
+{
+    const struct kiln_round *before = kiln_round_of(steps->of, steps->count);
+    return before != NULL ? before->to : 0;
+}
+
+int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, double unit,
+                     struct kiln_step_reports *steps, struct kiln_error *error)
+{
+    struct kiln_step_report *last = &steps->of[steps->count - 1];
+    const struct kiln_step_reports part = kiln_part_reports(steps);
+    struct target t = {.relative = p->settings->target_error};
+    struct needs needs = {{0}};
+    struct kiln_round round = {.from = level_of_last(steps)};
+    const int status = kiln_part_survey(p, data, &part, unit, &t.survey, error);
+    for (size_t i = 0; status == KILN_OK && i < data->surface.tile_run_count; i++) {
+        const struct kiln_tile_run *run = &data->surface.tile_runs[i];
+        const double square = mean_square(data, run, &t);
+        const bool finished = square <= 1.0 || !kiln_part_changes(data, run, last->step.part);
+        needs.points[finished ? 0 : level_needed(round.from, square)] += finished ? 0 : run->count;
+        data->samples[i] = !finished;
+    }
+    (void)MPI_Allreduce(MPI_IN_PLACE, needs.points, LEVELS, MPI_UINT64_T, MPI_SUM, p->communicator);
+    choose_level(p, &needs, &round);
+    last->unfinished = round.share;
+    last->out_of_time = keep_in_time(p, steps, &round);
+    last->round = round;
+    for (size_t i = 0; status == KILN_OK && round.to > 0 && i < data->surface.tile_run_count; i++)
+        set_samples(p->settings, data, &round, i, data->samples[i] == 0);
+    kiln_part_survey_release(&t.survey);
+    return status;
+}

@@ -1,0 +1,33 @@
+/* What the steps of the directions pass (worker/pass/directions.h) of a bake by radiosity are run with: a set of
+ * directions, or the patches that are bright in that step. Nothing here is collective: all ranks make the same. */
+#ifndef KILN_COORDINATOR_INTEGRATE_PATCHES_DIRECTIONS_H
+#define KILN_COORDINATOR_INTEGRATE_PATCHES_DIRECTIONS_H
+
+#include "coordinator/job/choices.h"
+#include "worker/pass/directions.h"
+#include "worker/scene/surface.h"
+
+struct kiln_directions;
+
+struct kiln_directions_source {
+    const struct kiln_surface *surface;
+    const struct kiln_patch_settings *settings;
+    const struct kiln_patch *points; /* of all surface points; NULL: no rays go to bright patches, and none emit */
+    const float (*emission)[3];      /* of all, W/m2; NULL unless patches emit */
+};
+
+/* `samples`: rays of a point in a step. All of the source is borrowed, up to the end of the directions. KILN_SYSTEM. */
+int kiln_directions_create(struct kiln_directions **directions, const struct kiln_directions_source *source,
+                           uint32_t samples, struct kiln_error *error);
+/* NULL is accepted. */
+void kiln_directions_destroy(struct kiln_directions **directions);
+
+/* Of memory that they take, of so many surface points in all. */
+uint64_t kiln_directions_bytes(const struct kiln_patch_settings *settings, uint64_t points);
+
+/* The parameters of a step that gathers what is emitted, or this packed radiosity of all points; they stand until the
+ * next call. */
+const struct kiln_directions_parameters *kiln_directions_update(struct kiln_directions *directions,
+                                                                const uint64_t *radiosity, bool of_emission);
+
+#endif

@@ -1,0 +1,47 @@
+/* Links between surface points and nodes (worker/pass/links.h) over a bake: the tree, and what has been found for this
+ * rank's own tile runs. They are kept from bounce to bounce; what moves to another rank, or was done before an
+ * interruption, is found there again, with the same bits. */
+#ifndef KILN_COORDINATOR_INTEGRATE_PATCHES_LINKS_H
+#define KILN_COORDINATOR_INTEGRATE_PATCHES_LINKS_H
+
+#include "coordinator/integrate/patches/link_file.h"
+#include "coordinator/integrate/patches/link_tree.h"
+#include "worker/scene/surface.h"
+
+struct kiln_links;
+
+/* What links are made of, and with; borrowed. */
+struct kiln_links_source {
+    const struct kiln_surface *surface;
+    const struct kiln_patch *points; /* as for kiln_link_tree_create, as are rooms and light */
+    const uint32_t *rooms;
+    const float *light; /* read by kiln_links_create alone */
+    struct kiln_link_choice choice;
+    double target;                         /* as in struct kiln_links_parameters */
+    uint32_t stream;                       /* of the rays that close rows */
+    const struct kiln_transport *replayed; /* whose links are taken where it has them; NULL: there is none */
+};
+
+/* KILN_SYSTEM. */
+int kiln_links_create(struct kiln_links **links, const struct kiln_links_source *source, struct kiln_error *error);
+/* NULL is accepted. */
+void kiln_links_destroy(struct kiln_links **links);
+
+/* Of memory, on each rank, for so many points in all, of which it has `own`; roughly, for its links are not found yet.
+ * Likewise of what a point's links take by themselves. */
+uint64_t kiln_links_bytes_expected(uint64_t points, uint64_t own, double link_error);
+double kiln_links_point_bytes(uint64_t points, double link_error);
+
+/* Takes the radiosity of all points; the surface may be distributed anew since. Returns what the pass is run with,
+ * which stands until the next call, or NULL. KILN_SYSTEM; KILN_BAD_INPUT: links that were kept are damaged. */
+int kiln_links_update(struct kiln_links *links, uint32_t bounce, kiln_link_of_point light, const void *context,
+                      const struct kiln_links_parameters **parameters, struct kiln_error *error);
+
+/* How many links of points there are on this rank, the bytes that they take, and how many were kept by another bake. */
+void kiln_links_count(const struct kiln_links *links, uint64_t *count, uint64_t *bytes, uint64_t *replayed);
+
+/* Collective, after a step that has found all. Keeps them beside the bake. */
+int kiln_links_keep(const struct kiln_links *links, const struct kiln_transport *transport, MPI_Comm communicator,
+                    struct kiln_error *error);
+
+#endif

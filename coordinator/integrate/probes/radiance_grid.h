@@ -1,0 +1,38 @@
+/* The grid of radiance probes, and what is made of the radiance that a probe's rays find. */
+#ifndef KILN_COORDINATOR_INTEGRATE_PROBES_RADIANCE_GRID_H
+#define KILN_COORDINATOR_INTEGRATE_PROBES_RADIANCE_GRID_H
+
+#include "coordinator/job/choices.h"
+#include "worker/sampling/harmonics.h"
+#include "worker/pass/radiance.h"
+#include "worker/scene/geometry.h"
+#include "worker/scene/radiance_probes.h"
+
+/* The grid over the scene's box: boxes as wide as the spacing, with a probe in the middle of each, so that none lies in
+ * a wall at the scene's bounds. KILN_USAGE for more than KILN_PROBES_MOST probes. Not collective, no side effects. */
+int kiln_probe_grid_make(struct kiln_probe_grid *grid, const struct kiln_radiance_settings *settings,
+                         const struct kiln_geometry *geometry, struct kiln_error *error);
+
+/* Rays of an element for each probe. */
+uint32_t kiln_probe_element_samples(const struct kiln_probe_grid *grid, const struct kiln_radiance_settings *settings);
+
+/* Where the grid has a probe, m from the scene's centre. */
+struct kiln_vec3 kiln_probe_grid_position(const struct kiln_probe_grid *grid, uint64_t probe);
+
+/* What an element of a map stands for: its solid angle, sr, and the integrals of the harmonics over it. Over all
+ * elements they add up to 4 pi, and to 2 sqrt(pi), 0, 0, ...: a map of one radiance everywhere has no other harmonic.
+ */
+struct kiln_probe_element {
+    double solid_angle, harmonics[KILN_HARMONICS];
+};
+/* Fills in all elements of the grid's map. */
+void kiln_probe_elements_make(const struct kiln_probe_grid *grid, struct kiln_probe_element *elements);
+
+/* Share of all directions in which backs are. */
+double kiln_probe_back_share(const struct kiln_probe_element *elements, const struct kiln_radiance_result *results,
+                             uint32_t count);
+/* What the probe keeps, grid->floats floats: its map, or the harmonics of bands 0 to 2 of it. */
+void kiln_probe_keep(const struct kiln_probe_grid *grid, const struct kiln_probe_element *elements,
+                     const struct kiln_radiance_result *results, float *data);
+
+#endif

@@ -1,0 +1,69 @@
+#include <string.h>
+
+#include "coordinator/integrate/companion.h"
+#include "coordinator/field/radiosity_allgather.h"
+#include "coordinator/run/control.h"
+#include "coordinator/integrate/reach/second_go.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/base/memory.h"
+
+/* Nodes receive the radiosity of what their points see (sight.h), and compute again what has met more (second_go.h). */
+
+static bool reach_wanted(const struct kiln_integrate_params *params) { return params->settings->visible_only; }
+
+/* Collective. From now on nodes receive what their points see. */
+static int settle(void **self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = site->params;
+    struct kiln_solution *s = site->solution;
+    (void)self;
+    kiln_control_meet(p->control);
+    int status = kiln_sight_create(&s->sight, p, error);
+    if (status == KILN_OK)
+        status = kiln_radiosity_allgather_limit(s->allgather, s->sight->first, s->sight->units, error);
+    return status == KILN_OK ? kiln_sight_want(s->sight, p, s->allgather, false, error) : status;
+}
+
+static int complete(void *self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    const struct kiln_second_go go = {site->params, site->solution, site->batches, site->taker};
+    (void)self;
+    return kiln_second_go(&go, error);
+}
+
+/* Collective. The new owners get the radiosity of their points. */
+static int before_move(void *self, const struct kiln_companion_site *site, const uint64_t *bounds,
+                       struct kiln_error *error)
+{
+    const struct kiln_integrate_params *p = site->params;
+    const struct kiln_sight *sight = site->solution->sight;
+    const uint64_t begin = bounds[p->rank], end = bounds[p->rank + 1];
+    uint8_t *wanted = NULL;
+    (void)self;
+    if (kiln_radiosity_allgather_reach(site->solution->allgather) == NULL)
+        return KILN_OK;
+    int status = kiln_agree(
+        p->communicator, kiln_allocate(&wanted, (size_t)sight->units, sizeof *wanted, "the cells of new points", error),
+        error);
+    for (uint64_t u = 0; status == KILN_OK && u < sight->units; u++)
+        wanted[u] = sight->first[u] < end && sight->first[u + 1] > begin;
+    if (status == KILN_OK)
+        status = kiln_radiosity_allgather_want(site->solution->allgather, wanted, true, error);
+    kiln_free(&wanted);
+    return status;
+}
+
+static int after_move(void *self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    struct kiln_sight *sight = site->solution->sight;
+    (void)self;
+    const int status = kiln_sight_look(sight, site->params, error);
+    return status == KILN_OK ? kiln_sight_want(sight, site->params, site->solution->allgather, true, error) : status;
+}
+
+const struct kiln_companion kiln_companion_reach = {.name = "reach",
+                                                    .wanted = reach_wanted,
+                                                    .settle = settle,
+                                                    .complete = complete,
+                                                    .before_move = before_move,
+                                                    .after_move = after_move};

@@ -1,0 +1,272 @@
+#include "coordinator/integrate/relight/groups.h"
+
+#include <string.h>
+
+#include "coordinator/field/group_fields.h"
+#include "coordinator/integrate/packing.h"
+#include "coordinator/mpi/agree.h"
+#include "coordinator/integrate/companion.h"
+#include "worker/backend/extended.h"
+#include "worker/base/memory.h"
+#include "worker/light/light_groups.h"
+#include "worker/pass/groups.h"
+#include "worker/scene/radiosity.h"
+
+enum {
+    STREAMS = 1 << 20,     /* of random bits between those of two groups */
+    AT_ONCE = 64,          /* points */
+    TOTAL_STREAM = 0x10000 /* of those by which total radiosity is rounded, as radiosity_exchange.c has it */
+};
+
+struct kiln_group_light {
+    const struct kiln_integrate_params *params;
+    struct kiln_solution *solution;
+    struct kiln_groups channel;
+    size_t first; /* field */
+    uint64_t *radiosity, *own;
+    int *counts, *begins; /* points of each rank */
+};
+
+static void *field_of(const struct kiln_group_light *g, const struct kiln_rank_data *data, uint32_t group, int kind)
+{
+    return kiln_rank_field(data, g->params->fields, g->first + group * KILN_GROUP_FIELDS + (size_t)kind);
+}
+
+/* The data as a group's solve has it, when turned to one. */
+static struct kiln_rank_data view_of(const struct kiln_rank_data *data)
+{
+    struct kiln_rank_data view = *data;
+    view.error = view.error_direct = view.error_indirect = view.error_caustic = NULL;
+    view.radiosity = view.caustic = view.indirect = view.parts = NULL;
+    return view;
+}
+
+static void turn_to(const struct kiln_group_light *g, const struct kiln_rank_data *data, uint32_t group,
+                    struct kiln_rank_data *view)
+{
+    view->direct = field_of(g, data, group, KILN_GROUP_DIRECT);
+    view->sum = field_of(g, data, group, KILN_GROUP_SUM);
+    view->next = field_of(g, data, group, KILN_GROUP_NEXT);
+}
+
+int kiln_group_light_create(struct kiln_group_light **light, const struct kiln_integrate_params *params,
+                            struct kiln_solution *solution, struct kiln_error *error)
+{
+    struct kiln_group_light *g = NULL;
+    const size_t ranks = (size_t)params->ranks, total = (size_t)params->surface->point_count;
+    int status = kiln_allocate(&g, 1, sizeof *g, "the light of groups", error);
+    if (status == KILN_OK) {
+        g->params = params;
+        g->solution = solution;
+        g->channel.lights = params->groups;
+        g->first = kiln_group_fields_first(params->fields);
+        status = kiln_allocate(&g->radiosity, total * params->groups->count, sizeof *g->radiosity,
+                               "the radiosity of groups", error);
+    }
+    if (status == KILN_OK)
+        status = kiln_allocate(&g->counts, ranks, sizeof *g->counts, "the ranges of ranks", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&g->begins, ranks, sizeof *g->begins, "the ranges of ranks", error);
+    *light = g;
+    if (status == KILN_OK) {
+        g->channel.radiosity = g->radiosity;
+        kiln_backend_set_groups(params->backend, &g->channel);
+    }
+    status = kiln_agree(params->communicator, status, error);
+    if (status != KILN_OK)
+        kiln_group_light_destroy(light);
+    return status;
+}
+
+void kiln_group_light_destroy(struct kiln_group_light **light)
+{
+    struct kiln_group_light *g = *light;
+    if (g == NULL)
+        return;
+    kiln_backend_set_groups(g->params->backend, NULL);
+    kiln_free(&g->channel.answers);
+    kiln_free(&g->radiosity);
+    kiln_free(&g->counts);
+    kiln_free(&g->begins);
+    kiln_free(light);
+}
+
+/* A group's answers in the form of the whole light's. */
+static void answers_of(const struct kiln_group_light *g, const struct kiln_tile_run *run, uint32_t group,
+                       const struct kiln_point_result *all, struct kiln_point_result of[KILN_TILE_TEXELS])
+{
+    const size_t count = g->channel.lights->count;
+    const float *from = g->channel.answers + ((run->first.at - g->channel.first) * count + group) * KILN_GROUP_FLOATS;
+    for (uint32_t k = 0; k < run->count; k++, from += count * KILN_GROUP_FLOATS) {
+        of[k] = (struct kiln_point_result){.count = all[k].count, .present = all[k].present};
+        memcpy(of[k].incident, from, sizeof of[k].incident);
+        memcpy(of[k].irradiance, from + 3, sizeof of[k].irradiance);
+    }
+}
+
+void kiln_group_light_take(const struct kiln_group_light *g, const struct kiln_taking *taking,
+                           const struct kiln_rank_data *data, const struct kiln_tile_run *run, const void *results)
+{
+    struct kiln_point_result of[KILN_TILE_TEXELS];
+    if (g == NULL || taking->step->quantity != NULL)
+        return;
+    struct kiln_rank_data view = view_of(data);
+    for (uint32_t group = 0; group < g->channel.lights->count; group++) {
+        turn_to(g, data, group, &view);
+        struct kiln_step step = *taking->step;
+        struct kiln_taking own = *taking;
+        step.compact = false;
+        own.step = &step;
+        own.rounding = (group + 1) * STREAMS;
+        answers_of(g, run, group, results, of);
+        taking->settings->integrator->take(&own, &view, run, of, NULL, NULL);
+        const uint64_t first = 3 * kiln_own_of_global(&data->surface, run->first).at;
+        for (uint64_t i = first; step.terminal && i < first + 3 * (uint64_t)run->count; i++)
+            view.sum[i] += view.direct[i];
+    }
+}
+
+/* Collective: the ranges may have moved. */
+static void find_ranges(const struct kiln_group_light *g)
+{
+    const struct kiln_surface *s = &g->solution->own->surface;
+    const int mine[2] = {(int)s->count, (int)s->first.at};
+    (void)MPI_Allgather(&mine[0], 1, MPI_INT, g->counts, 1, MPI_INT, g->params->communicator);
+    (void)MPI_Allgather(&mine[1], 1, MPI_INT, g->begins, 1, MPI_INT, g->params->communicator);
+}
+
+/* Collective. All ranks get what each has in `radiosity`. */
+static void share(struct kiln_group_light *g)
+{
+    MPI_Datatype point;
+    g->channel.changed = true;
+    find_ranges(g);
+    (void)MPI_Type_contiguous((int)g->channel.lights->count, MPI_UINT64_T, &point);
+    (void)MPI_Type_commit(&point);
+    (void)MPI_Allgatherv(MPI_IN_PLACE, 0, point, g->radiosity, g->counts, g->begins, point, g->params->communicator);
+    (void)MPI_Type_free(&point);
+}
+
+struct kiln_groups *kiln_group_light_total(struct kiln_group_light *g)
+{
+    const struct kiln_rank_data *own = g->solution->own;
+    const uint64_t count = g->channel.lights->count;
+#pragma omp parallel for schedule(static)
+    for (size_t f = 0; f < own->surface.tile_run_count; f++) {
+        const struct kiln_tile_run *run = &own->surface.tile_runs[f];
+        struct kiln_own_point at = kiln_own_of_global(&own->surface, run->first);
+        for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, at.at++) {
+            float albedo[3], total[3];
+            kiln_point_albedo(&own->surface, at, albedo);
+            for (uint32_t group = 0; group < count; group++) {
+                const float *sum = (const float *)field_of(g, own, group, KILN_GROUP_SUM) + 3 * at.at;
+                const uint32_t hash =
+                    kiln_packing_hash(run, (uint32_t)__builtin_ctzll(rest), TOTAL_STREAM + (group + 1) * STREAMS);
+                for (int c = 0; c < 3; c++)
+                    total[c] = albedo[c] * sum[c];
+                g->radiosity[(own->surface.first.at + at.at) * count + group] = kiln_radiosity_pack(total, hash);
+            }
+        }
+    }
+    share(g);
+    return &g->channel;
+}
+
+/* Own points from `begin` to `end`: what each group sends lies apart there, and together for the rays that read it. */
+static void exchange_some(const struct kiln_group_light *g, uint64_t begin, uint64_t end, bool restored)
+{
+    const struct kiln_rank_data *own = g->solution->own;
+    const uint64_t count = g->channel.lights->count;
+    uint64_t *together = g->radiosity + (own->surface.first.at + begin) * count;
+    for (uint32_t group = 0; group < count; group++) {
+        uint64_t *source = field_of(g, own, group, KILN_GROUP_SOURCE);
+        if (!restored)
+            memcpy(source + begin, (uint64_t *)field_of(g, own, group, KILN_GROUP_NEXT) + begin,
+                   (end - begin) * sizeof *source);
+        for (uint64_t i = begin; i < end; i++)
+            together[(i - begin) * count + group] = source[i];
+    }
+}
+
+void kiln_group_light_exchange(struct kiln_group_light *g, bool restored)
+{
+    if (g == NULL)
+        return;
+    const uint64_t points = g->solution->own->surface.count;
+#pragma omp parallel for schedule(static)
+    for (uint64_t begin = 0; begin < points; begin += AT_ONCE)
+        exchange_some(g, begin, begin + AT_ONCE < points ? begin + AT_ONCE : points, restored);
+    share(g);
+}
+
+void kiln_group_light_each(const struct kiln_group_light *g, void (*change)(const struct kiln_rank_data *own))
+{
+    if (g == NULL)
+        return;
+    struct kiln_rank_data view = view_of(g->solution->own);
+    for (uint32_t group = 0; group < g->channel.lights->count; group++) {
+        turn_to(g, g->solution->own, group, &view);
+        change(&view);
+    }
+}
+
+void kiln_group_light_extend(const struct kiln_group_light *g, struct kiln_own_point first, uint64_t count,
+                             const float factor[3])
+{
+    for (uint32_t group = 0; g != NULL && group < g->channel.lights->count; group++) {
+        const uint64_t *next = field_of(g, g->solution->own, group, KILN_GROUP_NEXT);
+        float *sum = field_of(g, g->solution->own, group, KILN_GROUP_SUM);
+        for (uint64_t i = first.at; i < first.at + count; i++) {
+            float last[3];
+            kiln_radiosity_unpack(next[i], last);
+            for (uint64_t c = 0; c < 3; c++)
+                sum[3 * i + c] += factor[c] * last[c];
+        }
+    }
+}
+
+/* ---- the companion ---- */
+
+static bool groups_wanted(const struct kiln_integrate_params *params) { return params->groups != NULL; }
+
+static int settle(void **self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    struct kiln_group_light *g = NULL;
+    const int status = kiln_group_light_create(&g, site->params, site->solution, error);
+    *self = g;
+    return status;
+}
+
+static void destroy(void **self)
+{
+    struct kiln_group_light *g = *self;
+    kiln_group_light_destroy(&g);
+    *self = NULL;
+}
+
+static void take(const void *self, const struct kiln_taking *taking, const struct kiln_rank_data *data,
+                 const struct kiln_tile_run *tile_run, const void *results)
+{
+    kiln_group_light_take(self, taking, data, tile_run, results);
+}
+
+static void exchange(void *self, bool restored) { kiln_group_light_exchange(self, restored); }
+
+static void each_light(const void *self, void (*change)(const struct kiln_rank_data *own))
+{
+    kiln_group_light_each(self, change);
+}
+
+static void extend(const void *self, struct kiln_own_point first, uint64_t count, const float factor[3])
+{
+    kiln_group_light_extend(self, first, count, factor);
+}
+
+const struct kiln_companion kiln_companion_groups = {.name = "groups",
+                                                     .wanted = groups_wanted,
+                                                     .settle = settle,
+                                                     .destroy = destroy,
+                                                     .take = take,
+                                                     .exchange = exchange,
+                                                     .each_light = each_light,
+                                                     .extend = extend};

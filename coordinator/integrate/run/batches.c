@@ -1,0 +1,502 @@
+#include "coordinator/integrate/run/batches.h"
+
+#include <assert.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "coordinator/job/faults.h"
+#include "coordinator/integrate/companion.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/backend/extended.h"
+#include "worker/base/memory.h"
+
+enum { LEAVES = 8 };           /* a batch takes at most one part in so many of what is left */
+#define LEAST_HELP 0.005       /* s of work that is left to a rank, for others to take any of it */
+#define LEAST_DEVICE_HELP 0.03 /* s, the same for a device, which has little to do as a batch begins and ends */
+#define LEAST_CLAIM 0.03       /* s of work that a device claims at once where others may help */
+enum { CLAIMS = 2 };           /* which are under way at once */
+/* rays a second and thread, to begin with: little, so that the first batch is short however slow they are */
+#define RATE_START 2e4
+
+/* ---- how much ---- */
+
+/* Points of a range: tile runs follow one another. */
+static uint64_t points_of(const struct kiln_surface *surface, struct kiln_range range)
+{
+    if (range.count == 0)
+        return 0;
+    const struct kiln_tile_run *first = &surface->tile_runs[range.first];
+    return kiln_tile_runs_points(first, first + range.count - 1);
+}
+
+/* The samples of the tile runs of `data` in the step under way; NULL: all have the same. */
+static const uint32_t *samples_of(const struct kiln_batches *b, const struct kiln_rank_data *data)
+{
+    const struct kiln_field_set *fields = b->params->fields;
+    const char *name = b->report->step.samples_field;
+    if (name == NULL)
+        return NULL;
+    const size_t place = kiln_field_set_find(fields, name);
+    assert(place < fields->count && fields->entry[place].field->domain == KILN_DOMAIN_TILE_RUN &&
+           kiln_field_size(fields->entry[place].field) == sizeof(uint32_t));
+    return kiln_rank_field(data, fields, place);
+}
+
+/* What a tile run asks for: its points, or as many of the step's mean samples as have all its own. */
+static double work_of(const struct kiln_batches *b, const struct kiln_tile_run *run, const uint32_t *samples)
+{
+    return samples == NULL ? (double)run->count
+                           : (double)run->count * (double)*samples / (double)b->report->step.samples;
+}
+
+static double work_in(const struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range range)
+{
+    const uint32_t *samples = samples_of(b, data);
+    double work = 0.0;
+    if (samples == NULL)
+        return (double)points_of(&data->surface, range);
+    for (size_t f = range.first; f < range.first + range.count; f++)
+        work += work_of(b, &data->surface.tile_runs[f], &samples[f]);
+    return work;
+}
+
+/* work a second */
+static double speed_of(const struct kiln_batches *b) { return b->rate / (double)b->report->step.samples; }
+
+/* The same of another rank's points, which have to come here first. */
+static double help_speed(const struct kiln_batches *b, double work, uint64_t points)
+{
+    return work / (work / speed_of(b) + b->point_seconds * (double)points);
+}
+
+/* Whether a companion answers the step in the place of its pass. */
+static bool is_answered(const struct kiln_batches *b)
+{
+    return kiln_companion_answering(b->params->companions, &b->report->step) != NULL;
+}
+
+/* Whether ranks may help each other in the step: what a companion knows, and links, are with the owner of the points.
+ */
+static bool is_shared(const struct kiln_batches *b)
+{
+    return kiln_node_data_count(b->solution->node_data) > 1 && !is_answered(b) && b->report->step.pass->is_stealable;
+}
+
+/* In how many parts what is left is to be done. */
+static int parts_of(const struct kiln_batches *b)
+{
+    const int ranks = kiln_node_data_count(b->solution->node_data);
+    return ranks < LEAVES ? ranks : LEAVES;
+}
+
+/* How many tile runs of what is left of the own work make a batch: one a thread at least, so that no core is idle;
+ * towards the end of the step less and less, so that others can take the rest. */
+static size_t batch_of(const struct kiln_batches *b, struct kiln_range left)
+{
+    const struct kiln_rank_data *own = b->solution->own;
+    const struct kiln_tile_run *tile_runs = own->surface.tile_runs + left.first;
+    const uint32_t *samples = samples_of(b, own);
+    double wanted = speed_of(b) * kiln_control_batch_seconds(b->params->control), work = 0.0;
+    if (is_shared(b))
+        wanted = fmin(wanted, fmax(work_in(b, own, left) / parts_of(b), KILN_LEAST_BATCH * speed_of(b)));
+    size_t count = 0;
+    for (; count < left.count && (count < b->params->threads || work < wanted); count++)
+        work += work_of(b, &tile_runs[count], samples != NULL ? &samples[left.first + count] : NULL);
+    return count;
+}
+
+/* The same from the end, of what another rank could do without: half of what makes both end at the same time, for there
+ * may be more helpers. */
+static size_t help_of(const struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range left)
+{
+    const struct kiln_tile_run *tile_runs = data->surface.tile_runs;
+    const uint32_t *samples = samples_of(b, data);
+    const double all = work_in(b, data, left), own = help_speed(b, all, points_of(&data->surface, left)),
+                 theirs = kiln_work_queue_speed(data->queue), fair = 0.5 * all * own / (own + theirs),
+                 wanted = fmin(fmax(fair, b->least_help * own), own * kiln_control_batch_seconds(b->params->control));
+    const size_t end = left.first + left.count;
+    double work = 0.0;
+    size_t count = 0;
+    while (count < left.count && (count < b->params->threads || work < wanted)) {
+        count++;
+        work += work_of(b, &tile_runs[end - count], samples != NULL ? &samples[end - count] : NULL);
+    }
+    return count;
+}
+
+/* A batch's speed; not believed at once when it is much higher than before, as a device's first launches are slow. What
+ * is claimed hangs little on it. */
+static void note_rate(struct kiln_batches *b, double work, double seconds)
+{
+    const double rate = work * (double)b->report->step.samples / fmax(seconds, 1e-6);
+    b->rate = b->claims ? rate : fmin(rate, 4.0 * b->rate);
+    kiln_work_queue_set_speed(b->solution->own->queue, speed_of(b));
+}
+
+/* ---- batches ---- */
+
+/* What is done of the own tile runs before `end`, and not with others, leaves where radiosity travels early. */
+static void send_done(struct kiln_batches *b, size_t end)
+{
+    const struct kiln_rank_data *own = b->solution->own;
+    const uint64_t points = kiln_step_work_done_before(b->work, own, end);
+    if (b->report->step.early && own->surface.tile_run_count > 0)
+        kiln_radiosity_allgather_advance(b->solution->allgather, kiln_next_compact(own), points);
+}
+
+static void be_slow(const struct kiln_batches *b, double seconds)
+{
+    const double more = (b->slowness - 1.0) * seconds, whole = floor(more);
+    const struct timespec pause = {(time_t)whole, (long)(1e9 * (more - whole))};
+    if (more > 0.0)
+        (void)nanosleep(&pause, NULL);
+}
+
+/* KILN_HOLD: waits while a file is there. */
+static void be_held(const struct kiln_batches *b)
+{
+    const char *file = b->params->settings->faults.hold;
+    const struct timespec pause = {0, 20000000};
+    while (file[0] != '\0' && b->pass->reads_radiosity && access(file, F_OK) == 0 &&
+           !kiln_stop_asked(kiln_control_stop(b->params->control)))
+        (void)nanosleep(&pause, NULL);
+}
+
+/* kiln_take_results; the context is the kiln_batches. What the part cost is shared by its tile runs, by points. */
+static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    struct kiln_batches *b = context;
+    const struct kiln_rank_data *data = b->data, *own = b->solution->own;
+    const struct kiln_tile_run *tile_runs = data->surface.tile_runs + first;
+    be_held(b);
+    const double before = b->since, now = MPI_Wtime(), seconds = b->slowness * (now - before);
+    const uint64_t points = points_of(&data->surface, (struct kiln_range){first, count});
+    b->since = now;
+    const int status = kiln_taker_take(b->taker, data, first, count, results, error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < count; i++)
+        data->cost[first + i] = (float)(seconds / (double)points * (double)tile_runs[i].count);
+    b->points += points;
+    b->taken += work_in(b, data, (struct kiln_range){first, count});
+    if (data != own)
+        return KILN_OK;
+    if (b->claims) {
+        be_slow(b, now - before);
+        b->since = MPI_Wtime();
+        note_rate(b, b->taken, b->since - b->begun);
+    }
+    b->work->points_done += points;
+    kiln_progress_advance(b->params->progress, kiln_step_work_points(b->work, own));
+    if (b->report->step.samples_field == NULL) /* else what is before `first` may not be done yet */
+        send_done(b, first + count);
+    return KILN_OK;
+}
+
+/* The samples of the tile runs of the batch under way from `first` on; NULL: all have the same. */
+static const uint32_t *samples_from(const struct kiln_batches *b, size_t first)
+{
+    const uint32_t *samples = samples_of(b, b->data);
+    return samples != NULL ? samples + first : NULL;
+}
+
+/* Points of the range that the step leaves out. */
+static uint64_t points_left_out(const struct kiln_batches *b, struct kiln_range range)
+{
+    const uint32_t *samples = samples_from(b, range.first);
+    uint64_t points = 0;
+    for (size_t i = 0; samples != NULL && i < range.count; i++)
+        points += samples[i] == 0 ? b->data->surface.tile_runs[range.first + i].count : 0;
+    return points;
+}
+
+int kiln_batches_choose(struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_batch *batch,
+                        struct kiln_error *error)
+{
+    b->data = data;
+    bool few;
+    if (!kiln_companions_select(b->params->companions, &b->report->step, &few))
+        return KILN_OK;
+    const int status =
+        kiln_grow(&b->masks, &b->mask_room, 2 * batch->count, sizeof *b->masks, "the points of a batch", error);
+    if (status != KILN_OK)
+        return status;
+    for (size_t i = 0; i < batch->count; i++) {
+        const struct kiln_selection selection = kiln_companions_selection(b->params->companions, b->params->settings,
+                                                                          &b->report->step, data, batch->first + i);
+        b->masks[i] = selection.gathers;
+        b->masks[batch->count + i] = selection.few;
+    }
+    batch->point_masks = b->masks;
+    batch->few_masks = few ? b->masks + batch->count : NULL;
+    return KILN_OK;
+}
+
+/* How many of the next `count` tile runs a device claims where others may help. */
+static size_t share_of(const struct kiln_batches *b, struct kiln_range left, size_t count)
+{
+    const struct kiln_rank_data *own = b->solution->own;
+    const struct kiln_tile_run *tile_runs = own->surface.tile_runs + left.first;
+    const uint32_t *samples = samples_of(b, own);
+    const double wanted = fmax(work_in(b, own, left) / (CLAIMS * parts_of(b)), LEAST_CLAIM * speed_of(b));
+    double work = 0.0;
+    size_t some = 0;
+    for (; some < count && work < wanted; some++)
+        work += work_of(b, &tile_runs[some], samples != NULL ? &samples[left.first + some] : NULL);
+    return some;
+}
+
+/* kiln_claims.claim; the context is the kiln_batches. Others may take the rest, so that towards the end of the step
+ * parts get small; and a batch ends after its time. */
+static size_t claim(void *context, size_t first, size_t count)
+{
+    struct kiln_batches *b = context;
+    struct kiln_work_queue *queue = b->solution->own->queue;
+    if (b->claimed > 0 && MPI_Wtime() - b->begun > kiln_control_batch_seconds(b->params->control))
+        return 0;
+    struct kiln_range left;
+    size_t some;
+    do {
+        left = kiln_work_queue_left(queue);
+        some = count < left.count ? count : left.count;
+        if (is_shared(b))
+            some = share_of(b, left, some);
+    } while (some > 0 && !kiln_work_queue_take(queue, left, some));
+    assert(some == 0 || left.first == first);
+    (void)first;
+    b->claimed += some;
+    return some;
+}
+
+/* Runs the step's pass of the backend. */
+static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct kiln_error *error)
+{
+    struct kiln_backend *backend = b->params->backend;
+    const struct kiln_step *step = &b->report->step;
+    const struct kiln_claims claims = {claim, b};
+    assert(b->data == b->solution->own || step->pass->is_stealable);
+    struct kiln_batch batch = {.first = range.first,
+                               .count = range.count,
+                               .stream = step->stream,
+                               .samples = step->samples,
+                               .first_sample = step->first_sample,
+                               .samples_each = samples_from(b, range.first),
+                               .may_lack = b->taker->may_lack,
+                               .claims = b->claims ? &claims : NULL,
+                               .take = take_part,
+                               .context = b};
+    if (is_answered(b))
+        return kiln_company_answer(b->company, step, &batch, error);
+    const int status = kiln_batches_choose(b, b->data, &batch, error);
+    return status == KILN_OK ? kiln_backend_run(backend, step->pass, step->parameters, &batch, &b->report->rays, error)
+                             : status;
+}
+
+/* Computes a range of a rank's tile runs, of this one's or another's. */
+static int run_batch(struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range range,
+                     double *seconds, struct kiln_error *error)
+{
+    struct kiln_backend_info begin, end;
+    const struct kiln_integrate_params *p = b->params;
+    b->data = data;
+    b->points = 0;
+    b->taken = 0.0;
+    b->claimed = 0;
+    kiln_backend_info(p->backend, &begin);
+    const double start = MPI_Wtime();
+    b->since = b->begun = start;
+    const int status = trace_batch(b, range, error);
+    if (b->claims)
+        range.count = b->claimed;
+    if (data == b->solution->own)
+        b->work->points_done += points_left_out(b, range);
+    if (!b->claims)
+        be_slow(b, MPI_Wtime() - start);
+    *seconds = MPI_Wtime() - start;
+    kiln_backend_info(p->backend, &end);
+    b->report->seconds += *seconds;
+    kiln_trace_add(p->trace, data == b->solution->own ? KILN_TRACE_BATCH : KILN_TRACE_HELP, "batch", start,
+                   start + *seconds, (int64_t)b->points);
+    b->report->device_seconds += fmax(0.0, end.device_seconds - begin.device_seconds);
+    if (b->points > 0) {
+        const double bringing = data != b->solution->own ? b->point_seconds * (double)b->points : 0.0;
+        note_rate(b, b->taken, fmax(*seconds - bringing, 0.1 * *seconds));
+    }
+    return status;
+}
+
+/* Whether the backend claims the step's work part by part, as it comes to it. */
+static bool is_claimed(const struct kiln_batches *b)
+{
+    const struct kiln_step *step = &b->report->step;
+    struct kiln_backend_info info;
+    kiln_backend_info(b->params->backend, &info);
+    bool few;
+    return kiln_backend_claims(&info, step->pass, step->samples_field != NULL) && !is_answered(b) &&
+           !kiln_companions_select(b->params->companions, step, &few) && !b->company->whole_batches;
+}
+
+static int run_own(struct kiln_batches *b, double *seconds, struct kiln_error *error)
+{
+    const struct kiln_rank_data *own = b->solution->own;
+    struct kiln_range left = kiln_work_queue_left(own->queue);
+    size_t count;
+    *seconds = 0.0;
+    b->claims = is_claimed(b);
+    if (b->claims)
+        return left.count > 0 ? run_batch(b, own, left, seconds, error) : KILN_OK;
+    do {
+        left = kiln_work_queue_left(own->queue);
+        count = batch_of(b, left);
+    } while (!kiln_work_queue_take(own->queue, left, count));
+    return count > 0 ? run_batch(b, own, (struct kiln_range){left.first, count}, seconds, error) : KILN_OK;
+}
+
+/* The rank of the node whose work is expected to last longest, and what is left of it; NULL where nobody needs help. */
+static const struct kiln_rank_data *who_is_behind(const struct kiln_batches *b, struct kiln_range *left)
+{
+    const struct kiln_node_data *node_data = b->solution->node_data;
+    const struct kiln_rank_data *last = NULL;
+    double longest = b->least_help;
+    if (!is_shared(b))
+        return NULL;
+    for (int i = 0; i < kiln_node_data_count(node_data); i++) {
+        const struct kiln_rank_data *data = kiln_rank_data(node_data, i);
+        const struct kiln_range there = kiln_work_queue_left(data->queue);
+        const double seconds =
+            data == b->solution->own ? 0.0 : work_in(b, data, there) / kiln_work_queue_speed(data->queue);
+        if (seconds > longest) {
+            longest = seconds;
+            last = data;
+            *left = there;
+        }
+    }
+    return last;
+}
+
+/* Computes a part of another rank's work, unless somebody was quicker. */
+static int run_help(struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range left, double *seconds,
+                    struct kiln_error *error)
+{
+    struct kiln_backend *backend = b->params->backend;
+    const size_t count = help_of(b, data, left);
+    const struct kiln_range range = {left.first + left.count - count, count};
+    const uint64_t points = points_of(&data->surface, range);
+    *seconds = 0.0;
+    if (!kiln_work_queue_steal(data->queue, left, count, points))
+        return KILN_OK;
+    b->claims = false;
+    const struct kiln_others others = {&data->surface, range.first, range.count};
+    int status = kiln_backend_set_others(backend, others, error);
+    if (status == KILN_OK)
+        status = run_batch(b, data, range, seconds, error);
+    if (status == KILN_OK)
+        status = kiln_backend_set_others(backend, (struct kiln_others){.surface = NULL}, error);
+    if (status != KILN_OK)
+        return status; /* it stays away, and this rank's failure ends the step */
+    kiln_work_queue_return(data->queue, points);
+    b->report->taken += points;
+    return KILN_OK;
+}
+
+/* ---- the step ---- */
+
+static bool is_done(const struct kiln_batches *b)
+{
+    return kiln_step_work_points(b->work, b->solution->own) == b->solution->own->surface.count;
+}
+
+static double part_done(const struct kiln_batches *b)
+{
+    const uint64_t count = b->solution->own->surface.count;
+    return count > 0 ? (double)kiln_step_work_points(b->work, b->solution->own) / (double)count : 1.0;
+}
+
+/* The first own tile run that this rank has not begun. */
+static size_t first_left(const struct kiln_batches *b)
+{
+    const struct kiln_rank_data *own = b->solution->own;
+    return is_done(b) ? own->surface.tile_run_count : kiln_work_queue_left(own->queue).first;
+}
+
+/* What a rank without own work to take waits for. */
+struct wait {
+    const struct kiln_batches *batches;
+    bool was_done, may_help;
+};
+
+static bool has_news(void *context)
+{
+    const struct wait *wait = context;
+    struct kiln_range left;
+    return is_done(wait->batches) != wait->was_done || (wait->may_help && who_is_behind(wait->batches, &left) != NULL);
+}
+
+static enum kiln_event wait_for_others(struct kiln_batches *b)
+{
+    const struct kiln_integrate_params *p = b->params;
+    struct wait wait = {b, is_done(b), b->status == KILN_OK};
+    const double start = MPI_Wtime();
+    send_done(b, wait.was_done ? b->solution->own->surface.tile_run_count
+                               : kiln_work_queue_left(b->solution->own->queue).first);
+    kiln_progress_advance(p->progress, kiln_step_work_points(b->work, b->solution->own));
+    const enum kiln_event event =
+        kiln_control_wait(p->control, wait.was_done, part_done(b), b->status, has_news, &wait);
+    const double end = MPI_Wtime();
+    b->solution->report.waiting_seconds += end - start;
+    kiln_trace_add(p->trace, KILN_TRACE_WAIT, "for other ranks", start, end, -1);
+    return event;
+}
+
+/* The next thing for this rank to do, and what the others say to it. */
+static enum kiln_event do_next(struct kiln_batches *b, struct kiln_error *error)
+{
+    struct kiln_range left;
+    double seconds;
+    if (b->status == KILN_OK && kiln_step_work_any(b->work, b->solution->own)) {
+        b->status = run_own(b, &seconds, error);
+    } else {
+        const struct kiln_rank_data *behind = b->status == KILN_OK ? who_is_behind(b, &left) : NULL;
+        if (behind == NULL)
+            return wait_for_others(b);
+        send_done(b, first_left(b));
+        b->status = run_help(b, behind, left, &seconds, error);
+    }
+    return kiln_control_poll(b->params->control, is_done(b), part_done(b), seconds, b->status);
+}
+
+void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report, struct kiln_error *error)
+{
+    const struct kiln_integrate_settings *settings = b->params->settings;
+    struct kiln_backend_info info;
+    kiln_backend_info(b->params->backend, &info);
+    b->point_seconds = info.point_seconds;
+    b->least_help = info.keeps_points ? LEAST_DEVICE_HELP : LEAST_HELP;
+    b->slowness = kiln_faults_slowness(&settings->faults, (uint32_t)b->params->rank);
+    b->report = report;
+    /* another pass may be many times slower: its first batch must be short */
+    if (b->pass != report->step.pass || b->with != report->step.with)
+        b->rate = RATE_START * b->params->threads * kiln_company_weight(b->company, &report->step);
+    b->pass = report->step.pass;
+    b->with = report->step.with;
+    b->status = report->step.pass->reads_radiosity
+                    ? kiln_backend_set_radiosity(b->params->backend, b->solution->radiosity, error)
+                    : KILN_OK;
+    kiln_work_queue_set_speed(b->solution->own->queue, speed_of(b));
+}
+
+int kiln_batches_run(struct kiln_batches *b, enum kiln_event *event, struct kiln_error *error)
+{
+    do
+        *event = do_next(b, error);
+    while (*event == KILN_EVENT_NONE);
+    return *event == KILN_EVENT_FAIL || *event == KILN_EVENT_DONE
+               ? kiln_agree(b->params->communicator, b->status, error)
+               : KILN_OK;
+}
+
+void kiln_batches_release(struct kiln_batches *batches) { kiln_free(&batches->masks); }

@@ -1,0 +1,41 @@
+/* Joints: where the surface of one object goes on in that of another. Together with the seams of each mesh
+ * (chart_graph.h) they are the adjacency of all lightmaps of a scene.
+ *
+ * A joint is the common part of two edges in space, of two objects' published lightmaps, at each of which its mesh ends
+ * or folds (kiln_mesh_ends). Neither vertices nor lengths of the edges need to match. The two surfaces go on in each
+ * other there:
+ *   - the edges lie on one line, but for a sixteenth of a texel and KILN_JOINT_GAP of the scene's extent, which is what
+ *     transforms in float leave open; objects further apart do not touch;
+ *   - the shading normals are alike (KILN_SEAM_COSINE) at both ends; the backs of an object have those of its front,
+ *     reversed;
+ *   - the triangles lie on opposite sides of the edge.
+ * So two sides of an object, objects at an angle, and objects that lie upon each other have no joints. */
+#ifndef KILN_COORDINATOR_OUTPUT_MAP_SEAMS_JOINTS_H
+#define KILN_COORDINATOR_OUTPUT_MAP_SEAMS_JOINTS_H
+
+#include "coordinator/output/map/charts/chart_graph.h"
+#include "worker/scene/surface.h"
+
+#define KILN_JOINT_GAP 0x1p-18
+
+struct kiln_joint {
+    uint32_t map[2];            /* lightmaps of side 0 and side 1, in ascending order */
+    struct kiln_seam_edge edge; /* texel coordinates in these */
+};
+
+struct kiln_joints {
+    size_t count;
+    struct kiln_joint *joints; /* by the lightmaps of side 0, then by place in its mesh */
+    size_t map_count;
+    uint32_t *group; /* of each lightmap: the least of those that it is joined to, directly or by others. KILN_NONE:
+                      * it has no joint */
+};
+
+/* Finds all joints. `extent` is the largest absolute coordinate in the scene, m from its centre. Only the global arrays
+ * of the surface are read, so that all ranks find the same. Not collective; the same for any number of threads. Takes
+ * time and memory only where the boxes of objects overlap. */
+int kiln_joints_find(struct kiln_joints **joints, const struct kiln_scene *scene, const struct kiln_surface *surface,
+                     double extent, struct kiln_error *error);
+void kiln_joints_destroy(struct kiln_joints **joints);
+
+#endif
