@@ -10,7 +10,7 @@ KILN_ARRAY(ApartFound, kiln_gpu_apart_found, 4);
 
 #define APART_COUNT ApartWords(APART_ROOM).at[0]
 
-/* Of a slice of a point: the first sample whose ray has met gloss; KILN_GPU_NONE: there is none. */
+/* Address of a point's slice: its first sample that met gloss; KILN_GPU_NONE: there is none. */
 uint64_t apart_slice(uint row, uint point)
 {
     return APART_ROOM + KILN_GPU_APART_COUNT_BYTES + 4ul * (uint64_t(row) * APART_POINTS + point);
@@ -19,8 +19,8 @@ uint64_t apart_slice(uint row, uint point)
 /* The list of rays at whose hits chains begin, by numbers sample * APART_POINTS + point. */
 uint64_t apart_list() { return apart_slice(APART_ROWS, 0u); }
 
-/* What is kept of the ray of that number: struct kiln_gpu_apart_ray, or of the weighed pass struct
- * kiln_gpu_apart_weighed_ray, until its chain has been followed, struct kiln_gpu_apart_found then. */
+/* Address of a ray's data: until its chain has been followed, struct kiln_gpu_apart_ray, or of the weighed pass struct
+ * kiln_gpu_apart_weighed_ray; struct kiln_gpu_apart_found then. */
 uint64_t apart_numbered(uint number)
 {
     return apart_list() + 4ul * (uint64_t(APART_SAMPLES) * APART_POINTS) + APART_RAY_BYTES * uint64_t(number);

@@ -39,7 +39,7 @@ struct Vertex { /* struct vertex */
 #endif
 };
 
-/* What a ray has hit; weight, sums and bounces are left to the caller. */
+/* Makes the vertex of a hit; weight, sums and bounces are left to the caller. */
 Vertex vertex_make(kiln_hit hit, vec3 direction, bool is_first)
 {
     Vertex v;
@@ -111,7 +111,7 @@ vec3 light_normal(Vertex v)
     return v.m.coarse ? vec3(0.0) : v.m.normal;
 }
 
-/* What is left of light that leaves the vertex towards the eye's side, over a distance in m, in a body of glass that it
+/* Share of light left on its way from the vertex to the eye's side, over a distance in m, in a body of glass that it
  * bounds. */
 vec3 vertex_attenuation(Vertex v, vec3 direction, float distance)
 {
@@ -216,7 +216,7 @@ float vertex_landing(Vertex v, vec3 w)
     return v.m.lifted ? max(0.0, cosine) : abs(cosine);
 }
 
-/* Of light that comes from i and leaves to the eye at o. False: nothing is sent. */
+/* Gives the scattering of light from direction i to the eye in direction o. False: nothing is sent. */
 bool vertex_scatter(Vertex v, vec3 o, vec3 i, uint which, out Scatter s)
 {
     s = Scatter(vec3(0.0), vec3(0.0), 0.0, 0.0, abs(dot(v.m.normal, o)), abs(dot(v.m.normal, i)), vertex_landing(v, o),
@@ -322,7 +322,7 @@ bool way_mirrors(Vertex v, bool of_light, uint which, inout Way way)
 }
 #endif
 
-/* Of a way that is no mirror's, from the scattering into it. */
+/* Fills in a way that is no mirror's, from the scattering into its direction. False: it brings nothing. */
 bool way_scatters(Vertex v, bool of_light, Scatter s, inout Way way)
 {
     way.forward = of_light ? s.to_eye : s.to_light;
@@ -356,7 +356,7 @@ kiln_path_techniques path_techniques()
     return kiln_path_techniques(area, area > 0 ? 1 / area : 0);
 }
 
-/* What a ray's chances hang on that comes to surface number `surface`. */
+/* Returns the seed of the chances of a ray to surface number `surface`. */
 uint path_chance(uint key, uint which, uint surface)
 {
     return kiln_hash2(kiln_path_key(key, kiln_path_use(surface, KILN_PATH_CHANCE)), which);

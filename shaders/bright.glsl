@@ -1,6 +1,6 @@
-/* What gather.glsl does besides with rays to bright patches (worker/pass/directions.h), in the place of
- * directions.glsl. push.set: struct kiln_gpu_bright. Samples come in an order in which each quarter of them has as many
- * of either kind. bright_u and bright_v are the bits of the ray's random numbers. */
+/* Additions to gather.glsl for rays to bright patches (worker/pass/directions.h), in the place of directions.glsl.
+ * push.set: struct kiln_gpu_bright. The samples' order gives each quarter of them as many of either kind. bright_u and
+ * bright_v are the bits of the ray's random numbers. */
 #include "shaders/real.glsl"
 
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer BrightRef { kiln_gpu_bright value; };

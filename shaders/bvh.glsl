@@ -1,4 +1,4 @@
-/* What the kernels that build a BVH share: where its arrays are, boxes, sums over a group of 64 threads. */
+/* Common code of the kernels that build a BVH: addresses of its arrays, boxes, sums over a group of 64 threads. */
 KILN_PUSH(kiln_gpu_bvh_push);
 
 KILN_ARRAY(BvhRoots, kiln_gpu_bvh, 8);
@@ -25,8 +25,8 @@ float bvh_area(const bvh_box box, float inverse_extent)
     return size.x * size.y + size.y * size.z + size.z * size.x;
 }
 
-/* What two subtrees cost as at most `room` children of one node (Ylitie, Karras and Laine 2017, section 3.2, equation
- * 5); `first`: how many of these are for the first. */
+/* Returns the least cost of two subtrees as at most `room` children of one node (Ylitie, Karras and Laine 2017, section
+ * 3.2, equation 5). `first`: how many of these are for the first. */
 float bvh_distribute(const float a[3], const float b[3], uint room, out uint first)
 {
     float least = a[0] + b[room - 2u];

@@ -15,8 +15,8 @@ bool is_nearer(float area, uint key, float than_area, uint than_key)
     return area < than_area || (area == than_area && key < than_key);
 }
 
-/* What is below two joined nodes, at least cost (Ylitie et al. 2017, equations 2 to 5): a leaf where that costs no more
- * than a node of four. A node and a triangle cost the same. */
+/* Returns triangles and least cost below two joined nodes (Ylitie et al. 2017, equations 2 to 5). They are a leaf where
+ * that costs no more than a node of four. A node and a triangle cost the same. */
 kiln_gpu_bvh_share share_of(const kiln_gpu_bvh_share a, const kiln_gpu_bvh_share b, float area)
 {
     const uint triangles = (a.triangles & ~KILN_GPU_LEAF) + (b.triangles & ~KILN_GPU_LEAF);

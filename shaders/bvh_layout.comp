@@ -34,7 +34,7 @@ void take(inout family f, uint node)
     f.count++;
 }
 
-/* Of a node that is no leaf the children in the layout: those of least cost. */
+/* Returns the children, in the layout, of a node that is no leaf: those of least cost. */
 family gather(uint from)
 {
     uint node[WIDTH_MOST], room[WIDTH_MOST], depth = 1u; /* left to be opened, into so many children at most */

@@ -10,7 +10,7 @@
 #include "shaders/shared/chain.h"
 #include "shaders/walk.glsl"
 
-/* What the ray finds at whose hit the chain begins, by colour, its own tint left out. */
+/* Findings of a chain for the ray at whose hit it begins, by colour. The ray's own tint is left out. */
 struct Chain {
     vec3 radiosity; /* W/m2: of diffuse surfaces; times 1 / pi it is radiance */
     vec3 light;     /* W/(m2 sr): of lamps and sky, by lobes that are not diffuse alone */
@@ -40,7 +40,7 @@ void add_radiosity(inout Chain c, kiln_hit hit, float in_, float out_)
 #endif
 }
 
-/* What surface number `surface` emits. */
+/* Adds the light that surface number `surface` emits. */
 void add_emission(inout Chain c, kiln_hit hit, uint surface)
 {
 #ifdef KILN_WALK_LIGHTS
@@ -50,7 +50,7 @@ void add_emission(inout Chain c, kiln_hit hit, uint surface)
 #endif
 }
 
-/* What lamps send straight to surface number `surface`. */
+/* Adds the light that lamps send straight to surface number `surface`. */
 void add_lamps(inout Chain c, Meeting m, uint surface)
 {
 #ifdef KILN_WALK_LIGHTS
@@ -108,7 +108,7 @@ bool chain_go_on(inout Chain c, Meeting m, uint surface, float pick, inout vec3 
     return false;
 }
 
-/* What surface number `surface` does; false: the chain has ended. */
+/* Takes the chain through surface number `surface`. False: the chain has ended. */
 bool chain_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_hit hit)
 {
     Meeting m;

@@ -1,4 +1,4 @@
-/* What the kernels of the direct pass share: choose.comp, direct_pilot.comp, direct.comp, direct_precise.comp,
+/* Common code of the direct pass's kernels: choose.comp, direct_pilot.comp, direct.comp, direct_precise.comp,
  * direct_reduce.comp, direct_groups.comp. Their push constants are the same. */
 
 KILN_PUSH(kiln_gpu_direct_push);
@@ -41,7 +41,7 @@ uint64_t direct_choices_at() { return direct_sums_at() + DIRECT_SUMS_BYTES * dir
 uint64_t direct_luminances_at() { return direct_choices_at() + 8ul * push.pass.slots * push.pass.room; }
 uint64_t direct_counts_at() { return direct_luminances_at() + 4ul * push.pass.slots * direct_rows(); }
 
-/* Of one row of point x. */
+/* Returns the sums of one row of point x. */
 DirectSums direct_sums(uint x, uint row)
 {
     return DirectSums(direct_sums_at() + DIRECT_SUMS_BYTES * direct_row(x, row));

@@ -13,7 +13,7 @@
 #include "shaders/direct_sequence.glsl"
 #include "shaders/shared/sun_pilot.h"
 
-/* What the pilot's ray k would bring of the light, as a share. */
+/* Returns the share of the light that the pilot's ray k would bring. */
 float share_of(kiln_gpu_point p, vec3 towards, Sequence sequence, uint k, bool beyond, inout uint rays)
 {
     vec3 position, n;

@@ -20,7 +20,7 @@ uint64_t group_row;                              /* the thread's among all */
 uint group_kind, group_index;                    /* of the choice under way, */
 real group_scale;                                /* and 1 over its samples */
 
-/* What a thread does. */
+/* Work of a thread: one slice of one point's samples. */
 struct Row {
     uint index;     /* the point's, or KILN_GPU_NONE: nothing */
     uint slot;      /* the point's in the chunk */
@@ -75,7 +75,7 @@ real few_variance(Sums sums, real samples)
     return samples < 2 ? mean * mean : max(real(0), sums.square / samples - mean * mean) / (samples - 1);
 }
 
-/* What a row has come to, choice by choice. */
+/* Totals of a row, added up choice by choice. */
 struct Total {
     real3 incident, irradiance;
     real variance;
@@ -141,7 +141,7 @@ void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 o
 }
 
 #ifdef KILN_PRECISE
-/* Of a lone area light. */
+/* Draws sample k of a lone area light. */
 bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, real3 shading, Sequence sequence, uint k,
                 out kiln_light_sample s)
 {

@@ -1,7 +1,7 @@
-/* What gather.glsl does besides by a set of directions (worker/pass/directions.h): sample k takes direction k of the
- * set, turned by an angle that chance gives the point, and rays weigh what it says. Light is that of any packed
- * radiosity, times a scale. push.set: quads, of which the first has the scale and whether there is a set, and the
- * others radius, turn and weight. set_sample is the ray's number. */
+/* Additions to gather.glsl for a set of directions (worker/pass/directions.h). Sample k takes direction k of the set,
+ * turned by a random angle of the point. The set gives the ray's weight. Light is that of any packed radiosity, times a
+ * scale. push.set: quads. The first has the scale and whether there is a set, the others radius, turn and weight.
+ * set_sample is the ray's number. */
 layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer SetQuads { vec4 at[]; };
 
 float set_turn, set_weight, set_scale; /* of the thread's point; of the ray; of all radiosity */

@@ -23,8 +23,8 @@ const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u, ALONE = (METHOD & KIL
 
 KILN_ARRAY(PathSums, kiln_gpu_path_sums, 4);
 
-/* What is done at a vertex, in turn: the emitter that is met, or the sky; samples of the light tree, of directional
- * lights, of the environment; the way on. */
+/* Tasks at a vertex, in turn: the emitter that is met, or the sky; samples of the light tree, of directional lights, of
+ * the environment; the way on. */
 const uint MET = 0u, TREE = 1u, SUN = 2u, SKY = 3u, GO_ON = 4u, END = 5u;
 
 uint slot;
@@ -34,7 +34,7 @@ bool is_vertex; /* the path has come to one */
 uint task, sun; /* sun: the next directional light */
 vec3 radiance;  /* that is met */
 
-/* What a task asks for. */
+/* Request of a task. */
 bool wants_scatter, wants_light;
 vec3 i_; /* to where light comes from */
 uint which;
@@ -215,7 +215,7 @@ bool settle(kiln_hit hit, vec3 left)
     return true;
 }
 
-/* What the ray has met. */
+/* Takes in the surface or sky that the ray has met. */
 void arrive()
 {
     const kiln_hit hit = hit_of(path.triangle, path.u, path.v, path.distance);
@@ -233,7 +233,7 @@ void arrive()
     }
 }
 
-/* What is left to do after the light that is met. */
+/* Chooses the task after the light that is met, and stores the vertex for connecting and merging. */
 void begin_vertex()
 {
     task = END;

@@ -93,7 +93,7 @@ KILN_ARRAY(NearArray, uint, 4);
 #include "shaders/gather_sums.glsl"
 #include "shaders/hemisphere.glsl"
 #ifdef KILN_KEEP
-/* What the ray has met, as a word of its row. */
+/* Returns the ray's hit as a word of its row. */
 uint row_word_of(kiln_hit hit)
 {
     if (hit.triangle == KILN_GPU_NONE)
@@ -162,7 +162,7 @@ void apart_leave(vec3 direction, kiln_hit hit, vec3 tint, float facet, float wei
     apart_left = true;
 }
 #elif defined(KILN_GLOSS)
-/* What a ray adds that has met a surface at which a chain begins. */
+/* Adds the findings of a ray at whose hit a chain begins. */
 void add_chain(inout Sums sums, vec3 direction, kiln_hit hit, vec3 tint, float facet, float weight)
 {
     const Chain c = chain_follow(ray_chance, ray_number, direction, hit);

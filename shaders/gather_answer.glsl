@@ -4,7 +4,7 @@
 /* The harmonics of radiance probes may be negative; a point's light is not. */
 float at_least_zero(float sum) { return sum < 0.0 ? 0.0 : sum; }
 
-/* Of a point that is not valid. */
+/* Returns the answer of a point that is not valid. */
 kiln_gpu_result no_answer()
 {
     return kiln_gpu_result(float[3](0.0, 0.0, 0.0), float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, float[3](0.0, 0.0, 0.0),

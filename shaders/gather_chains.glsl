@@ -1,16 +1,16 @@
-/* What gather rays find in chains. The bounce and the weighed pass follow chains apart from the rays they begin with:
- * the code for gloss takes many of a device's registers, and slows down all that runs in its kernel. gather.glsl traces
- * the rays and leaves those that have met gloss; follow.glsl follows their chains; chains_add.comp adds what both have
- * found to the sums of the slice, in the order of its samples. So from the first ray of a slice on that has met gloss
- * the gather keeps what each ray finds.
+/* Chains of gather rays. The bounce and the weighed pass follow chains apart from the rays they begin with: the code
+ * for gloss takes many of a device's registers, and slows down all that runs in its kernel. gather.glsl traces the rays
+ * and leaves those that have met gloss; follow.glsl follows their chains; chains_add.comp adds what both have found to
+ * the sums of the slice, in the order of its samples. So from the first ray of a slice on that has met gloss the gather
+ * keeps what each ray finds.
  *
  * All that lies in the room of the chunk behind its slices, as apart.glsl says. Before it stand
  * shaders/gather_sums.glsl and shaders/chain.glsl. */
 #ifndef KILN_SHADERS_GATHER_CHAINS_GLSL
 #define KILN_SHADERS_GATHER_CHAINS_GLSL
 
-/* What a ray adds that has met a surface at which a chain begins. What is lost on it is a share of what the ray's own
- * tint leaves, and of each colour all is somewhere. */
+/* Adds the findings of a ray at whose hit chain c begins. Losses on the chain are shares of what the ray's own tint
+ * leaves. For each colour all shares add up to the whole. */
 void add_found(inout Sums sums, Chain c, vec3 tint, float facet, float weight)
 {
     const vec3 left = HAS_ALPHA >= KILN_PASSAGE_TINT ? tint : vec3(1.0);

@@ -1,4 +1,4 @@
-/* What the rays of a slice of the gather pass add up (gather.glsl), and how it lies in memory. */
+/* Sums over the rays of a slice of the gather pass (gather.glsl), and their layout in memory. */
 #ifndef KILN_SHADERS_GATHER_SUMS_GLSL
 #define KILN_SHADERS_GATHER_SUMS_GLSL
 
@@ -17,7 +17,7 @@ struct Sums {
 #    define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
 #endif
 
-/* What a ray adds that finds the radiosity `rgb`. */
+/* Adds a ray that finds the radiosity `rgb`. */
 void add_light(inout Sums sums, vec3 rgb, vec3 tint, float facet, float weight)
 {
     if (HAS_ALPHA >= KILN_PASSAGE_TINT) {

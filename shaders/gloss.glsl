@@ -14,7 +14,7 @@ KILN_ARRAY(GlossPlaces, kiln_gpu_gloss_place, 4);
 /* Flags of a material's gloss (KILN_GPU_GLOSS_...); 0: it is diffuse. `material` is an index into the scene's. */
 uint kiln_gloss_flags(uint material) { return GlossArray(SCENE.materials.glosses).at[material].flags; }
 
-/* What the textures for each use say at texture coordinates; of those that are one number, this number in x. */
+/* Reads the texture of each use at texture coordinates. A use that is one number has it in x. */
 void kiln_gloss_texels(uint material, uint flags, vec2 at, out vec4 texels[KILN_GPU_GLOSS_USES])
 {
     for (uint use = 0u; use < KILN_GPU_GLOSS_USES; use++) {

@@ -1,11 +1,11 @@
-/* What gather.glsl does besides with guides: it warps the samples of points whose tile run has one, and where the pass
- * learns it keeps for each ray the cell of its sample, and the luminance that it found over the root of its weight. */
+/* Additions to gather.glsl for guides. Samples of points whose tile run has a guide are warped. Where the pass learns,
+ * each ray keeps the cell of its sample, and the luminance that it found over the root of its weight. */
 #include "shaders/shared/guide.h"
 
 KILN_ARRAY(GuidedRef, kiln_gpu_guided, 8);
 KILN_ARRAY(GuideWords, uint, 4);
 
-/* Of the thread's point: where its guide lies (0: the cosine), where its rays' words lie (0: it does not learn), and
+/* Address of the guide of the thread's point (0: the cosine), address of its rays' words (0: it does not learn), and
  * cells along a side for these. */
 uint64_t guide_address, guide_rays;
 uint guide_side;

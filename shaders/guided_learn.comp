@@ -1,5 +1,5 @@
-/* What the rays of a point have found, squared and added up in each cell of its tile run's guide, in the order of the
- * samples. Over a power of two near the largest, so that squares fit a float. */
+/* Squares of what a point's rays have found, added up in each cell of its tile run's guide, in the order of the
+ * samples. The findings are over a power of two near the largest, so that squares fit a float. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

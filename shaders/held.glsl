@@ -82,7 +82,7 @@ uint held_compact_hash(kiln_gpu_held_point p, uint stream, uint seed)
            (((tile >> 20) + reversed) & 1023u) << 20;
 }
 
-/* What the point sends next, as those that gather read it. */
+/* Returns the radiosity that the point sends next, in the form that gathering points read. */
 uvec2 held_next(kiln_gpu_held held, kiln_gpu_held_point p, vec3 rgb, int scale)
 {
     if (held.compact != 0u)

@@ -8,7 +8,7 @@ const uint INCIDENT = 0u, REFLECTED = 3u, SENT = 6u, ESCAPED = 9u, BLOCKED = 12u
 const uint ROW = THREADS + 1u;
 shared int64_t high[ROW * POWERS], low[ROW * POWERS];
 
-/* Of each thread, first: its points have nothing. */
+/* Clears the sums of the thread. Each thread calls this first. */
 void no_powers()
 {
     for (uint k = 0u; k < POWERS; k++)
@@ -34,8 +34,8 @@ void add_power(uint k, double value, double per_unit)
     low[at] += negative ? -int64_t(below) : int64_t(below);
 }
 
-/* Of all threads: the sums of power of the workgroup's points, which are group `group`, under light `first` and those
- * behind it. */
+/* Stores the sums of power of the workgroup's points, which are group `group`, under light `first` and those behind it.
+ * All threads take part. */
 void add_up(kiln_gpu_held held, uint first, uint group)
 {
     barrier();

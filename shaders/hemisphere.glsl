@@ -42,8 +42,8 @@ uint ray_chance, ray_number; /* of the ray under way, as chain_follow (chain.gls
 bool chains_good = true;     /* the device has ended no chain early */
 #endif
 
-/* What one sample of the point adds: a ray from `position`, where the geometric normal is `normal`, with u and v in
- * (0, 1) for its direction and `seed` for its chances. */
+/* Adds one sample of the point: a ray from `position`, where the geometric normal is `normal`, with u and v in (0, 1)
+ * for its direction and `seed` for its chances. */
 void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed);
 
 /* After the rays of slice `row` of the point. `good`: the device did not end the loop over them early. */

@@ -1,4 +1,4 @@
-/* What every kernel starts with. A kernel file reads
+/* Beginning of every kernel. A kernel file reads
  *
  *     #version 460
  *     #extension GL_GOOGLE_include_directive : require

@@ -87,7 +87,7 @@ bool sees(uint number, vec3 centre, float distance, out vec3 tint)
     return seen;
 }
 
-/* What the body has left of the light that the way goes through. */
+/* Returns the share of light, by colour, that the body on the way has left at a distance. */
 vec3 left_at(float distance)
 {
     kiln_hit there = hit;

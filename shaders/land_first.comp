@@ -8,7 +8,7 @@
 
 #include "shaders/land.glsl"
 
-/* What the path began with, as far as its density asks for it. */
+/* Returns the first ray of the path, with all that its density needs. */
 kiln_aimed_ray first_ray()
 {
     return kiln_aimed_ray(path.origin, path.direction, real3(0), real(more.range), more.light,

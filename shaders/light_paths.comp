@@ -44,7 +44,7 @@ void keep(Vertex v)
     BothWords(BOTH.last + 4ul * (push.path + slot - push.first)).at[0] = place;
 }
 
-/* Of a point's or a spot's light what its range leaves at its first surface. */
+/* Returns the share of light that a point's or spot's range leaves at the first surface. */
 float range_left(vec3 position)
 {
     if (!light_kind(KILN_GPU_KIND_PUNCTUAL) || emitted.light < SCENE.lights.area_count || !emitted.has_place)

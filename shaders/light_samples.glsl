@@ -17,7 +17,7 @@ real scrambled(Sobol sobol, uint k, uint dimension, uint seed)
     return real_unit(kiln_owen_scramble(SobolArray(sobol.address).at[dimension * sobol.stride + k], seed));
 }
 
-/* What sample k of a choice adds; `identity` is what its random numbers hang on. */
+/* Adds sample k of a choice; `identity` is the key of its random numbers. */
 void add_light(inout Sums sums, inout Place place, kiln_light_choice choice, uint identity, uint k);
 
 /* Draws sample k of a choice as seen from `position`; false when it brings nothing. */
@@ -29,7 +29,7 @@ bool draw_light(Sobol sobol, kiln_light_choice choice, uint identity, uint k, re
     return kiln_sample_choice(choice, k, position, real3(0), real3(0), pick, u, v, s);
 }
 
-/* How many samples all candidates get; `n` as for kiln_lights_choose. */
+/* Returns the number of samples of all candidates; `n` as for kiln_lights_choose. */
 uint light_sample_count(uint candidates, real3 n, uint samples)
 {
     uint count = 0u;

@@ -1,5 +1,5 @@
-/* What points see by their links (worker/pass/links.h): thread x traces ray x, as patches.comp traces those of pairs.
- */
+/* Rays for the sight of points along their links (worker/pass/links.h): thread x traces ray x, as patches.comp traces
+ * those of pairs. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

@@ -132,7 +132,7 @@ uint choose_leaf(kiln_gpu_link_node node, uint to)
     return k;
 }
 
-/* Of the surface of a point with this area in the place of its own, where that is not 0; about both normals. */
+/* Gives the factors of a point that sends light, about both normals. `area`, if not 0, stands for the point's own. */
 void leaf_factors(kiln_gpu_link_leaf from, real area, out real factor, out real shading)
 {
     const real3 d = real3(from.centre) - at, s = real3(from.edge_s), t = real3(from.edge_t);
@@ -160,7 +160,7 @@ void leaf_factors(kiln_gpu_link_leaf from, real area, out real factor, out real 
 
 bool has_bit(uint mask[2], uint i) { return (mask[i >> 5] >> (i & 31u) & 1u) != 0u; }
 
-/* Of how many points in a row, a square of them, one ray is asked. */
+/* Returns the number of points in a row, a square of them, that share one ray. */
 uint shared_by(uint to)
 {
     const real radius = (to & LEAF) != 0u ? real(0) : real(run.sharing) * real(LinkNodes(push.nodes).at[to].radius);
@@ -215,7 +215,7 @@ real unsure_of(kiln_gpu_link link, out bool others)
 
 /* ---- sums ---- */
 
-/* What a link's node, or its point, sends: luminance that errors are of. */
+/* Returns the light that a link's node or point sends, with the luminances that errors are reckoned by. */
 kiln_gpu_link_sent sent_by(uint to)
 {
     if ((to & LEAF) == 0u)

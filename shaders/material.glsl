@@ -31,8 +31,8 @@ uint kiln_wrapped(int at, uint size, uint wrap)
     return uint(m < n ? m : period - 1 - m);
 }
 
-/* What a bilinear filter reads: two columns, two rows, and where between them the place lies. With `nearest` the first
- * column and row are all. */
+/* Texels that a bilinear filter reads: two columns, two rows, and where between them the place lies. With `nearest` the
+ * first column and row are all. */
 struct kiln_texel_cell {
     uvec2 x, y;
     float fx, fy;

@@ -112,7 +112,7 @@ vec2 factors_of(Node node)
     return factors;
 }
 
-/* What the node sends, of each colour the share `through`. */
+/* Adds the light that the node sends, of each colour the share `through`. */
 void add_node(Node node, vec3 through)
 {
     const vec2 factors = factors_of(node);
@@ -132,7 +132,7 @@ void add_node(Node node, vec3 through)
 const uint UNKNOWN = 0u, OPEN = KILN_GPU_PAIRS_OPEN, SHUT = KILN_GPU_PAIRS_SHUT, PARTIAL = KILN_GPU_PAIRS_PARTIAL;
 const uint NO_WORD = 0xffffffffu;
 
-/* Of the point's tile run what is kept, and a word of it: 32 columns. */
+/* Stored sight of the point's tile run, and a word of it: 32 columns. */
 kiln_gpu_sight_run run;
 uint point_in_chunk;
 uint word, word_known, word_open, word_found, word_new, word_partial;
@@ -153,7 +153,7 @@ void leave_word()
         atomicOr(words.at[kiln_partial_at(sight.groups) + word], word_partial);
 }
 
-/* What is known of a pair that face each other: the point and the node at a number. */
+/* Returns the stored sight of a pair that face each other: the point and the node with this number. */
 uint look(uint number)
 {
     if (run.words == 0ul)
@@ -178,7 +178,7 @@ void note(uint number, uint seen)
     word_partial |= seen == PARTIAL ? bit : 0u;
 }
 
-/* What a grid says of a pair. */
+/* Returns the sight of a pair by the grid. */
 uint ask_grid(uint number, vec3 normal, vec3 place)
 {
     const bool first = own.number < number;
@@ -188,7 +188,7 @@ uint ask_grid(uint number, vec3 normal, vec3 place)
                : SHUT;
 }
 
-/* What is known of a pair that face each other, without a ray. */
+/* Returns the sight of a pair that face each other, as far as it is known without a ray. */
 uint sight_of(uint number, vec3 normal, uint k)
 {
     uint seen = UNKNOWN;

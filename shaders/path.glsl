@@ -38,7 +38,7 @@ kiln_hit trace(vec3 origin, vec3 direction, uint surface)
     return hit;
 }
 
-/* What the camera sees along the ray; its triangle is KILN_GPU_NONE: nothing but the environment. */
+/* Returns the surface that the camera sees along the ray; KILN_GPU_NONE as its triangle: only the environment. */
 kiln_hit look(vec3 origin, vec3 direction)
 {
     kiln_hit hit;
@@ -158,7 +158,7 @@ void camera_ray(uint64_t pixel, out vec3 origin, out vec3 direction)
     }
 }
 
-/* What surface number `surface`, at `hit`, does; false: the path ends there. */
+/* Shades surface number `surface`, at `hit`. False: the path ends there. */
 bool shade_surface(uint surface, inout vec3 direction, inout kiln_hit hit)
 {
     const bool first = surface == 0u;

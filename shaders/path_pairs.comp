@@ -59,7 +59,7 @@ void find_along_path(uint slot, kiln_gpu_eye_vertex eye)
     EYE_VERTEX(slot).vertex = number;
 }
 
-/* Of the eight cells in which the photons near a place are. */
+/* Returns the offset of one of the eight cells that have the photons near a place. */
 ivec3 corner_of(uint number) { return ivec3(number & 1u, number >> 1u & 1u, number >> 2u); }
 
 /* Among all. */

@@ -108,7 +108,7 @@ void add_to_film(uint pixel, vec3 rgb)
             BothCounts(BOTH.counts).at[0].too_much = 1u;
 }
 
-/* What is in the way of light to a path's vertex or to the camera. */
+/* Traces a ray of light to a path's vertex or to the camera, and adds what comes through. */
 void intersect_shadow(uint number)
 {
     const kiln_gpu_shadow_ray r = SHADOW_RAY(number);

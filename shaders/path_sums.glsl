@@ -1,4 +1,4 @@
-/* What paths bring to their pixels, path after path. Needs shaders/kernel.glsl before. */
+/* Sums of the light that paths bring to their pixels, path after path. Needs shaders/kernel.glsl before. */
 #include "shaders/sum.glsl"
 #include "shaders/shared/color.h"
 

@@ -10,7 +10,7 @@ vec3 lens_place(uvec2 numbers)
                           float(real_unit(numbers.y)));
 }
 
-/* Of the camera's rays, per m2, at a place with this cosine. */
+/* Returns the density of the camera's rays, per m2, at a place with this cosine. */
 real camera_density(vec3 to_camera, float distance, float cosine)
 {
     return kiln_camera_density(BOTH.orthographic != 0u, to_camera, BOTH.forward, real(distance), real(cosine),

@@ -11,7 +11,7 @@
  */
 bool point_lands(kiln_gpu_eye_vertex eye) { return !POINTS || eye.surface > 0u || eye.cell < 8u; }
 
-/* Of light that comes to the point from i: nothing is sent on, and the point's bounce is counted already. */
+/* Returns the scattering of light from i at the point. Nothing is sent on. The point's bounce is counted already. */
 Scatter point_scatter(kiln_gpu_eye_vertex eye, vec3 i)
 {
     const float cosine = dot(eye.normal, i);

@@ -1,4 +1,4 @@
-/* What radiance adds that arrives at a probe: probes.comp, probes_groups.comp. Before it stand
+/* Sums of the radiance that arrives at a probe: probes.comp, probes_groups.comp. Before it stand
  * shaders/shared/harmonics.h and `struct Sums` with the members radiance[KILN_HARMONICS] and axes[6]. */
 
 /* Adds radiance x solid angle `value` that arrives from direction d: shaders/shared/harmonics.h. */

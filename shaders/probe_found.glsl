@@ -1,6 +1,6 @@
-/* What the rays of probes have found, kept for the light of groups: probes.comp, probes_groups.comp. All arrays are
- * strided by push.count probes and lie at push.found, one after the other: what each ray over the sphere has met, light
- * samples with what they bring (push.lights of them at most), and how many of these there are. */
+/* Findings of the rays of probes, kept for the light of groups: probes.comp, probes_groups.comp. All arrays are strided
+ * by push.count probes and lie at push.found, one after the other: the hit of each ray over the sphere, light samples
+ * with the light they bring (push.lights of them at most), and the number of these. */
 KILN_ARRAY(FoundWords, uint, 4);
 
 /* In the place of a surface point: a constant sky, its group in the lower bits; something that is dark. */

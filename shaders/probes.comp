@@ -46,7 +46,7 @@ struct Place {
 
 Sobol sobol() { return Sobol(push.sobol, push.sobol_stride); }
 
-/* What a ray of the sphere has met, as a word (probe_found.glsl). */
+/* Returns the hit of a ray over the sphere as a word (probe_found.glsl). */
 uint found_word(kiln_hit hit, real3 direction)
 {
     const kiln_light_sample sky = kiln_light_sample(direction, real(KILN_INFINITY), real3(0), 0, true, KILN_GPU_NONE);

@@ -19,7 +19,7 @@ struct Sums {
 #include "shaders/probe_direction.glsl"
 #include "shaders/probe_found.glsl"
 
-/* What a ray over the sphere brings of the group. */
+/* Returns the radiance of the group that a ray over the sphere brings. */
 vec3 radiance_of(uint word, uint group)
 {
     if (word < FOUND_SKY) {

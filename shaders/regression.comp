@@ -169,7 +169,7 @@ Fit solve_quadratic(float low[LOW], float high[HIGH], float own, real radius)
     return fit;
 }
 
-/* What is summed up for the fits of one scale. */
+/* Sums for the fits of one scale. */
 struct Moments {
     float low[LOW], high[HIGH];
 };

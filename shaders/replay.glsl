@@ -48,7 +48,7 @@ uint state_of(uint x)
                                 : KILN_GPU_STATE_INVALID;
 }
 
-/* Of the workgroup's points, whether they have smooth normals; whether one has. */
+/* Whether each of the workgroup's points has smooth normals, not 0 if so; and whether any has. */
 shared uint smooth_points[HAS_SMOOTH != 0u ? POINTS : 1u];
 shared uint any_smooth;
 
@@ -144,7 +144,7 @@ void end_slice(inout Sums s, uint slice)
     } while (s.q < 4u && kiln_quarter_first(s.q, push.samples) == s.quarter_end);
 }
 
-/* What ray i of the workgroup's has met, of which the first is one of the thread's point; behind the last: nothing. */
+/* Hit of ray i of the workgroup, one of the thread's point, and the radiosity there. Behind the last ray: nothing. */
 struct Ray {
     uint word;
     uvec2 packed; /* what that sends under the thread's light */

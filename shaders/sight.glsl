@@ -1,4 +1,4 @@
-/* What is kept of pairs of patches (worker/backend/vulkan/visibility.h): the words of a tile run. */
+/* Stored sight of pairs of patches (worker/backend/vulkan/visibility.h): the words of a tile run. */
 KILN_ARRAY(Words, uint, 4);
 KILN_ARRAY(SightRuns, kiln_gpu_sight_run, 8);
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer SightRef { kiln_gpu_sight value; };

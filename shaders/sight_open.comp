@@ -9,7 +9,7 @@ KILN_PUSH(kiln_gpu_sight_push);
 
 KILN_ARRAY(OwnPatches, kiln_gpu_patch, 4);
 
-/* What the pairs of the tile pair at `at` have been found to be. */
+/* Returns the states that the pairs of the tile pair at `at` have been found in. */
 uint found_of(uint at)
 {
     return at < KILN_GPU_PAIRS_BITS         ? KILN_GPU_PAIRS_OPEN | KILN_GPU_PAIRS_SHUT

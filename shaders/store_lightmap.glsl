@@ -18,7 +18,7 @@ uint kiln_bits_below(uvec2 mask, uint bit)
 
 bool kiln_bit_set(uvec2 mask, uint bit) { return ((bit < 32u ? mask.x >> bit : mask.y >> (bit - 32u)) & 1u) != 0u; }
 
-/* What a hit on world triangle `triangle` leads to. */
+/* Place in the store that a hit on a world triangle leads to. */
 struct kiln_store_way {
     uint object, material; /* material as in struct kiln_hit_record, flags included */
     uint64_t tile;         /* address of the tile; of octrees 0: beside every brick */

@@ -64,7 +64,7 @@ void go_onward(uint slot)
     BothWords(push.onward + 4ul * place).at[0] = slot;
 }
 
-/* What the random numbers of the paths of a pixel hang on. */
+/* Key of the random numbers of a pixel's paths. */
 uint pixel_key(uint64_t pixel) { return kiln_hash2(kiln_hash2(push.seed, uint(pixel)), uint(pixel >> 32)); }
 
 /* Number in the block of a point of the batch. */
@@ -75,7 +75,7 @@ bool point_is_there(uint point)
     return (BothWords(POINTS_THERE.states + 4ul * point).at[0] & KILN_GPU_STATE_MASK) != KILN_GPU_STATE_INVALID;
 }
 
-/* What the rays of a point hang their chances on, and the numbers of its paths. */
+/* Key of the chances of a point's rays, and key of the numbers of its paths. */
 uint point_chance(uint point)
 {
     return kiln_gather_chance(kiln_hash2(LitPoints(POINTS_THERE.points).at[point].key, POINTS_THERE.stream));
@@ -199,7 +199,7 @@ void add_light_to(uint slot, Counted brings, vec2 counts)
     }
 }
 
-/* What the path in a slot has brought of a colour to sum number `which`. */
+/* Returns the light of a colour that the path in a slot has brought to sum number `which`. */
 float brought_to_sum(uint slot, uint which, uint color)
 {
     BothWords words = BothWords(BOTH.radiance + 4ul * (SUM_WORDS * uint64_t(slot) + 9u * which + 3u * color));

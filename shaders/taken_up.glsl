@@ -1,5 +1,5 @@
-/* What points on materials that are taken with their gloss count as incident: kiln_chain_taken_up at their middle.
- * Needs shaders/position.glsl before it. */
+/* Light that counts as incident at points on materials that are taken with their gloss: kiln_chain_taken_up at their
+ * middle. Needs shaders/position.glsl before it. */
 #ifndef KILN_SHADERS_TAKEN_UP_GLSL
 #define KILN_SHADERS_TAKEN_UP_GLSL
 

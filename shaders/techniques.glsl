@@ -1,14 +1,14 @@
-/* What gather rays and light paths know of each other: worker/backend/embree/techniques.h. Needs
+/* Densities with which gather rays and light paths find the light of lamps: worker/backend/embree/techniques.h. Needs
  * shaders/bidirectional.glsl before it. */
 
-/* It lies before struct kiln_gpu_both. */
+/* Data of the land pass, which lie before struct kiln_gpu_both. */
 KILN_ARRAY(LandArray, kiln_gpu_land, 8);
 #define LAND LandArray(push.both - KILN_GPU_LAND_BYTES).at[0]
 
 #include "shaders/aims.glsl"
 #include "shaders/shared/caustic_weights.h"
 
-/* What they read of a vertex. */
+/* Parts of a vertex that these densities read. */
 struct Lit {
     vec3 position, normal; /* light_normal */
     uint triangle;

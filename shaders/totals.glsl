@@ -1,5 +1,5 @@
-/* What the slices of a point add up to (hemisphere_reduce.glsl). Before it stands MOST_FLOATS, a literal: how many
- * floats a slice may have. */
+/* Sums over the slices of a point (hemisphere_reduce.glsl). Before it stands MOST_FLOATS, a literal: how many floats a
+ * slice may have. */
 #include "shaders/sum.glsl"
 
 struct Totals {

@@ -1,5 +1,5 @@
-/* How many of some places of each point are buried, a thread a point. See the validity pass of the Embree backend: 16
- * places first, 64 more where they disagree. */
+/* Counts the buried ones of some places of each point, a thread a point. See the validity pass of the Embree backend:
+ * 16 places first, 64 more where they disagree. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

@@ -1,5 +1,5 @@
-/* What paths (path.glsl) and chains (chain.glsl) have in common: they go from surface to surface, with random numbers
- * of their own, and ask for light straight from the lights where they meet one. Ways, random numbers and estimators are
+/* Common code of paths (path.glsl) and chains (chain.glsl): they go from surface to surface, with random numbers of
+ * their own, and ask for light straight from the lights where they meet one. Ways, random numbers and estimators are
  * those of worker/backend/embree/meeting.c and walk.c.
  *
  * Before it stand shaders/trace/trace.glsl and shaders/surface.glsl. With KILN_GLOSS surfaces may be more than diffuse
@@ -49,9 +49,9 @@ struct Meeting { /* a surface that a path meets, on the side that it comes from 
 };
 
 #ifdef KILN_GLOSS
-/* Of the surface that the walk is at, where it is not only diffuse: its scattering, the columns of the frame for that,
- * of its front, where the walk comes from in it, what the lobes send there and their shares, which of them are not
- * diffuse, and of these the ones whose light is what the walk's rays meet. */
+/* Scattering of the surface that the walk is at, where it is not only diffuse. `frame`: columns of the frame of its
+ * front. `from`: where the walk comes from, in the frame. `albedo`: what the lobes send there. `shares`: shares of the
+ * lobes. `others`: lobes that are not diffuse. `sharp`: those of them whose light the walk's rays meet. */
 kiln_bsdf_lobes lobes;
 mat3 frame;
 vec3 from;
@@ -113,7 +113,8 @@ kiln_gpu_path_triangle triangle_at(uint triangle)
     return PathTriangles(SCENE.path_triangles + uint64_t(triangle) * 104ul).at[0];
 }
 
-/* Of the front, where the mesh is smooth and its normal lies on one side with the geometric one; else that. */
+/* Returns the normal of the front: the smooth mesh's where that lies on one side with the geometric one, else the
+ * latter. */
 vec3 mesh_normal(kiln_gpu_path_triangle t, float u, float v)
 {
     if (HAS_SMOOTH == 0u || (t.flags & KILN_GPU_PATH_SMOOTH) == 0u)
@@ -139,7 +140,7 @@ void find_lobes(kiln_gpu_path_triangle t, vec3 direction, inout Meeting m)
 }
 #endif
 
-/* Of the ray that has come in `direction`; `first`: it is the surface that the camera sees. */
+/* Returns the surface that a ray with this `direction` has met. `first`: the camera sees the surface. */
 Meeting meet(kiln_hit hit, vec3 direction, bool first)
 {
     const kiln_gpu_path_triangle t = triangle_at(hit.triangle);
@@ -208,8 +209,8 @@ float lift_at(kiln_gpu_path_triangle t, bool back, float u, float v)
 #endif
 
 #ifdef KILN_GLOSS
-/* What the body that the ray has come through has left of the light, by colour: 1 unless the ray meets its surface from
- * within. */
+/* Returns the share of light, by colour, that the body leaves that the ray has come through: 1 unless the ray meets its
+ * surface from within. */
 vec3 attenuation(kiln_hit hit)
 {
     if (!hit.back || (gloss_of(hit.triangle) & KILN_GPU_GLOSS_VOLUME) == 0u)
@@ -245,9 +246,9 @@ vec3 weigh(uint which, inout kiln_bsdf_drawn d)
     return share;
 }
 
-/* Of a surface that is not only diffuse: draws the way on among the lobes `which` from surface number `surface`, by
- * `pick` in (0, 1). `value`: value over density, by colour; `share`: that of its sharp lobes in it, where lights are
- * sampled. False: it brings nothing. */
+/* Draws the way on among the lobes `which` of a surface that is not only diffuse, number `surface`, by `pick` in (0,
+ * 1). `value`: value over density, by colour. `share`: share of its sharp lobes in it, where lights are sampled. False:
+ * the way brings nothing. */
 bool walk_send(Meeting m, uint surface, uint which, float pick, out vec3 direction, out vec3 value, out vec3 share)
 {
     const uvec2 numbers = walk_draw(kiln_path_use(surface, KILN_PATH_BOUNCE));
@@ -265,8 +266,8 @@ bool walk_send(Meeting m, uint surface, uint which, float pick, out vec3 directi
 /* ---- straight from the lights ---- */
 
 #    ifdef KILN_GLOSS
-/* What `which` of a surface that is not only diffuse send to the walk of light from a direction, times the cosine: of
- * light that rays or light paths meet themselves, what its sharp lobes do is left to these. */
+/* Returns the scattering by the lobes `which` of a surface that is not only diffuse, from a direction to the walk,
+ * times the cosine. Sharp lobes are left out where rays or light paths meet the light themselves. */
 vec3 scatter(kiln_light_sample s, vec3 towards, uint which)
 {
     const bool left = s.has_extent || (KILN_WALK_LEAVES & KILN_LEAVES_POINTS) != 0u;

@@ -5,7 +5,7 @@
 #include "shaders/techniques.glsl"
 #include "shaders/chain.glsl"
 
-/* Of the chain under way. */
+/* Sums of the chain under way. */
 kiln_caustic_gathered sums_of_chain;
 Lit lit_before; /* the surface that its ray has come from */
 
@@ -44,7 +44,7 @@ bool is_smooth(Vertex v)
            (c.coat == 0.0 || (v.mirrors & KILN_LOBE_COAT) != 0u);
 }
 
-/* How many samples of the lights a surface has: of the tree, of the environment, of each directional light. */
+/* Returns the number of a surface's light samples: of the tree, of the environment, of each directional light. */
 uint sample_count(Vertex v) { return is_smooth(v) ? 0u : 2u + SCENE.lights.directional_count; }
 
 /* Draws number `i` of them; false: it brings nothing. */
@@ -74,7 +74,7 @@ bool draw_sample(Vertex v, uint surface, uint i, out kiln_light_sample s, out ui
     return drawn;
 }
 
-/* What a sample brings that the surface scatters by f. */
+/* Adds the light of a sample, which the surface scatters by f. */
 void add_sample(inout Chain c, Vertex v, kiln_light_sample s, uint light, Scatter f)
 {
     const bool outside = isinf(s.distance);
@@ -137,7 +137,7 @@ bool weighed_turn(inout Chain c, Vertex v, uint surface, out Way way)
     return goes_on;
 }
 
-/* What surface number `surface` does; false: the chain has ended. */
+/* Takes the chain through surface number `surface`. False: the chain has ended. */
 bool weighed_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_hit hit)
 {
     const bool glossy = (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u;

@@ -9,7 +9,7 @@
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
-/* What is given to groups: names of the scene. */
+/* Input for groups: names of the scene. */
 struct rules {
     const struct kiln_scene *scene;
     json_t *groups;

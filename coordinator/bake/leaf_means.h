@@ -1,4 +1,4 @@
-/* What a bake with octrees reports of each object, as the writer of lightmaps does of lightmaps. */
+/* Reports of a bake with octrees on each object, like those of the lightmap writer on lightmaps. */
 #ifndef KILN_COORDINATOR_BAKE_LEAF_MEANS_H
 #define KILN_COORDINATOR_BAKE_LEAF_MEANS_H
 

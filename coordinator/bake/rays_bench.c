@@ -18,7 +18,7 @@ static int by_value(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* Of the calling thread, which is the only one: other load on the machine does not count. */
+/* Processor time of this thread, the only one, s: other load on the machine does not count. */
 static double processor_seconds(void)
 {
     struct timespec t;

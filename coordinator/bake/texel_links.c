@@ -14,7 +14,7 @@
 #include "worker/base/memory.h"
 #include "worker/pass/link_factors.h"
 
-/* What the bake is prepared with. */
+/* Prepared bake, with its links. */
 struct work {
     struct kiln_job *job;
     json_t *index;

@@ -231,7 +231,7 @@ static bool lacks_layouts(const struct kiln_scene *s)
     return s->mesh_count > 0;
 }
 
-/* What is said of lightmaps. */
+/* Prints the facts about lightmaps. */
 static void print_surface(const struct kiln_scene_survey *look)
 {
     const struct kiln_scene *s = look->scene;

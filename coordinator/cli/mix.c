@@ -224,7 +224,7 @@ static int copy_file(const struct mix *m, const char *name, struct kiln_error *e
     return status;
 }
 
-/* What the report of the bake says of its light and its errors is not so of the mixture. */
+/* Corrects the bake's report: its light and its errors are not those of the mixture. */
 static void change_report(const struct mix *m)
 {
     static const char *const gone[] = {"vertices", "energy", "error", "density",   "phases",

@@ -8,7 +8,7 @@
 #include "worker/backend/backend.h"
 #include "worker/light/lights.h"
 
-/* What is drawn. */
+/* Scene to draw, and its backend. */
 struct stage {
     struct kiln_scene *scene;
     struct kiln_geometry *geometry;

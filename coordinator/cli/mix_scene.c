@@ -63,8 +63,8 @@ static bool has(const json_t *rule, const char *key, const char *name)
     return false;
 }
 
-/* Of what the list `key` of rules names; NULL: of the environment. What no rule names may be in a group by its object,
- * if it is a material, and else is in the rest. */
+/* Returns the factor of `name` by the rules' list `key`; NULL: of the environment. If no rule names it, a material may
+ * be in a group by its object, and all else is in the rest. */
 static struct factor find_factor(const struct mixing *m, const char *key, const char *name)
 {
     const bool material = strcmp(key, "materials") == 0;

@@ -90,7 +90,7 @@ static int read_into(const struct volume_mix *m, const char *dataset, unsigned c
     return status;
 }
 
-/* What hangs on no light. */
+/* Reads the data of probes that depend on no light. */
 static int read_rest(struct volume_mix *m, struct kiln_error *error)
 {
     const size_t stride = sizeof *m->probes / sizeof(float), place = sizeof *m->places / sizeof(float);

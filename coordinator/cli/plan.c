@@ -270,7 +270,7 @@ static uint32_t first_of_phase(const struct kiln_roles *roles, uint32_t role)
     return first;
 }
 
-/* Of all roles that have the phase of role `first`. */
+/* Seconds of all roles that have the phase of role `first`. */
 static double phase_seconds(const struct kiln_plan *p, uint32_t first)
 {
     double sum = 0.0;

@@ -14,7 +14,7 @@
 #include "coordinator/files/publish.h"
 #include "worker/base/text.h"
 
-/* What is known about the bake, and its state: running, lost, stopped, failed or done. */
+/* Facts known about the bake, and its state: running, lost, stopped, failed or done. */
 struct found {
     struct kiln_bake_status status;
     const char *state;

@@ -127,7 +127,7 @@ static int lay_leaves(struct view *v, struct kiln_error *error)
     return status;
 }
 
-/* What --show needs besides lightmaps and kiln.h5. */
+/* Makes the data that --show needs besides lightmaps and kiln.h5. */
 static int make_shown(struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
     return kiln_view_made_create(&v->made, job, &v->show, v->results, v->scene, v->geometry, error);
@@ -204,7 +204,7 @@ static int prepare(struct view *v, const struct kiln_job *job, const char *direc
     return status;
 }
 
-/* What the picture says of itself where something was made for it. */
+/* Labels the picture with the key and note of what was made for it. */
 static void describe_made(struct view *v)
 {
     v->picture.key = v->made.key.pairs > 0 ? &v->made.key : NULL;
@@ -498,7 +498,7 @@ static int check_one(const struct view *v, const struct kiln_job *job, struct ki
                      job->accumulate != NULL ? "accumulate" : "max-time");
 }
 
-/* What --sequence and --denoise contradict. */
+/* Refuses options that contradict --sequence or --denoise. */
 static int check_filter(const struct kiln_job *job, struct kiln_error *error)
 {
     if (job->sequence && job->path == NULL)
@@ -528,7 +528,7 @@ static int check_aim(const struct view *v, const struct kiln_job *job, struct ki
 
 /* ---- the command ---- */
 
-/* What --atlas and --filter contradict. */
+/* Refuses options that contradict --atlas or --filter. */
 static int check_atlas(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
     static const char *const of_cameras[] = {"camera", "from", "to",     "field-of-view",
@@ -546,7 +546,7 @@ static int check_atlas(const struct view *v, const struct kiln_job *job, struct 
     return KILN_OK;
 }
 
-/* What can be checked of the options before the scene is open. */
+/* Checks options as far as possible before the scene is open. */
 static int check_options(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
     const bool bake = job->scene == NULL;

@@ -1,5 +1,5 @@
-/* What kiln view --show makes of a bake before it draws: the grid of voxels, the links of a texel, what a texel sees.
- * Not collective. */
+/* Data that kiln view --show makes of a bake before it draws: the grid of voxels, the links of a texel, what a texel
+ * sees. Not collective. */
 #ifndef KILN_COORDINATOR_CLI_VIEW_MADE_H
 #define KILN_COORDINATOR_CLI_VIEW_MADE_H
 

@@ -33,7 +33,7 @@ struct kiln_view_rounds {
     bool catches;        /* signals do not end the process */
 };
 
-/* What the ranks decide together after a round: the largest values of all. */
+/* Decisions of all ranks after a round: the largest values of all. */
 enum decision { SIGNAL, OVER, SAVE, DECISIONS };
 
 /* ---- begin and end ---- */
@@ -97,7 +97,7 @@ static json_t *number_json(double number, int digits)
     return json_string(text);
 }
 
-/* Of the view: what its sums depend on. */
+/* Identity of the view: all that its sums depend on. */
 static json_t *make_identity(const struct kiln_view_rounds *r, const struct kiln_view_traced *traced)
 {
     static const char *const options[] = {"method", "bounces", "path-length", "materials", "seed"};
@@ -255,7 +255,7 @@ static uint32_t whole_round(uint32_t done)
     return ROUND;
 }
 
-/* What the progress of a round is of all paths of this call. */
+/* Share of a round in the progress of all paths of this call. */
 struct share {
     const struct kiln_path_progress *progress;
     double before, part;

@@ -21,7 +21,7 @@ struct kiln_view_rounds;
 int kiln_view_rounds_create(struct kiln_view_rounds **rounds, const struct kiln_job *job, struct kiln_error *error);
 void kiln_view_rounds_destroy(struct kiln_view_rounds **rounds);
 
-/* What is traced, in the same way on all ranks but for the range. */
+/* Traced view, the same on all ranks but for the range. */
 struct kiln_view_traced {
     struct kiln_backend *backend;
     const struct kiln_scene *scene;

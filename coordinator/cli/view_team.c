@@ -40,7 +40,7 @@ struct kiln_view_team {
     bool has_kernels;   /* the device has made them */
 };
 
-/* What rank 0 tells the others. */
+/* Order from rank 0 to the others. */
 struct order {
     struct kiln_path_view view;
     uint32_t ends; /* 1: there is nothing more to do */

@@ -28,8 +28,8 @@ void kiln_view_team_serve(struct kiln_view_team *team);
 /* KILN_STOPPED, with a sentence, if a signal has ended the picture before it had all its paths; else KILN_OK. */
 int kiln_view_team_stopped(const struct kiln_view_team *team, struct kiln_error *error);
 
-/* Of all pictures so far, on rank 0: rays of all ranks, and seconds that they took once the kernels were made; paths of
- * a pixel of the last one; and its radius of merging in sample 0, m, 0 with methods that do not merge. */
+/* Work for all pictures so far, on rank 0: rays of all ranks, and seconds that they took once the kernels were made;
+ * paths of a pixel of the last one; and its radius of merging in sample 0, m, 0 with methods that do not merge. */
 struct kiln_view_work {
     uint64_t rays;
     uint32_t samples;

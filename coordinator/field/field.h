@@ -21,7 +21,7 @@
 #include "coordinator/job/job.h"
 #include "worker/base/status.h"
 
-/* What items a field has values for. Ranges of the global order are counted in each of these. */
+/* Items that a field has values for. Ranges of the global order are counted in each of these. */
 enum kiln_domain { KILN_DOMAIN_TILE_RUN, KILN_DOMAIN_POINT, KILN_DOMAIN_PIECE, KILN_DOMAIN_AREA_CDF, KILN_DOMAINS };
 
 /* How one component is stored. The types that can be published become floats: see kiln_field_floats. */
@@ -37,7 +37,7 @@ enum kiln_field_type {
     KILN_FIELD_QUEUE     /* struct kiln_work_queue */
 };
 
-/* How many items an array has: as many as its domain, one more (where each begins, and the end), or one for the rank.
+/* Length of an array in items: as many as its domain, one more (where each begins, and the end), or one for the rank.
  * The last two are made anew by the rank that has them, and never moved. */
 enum kiln_field_length { KILN_FIELD_EACH, KILN_FIELD_ONE_MORE, KILN_FIELD_ONE };
 
@@ -63,7 +63,7 @@ enum kiln_field_saved {
 enum { KILN_FIELD_COMPONENTS_MAX = 16 };
 enum { KILN_FIELD_TERMS_ALWAYS = 2, KILN_FIELD_TERMS = 3 }; /* of a sum: at least, and at most */
 
-/* What the values are, by which pictures show them, and texels are averaged. */
+/* Meaning of the values, by which pictures show them, and texels are averaged. */
 enum kiln_field_meaning {
     KILN_FIELD_AMOUNT,   /* of any magnitude: pictures choose the exposure */
     KILN_FIELD_FRACTION, /* 0 to 1: pictures show 1 as white */
@@ -117,8 +117,8 @@ const struct kiln_field *kiln_fields(size_t *count);
 /* The unit of a field in a bake of these units of light. */
 const char *kiln_field_unit(const struct kiln_field *field, const struct kiln_units *units);
 
-/* What users call a published field, and `kiln view --show` takes: the last part of its dataset's name ("direct"). NULL
- * for a field that is not published. */
+/* Name of a published field for users and `kiln view --show`: the last part of its dataset's name ("direct"). NULL for
+ * a field that is not published. */
 const char *kiln_field_shown_name(const struct kiln_field *field);
 /* The field of the table that users call so and that lightmaps may have; NULL when there is none. */
 const struct kiln_field *kiln_field_shown(const char *name);
@@ -165,8 +165,8 @@ uint64_t kiln_field_set_saved_bytes(const struct kiln_field_set *set);
  * of a point besides its surface. */
 uint64_t kiln_field_set_light_bytes(const struct kiln_field_set *set, uint64_t own, uint64_t total);
 
-/* Of what is published: floats of a texel in a lightmap's file; bytes of a texel while a lightmap is made, which has
- * all fields with channels, and of a point in kiln.h5. */
+/* Sizes of published fields: floats of a texel in a lightmap's file; bytes of a texel while a lightmap is made, which
+ * has all fields with channels; bytes of a point in kiln.h5. */
 uint32_t kiln_field_set_channels(const struct kiln_field_set *set);
 uint64_t kiln_field_set_plane_bytes(const struct kiln_field_set *set);
 uint64_t kiln_field_set_column_bytes(const struct kiln_field_set *set);

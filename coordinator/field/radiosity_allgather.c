@@ -235,7 +235,7 @@ static MPI_Request *new_request(struct requests *r)
 
 enum { WANTED = 1u << KILN_REACH_WANTED, NEW = 1u << KILN_REACH_NEW, FETCHED = 1u << KILN_REACH_FETCHED };
 
-/* What goes out of a lane's members: one group of their points. */
+/* Message from a lane's members: one group of their points. */
 struct message {
     void *all; /* the array of all points that it is read from and written to */
     size_t size;
@@ -283,8 +283,8 @@ static void start_whole(struct kiln_radiosity_allgather *x, struct lane *lane, c
                           lane->communicator, request);
 }
 
-/* What is wanted of the group's points of member `owner`, by the states of the receiver from unit `unit` on. Returns
- * the number of values; see kiln_reach_type. */
+/* Makes the type of wanted values of the group's points of member `owner`, by the states of the receiver from unit
+ * `unit` on. Returns the number of values; see kiln_reach_type. */
 static uint64_t wanted_type(const struct kiln_radiosity_allgather *x, const struct lane *lane, const struct message *g,
                             int owner, const uint8_t *states, uint64_t unit, MPI_Datatype *type)
 {
@@ -293,8 +293,8 @@ static uint64_t wanted_type(const struct kiln_radiosity_allgather *x, const stru
                            first + group_begin(count, g->group + 1, g->groups), element_of(g), g->size, type);
 }
 
-/* What is wanted of the group: a message for each pair of members that has any; both know which pairs these are. Groups
- * have their numbers for tags; what is exchanged meanwhile has another. */
+/* Starts to exchange wanted values of the group: a message for each pair of members that has any; both know which pairs
+ * these are. Groups have their numbers for tags; what is exchanged meanwhile has another. */
 static void start_wanted(struct kiln_radiosity_allgather *x, struct lane *lane, struct message *g)
 {
     const int tag = g->to == &lane->now ? GROUPS_MOST : (int)g->group;
@@ -608,7 +608,7 @@ static void expand_part(struct kiln_radiosity_allgather *x)
     }
 }
 
-/* What nodes have asked for since the groups began to leave. */
+/* Sends the values that nodes have asked for since the groups began to leave. */
 static void send_new(struct kiln_radiosity_allgather *x)
 {
     if (x->reach == NULL)

@@ -60,7 +60,7 @@ uint64_t *kiln_radiosity_allgather_values(const struct kiln_radiosity_allgather 
 /* Collective. All ranks have written their own values, in 8 bytes: everybody gets all. */
 void kiln_radiosity_allgather_all(struct kiln_radiosity_allgather *allgather);
 
-/* Of the 4-byte form, the same on all ranks: before the first bounce. */
+/* Scale of the 4-byte form, the same on all ranks: set before the first bounce. */
 void kiln_radiosity_allgather_set_scale(struct kiln_radiosity_allgather *allgather, double scale);
 double kiln_radiosity_allgather_scale(const struct kiln_radiosity_allgather *allgather);
 

@@ -7,7 +7,7 @@
 #include "coordinator/mpi/assert_same.h"
 #include "worker/base/memory.h"
 
-/* What lies in memory of its own, life by life, and what that is called in messages. */
+/* Lives with memory of their own, and the names of it in messages. */
 enum { LIVES = KILN_FIELD_STEP + 1 };
 static const char *const purposes[LIVES] = {[KILN_FIELD_SURFACE] = "the surface points",
                                             [KILN_FIELD_RESULT] = "irradiance",
@@ -172,7 +172,7 @@ static bool is_of_surface(const struct kiln_node_data *d, size_t index)
     return d->fields.entry[index].field->life == KILN_FIELD_SURFACE;
 }
 
-/* Of a surface that was not in parts before. */
+/* Frees a surface that was not in parts before. */
 static void free_surface(const struct kiln_node_data *d, struct kiln_rank_data *data)
 {
     for (size_t i = 0; i < d->fields.count; i++)
@@ -337,7 +337,7 @@ static void find_bases(const struct kiln_surface *s)
     }
 }
 
-/* What a redistribution needs. */
+/* Input of a redistribution. */
 struct redistribution {
     MPI_Comm communicator;
     const struct kiln_range_bounds *before, *after;

@@ -96,7 +96,7 @@ int kiln_node_data_redistribute(struct kiln_node_data *node_data, MPI_Comm commu
 /* Bytes of this rank's surface and results, which a redistribution moves. */
 uint64_t kiln_node_data_bytes(const struct kiln_node_data *node_data);
 
-/* How many ranks of the node have data that is seen here, and which of them is this rank: 1 and 0 without lending. */
+/* Number of ranks of the node whose data is seen here, and index of this rank among them: 1 and 0 without lending. */
 int kiln_node_data_count(const struct kiln_node_data *node_data);
 int kiln_node_data_own(const struct kiln_node_data *node_data);
 const struct kiln_rank_data *kiln_rank_data(const struct kiln_node_data *node_data, int index);

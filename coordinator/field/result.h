@@ -1,4 +1,4 @@
-/* What a bake has in its hands when light transport is done and files are to be written. */
+/* Results of a bake when light transport is done and files are to be written. */
 #ifndef KILN_COORDINATOR_FIELD_RESULT_H
 #define KILN_COORDINATOR_FIELD_RESULT_H
 
@@ -28,7 +28,7 @@ struct kiln_bake_result {
     const struct kiln_stop *stop; /* what asks to end before all files are written; NULL: nothing does */
 };
 
-/* What is around a probe: plane g of direction i = (dx + 1) + 3 (dy + 1) + 9 (dz + 1), dx dy dz of -1 0 1, is that of
+/* Surfaces around a probe: plane g of direction i = (dx + 1) + 3 (dy + 1) + 9 (dz + 1), dx dy dz of -1 0 1, is that of
  * the first surface which the ray in this direction meets. A place v, m from the probe, lies behind it where g . v > 1:
  * g is the plane's unit normal, which leads away from the probe, divided by the plane's distance, 1/m. It is 0 where
  * nothing is met, and in the middle (i = 13), which is no direction. */
@@ -38,7 +38,7 @@ struct kiln_probe_occluders {
     float planes[KILN_OCCLUDER_DIRECTIONS][3];
 };
 
-/* What became of a probe. */
+/* State of a probe, by where its light is from. */
 enum kiln_probe_state {
     KILN_PROBE_IN_PLACE, /* its light is that of its place in the grid */
     KILN_PROBE_MOVED,    /* that place lies inside geometry: its light is that of a place beside it, outside */

@@ -133,7 +133,7 @@ static const struct kind {
              {"materials", "material", material_settings, material_count, material_name, change_material}};
 enum { KINDS = sizeof kinds / sizeof *kinds };
 
-/* Of those of a kind the one whose name is most like it; empty: there are none. */
+/* Finds the name of this kind that is most like the pattern; empty: there are none. */
 static const char *nearest(const struct kiln_changeable *s, const struct kind *kind, const char *pattern)
 {
     const char *best = "";

@@ -4,7 +4,7 @@
 
 #include "coordinator/scene/builder.h"
 
-/* What of a scene changes. Borrowed. */
+/* Parts of a scene that change. Borrowed. */
 struct kiln_changeable {
     const char *strings;
     struct kiln_light *lights;

@@ -98,7 +98,7 @@ struct gltf {
     struct kiln_kinds unused; /* what is in the file and not used */
 };
 enum { GLTF_USED = 1, GLTF_USED_SKINNED = 2 };
-/* Of an image: its file is not there; and what asked for it. */
+/* Flags of an image: its file is not there; and what asked for it. */
 enum {
     GLTF_IMAGE_MISSING = 1,
     GLTF_IMAGE_FOR_EMISSION = 2,

@@ -8,7 +8,7 @@
 
 enum { LEVEL_MOST = 99, NAMED = 8 };
 
-/* What a node says of itself and of the nodes below it. */
+/* Level of detail that a node states for itself and the nodes below. */
 struct level {
     uint32_t parent;         /* node; KILN_NONE: a root */
     uint32_t level;          /* + 1; 0: it says none, or its name does */

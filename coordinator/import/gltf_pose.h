@@ -22,7 +22,7 @@ struct gltf_pose {
     bool own; /* the weights are the node's own, not those of the mesh */
 };
 
-/* What a primitive has for a pose; NULL where absent. */
+/* Data of a primitive for a pose; NULL where absent. */
 struct gltf_posed {
     const struct gltf_accessor *joints[GLTF_JOINT_SETS], *weights[GLTF_JOINT_SETS];
     struct gltf_morph {

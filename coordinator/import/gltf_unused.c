@@ -35,8 +35,8 @@ static const char *const read_ones[] = {"KHR_lights_punctual",        "KHR_mater
                                         "KHR_materials_dispersion",   "KHR_materials_pbrSpecularGlossiness",
                                         "KHR_node_visibility",        "KILN_lightmap"};
 
-/* What an extension does that is missing from a bake without it, by its name or a part of it. The first row that fits
- * counts. `what` ends a sentence. */
+/* Effects of extensions that a bake without them lacks, by a name or a part of it. The first row that fits counts.
+ * `what` ends a sentence. */
 static const struct {
     const char *part, *what;
 } effects[] = {
@@ -99,7 +99,7 @@ static struct extension *find(struct walk *w, const char *name)
     return &w->extensions[w->used++];
 }
 
-/* How many things an extension holds at the top of the file: those of its first list. */
+/* Number of things that an extension holds at the top of the file: those of its first list. */
 static uint64_t entries_of(const json_t *extension)
 {
     const char *key;
@@ -129,7 +129,7 @@ static void walk_extensions(struct walk *w, const json_t *extensions)
     }
 }
 
-/* What stands in "extras" is an application's own. The depth is what the JSON parser allows. */
+/* Walks a value, but not "extras", which are an application's own. The depth is what the JSON parser allows. */
 static void walk_value(struct walk *w, const json_t *value)
 {
     const char *key;

@@ -19,9 +19,9 @@
 
 enum { KILN_IMAGE_SIDE_MAX = 16384, KILN_ENVIRONMENT_SIDE_MAX = 65536 };
 
-/* What decoded images may take, as parts of the memory that the importing process may use (its limit of address space;
- * KILN_IMAGE_MEMORY where it has none): one image an eighth, what decoding takes besides (JPEG, BMP, TGA) a third, and
- * all images of a scene half. So much more is allowed as the files' bytes earn: texels for each byte. */
+/* Memory limits of decoded images, as parts of the memory that the importing process may use (its limit of address
+ * space; KILN_IMAGE_MEMORY where it has none): one image an eighth, what decoding takes besides (JPEG, BMP, TGA) a
+ * third, and all images of a scene half. So much more is allowed as the files' bytes earn: texels for each byte. */
 #define KILN_IMAGE_MEMORY ((uint64_t)4 << 30)
 #define KILN_TEXTURE_TEXELS_PER_BYTE ((uint64_t)64) /* of the scene's files */
 #define KILN_STB_TEXELS_PER_BYTE ((uint64_t)16)     /* of the image itself */

@@ -54,7 +54,7 @@ static void find_build_id(struct build_id *id, const char *notes, size_t size)
     }
 }
 
-/* Of the first object in the list, which is the program itself. */
+/* Looks at the first object in the list alone, which is the program itself. */
 static int look_for_build_id(struct dl_phdr_info *object, size_t size, void *id)
 {
     (void)size;

@@ -113,7 +113,7 @@ static const struct kiln_object *objects(const struct kiln_builder *builder)
     return KILN_BUILDER_DATA(builder, const struct kiln_object, KILN_SECTION_OBJECTS);
 }
 
-/* What says the object's level: the node that the reader has found, or its own name, or its mesh's. */
+/* Name with the object's level: that of the node that the reader has found, or its own, or its mesh's. */
 static const char *name_of(const struct kiln_builder *builder, size_t object)
 {
     const struct kiln_object *o = &objects(builder)[object];

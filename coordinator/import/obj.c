@@ -335,7 +335,7 @@ static bool parse_index(const char **at, const char *end, size_t count, uint32_t
     return true;
 }
 
-/* How many bytes of a text a sentence repeats. */
+/* Number of a text's bytes that a sentence repeats. */
 static int shown(size_t length, int most) { return length < (size_t)most ? (int)length : most; }
 
 /* Parses "7", "7/1", "7//3" or "7/1/3". */

@@ -16,7 +16,7 @@ struct obj_map {
     bool clamp, moved; /* moved: a scale or an offset was given */
 };
 
-/* What an .mtl file says of a material besides its diffuse part, as it stands there. */
+/* Properties of a material in an .mtl file besides its diffuse part, as they stand there. */
 struct obj_gloss {
     /* Ks, Tf, Ns, Ni; and the extension for physically based materials: Pr, Pm, Pc, Pcr, aniso, anisor */
     float specular[3], filter[3], exponent, ior;

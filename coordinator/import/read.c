@@ -161,7 +161,7 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
     return status;
 }
 
-/* What is done with layouts, as a number. */
+/* Treatment of layouts, as a number. */
 static int layout_of(const struct kiln_import_params *params)
 {
     return params->no_layout ? 2 : params->repack ? 1 : params->keep_shared ? 3 : 0;

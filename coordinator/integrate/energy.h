@@ -65,7 +65,7 @@ double kiln_exact_unit(double scale);
 /* Collective: adds up `count` sums over all ranks; every rank gets the same bits. */
 int kiln_exact_reduce(MPI_Comm communicator, struct kiln_exact_sum *sums, size_t count, struct kiln_error *error);
 
-/* What one step, over all points, adds up to, W. */
+/* Energy of one step, summed over all points, W. */
 struct kiln_step_energy {
     double incident[3];  /* sum of area x incident irradiance */
     double reflected[3]; /* sum of area x albedo x incident */

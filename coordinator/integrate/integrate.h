@@ -14,9 +14,9 @@ struct kiln_companion;
 struct kiln_light_groups;
 struct kiln_transport;
 
-/* What goes on beside the steps, in threads of its own that give way to them. `start` is called when the own points are
- * where they stay; `direct` when no step will change direct light any more; `stop` before the points move to other
- * ranks or are released, and ends it for good. None is collective. */
+/* Work beside the steps, in threads of its own that give way to them. `start` is called when the own points are where
+ * they stay; `direct` when no step will change direct light any more; `stop` before the points move to other ranks or
+ * are released, and ends it for good. None is collective. */
 struct kiln_beside {
     void (*start)(void *context, const struct kiln_rank_data *own);
     void (*direct)(void *context);

@@ -17,7 +17,7 @@
 struct kiln_company;
 struct kiln_radiosity_exchange;
 
-/* What the answers of a step are taken with: read by all threads, changed by none. Borrowed. */
+/* Context for taking the answers of a step: read by all threads, changed by none. Borrowed. */
 struct kiln_taking {
     const struct kiln_integrate_settings *settings;
     const struct kiln_step *step;
@@ -29,7 +29,7 @@ struct kiln_taking {
     uint32_t rounding;         /* added to the step's stream for the random bits that radiosity is rounded by */
 };
 
-/* What the collective functions of an integrator work on. Borrowed. */
+/* Context of an integrator's collective functions. Borrowed. */
 struct kiln_integration {
     MPI_Comm communicator;
     const struct kiln_integrate_settings *settings;
@@ -77,11 +77,10 @@ const struct kiln_integrator *kiln_integrator_find(const char *name);
 /* Whether an integrator has a role with this row in the table of phases. */
 bool kiln_integrator_has_phase(const char *phase);
 
-/* What a number of bounces that is not given is taken for, beyond those done, where steps are counted before they are
- * run. */
+/* Assumed bounces beyond those done, where their number is not given and steps are counted before they are run. */
 enum { KILN_BOUNCES_TO_COME = 3 };
 
-/* What comes after reports[0 .. count), of which the last may be only begun. */
+/* Steps after reports[0 .. count), of which the last may be only begun. */
 struct kiln_outlook {
     size_t steps;
     double samples; /* of a point */

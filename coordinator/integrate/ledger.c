@@ -50,7 +50,7 @@ void kiln_ledger_begin_step(struct kiln_ledger *ledger)
     memset(ledger->group_now, 0, ledger->group_count * sizeof *ledger->group_now);
 }
 
-/* What becomes of the radiosity that a point sends, by a gather's rays; returns the variance of what is lost of it,
+/* Adds the fate of the radiosity that a point sends, by a gather's rays; returns the variance of what is lost of it,
  * times the samples. */
 static double add_sent(const struct kiln_ledger_point *point, const struct kiln_point_mean *r, double per_unit,
                        struct kiln_exact_sum sums[KILN_SUMS])
@@ -181,7 +181,7 @@ static inline __attribute__((always_inline)) void add_arrived(const struct kiln_
     add_terms(&tile_run->reflected, luminance, run->count, per_unit);
 }
 
-/* What becomes of the radiosity that is sent; `variance`: as add_sent returns it, over the samples. */
+/* Adds the fate of the radiosity that is sent; `variance`: as add_sent returns it, over the samples. */
 static inline __attribute__((always_inline)) void add_gone(const struct kiln_tally_run *run, double per_unit,
                                                            struct kiln_tally *tally, double *variance)
 {
@@ -255,7 +255,7 @@ int kiln_ledger_end_step(struct kiln_ledger *ledger, MPI_Comm communicator, stru
     return status;
 }
 
-/* What the lights send. */
+/* Enters the power that lights send. */
 static void open_energy(struct kiln_energy *e, const struct kiln_emission_result *light, enum kiln_caustics caustics)
 {
     for (int c = 0; c < 3; c++) {
@@ -275,7 +275,7 @@ static void open_energy(struct kiln_energy *e, const struct kiln_emission_result
     e->drawn_error = kiln_luminance(light->drawn_error);
 }
 
-/* What a counted step found, of which the bake has `share`: one part's. */
+/* Adds a counted step's findings, of which the bake has `share`: one part's. */
 static void add_step(struct kiln_energy *e, const struct kiln_step_energy *p, double share, double albedo_scale)
 {
     const double read = share * albedo_scale;
@@ -325,7 +325,7 @@ static void compare_firsts(struct kiln_energy *e, const struct kiln_step_reports
     e->caustic.compared = e->caustic.compared && !kiln_caustics_found(steps).left_out;
 }
 
-/* Of the light on backs, what should not be there. */
+/* Light on backs that should not be there. */
 static double find_lost(const struct kiln_energy *e, const struct kiln_emission_result *light)
 {
     const double all = kiln_luminance(e->blocked), straight = kiln_luminance(light->blocked),

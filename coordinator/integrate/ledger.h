@@ -25,12 +25,12 @@ enum {
     KILN_SUMS = 21
 };
 
-/* What a thread adds up. Zero: nothing. */
+/* Sums of a thread. Zero: nothing. */
 struct kiln_tally {
     struct kiln_exact_sum sums[KILN_SUMS];
 };
 
-/* What one tile run adds up, apart from others: tile runs of one group meet. Zero: nothing. */
+/* Sums of one tile run, apart from others: tile runs of one group meet. Zero: nothing. */
 struct kiln_tile_run_tally {
     struct kiln_exact_sum reflected; /* luminance */
     double variance;                 /* of the luminance of incident (+ escaped + blocked) */

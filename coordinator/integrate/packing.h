@@ -12,7 +12,7 @@ static inline uint32_t kiln_packing_hash(const struct kiln_tile_run *f, uint32_t
     return kiln_hash2(kiln_hash2(f->map, f->tile), stream * KILN_TILE_TEXELS + bit);
 }
 
-/* Of the own point `own`. */
+/* Albedo of the own point `own`. */
 static inline void kiln_point_albedo(const struct kiln_surface *surface, struct kiln_own_point own, float albedo[3])
 {
     for (int c = 0; c < 3; c++)

@@ -26,8 +26,7 @@ void kiln_sight_destroy(struct kiln_sight **sight);
 
 #define KILN_TAIL_DIVERGES (-1.0)
 
-/* Of the radiance probes of a bake whose gather rays end at a range; all zeros: there are none. The same on all ranks.
- */
+/* Report on the radiance probes of a bake whose gather rays end at a range. All zeros: none. The same on all ranks. */
 struct kiln_radiance_report {
     bool placed;                 /* the next two and `alone` are known */
     uint64_t probes, moved, off; /* of all, those moved off the grid, and those that nobody asks */
@@ -38,7 +37,7 @@ struct kiln_radiance_report {
     uint32_t side, samples;      /* of a probe: elements along the side of its map; rays in each step that gathers */
 };
 
-/* Of the light paths of a bake that traces some; all zeros: it does not. The same on all ranks. */
+/* Report on the light paths of a bake; all zeros: it traces none. The same on all ranks. */
 struct kiln_landing_report {
     uint64_t photons; /* of an iteration: at least one for each aim */
     uint64_t aims;    /* pairs of a lamp and an object with gloss, or a part of one */

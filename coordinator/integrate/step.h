@@ -11,7 +11,7 @@
 #include "coordinator/integrate/energy.h"
 #include "worker/pass/pass.h"
 
-/* What steps of one kind are called where users see them. */
+/* Names of one kind of steps, as users see them. */
 struct kiln_role {
     const char *kind;  /* of one step, in run.json: "bounce" */
     const char *total; /* of all of them, in run.json and what `kiln plan` says: "bounces" */
@@ -53,7 +53,7 @@ struct kiln_step {
     uint32_t with; /* which companions accompany it, of those that not all steps have: KILN_WITH (companion.h) */
 };
 
-/* What was found after a step about the balance of the ranks, and done; the same on all ranks. */
+/* Balance of the ranks after a step, and action taken; the same on all ranks. */
 struct kiln_step_balance {
     bool judged, moved;
     double imbalance; /* longest work over the mean, less 1: of a rank, or of a node whose ranks help each other */
@@ -69,7 +69,7 @@ struct kiln_round {
     double share;
 };
 
-/* What pilots of a step of caustics have found (land_trial.h): root mean squares over the area, relative to direct
+/* Findings of the pilots of a step of caustics (land_trial.h): root mean squares over the area, relative to direct
  * light. Zero: nothing was tried. */
 struct kiln_caustic_trial {
     bool tried, left_out;
@@ -107,7 +107,7 @@ struct kiln_step_reports {
     size_t count, room;
 };
 
-/* What was found of caustics, in the one step that tries them; zero: nothing was tried. */
+/* Returns the findings of the one step that tries caustics; zero: nothing was tried. */
 static inline struct kiln_caustic_trial kiln_caustics_found(const struct kiln_step_reports *reports)
 {
     size_t i = 0;

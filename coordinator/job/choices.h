@@ -73,7 +73,7 @@ enum kiln_view_method { KILN_VIEW_METHOD_LIST(KILN_VIEW_METHOD_OF) KILN_VIEW_MET
 static inline bool kiln_view_is_traced(int method) { return method != KILN_VIEW_METHOD_lightmaps; }
 /* How texels of lightmaps are shown: mixed with their neighbours, or as squares. */
 enum kiln_view_filter_choice { KILN_VIEW_FILTER_LINEAR = 0, KILN_VIEW_FILTER_NEAREST = 1 };
-/* What takes noise out of path-traced views: nothing, or coordinator/view/bmfr.h. */
+/* Denoiser of path-traced views: none, or coordinator/view/bmfr.h. */
 enum kiln_view_denoise { KILN_VIEW_DENOISE_NONE = 0, KILN_VIEW_DENOISE_BMFR = 1 };
 static inline bool kiln_view_is_bidirectional(int method) { return method >= KILN_VIEW_METHOD_light; }
 
@@ -91,8 +91,8 @@ static inline bool kiln_exchange_is_compact(int form, uint64_t points)
     return form == KILN_EXCHANGE_COMPACT || (form == KILN_EXCHANGE_AUTO && points >= 1u << 22);
 }
 
-/* What is kept beside a bake of the way that its light took, so that it can be relit: nothing, or what every gather ray
- * has met (integrate/relight/transport.h), or the links of --patches links (integrate/patches/link_file.h). */
+/* Data kept beside a bake so that its light can be relit: none; the hits of all gather rays
+ * (integrate/relight/transport.h); or the links of --patches links (integrate/patches/link_file.h). */
 enum kiln_keep { KILN_KEEP_NONE = 0, KILN_KEEP_ROWS = 1, KILN_KEEP_LINKS = 2 };
 
 /* Whose radiosity a node receives: that of all points, or of those in patches of surface that its points see. */
@@ -102,8 +102,7 @@ enum kiln_exchange_points { KILN_EXCHANGE_ALL = 0, KILN_EXCHANGE_VISIBLE = 1 };
  */
 enum kiln_rebalance { KILN_REBALANCE_AUTO = 0, KILN_REBALANCE_NEVER = 1, KILN_REBALANCE_ALWAYS = 2 };
 
-/* What a bake says of the directions that light comes from: nothing, one direction for each point, or spherical
- * harmonics of bands 0 and 1. */
+/* Directions of light in a bake: none, one for each point, or spherical harmonics of bands 0 and 1. */
 enum kiln_directional { KILN_DIRECTIONAL_NONE = 0, KILN_DIRECTIONAL_DOMINANT = 1, KILN_DIRECTIONAL_SH1 = 2 };
 
 /* How the light is found that mirrors, gloss and glass send on from lights to diffuse surfaces: not at all, by
@@ -128,8 +127,8 @@ enum kiln_caustics {
 #define KILN_ITERATIONS_ALL UINT32_MAX
 enum { KILN_ITERATIONS_FIRST = 16 };
 
-/* What takes noise out of lightmaps: nothing; surface regression (coordinator/output/map/denoise/regression.h); or
- * regression unless --quality is reference. */
+/* Denoiser of lightmaps: none; surface regression (coordinator/output/map/denoise/regression.h); or regression unless
+ * --quality is reference. */
 enum kiln_denoise { KILN_DENOISE_NONE = 0, KILN_DENOISE_REGRESSION = 1, KILN_DENOISE_AUTO = 2 };
 
 /* Where gather rays end, and the probes that answer for what lies farther away (worker/pass/gather.h). */

@@ -103,7 +103,7 @@ const struct kiln_condition kiln_when_caustics = {
     has_caustics, "--materials diffuse has no light by mirrors, gloss or glass; give --materials auto or full", "",
     "--materials diffuse", "bake"};
 
-/* What --caustics comes to where there is gloss. */
+/* Effective --caustics; none without gloss. */
 static int caustics_of(const struct kiln_job *j)
 {
     if (!has_caustics(j))

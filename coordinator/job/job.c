@@ -232,7 +232,7 @@ static bool given(struct kiln_job *job, const char *name)
     return owned(job)->given[kiln_option_find(name) - kiln_options];
 }
 
-/* What judges the light of all surfaces cannot judge that of some. */
+/* Refuses judging all surfaces' light where only some is computed. */
 static int check_visible_from(const struct kiln_job *job, struct kiln_error *error)
 {
     const char *other = job->target_error > 0.0   ? "--target-error"
@@ -262,8 +262,8 @@ static int check_final_scale(const struct kiln_job *job, struct kiln_error *erro
                : KILN_OK;
 }
 
-/* What octrees have no use for: denoising works in lightmaps' texels, and without these and without light at vertices
- * there is nothing to export. */
+/* Refuses options that need lightmaps: denoising works in their texels, and without them and light at vertices there is
+ * nothing to export. */
 static int settle_store(struct kiln_job *job, struct kiln_error *error)
 {
     if (job->store == KILN_STORE_KIND_VERTEX && given(job, "vertex-light") && !job->vertex_light)
@@ -365,7 +365,7 @@ static int refuse_cells(struct kiln_job *job, struct kiln_error *error)
     return refuse_unused(job, of_cells, sizeof of_cells / sizeof *of_cells, error);
 }
 
-/* What only patches have. */
+/* Refuses options that only patches have. */
 static int refuse_patches(struct kiln_job *job, struct kiln_error *error)
 {
     static const char *const of_patches[] = {
@@ -424,7 +424,7 @@ static int check_gather(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* What patches gather from. */
+/* Checks the options for nodes that patches gather from. */
 static int check_nodes(struct kiln_job *job, struct kiln_error *error)
 {
     const bool samples = job->patches.undersample != KILN_SAMPLE_ALL, divides = job->patches.subdivide > 0.0;

@@ -4,7 +4,7 @@
 
 #include "coordinator/job/job.h"
 
-/* What a job owns: kiln_job.strings points to it. */
+/* Memory of a job: kiln_job.strings points to it. */
 struct kiln_option;
 struct kiln_job_owned {
     char **strings;

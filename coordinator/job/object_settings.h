@@ -41,7 +41,7 @@ struct kiln_object_settings {
     uint32_t lightmap_size;
     uint8_t role, sides, exclude; /* the enums above */
     bool size_of_file;            /* the scene file itself asks for that density or size; no rule of the job does */
-    /* What the file says of levels of detail (coordinator/import/lods.h); 0 is nothing in each. No keys have these. */
+    /* Levels of detail in the file (coordinator/import/lods.h); 0: none, in each. No keys have these. */
     uint32_t lod_level;  /* the level + 1: 1 is the finest */
     uint32_t lod_member; /* a number that the objects of one level of one thing share */
     uint32_t lod_group;  /* a number that the levels of one thing share */

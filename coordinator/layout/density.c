@@ -39,7 +39,7 @@ static size_t count_wanted(const struct kiln_density_demand *demands, size_t cou
     return wanted;
 }
 
-/* What the densities are chosen by. */
+/* Data for choosing densities. */
 struct chooser {
     const struct kiln_density_demand *demands;
     bool *vast; /* per object */

@@ -29,7 +29,7 @@ static const double RAISE_MAX = 4.0; /* a density is raised by at most this fact
 /* factor on the density of a caster-only object, whose lightmap nobody sees */
 static const double CASTER_FACTOR = 0.25;
 
-/* What sizes an object's lightmap: its area in the world, m2, and the metres that a unit of u and of v spans
+/* Measure of an object for its lightmap: its area in the world, m2, and the metres that a unit of u and of v spans
  * (area-weighted means). */
 struct measure {
     double area, along_u, along_v;
@@ -48,7 +48,7 @@ struct sized_padding {
     struct kiln_padding padding;
 };
 
-/* What was decided for a mesh. */
+/* Decisions on a mesh's layout. */
 struct mesh_plan {
     bool unwrap; /* unwrap, or repack: an unwrapping whose charts are given */
     bool repack;
@@ -511,7 +511,7 @@ static int choose_densities(struct planner *p, struct kiln_error *error)
     return status == KILN_OK ? check_texels(p, false, error) : status;
 }
 
-/* How many texels an object's surface should have. */
+/* Number of texels that an object should have. */
 static double wanted_texels(const struct planner *p, size_t index)
 {
     const double size = own_size(p, index), density = p->densities[index];

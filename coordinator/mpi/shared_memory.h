@@ -12,7 +12,7 @@
 
 #include "worker/base/status.h"
 
-/* What another process needs to open the memory. May be sent as bytes. */
+/* Key by which another process opens the memory. May be sent as bytes. */
 struct kiln_shared_key {
     int64_t process, descriptor;
     uint64_t device, inode, bytes;

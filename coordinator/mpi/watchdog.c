@@ -24,7 +24,7 @@ enum { TAG_HEARTBEAT = 7, HOST = 64, PHASE = 48, CALL = 40, ABORT_SECONDS = 10 }
 #define DEADLOCK_LEAST 5.0          /* but at least for so many seconds */
 #define DISK_LIMITS 10.0            /* one read or write may take so many limits */
 
-/* What a rank reports about itself. Durations are in seconds. */
+/* Report of a rank about itself. Durations are in seconds. */
 struct heartbeat {
     char phase[PHASE];
     double progress; /* fraction of the pass that is done; -1: in no pass */

@@ -7,7 +7,7 @@
 
 #include <openexr.h>
 
-/* What one pipeline needs, for one chunk at a time. Create with exr_zip_create, which returns NULL if memory is short;
+/* State of one pipeline, for one chunk at a time. Create with exr_zip_create, which returns NULL if memory is short;
  * destroy takes the address, sets NULL and accepts NULL. */
 struct exr_zip;
 struct exr_zip *exr_zip_create(void);

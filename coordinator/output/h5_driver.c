@@ -117,7 +117,7 @@ static herr_t driver_write(H5FD_t *base, H5FD_mem_t type, hid_t transfer, haddr_
     return 0;
 }
 
-/* What others write lies below the end of the space that was given out. */
+/* Extends the file to the end of the space given out: all others' data is in it. */
 static herr_t driver_truncate(H5FD_t *base, hid_t transfer, hbool_t closing)
 {
     struct file *file = file_of(base);

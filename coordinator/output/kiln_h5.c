@@ -193,7 +193,7 @@ static int write_vertices(struct kiln_h5 *h5, const struct kiln_bake_result *res
     return status == KILN_OK ? write_vertex_positions(h5, result->scene, vertices, error) : status;
 }
 
-/* Of octrees: how leaves lie in the world. */
+/* Writes how octree leaves lie in the world. */
 static int write_leaves(struct kiln_h5 *h5, const struct kiln_bake_result *result, struct kiln_error *error)
 {
     const struct kiln_geometry *g = result->geometry;

@@ -1,7 +1,7 @@
-/* What the writer of the points' columns (kiln_h5_points.h) is made of: which chunks a rank has, how they are packed,
- * placed and written, and read back. A part is one column of one chunk; the parts of a rank's chunks have consecutive
- * numbers, chunk by chunk and in each chunk column by column, which is also the order of the file. A batch is some
- * consecutive chunks of a rank, which are in memory together, each part in its slot. */
+/* Parts of the writer of the points' columns (kiln_h5_points.h): which chunks a rank has, how they are packed, placed
+ * and written, and read back. A part is one column of one chunk; the parts of a rank's chunks have consecutive numbers,
+ * chunk by chunk and in each chunk column by column, which is also the order of the file. A batch is some consecutive
+ * chunks of a rank, which are in memory together, each part in its slot. */
 #ifndef KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_PRIVATE_H
 #define KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_PRIVATE_H
 

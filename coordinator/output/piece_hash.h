@@ -21,7 +21,7 @@ uint64_t kiln_hash_piece_count(uint64_t file_bytes, uint64_t piece_bytes);
 /* The hash of piece number `piece` of an open file. KILN_IO if it cannot be read, or ends before. */
 int kiln_piece_hash(int descriptor, const char *path, uint64_t file_bytes, uint64_t piece_bytes, uint64_t piece,
                     struct kiln_hash *hash, struct kiln_error *error);
-/* That of the file; the order of bytes in `pieces` is changed for it. */
+/* Hash of the file by its pieces. Changes the order of bytes in `pieces`. */
 struct kiln_hash kiln_piece_hash_join(struct kiln_hash *pieces, uint64_t count);
 
 /* The hash of an open file, by all threads. With pieces of UINT64_MAX bytes it is the plain hash of the file. */

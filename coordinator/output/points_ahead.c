@@ -20,7 +20,7 @@ struct part {
     uint64_t hash; /* of direct light: of its rows as they were packed */
 };
 
-/* What is packed first, and what is packed once there is direct light. */
+/* Stages of packing: surface first, then direct light once there is some. */
 enum stage { OF_SURFACE, OF_DIRECT, STAGES };
 
 struct kiln_points_ahead {
@@ -48,7 +48,7 @@ static uint64_t now(clockid_t clock)
 
 /* ---- one chunk ---- */
 
-/* What a thread works with. */
+/* Buffers of a thread. */
 struct room {
     struct kiln_rows rows;
     uint8_t *shuffled, *packed;

@@ -22,7 +22,7 @@ enum { KILN_H5_CHUNK_ROWS = 1 << 14 };
 
 struct kiln_points_ahead;
 
-/* What was packed ahead. */
+/* Report on what was packed ahead. */
 struct kiln_points_ahead_report {
     uint64_t chunks, of; /* packed, of what the surface tells; that lie within the rank's points */
     uint64_t direct;     /* packed, of direct light */

@@ -11,14 +11,14 @@
 #include "worker/base/stop.h"
 #include "worker/scene/footprint.h"
 
-/* Of the second term. */
+/* Weight of the second term. */
 static const double LAMBDA = 1e-4;
 /* The conjugate gradients end when the residual is so small relative to the right side. */
 static const double RESIDUAL = 1e-7;
 enum { ITERATIONS = 1000, BLOCK_TRIANGLES = 1 << 16 };
 
-/* What a triangle's points add up to, in integers, so that their order does not matter: integrals of phi_i phi_j (00 11
- * 22 01 02 12) and of phi_i E (channel by channel), and of the squared luminance. They are relative to the triangle's
+/* Sums over a triangle's points, in integers, so that their order does not matter: integrals of phi_i phi_j (00 11 22
+ * 01 02 12) and of phi_i E (channel by channel), and of the squared luminance. They are relative to the triangle's
  * area, to the brightest point's light, and in steps of 1 / STEPS. */
 enum { MASSES = 6, LIGHTS = 9, SQUARE = MASSES + LIGHTS, SUMS };
 #define STEPS 0x1p58

@@ -96,7 +96,7 @@ static int check_finite(const struct volume_writer *w, const float *values, uint
     return KILN_OK;
 }
 
-/* Of irradiance. */
+/* Irradiance coefficient of a probe. */
 static float coefficient_of(const struct kiln_volume_result *v, uint64_t probe, int i, int c)
 {
     const float radiance = v->probes[probe].radiance[i][c];
@@ -138,7 +138,7 @@ static int write_axes(struct volume_writer *w, struct kiln_error *error)
     return status;
 }
 
-/* Of each group the light of all its probes, in one array. */
+/* Writes for each group the light of all its probes, in one array. */
 static int write_groups(struct volume_writer *w, struct kiln_error *error)
 {
     enum { SH = 27, ALL = SH + 18 };

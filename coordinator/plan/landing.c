@@ -46,7 +46,7 @@ static double covered_share(const struct landings *l)
     return all > 0 ? (double)in / (double)all : 0.0;
 }
 
-/* What is measured, and how. */
+/* Setup of the measurement. */
 struct measure {
     const struct kiln_prepared *p;
     const struct kiln_integrate_settings *settings;
@@ -61,7 +61,7 @@ static struct kiln_backend *tracer(const struct measure *m, const struct kiln_pa
     return m->host == NULL || kiln_backend_takes(m->p->backend, pass, parameters) ? m->p->backend : m->host;
 }
 
-/* That the device, or all threads, were busy so far. */
+/* Seconds that the device, or all threads, were busy so far. */
 static double busy_seconds(const struct measure *m, const struct kiln_backend *backend)
 {
     struct kiln_backend_info info;

@@ -1,5 +1,5 @@
-/* What light paths that land (integrate/land/land.h) will take, by a few of them; with --caustics vcm pilots and the
- * gather rays that share the light, by those of some tile runs, too. And what the paths will take that probes get
+/* Estimates the cost of light paths that land (integrate/land/land.h) by a few of them, with --caustics vcm also of
+ * pilots and the gather rays that share the light, by those of some tile runs. And of paths that probes get
  * (bake/volume/probe_paths.h). */
 #ifndef KILN_COORDINATOR_PLAN_LANDING_H
 #define KILN_COORDINATOR_PLAN_LANDING_H

@@ -43,8 +43,8 @@ static const double CALIBRATION_SECONDS = 15.0;
 static const double BVH_BYTES = 100.0;
 static const uint64_t LEAST_PROGRAM_BYTES = 24ull << 20;
 
-/* Of denoising: seconds of one thread a point. Smooth lightmaps pack better, and of the two errors in kiln.h5 half of
- * the bits are zero. */
+/* Denoising: seconds of one thread a point. Smooth lightmaps pack better, and of the two errors in kiln.h5 half of the
+ * bits are zero. */
 static const double DENOISE_POINT_SECONDS = 18e-6;
 /* what is left to the host where a device denoises: Sponza on an H100, 1.05 s of 16 threads for 3 M points, of which a
  * half is one thread's work */
@@ -54,7 +54,7 @@ static const double DENOISE_LIGHTMAP_DISK = 0.87, DENOISE_POINT_DISK = -4.0;
 static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
 static const double LIGHTMAP_TEXEL_SECONDS = 0.9e-6; /* of one thread: filled, smoothed, compressed, read back */
 static const double H5_POINT_SECONDS = 1.0e-6;       /* of one thread: described, compressed, written, read back */
-/* Of a lightmap in bands: bytes of a texel on its way to the part that denoises it
+/* Bytes of a texel of a lightmap in bands, on its way to the part that denoises it
  * (output/map/denoise/denoise_parts.h). */
 static const double TEXEL_BYTES = 90.0;
 /* the part of it that is packed while light is computed: a gain where devices compute, else it takes their time */
@@ -65,8 +65,8 @@ static const double HASH_BYTE_SECONDS = 0.25e-9; /* of one thread: read from the
  * behind the passes (--checkpoint-local), to files that the system keeps in memory at first */
 static const double SAVE_BANDWIDTH = 1e9, COPY_BYTE_SECONDS = 0.6e-9;
 static const double START_SECONDS = 0.1; /* until the scene is looked at: libraries, MPI, threads */
-/* Of a preview that nothing limits, s of one thread: by all of a rank's threads, so many times as much with gloss; by
- * one */
+/* Preview that nothing limits, s of one thread: work by all of a rank's threads, factor on it with gloss; work by one.
+ */
 static const double PREVIEW_DRAWN = 0.25, PREVIEW_OF_GLOSS = 2.5, PREVIEW_WRITTEN = 0.05;
 static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
 static const double MAP_ENTRY_BYTES = 24.0;                /* of a tile or split, from who found it to every rank */
@@ -147,7 +147,7 @@ static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *
     m->program = KILN_PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
 }
 
-/* What the companions of the bake need; while paths land, a device's host has a BVH, and each triangle a target. */
+/* Memory for the bake's companions; while paths land, a device's host has a BVH, and each triangle a target. */
 static struct kiln_companion_bytes companion_bytes(const struct kiln_plan *plan, const struct kiln_prepared *p,
                                                    const struct kiln_job *job)
 {
@@ -276,7 +276,7 @@ static bool is_cheap(const struct kiln_planned_steps *steps, uint32_t kind)
     return cheap;
 }
 
-/* What samples are taken of. */
+/* Input for taking samples. */
 struct calibration {
     const struct kiln_prepared *p;
     struct kiln_integrate_params params; /* of one rank, as companions want them */
@@ -389,7 +389,7 @@ static struct moment moment_now(void)
     return (struct moment){MPI_Wtime(), (double)time.tv_sec + 1e-9 * (double)time.tv_nsec};
 }
 
-/* Of all threads since then; on processors what each worked on the mean, so that other programs do not count. */
+/* Seconds of all threads since then; on processors at most their mean work, so that other programs do not count. */
 static double seconds_since(struct moment begin, const struct kiln_prepared *p)
 {
     const struct moment now = moment_now();
@@ -437,7 +437,7 @@ static double phase_seconds(const struct kiln_phases *phases, const char *name)
     return 0.0;
 }
 
-/* Of a phase that computes on processors alone, of so many threads at least: not more than they worked, so that other
+/* Seconds of a phase on processors alone, of `threads` threads at least: not more than they worked, so that other
  * programs do not count. */
 static double worked_seconds(const struct kiln_phases *phases, const char *name, const struct kiln_prepared *p,
                              uint32_t threads)
@@ -456,7 +456,7 @@ static double crowd(const struct kiln_prepared *p, const struct kiln_job *job)
     return on_device(p) || job->threads != 0 ? 1.0 : together < job->ranks ? together : job->ranks;
 }
 
-/* Of one thread, for a point. */
+/* Seconds to denoise a point, one thread. */
 static double denoise_seconds(const struct kiln_prepared *p, const struct kiln_job *job)
 {
     struct kiln_backend_info info;
@@ -466,7 +466,7 @@ static double denoise_seconds(const struct kiln_prepared *p, const struct kiln_j
     return info.regresses ? DENOISE_BESIDE_DEVICE_SECONDS : DENOISE_POINT_SECONDS;
 }
 
-/* Of a point, of a rank with all its threads: its lightmaps, its part of kiln.h5, and their hashes. */
+/* Seconds to write a point, by a rank's threads: its lightmaps, its part of kiln.h5, and their hashes. */
 static double written_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
     const double points = fmax(1.0, (double)plan->surface.points), texels = (double)plan->surface.texels / points,
@@ -475,7 +475,7 @@ static double written_seconds(const struct kiln_plan *plan, const struct kiln_pr
     return (texels * LIGHTMAP_TEXEL_SECONDS + denoise_seconds(p, job) + h5 + bytes * HASH_BYTE_SECONDS) / p->threads;
 }
 
-/* Of a point, of rank 0 while the others wait: where its part of kiln.h5 belongs. */
+/* Seconds a point, of rank 0 while the others wait: to place its part of kiln.h5. */
 static double place_seconds(const struct kiln_job *job)
 {
     const struct kiln_field_set fields = fields_of(job);
@@ -489,13 +489,13 @@ static double write_seconds(const struct kiln_plan *plan, const struct kiln_prep
            preview_seconds(p, job);
 }
 
-/* Of a point, in the exchange after a bounce, when there are so many. */
+/* Bytes a point, in the exchange after a bounce, when there are so many. */
 static double bounce_bytes(const struct kiln_job *job, uint64_t points)
 {
     return kiln_exchange_is_compact(job->exchange, points) ? COMPACT_BYTES : FULL_BYTES;
 }
 
-/* What samples of it took, for which there is no phase. */
+/* Times of samples that have no phase. */
 struct timing {
     double probe;    /* s each */
     double emission; /* s in all */
@@ -805,7 +805,7 @@ static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, 
     return status;
 }
 
-/* What the job's views need. */
+/* Finds surfaces that the job's views need. */
 static int find_visible(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
                         struct timing *timing, struct kiln_error *error)
 {

@@ -44,7 +44,7 @@ struct kiln_plan_seconds {
 
 enum { KILN_PLAN_SAMPLES = 128 };
 
-/* What a point cost where it was tried. */
+/* Cost of points where they were tried. */
 struct kiln_plan_sample {
     uint64_t first;                       /* the first of the tried points, in global order */
     uint64_t points[KILN_COST_KINDS_MAX]; /* of each kind of steps */

@@ -8,8 +8,7 @@
 
 #include "coordinator/plan/simulate_light.h"
 
-/* What the simulated bake is made of. Times in seconds, of one rank with all the cores (or the GPU) that a rank gets.
- */
+/* Input of the simulation. Times in seconds, of one rank with all the cores (or the GPU) that a rank gets. */
 struct kiln_simulation {
     struct kiln_light_simulation light; /* the cells, the ranks of a node and the network among it */
     double density;      /* points for each one that the cells have: the same scene with finer lightmaps */

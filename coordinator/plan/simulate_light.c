@@ -21,7 +21,7 @@ struct state {
     bool helps; /* ranks of a node steal work from each other */
 };
 
-/* What a simulated step shows. Seconds. */
+/* Times of a simulated step. Seconds. */
 struct shown {
     double seconds; /* until the last rank is done */
     double longest; /* work of a rank, or of the mean rank of those that help each other */
@@ -95,7 +95,7 @@ static double slowness(const struct state *t, uint32_t rank)
     return kiln_faults_slowness(&t->s->settings->faults, rank);
 }
 
-/* How many times as long as a rank of usual speed whoever computes the points of these ranks takes. */
+/* Time for the points of these ranks, whoever computes them, over that of ranks of usual speed. */
 static double group_slowness(const struct state *t, uint32_t begin, uint32_t end)
 {
     const uint32_t slow = t->s->settings->faults.slow_rank;

@@ -1,14 +1,14 @@
-/* What a rank touches when gather rays end at a range: the triangles and surface points within that distance of its own
- * points, and the radiance probes (Vandersanden, "Radiance Cells", 2023, section 4.3.2: the tracing range is a limit on
- * the data that a cell's rays may reach). */
+/* Data that a rank touches when gather rays end at a range: the triangles and surface points within that distance of
+ * its own points, and the radiance probes (Vandersanden, "Radiance Cells", 2023, section 4.3.2: the tracing range is a
+ * limit on the data that a cell's rays may reach). */
 #ifndef KILN_COORDINATOR_PLAN_WORKING_SET_H
 #define KILN_COORDINATOR_PLAN_WORKING_SET_H
 
 #include "coordinator/bake/prepare/prepare.h"
 #include "coordinator/job/job.h"
 
-/* Of one rank. An upper bound: distances are those of the voxels of a grid over the scene, 1/48 of its longest side,
- * and measured along each axis. Points whose rays have no end, as they see no probe, are not counted. */
+/* Data of one rank. An upper bound: distances are those of the voxels of a grid over the scene, 1/48 of its longest
+ * side, and measured along each axis. Points whose rays have no end, as they see no probe, are not counted. */
 struct kiln_rank_set {
     uint64_t own_points;        /* that it computes */
     uint64_t triangles, points; /* within the range of these */

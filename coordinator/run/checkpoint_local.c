@@ -21,7 +21,7 @@
 
 enum { KEY_BYTES = 16, KEY_TEXT = 2 * KEY_BYTES + 1, STEP = 1 << 20, MANIFEST_MOST = 1 << 28, LOOK_MILLISECONDS = 50 };
 
-/* What the other ranks have come to, as rank 0's main thread knows it. */
+/* Outcome of the other ranks' copies, as rank 0's main thread knows it. */
 enum verdict { UNKNOWN, ALL_COPIED, GIVEN_UP };
 
 struct checkpoint_local {

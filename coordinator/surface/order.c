@@ -267,7 +267,7 @@ static void write_entry(struct map_writer *writer, uint64_t place, uint64_t mask
         receive_entries(writer->surface, &entry, 1);
 }
 
-/* How many runs of the block, from run `i` on, belong to one tile. */
+/* Number of the block's runs, from run `i` on, that belong to one tile. */
 static size_t runs_of_tile(const struct kiln_block *block, size_t i)
 {
     size_t next = i + 1;

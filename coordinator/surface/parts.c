@@ -25,7 +25,7 @@ struct group {
     struct kiln_tile_run run;
 };
 
-/* What a rank's points are made of, in order: a tile run so far, or a new one. */
+/* Piece of a rank's points, in order: a tile run so far, or a new one. */
 struct span {
     bool is_new;
     size_t index; /* among the surface's tile runs so far, or among the groups */

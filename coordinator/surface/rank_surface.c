@@ -55,7 +55,7 @@ static bool goes_along(const struct kiln_scene *scene, uint32_t texture, uint32_
            a->nearest == b->nearest;
 }
 
-/* What of a material's texture is averaged. False: it has no texture, or not all of its colour and opacity is this
+/* Finds how a material's texture is averaged. False: it has no texture, or not all of its colour and opacity is this
  * texture's, and perhaps that of its metal, times what is the same, or linear, all over a triangle. */
 static bool look_of(const struct kiln_scene *scene, uint32_t material, struct kiln_texture_look *look)
 {
@@ -159,7 +159,7 @@ static bool is_beside(const struct sampled *t, const struct kiln_gloss *gloss)
     return true;
 }
 
-/* What the means of the texture leave of the factor 1 - metallic, and of what is let through. */
+/* Diffuse share: 1 - metallic, less what is let through, but for factors in the texture's means. */
 static float matt_of(const struct sampled *t, const struct kiln_gloss *gloss, const struct kiln_material *m)
 {
     const float third = 1.0f / 3.0f;
@@ -250,7 +250,7 @@ static void sample_colors(const struct sampled *t, const struct positions *at, s
     }
 }
 
-/* How many looks a texel needs along its side: its texture may be so many times as fine. */
+/* Number of looks that a texel needs along its side: its texture may be so many times as fine. */
 static int looks_along(const struct sampled *t, const double local[3][2])
 {
     double at[3][2];

@@ -23,7 +23,7 @@ enum { WINDOW_PLANES = 3 };
 /* A pixel speaks for itself alone where its deviation is so many times the mean of its blocks. */
 static const float outlier = 20.0f;
 
-/* What blocks have added to each pixel, weighted. */
+/* Weighted sums of block fits, for each pixel. */
 struct fitted {
     float *light[3], *leverage, *deviation, *weight;
 };

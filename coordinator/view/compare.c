@@ -168,7 +168,7 @@ static void sum_relative(const struct pair *p, struct kiln_difference *d)
         }
 }
 
-/* What an 8-bit picture holds of a value, over 255. */
+/* Code of a value in an 8-bit picture, over 255. */
 static double code_of(float value, double scale)
 {
     const double unit = isfinite(value) ? fmin(fmax((double)value / scale, 0.0), 1.0) : 0.0;

@@ -36,7 +36,7 @@ int kiln_samples_take(struct kiln_samples *samples, const struct kiln_compared *
                       size_t count, struct kiln_error *error);
 void kiln_samples_destroy(struct kiln_samples *samples);
 
-/* What two lightmaps of an object differ by over the texels of the second, b: those whose centres lie on the object,
+/* Differences of two lightmaps of an object over the texels of the second, b: those whose centres lie on the object,
  * and which are buried in neither. The first is read bilinearly at these centres, so that lightmaps of one size and
  * layout are compared texel by texel. Each texel weighs by its area on the surface. */
 enum { KILN_LAYERS = 3 }; /* all light, direct, indirect */

@@ -164,7 +164,7 @@ static void draw_scale(const struct canvas *c, const struct kiln_picture *p)
     write_text(c, right - width_of(text), TEXT_TOP, text);
 }
 
-/* What red, green and blue stand for. */
+/* Draws what red, green and blue stand for. */
 static void draw_places(const struct canvas *c, const struct kiln_picture *p)
 {
     static const char axes[] = "xyz";

@@ -5,7 +5,7 @@
 
 #include "worker/base/memory.h"
 
-/* Of a taken-over pixel's normals, the least cosine; pixels that its tangent plane may be off; the least sum of
+/* Least cosine between normals of a pixel and of one taken over; most pixels off its tangent plane; least sum of
  * weights; fractions of a pixel. */
 static const float cosine_least = 0.906f, pixels_off = 2.0f, weight_least = 0.01f;
 static const double steps = 64.0;
@@ -117,7 +117,7 @@ static bool project(const struct kiln_history *h, const struct kiln_view_camera 
     return true;
 }
 
-/* What lies where the pixel looks, as seen from the camera of the frame before. */
+/* Vector to the place where the pixel looks, from the camera of the frame before. */
 static struct kiln_dvec3 way_of(const struct kiln_history *h, const struct kiln_frame *f, size_t pixel)
 {
     if (f->surface[pixel])
@@ -204,7 +204,7 @@ void kiln_history_find(struct kiln_history *h, const struct kiln_frame *frame)
 
 /* ---- layers ---- */
 
-/* What a pixel takes over of a plane; of a variance by the weights' squares, for pixels have noise of their own. */
+/* Value of a plane that a pixel takes over; a variance by the weights' squares, for pixels have noise of their own. */
 static float take_over(const struct kiln_history *h, const struct taps *taps, const float *plane, bool squared)
 {
     float sum = 0.0f;

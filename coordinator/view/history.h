@@ -40,7 +40,7 @@ void kiln_history_destroy(struct kiln_history **history);
 /* Finds for each pixel of the new frame those of the frame before, and remembers the new one in its place. */
 void kiln_history_find(struct kiln_history *history, const struct kiln_frame *frame);
 
-/* What a history keeps of the frames before: `count` planes, and of each pixel how many frames are in them. */
+/* Data from the frames before: `count` planes, and for each pixel the number of frames in them. */
 enum { KILN_HISTORY_MOST = 4 };
 struct kiln_layer {
     size_t count;

@@ -19,7 +19,7 @@ struct kiln_leaf_light {
     uint32_t last;   /* slots, a power of two, less 1 */
 };
 
-/* What tells leaves apart. All numbers are below 2^24, which floats hold. */
+/* Key of a leaf. All numbers are below 2^24, which floats hold. */
 struct key {
     float leaf[3], object, facing, side;
 };

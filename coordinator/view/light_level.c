@@ -12,7 +12,7 @@ static double area_of(const struct kiln_geometry *g)
     return area;
 }
 
-/* Of lamps, W. */
+/* Power of lamps, W. */
 static double power_of(const struct kiln_lights *l)
 {
     double power = 0.0;

@@ -78,10 +78,10 @@ static inline double kiln_normal_factor_dominant(struct kiln_dvec3 direction, do
 /* The normal map of a stored triangle's material; NULL: none. */
 const struct kiln_normal_map *kiln_normal_map_of(const struct kiln_scene *scene, uint64_t stored_triangle);
 
-/* What a normal map makes of the unit shading normal `n` at (u, v) of a world triangle, seen from its front: a unit
+/* Applies a normal map to the unit shading normal `n` at (u, v) of a world triangle, seen from its front: a unit
  * vector. The tangent frame is that of the triangle's texture coordinates (glTF 2.0, section 3.7.2.1: x along u, y
  * against v, both turned into the plane of n; mirrored coordinates give a left-handed one); a file's TANGENT is not
- * read. It is `n` where the texture coordinates have no area, so that there is no such frame. Thread-safe. */
+ * read. Returns `n` where the texture coordinates have no area, so that there is no such frame. Thread-safe. */
 struct kiln_dvec3 kiln_normal_map_apply(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
                                         const struct kiln_normal_map *map, uint32_t triangle, float u, float v,
                                         struct kiln_dvec3 n);

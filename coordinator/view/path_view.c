@@ -33,7 +33,7 @@ int kiln_path_sums_create(struct kiln_path_sums *sums, size_t first, size_t coun
 
 void kiln_path_sums_destroy(struct kiln_path_sums *sums) { kiln_free(&sums->pixels); }
 
-/* What is done with results. */
+/* Context that takes results. */
 struct taking {
     struct kiln_path_sums *sums;
     const struct kiln_path_progress *progress;

@@ -21,7 +21,7 @@ struct kiln_path_view {
 struct kiln_path_view kiln_path_view_of(const struct kiln_view_camera *camera, uint32_t width, uint32_t height,
                                         int64_t bounces, uint32_t samples);
 
-/* What has been computed. */
+/* Progress callback and stop flag. */
 struct kiln_path_progress {
     void (*tell)(void *context, double share); /* of the pixels' paths that are done, 0 to 1; NULL: nobody is told */
     void *context;

@@ -86,7 +86,7 @@ static int find_texel(const struct points *p, const struct kiln_scene *scene, co
     return kiln_texel_place_refuse(texel, error);
 }
 
-/* Of the object with most surface the point that is nearest to the middle of its points. */
+/* Chooses, of the object with most surface, the point nearest to the middle of its points. */
 static int choose_texel(const struct points *p, const struct kiln_scene *scene, uint32_t *point,
                         struct kiln_error *error)
 {

@@ -5,7 +5,7 @@
 
 static const char group_prefix[] = "group:";
 
-/* What is no field of a bake, but stands in kiln.h5. */
+/* Layers of kiln.h5 that are no fields of a bake. */
 static const struct kiln_field points[] = {
     {.name = "position",
      .unit = "m",
@@ -21,7 +21,7 @@ static const struct kiln_field points[] = {
      .description = "shading normal of the surface points, world"},
 };
 
-/* What is made of a bake for a picture. */
+/* Layers made of a bake for a picture. */
 static const struct made {
     enum kiln_show_kind kind;
     struct kiln_field field;

@@ -1,5 +1,5 @@
-/* What `kiln view --show NAME` shows of a bake: light, its texels, a layer of its lightmaps, or what kiln.h5 has of its
- * surface points. Nothing here is collective.
+/* Subject of `kiln view --show NAME`: light of a bake, its texels, a layer of its lightmaps, or data of its surface
+ * points in kiln.h5. Nothing here is collective.
  *
  * A layer that lightmaps have is read from there, as published (denoised, filled, seams smoothed); else the dataset of
  * kiln.h5 is, point by point (point_map.h). */
@@ -8,7 +8,7 @@
 
 #include "coordinator/field/field.h"
 
-/* What is made for the picture. */
+/* Data made for the picture. */
 enum kiln_show_kind {
     KILN_SHOW_READ,   /* nothing: a field is read, or there is none */
     KILN_SHOW_VOXELS, /* the filled cells of a grid, as boxes; or as KILN_SHOW_VOXEL where a lightmap is drawn */

@@ -38,8 +38,8 @@
 struct kiln_view_params;
 struct kiln_view_filter;
 
-/* What draws views in another way than from lightmaps. `render` creates the image, with channels R G B, radiance, and
- * those that `spread` asks for; with `side` 1 it is for an exposure, and may be noisy. */
+/* Renderer of views by other means than lightmaps. `render` creates the image, with channels R G B, radiance, and those
+ * that `spread` asks for; with `side` 1 it is for an exposure, and may be noisy. */
 struct kiln_view_renderer {
     int (*render)(void *context, const struct kiln_view_params *params, struct kiln_image **image,
                   struct kiln_error *error);
@@ -151,7 +151,7 @@ int kiln_view_render(const struct kiln_view_params *params, struct kiln_image **
 /* How an exposure was chosen: from the picture, from all frames of a path, by a picture before, or not at all. */
 enum kiln_metering { KILN_METERED_PICTURE, KILN_METERED_PATH, KILN_METERED_BEFORE, KILN_METERED_NOTHING };
 
-/* What colours stand for where neither exposure nor range says it: pairs of colours, with a word each that stands under
+/* Key to colours where neither exposure nor range explains them: pairs of colours, with a word each that stands under
  * them, and a sentence. */
 enum { KILN_KEY_PAIRS = 4 };
 struct kiln_color_key {
@@ -179,7 +179,7 @@ struct kiln_picture {
     struct kiln_view_approximate approximate;
 };
 
-/* What a user may ask of the looks of a picture. */
+/* Wishes of a user for the looks of a picture. */
 struct kiln_look {
     enum kiln_tone_curve curve;
     double stops;                     /* powers of two on the exposure */
@@ -187,7 +187,7 @@ struct kiln_look {
     const struct kiln_exposure *kept; /* the exposure, in the place of an automatic one; borrowed; NULL: none */
 };
 
-/* Of a picture before: its looks, and the place it was seen from if that was found automatically, so that the same
+/* Data of a picture before: its looks, and the place it was seen from if that was found automatically, so that the same
  * scene in other light can be compared with it. Its look points into it: do not copy it. */
 struct kiln_kept_picture {
     struct kiln_look look;

@@ -11,7 +11,7 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 
-/* What albedo is at least; the least weight of a new frame, gathered and filtered. */
+/* Least albedo; least weight of a new frame, gathered and filtered. */
 static const float albedo_least = 0.02f;
 static const double weight_floor = 0.1, filtered_floor = 0.5;
 
@@ -33,7 +33,7 @@ struct kiln_view_filter {
     double seconds, surface_seconds;
 };
 
-/* What is known of a picture's pixels: planes in a row. */
+/* Data of a picture's pixels: planes in a row. */
 struct seen {
     size_t count;
     float *values;
@@ -124,7 +124,7 @@ static void join(const struct seen *s, size_t i)
         s->light[c][i] = s->light[c][i] * divisor(s, c, i) + s->surface[KILN_SEEN_EMISSION + c][i];
 }
 
-/* What the nine pixels around one see: paths may meet what its own rays that see surfaces do not. */
+/* Emission and coverage of the nine pixels around one: paths may meet surfaces that its own rays miss. */
 struct around {
     float emission, least, most; /* least and most coverage */
 };

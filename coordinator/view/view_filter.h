@@ -1,5 +1,5 @@
-/* What is done to path-traced views against noise: a filter by what is known of their surfaces (bmfr.h), means over the
- * frames of a path of cameras (history.h), or both.
+/* Filters against noise in path-traced views: one by known data of their surfaces (bmfr.h), means over the frames of a
+ * path of cameras (history.h), or both.
  *
  * Both work on light without the colour of what is seen first: y = (radiance - emission) / max(albedo, 0.02), and so
  * keep the patterns of textures. What they return is y x albedo + emission again. The variance of y, which the filter

@@ -98,7 +98,7 @@ static void add(struct walker *w, const float factor[3], const float rgb[3])
     }
 }
 
-/* What a ray has met, where that has gloss. */
+/* Hit of a ray, and the surface if it has gloss. */
 struct met {
     struct kiln_hit hit;
     bool gloss; /* else only this and the hit are set */
@@ -106,7 +106,7 @@ struct met {
     float radiosity[3], emission[3]; /* W/(m2 sr): what its diffuse part sends, were all taken up; what it emits */
 };
 
-/* What the glossy surface sends of its own: from its lightmap, and as a lamp. */
+/* Finds the glossy surface's own light: from its lightmap, and as a lamp. */
 static void find_own(const struct kiln_view_gloss *b, struct met *met)
 {
     const struct kiln_hit *hit = &met->hit;
@@ -132,7 +132,7 @@ static void add_own(const struct met *met, const struct kiln_particle_turn *turn
     add(w, met->place.arrives, emission);
 }
 
-/* What the ray of number `ray` has met, in `direction`. */
+/* Finds the hit of ray number `ray`, in `direction`. */
 static void find_met(const struct kiln_view_gloss *b, size_t ray, struct kiln_vec3 direction, struct met *met)
 {
     met->hit = b->rays->hits[ray];
@@ -145,7 +145,7 @@ static void find_met(const struct kiln_view_gloss *b, size_t ray, struct kiln_ve
     find_own(b, met);
 }
 
-/* What a surface without gloss, or the environment, shows at the end of the ray. */
+/* Adds light of a surface without gloss, or the environment, at the ray's end. */
 static void add_seen(const struct kiln_view_gloss *b, const struct kiln_hit *hit, struct kiln_vec3 direction,
                      double share, struct walker *w)
 {
@@ -214,7 +214,7 @@ static bool part(const struct kiln_view_gloss *b, const struct met *met, const s
     return true;
 }
 
-/* What walker w finds at the end of its ray; `lit`: the surface, if it has gloss. */
+/* Takes in the hit of walker w's ray; `lit`: the surface, if it has gloss. */
 static void meet(const struct kiln_view_gloss *b, const struct met *met, float passed, struct kiln_vec3 direction,
                  uint32_t surface, struct walker *w, struct kiln_view_lit *lit)
 {
@@ -256,7 +256,7 @@ static void meet(const struct kiln_view_gloss *b, const struct met *met, float p
     leave(w, &lit->place, &turn);
 }
 
-/* What lamps bring to the surfaces with gloss that active walkers from the `first` on have met, `count` of them. */
+/* Adds light of lamps at the glossy surfaces that `count` active walkers from the `first` on have met. */
 static int add_lamps(struct kiln_view_gloss *b, size_t first, size_t count, struct kiln_error *error)
 {
     size_t lit = 0;
@@ -273,7 +273,7 @@ static int add_lamps(struct kiln_view_gloss *b, size_t first, size_t count, stru
     return status;
 }
 
-/* What `count` active walkers from the `first` on find at the ends of their rays; at most LIT_PLACES. */
+/* Takes in the hits of `count` active walkers from the `first` on; at most LIT_PLACES. */
 static int meet_some(struct kiln_view_gloss *b, size_t first, size_t count, uint32_t surface, struct kiln_error *error)
 {
 #pragma omp parallel for schedule(dynamic, 64)

@@ -13,12 +13,12 @@ enum { ROUNDS = 3, RADIUS = 2, SIDE = 2 * RADIUS + 1 };
 /* Weights along a window. */
 static const float bell[SIDE] = {1.0f / 16.0f, 1.0f / 4.0f, 3.0f / 8.0f, 1.0f / 4.0f, 1.0f / 16.0f};
 
-/* What counts as one unit of difference: one less the cosine between normals, over alpha; distance from the tangent
- * plane, over that to the next pixel; alpha. And the least alpha. */
+/* Units of difference: one less the cosine between normals, over alpha; distance from the tangent plane, over that to
+ * the next pixel; alpha. And the least alpha. */
 static const float by_normal = 1.0f / 16.0f, by_plane = 1.0f, by_alpha = 0.05f, least = 0.05f;
 
-/* How many standard deviations of luminance count as one unit more, over the root of a pixel's rays: these know the
- * deviation the less the fewer they are. */
+/* Standard deviations added to one unit of luminance difference, over the root of a pixel's rays: the fewer they are,
+ * the less they know the deviation. */
 static const float unsure = 6.0f;
 
 /* A pixel while it is filtered: y, its light over its share. */
@@ -28,7 +28,7 @@ struct smooth {
     float step;      /* m, to the next pixel */
 };
 
-/* What is filtered. */
+/* Picture to filter. */
 struct picture {
     const struct kiln_view_grain *grains;
     uint32_t *at; /* of each pixel the number of its grain; KILN_NONE: none */

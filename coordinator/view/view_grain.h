@@ -1,4 +1,4 @@
-/* What rough lobes bring to the pixels of a view (view_gloss.h), by few rays each: without the noise of these.
+/* Filter for light of rough lobes in the pixels of a view (view_gloss.h): few rays each, without their noise.
  *
  * The light of a pixel is taken over what its lobes send on of light from all over, and averaged with that of pixels
  * around whose surface is much the same: three rounds over 5 x 5 pixels, 1, 2 and 4 apart, weighed by a bell in the

@@ -13,8 +13,8 @@
 enum { CELLS = 6, FOUND_CELLS = 12, SIDES = 6, REGIONS = 512 * SIDES };
 enum { OWN_BALLS = 12, ALL_BALLS = 6, MOST_BALLS = OWN_BALLS + ALL_BALLS, KEY = 0x67756964 };
 
-/* What rays go by sources at most, and which of these by those of the whole picture; the alpha of lobes from which on
- * so many do; radius of a ball over a cell's side. */
+/* Largest share of rays by sources, and of these by the whole picture's; least alpha of lobes that have it; radius of a
+ * ball over a cell's side. */
 static const float most_guided = 0.5f, left_to_all = 0.25f, wide = 0.1f, radius = 0.75f;
 
 struct kiln_view_source_ball {
@@ -22,7 +22,7 @@ struct kiln_view_source_ball {
     float part; /* of the rays that go by sources; they add up to 1 */
 };
 
-/* What a ray has found. */
+/* Source found by a ray. */
 struct lesson {
     uint32_t region, cell;
     struct kiln_vec3 found;
@@ -147,7 +147,7 @@ static struct kiln_view_source_ball gather(const struct lesson *lessons, size_t 
                                           .part = (float)moment};
 }
 
-/* What was learnt from these lessons, in the order of their cells. */
+/* Makes a region from lessons, in the order of their cells. */
 static void make_region(struct region *r, uint32_t most, const struct lesson *lessons, size_t count)
 {
     double sum = 0.0, moment = 0.0, kept = 0.0;

@@ -167,7 +167,7 @@ static bool draw_sample(const struct kiln_emission *e, size_t round, const struc
     return true;
 }
 
-/* What the body of glass leaves of light that comes to its surface from within. */
+/* Attenuates light that comes to a surface from within its body of glass. */
 static void attenuate(const struct kiln_particle_place *p, const struct kiln_light_sample *sample, double value[3])
 {
     float share[3];

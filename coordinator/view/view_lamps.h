@@ -1,4 +1,4 @@
-/* What lamps bring to the surfaces with gloss that rays of views meet (view_gloss.h).
+/* Light from lamps at the surfaces with gloss that rays of views meet (view_gloss.h).
  *
  * Such a light finds the eye in two ways: a sample of the lights at the surface (worker/light/lights.h: one of the
  * tree, one of each directional light, one of an environment with an image, by its luminance), with a shadow ray; and

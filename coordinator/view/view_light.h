@@ -45,11 +45,11 @@ struct kiln_view_seen {
 void kiln_view_radiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_vec3 direction,
                         struct kiln_view_seen *seen);
 
-/* What is seen at a hit where E is known: base colour x E / pi + emission. Thread-safe. */
+/* Radiance seen at a hit where E is known: base colour x E / pi + emission. Thread-safe. */
 void kiln_view_lit(const struct kiln_view_maps *maps, const struct kiln_hit *hit, const float irradiance[3],
                    float rgb[3]);
 
-/* What the surface at a hit emits, W/(m2 sr). Thread-safe. */
+/* Emission of the surface at a hit, W/(m2 sr). Thread-safe. */
 void kiln_view_emission(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3]);
 
 #endif

@@ -1,5 +1,5 @@
-/* What the radius of merging in a view goes by (worker/pass/bidirectional.h). Private to coordinator; not collective.
- */
+/* Pixel width for the radius of merging in a view (worker/pass/bidirectional.h). Private to coordinator; not
+ * collective. */
 #ifndef KILN_COORDINATOR_VIEW_VIEW_RADIUS_H
 #define KILN_COORDINATOR_VIEW_VIEW_RADIUS_H
 

@@ -27,10 +27,10 @@ static const float AROUND_ONE = 0.06f;
 /* Rows of the band before that are still at hand: one whose pixels may get more rays, and the one above it. */
 enum { ROWS_BEFORE = 2 };
 
-/* What becomes of a pixel after its first rays: they suffice; the others meet what they met; the others are traced. */
+/* Fate of a pixel after its first rays: they suffice; the others meet what they met; the others are traced. */
 enum fate { FEW, FLAT, TRACED };
 
-/* What a pixel's rays saw; `low` and `high` of the first ones. */
+/* Results of a pixel's rays; `low` and `high` of the first ones. */
 struct pixel {
     float sum[3], low[3], high[3];
     float metal, front_light, flat, mapped; /* sums */
@@ -168,7 +168,7 @@ static struct pixel *pixel_at(const struct renderer *r, size_t number)
     return &r->pixels[row_at(r, r->begin) + number - (size_t)r->begin * r->params->width];
 }
 
-/* What is seen in a pixel with gloss is seen again. */
+/* Replaces the light of a pixel with gloss. */
 static void put_gloss(const struct renderer *r, struct pixel *p, const float rgb[3])
 {
     p->metal = 0.0f;
@@ -236,7 +236,7 @@ static bool touch(const struct kiln_geometry *g, uint32_t a, uint32_t b)
     return common;
 }
 
-/* What becomes of a pixel of a preview, by the rays in the middle of it and of the eight around it. */
+/* Finds the fate of a pixel of a preview, by the rays in the middle of it and of the eight around it. */
 static enum fate fate_by_middles(const struct renderer *r, uint32_t x, uint32_t y)
 {
     const uint32_t width = r->params->width, height = r->params->height, left = x > 0 ? x - 1 : 0,
@@ -264,7 +264,7 @@ static enum fate fate_by_middles(const struct renderer *r, uint32_t x, uint32_t 
     return flat && !differ(lit[0], lit[1], EVEN) ? FLAT : TRACED;
 }
 
-/* What becomes of a pixel, by its first rays and those of the eight around it. */
+/* Finds the fate of a pixel, by its first rays and those of the eight around it. */
 static enum fate fate_of(const struct renderer *r, uint32_t x, uint32_t y)
 {
     const uint32_t width = r->params->width, height = r->params->height;

@@ -29,7 +29,7 @@ static const char *const names[] = {"albedo.R", "albedo.G", "albedo.B", "emissio
                                     "Z",        "R",        "G",        "B"};
 enum { CHANNELS = sizeof names / sizeof *names };
 
-/* What the way of a ray ends at, and what of its light comes back, by colour. */
+/* End of a ray's way, and the share of its light that comes back, by colour. */
 struct reached {
     struct kiln_hit hit;
     float share[3];
@@ -175,7 +175,7 @@ static void begin(const struct seeing *v, size_t i)
     turn(v, &v->rays->hits[i], v->rays->passed[i], i);
 }
 
-/* What way k has met. */
+/* Takes in the hit of way k. */
 static void meet(const struct seeing *v, size_t k)
 {
     const struct kiln_hit *hit = &v->onward->hits[k];

@@ -1,4 +1,4 @@
-/* What a view sees besides light: which surface, of which colour, where and how far. For denoisers, compositing and
+/* Data of a view besides light: which surface, of which colour, where and how far. For denoisers, compositing and
  * checks. Nothing here is collective. */
 #ifndef KILN_COORDINATOR_VIEW_VIEW_SURFACES_H
 #define KILN_COORDINATOR_VIEW_VIEW_SURFACES_H

@@ -26,7 +26,7 @@ void kiln_voxel_view_place(const struct kiln_view_source *source, float rgb[3])
     memcpy(rgb, filled ? tones[turn_of(&voxel)] : empty[turn_of(&voxel)], 3 * sizeof *rgb);
 }
 
-/* What the rays of a band of pixels see, which have `each` rays. */
+/* Draws a band of pixels with `each` rays a pixel. */
 static int look(const struct kiln_voxels *voxels, const struct kiln_view_params *p, struct kiln_view_rays *rays,
                 size_t first, size_t count, float *const planes[3], struct kiln_error *error)
 {

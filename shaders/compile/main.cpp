@@ -57,7 +57,7 @@ std::string read(const fs::path &path)
     return file ? text.str() : std::string();
 }
 
-/* What has not changed keeps its time, so that nothing is made anew for it. */
+/* Writes only a file that changes, so that nothing is made anew for one that does not. */
 void write(const fs::path &path, const std::string &bytes)
 {
     if (fs::exists(path) && read(path) == bytes)

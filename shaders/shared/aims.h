@@ -349,7 +349,7 @@ KILN_FUNCTION KILN_U32 kiln_aim_find(KILN_CONTEXT(kiln_aims, aims) KILN_U64 path
     return low;
 }
 
-/* How many paths of an iteration an aim has. */
+/* Returns the number of an aim's paths in an iteration. */
 KILN_FUNCTION kiln_real kiln_aim_paths(KILN_CONTEXT(kiln_aims, aims) KILN_U32 aim)
 {
     return kiln_real_of(KILN_AT(KILN_LOAD(aims, first, aim + 1u)) - KILN_AT(KILN_LOAD(aims, first, aim)));
@@ -385,7 +385,7 @@ KILN_FUNCTION kiln_real kiln_aim_point_density(KILN_IN(KILN_STRUCT kiln_point_li
     return kiln_cone_density(axis, height, direction);
 }
 
-/* Of so many paths whose rays go by sphere or box. */
+/* Returns the density, at a ray, of so many paths whose rays go by sphere or box. */
 KILN_FUNCTION kiln_real kiln_outline_density(KILN_CONTEXT(kiln_aims, aims) KILN_IN(KILN_STRUCT kiln_lamp) lamp,
                                              KILN_U32 light, KILN_IN(KILN_STRUCT kiln_target) target, kiln_real paths,
                                              kiln_real3 place, kiln_real3 direction)
@@ -404,7 +404,7 @@ KILN_FUNCTION kiln_real kiln_outline_density(KILN_CONTEXT(kiln_aims, aims) KILN_
     return KILN_AIM_PER_CELL(aims, lamp, density) / kiln_target_outline(target, back);
 }
 
-/* What the flux of an aim's ray is to be multiplied by that has met this world triangle first. 0: it does not count. */
+/* Returns the factor for the flux of an aim's ray that has met this world triangle first. 0: it does not count. */
 KILN_FUNCTION kiln_real kiln_aim_met(KILN_CONTEXT(kiln_aims, aims) KILN_U32 aim,
                                      KILN_IN(KILN_STRUCT kiln_aimed_ray) ray, KILN_U32 triangle)
 {

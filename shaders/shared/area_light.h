@@ -78,7 +78,7 @@ KILN_FUNCTION kiln_real kiln_light_backoff(kiln_real rounding, kiln_real distanc
     return real_min(distance / 2, rounding / real_max(KILN_RATIO(1, 1000000), cosine));
 }
 
-/* Of a shadow ray's length: what lies at its end is not in its way. 1 - 2^-20. */
+/* Part of its length that a shadow ray goes: what lies at its end is not in its way. 1 - 2^-20. */
 #define KILN_SHADOW_LENGTH KILN_RATIO(1048575, 1048576)
 
 #endif

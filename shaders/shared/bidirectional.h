@@ -19,8 +19,8 @@
 /* Paths of light sample no lights: these numbers of a surface choose the place on the lens that it is connected to. */
 #define KILN_LENS_USE KILN_PATH_LIGHT
 
-/* Of the camera's rays, per m2, at a place with this cosine: `towards` it, unit, from the place, at a distance in m;
- * `pixel`: m2, at 1 m before the camera, or of an orthographic one anywhere. */
+/* Returns the density of the camera's rays, per m2, at a place with this cosine. `towards`: unit, from the place to the
+ * camera, at a distance in m; `pixel`: m2, at 1 m before the camera, or of an orthographic one anywhere. */
 KILN_FUNCTION kiln_real kiln_camera_density(bool orthographic, KILN_VECTOR towards, KILN_VECTOR forward,
                                             kiln_real distance, kiln_real cosine, kiln_real pixel)
 {

@@ -53,7 +53,8 @@ KILN_FUNCTION void kiln_path_arrive(KILN_INOUT(KILN_STRUCT kiln_path_sums) s, ki
     KILN_AT(s).vm /= cosine;
 }
 
-/* It leaves the surface: the density of the way on, and of the way back from there; the cosine of the way on. */
+/* The subpath leaves the surface. `forward`, `backward`: densities of the way on, and of the way back from there;
+ * `cosine`: of the way on. */
 KILN_FUNCTION void kiln_path_leave(KILN_IN(KILN_STRUCT kiln_path_techniques) t,
                                    KILN_INOUT(KILN_STRUCT kiln_path_sums) s, kiln_real cosine, kiln_real forward,
                                    kiln_real backward, bool delta)

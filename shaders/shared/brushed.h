@@ -1,4 +1,4 @@
-/* What brushed facets lose and reflect of light from a direction, as tables that are made for a material
+/* Tables of what brushed facets lose and reflect of light from a direction, made for a material
  * (worker/material/brushed.h); the same in C and GLSL.
  *
  * Facets that are rough along one axis and smooth along the other hardly change the component of a direction along the
@@ -22,7 +22,7 @@
 #define KILN_BRUSHED_LOW 22 /* of which this one is at the corner, */
 #define KILN_BRUSHED_U 25   /* and along u */
 
-/* What a table has of each direction. */
+/* Values that a table has for each direction. */
 #define KILN_BRUSHED_WHOLE 0   /* lost, were all reflected */
 #define KILN_BRUSHED_FRESNEL 1 /* mean exact Fresnel reflectance, weighted by what facets reflect, from outside */
 #define KILN_BRUSHED_THIN 2    /* glass: lost, reflected and refracted light together, from the thinner medium */
@@ -41,10 +41,10 @@ KILN_FUNCTION float kiln_brushed_layer(float alpha)
     return float_max(root - least, 0.0f) * (KILN_TO_F32(KILN_BRUSHED_LAYERS - 1) / (1.0f - least));
 }
 
-/* What lobes that use the table have of it. */
+/* Means that a table has for the lobes that use it. */
 struct kiln_brushed_means {
     float lost, glass_front, glass_back, glass_coat, held; /* the members of struct kiln_bsdf_lobes */
-    /* Of both sides: what the coat lets in; this times what facets keep; and this times their Fresnel share
+    /* Light that the coat lets in, on both sides; this times what facets keep; and this times their Fresnel share
      * (kiln_fresnel_share). By them the matt layer gets its light, whatever its specular colour is. */
     float in_front, kept_front, share_front, in_back, kept_back, share_back;
     KILN_STRUCT kiln_curve face_lost, face_effective; /* struct kiln_interface, mean over the azimuth */

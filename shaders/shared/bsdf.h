@@ -37,7 +37,7 @@ struct kiln_bsdf_choice {
     float coat, gloss, diffuse, near, far;
 };
 
-/* What a facet of the base reflects and lets through, and the chance that a drawn direction is the former's. */
+/* Light that a facet of the base reflects and lets through, and the chance that a drawn direction is the former's. */
 struct kiln_bsdf_split {
     KILN_VECTOR reflected, through;
     float chance;
@@ -77,8 +77,9 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_split kiln_bsdf_split_at(KILN_STRUCT kiln_bs
     return s;
 }
 
-/* What the base's glass gives back, on the same side and on the other: l(o) l(i) n(i)^2 / (pi sum over both sides of
- * n^2 mean l), l what is lost from a direction; light that has been scattered often comes out as in a furnace. */
+/* Light that the base's glass gives back, on the same side and on the other: l(o) l(i) n(i)^2 / (pi sum over both sides
+ * of n^2 mean l), with l the share that is lost from a direction. Light that has been scattered often comes out as in a
+ * furnace. */
 struct kiln_bsdf_forgotten {
     KILN_VECTOR same, other; /* without l(i) / pi; `other` with n(i)^2, which is importance */
 };
@@ -212,8 +213,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_facets(KILN_VECTOR o, KILN_V
     return s;
 }
 
-/* Of light from behind a coat: what kiln_bsdf_split_at says too little of what the coat sends into the mirror direction
- * (kiln_bsdf_mirrored). There it has the cosine to the facet. */
+/* Returns what kiln_bsdf_split_at lacks of the light from behind that a coat sends into the mirror direction
+ * (kiln_bsdf_mirrored). There the coat's share is that of the cosine to the facet. */
 KILN_FUNCTION KILN_VECTOR kiln_bsdf_returned(KILN_STRUCT kiln_bsdf_lobes l, float o, float i, float h, float cosine)
 {
     const KILN_VECTOR eta = kiln_bsdf_eta(l.p, false);
@@ -240,7 +241,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_reflection(KILN_STRUCT kiln_
     return s;
 }
 
-/* What the coat lets through of light that crosses the face. */
+/* Returns the share of light that the coat lets through where light crosses the face. */
 KILN_FUNCTION float kiln_bsdf_crossing(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o, KILN_VECTOR i)
 {
     if (l.p.thin_wall != 0u)
@@ -320,7 +321,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_transmission(KILN_STRUCT kil
     return s;
 }
 
-/* What facets give back, of the base; z as above. */
+/* Returns the value of the light that the base's facets give back; z as above. */
 KILN_FUNCTION KILN_VECTOR kiln_bsdf_given_back(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o, KILN_VECTOR i,
                                                KILN_U32 mode)
 {

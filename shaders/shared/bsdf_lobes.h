@@ -41,7 +41,7 @@ struct kiln_bsdf {
     KILN_U32 model;
 };
 
-/* What is prepared for all directions at a point; for use within bsdf.h. */
+/* Values that are prepared at a point for all directions; for use within bsdf.h. */
 struct kiln_bsdf_lobes {
     KILN_STRUCT kiln_bsdf p;
     float metal, glass, matt; /* shares of the base; their sum is 1 */
@@ -164,7 +164,7 @@ KILN_FUNCTION float kiln_bsdf_coat_factor(KILN_STRUCT kiln_bsdf_lobes l, bool fr
     return kiln_coat_factor(l.coat, float_abs(w.z));
 }
 
-/* What facets lose of light from a direction, were all reflected, and its mean over directions of one cosine. */
+/* Share that facets lose of light from a direction, were all reflected, and its mean over directions of one cosine. */
 KILN_FUNCTION float kiln_bsdf_facets_lost(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
 {
     if (l.alpha_x == l.alpha_y || l.base_is_mirror != 0u)
@@ -194,7 +194,7 @@ KILN_FUNCTION float kiln_bsdf_matt_share(KILN_STRUCT kiln_bsdf_lobes l, float lo
     return (1.0f - lost) *
            kiln_bsdf_scaled(l.p, exact, kiln_fresnel_normal(l.face.index), kiln_bsdf_largest(l.p.specular_color));
 }
-/* Of light of a cosine, the mean over azimuths; and of light from a direction. */
+/* The same for light of a cosine, the mean over azimuths; and for light from a direction. */
 KILN_FUNCTION float kiln_bsdf_matt_about(KILN_STRUCT kiln_bsdf_lobes l, float mu)
 {
     const float exact = kiln_interface_fresnel(l.face, mu);
@@ -208,7 +208,7 @@ KILN_FUNCTION float kiln_bsdf_matt_albedo(KILN_STRUCT kiln_bsdf_lobes l, KILN_VE
     return kiln_bsdf_matt_about(l, float_abs(w.z));
 }
 
-/* What glass loses of light from a direction on one side. `facets`: kiln_bsdf_facets_lost of it. */
+/* Returns the share that glass loses of light from a direction on one side. `facets`: kiln_bsdf_facets_lost of it. */
 KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR w, float facets)
 {
     if (l.base_is_mirror != 0u)
@@ -240,8 +240,8 @@ KILN_FUNCTION float kiln_bsdf_mirrored_share(KILN_STRUCT kiln_bsdf_lobes l)
     return l.holds != 0u ? 1.0f / (1.0f + 2.4f * l.face.alpha) : 1.0f;
 }
 
-/* Of what a facet h lets through of light from behind, at `cosine` to it: what the coat sends into the mirror
- * direction; o, i and h are cosines to the surface. */
+/* Returns the share that the coat sends into the mirror direction, of light from behind that a facet h lets through at
+ * `cosine` to it. o, i and h are cosines to the surface. */
 KILN_FUNCTION float kiln_bsdf_mirrored(KILN_STRUCT kiln_bsdf_lobes l, float o, float i, float h, float cosine)
 {
     const float eta = kiln_bsdf_eta(l.p, false).y;
@@ -252,7 +252,7 @@ KILN_FUNCTION float kiln_bsdf_mirrored(KILN_STRUCT kiln_bsdf_lobes l, float o, f
     return kiln_bsdf_mirrored_share(l) * float_sqrt(of_o * of_i);
 }
 
-/* What the facet h sends on, to both sides, of light from behind in direction o, z > 0 there. */
+/* Returns the share that the facet h sends on, to both sides, of light from behind in direction o, z > 0 there. */
 KILN_FUNCTION float kiln_bsdf_sent_behind(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, KILN_VECTOR h)
 {
     const float eta = kiln_bsdf_eta(l.p, false).y, cosine = vec3_dot(o, h);
@@ -307,7 +307,7 @@ KILN_FUNCTION KILN_STRUCT kiln_curve kiln_bsdf_held_curve(KILN_STRUCT kiln_bsdf_
     return s;
 }
 
-/* What the coat holds back of light from behind, and sends back in no certain direction. */
+/* Returns the share of light from behind that the coat holds back and sends back in no certain direction. */
 KILN_FUNCTION float kiln_bsdf_held(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
 {
     if (kiln_bsdf_has_table(l))

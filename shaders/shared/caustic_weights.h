@@ -11,7 +11,7 @@ const uint KILN_MIS_POWER = 1u, KILN_MIS_UNIFORM = 2u;
 enum kiln_mis { KILN_MIS_BALANCE = 0, KILN_MIS_POWER = 1, KILN_MIS_UNIFORM = 2 };
 #endif
 
-/* What a technique whose density is r times as large adds to the inverse of a weight. */
+/* Returns the term that a technique whose density is r times as large adds to the inverse of a weight. */
 KILN_FUNCTION kiln_real kiln_mis_share(KILN_U32 mis, kiln_real r)
 {
     if (mis == KILN_MIS_UNIFORM)
@@ -21,9 +21,9 @@ KILN_FUNCTION kiln_real kiln_mis_share(KILN_U32 mis, kiln_real r)
 
 /* ---- from the texel ---- */
 
-/* Of a gather ray's subpath: `land` is the density of light paths over that of hits, but for what the lamp's end adds;
- * `sampled` is one over the density of the last direction, 0 after a mirror or smooth glass: no sample of the lights
- * finds what comes that way. */
+/* Sums of a gather ray's subpath. `land`: the density of light paths over that of hits, but for what the lamp's end
+ * adds. `sampled`: one over the density of the last direction; 0 after a mirror or smooth glass, where no sample of the
+ * lights finds what comes that way. */
 struct kiln_caustic_gathered {
     kiln_real land, sampled;
 };
@@ -37,7 +37,7 @@ KILN_FUNCTION KILN_STRUCT kiln_caustic_gathered kiln_caustic_gather(kiln_real ar
     return g;
 }
 
-/* It arrives at a surface; `squared`: m2, of the distance. */
+/* The ray arrives at a surface; `squared`: m2, of the distance. */
 KILN_FUNCTION void kiln_caustic_arrive(KILN_INOUT(KILN_STRUCT kiln_caustic_gathered) g, kiln_real squared,
                                        kiln_real cosine)
 {
@@ -45,7 +45,7 @@ KILN_FUNCTION void kiln_caustic_arrive(KILN_INOUT(KILN_STRUCT kiln_caustic_gathe
     KILN_AT(g).sampled *= squared / cosine;
 }
 
-/* It leaves a surface with gloss. `delta`: by a mirror or smooth glass, whose densities are chances. */
+/* The ray leaves a surface with gloss. `delta`: by a mirror or smooth glass, whose densities are chances. */
 KILN_FUNCTION void kiln_caustic_leave(KILN_INOUT(KILN_STRUCT kiln_caustic_gathered) g, kiln_real cosine,
                                       kiln_real forward, kiln_real backward, bool delta)
 {
@@ -75,13 +75,14 @@ KILN_FUNCTION kiln_real kiln_caustic_weight_sampled(KILN_U32 mis, KILN_IN(KILN_S
 
 /* ---- from the lamp ---- */
 
-/* Of a light path: the densities of hits and of samples over its own, but for n / A and what x adds. */
+/* Densities of hits and of samples over that of a light path, but for n / A and what x adds. */
 struct kiln_caustic_landing {
     kiln_real hit, sampled;
 };
 
-/* It leaves the lamp: `connect` and `emission` as above, `cosine` that at the lamp, 1 from outside. `is_point`: no ray
- * meets it. It arrives at z_1 after `squared` m2, 1 from outside, with the cosine `arrival`. */
+/* A light path leaves the lamp: `connect` and `emission` as above, `cosine` that at the lamp, 1 from outside.
+ * `is_point`: no ray meets the lamp. The path arrives at z_1 after `squared` m2, 1 from outside, with the cosine
+ * `arrival`. */
 KILN_FUNCTION KILN_STRUCT kiln_caustic_landing kiln_caustic_emit(kiln_real connect, kiln_real emission,
                                                                  kiln_real cosine, bool is_point, kiln_real squared,
                                                                  kiln_real arrival)
@@ -92,7 +93,7 @@ KILN_FUNCTION KILN_STRUCT kiln_caustic_landing kiln_caustic_emit(kiln_real conne
     return l;
 }
 
-/* It leaves a surface with gloss, z_1 if it is the `first`, by the cosine `leaving`. */
+/* The path leaves a surface with gloss, z_1 if it is the `first`, by the cosine `leaving`. */
 KILN_FUNCTION void kiln_caustic_pass_on(KILN_INOUT(KILN_STRUCT kiln_caustic_landing) l, bool first, kiln_real leaving,
                                         kiln_real forward, kiln_real backward, bool delta)
 {
@@ -101,14 +102,14 @@ KILN_FUNCTION void kiln_caustic_pass_on(KILN_INOUT(KILN_STRUCT kiln_caustic_land
     KILN_AT(l).sampled *= first ? (delta ? kiln_real_of(0) : ratio) : ratio * backward;
 }
 
-/* It arrives at a later surface with gloss. */
+/* The path arrives at a later surface with gloss. */
 KILN_FUNCTION void kiln_caustic_meet(KILN_INOUT(KILN_STRUCT kiln_caustic_landing) l, kiln_real cosine)
 {
     KILN_AT(l).hit /= cosine;
     KILN_AT(l).sampled /= cosine;
 }
 
-/* It lands: what the owner of the texel needs for its weight, besides n / A. */
+/* The path lands. Returns what the owner of the texel needs for its weight, besides n / A. */
 KILN_FUNCTION kiln_real kiln_caustic_others(KILN_U32 mis, KILN_IN(KILN_STRUCT kiln_caustic_landing) l)
 {
     const kiln_real sum = kiln_mis_share(mis, KILN_AT(l).hit) + kiln_mis_share(mis, KILN_AT(l).sampled);

@@ -29,8 +29,8 @@
  * weight: most gloss sends on a twentieth of what it meets. */
 #define KILN_CHAIN_MORE 2.0f
 
-/* What a chain of this weight would have left, of the colour of which that is most, when lobes that are not diffuse
- * have sent it on; about, by the albedos for the direction that it comes from. */
+/* Returns about the weight, of the colour of which that is most, that a chain would have left when lobes that are not
+ * diffuse have sent it on: by the albedos for the direction that it comes from. */
 KILN_FUNCTION float kiln_chain_left(KILN_STRUCT kiln_bsdf_albedo a, KILN_VECTOR weight)
 {
     const KILN_VECTOR sent = vec3_add(vec3_add(a.gloss, a.coat), vec3_add(a.spread_near, a.spread_far));
@@ -47,18 +47,19 @@ KILN_FUNCTION float kiln_chain_chance(KILN_U32 surface, KILN_U32 length, float l
     return float_min(KILN_CHAIN_MORE * left, 1.0f);
 }
 
-/* Of light from a direction, what surface points on such a material take up of it, in the light that they count as
- * incident: kiln_diffuse_in_about where there is a diffuse part. `cosine` is the direction's with the shading normal of
- * the front, signed. */
+/* Returns the share of light from a direction that surface points on such a material take up, in the light that they
+ * count as incident: kiln_diffuse_in_about where there is a diffuse part. `cosine` is the direction's with the shading
+ * normal of the front, signed. */
 KILN_FUNCTION float kiln_chain_taken_up(KILN_STRUCT kiln_bsdf_lobes lobes, float cosine)
 {
     return lobes.matt > 0.0f ? kiln_diffuse_in_about(lobes, cosine) : 0.0f;
 }
 
-/* What the random numbers of a texel's chains hang on: `chance` is the texel's kiln_gather_chance. Numbers of ray k at
- * surface s of its chain are kiln_path_numbers(kiln_path_key(key, kiln_path_use(s, KILN_PATH_...)), k), with the uses
- * of path.h: KILN_PATH_LOBE (u picks the lobe, v says whether the chain goes on), KILN_PATH_BOUNCE (the direction),
- * KILN_PATH_CHANCE (the ray that leaves the surface, by kiln_hash2(kiln_path_key(...), k)), and those of lights. */
+/* Returns the key of the random numbers of a texel's chains: `chance` is the texel's kiln_gather_chance. Numbers of ray
+ * k at surface s of its chain are kiln_path_numbers(kiln_path_key(key, kiln_path_use(s, KILN_PATH_...)), k), with the
+ * uses of path.h: KILN_PATH_LOBE (u picks the lobe, v says whether the chain goes on), KILN_PATH_BOUNCE (the
+ * direction), KILN_PATH_CHANCE (the ray that leaves the surface, by kiln_hash2(kiln_path_key(...), k)), and those of
+ * lights. */
 KILN_FUNCTION KILN_U32 kiln_chain_key(KILN_U32 chance) { return kiln_hash1(chance + 0x636861u); }
 
 #endif

@@ -19,19 +19,19 @@ float float_luminance(vec3 rgb)
                vec3(KILN_RED_WEIGHT(KILN_RATIO32), KILN_GREEN_WEIGHT(KILN_RATIO32), KILN_BLUE_WEIGHT(KILN_RATIO32)));
 }
 #else
-/* Of a colour in double. */
+/* Luminance of a colour in double. */
 static inline double kiln_luminance(const double rgb[3])
 {
     return KILN_RED_WEIGHT(KILN_RATIO) * rgb[0] + KILN_GREEN_WEIGHT(KILN_RATIO) * rgb[1] +
            KILN_BLUE_WEIGHT(KILN_RATIO) * rgb[2];
 }
-/* Of a colour in float, calculated in double. */
+/* Luminance of a colour in float, calculated in double. */
 static inline double kiln_luminance_of_floats(const float rgb[3])
 {
     return KILN_RED_WEIGHT(KILN_RATIO) * (double)rgb[0] + KILN_GREEN_WEIGHT(KILN_RATIO) * (double)rgb[1] +
            KILN_BLUE_WEIGHT(KILN_RATIO) * (double)rgb[2];
 }
-/* Of a colour in float, calculated in float: where millions of them are. */
+/* Luminance of a colour in float, calculated in float: where millions of them are. */
 static inline float kiln_luminance_in_float(const float rgb[3])
 {
     return KILN_RED_WEIGHT(KILN_RATIO32) * rgb[0] + KILN_GREEN_WEIGHT(KILN_RATIO32) * rgb[1] +

@@ -14,8 +14,8 @@ KILN_FUNCTION float kiln_refracted_cosine(float cosine, float eta)
     return float_sqrt(float_max(0.0f, 1.0f - (1.0f - cosine) * (1.0f + cosine) / (eta * eta)));
 }
 
-/* Of a dielectric, exactly, unpolarised light (Born and Wolf, "Principles of Optics", section 1.5.2); 1 where the
- * reflection is total. With eta 1 nothing is reflected at any angle. */
+/* Reflectance of a dielectric, exact, for unpolarised light (Born and Wolf, "Principles of Optics", section 1.5.2); 1
+ * where the reflection is total. With eta 1 nothing is reflected at any angle. */
 KILN_FUNCTION float kiln_fresnel(float cosine, float eta)
 {
     const float t = kiln_refracted_cosine(cosine, eta);
@@ -33,8 +33,8 @@ KILN_FUNCTION float kiln_fresnel_normal(float eta)
     return a * a;
 }
 
-/* What is added to the reflectance at normal incidence, as a share of what is missing there to that at grazing: Schlick
- * ("An Inexpensive BRDF Model for Physically-based Rendering", EUROGRAPHICS 1994, equation 15), for metals, whose base
+/* Gain over the reflectance at normal incidence, as a share of what is missing there to that at grazing: Schlick ("An
+ * Inexpensive BRDF Model for Physically-based Rendering", EUROGRAPHICS 1994, equation 15), for metals, whose base
  * colour is the reflectance at normal incidence (glTF 2.0, appendix B.2.3), */
 KILN_FUNCTION float kiln_schlick_share(float cosine)
 {
@@ -48,8 +48,8 @@ KILN_FUNCTION float kiln_fresnel_share(float exact, float normal)
     return float_max(exact - normal, 0.0f) / (1.0f - normal);
 }
 
-/* Of one channel of a dielectric with KHR_materials_specular, `specular` strong: the exact reflectance, scaled so that
- * `normal`, the exact one at normal incidence, becomes normal times color there. */
+/* Reflectance of one channel of a dielectric with KHR_materials_specular, `specular` strong: the exact one, scaled so
+ * that `normal`, the exact one at normal incidence, becomes normal times color there. */
 KILN_FUNCTION float kiln_fresnel_scaled(float specular, float exact, float normal, float color)
 {
     const float low = float_min(normal * color, 1.0f) * specular;

@@ -54,7 +54,7 @@ KILN_FUNCTION float kiln_guide_warp(KILN_GUIDE guide, KILN_INOUT(float) u, KILN_
     return KILN_GUIDE_AT(guide, KILN_GUIDE_WEIGHTS + KILN_AT(cell));
 }
 
-/* Of side x side cells, `side` a divisor of KILN_GUIDE_SIDE, the one that a cell of the guide lies in. */
+/* Returns the one of side x side cells that a cell of the guide lies in; `side` divides KILN_GUIDE_SIDE. */
 KILN_FUNCTION KILN_U32 kiln_guide_coarse(KILN_U32 cell, KILN_U32 side)
 {
     return cell / KILN_GUIDE_SIDE * side / KILN_GUIDE_SIDE * side + cell % KILN_GUIDE_SIDE * side / KILN_GUIDE_SIDE;

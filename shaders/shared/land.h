@@ -12,7 +12,7 @@
  * by way of many would come by few paths of any weight. */
 KILN_FUNCTION float kiln_land_least(KILN_U32 surface) { return 0.5f / (KILN_TO_F32(surface) * KILN_TO_F32(surface)); }
 
-/* What the random numbers of number k among an aim's paths hang on, but for the lower half of k. */
+/* Returns the key of the random numbers of path k of an aim, but for the lower half of k. */
 KILN_FUNCTION KILN_U32 kiln_land_key(KILN_U32 seed, KILN_U32 aim, KILN_U32 iteration_low, KILN_U32 iteration_high,
                                      KILN_U32 k_high)
 {

@@ -1,5 +1,5 @@
-/* What C and GLSL both must know of the data on the device: every struct once, in scalar layout, which is C's. Included
- * by GLSL and by C, which checks sizes at compile time; tests/unit/test_shared.c checks the offsets in the kernels.
+/* Data on the device, as both C and GLSL must know it: every struct once, in scalar layout, which is C's. Included by
+ * GLSL and by C, which checks sizes at compile time; tests/unit/test_shared.c checks the offsets in the kernels.
  *
  * Addresses are 64-bit device addresses (0: there is none). Positions are relative to the scene's centre, in metres. */
 #ifndef KILN_SHADERS_LAYOUT_H
@@ -101,7 +101,7 @@ struct kiln_gpu_part_triangle {
 };
 KILN_SIZE_IS(kiln_gpu_part_triangle, 56);
 
-/* What became of a point in the validity pass: a word each. */
+/* State of a point after the validity pass: a word each. */
 #define KILN_GPU_STATE_INVALID 0u
 #define KILN_GPU_STATE_VALID 1u
 #define KILN_GPU_STATE_BURIED 2u /* partly: positions are drawn again while they are buried */
@@ -167,11 +167,11 @@ struct kiln_gpu_result { /* struct kiln_point_result */
 };
 KILN_SIZE_IS(kiln_gpu_result, 68);
 
-/* What the direct and the gather pass hand to the host of it, in words: incident (3) and the error; then, of gather
+/* Words of the result that the direct and the gather pass hand to the host: incident (3) and the error; then, of gather
  * rays, escaped and blocked, as floats, or, where they are whole numbers of at most KILN_GPU_SHORT_MOST rays, as the
  * lower and the upper half of one word; irradiance (3) where it is not the same as incident; then, where the scene has
- * any, glass (3) and gloss (3) of gather rays, and present. The rest the host knows: worker/backend/vulkan/answers.c.
- */
+ * any, glass (3) and gloss (3) of gather rays, and present. The rest the host knows:
+ * worker/backend/vulkan/answers.c. */
 #define KILN_GPU_SHORT_ERROR 3u
 #define KILN_GPU_SHORT_RAYS 4u
 #define KILN_GPU_SHORT_MOST 65535u

@@ -14,7 +14,7 @@ struct kiln_gpu_apart_ray {
 };
 KILN_SIZE_IS(kiln_gpu_apart_ray, 60);
 
-/* What a ray has found, as the floats of a slice with all that these may have. */
+/* Findings of a ray: the floats of a slice, with all that a slice may have. */
 struct kiln_gpu_apart_found {
     KILN_REAL32 incident[3], irradiance[3];
     KILN_REAL32 escaped, blocked, luminance;

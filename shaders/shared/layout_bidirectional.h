@@ -1,6 +1,6 @@
 /* The bidirectional pass (worker/pass/bidirectional.h) on the device; part of shaders/shared/push.h. */
 
-/* What the kernels do; the kernels' own constant. */
+/* Methods of the kernels: their own constant. */
 #define KILN_GPU_BOTH_SPLATS 1u   /* vertices of light are connected to the camera, */
 #define KILN_GPU_BOTH_CONNECTS 2u /* and to the camera's path, which takes samples of the lights too */
 #define KILN_GPU_BOTH_MERGES 4u   /* photons are merged: those of all paths of light, */
@@ -26,7 +26,7 @@ struct kiln_gpu_light_vertex {
 KILN_SIZE_IS(kiln_gpu_light_vertex, 80);
 #define KILN_GPU_BOTH_BACK 0x80000000u
 
-/* What of a vertex of light merging reads: struct photon of worker/backend/embree/photons.h. */
+/* Parts of a vertex of light that merging reads: struct photon of worker/backend/embree/photons.h. */
 struct kiln_gpu_photon {
     KILN_VECTOR position, from;
     KILN_REAL32 flux[3];
@@ -84,14 +84,14 @@ struct kiln_gpu_shadow_ray {
 };
 KILN_SIZE_IS(kiln_gpu_shadow_ray, 48);
 
-/* What is left of the light of a path in a slot: numbers of 96 bits, the lowest word first, one a colour. A surface
- * point has three such sums: about its shading normal, incident, and what of that is last (worker/pass/reference.h). */
+/* Light that the path in a slot has brought: numbers of 96 bits, the lowest word first, one a colour. A surface point
+ * has three such sums: about its shading normal, incident, and what of that is last (worker/pass/reference.h). */
 #define KILN_GPU_BOTH_SUM_WORDS 9u
 #define KILN_GPU_BOTH_POINT_WORDS 27u
 
 /* ---- paths from surface points ---- */
 
-/* Of the surface point whose path is in a slot. */
+/* A surface point whose path is in a slot. */
 struct kiln_gpu_point_path {
     KILN_VECTOR shading, axis; /* unit; the point's rays go by the cosine about `axis` */
     KILN_WORD point;           /* of the block */
@@ -109,7 +109,7 @@ struct kiln_gpu_point_ray {
 };
 KILN_SIZE_IS(kiln_gpu_point_ray, 20);
 
-/* What the paths of a point have brought so far, each as the sum of two floats: three colours about the shading normal,
+/* Sums over the paths of a point so far, each as the sum of two floats: three colours about the shading normal,
  * incident, and of that the last; then the luminance of the first three in each quarter of the samples. */
 #define KILN_GPU_POINT_SUMS 13u
 struct kiln_gpu_point_sums {
@@ -117,7 +117,7 @@ struct kiln_gpu_point_sums {
 };
 KILN_SIZE_IS(kiln_gpu_point_sums, 104);
 
-/* What the kernels ask of surface points: those of one block. */
+/* Surface points of one block, for the kernels. */
 struct kiln_gpu_both_points {
     KILN_ADDRESS points, parts, states; /* as in struct kiln_gpu_chunk */
     KILN_ADDRESS sobol;                 /* of the first sample in dimension 0; the next dimension is a stride away */
@@ -130,16 +130,16 @@ struct kiln_gpu_both_points {
 };
 KILN_SIZE_IS(kiln_gpu_both_points, 80);
 
-/* What a dispatch leaves for those after it to do; 0 before it. Numbers of paths, rays, pairs; those of pairs also
- * count what found no room. Where rays of scenes with gloss have gone to their next surfaces, `shadows` are the paths
- * that have met gloss there, and `paths` the others. */
+/* Work that a dispatch leaves for those after it; 0 before it. Numbers of paths, rays, pairs; those of pairs also count
+ * what found no room. Where rays of scenes with gloss have gone to their next surfaces, `shadows` are the paths that
+ * have met gloss there, and `paths` the others. */
 struct kiln_gpu_both_tally {
     KILN_WORD paths, shadows, pairs;
     KILN_WORD left; /* paths that have more pairs */
 };
 KILN_SIZE_IS(kiln_gpu_both_tally, 16);
 
-/* What the kernels count; 0 before the first path of light. */
+/* Counts of the kernels; 0 before the first path of light. */
 struct kiln_gpu_both_counts {
     KILN_WORD vertices; /* of light, also those that found no room */
     KILN_WORD photons;
@@ -148,7 +148,7 @@ struct kiln_gpu_both_counts {
 };
 KILN_SIZE_IS(kiln_gpu_both_counts, 16);
 
-/* What all threads of a sample share. */
+/* Data that all threads of a sample share. */
 struct kiln_gpu_both {
     KILN_ADDRESS chances, up_to;   /* real: struct kiln_emission */
     KILN_ADDRESS parents, leaves;  /* words: the same */

@@ -2,9 +2,9 @@
 #ifndef KILN_SHADERS_LAYOUT_GUIDE_H
 #define KILN_SHADERS_LAYOUT_GUIDE_H
 
-/* Of each point of a chunk a word on its tile run: the point's number in it; the number of its last; sides of its
- * guide, in eights of cells (0: it has none); and the number of the guide that it follows, counted from 1 in the chunk
- * (0: the cosine). */
+/* Word of each point of a chunk on its tile run: the point's number in it; the number of its last; sides of its guide,
+ * in eights of cells (0: it has none); and the number of the guide that it follows, counted from 1 in the chunk (0: the
+ * cosine). */
 #define KILN_GPU_GUIDE_LAST_SHIFT 6u
 #define KILN_GPU_GUIDE_SIDE_SHIFT 12u
 #define KILN_GPU_GUIDE_NUMBER_SHIFT 14u
@@ -12,7 +12,7 @@
 #define KILN_GPU_GUIDE_BIAS 256
 KILN_FUNCTION KILN_U32 kiln_gpu_guide_side(KILN_U32 word) { return (word >> KILN_GPU_GUIDE_SIDE_SHIFT & 3u) * 8u; }
 
-/* What a chunk of the guided pass has besides: of the root, in front of the words and guides. */
+/* Root of the data that a chunk of the guided pass has besides, in front of the words and guides. */
 struct kiln_gpu_guided {
     KILN_ADDRESS near_probes; /* words: of each point of the block, which probes it sees; 0: nobody knows */
     KILN_ADDRESS words;       /* of each point of the chunk, as above */

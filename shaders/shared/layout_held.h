@@ -33,8 +33,8 @@ struct kiln_gpu_held_part {
 };
 KILN_SIZE_IS(kiln_gpu_held_part, 24);
 
-/* Of the answer of a gather under a light, so many floats: incident, irradiance (3 each; the same where no normal is
- * smooth, and not there), escaped, blocked, error. */
+/* Floats of a gather's answer under a light: incident, irradiance (3 each; not there where no normal is smooth, then
+ * the same), escaped, blocked, error. */
 #define KILN_GPU_REPLAY_FLOATS 9u
 #define KILN_GPU_REPLAY_INCIDENT 0u
 #define KILN_GPU_REPLAY_IRRADIANCE 3u
@@ -42,7 +42,7 @@ KILN_SIZE_IS(kiln_gpu_held_part, 24);
 #define KILN_GPU_REPLAY_BLOCKED 7u
 #define KILN_GPU_REPLAY_ERROR 8u
 
-/* What a step adds up, in this order: incident, reflected, sent, escaped, blocked (3 each), variance. */
+/* Sums of a step, in this order: incident, reflected, sent, escaped, blocked (3 each), variance. */
 #define KILN_GPU_HELD_POWERS 16u
 /* A sum of whole units: high x 2^40 + low. */
 struct kiln_gpu_held_power {

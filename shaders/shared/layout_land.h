@@ -18,7 +18,8 @@ KILN_SIZE_IS(kiln_gpu_lamp, 16);
 #define KILN_GPU_LAMP_DIRECTIONAL 2u
 #define KILN_GPU_LAMP_ENVIRONMENT 3u
 
-/* What all threads share: struct kiln_aims, and struct kiln_caustic_techniques where there are other techniques. */
+/* Data that all threads share: struct kiln_aims, and struct kiln_caustic_techniques where there are other
+ * techniques. */
 struct kiln_gpu_land {
     KILN_ADDRESS lamps, targets;
     KILN_ADDRESS first;       /* numbers of 64 bits: of each aim its first path, and one more */
@@ -71,7 +72,7 @@ KILN_SIZE_IS(kiln_gpu_landing, 36);
 #define KILN_GPU_LAND_MISSED 0x100u /* its last ray has met nothing */
 #define KILN_GPU_LAND_LENGTH 16u
 
-/* Of a path under way (layout_land_real.h). */
+/* Flags of a path under way (layout_land_real.h). */
 #define KILN_GPU_LAND_IS_POINT 1u  /* no ray meets its lamp, */
 #define KILN_GPU_LAND_HAS_PLACE 2u /* which is in the scene */
 #define KILN_GPU_LAND_IMAGED 4u    /* it comes as from the lamp's mirror image */

@@ -44,8 +44,8 @@ struct kiln_gpu_light_block { /* struct kiln_light_block */
 };
 KILN_SIZE_IS(kiln_gpu_light_block, 32);
 
-/* What choose.comp leaves for the kernels that trace, one a choice: kind in the two highest bits, index in the others.
- */
+/* Choices that choose.comp leaves for the kernels that trace. `what`: kind in the two highest bits, index in the
+ * others. */
 #define KILN_GPU_CHOICE_KIND_SHIFT 30u
 /* in `samples`: a lone area light, to be reckoned in doubles where the device has them */
 #define KILN_GPU_CHOICE_PRECISE 0x80000000u

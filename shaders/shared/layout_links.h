@@ -1,6 +1,6 @@
 /* Links on the device (worker/pass/links.h); part of shaders/shared/push.h. */
 
-/* Of struct kiln_link_node what sums ask. */
+/* Parts of struct kiln_link_node that sums need. */
 struct kiln_gpu_link_node {
     KILN_VECTOR centre, normal;
     KILN_REAL32 radius, height, bend, area, most_area;
@@ -10,14 +10,14 @@ struct kiln_gpu_link_node {
 };
 KILN_SIZE_IS(kiln_gpu_link_node, 80);
 
-/* Of a point that sends light, in the tree's order. */
+/* A point that sends light, in the tree's order. */
 struct kiln_gpu_link_leaf {
     KILN_VECTOR centre, normal, edge_s, edge_t;
     KILN_REAL32 area;
 };
 KILN_SIZE_IS(kiln_gpu_link_leaf, 52);
 
-/* What nodes send: struct kiln_link_sent. */
+/* Light that nodes send: struct kiln_link_sent. */
 struct kiln_gpu_link_sent {
     KILN_REAL32 radiosity[3];
     KILN_REAL32 moment[9];

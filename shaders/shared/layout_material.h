@@ -33,7 +33,7 @@ KILN_SIZE_IS(kiln_gpu_coating, 64);
 
 /* ---- materials that are not only diffuse (struct kiln_gloss of worker/scene/scene.h); asked for by paths ---- */
 
-/* What a texture is for (enum kiln_gloss_use) */
+/* Uses of a texture (enum kiln_gloss_use) */
 #define KILN_GPU_GLOSS_METALLIC 0u
 #define KILN_GPU_GLOSS_ROUGHNESS 1u
 #define KILN_GPU_GLOSS_TRANSMISSION 2u

@@ -1,7 +1,7 @@
 /* Patches on the device (worker/pass/patches.h); part of shaders/shared/push.h. */
 
-/* Of struct kiln_patch what a point needs that gathers, and its albedo; its tile run among the own ones, and its place
- * in that. */
+/* Parts of struct kiln_patch that a gathering point needs, and its albedo; its tile run among the own ones, and its
+ * place in that. */
 struct kiln_gpu_patch {
     KILN_VECTOR place, normal;
     KILN_WORD number;
@@ -10,7 +10,7 @@ struct kiln_gpu_patch {
 };
 KILN_SIZE_IS(kiln_gpu_patch, 48);
 
-/* Of struct kiln_patch_node what says whether it faces a point, which is asked of every pair; */
+/* Parts of struct kiln_patch_node that tell whether it faces a point, which is asked of every pair; */
 struct kiln_gpu_node_facing {
     KILN_VECTOR centre;
     KILN_REAL32 area;
@@ -33,7 +33,7 @@ KILN_SIZE_IS(kiln_gpu_node_shape, 48);
 #define KILN_GPU_PAIRS_BASE 128u
 #define KILN_GPU_PAIRS_WORDS 3u /* of a point: traced, known, facing */
 
-/* What pairs see of each other besides by rays: patches.comp's own constant. */
+/* Means besides rays to find the sight of pairs: patches.comp's own constant. */
 #define KILN_GPU_SIGHT_VOXELS 1u /* in the place of rays */
 #define KILN_GPU_SIGHT_KEPT 2u   /* what is known is not asked again, and what is found is kept */
 
@@ -48,7 +48,7 @@ struct kiln_gpu_sight {
 KILN_SIZE_IS(kiln_gpu_sight, 40);
 #define KILN_GPU_GRID_REALS 4u
 
-/* What is kept of a tile run: words, in this order, with g groups and n points: known columns of each group (2 g),
+/* Stored sight of a tile run: words, in this order, with g groups and n points: known columns of each group (2 g),
  * columns that some pair is partly open in (2 g), where the tile pair's bits are (g), what its pairs were found to be
  * (g), and for each tile pair with bits those of its points (2 n). */
 struct kiln_gpu_sight_run {
@@ -66,7 +66,7 @@ KILN_SIZE_IS(kiln_gpu_sight_run, 40);
 #define KILN_GPU_PAIRS_ALL_SHUT 0xfffffffcu
 #define KILN_GPU_PAIRS_BITS 0xfffffffbu /* numbers are below */
 
-/* What pairs were found to be, as enum kiln_pairs has it; KILN_GPU_PAIRS_NEW: in this step. */
+/* States that pairs were found in, as enum kiln_pairs has them; KILN_GPU_PAIRS_NEW: in this step. */
 #define KILN_GPU_PAIRS_OPEN 1u
 #define KILN_GPU_PAIRS_SHUT 2u
 #define KILN_GPU_PAIRS_PARTIAL 4u

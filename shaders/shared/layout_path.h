@@ -13,7 +13,7 @@ KILN_SIZE_IS(kiln_gpu_path_triangle, 104);
 #define KILN_GPU_PATH_SMOOTH 1u
 #define KILN_GPU_PATH_HIDDEN 2u /* the camera does not see it */
 
-/* What a pixel's paths have brought so far: radiance and squared luminance, each as the sum of two floats. */
+/* Sums over a pixel's paths so far: radiance and squared luminance, each as the sum of two floats. */
 struct kiln_gpu_path_sums {
     KILN_REAL32 high[4], low[4];
     KILN_WORD count; /* paths; KILN_GPU_PATH_STOPPED: the device ended a loop early, the answer is not good */

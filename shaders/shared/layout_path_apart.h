@@ -14,7 +14,7 @@ struct kiln_gpu_path_state {
 };
 KILN_SIZE_IS(kiln_gpu_path_state, 84);
 
-/* What a kernel goes by, one of several that run one after the other. */
+/* Addresses that a kernel goes by, one of several that run one after the other. */
 struct kiln_gpu_path_turn {
     KILN_ADDRESS states;
     KILN_ADDRESS list, counter;     /* words: slots whose paths it follows, and how many; 0: all begin */

@@ -5,7 +5,7 @@
 #include "shaders/shared/bsdf_lobes.h"
 #include "shaders/shared/layout.h"
 
-/* What decides how much light such a point takes up, of struct kiln_bsdf_lobes at its middle; as large as
+/* Parts of struct kiln_bsdf_lobes, at the middle of such a point, that decide how much light it takes up. As large as
  * KILN_GPU_POINT_GLOSS_PARTS parts, which stand before the point's own. */
 struct kiln_gpu_point_gloss {
     KILN_WORD model;

@@ -23,7 +23,7 @@ struct kiln_gpu_regression_given {
 };
 KILN_SIZE_IS(kiln_gpu_regression_given, 20);
 
-/* What sweeps say of a point's light to the next. */
+/* Choice for a point's light that a sweep hands to the next. */
 struct kiln_gpu_regression_choice {
     KILN_REAL32 pooled; /* the mean variance around */
     KILN_REAL32 risk;   /* of the choice */

@@ -1,5 +1,5 @@
-/* What tracing needs on the device; part of shaders/shared/layout.h. worker/backend/vulkan/bvh.c makes the layouts,
- * the files of shaders/trace walk them.
+/* Data for tracing on the device; part of shaders/shared/layout.h. worker/backend/vulkan/bvh.c makes the layouts, the
+ * files of shaders/trace walk them.
  *
  * TRAVERSAL, a specialisation constant, is one of these layouts. Hits do not depend on it: every layout applies the
  * same triangle test and gives the nearest triangle, of equally near ones that of the lowest number. */

@@ -19,7 +19,7 @@
  * that were averaged over the edges of a box are no sign of a round surface. */
 #define KILN_LIFT_WHOLE 0.7f
 #define KILN_LIFT_NONE 0.6f
-/* Of the way to what lies above a place, the share that an origin is lifted at most: it must not pass through. */
+/* Largest lift of an origin, as a share of the way to what lies above the place: it must not pass through. */
 #define KILN_LIFT_CLEAR 0.5f
 
 /* Half of max(0, L_ij + L_ji), m: of corner 0 to 1 and 2, of 1 to 0 and 2, of 2 to 0 and 1. */

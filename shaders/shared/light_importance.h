@@ -77,14 +77,14 @@ KILN_FUNCTION kiln_real kiln_light_importance(KILN_STRUCT kiln_light_bounds b, k
     return importance > 0 && !real_is_infinite(importance) ? importance : b.shines ? KILN_REAL_TINY : kiln_real_of(0);
 }
 
-/* Of a directional light of that luminance, W/m2; `cosine` with the normal, 1 for any direction. 0: behind the point.
- */
+/* Importance of a directional light of that luminance, W/m2; `cosine` with the normal, 1 for any direction. 0: behind
+ * the point. */
 KILN_FUNCTION kiln_real kiln_sun_importance(kiln_real luminance, kiln_real cosine)
 {
     return cosine > 0 ? luminance * cosine : kiln_real_of(0);
 }
 
-/* Of an environment whose mean radiance has that luminance. */
+/* Importance of an environment whose mean radiance has that luminance. */
 KILN_FUNCTION kiln_real kiln_sky_importance(kiln_real luminance) { return KILN_REAL_PI * luminance; }
 
 /* Samples of a choice that has the share `part` of all importance. */

@@ -30,7 +30,7 @@ struct kiln_directional_light {
     KILN_RGB(irradiance);
 };
 
-/* What kiln_light_choice chooses */
+/* Kinds of struct kiln_light_choice */
 #define KILN_CHOICE_NODE 0u
 #define KILN_CHOICE_DIRECTIONAL 1u
 #define KILN_CHOICE_ENVIRONMENT 2u

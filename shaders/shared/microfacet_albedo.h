@@ -64,7 +64,7 @@ KILN_FUNCTION KILN_STRUCT kiln_interface kiln_interface_of(float alpha, float in
     return s;
 }
 
-/* What a fit says is lost, between its bounds: small where facets are flat. */
+/* Share that is lost by a fit, between its bounds: small where facets are flat. */
 KILN_FUNCTION float kiln_lost(float fit, float mu, float alpha)
 {
     const float slope = 2.0f * alpha / float_max(mu, KILN_FLOAT_TINY);
@@ -253,7 +253,7 @@ KILN_FUNCTION KILN_STRUCT kiln_coat kiln_coat_of(float strength, float alpha, fl
     return s;
 }
 
-/* What the coat reflects. */
+/* Share of light that the coat reflects. */
 KILN_FUNCTION float kiln_coat_albedo(KILN_STRUCT kiln_coat s, float mu)
 {
     return s.strength * kiln_interface_albedo(s.face, mu);

@@ -1,4 +1,4 @@
-/* What surfaces let through, and how chance decides whether one is there. */
+/* Light that surfaces let through, and how chance decides whether one is there. */
 #ifndef KILN_SHADERS_SHARED_PASSAGE_H
 #define KILN_SHADERS_SHARED_PASSAGE_H
 

@@ -11,8 +11,8 @@
 /* With the seed's upper half, in place of it: pixels draw other numbers than texels and probes. */
 #define KILN_PATH_SEED 0x70617468u
 
-/* What numbers of a path are for: the place in the pixel, and for each surface that the path meets KILN_PATH_USES more,
- * from 1 + KILN_PATH_USES * (number of the surface) on. */
+/* Uses of a path's numbers: the place in the pixel, and for each surface that the path meets KILN_PATH_USES more, from
+ * 1 + KILN_PATH_USES * (number of the surface) on. */
 #define KILN_PATH_BOUNCE 0u /* the direction in which the path goes on, or came to this surface */
 #define KILN_PATH_LIGHT 1u  /* the place on a light */
 #define KILN_PATH_PICK 2u   /* which light */
@@ -23,7 +23,7 @@
 #define KILN_PATH_USES 8u
 KILN_FUNCTION KILN_U32 kiln_path_use(KILN_U32 surface, KILN_U32 use) { return 1u + KILN_PATH_USES * surface + use; }
 
-/* What the numbers of a pixel's paths for one use hang on; `key` is the pixel's. */
+/* Key of the numbers of a pixel's paths for one use; `key` is the pixel's. */
 KILN_FUNCTION KILN_U32 kiln_path_key(KILN_U32 key, KILN_U32 use) { return kiln_hash2(key, use); }
 
 /* Sobol' points of 32 bits, whose table would be too long, in the first two dimensions, as fractions of 2^32. The

@@ -50,7 +50,7 @@ KILN_FUNCTION kiln_real3 kiln_punctual_sample(KILN_IN(KILN_STRUCT kiln_point_lig
     return kiln_about_axis(KILN_AT(light).direction, r * cosine, r * sine, z);
 }
 
-/* What the range, m, leaves at a distance; 0: there is no range. */
+/* Share of light that the range, m, leaves at a distance. A range of 0 is none. */
 KILN_FUNCTION kiln_real kiln_light_range(kiln_real range, kiln_real distance)
 {
     if (range <= 0)

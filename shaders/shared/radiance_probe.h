@@ -9,8 +9,8 @@
 
 #include "shaders/shared/language.h"
 
-/* What a probe keeps: coefficients of spherical harmonics (shaders/shared/harmonics.h), or the radiance of each element
- * of a map; three floats each. The rays of harmonics are spread over an octahedral map. */
+/* Bases of a probe's radiance: coefficients of spherical harmonics (shaders/shared/harmonics.h), or the radiance of
+ * each element of a map; three floats each. The rays of harmonics are spread over an octahedral map. */
 #define KILN_PROBE_HARMONICS 0u
 #define KILN_PROBE_OCTAHEDRAL 1u
 #define KILN_PROBE_CUBE 2u

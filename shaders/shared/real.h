@@ -41,7 +41,7 @@
 #    define KILN_DEVICE_UNIT(a) real_unit_vector(a) /* where C leaves a length of 1 as rounding made it */
 #    define KILN_REAL_INFINITE real(KILN_INFINITY)
 #    define KILN_REAL_RGB(name) kiln_real3 name /* a colour, name[0] to name[2] */
-/* What lies in memory, and differences of what does (shaders/kernel.glsl) */
+/* Values in memory, and differences of them (shaders/kernel.glsl) */
 #    define kiln_stored stored
 #    define kiln_stored3 stored3
 #    define stored3_negate(a) (-(a))

@@ -4,7 +4,7 @@
 
 #include "shaders/shared/real.h"
 
-/* Of each band, from the horizon up, for one division. */
+/* Number of patches in each band, from the horizon up, for one division. */
 KILN_CONSTANT KILN_U32 kiln_sky_bands[7] = {30u, 30u, 24u, 24u, 18u, 12u, 6u};
 
 /* Radians. */

@@ -28,7 +28,7 @@ KILN_FUNCTION KILN_U32 kiln_direction_shift(KILN_U32 key, KILN_U32 dimension, KI
 {
     return kiln_gather_shift(key, dimension) >> shared_digits;
 }
-/* What a texel's rays hang their chances on, and the seed of ray k from it. */
+/* Key of the chances of a texel's rays, and the seed of ray k from it. */
 KILN_FUNCTION KILN_U32 kiln_gather_chance(KILN_U32 key) { return kiln_hash1(key + 5u); }
 KILN_FUNCTION KILN_U32 kiln_gather_ray_seed(KILN_U32 chance, KILN_U32 k) { return kiln_hash2(chance, k); }
 
@@ -79,8 +79,8 @@ KILN_FUNCTION KILN_U32 kiln_buried_retry(float s, float t, KILN_U32 key, KILN_U3
     return kiln_hash2(kiln_hash2(KILN_TO_U32(s * 16777216.0f), KILN_TO_U32(t * 16777216.0f)), key + i);
 }
 
-/* What is where on a point with an opacity mask is looked at in places that hang on the texel, not on the seed: in the
- * place of the seed's key. */
+/* Stands for the seed's key where a point with an opacity mask is looked at for its surface: those places hang on the
+ * texel, not on the seed. */
 #define KILN_LOOKS_KEY 0x6c6f6f6bu
 
 /* A place of such a point where its surface is not is drawn again, so often in all at most. Try i's hash decides
@@ -111,7 +111,7 @@ KILN_FUNCTION KILN_U32 kiln_place_try(float s, float t, KILN_U32 key, KILN_U32 i
 #define KILN_LEAVES_IMAGE 4u
 /* The same of radiance probes. */
 #define KILN_RADIANCE_SEED 0x72616469u
-/* What the samples of an element hang on; the numbers of its places, and of its rays' chances. */
+/* Key of an element's samples, for the numbers of its places; and seed of the chances of its ray k. */
 KILN_FUNCTION KILN_U32 kiln_radiance_key(KILN_U32 seed, KILN_U32 stream, KILN_U32 low, KILN_U32 high)
 {
     return kiln_hash2(kiln_hash2(kiln_hash2(seed, stream), low), high);

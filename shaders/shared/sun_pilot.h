@@ -24,10 +24,10 @@ KILN_FUNCTION KILN_U32 kiln_sun_pilot(KILN_U32 samples) { return word_max(8u, wo
 /* Samples of the light where the pilot finds no difference. */
 KILN_FUNCTION KILN_U32 kiln_sun_few(KILN_U32 samples) { return word_max(4u, samples / 4u); }
 
-/* What a pilot and few samples cost. A light that has no more samples than that by its importance keeps them. */
+/* Samples that a pilot and few samples cost. A light that has no more than that by its importance keeps its own. */
 KILN_FUNCTION KILN_U32 kiln_sun_least(KILN_U32 samples) { return kiln_sun_pilot(samples) + kiln_sun_few(samples); }
 
-/* What is left of `rest` samples after `spent` more. */
+/* Samples left of `rest` after `spent` more. */
 KILN_FUNCTION KILN_U32 kiln_samples_left(KILN_U32 rest, KILN_U32 spent) { return rest - word_min(rest, spent); }
 
 /* Samples of another choice that had so many of the `others` samples of all of them, when `rest` are left. */

@@ -11,8 +11,8 @@
 #define KILN_RECORD_DOUBLE_SIDED 0x80000000u /* double-sided, and no part of a solid (worker/scene/solids.h) */
 #define KILN_RECORD_EMITS 0x40000000u
 #define KILN_RECORD_GLOSS 0x20000000u /* its material is taken with its gloss (kiln_scene_take_gloss) */
-/* It lets light through: straight on, somewhere on the triangle (worker/scene/holes.h), or bent, where its material is
- * taken with its gloss. Its back is no sign of a solid. */
+/* Light passes through the triangle: straight on, somewhere on it (worker/scene/holes.h), or bent, where its material
+ * is taken with its gloss. Its back is no sign of a solid. */
 #define KILN_RECORD_CLEAR 0x10000000u
 #define KILN_RECORD_MATERIAL 0x0fffffffu /* index of the material */
 

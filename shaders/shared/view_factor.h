@@ -11,7 +11,7 @@ struct kiln_clipped {
     KILN_U32 count;
 };
 
-/* What of the polygon lies above the plane through the origin with normal n. */
+/* Returns the part of the polygon above the plane through the origin with normal n. */
 KILN_FUNCTION KILN_STRUCT kiln_clipped kiln_clip(KILN_STRUCT kiln_clipped from, kiln_real3 n)
 {
     KILN_STRUCT kiln_clipped to;
@@ -27,7 +27,8 @@ KILN_FUNCTION KILN_STRUCT kiln_clipped kiln_clip(KILN_STRUCT kiln_clipped from, 
     return to;
 }
 
-/* Of the parallelogram about `centre`, with edges from a corner, what lies above the horizons of n and `about`. */
+/* Returns the view factor of the parallelogram about `centre`, with edges from a corner: of its part above the horizons
+ * of n and `about`. */
 KILN_FUNCTION kiln_real kiln_view_factor(kiln_real3 centre, kiln_real3 edge_s, kiln_real3 edge_t, kiln_real3 n,
                                          kiln_real3 about)
 {

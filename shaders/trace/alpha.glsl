@@ -1,4 +1,4 @@
-/* What surfaces that let light through answer to rays: as worker/backend/embree/passage.h. */
+/* Answers to rays from surfaces that let light through: as worker/backend/embree/passage.h. */
 #ifndef KILN_SHADERS_TRACE_ALPHA_GLSL
 #define KILN_SHADERS_TRACE_ALPHA_GLSL
 

@@ -61,7 +61,7 @@ float kiln_edge(vec2 p, vec2 q)
     return difference;
 }
 
-/* What rounding takes from the two products of kiln_edge, put back; for the triangles, very narrow as the ray sees
+/* Returns kiln_edge with the rounding of its two products put back, for the triangles, very narrow as the ray sees
  * them, that have nothing else. Where fma is not fused this adds nothing. */
 float kiln_edge_remainder(vec2 p, vec2 q)
 {

@@ -1,12 +1,17 @@
-/* What the shaders of the ray-tracing pipeline hand each other, 16 bytes; floats as their bits.
+/* Payload that the shaders of the ray-tracing pipeline hand each other, 16 bytes; floats as their bits.
  *
- * What a ray asks of surfaces that let light through (shaders/trace/alpha.glsl), its flags tell the any-hit shader, and
- * the payload holds, until an answer takes its place: no flags                             which surface is the
- * nearest? `v` is KILN_SOLID or KILN_BY_CHANCE, `u` the seed; `distance` becomes 1 when something with a colour was
- * passed, which the closest-hit shader hands on skip closest hit                     tint: `triangle_back` is the seed;
- * u, v, distance are the optical depths of red, green and blue skip closest hit, end on first hit   through: likewise,
- * without a seed Any-hit shaders are called in any order. So a product of what surfaces let through is a sum of optical
- * depths, -log2, in units of 2^-24. */
+ * The flags of a ray tell the any-hit shader what it asks of surfaces that let light through
+ * (shaders/trace/alpha.glsl). Until an answer takes its place, the payload holds:
+ *
+ * No flags: which surface is the nearest? `v` is KILN_SOLID or KILN_BY_CHANCE, `u` the seed; `distance` becomes 1 when
+ * something with a colour was passed, which the closest-hit shader hands on.
+ *
+ * Skip closest hit: tint. `triangle_back` is the seed; u, v, distance are the optical depths of red, green and blue.
+ *
+ * Skip closest hit, end on first hit: through. Likewise, without a seed.
+ *
+ * Any-hit shaders are called in any order. So a product of what surfaces let through is a sum of optical depths, -log2,
+ * in units of 2^-24. */
 #define KILN_PAYLOAD_BACK 0x80000000u /* with the triangle's number; KILN_GPU_NONE alone: nothing was met */
 #define KILN_PAYLOAD_TINTED 0x40000000u
 #define KILN_PAYLOAD_NUMBER 0x3fffffffu

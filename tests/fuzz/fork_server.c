@@ -257,7 +257,7 @@ static double now(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* What a process holds, KiB. */
+/* Returns the memory that a process holds, KiB. */
 static long resident(pid_t pid)
 {
     char path[64];

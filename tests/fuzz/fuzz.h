@@ -1,4 +1,4 @@
-/* What the fuzz targets share: the input as a file in a folder of its own, which the reader is then pointed at. */
+/* Shared code of the fuzz targets: the input as a file in a folder of its own, which the reader is then pointed at. */
 #ifndef KILN_TESTS_FUZZ_FUZZ_H
 #define KILN_TESTS_FUZZ_FUZZ_H
 

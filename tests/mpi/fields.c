@@ -30,7 +30,7 @@ static const struct kiln_field made_up = {.name = "made_up",
                                           .channels = channels,
                                           .attribute = "kiln:madeUp"};
 
-/* Of component c at a point. */
+/* Returns the value of component c at a point. */
 static float wanted_at(uint64_t point, uint64_t c) { return sinf(0.37f * (float)(3 * point + c)); }
 
 struct test {

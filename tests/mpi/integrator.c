@@ -207,7 +207,7 @@ static const struct kiln_companion half = {.name = "half", .by_step = true, .wan
 
 static const struct kiln_companion *const companions[] = {&half, &visitor, NULL};
 
-/* Of a bake with two steps and so many points on all ranks. */
+/* Checks the visits of a bake with two steps and so many points on all ranks. */
 static int check_visits(uint64_t points)
 {
     uint64_t taken = visits.points;
@@ -280,7 +280,7 @@ static void free_world(struct world *w)
     fixture_destroy(w->fixture);
 }
 
-/* What a bake found, by global order: 6 floats a point, the energies of two steps. */
+/* Result of a bake, by global order: 6 floats a point, and the energies of two steps. */
 struct found {
     uint64_t points;
     float *light;

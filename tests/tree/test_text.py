@@ -19,6 +19,8 @@ NAMED = re.compile(r'(?<![\w./<-])((?:coordinator|worker|shaders|tests|cluster|j
                    r'\.(?:c|h|cpp|comp|glsl|py|md|txt)|[A-Z]+\.md)\b')
 # A source that a comment names by its name alone, and those of libraries.
 COMMENT = re.compile(r'/\*.*?\*/|//[^\n]*', re.S)
+# A comment that begins with one of these words has not said what the thing is.
+FIRST_WORDS = re.compile(r'^(?:/\*+|//)\s*(That|What|Of|It|How many)\b')
 SOURCE = re.compile(r'(?<![\w<"/.-])([a-z_]\w{2,}\.(?:h|glsl|comp|c))\b')
 LIBRARIES = {'cmocka.h', 'rtcore_ray.h', 'sysexits.h'}
 BUILT = re.compile(r'^shaders/\w+\.h$|^tests/\w+\.h$')
@@ -88,6 +90,17 @@ def lost_sources(files, known):
                         yield f'{path}:{line}: there is no {name.group(1)}'
 
 
+def vague_comments(files):
+    """Comments of C and GLSL that do not begin with the thing."""
+    for path, text in files.items():
+        if tree.SOURCES.search(path):
+            for comment in COMMENT.finditer(text):
+                word = FIRST_WORDS.search(comment.group(0))
+                if word:
+                    line = text.count('\n', 0, comment.start()) + 1
+                    yield f"{path}:{line}: a comment begins with '{word.group(1)}': say first what the thing is"
+
+
 class Texts(unittest.TestCase):
     """The repository as it is."""
 
@@ -120,9 +133,18 @@ class Texts(unittest.TestCase):
     def test_sources(self):
         self.none(lost_sources(self.files, self.known))
 
+    def test_comments(self):
+        self.none(vague_comments(self.files))
+
 
 class Checks(unittest.TestCase):
     """The checks themselves."""
+
+    def test_comments(self):
+        cases = {'/* Of each tile: its first point. */': 1, '// What a ray met': 1, '/* Office of a tile. */': 0,
+                 '/* First point of each tile. That of the last one ends it. */': 0, '/* How many there are */': 1}
+        for text, count in cases.items():
+            self.assertEqual(count, len(list(vague_comments({'a.h': text}))), text)
 
     def test_columns(self):
         line = 'x' * (COLUMNS + 1)

@@ -1,4 +1,4 @@
-/* What scattering functions are made of, at places that a test asks for. */
+/* Parts of scattering functions, at places that a test asks for. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

@@ -88,8 +88,8 @@ static inline double cell_probability(const struct chart *c, int cell, double z,
     return sum * wide * turn / pieces;
 }
 
-/* How many standard deviations chi-squared of so many degrees of freedom lies above its mean (Wilson and Hilferty,
- * "The Distribution of Chi-square", PNAS 1931). */
+/* Returns by how many standard deviations chi-squared of so many degrees of freedom lies above its mean (Wilson and
+ * Hilferty, "The Distribution of Chi-square", PNAS 1931). */
 static inline double deviations(double squared, int freedom)
 {
     const double b = 2.0 / (9.0 * freedom);
@@ -101,7 +101,7 @@ struct fit {
     double total;      /* integral of the density, with the share of draws that end */
 };
 
-/* Of DRAWS draws: how many a density promises in each cell, and how many have come. */
+/* Counts of DRAWS draws by cell: those that a density promises, and those that have come. */
 struct cells {
     struct chart charts[2];
     double wanted[CELLS + 1];

@@ -1,6 +1,6 @@
-/* What scattering functions promise, checked of any implementation of them: nothing is lost in a white furnace, draws
- * agree with densities, which integrate to 1, values are the same both ways. Of ALPHAS roughnesses and ANGLES angles;
- * `thin`: of every third. The implementation is asked many questions at once. Include after cmocka.h. */
+/* Checks of any implementation of scattering functions: nothing is lost in a white furnace, draws agree with densities,
+ * densities integrate to 1, values are the same both ways. They take ALPHAS roughnesses and ANGLES angles; `thin`:
+ * every third. The implementation is asked many questions at once. Include after cmocka.h. */
 #ifndef KILN_TESTS_UNIT_BSDF_CHECKS_H
 #define KILN_TESTS_UNIT_BSDF_CHECKS_H
 

@@ -1,5 +1,5 @@
-/* What lobes of hits of materials with textures have of tables that the host has made (the rest of
- * kiln_bsdf_prepare_hit is long code without them). */
+/* Sets the part of lobes that comes from tables of the host, for hits of materials with textures. The rest of
+ * kiln_bsdf_prepare_hit is long code without tables. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

@@ -62,7 +62,7 @@ static struct path make(uint32_t seed, bool merges)
 
 /* ---- densities of the whole path ---- */
 
-/* Of the first k surfaces by a path of light; of the last k by one from the camera. */
+/* Density of the first k surfaces by a path of light; of the last k by one from the camera. */
 static double of_light(const struct path *p, int k)
 {
     double density = p->emission * p->in[1] / p->squared[0];

@@ -131,7 +131,7 @@ static void reciprocities(void **state)
 
 /* ---- known values ---- */
 
-/* What the smooth face sends on to one side of light at normal incidence. */
+/* Returns the share of light at normal incidence that the smooth face sends on to one side. */
 static double smooth_share(struct kiln_bsdf p, bool behind, bool reflected, uint32_t mode)
 {
     const struct kiln_bsdf_lobes l = kiln_bsdf_prepare(p);

@@ -53,7 +53,7 @@ static struct path make(uint32_t seed)
     return p;
 }
 
-/* Of the whole path by hit, sample and landing. Per m2 of each place, with deltas as chances. */
+/* Finds the densities of the whole path by hit, sample and landing: per m2 of each place, with deltas as chances. */
 static void find_densities(const struct path *p, double density[TECHNIQUES])
 {
     const int m = p->count;
@@ -110,7 +110,7 @@ static double weight_of(const struct path *p, enum kiln_mis mis, int technique)
                                                         p->to_texel[1]);
 }
 
-/* What a path with these densities ought to have. */
+/* Returns the weight that a path with these densities ought to have. */
 static double expected(const double density[TECHNIQUES], enum kiln_mis mis, int technique)
 {
     double sum = 0.0, own = 0.0;

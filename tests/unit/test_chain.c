@@ -96,7 +96,7 @@ static void fill_radiosity(struct world *w)
     }
 }
 
-/* What is common to all worlds, once their objects and lights are there. */
+/* Finishes a world of any kind, once its objects and lights are there. */
 static void finish(struct world *w)
 {
     struct fixture *f = w->fixture;

@@ -243,7 +243,7 @@ static void check_occlusion(struct world *w, float distance, struct open expecte
     }
 }
 
-/* What is farther away than the distance does not count, to the last bit. */
+/* Surfaces farther away than the distance do not count, to the last bit. */
 static void far_plates_close_nothing(struct world *w)
 {
     const size_t count = backends(w);

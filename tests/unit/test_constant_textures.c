@@ -74,7 +74,7 @@ static void test_one_colour_becomes_a_factor(void **state)
     kiln_builder_destroy(&builder);
 }
 
-/* What a folded texture gives is what looking it up gave. */
+/* A folded texture gives the value that looking it up gave. */
 static void test_as_looked_up(void **state)
 {
     struct kiln_builder *builder = make();

@@ -205,8 +205,8 @@ static void chunks_fit_together(void **state)
     fixture_destroy(f);
 }
 
-/* Of three instances with 4 opaque and 3 alpha triangles the middle one is receiver-only: rays meet what comes before
- * its triangles in either part, and each of the others once. */
+/* Tests three instances with 4 opaque and 3 alpha triangles, the middle one receiver-only. Its triangles come last in
+ * either part. Rays meet those before them, each of the others once. */
 static void receivers_come_last(void **state)
 {
     (void)state;

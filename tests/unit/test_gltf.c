@@ -17,7 +17,7 @@
 #include "worker/base/memory.h"
 #include "worker/scene/gloss.h"
 
-/* What "scene.bin" holds: a quad in the plane z = 0 as floats, and what the tests need besides. */
+/* Content of "scene.bin": a quad in the plane z = 0 as floats, and what the tests need besides. */
 static const struct {
     float positions[4][3];    /* byte 0 */
     float normals[4][3];      /* 48 */
@@ -420,7 +420,7 @@ static void normal_maps_are_read(void **state)
 #define DULL "\"pbrMetallicRoughness\":{\"metallicFactor\":0,\"roughnessFactor\":0.8}"
 #define EXTENSION(name, body) "{" DULL ",\"extensions\":{\"KHR_materials_" name "\":" body "}}"
 
-/* What is as diffuse as glTF allows leaves no trace; what says anything else has a record, and keeps its order. */
+/* A material as diffuse as glTF allows leaves no trace. Any other has a record, and keeps its order. */
 static void only_what_says_more_has_gloss(void **state)
 {
     struct fixture *f = *state;

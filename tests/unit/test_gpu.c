@@ -167,7 +167,7 @@ static void steps_follow_each_other(void **state)
     gpu_destroy(&gpu);
 }
 
-/* How many words of `answers` are not what submission `k` has counted. */
+/* Returns the number of words in `answers` that are not what submission `k` has counted. */
 static size_t wrong_answers(const uint32_t *answers, uint32_t count, uint32_t k)
 {
     size_t wrong = 0;
@@ -369,7 +369,7 @@ static void pace_follows_what_is_measured(void **state)
     assert_int_equal(gpu_pacer_next(&pacer, 1000), 4000);
 }
 
-/* Of threads that take 1 us each in the mean, and one of them 100 ms, which is longer than the slice. */
+/* Time of `threads`, s: 1 us each in the mean, and 100 ms for one of them. Together they take longer than the slice. */
 static double took(uint64_t threads) { return 0.1 + 1e-6 * (double)threads; }
 
 static void pace_does_not_wait_for_few(void **state)

@@ -18,7 +18,7 @@
 
 enum { WORDS = 100, BYTES = 4 * WORDS };
 
-/* What a child does, on buffers of WORDS words. */
+/* Task of a child, on buffers of WORDS words. */
 struct deed {
     enum kiln_buffer_guard guard;
     int read_from;      /* words after the source's first */

@@ -79,7 +79,7 @@ static void expect(const struct kiln_step *step, uint32_t role, uint32_t bounce,
     assert_int_equal(step->counted, counted);
 }
 
-/* Of samples_bounce = 4: more in the first bounces, and 2 at least. */
+/* Samples of a bounce with samples_bounce = 4: more in the first bounces, and 2 at least. */
 static uint32_t bounce_samples(uint32_t bounce) { return bounce == 1 ? 12 : bounce == 2 ? 6 : bounce == 3 ? 4 : 2; }
 
 static void lean_given(void **state)
@@ -196,8 +196,7 @@ static bool goes_on(double most, double before, double last)
     return step.role == KILN_CELLS_BOUNCE;
 }
 
-/* What is off by little in an object's mean does not ask for bounces; what is off by more does until it is good twice.
- */
+/* A small error in an object's mean does not ask for bounces. A larger one does, until it is small twice. */
 static void tiles(void **state)
 {
     (void)state;

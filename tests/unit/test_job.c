@@ -71,7 +71,7 @@ static int parse_with(struct kiln_job **job, const char *command, const struct k
     return kiln_job_parse(job, count, arguments, &error);
 }
 
-/* What is printed of options that do not count. Release with free. */
+/* Returns the text printed about options that do not count. Release with free. */
 static char *idle_of(const struct kiln_job *job)
 {
     char *text = NULL;
@@ -130,7 +130,7 @@ static void test_options_that_do_not_count(void **state)
     assert_true(conditions > 70);
 }
 
-/* What a preset or a default sets is never told, nor what switches off what is off anyway. */
+/* Nothing is said about values of presets or defaults, nor about options that switch off what is off anyway. */
 static void test_presets_are_not_told(void **state)
 {
     (void)state;
@@ -329,7 +329,7 @@ static void test_order(void **state)
     assert_int_equal(rmdir(folder), 0);
 }
 
-/* What kiln prints about former names of options; release with free. */
+/* Returns the text that kiln prints about former names of options. Release with free. */
 static char *renamed_text(const struct kiln_job *job)
 {
     char *text = NULL;
@@ -474,7 +474,7 @@ static void test_merge_radius(void **state)
     }
 }
 
-/* What says how light paths land is for the method that has such paths. */
+/* Options about how light paths land are for the method that has such paths. */
 static void test_paths_of_references(void **state)
 {
     (void)state;

@@ -168,8 +168,8 @@ static void release(struct world *w)
     fixture_destroy(w->f);
 }
 
-/* What becomes of the paths of iterations [first, first + count): green flux by end, of paths of `length` surfaces or,
- * if that is 0, of all; and light that lands on points. */
+/* Sums over the paths of iterations [first, first + count): green flux by end, of paths with `length` surfaces or, if
+ * that is 0, of all; and light that lands on points. */
 struct sums {
     double ends[KILN_LAND_ABSORBED + 1], landed[3], squares, *points; /* W; W^2; W of each point, green */
     double left[3]; /* of what lands or escapes: W, W^2, the most of one path, W */
@@ -287,7 +287,8 @@ static void mirror_and_wall(void **state)
 enum { ALONG = 10, SPHERES = ALONG * 9 * 9 };
 #define WALL 0.02 /* m: how far the middles of the first spheres along x are from the wall */
 
-/* What light paths leave in `count` spheres from number `first` on. `known`: what is clear about them. */
+/* Traces light paths and returns their sums in `count` spheres from number `first` on. `known`: their clearances are
+ * given. */
 static uint64_t *cross(const struct world *w, struct kiln_probe_spheres *all, size_t first, size_t count, bool known,
                        uint64_t paths, uint64_t *rays)
 {
@@ -443,7 +444,7 @@ static void leaning_normals(void **state)
     release(&w);
 }
 
-/* Of a beam on a ball of index 1.5, 0.83554 leaves after two refractions. */
+/* A beam on a ball of index 1.5: 0.83554 of it leaves after two refractions. */
 static void ball_of_glass(void **state)
 {
     (void)state;
@@ -595,8 +596,8 @@ static void prism(void **state)
 
 enum lamp { AREA, TWO_SIDED, POINT, SPOT, SUN, SKY, LAMPS, IMAGE };
 
-/* What bends light: two balls of one object or of two, also of few triangles, or the four rails of a frame, of one
- * object. */
+/* Bodies that bend light: two balls of one object or of two, also of few triangles, or the four rails of a frame, of
+ * one object. */
 enum bodies { TOGETHER, APART, COARSE, FRAME };
 
 static void balls(struct world *w, bool apart, uint32_t down)
@@ -755,7 +756,7 @@ static void a_sky_is_cut(void **state)
     }
 }
 
-/* What gather rays find of the light that is shared, W green, and its variance. */
+/* Adds the part of the shared light that gather rays find, W green, and its variance. */
 static int add_gathered(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     (void)error;
@@ -775,7 +776,7 @@ static int add_gathered(void *context, size_t first, size_t count, const void *r
     return KILN_OK;
 }
 
-/* What light paths and gather rays bring together: the power that lands, what is gathered, and its error, W. */
+/* Light paths and gather rays together: the power that lands, the power that is gathered, and the error, W. */
 struct shared {
     double landed, found, error;
 };

@@ -180,7 +180,7 @@ static void finds_what_neighbours_share(void **state)
     assert_true(half > 0.48f && half < 0.52f);
 }
 
-/* What the points of the round bring. */
+/* Points that the round brings. */
 struct arrived {
     const struct kiln_layers *layers;
     uint64_t points, wrong;

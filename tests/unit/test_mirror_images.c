@@ -43,7 +43,7 @@ static struct kiln_mirror_lamp draw_lamp(uint64_t *state)
     return (struct kiln_mirror_lamp){.outside = outside, .place = outside ? dvec3_scale(p, 1.0 / dvec3_length(p)) : p};
 }
 
-/* Of corners and places between them, how many see the lamp. */
+/* Counts the corners, and places between them, that see the lamp. */
 static int count_seen(uint64_t *state, const struct kiln_mirror_plane *plane, const struct kiln_mirror_lamp *lamp,
                       struct kiln_dvec3 low, struct kiln_dvec3 high)
 {

@@ -39,7 +39,7 @@ static struct kiln_neighbour_point *make_points(float side, int levels, bool shu
     return points;
 }
 
-/* What points are sorted by: level, cell and order. */
+/* Finds the keys that points are sorted by: level, cell and order. */
 static void find_keys(const struct kiln_neighbour_point *point, double keys[5])
 {
     int exponent;

@@ -115,8 +115,8 @@ static void fill_in(const struct kiln_probe_grid *grid, struct kiln_radiance_res
     }
 }
 
-/* What a probe in the middle of the scene answers: the root mean square error of its radiance over all directions,
- * relative to the mean radiance, and the relative error of the irradiance. */
+/* Measures the answers of a probe in the middle of the scene: the root mean square error of its radiance over all
+ * directions, relative to the mean radiance, and the relative error of the irradiance. */
 static void ask_everywhere(int basis, uint32_t side, double *radiance_error, double *irradiance_error)
 {
     enum { ALONG = 200 };

@@ -77,7 +77,7 @@ static void compact_form_keeps_values_near(void **state)
     }
 }
 
-/* What was packed once is not changed again, by itself or by the 8-byte form, whatever the random bits. */
+/* Packing a value again does not change it, in this form or in the 8-byte form, whatever the random bits. */
 static void compact_values_stay_what_they_are(void **state)
 {
     (void)state;

@@ -181,7 +181,7 @@ static void takes_noise_out_of_what_is_curved(void **state)
     destroy(f);
 }
 
-/* Of a wrong statement, five times too large, no more than the scatter is believed. */
+/* A stated error that is five times too large is believed no further than the scatter goes. */
 static void does_not_believe_too_large_an_error(void **state)
 {
     (void)state;

@@ -1,5 +1,5 @@
-/* What C and GLSL share, seen from both sides: offsets of structs as the compiled kernels have them against C's, and
- * constants that C and GLSL write differently. Needs no device. */
+/* Tests of what C and GLSL share, from both sides: offsets of structs as the compiled kernels have them against C's,
+ * and constants that C and GLSL write differently. Needs no device. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -96,7 +96,7 @@ static uint32_t member_offset(const struct module *m, uint32_t type, uint32_t nu
     return UINT32_MAX;
 }
 
-/* How many kernels have the member at this offset; fails where one has it elsewhere. */
+/* Returns the number of kernels that have the member at this offset. Fails where one has it elsewhere. */
 static size_t check_member(const char *type, const char *member, size_t offset)
 {
     size_t seen = 0;

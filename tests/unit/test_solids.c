@@ -9,7 +9,7 @@
 #include "surface_scene.h"
 #include "worker/scene/solids.h"
 
-/* How many triangles of the object still have two sides. */
+/* Returns the number of the object's triangles that still have two sides. */
 static uint64_t two_sided(struct fixture *f, size_t object)
 {
     struct kiln_geometry *g = NULL;

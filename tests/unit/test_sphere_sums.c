@@ -75,7 +75,7 @@ static void cells_have_their_spheres(void **state)
     kiln_sphere_cells_release(c);
 }
 
-/* Of several threads, some of it too large for quick rounding. */
+/* Tests chords of several threads, some of them too large for quick rounding. */
 static void chords_add_up(void **state)
 {
     (void)state;

@@ -122,7 +122,7 @@ static void colours(void **state)
     near(code[2], srgb(0.1), 1e-7);
 }
 
-/* What is not finite is magenta; the largest and smallest floats under any exposure are shown. */
+/* Values that are not finite are magenta. The largest and smallest floats are shown under any exposure. */
 static void not_finite(void **state)
 {
     (void)state;
@@ -205,7 +205,7 @@ static void bytes(void **state)
     kiln_image_destroy(&image);
 }
 
-/* Of any colours, exposures and ranges: the tables of images say what the curves say. */
+/* Tables of images agree with the curves, for any colours, exposures and ranges. */
 static void bytes_of_many_colours(void **state)
 {
     (void)state;

@@ -155,7 +155,7 @@ struct scene {
 
 static float wall_light(float x, float y) { return 3.0f + 0.3f * x + 0.2f * y; }
 
-/* What a camera 5 m before the wall sees, whose light is off by `off`. */
+/* Makes the frame that a camera 5 m before the wall sees. Its light is off by `off`. */
 static void look(struct scene *s, double x, double y, float off)
 {
     s->frame = (struct kiln_frame){.camera = {.position = dvec3(x, y, 5.0),
@@ -263,7 +263,7 @@ static void test_moving(void **state)
     close_frames(&f);
 }
 
-/* What moves with the camera takes nothing over unless that stands still. */
+/* Surfaces that move with the camera take nothing over unless it stands still. */
 static void test_bound(void **state)
 {
     (void)state;

@@ -299,8 +299,8 @@ static void both_passes_agree(void **state)
 
 static const struct kiln_guided_result *guided(const struct kept *k) { return (const void *)k->results; }
 
-/* What both backends have learnt: nearly all cells agree to the bits that a ray's luminance keeps; those of a few tile
- * runs have a ray more. The surface's guide gets it, from Embree. */
+/* Compares what both backends have learnt. Nearly all cells agree to the bits that a ray's luminance keeps; those of a
+ * few tile runs have a ray more. Adds Embree's values to the surface's guide. */
 static void learn(const struct world *w, const struct kept k[2], bool learns)
 {
     uint64_t cells = 0, same = 0;

@@ -338,7 +338,7 @@ static void rays_agree(const struct world *w, struct kiln_backend *const backend
 
 enum { ALONG = 7, LAYERS = 4, SPHERES = ALONG * LAYERS * ALONG };
 
-/* What paths have left in spheres. */
+/* Light that paths have left in spheres. */
 struct crossed {
     uint64_t sums[SPHERES * KILN_SPHERE_SUMS], *moments, rays;
 };
@@ -410,7 +410,7 @@ static void same_bits(const struct world *w, const struct crossed *a, const stru
         assert_memory_equal(a->moments, b->moments, w->aims->count * sizeof *a->moments);
 }
 
-/* Of sums that two backends have; the level is that of the sphere's mean radiance, the first of its sums. */
+/* Compares the sums of two backends. The level is that of the sphere's mean radiance, the first of its sums. */
 static void compare_sums(const struct crossed *a, const struct crossed *b, size_t *lit, size_t *differ)
 {
     double all[2] = {0.0, 0.0};
@@ -481,7 +481,7 @@ static void paths_and_rays_agree_with_embree(void **state)
     release(&w);
 }
 
-/* What a device leaves to the host it says, and refuses. */
+/* A device says what it leaves to the host, and refuses it. */
 static void what_is_not_there_is_refused(void **state)
 {
     (void)state;

@@ -15,9 +15,9 @@ struct kiln_ray_hints;
 struct kiln_regression_work;
 struct kiln_sphere;
 
-/* What one backend has and another has not; NULL: it has not. The functions of extended.h say what each does, and what
- * is done without it. Backends in front of others have what these have, and are not asked: none of these is handed on
- * by a function of its own. */
+/* Functions that only some backends have; NULL: this one has not. extended.h says what each does, and what is done
+ * without it. Backends in front of others have those of the backends behind, and are not asked: none of these is handed
+ * on by a function of its own. */
 struct kiln_backend_extras {
     int (*clearance)(struct kiln_backend *backend, const struct kiln_sphere *spheres, size_t count, float *clear,
                      struct kiln_error *error);
@@ -37,7 +37,7 @@ struct kiln_backend_extras {
 
 struct kiln_backend_api {
     const char *name;
-    /* What of creation needs no scene, geometry, lights; `create` then goes on with *backend. NULL: there is nothing */
+    /* Part of the creation without scene, geometry, lights; `create` then goes on with *backend. NULL: there is none */
     int (*begin)(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error);
     int (*create)(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error);
     void (*destroy)(struct kiln_backend **backend);
@@ -60,8 +60,8 @@ struct kiln_backend_api {
     int (*intersect)(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
                      size_t count, const struct kiln_ray_hints *hints, struct kiln_hit *hits, struct kiln_error *error);
     const struct kiln_backend_extras *extras; /* NULL: it has none */
-    /* Of a backend that stands in front of another, which is asked in its place for `takes`, `expect`, `intersect` and
-     * the extras: that one, as it is now. NULL: it stands in front of none. */
+    /* Returns the backend behind one that stands in front of it, as it is now. That one is asked in its place for
+     * `takes`, `expect`, `intersect` and the extras. NULL: it stands in front of none. */
     struct kiln_backend *(*inner)(const struct kiln_backend *backend);
     /* After the inner one has failed with `status`: KILN_OK if there is another one now, which is to be asked again;
      * else the status. NULL: there never is. */

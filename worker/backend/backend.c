@@ -46,7 +46,7 @@ void kiln_backend_begin(struct kiln_backend_start **start, const char *name, con
         kiln_backend_start_run(start, api, best, params);
 }
 
-/* What needs no scene: as it was begun, or now. */
+/* Does the part of the creation that needs no scene, or takes it as it was begun. */
 static int begin(struct kiln_backend **backend, const struct kiln_backend_api *api,
                  const struct kiln_backend_params *params, struct kiln_error *error)
 {

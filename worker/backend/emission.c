@@ -35,8 +35,8 @@ struct particle {
     bool unfound;                          /* no gather ray finds its way */
 };
 
-/* What comes to an object straight from suns and sky: to its front; to its back as that of a room's wall, or otherwise;
- * and how many particles it is. */
+/* Light that comes to an object straight from suns and sky: to its front; to its back, as that of a room's wall or
+ * otherwise; and the number of particles. */
 struct from_outside {
     double front, room, back;
     uint64_t count;
@@ -228,7 +228,7 @@ static bool is_textured(const struct emission *e, uint32_t light)
     return light < l->area_count && l->areas[light].textured;
 }
 
-/* What triangles with textures emit, by the textures' integrals. */
+/* Adds the emission of triangles with textures, by the textures' integrals. */
 static void add_textured(const struct emission *e, struct kiln_emission_result *out)
 {
     const struct kiln_lights *l = e->params->lights;
@@ -391,8 +391,8 @@ static bool take_turn(const struct emission *e, struct particle *p, const struct
     return any;
 }
 
-/* Of the particles that have met surfaces with gloss, adds what these take, and moves those that go on to the front.
- * Returns how many do. */
+/* Adds what surfaces with gloss take of the particles that have met them, and moves those that go on to the front.
+ * Returns the number of these. */
 static size_t turn_on(const struct emission *e, uint32_t base, size_t count, struct kiln_emission_result *out)
 {
     size_t left = 0;

@@ -22,7 +22,7 @@ int kiln_backend_replace(struct kiln_backend *backend, int status, struct kiln_e
     return backend->api->replace != NULL ? backend->api->replace(backend, status, error) : status;
 }
 
-/* What a backend has; all NULL: nothing. */
+/* Returns a backend's extras. All NULL: none. */
 static const struct kiln_backend_extras *extras_of(const struct kiln_backend *backend)
 {
     static const struct kiln_backend_extras nothing = {.clearance = NULL};

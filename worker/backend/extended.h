@@ -1,5 +1,5 @@
-/* What few callers ask of a backend besides backend.h: what it can run on, resources of single features, hints about
- * rays and passes, and what only some backends have. */
+/* Backend functions for few callers, besides backend.h: what a backend can run on, resources of single features, hints
+ * about rays and passes, and what only some backends have. */
 #ifndef KILN_WORKER_BACKEND_EXTENDED_H
 #define KILN_WORKER_BACKEND_EXTENDED_H
 
@@ -58,7 +58,7 @@ void kiln_backend_expect(struct kiln_backend *backend, const struct kiln_pass *p
 
 /* ---- rays ---- */
 
-/* What is known of the rays of a call. Zero: nothing. */
+/* Hints about the rays of a call. Zero: none. */
 struct kiln_ray_hints {
     /* m, of each ray: nothing counts that is so far off or farther; such a hit may be given, or none. A ray of length 0
      * need not be traced. Borrowed; NULL: everything counts */

@@ -81,7 +81,7 @@ static size_t claim_part(void *context, size_t first, size_t count)
     return claimed;
 }
 
-/* What has not been handed over of what was claimed; `left` lasts as long as that. */
+/* Returns the claimed items that have not been handed over. `left` has to last as long as that. */
 static struct kiln_batch rest_of(const struct watched_run *w)
 {
     const struct kiln_batch *batch = w->batch;
@@ -92,7 +92,7 @@ static struct kiln_batch rest_of(const struct watched_run *w)
     return rest;
 }
 
-/* What the device has handed over stands; Embree goes on with what it has not. */
+/* Keeps what the device has handed over. Embree goes on with the rest if the device fails. */
 static int fallback_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                         const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {

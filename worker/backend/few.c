@@ -69,8 +69,7 @@ static int divide(struct few_run *r, struct kiln_error *error)
                : status;
 }
 
-/* What groups have answered of a tile run, whose points with fewer samples have those from `place` on: keeps it, or
- * puts it back. */
+/* Keeps the groups' answers of a tile run, or puts them back. Points with fewer samples have those from `place` on. */
 static void move_groups(const struct few_run *r, const struct kiln_tile_run *run, uint64_t points, size_t place,
                         bool back)
 {

@@ -13,7 +13,7 @@
  * cosine is as good. */
 bool kiln_guide_make(float *guide, const float *learnt, uint32_t side);
 
-/* Of side x side cells that in which a point, given by fractions of 2^32, lies once it is warped. */
+/* Returns the cell, of side x side, in which a point lies once it is warped; the point in fractions of 2^32. */
 static inline uint32_t kiln_guide_cell(const float *guide, uint32_t side, uint32_t u, uint32_t v)
 {
     const uint32_t i = kiln_guide_interval(guide, 0, kiln_unit_float(u)),

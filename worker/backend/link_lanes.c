@@ -28,7 +28,7 @@ static inline uint64_t bits_of(const uint64_t is[GROUP], uint32_t first)
     return bits;
 }
 
-/* What one point does with a node; without branches, for lanes. */
+/* Decides what one point does with a node; without branches, for lanes. */
 static inline void judge(const struct kiln_node_view *v, const struct kiln_link_node *node, double square_error,
                          uint64_t *open, uint64_t *stands, uint64_t *whole)
 {
@@ -103,7 +103,7 @@ static inline void numbers_of(uint64_t bits, double is[GROUP])
         is[l] = (bits >> l & 1) != 0 ? 1.0 : 0.0;
 }
 
-/* What a group's lanes are. */
+/* Flags of a group's lanes: 1 or 0. */
 struct group {
     double seen[GROUP], any[GROUP], whole[GROUP];
 };

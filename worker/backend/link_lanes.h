@@ -11,8 +11,8 @@ struct kiln_link_lanes {
     bool smooth;
 };
 
-/* Of the points of a mask: those that go on to the node's children, those that stop at it, and of these those that have
- * it whole before them. */
+/* Choices of a mask's points: those that go on to the node's children, those that stop at it, and of these those that
+ * have it whole before them. */
 struct kiln_link_lane_choices {
     uint64_t open, stands, whole;
 };
@@ -31,7 +31,7 @@ struct kiln_link_lane_factors {
 void kiln_link_lanes_factors(const struct kiln_link_lanes *lanes, const struct kiln_link_node *node, uint64_t mask,
                              struct kiln_link_lane_factors *factors);
 
-/* What points gather by a link. */
+/* Link by which points gather light. */
 struct kiln_link_lane_link {
     uint64_t sees, other;     /* points that see it, and such as do not, though some beside them do */
     double light[3];          /* radiosity, W/m2 */

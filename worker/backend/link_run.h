@@ -19,7 +19,7 @@ struct kiln_link_sight {
 typedef int (*kiln_link_ask)(void *context, uint32_t link, uint64_t of, const struct kiln_link_sight *sight,
                              struct kiln_error *error);
 
-/* What is to be asked: whether the point at `bit` sees what a link goes to, whose point is on its way from memory. */
+/* Question whether the point at `bit` sees what a link goes to, whose point is on its way from memory. */
 struct kiln_link_question {
     uint32_t link, bit;
     uint64_t of;
@@ -56,14 +56,14 @@ void kiln_link_run_release(struct kiln_link_run *run);
 /* Enters the points of a tile run, and those of its tile that share their rays. */
 void kiln_link_run_enter(struct kiln_link_run *run, const struct kiln_surface *surface,
                          const struct kiln_tile_run *tile_run);
-/* What the point at `bit` has met by rays of its own, before kiln_link_run_enter_found. */
+/* Enters what the point at `bit` has met by rays of its own, before kiln_link_run_enter_found. */
 void kiln_link_run_meet(struct kiln_link_run *run, uint32_t bit, const struct kiln_point_result *gathered);
 /* After the points of `found` are known: which of them have light, and their shading normals. */
 void kiln_link_run_enter_found(struct kiln_link_run *run);
 /* Takes links that are kept, of the tile run that was entered. KILN_BAD_INPUT; KILN_SYSTEM. */
 int kiln_link_run_take(struct kiln_link_run *run, const struct kiln_kept_links *kept, struct kiln_error *error);
 
-/* What links are opened to: e, halved as many times as found.opened says. */
+/* Returns the error that links are opened to: e, halved as many times as found.opened says. */
 double kiln_link_run_error(const struct kiln_link_run *run);
 /* Whether rows of links that are kept are closed anew, and judged: there is a target, and they have not been. */
 bool kiln_link_run_is_to_judge(const struct kiln_links_parameters *p, const struct kiln_kept_links *kept);
@@ -86,18 +86,18 @@ void kiln_link_run_close(struct kiln_link_run *run);
  */
 bool kiln_link_run_opens(struct kiln_link_run *run);
 
-/* What a point's links have brought. */
+/* Light that a point's links have brought. */
 struct kiln_link_sums {
     double incident[3], irradiance[3], variance;
 };
-/* What those of the point at `bit` have. */
+/* Returns the sums of the point at `bit`. */
 struct kiln_link_sums kiln_link_run_sums(const struct kiln_link_run *run, uint32_t bit);
 /* The answer of a point, closed; zeros for one without samples. */
 struct kiln_point_result kiln_link_answer(const struct kiln_linked_point *point, const struct kiln_link_sums *sums);
-/* What its factors, whose sum is `row`, are multiplied by. */
+/* Returns the multiplier of a point's factors, whose sum is `row`. */
 float kiln_link_row_scale(const struct kiln_linked_point *point, double row);
 
-/* How many points in a row, a square of them, have one ray to a node: worker/pass/links.h. */
+/* Returns how many points in a row, a square of them, have one ray to a node: worker/pass/links.h. */
 uint32_t kiln_link_shared_by(const struct kiln_link_run *run, uint32_t to);
 
 #endif

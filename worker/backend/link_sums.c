@@ -3,7 +3,7 @@
 #include "worker/backend/link_run.h"
 #include "worker/base/color.h"
 
-/* What light that varies over a node is off by, over the radii in its distance times the deviation. */
+/* Error of light that varies over a node, over its radius / distance x the light's deviation. */
 #define SPREAD 1.5
 
 enum { AHEAD = 4 };
@@ -142,8 +142,8 @@ static void begin_link(const struct kiln_link_run *w, uint32_t to, const float t
     }
 }
 
-/* What the points `of` gather by a link that was found; points that see nothing by it, though some beside them do, are
- * not sure of that. */
+/* Adds what the points `of` gather by a link that was found. Points that see nothing by it, though some beside them do,
+ * are not sure of that. */
 static void add_found(struct kiln_link_run *w, uint32_t i, uint64_t of)
 {
     static const float all[3] = {1.0f, 1.0f, 1.0f};

@@ -12,8 +12,8 @@
 #define NORMAL_STEP 0x1p-14   /* normals and distances of one plane are the same in such steps */
 #define DISTANCE_STEP 0x1p-17 /* of the world's extent */
 #define SLACK 1e-5            /* of the world's extent: what boxes are wider by */
-/* Of boxes of places, far beyond rounding: of the world's extent, how high they are over a plane at least, and what
- * boxes in the plane are wider by; and how steeply light from outside falls at least. */
+/* Margins far beyond rounding. Of the world's extent: the least height of boxes of places over a plane, and what boxes
+ * in the plane are wider by. Then the least steepness of light from outside. */
 #define LEAST_HEIGHT 1e-6
 #define ROUNDING 1e-8
 #define LEAST_FALL 1e-3
@@ -26,7 +26,7 @@ struct face {
 
 /* ---- which triangles reflect ---- */
 
-/* Of each material; the caller frees it. */
+/* Finds which materials are mirrors. The caller frees the array. */
 static int find_mirrors(bool **mirrors, const struct kiln_scene *scene, struct kiln_error *error)
 {
     const int status = kiln_allocate(mirrors, scene->material_count, sizeof **mirrors, "the mirrors", error);
@@ -300,7 +300,8 @@ static struct kiln_dvec3 place_in_plane(const struct kiln_mirror_plane *plane, c
                          : dvec3_add(p, dvec3_scale(dvec3_sub(image, p), above / (above + height)));
 }
 
-/* What is between places sees the lamp between where these see it: the corners tell of the whole box. */
+/* Returns whether a place in the box may see the lamp. Places between others see it between where these see it, so the
+ * corners tell of the whole box. */
 bool kiln_mirror_may_show(const struct kiln_mirror_plane *plane, const struct kiln_mirror_lamp *lamp,
                           struct kiln_dvec3 minimum, struct kiln_dvec3 maximum, double extent)
 {

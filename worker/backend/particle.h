@@ -12,7 +12,7 @@
 /* Whether there is such a surface for who meets it from this side. */
 bool kiln_particle_turns(const struct kiln_backend_params *params, const struct kiln_hit *hit);
 
-/* What random numbers hang on: a key, the number of the particle, and how many surfaces it has met before. */
+/* Seed of random numbers: a key, the number of the particle, and how many surfaces it has met before. */
 struct kiln_particle_chance {
     uint32_t key, number, surface;
 };
@@ -38,11 +38,11 @@ struct kiln_particle_place kiln_particle_place(const struct kiln_backend_params 
                                                const struct kiln_gloss_lobes *lobes, const struct kiln_hit *hit,
                                                struct kiln_vec3 direction);
 
-/* What of a particle's flux, by colour, is taken up there; and what goes on, of a particle that has `weight` of its
- * flux at the lights left, both with what `arrives`: its way by the adjoint of the scattering function (KILN_IMPORTANCE
- * and kiln_shading_correction of shaders/shared/bsdf.h), through lobes that are not diffuse, times what it counts more
- * for having gone on by chance (kiln_chain_chance). `mode` is KILN_IMPORTANCE; or KILN_RADIANCE for rays from the eye,
- * which go by the scattering function itself. */
+/* A particle's turn at the surface: the shares of its flux, by colour, that are taken up and that go on, both with what
+ * `arrives`, and the way on. `weight`: what is left of its flux at the lights. The way goes by the adjoint of the
+ * scattering function (KILN_IMPORTANCE and kiln_shading_correction of shaders/shared/bsdf.h), through lobes that are
+ * not diffuse. The flux counts more for having gone on by chance (kiln_chain_chance). `mode` is KILN_IMPORTANCE; or
+ * KILN_RADIANCE for rays from the eye, which go by the scattering function itself. */
 struct kiln_particle_turn {
     float taken_up[3], goes_on[3]; /* shares; all of `goes_on` 0: it ends here */
     struct kiln_vec3 origin, direction;
@@ -72,8 +72,9 @@ bool kiln_particle_is_smooth(const struct kiln_particle_place *place);
 bool kiln_particle_shows(const struct kiln_particle_place *place, struct kiln_vec3 *origin, struct kiln_vec3 *direction,
                          float share[3]);
 
-/* What these send of light from unit `direction`, which points away from the place, to where a ray of a view came from,
- * times the cosine, and the density with which the ray goes on there. 0 of mirrors and smooth glass. */
+/* Returns the scattering by lobes that are not diffuse, of light from unit `direction`, which points away from the
+ * place, to where a ray of a view came from, times the cosine, and the density with which the ray goes on there. 0 of
+ * mirrors and smooth glass. */
 struct kiln_bsdf_value kiln_particle_scatter(const struct kiln_particle_place *place, struct kiln_vec3 direction);
 
 /* The shadow ray of a sample of a light that was drawn at the place: the light comes through if the ray meets nothing

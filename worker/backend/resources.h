@@ -1,4 +1,4 @@
-/* What a backend is given to have while passes run, as one table: the surface, the radiosity of its points, probes, the
+/* Resources that a backend has while passes run, as one table: the surface, the radiosity of its points, probes, the
  * rows and groups that passes fill beside their results. Backends that stand in front of others (fallback.c, verify.c)
  * walk the table and know no resource by name.
  *
@@ -41,7 +41,7 @@ struct kiln_others {
     size_t first, count;                /* its tile runs */
 };
 
-/* What a backend was given last, all of it borrowed; NULL: nothing yet, or nothing any more. */
+/* Resources that a backend was given last, all borrowed; NULL: nothing yet, or nothing any more. */
 struct kiln_resources {
     const struct kiln_surface *surface; /* the own one */
     struct kiln_others others;

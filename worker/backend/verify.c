@@ -16,7 +16,7 @@ struct texel {
     double got, expected; /* the figures' levels, in the pass's unit */
 };
 
-/* What one pass has shown so far. */
+/* Results of one pass so far. */
 struct tally {
     uint64_t texels, beyond, broken;
     double difference[KILN_PASS_FIGURES], squares[KILN_PASS_FIGURES], total[KILN_PASS_FIGURES]; /* over tile runs */
@@ -127,7 +127,7 @@ static int take_again(void *context, size_t first, size_t count, const void *res
 
 /* ---- judging ---- */
 
-/* What is wrong: true and the words in `text`; or false. */
+/* Returns whether something is wrong, and writes the words to `text`. */
 static bool complains(const struct kiln_pass *pass, const struct tally *t, char text[96])
 {
     const char *wrong = NULL, *suffix = "";
@@ -253,7 +253,7 @@ static struct kiln_backend *verify_inner(const struct kiln_backend *backend)
     return ((const struct verify_backend *)backend)->checked;
 }
 
-/* What passes leave answers in is the checked backend's alone. */
+/* Gives a resource to both backends; one that passes fill, to the checked backend alone. */
 static int verify_set(struct kiln_backend *backend, enum kiln_resource_index index, struct kiln_error *error)
 {
     struct verify_backend *v = (struct verify_backend *)backend;

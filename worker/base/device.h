@@ -1,11 +1,11 @@
-/* What is known of a device that a backend can run on, before it is used: one entry of `kiln info --devices`. */
+/* Description of a device that a backend can run on, before it is used: one entry of `kiln info --devices`. */
 #ifndef KILN_WORKER_BASE_DEVICE_H
 #define KILN_WORKER_BASE_DEVICE_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* What a CPU does not have is 0. */
+/* Device properties; those a CPU lacks are 0. */
 struct kiln_device {
     char name[128];   /* as the driver calls it */
     char driver[128]; /* name and version; of Embree its version */
@@ -32,7 +32,7 @@ enum kiln_traversal {
     KILN_TRAVERSE_EIGHT
 };
 
-/* What tests make a device do. All zero: nothing. */
+/* Faults and settings that tests give a device. All zero: none. */
 struct kiln_device_faults {
     /* Every call of the driver that can fail is counted. LOST: the call `at` says that the device is lost, and so does
      * every one after it until the device is opened anew. MEMORY: the call says that it is out of memory. */

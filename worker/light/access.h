@@ -1,4 +1,4 @@
-/* What shaders/shared/lights.h asks for, in C. Private to worker/light. */
+/* Definitions that shaders/shared/lights.h asks for, in C. Private to worker/light. */
 #ifndef KILN_WORKER_LIGHT_ACCESS_H
 #define KILN_WORKER_LIGHT_ACCESS_H
 

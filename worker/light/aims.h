@@ -86,7 +86,7 @@ static inline size_t kiln_aims_find_next(const struct kiln_aims *aims, uint64_t 
     return same ? before : kiln_aims_find(aims, path);
 }
 
-/* How many of an aim's paths, the first ones, go evenly over the target's triangles. */
+/* Number of an aim's paths, the first ones, that go evenly over the target's triangles. */
 uint64_t kiln_aims_even(const struct kiln_aims *aims, size_t aim);
 
 /* Draws the ray of path number k of an aim by random numbers in (0, 1): triangle, side (of it or of a box) or triangle
@@ -94,7 +94,7 @@ uint64_t kiln_aims_even(const struct kiln_aims *aims, size_t aim);
 bool kiln_aims_draw(const struct kiln_aims *aims, size_t aim, uint64_t k, const double numbers[KILN_AIM_NUMBERS],
                     struct kiln_aimed_ray *ray);
 
-/* What the flux of an aim's ray is to be multiplied by that has met this world triangle first. 0: it does not count. */
+/* Factor for the flux of an aim's ray that has met this world triangle first. 0: it does not count. */
 double kiln_aims_met(const struct kiln_aims *aims, size_t aim, const struct kiln_aimed_ray *ray, uint32_t triangle);
 
 /* How densely an iteration's paths that are aimed from the lamp of `light` at the target of a world triangle, and count

@@ -1,5 +1,5 @@
-/* What emitting triangles send: emission times opacity, for what alpha cuts out of a lamp does not shine. At a place,
- * and the mean over a part of a triangle, by its textures' means (worker/scene/texture_means.h).
+/* Radiance of emitting triangles: emission times opacity, for a part of a lamp that alpha cuts out does not shine. At a
+ * place, and the mean over a part of a triangle, by its textures' means (worker/scene/texture_means.h).
  *
  * Radiance is in W m-2 sr-1. Triangles are the world's, and so are barycentric weights, of corners 1 and 2. */
 #ifndef KILN_WORKER_LIGHT_LAMP_TEXTURES_H

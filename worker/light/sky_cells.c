@@ -39,7 +39,7 @@ static double luminance_of(const struct cutting *w, uint32_t x, uint32_t y)
     return kiln_luminance_of_floats(w->lights->scene->environment_texels + 3 * ((size_t)y * w->e->width + x));
 }
 
-/* Of all that is drawn from, a texel's share. */
+/* Returns the probability that a texel is drawn. */
 static double chance_of(const struct kiln_lights *lights, uint32_t width, uint32_t x, uint32_t y)
 {
     return kiln_step_chance(lights->marginal, 0, y) * kiln_step_chance(lights->conditional, (size_t)y * width, x);
@@ -197,7 +197,7 @@ static void cut_all(const struct cutting *w, size_t most)
     }
 }
 
-/* What directions are drawn by. */
+/* Makes the tables that directions are drawn by. */
 static int make_tables(struct kiln_sky_cells *cells, struct kiln_error *error)
 {
     const struct kiln_lights *l = cells->lights;

@@ -9,7 +9,7 @@
 
 #include "shaders/shared/sky_patch.h"
 
-/* How many patches there are, by n: 0, 1, 2 and 4 in the order of enum kiln_sky_patches (coordinator/job/choices.h). */
+/* Number of patches, by n: 0, 1, 2 and 4 in the order of enum kiln_sky_patches (coordinator/job/choices.h). */
 static const uint32_t kiln_sky_patches[] = {0, 145, 577, 2305};
 static const uint32_t kiln_sky_divisions[] = {0, 1, 2, 4};
 

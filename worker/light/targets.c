@@ -113,7 +113,7 @@ static void add_node(struct cutting *w, size_t first, size_t end)
     n->outline = fmin(KILN_PI * radius * radius, box_shade(&n->box));
 }
 
-/* What cuts of a node at the middle of the axis leave, m2; INFINITY: all of it is on one side. */
+/* Returns the mean seen area of both sides of a node cut at the middle of the axis, m2; INFINITY: one is empty. */
 static double try_cut(const struct cutting *w, const struct node *n, int axis, double middle)
 {
     struct box sides[2] = {nothing, nothing};
@@ -247,7 +247,7 @@ static void spread(struct kiln_targets *targets, const struct kiln_lights *l, st
         targets->until[t->first + i] /= sum;
 }
 
-/* Of a whole node its target; of parts, those of each. */
+/* Adds the target of a whole node, or the targets of its parts. */
 static void add_targets(const struct cutting *w, const struct kiln_lights *l, const struct node *n, double rounding,
                         struct kiln_targets *targets)
 {

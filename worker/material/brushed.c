@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-/* What is given back of what is lost is a little less, so that a furnace is hardly ever too bright: between its points
- * a table says up to so much too much. */
+/* Margins by which a little less is given back than is lost, so that a furnace is hardly ever too bright: between its
+ * points a table is up to so much too high. */
 #define WHOLE_LESS 0.0008
 #define THIN_LESS 0.0025
 #define DENSE_LESS 0.0045
@@ -114,7 +114,7 @@ static double mean_of(const float *values, int count)
     return sum / count;
 }
 
-/* What they reflect, as an interface with the index does. */
+/* Returns the share that facets reflect, as an interface with the index does. */
 static double reflected(const struct facets *f, int count, float index)
 {
     float of[FACETS];
@@ -123,7 +123,7 @@ static double reflected(const struct facets *f, int count, float index)
     return mean_of(of, count);
 }
 
-/* What goes through them, into a medium `eta` times as dense. */
+/* Returns the share that goes through facets, into a medium `eta` times as dense. */
 static double through(const struct facets *f, int count, const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, float eta)
 {
     const float alpha_x = l->alpha_x, alpha_y = l->alpha_y, own = own_of(l, o), ratio = 1.0f / eta;
@@ -141,7 +141,7 @@ static double through(const struct facets *f, int count, const struct kiln_bsdf_
     return mean_of(of, count);
 }
 
-/* What they send on, to both sides, from behind a coat. */
+/* Returns the share that facets send on, to both sides, from behind a coat. */
 static double sent_behind(const struct facets *f, int count, const struct kiln_bsdf_lobes *l, struct kiln_vec3 o)
 {
     double sum = 0.0;
@@ -197,7 +197,8 @@ static struct kiln_vec3 direction_of(float mu, int sector)
 
 /* ---- under a coat ---- */
 
-/* What the base sends on to its front: shares of which all light is reflected, and of which facets reflect as glass. */
+/* Shares of the base that send light on to its front: that which reflects all, and that whose facets reflect as glass.
+ */
 struct base {
     double all, partial;
 };
@@ -209,7 +210,7 @@ static struct base base_of(const struct kiln_bsdf_lobes *l)
     return s.all + s.partial > 0.0 ? s : (struct base){0.0, 1.0};
 }
 
-/* What facets reflect of light from o, without the coat's factor of where it goes and with it. */
+/* Finds the share of light from o that facets reflect, without the coat's factor of where it goes and with it. */
 static void reflect(const struct lattice *g, const struct kiln_bsdf_lobes *l, struct base base, struct kiln_vec3 o,
                     double *without, double *with)
 {
@@ -229,7 +230,7 @@ static void reflect(const struct lattice *g, const struct kiln_bsdf_lobes *l, st
     *with = mean_of(share, g->count);
 }
 
-/* What the coat's factor takes of light that facets give back: the mean of it by what they lose. */
+/* Returns the mean of the coat's factor for light that facets give back, weighted by what they lose. */
 static double given_back_by(const struct kiln_bsdf_lobes *l)
 {
     double lost = 0.0, sent = 0.0;
@@ -370,7 +371,7 @@ static double cosine_of(double share, float index)
     return 0.5 * (low + high);
 }
 
-/* What facets lose and reflect of light of one cosine, over all azimuths. */
+/* Finds the shares that facets lose and reflect of light of one cosine, over all azimuths. */
 static void about(const struct kiln_bsdf_lobes *l, float mu, double *lost, double *fresnel)
 {
     double sent = 0.0, reflected = 0.0;

@@ -30,7 +30,8 @@ struct kiln_layers kiln_layers_of(float least, float most, int steps);
 /* Fills in layers.count tables, of a material with any roughness. `layers`: of KILN_BRUSHED_LAYERS - 1 steps. */
 void kiln_brushed_stack(struct kiln_brushed_table *tables, const struct kiln_bsdf *material, float anisotropy,
                         struct kiln_layers layers);
-/* Of KILN_BSDF_HELD_LAYERS - 1 and KILN_BSDF_HELD_COATS - 1 steps; of a material with any roughness and any coat. */
+/* Fills in a table, of a material with any roughness and any coat. `layers`, `coats`: of KILN_BSDF_HELD_LAYERS - 1 and
+ * KILN_BSDF_HELD_COATS - 1 steps. */
 void kiln_bsdf_held_tabulate(struct kiln_bsdf_held_table *table, const struct kiln_bsdf *material,
                              struct kiln_layers layers, struct kiln_layers coats);
 

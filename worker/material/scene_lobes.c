@@ -13,7 +13,7 @@ struct range {
     float least, most;
 };
 
-/* What a factor times its texture's channel comes to, over all texels. */
+/* Returns the range of a factor times its texture's channel, over all texels. */
 static struct range range_of(const struct kiln_scene *scene, float factor, const struct kiln_gloss_texture *t,
                              uint32_t channel)
 {

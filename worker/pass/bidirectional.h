@@ -50,7 +50,7 @@ enum kiln_bidirectional_method {
     KILN_BIDIRECTIONAL_SPPM
 };
 
-/* Of the whole picture: three sums a pixel over its samples, in units of `unit` W/(m2 sr). The pass sets the unit,
+/* Film of the whole picture: three sums a pixel over its samples, in units of `unit` W/(m2 sr). The pass sets the unit,
  * which is a function of the scene, and adds to the sums. */
 struct kiln_splat_film {
     int64_t *sums; /* lent */

@@ -25,7 +25,8 @@
 
 enum { KILN_DIRECTIONAL_HARMONICS = 4 };
 
-/* Of several lights, each with its own part of the samples, there is no plain sum: it is `count` times the mean. */
+/* Sums over samples. Several lights, each with its own part of the samples, have no plain sum: it is `count` times the
+ * mean. */
 struct kiln_directional_result {
     /* count x L_lm, W/(m2 sr) by the convention above, order (l,m) = 00, 1-1, 10, 11, RGB for each; kiln_mean divides
      */

@@ -15,17 +15,18 @@ struct kiln_light_groups;
 
 /* Floats of an answer: incident light RGB and irradiance RGB, sums as those of struct kiln_point_result. */
 enum { KILN_GROUP_FLOATS = 6 };
-/* Of an answer of the probe pass: coefficients of radiance, then irradiance along the axes, as struct kiln_probe_result
- * has them. */
+/* Floats of an answer of the probe pass: coefficients of radiance, then irradiance along the axes, as struct
+ * kiln_probe_result has them. */
 enum { KILN_GROUP_PROBE_FLOATS = 27 + 18 };
 
-/* What a backend is given (kiln_backend_set_groups). */
+/* Groups of lights, as a backend is given them (kiln_backend_set_groups). */
 struct kiln_groups {
     const struct kiln_light_groups *lights; /* borrowed */
     const uint64_t *radiosity;              /* packed, of all surface points: `lights->count` for each; borrowed */
     bool changed; /* the radiosity is not what it was when the backend last read it, which sets this to false */
-    /* Of the part of a batch that is being taken: its first surface point in the global order, or its first probe, and
-     * of each from there on `lights->count` answers. The backend fills them in; release `answers` with kiln_free. */
+    /* Answers of the part of a batch that is being taken: its first surface point in the global order, or its first
+     * probe, and `lights->count` answers for each from there on. The backend fills them in; release `answers` with
+     * kiln_free. */
     uint64_t first;
     float *answers;
     size_t room; /* floats */

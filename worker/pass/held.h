@@ -22,7 +22,7 @@ struct kiln_held_part {
     float factor[3];
 };
 
-/* What a light begins with, of all points. Borrowed. */
+/* State that a light begins with, for all points. Borrowed. */
 struct kiln_held_light {
     const uint16_t *albedo; /* three a point, as kiln_surface.albedo */
     /* either its direct light as a sum of parts, which is the step that is taken: with so many samples, a power of two;
@@ -47,14 +47,14 @@ struct kiln_held {
     uint32_t stream, seed;
 };
 
-/* What the host fetches of a light, all points of it; NULL: not wanted. Of one that was not mixed the host has direct
- * light, and its error. */
+/* Arrays that the host fetches of a light, over all its points; NULL: not wanted. For a light that was not mixed the
+ * host has direct light, and its error. */
 struct kiln_held_fetch {
     float *direct, *sum;
     uint16_t *error, *error_direct, *error_indirect;
 };
 
-/* What a step does besides its rows' gather. */
+/* Work of a step besides its rows' gather. */
 struct kiln_held_step {
     bool final;   /* answers are the light, with their errors; else what they make points send is added to the sums, */
     bool compact; /* and gathered next: rounded to 4 bytes */

@@ -91,7 +91,7 @@ static inline struct kiln_dvec3 kiln_node_slope(const struct kiln_link_node *nod
                  far * (v->other * n.z - height * m.z - along * v->d.z));
 }
 
-/* Of a sequence over numbers, by the golden ratio, the number that node `to` begins it with. */
+/* Returns term `number` of a sequence by the golden ratio, whose first term node `to` decides. */
 static inline double kiln_link_draw(uint32_t to, uint32_t number)
 {
     const double u = (double)kiln_hash1(to) * 0x1p-32 + (double)number * 0.61803398874989485;
@@ -133,7 +133,7 @@ static inline void kiln_link_fetch_leaf(const struct kiln_links_parameters *p, u
     __builtin_prefetch(patch + sizeof(struct kiln_patch) - 1);
 }
 
-/* Of the surface of a node as if all of it were at this point of it; zeros: one does not see the other. */
+/* Factors of a node's surface, as if all of it were at this point of it; zeros: one does not see the other. */
 static inline struct kiln_patch_factors kiln_node_factors_by(const struct kiln_patch_receiver *receiver,
                                                              struct kiln_dvec3 at, const struct kiln_link_leaf *by,
                                                              double area)
@@ -146,7 +146,7 @@ static inline struct kiln_patch_factors kiln_node_factors_by(const struct kiln_p
     return (struct kiln_patch_factors){far * cosine, far * fmax(0.0, dvec3_dot(receiver->s, d))};
 }
 
-/* Of a single point; zeros: one does not see the other. */
+/* Factors of a single point; zeros: one does not see the other. */
 static inline struct kiln_patch_factors kiln_leaf_factors(const struct kiln_patch_receiver *receiver,
                                                           struct kiln_dvec3 at, const struct kiln_patch *from)
 {

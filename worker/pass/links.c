@@ -188,7 +188,7 @@ int kiln_links_encode(struct kiln_kept_links **kept, const struct kiln_found_lin
 
 /* ---- reading ---- */
 
-/* What is left of a code; bad: it ended too early. */
+/* Unread rest of a code; bad: it ended too early. */
 struct reader {
     const uint8_t *at;
     size_t left;

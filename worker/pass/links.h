@@ -64,8 +64,7 @@
 #define KILN_LINKS_BELOW_TARGET 8.0
 #define KILN_LINKS_CLOSED_MOST 2.0
 
-/* What a link goes to: a node, by its number, or with KILN_LINK_LEAF a single point, by its place in the tree's order.
- */
+/* Target of a link: a node, by its number, or with KILN_LINK_LEAF a single point, by its place in the tree's order. */
 #define KILN_LINK_LEAF 0x80000000u
 enum { KILN_LINK_CHILDREN = 4, KILN_LINKS_MOST_OPENED = 31 };
 
@@ -84,7 +83,7 @@ struct kiln_link_node {
     float level, spread;     /* of first light: mean and standard deviation by area, over the mean of all points */
 };
 
-/* What is known of a point for which links have been found. */
+/* Data of a point for which links have been found. */
 struct kiln_linked_point {
     float scale;                      /* of its row */
     float escaped, blocked, glass[3]; /* as in struct kiln_point_result, for `count` samples */
@@ -126,7 +125,7 @@ struct kiln_kept_links {
 
 /* Radii of a node, which two or four of a point's edges are less than where points share a ray. */
 double kiln_links_shared(double error);
-/* Of the rays that measure a point's shares as many as the error asks for, and no more than `samples`. */
+/* Number of rays that measure a point's shares: as many as the error asks for, and no more than `samples`. */
 uint32_t kiln_links_samples(double error, uint32_t samples);
 
 void kiln_found_links_release(struct kiln_found_links *found);
@@ -140,17 +139,17 @@ int kiln_links_encode(struct kiln_kept_links **kept, const struct kiln_found_lin
 /* KILN_BAD_INPUT: this is no such code, or links to nodes or points that are not there. KILN_SYSTEM. */
 int kiln_links_decode(struct kiln_found_links *found, const struct kiln_kept_links *kept, uint64_t mask,
                       uint64_t shares, uint32_t node_count, uint64_t point_count, struct kiln_error *error);
-/* Of a code that somebody may have made: KILN_BAD_INPUT as above, of links to `point_count` points, or if it has a
- * number that is not finite or that no bake finds. It knows nothing of the tree. */
+/* Checks a code that somebody may have made: KILN_BAD_INPUT as above, with links to `point_count` points, or if it has
+ * a number that is not finite or that no bake finds. Knows nothing of the tree. */
 int kiln_links_check(const struct kiln_kept_links *kept, uint64_t point_count, struct kiln_error *error);
-/* How many times e was halved for them. */
+/* Number of times that e was halved for the links. */
 uint32_t kiln_links_opened(const struct kiln_kept_links *kept);
 /* Puts `made` in the place of *kept, which is freed. Where these are the same links, and rows alone are closed anew,
  * they stay as of a file. */
 void kiln_links_replace(struct kiln_kept_links **kept, struct kiln_kept_links *made);
-/* How many links of the tile run there are, and how many through what has a colour. KILN_BAD_INPUT: as above. */
+/* Counts the links of the tile run, and those through what has a colour. KILN_BAD_INPUT: as above. */
 int kiln_links_head(const struct kiln_kept_links *kept, uint32_t *count, uint32_t *tinted, struct kiln_error *error);
-/* What is known of the points of `mask`, by bit. KILN_BAD_INPUT: as above. */
+/* Reads what is known of the points of `mask`, by bit. KILN_BAD_INPUT: as above. */
 int kiln_links_points(const struct kiln_kept_links *kept, uint64_t mask,
                       struct kiln_linked_point point[KILN_TILE_TEXELS], struct kiln_error *error);
 /* Writes scales of rows, and where there is room for them shading normals, of the points of `mask`, by bit. */
@@ -165,7 +164,7 @@ struct kiln_link_light {
     float now, before, spread_now, spread_before;
 };
 
-/* What a node sends in this bounce; a cache line. */
+/* Light that a node sends in this bounce; a cache line. */
 struct kiln_link_sent {
     float radiosity[3]; /* W/m2, mean by area */
     float moment[3][3]; /* W/m, of each colour: the mean of the radiosity times the place, off the node's centre */

@@ -1,4 +1,4 @@
-/* What a pass is: one way of asking rays about many items, with one answer an item. Each pass is a row of a table.
+/* Passes: each is one way of asking rays about many items, with one answer an item, and a row of a table.
  *
  * A pass takes parameters of its own and a batch (the items, their samples, the random stream) and gives an array of
  * results, one an item. What a particular pass takes and gives, with its formula and units, stands in its own header:
@@ -44,7 +44,7 @@
 enum kiln_pass_index { KILN_PASS_LIST(KILN_PASS_INDEX_OF) KILN_PASS_COUNT };
 #undef KILN_PASS_INDEX_OF
 
-/* What the items of a pass are. */
+/* Kinds of items of a pass. */
 enum kiln_pass_domain {
     /* An item is a tile run (worker/scene/surface.h) of the surface that the backend has; its results are one for each
      * of the tile run's points, in order. */
@@ -108,11 +108,11 @@ static inline float kiln_mean(float sum, uint32_t count)
     return count > 0 ? (float)((double)sum / (double)count) : 0.0f;
 }
 
-/* What is done with results: called on the thread that called kiln_backend_run, for consecutive parts of a batch, in
- * order, while a device may already be busy with the next part. `first` and `count` are items. `results` points to an
- * array of the pass's result struct, for all points of the tile runs or for each position or pixel, in order; it is
- * only lent until the call returns. A status other than KILN_OK ends the run with that status. Where items differ in
- * their number of samples, the order holds among items of one number only. */
+/* Takes results. Called on the thread that called kiln_backend_run, for consecutive parts of a batch, in order, while a
+ * device may already be busy with the next part. `first` and `count` are items. `results` points to an array of the
+ * pass's result struct, for all points of the tile runs or for each position or pixel, in order; it is only lent until
+ * the call returns. A status other than KILN_OK ends the run with that status. Where items differ in their number of
+ * samples, the order holds among items of one number only. */
 typedef int (*kiln_take_results)(void *context, size_t first, size_t count, const void *results,
                                  struct kiln_error *error);
 

@@ -59,7 +59,8 @@ static uint32_t channels_without(const float rgb[3])
     return (isnan(rgb[0]) ? 1u : 0u) | (isnan(rgb[1]) ? 2u : 0u) | (isnan(rgb[2]) ? 4u : 0u);
 }
 
-/* Of the guided pass too, whose result begins with the same struct; so do its figures. */
+/* Channels that a gather result lacks. The guided pass's begins with the same struct: it shares this and the figures.
+ */
 static uint32_t gather_lacks(const void *result)
 {
     return channels_without(((const struct kiln_point_result *)result)->incident);

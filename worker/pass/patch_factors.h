@@ -15,8 +15,8 @@ struct kiln_patch_factors {
     double factor, shading;
 };
 
-/* Of a node's parallelogram at d, a distance whose square is `square`; `cosine` and `other`: d about the receiver's
- * normal and -d about the node's, both above 0. */
+/* Factors of a node's parallelogram at d, a distance whose square is `square`. `cosine`, `other`: d along the
+ * receiver's normal and -d along the node's, both above 0. */
 struct kiln_patch_factors kiln_patch_factors(const struct kiln_patch_receiver *receiver, const struct kiln_patch *from,
                                              struct kiln_dvec3 d, double square, double cosine, double other);
 

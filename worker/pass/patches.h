@@ -50,7 +50,8 @@ struct kiln_patch {
     struct kiln_vec3 place;  /* off the surface by as much as rays need (worker/scene/footprint.h) */
     struct kiln_vec3 centre; /* of its parallelogram; of what is no square of one triangle it may lie off the surface */
     struct kiln_vec3 normal; /* geometric, unit */
-    /* Of the parallelogram about `centre` that stands for it; their cross product is the area times the normal. */
+    /* Edges of the parallelogram about `centre` that stands for it; their cross product is the area times the normal.
+     */
     struct kiln_vec3 edge_s, edge_t;
     float area;      /* m2, of what is there to be lit */
     uint32_t number; /* of the point, in an order that is the same for any cells and ranks */
@@ -62,8 +63,8 @@ struct kiln_patch_node {
     float radiosity[3];      /* W/m2 */
 };
 
-/* What is kept of a point's row, in the order of struct kiln_surface.closing: what its factors are multiplied by; the
- * shares of its rays that escape, are blocked, and are taken by tinted surfaces, of each colour; what of it is present.
+/* Numbers kept of a point's row, in the order of struct kiln_surface.closing: the scale of its factors; the shares of
+ * its rays that escape, are blocked, and are taken by tinted surfaces, of each colour; the part of it that is present.
  */
 enum {
     KILN_CLOSING_SCALE = 0,
@@ -95,8 +96,8 @@ struct kiln_patches_parameters {
     const uint64_t *shot;
 };
 
-/* What the factors of a row, whose sum is `row`, are multiplied by where nothing is clamped; `gathered`: what the
- * point's rays have met. */
+/* Scale of the factors of a row, whose sum is `row`, where nothing is clamped; `gathered`: what the point's rays have
+ * met. */
 double kiln_patches_row_scale(const struct kiln_point_result *gathered, double row);
 
 /* Irradiance about the shading normal of a row that is closed by this scale, one channel; `incident`: the same about

@@ -1,4 +1,4 @@
-/* What the passes that light surface points (direct.h, gather.h) give: one struct for each point of a tile run. */
+/* Results of the passes that light surface points (direct.h, gather.h): one struct for each point of a tile run. */
 #ifndef KILN_WORKER_PASS_POINT_H
 #define KILN_WORKER_PASS_POINT_H
 

@@ -92,7 +92,7 @@ void kiln_resident_light(const uint64_t *radiosity, uint64_t points, uint32_t la
 typedef float floats __attribute__((vector_size(16)));
 typedef double doubles __attribute__((vector_size(32)));
 
-/* What the rays of a point find: of each light red, green and blue, as incident light and as irradiance, and the
+/* Light that the rays of a point find: of each light red, green and blue, as incident light and as irradiance, and the
  * luminance of irradiance by quarters of the samples. */
 struct sums {
     double incident[3 * KILN_RESIDENT_LANES], irradiance[3 * KILN_RESIDENT_LANES];

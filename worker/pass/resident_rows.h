@@ -12,7 +12,7 @@
 #include "worker/scene/scene.h"
 #include "worker/scene/surface.h"
 
-/* What a point's answer has that hangs on no light. */
+/* Part of a point's answer that hangs on no light. */
 struct kiln_resident_point {
     float escaped, blocked, present; /* as in struct kiln_point_result */
     uint32_t count;                  /* samples; 0: the step asks no ray of it */

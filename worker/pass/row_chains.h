@@ -24,7 +24,7 @@
 
 #define KILN_ROW_CHAINS_MAGIC "kilnchns"
 
-/* What a row has for rays with a part in the stream. */
+/* Words of a row for rays with a part in the stream. */
 #define KILN_ROW_CHAIN 0xfffffffcu
 #define KILN_ROW_TINTED 0xfffffffbu
 
@@ -32,7 +32,8 @@
 #define KILN_CHAIN_GREY 0x40000000u
 #define KILN_CHAIN_POINTS 0x3fffffffu /* so many surface points at most can be told apart */
 
-/* Of a point: where its stream is, and what of its answer hangs on no light (struct kiln_point_result). */
+/* Record of a point: where its stream is, and the part of its answer that hangs on no light (struct kiln_point_result).
+ */
 struct kiln_row_chain {
     uint32_t check; /* of all but `spool` and `at`, and of the stream; never 0 where the point has a row */
     uint32_t spool; /* the rank whose file has the stream; KILN_CHAIN_PACKED: it is behind the records */
@@ -66,8 +67,8 @@ uint32_t kiln_row_chain_check(uint64_t key, uint64_t point, const struct kiln_ro
 bool kiln_row_chain_is_sound(const struct kiln_row_chain *record, const uint32_t *stream, const uint32_t *row,
                              uint32_t samples, uint64_t points);
 
-/* What a ray with such a word brings, W/m2, by the radiosity of all points; returns where the stream goes on. The
- * stream is sound. Sums are those of chains that are traced. */
+/* Finds the light that a ray with such a word brings, W/m2, by the radiosity of all points; returns where the stream
+ * goes on. The stream is sound. Sums are those of chains that are traced. */
 static inline const uint32_t *kiln_row_chain_light(const uint32_t *stream, bool tinted, const uint64_t *radiosity,
                                                    float rgb[3])
 {

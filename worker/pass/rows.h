@@ -26,7 +26,7 @@
 #define KILN_ROWS_MAGIC "kilnrows"
 enum { KILN_ROWS_VERSION = 1, KILN_ROWS_BEGIN = 4096 }; /* bytes before the first row */
 
-/* What a ray met, where that is no surface point: KILN_ROW_... of shaders/shared/rows.h. */
+/* Words for rays that met no surface point: KILN_ROW_... of shaders/shared/rows.h. */
 
 /* The first bytes of a file; the rest up to KILN_ROWS_BEGIN is 0. */
 struct kiln_rows_header {
@@ -47,7 +47,7 @@ uint32_t kiln_rows_check(uint64_t key, uint64_t point, const uint32_t *words, ui
 struct kiln_resident_rows;
 struct kiln_row_chains;
 
-/* What a backend does with the rows of a step (kiln_backend_set_rows). */
+/* Rows of a step, and how a backend uses them (kiln_backend_set_rows). */
 struct kiln_rows {
     int file;         /* an open descriptor; borrowed */
     const char *path; /* for messages; borrowed */

@@ -15,8 +15,8 @@ struct kiln_sphere {
     float radius;    /* m; 0: the probe gets nothing */
 };
 
-/* That a sphere reaches beyond a cell by less is not looked at, in spacings: who asks for the cells of a place asks for
- * those within twice as much of it. */
+/* Reach of a sphere beyond a cell that is not looked at, in spacings: who asks for the cells of a place asks for those
+ * within twice as much of it. */
 #define KILN_SPHERE_SLACK 1e-5
 
 /* A sphere in the list of a cell. */
@@ -33,8 +33,8 @@ struct kiln_sphere_cells {
     struct kiln_cell_sphere *spheres;
 };
 
-/* Of all spheres that have a radius. Zero before, or made before. KILN_SYSTEM. Release with kiln_sphere_cells_release,
- * in any case. */
+/* Makes the cells of all spheres that have a radius. Zero before, or made before. KILN_SYSTEM. Release with
+ * kiln_sphere_cells_release, in any case. */
 int kiln_sphere_cells_make(struct kiln_sphere_cells *cells, const struct kiln_probe_spheres *spheres,
                            struct kiln_error *error);
 void kiln_sphere_cells_release(struct kiln_sphere_cells *cells);

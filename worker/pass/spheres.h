@@ -27,7 +27,7 @@
 #include "worker/base/vector.h"
 #include "worker/pass/sphere_cells.h"
 
-/* Of one sphere: sums of phi s times 9 harmonics, RGB for each, and times the 6 axes, in the order of struct
+/* Sums of one sphere: phi s times 9 harmonics, RGB for each, and times the 6 axes, in the order of struct
  * kiln_probe_result. */
 enum { KILN_SPHERE_WEIGHTS = 9 + 6, KILN_SPHERE_SUMS = 3 * KILN_SPHERE_WEIGHTS };
 

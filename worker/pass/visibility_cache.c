@@ -5,14 +5,14 @@
 #include "worker/base/clock.h"
 #include "worker/base/memory.h"
 
-/* What a tile pair's place among the bits is where it has none. */
+/* Values in place of a tile pair's place among the bits, where it has none. */
 #define NONE UINT32_MAX           /* unknown */
 #define NOTHING (UINT32_MAX - 1u) /* no pair faces each other */
 #define OPEN (UINT32_MAX - 2u)
 #define SHUT (UINT32_MAX - 3u)
 #define BITS (UINT32_MAX - 4u) /* below: its number among the tile pairs with bits */
 
-/* Of a tile run, in one piece of memory. */
+/* Known pairs of a tile run, in one piece of memory. */
 struct entry {
     uint64_t places; /* its points that were computed */
     uint64_t bytes;
@@ -137,7 +137,7 @@ static int take_points(struct kiln_visibility_cache *c, const struct kiln_surfac
     return kiln_allocate(&c->entries, (size_t)c->count, sizeof *c->entries, "the visibility cache", error);
 }
 
-/* What is known of columns that are not in `same` is forgotten. */
+/* Forgets what is known of columns that are not in `same`. */
 static void keep_columns(struct kiln_visibility_cache *c, const uint64_t *same)
 {
     for (uint64_t i = 0; i < c->count; i++)
@@ -274,7 +274,7 @@ static bool has_bits(const struct kiln_visibility_work *w, uint64_t g)
     return (w->found[g] & KILN_PAIRS_OPEN) != 0 && (w->found[g] & KILN_PAIRS_SHUT) != 0;
 }
 
-/* How many tile pairs of the tile run may have bits; 0 too where it has no room at all, and then *any is false. */
+/* Counts the tile pairs of the tile run that may have bits; 0 too where it has no room at all, then *any is false. */
 static uint64_t room_for_bits(const struct kiln_visibility_cache *c, const struct kiln_tile_run *run, bool *any)
 {
     const uint64_t share = (uint64_t)((double)c->most * run->count / (double)c->count),

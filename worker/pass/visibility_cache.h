@@ -1,6 +1,6 @@
-/* What the patches pass keeps of a step for the later ones: which pairs of a surface point and a node see each other. A
- * pair's visibility does not change from step to step (Kahl, "RTX Radiosity", 2023, section 5.2), so a later step
- * traces only pairs that are not known. Its light is the same bit for bit.
+/* Visibility cache of the patches pass, from a step to the later ones: which pairs of a surface point and a node see
+ * each other. A pair's visibility does not change from step to step (Kahl, "RTX Radiosity", 2023, section 5.2), so a
+ * later step traces only pairs that are not known. Its light is the same bit for bit.
  *
  * Rows are the points of this process's tile runs; columns are the numbers of the points that nodes stand at
  * (kiln_patch.number), in groups of 64. A tile run and a group are a tile pair: its pairs that face each other are all
@@ -22,14 +22,14 @@
 
 struct kiln_visibility_cache;
 
-/* What has come of it, of this process since the cache was made. */
+/* Counts of the cache, in this process since it was made. */
 struct kiln_visibility_counts {
     uint64_t bytes;                      /* of memory, now */
     uint64_t asked, answered;            /* pairs that face each other; of these those that were known */
     uint64_t open, shut, mixed, unknown; /* tile pairs that have a pair: as they are known now */
 };
 
-/* What a thread reads and writes while it computes a tile run. Zero: there is no cache; all pairs are unknown. */
+/* Working set of a thread while it computes a tile run. Zero: there is no cache; all pairs are unknown. */
 struct kiln_visibility_work {
     uint64_t groups;    /* 0: there is no cache */
     uint64_t *known;    /* of each group, a bit a column: its pairs are known */
@@ -42,7 +42,7 @@ struct kiln_visibility_work {
 
 enum kiln_pairs { KILN_PAIRS_UNKNOWN = 0, KILN_PAIRS_OPEN = 1, KILN_PAIRS_SHUT = 2, KILN_PAIRS_PARTIAL = 4 };
 
-/* What is known of a pair that face each other: the point at `place` of the tile run, and the node at a number. */
+/* Looks up a pair that face each other: the point at `place` of the tile run, and the node at a number. */
 static inline enum kiln_pairs kiln_visibility_look(struct kiln_visibility_work *w, uint32_t place, uint32_t number)
 {
     const uint64_t group = number / 64, bit = (uint64_t)1 << number % 64;
@@ -73,7 +73,7 @@ int kiln_visibility_cache_create(struct kiln_visibility_cache **cache, uint64_t 
                                  struct kiln_error *error);
 /* NULL is accepted. */
 void kiln_visibility_cache_destroy(struct kiln_visibility_cache **cache);
-/* Of memory that a cache of `most` bytes takes at most, in a process with `own` of the surface's `points`. */
+/* Bytes of memory that a cache of `most` bytes takes at most, in a process with `own` of the surface's `points`. */
 uint64_t kiln_visibility_cache_bytes(uint64_t most, uint64_t own, uint64_t points);
 
 /* Before a step, with its nodes: forgets what is of points that are no longer the surface's own, and what is of a
@@ -84,7 +84,7 @@ struct kiln_visibility_counts kiln_visibility_cache_count(const struct kiln_visi
 
 /* ---- kept by a device ---- */
 
-/* What a device must know. Borrowed until the next step. */
+/* Data of a step that a device must know. Borrowed until the next step. */
 struct kiln_visibility_of_step {
     uint64_t most;           /* bytes */
     uint64_t groups;         /* of columns */
@@ -95,7 +95,7 @@ struct kiln_visibility_of_step {
 };
 
 struct kiln_visibility_of_step kiln_visibility_cache_of_step(const struct kiln_visibility_cache *cache);
-/* What has come of it: `asked` and `answered` are added to those before, the others are as they are now. All 0: it
+/* Takes a device's counts: `asked` and `answered` are added to those before, the others are as they are now. All 0: it
  * keeps nothing. */
 void kiln_visibility_cache_tell(struct kiln_visibility_cache *cache, const struct kiln_visibility_counts *counts);
 /* Bytes that a device takes at most. */

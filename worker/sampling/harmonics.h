@@ -13,7 +13,7 @@ static inline void kiln_harmonics(struct kiln_dvec3 d, double y[KILN_HARMONICS])
 #undef KILN_SET
 }
 
-/* What turns coefficients of radiance into those of irradiance: A_l of the clamped cosine (Ramamoorthi and Hanrahan
+/* Factor from a coefficient of radiance to that of irradiance: A_l of the clamped cosine (Ramamoorthi and Hanrahan
  * 2001, equation 8). */
 static inline double kiln_harmonics_cosine(int index)
 {

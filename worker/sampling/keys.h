@@ -1,4 +1,4 @@
-/* What random numbers hang on: hashes that name the seed, a tile, a texel. The same in every backend. */
+/* Keys of random numbers: hashes that name the seed, a tile, a texel. The same in every backend. */
 #ifndef KILN_WORKER_SAMPLING_KEYS_H
 #define KILN_WORKER_SAMPLING_KEYS_H
 

@@ -35,7 +35,7 @@ static double square_between(struct kiln_vec3 a, struct kiln_vec3 b)
     return dvec3_dot(way, way);
 }
 
-/* Of edges of equal length the one with the lower ends counts as the shortest. False: two corners are equal. */
+/* Finds a triangle's shortest edge; of equal ones that with the lower ends. False: two corners are equal. */
 static bool shortest_of(const struct kiln_geometry *g, uint64_t triangle, struct shortest *s)
 {
     struct kiln_vec3 corner[3];

@@ -65,8 +65,8 @@ static void measure(const struct kiln_clip_corner *polygon, uint32_t corners, st
     *twice = fraction * dvec3_length(dvec3_cross(e1, e2));
 }
 
-/* What samples are drawn from: the polygon, made smaller about its centroid so that rounding moves no sample out of it,
- * and so to the other side of a wall that it ends at. What is thinner than rounding shrinks to a point. */
+/* Finds the polygon that samples are drawn from, made smaller about its centroid so that rounding moves no sample out
+ * of it, and so to the other side of a wall that it ends at. One thinner than rounding shrinks to a point. */
 static uint32_t clip_inside(const struct kiln_footprint *f, uint32_t triangle,
                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
 {
@@ -369,7 +369,7 @@ struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *
                                           0.5f * vec3_length(vec3_sub(high, low)), one_normal};
 }
 
-/* How many texels of the texture that determines opacity lie along one lightmap texel of the triangle; 0: no texture
+/* Number of texels, of the texture that determines opacity, along one lightmap texel of the triangle; 0: no texture
  * does. */
 static double texture_detail(const struct kiln_footprint *f, uint32_t triangle)
 {

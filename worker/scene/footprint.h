@@ -137,8 +137,8 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
                             const struct kiln_geometry *geometry, const struct kiln_surface *surface,
                             const struct kiln_point_cursor *at);
 
-/* What the footprint has of a triangle, and what a part of a divided texel has of a polygon in it: the number of
- * corners, and these. Below 3: nothing. Samples keep away from the outline by as much as rounding moves positions. */
+/* Clips a triangle to the footprint, or a polygon in it to a part of a divided texel; returns the number of corners.
+ * Below 3: nothing. Samples keep away from the outline by as much as rounding moves positions. */
 uint32_t kiln_footprint_clip(const struct kiln_footprint *footprint, uint32_t triangle,
                              struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
 uint32_t kiln_part_clip(const struct kiln_divided_texel *texel, uint32_t part,

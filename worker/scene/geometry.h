@@ -22,7 +22,7 @@
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
-/* What a ray needs to know of the triangle it hit, 32 bytes. */
+/* Data that a ray needs of the triangle it hit, 32 bytes. */
 struct kiln_hit_record {
     /* x and y of corner 0 in the object's lightmap, in texels, or among leaves; then how far corners 1 and 2 are from
      * there */
@@ -31,8 +31,8 @@ struct kiln_hit_record {
     uint32_t material; /* index of the material, and KILN_RECORD_ flags (shaders/shared/surface.h) */
 };
 
-/* What a ray needs to know besides where surfaces have leaves (worker/scene/leaves.h): the depth of corner 0, in
- * leaves, and how much deeper corners 1 and 2 are; and the side that the triangle looks to. */
+/* More such data where surfaces have leaves (worker/scene/leaves.h): the depth of corner 0, in leaves, and how much
+ * deeper corners 1 and 2 are; and the side that the triangle looks to. */
 struct kiln_leaf_record {
     float depth[3];
     uint32_t side;
@@ -87,7 +87,7 @@ int kiln_geometry_attach(struct kiln_geometry **geometry, const struct kiln_geom
                          struct kiln_error *error);
 void kiln_geometry_destroy(struct kiln_geometry **geometry);
 
-/* How many triangles rays can hit, and the world number of the i-th of them. */
+/* Number of triangles that rays can hit, and the world number of the i-th of them. */
 static inline size_t kiln_geometry_hittable_count(const struct kiln_geometry *g)
 {
     return g->triangle_count - g->opaque_receivers - g->alpha_receivers;

@@ -142,7 +142,8 @@ bool kiln_gloss_is_passage(const struct kiln_gloss *gloss)
            gloss->mean_roughness < KILN_GLOSS_ROUGHNESS_SMOOTH;
 }
 
-/* What a thin smooth wall reflects; textures of that do not count. eta 0: nothing, or light comes through by alpha. */
+/* Returns the reflection of a thin smooth wall; textures of it do not count. eta 0: none, or light comes through by
+ * alpha. */
 static struct kiln_pane pane_of(const struct kiln_material *material, const struct kiln_gloss *gloss)
 {
     const bool phong = gloss->model == KILN_GLOSS_PHONG;

@@ -14,8 +14,8 @@ struct kiln_gloss kiln_gloss_default(const struct kiln_material *material, uint3
 /* The gloss that the scene file has for a material; NULL: none. */
 const struct kiln_gloss *kiln_gloss_find(const struct kiln_scene *scene, uint32_t material);
 
-/* What is wrong with a gloss, as the end of a sentence: an index without its material or texture, a number outside its
- * range (struct kiln_gloss), an unknown model, flag or channel. NULL: nothing. */
+/* Fault of a gloss, as the end of a sentence: an index without its material or texture, a number outside its range
+ * (struct kiln_gloss), an unknown model, flag or channel. NULL: none. */
 const char *kiln_gloss_fault(const struct kiln_gloss *gloss, size_t material_count, size_t texture_count);
 
 /* The roughness whose GGX lobe is about as wide as a Phong lobe of that exponent: alpha^2 = 2 / (exponent + 2), and
@@ -56,7 +56,7 @@ static inline const struct kiln_gloss *kiln_gloss_taken(const struct kiln_scene 
     return &scene->taken[material];
 }
 
-/* What a user sees in a material: the first of these that fits, from the last on. */
+/* Kinds of materials as a user sees them: the first of these that fits, from the last on. */
 enum kiln_gloss_kind {
     KILN_GLOSS_KIND_DIFFUSE,    /* nothing of what follows: not needed by KILN_GLOSS_MODE_AUTO */
     KILN_GLOSS_KIND_GLOSS,      /* a reflection that is not diffuse */

@@ -47,10 +47,9 @@ static inline void kiln_radiosity_unpack(uint64_t packed, float rgb[3])
     memcpy(rgb, bits, sizeof bits);
 }
 
-/* What stands in place of the radiosity of a point that is not known here: no number in the channels of which
- * `channels` has the bit (red 1, green 2, blue 4), 0 in the others. No value that is packed has this form, and what is
- * computed with it is no number either: so a gather that meets it tells by its sums, and costs no more than any other.
- */
+/* Stand-in for the radiosity of a point that is not known here: no number in the channels of which `channels` has the
+ * bit (red 1, green 2, blue 4), 0 in the others. No value that is packed has this form. All that is computed with it is
+ * no number either: so a gather that meets it tells by its sums, and costs no more than any other. */
 enum { KILN_RADIOSITY_ALL_CHANNELS = 7 };
 static inline uint64_t kiln_radiosity_absent(uint32_t channels)
 {

@@ -92,7 +92,7 @@ void kiln_scene_content_hash(const struct kiln_scene_header *header, const void 
     hash[1] = value.high64;
 }
 
-/* What the checks need to report where the fault is. */
+/* Data that the checks need to report where the fault is. */
 struct check {
     struct kiln_scene *scene;
     const char *path;

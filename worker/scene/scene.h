@@ -62,7 +62,7 @@ struct kiln_normal_map {
 
 /* ---- gloss: what a file says of a material besides its diffuse part (worker/scene/gloss.h) ---- */
 
-/* What a texture of struct kiln_gloss multiplies, or is. */
+/* Uses of a texture of struct kiln_gloss: the number it multiplies, or is. */
 enum kiln_gloss_use {
     KILN_GLOSS_METALLIC,            /* x metallic */
     KILN_GLOSS_ROUGHNESS,           /* x roughness; Phong: x exponent */
@@ -104,9 +104,10 @@ enum {
     KILN_GLOSS_ALPHA_TRANSMITS = 4
 };
 
-/* What a file says of a material besides its diffuse part. Materials that are diffuse (kiln_gloss_kind) and of which
- * kiln_gloss_default says all have none; scenes of such materials have no section of them. Numbers are factors, before
- * their textures; angles are counter-clockwise about the normal, seen from the front. */
+/* Gloss of a material: all that a file says of it besides its diffuse part. Materials that are diffuse
+ * (kiln_gloss_kind) and of which kiln_gloss_default says all have none; scenes of such materials have no section of
+ * them. Numbers are factors, before their textures; angles are counter-clockwise about the normal, seen from the front.
+ */
 struct kiln_gloss {
     uint32_t material;            /* ascending in the section: at most one for each material */
     uint32_t model;               /* enum kiln_gloss_model */
@@ -275,7 +276,7 @@ enum kiln_scene_section {
 struct kiln_triangle_source {
     uint32_t primitive, triangle;
 };
-/* Of a mesh with KILN_MESH_POSED, added to `primitive`: the last two corners are exchanged. */
+/* Flag in `primitive`, added for a mesh with KILN_MESH_POSED: the last two corners are exchanged. */
 #define KILN_SOURCE_TURNED 0x80000000u
 
 struct kiln_source {
@@ -378,7 +379,7 @@ struct kiln_scene {
 size_t kiln_scene_element_size(enum kiln_scene_section section);
 const char *kiln_scene_section_name(enum kiln_scene_section section);
 
-/* How many sections the header of a file of that version has, and how many bytes the header has. */
+/* Number of sections, and of bytes, of the header of a file of that version. */
 static inline unsigned kiln_scene_sections(uint32_t version)
 {
     return version == KILN_SCENE_VERSION_PLAIN         ? KILN_SECTION_NORMAL_MAPS

@@ -261,7 +261,7 @@ static inline uint32_t kiln_map_object(const struct kiln_surface *s, uint32_t ma
 {
     return map < s->object_count ? map : map % s->object_count;
 }
-/* How many lightmaps or octrees the fronts have. */
+/* Number of lightmaps or octrees of the fronts. */
 static inline uint32_t kiln_front_maps(const struct kiln_surface *s)
 {
     return s->bricks != NULL ? KILN_SIDES * s->object_count : s->object_count;
@@ -311,7 +311,7 @@ const struct kiln_texel_part *kiln_surface_part(const struct kiln_surface *s, st
  * A point that is valid stays so. */
 void kiln_surface_leave_walls_out(struct kiln_surface *s);
 
-/* What a tile has at the bit of a texel: a point, KILN_TILE_SPLIT | index in `divided`, or KILN_NO_POINT. */
+/* Entry of a tile at the bit of a texel: a point, KILN_TILE_SPLIT | index in `divided`, or KILN_NO_POINT. */
 static inline struct kiln_global_point kiln_tile_entry(const struct kiln_surface *s, const struct kiln_tile *tile,
                                                        uint32_t number)
 {
@@ -336,8 +336,8 @@ static inline struct kiln_global_point kiln_tile_point(const struct kiln_surface
                : entry;
 }
 
-/* What the map has at texel (x, y) of lightmap `number`: a point, KILN_TILE_SPLIT | index in `divided`, or
- * KILN_NO_POINT. (x, y) must lie inside the lightmap. */
+/* Entry at texel (x, y) of lightmap `number`: a point, KILN_TILE_SPLIT | index in `divided`, or KILN_NO_POINT. (x, y)
+ * must lie inside the lightmap. */
 static inline struct kiln_global_point kiln_surface_entry(const struct kiln_surface *s, uint32_t number, uint32_t x,
                                                           uint32_t y)
 {

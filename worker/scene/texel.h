@@ -39,8 +39,8 @@ static inline void kiln_texel_triangle(const struct kiln_scene *scene, const str
     }
 }
 
-/* What of the triangle lies in the rectangle [x0, x1] x [y0, y1] of the texel or leaf: kiln_clip_triangle, and of
- * leaves the cut to their range of depths. */
+/* Clips the triangle to the rectangle [x0, x1] x [y0, y1] of the texel or leaf: kiln_clip_triangle, and of leaves the
+ * cut to their range of depths. */
 static inline uint32_t kiln_texel_clip(const struct kiln_texel_triangle *t, double x0, double y0, double x1, double y1,
                                        struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
 {

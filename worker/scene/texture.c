@@ -127,7 +127,7 @@ static inline int64_t floor_of(double x)
     return whole - (x < (double)whole ? 1 : 0);
 }
 
-/* What a lookup reads: texels, 4 bytes each, and how far between them the place is. */
+/* Texels that a lookup reads, 4 bytes each, and how far between them the place is. */
 struct lookup {
     const uint8_t *corner[4];
     float fx, fy;

@@ -30,9 +30,9 @@ void kiln_paint_prepare(struct kiln_paint *paint, const struct kiln_scene *scene
 enum { KILN_PAINT_MOST = 16 };
 /* At `count` positions, KILN_PAINT_MOST at most. */
 void kiln_paint_colors(const struct kiln_paint *paint, const float *b1, const float *b2, int count, float (*rgba)[4]);
-/* What happens to light at a position of a surface. The fraction `opacity` of it meets surface, which is lit and
- * reflects with the albedo of kiln_surface_color. The rest is let through with the factors `through`, so light is
- * tinted by through / (1 - opacity).
+/* Passage of light at a position of a surface. The fraction `opacity` of it meets surface, which is lit and reflects
+ * with the albedo of kiln_surface_color. The rest is let through with the factors `through`, so light is tinted by
+ * through / (1 - opacity).
  *
  *   opacity = a (1 - t),  through = (1 - a) + a t (1 - R) (1 - metallic) base colour
  *

@@ -347,7 +347,7 @@ struct cells {
     bool fine; /* of cells between texels' centres that the polygon has in part that part counts */
 };
 
-/* Of any block, wrapped. */
+/* Returns the cell of any block, wrapped. */
 static const struct cell *block_at(const struct kiln_texture *t, const struct level *l, int64_t x, int64_t y)
 {
     const int64_t w = l->width, h = l->height;
@@ -386,8 +386,8 @@ static void read_cell(const struct cells *at, int64_t x, int64_t y, struct cell 
     cell->square = square_of(m, cell->value);
 }
 
-/* What an edge that stays in one row of cells takes away of the cells right of it: prefix sums of `covered` are signed
- * areas. From (x0, y0) to (x1, y1). */
+/* Adds an edge, from (x0, y0) to (x1, y1) in one row of cells, to `covered`: its prefix sums are signed areas right of
+ * the edge. */
 static void add_edge(double x0, double y0, double x1, double y1, double *covered)
 {
     const double high = y1 - y0, left = fmin(x0, x1), right = fmax(x0, x1);

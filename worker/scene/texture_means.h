@@ -16,9 +16,10 @@
 
 struct kiln_texture_means;
 
-/* What is averaged: red, green and blue times the coverage of the alpha, and the coverage itself (kiln_coverage, of the
- * texture's own alpha). With KILN_ALPHA_OPAQUE the coverage is 1. The colours are also multiplied by 1 - `metal` x a
- * channel of another texture of the same size, filter and wrapping, read at the same place. */
+/* Values that are averaged: red, green and blue times the coverage of the alpha, and the coverage itself
+ * (kiln_coverage, of the texture's own alpha). With KILN_ALPHA_OPAQUE the coverage is 1. The colours are also
+ * multiplied by 1 - `metal` x a channel of another texture of the same size, filter and wrapping, read at the same
+ * place. */
 struct kiln_texture_look {
     uint32_t texture, alpha_mode;
     float alpha_cutoff; /* of a mask: on the texture's own alpha */
@@ -39,7 +40,7 @@ static inline bool kiln_texture_looks_equal(struct kiln_texture_look a, struct k
            !(a.alpha_cutoff < b.alpha_cutoff || a.alpha_cutoff > b.alpha_cutoff);
 }
 
-/* What multiplies a cell's four numbers: linear in the texture coordinates, [0] + [1] u + [2] v of each; and another
+/* Factors of a cell's four numbers: linear in the texture coordinates, [0] + [1] u + [2] v of each; and another
  * texture's (NULL: none), read at its own coordinates, which are linear in these. */
 struct kiln_texture_factor {
     double value[4][3];
@@ -68,7 +69,7 @@ enum { KILN_TEXTURE_POLYGON = 16, KILN_TEXTURE_CELLS = 256 };
 bool kiln_texture_means_over(const struct kiln_texture_means *means, const double (*polygon)[2], uint32_t corners,
                              uint32_t most, const struct kiln_texture_factor *factor, struct kiln_texture_mean *mean);
 
-/* What is averaged, at (u, v). */
+/* Finds the values that are averaged, at (u, v). */
 void kiln_texture_means_at(const struct kiln_texture_means *means, double u, double v, float value[4]);
 
 #endif

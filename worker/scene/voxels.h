@@ -20,7 +20,7 @@ int kiln_voxels_create(struct kiln_voxels **voxels, const struct kiln_geometry *
                        struct kiln_error *error);
 /* NULL is accepted. */
 void kiln_voxels_destroy(struct kiln_voxels **voxels);
-/* Of memory, for a scene that is a cube: at most. */
+/* Bytes of memory at most: those for a scene that is a cube. */
 uint64_t kiln_voxels_bytes(uint32_t along);
 
 /* The grid: its corner, m from the scene's centre; the side of a cell, m; cells along each axis, and how many count. */
@@ -50,7 +50,7 @@ bool kiln_voxels_meet(const struct kiln_voxels *voxels, struct kiln_vec3 origin,
 bool kiln_voxels_open(const struct kiln_voxels *voxels, struct kiln_vec3 from, struct kiln_vec3 from_normal,
                       struct kiln_vec3 to, struct kiln_vec3 to_normal);
 
-/* What lies in memory, for devices (shaders/shared/voxels.h says what it is). Borrowed. */
+/* Arrays of the voxels, for devices (shaders/shared/voxels.h says what they are). Borrowed. */
 struct kiln_voxel_arrays {
     struct kiln_dvec3 low;
     double scale;

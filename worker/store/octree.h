@@ -41,7 +41,7 @@ static inline struct kiln_global_point kiln_octree_find(const struct kiln_store 
 
 /* ---- many hits ---- */
 
-/* What hits enter with before they reach their bricks. */
+/* Places of hits in the octree, before they reach their bricks. */
 struct kiln_octree_ways {
     uint64_t brick[KILN_STORE_WAYS];
     uint32_t map[KILN_STORE_WAYS];

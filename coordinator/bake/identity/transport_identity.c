@@ -14,7 +14,7 @@
 #include "worker/base/text.h"
 #include "worker/scene/gloss.h"
 
-/* Of an object, in the order of how much they say. */
+/* Aspects of an object, in the order of how much they say. */
 static const struct {
     const char *key, *text;
 } aspects[] = {{"shape", "another shape"},
@@ -52,7 +52,7 @@ static uint64_t add_alpha(uint64_t hash, const struct kiln_scene *scene, uint32_
     return hash;
 }
 
-/* What of a material says whether a ray meets it, and from which side. */
+/* Hashes the properties of a material that decide if a ray meets it, and from which side. */
 static uint64_t side_of(const struct kiln_scene *scene, const struct kiln_material *m)
 {
     const uint32_t words[] = {m->double_sided, m->alpha_mode};
@@ -100,7 +100,7 @@ static bool is_gone_on_from(const struct kiln_scene *scene, uint32_t material)
     return kiln_gloss_taken(scene, material) != NULL || m->transmission > 0.0f || m->alpha_mode != KILN_ALPHA_OPAQUE;
 }
 
-/* What of a material says where a ray goes on to, and how much it brings from there; 0: it ends there. */
+/* Hashes a material's properties that decide where a ray goes on to and how much it brings; 0: it ends. */
 static uint64_t gloss_of(const struct kiln_scene *scene, uint32_t material)
 {
     const struct kiln_material *m = &scene->materials[material];

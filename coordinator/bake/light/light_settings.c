@@ -2,7 +2,7 @@
 
 #include "coordinator/integrate/integrator.h"
 
-/* Of a step, in the first round. */
+/* Iterations of a step in the first round. */
 static uint32_t iterations_of(const struct kiln_job *job)
 {
     return job->iterations == KILN_ITERATIONS_ALL ? KILN_ITERATIONS_FIRST : job->iterations;

@@ -1,5 +1,5 @@
-/* What the radius of merging with --method vcm goes by where none is given (worker/pass/reference.h). Private to
- * coordinator. */
+/* Median texel width: it sets the radius of merging with --method vcm where none is given (worker/pass/reference.h).
+ * Private to coordinator. */
 #ifndef KILN_COORDINATOR_BAKE_LIGHT_REFERENCE_RADIUS_H
 #define KILN_COORDINATOR_BAKE_LIGHT_REFERENCE_RADIUS_H
 

@@ -228,7 +228,7 @@ static int see(struct search *s, size_t rays, struct kiln_error *error)
     return status;
 }
 
-/* Of each view this rank traces some rows. */
+/* Traces some rows of a view on this rank. */
 static int look(struct search *s, const struct kiln_view_wish *wish, struct kiln_error *error)
 {
     struct kiln_view_camera c;

@@ -7,7 +7,7 @@
 
 enum { KILN_CELLS_MOST = 1 << KILN_CUT_LINES, KILN_CELL_PLACES = 5 };
 
-/* What of a texel the cells are cut from. Borrowed. */
+/* Pieces of a texel that its cells are cut from. Borrowed. */
 struct kiln_texel_pieces {
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;

@@ -9,7 +9,7 @@
 #include "coordinator/job/job.h"
 #include "worker/scene/scene.h"
 
-/* What is known of a bake before its surface points are. */
+/* Facts about a bake before its surface points are known. */
 struct kiln_backend_question {
     uint64_t triangles; /* in the world, instances expanded */
     uint64_t points;    /* estimated by the texels of all lightmaps, most of which are covered */

@@ -1,4 +1,4 @@
-/* What of a job the importer needs. */
+/* Parameters of a job for the importer. */
 #ifndef KILN_COORDINATOR_BAKE_PREPARE_IMPORT_PARAMS_H
 #define KILN_COORDINATOR_BAKE_PREPARE_IMPORT_PARAMS_H
 

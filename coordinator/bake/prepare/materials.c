@@ -75,7 +75,7 @@ static json_int_t lacking_receivers(const struct kiln_scene *scene)
     return count;
 }
 
-/* What the host has traced that the device has left to it. */
+/* Lists the passes that the host has traced for the device. */
 static json_t *on_host_json(uint32_t passes)
 {
     json_t *list = json_array();

@@ -1,4 +1,4 @@
-/* What the options about mirrors, gloss and glass (--materials, --caustics, --chain-length) come to in a scene. Nothing
+/* Effect in a scene of the options about mirrors, gloss and glass (--materials, --caustics, --chain-length). Nothing
  * here is collective; the same on all ranks, for all have the same scene. */
 #ifndef KILN_COORDINATOR_BAKE_PREPARE_MATERIALS_H
 #define KILN_COORDINATOR_BAKE_PREPARE_MATERIALS_H

@@ -195,7 +195,7 @@ static uint32_t passes_of(const struct kiln_job *job)
            (uint32_t)gathers << KILN_PASS_INDEX_gather;
 }
 
-/* What a device needs to start. */
+/* Parameters to start a device with. */
 static struct kiln_backend_params device_params(const struct kiln_prepared *p, const struct kiln_job *job,
                                                 const struct kiln_prepare_care *care)
 {
@@ -222,7 +222,7 @@ static void begin_device(struct kiln_prepared *p, const struct kiln_job *job, co
 
 /* ---- a backend that is built beside other work ---- */
 
-/* What devices need of a scene is in part one thread's work, and in part waiting for drivers. */
+/* Backend built beside other work: in part one thread's work, and in part waiting for drivers. */
 struct kiln_backend_building {
     pthread_t thread;
     const char *name;

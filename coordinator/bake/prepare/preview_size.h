@@ -11,7 +11,7 @@
  * by clocks: a bake that was interrupted has the same picture. `points`: surface points of all ranks. */
 uint64_t kiln_preview_pixels(const struct kiln_job *job, const struct kiln_scene *scene, double points);
 
-/* That number over the pixels of a preview that nothing limits, 1 at most. */
+/* kiln_preview_pixels over the pixels of a preview that nothing limits, 1 at most. */
 double kiln_preview_part(const struct kiln_job *job, const struct kiln_scene *scene, double points);
 
 #endif

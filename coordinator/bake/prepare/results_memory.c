@@ -12,24 +12,24 @@
 #include "coordinator/run/process.h"
 #include "coordinator/run/process_memory.h"
 
-/* What writing the results takes, measured: see the rows' words. */
+/* Memory for writing the results, measured: see each row's comment. */
 static const double LIGHTMAP_WORK = 85.0; /* bytes a texel of the lightmaps under way */
 /* a point on its way to the lightmap's writer: as it is sent, and as it is received where ranks are several */
 static const double RECORD_BYTES = 58.0;
 /* bytes a point of kiln.h5 in hand; of them still held afterwards */
 static const double H5_ROW = 113.0, H5_KEPT = 90.0;
-/* Of kiln.h5, where several ranks write it: compressed bytes of a point that a rank has to itself until it knows where
- * they belong, besides those that were packed ahead. */
+/* Compressed bytes of a point of kiln.h5, where several ranks write it. A rank keeps them until it knows where they
+ * belong. Points packed ahead are not counted. */
 static const double H5_PACKED = 28.5;
 /* Bytes that fields took in these measurements, of a texel: those of other fields are added. */
 static const double MEASURED_PLANES = 28.0;
-/* Of denoising: planes of positions, normals and errors; what a point takes meanwhile. */
+/* Bytes for denoising: planes of positions, normals and errors; scratch of a point. */
 static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 150.0;
 /* bytes of a surface point in the surface alone (worker/scene/surface.h): pieces, albedo, area, visibility */
 static const double LEAST_OF_POINT = 18.0;
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
-/* Of a preview, by what bakes took: rays of a band; the picture, of one that nothing limits; rays that gloss sends on,
- * what guides learn from and what grain is taken from. */
+/* Bytes of a preview, as bakes took: rays of a band; the picture, if nothing limits it; for gloss, the rays sent on and
+ * the data for guides and grain. */
 static const double PREVIEW_BYTES = 26.0 * 0x1p20, PREVIEW_PICTURE = 13.0 * 0x1p20, PREVIEW_GLOSS = 23.0 * 0x1p20;
 static const double PREVIEW_TEXEL = 12.0; /* lightmaps in view */
 
@@ -43,7 +43,7 @@ uint64_t kiln_largest_lightmap(const struct kiln_scene *scene)
     return most;
 }
 
-/* What a preview takes, whatever the lightmaps are. */
+/* Bytes of a preview that do not depend on the lightmaps. */
 static double preview_bytes(const struct kiln_job *job, const struct kiln_scene *scene, double points)
 {
     return PREVIEW_BYTES + PREVIEW_PICTURE * kiln_preview_part(job, scene, points) +
@@ -81,8 +81,8 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
 
 /* ---- the budget ---- */
 
-/* Of what is left for points, the part that a density is told for: the memory that is measured differs from run to run,
- * and what was told must fit. */
+/* Part of the memory left for points that the suggested density may fill. Measured memory differs from run to run, and
+ * the suggestion must fit. */
 static const double SURE = 0.75;
 
 /* The largest over the hosts; of what grows with the points, `growing`. Collective. */

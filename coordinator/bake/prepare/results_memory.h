@@ -8,7 +8,7 @@
 /* Bytes of a row of kiln.h5 in the bakes that were measured: those of other fields are added. */
 #define KILN_RESULTS_COLUMNS 56.0
 
-/* What passes, their code and MPI take of a rank that is not there yet when its memory is measured before the light. */
+/* Memory of passes, their code and MPI that a rank takes only after its memory is measured before the light. */
 enum { KILN_PASS_BYTES = 8 << 20 };
 
 /* Points and texels may be fractions of them: a plan's. */

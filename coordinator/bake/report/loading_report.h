@@ -1,4 +1,4 @@
-/* What was done beside the loading of a scene, for run.json and the timeline. */
+/* Report on the work done beside the loading of a scene, for run.json and the timeline. */
 #ifndef KILN_COORDINATOR_BAKE_REPORT_LOADING_REPORT_H
 #define KILN_COORDINATOR_BAKE_REPORT_LOADING_REPORT_H
 

@@ -87,7 +87,7 @@ static void add_range(json_t *settings, const struct kiln_job *job)
     json_object_set_new(settings, "distant_projection", json_string(r->approximate ? "approximate" : "exact"));
 }
 
-/* What patches gather from. */
+/* Adds the settings of gathering from patches. */
 static void add_patches(json_t *settings, const struct kiln_job *job)
 {
     const struct kiln_patch_settings *p = &job->patches;
@@ -324,7 +324,7 @@ struct gathered {
     int ranks;
 };
 
-/* What each rank traced in step i, of points of its own and of others. */
+/* Lists each rank's rays in step i, of its own points and of others'. */
 static json_t *step_rays_json(const struct kiln_integrate_report *t, const struct gathered *g, size_t i)
 {
     json_t *array = json_array();
@@ -424,8 +424,7 @@ static double light_of(const struct kiln_solution *solution, uint64_t i)
     return kiln_luminance(e);
 }
 
-/* How many points lie in tile runs where an error, relative to the light, is above the target in the root of its mean
- * square. */
+/* Number of points in tile runs whose error, relative to the light, has a root mean square above the target. */
 static uint64_t points_above(const struct kiln_run *run, const uint16_t *error, double mean)
 {
     const struct kiln_surface *s = run->prepared->surface;
@@ -465,7 +464,7 @@ static void add_target_of_links(const struct kiln_run *run, double mean, double 
             (void)json_object_set_new(json, keys[i], json_real(points > 0.0 ? (double)above[i] / points : 0.0));
 }
 
-/* What has become of --target-error: after the last round of parts. */
+/* Adds the outcome of --target-error: after the last round of parts. */
 static void add_target(const struct kiln_run *run, json_t *json)
 {
     const struct kiln_step_reports *steps = &run->solution->report.steps;
@@ -635,7 +634,7 @@ static json_t *borders_json(const struct kiln_run *run)
                      (double)scene->header->texels_per_metre);
 }
 
-/* What denoising did, over all lightmaps. `seconds` is the sum of what each lightmap took on its own threads. */
+/* Effect of denoising over all lightmaps. `seconds` sums up the time of each lightmap on its own threads. */
 static json_t *denoise_json(const struct kiln_run *run)
 {
     double before[2] = {0}, after[2] = {0}, seconds = 0.0;
@@ -660,7 +659,7 @@ static json_t *ranks_json(const struct kiln_run *run, const uint64_t *values, in
     return per_rank;
 }
 
-/* What was tried before the first step; null: nothing. */
+/* Report of the trial before the first step; null: there was none. */
 static json_t *trial_json(const struct kiln_integrate_report *t)
 {
     return t->trial_seconds > 0.0
@@ -784,7 +783,7 @@ static json_t *volume_json(const struct kiln_run *run, const uint64_t *values)
     return json;
 }
 
-/* What it came to that nodes received the radiosity of what they see. */
+/* Effect of sending nodes the radiosity of what they see. */
 static json_t *visible_json(const struct kiln_run *run, const uint64_t *values)
 {
     const int ranks = run->prepared->ranks;
@@ -795,8 +794,8 @@ static json_t *visible_json(const struct kiln_run *run, const uint64_t *values)
                      "points_computed_again", total(values, ranks, RANK_AGAIN));
 }
 
-/* What came of the visibility that patches kept: of tile pairs with any pair that face each other the share that is
- * kept, without a bit a pair (open, shut) and with; and of all pairs those that no ray was traced for. */
+/* Effect of the visibility that patches kept. Shares of the tile pairs with any pair that face each other: kept; kept
+ * without a bit a pair (open, shut). And of all pairs those that no ray was traced for. */
 static json_t *visibility_json(const uint64_t *values, int ranks)
 {
     const double open = (double)total(values, ranks, RANK_PAIRS_OPEN),
@@ -837,7 +836,7 @@ static double tracing_seconds(const struct kiln_roles *roles, const json_t *phas
     return sum;
 }
 
-/* What the scene has that kernels do more for: without it, they leave that work out. */
+/* Features of the scene that cost kernels work: without a feature, they leave its work out. */
 static json_t *features_json(const struct kiln_prepared *p)
 {
     static const char *const passages[] = {[KILN_PASSAGE_NONE] = "none",

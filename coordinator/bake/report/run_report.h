@@ -36,8 +36,8 @@ char *kiln_provenance(const struct kiln_job *job, const struct kiln_prepared *pr
 #define KILN_NO_LIGHT                                                                                                  \
     "there is no light: no emissive triangle, no light, no environment (--environment R,G,B gives one)"
 
-/* What the importer found of which every bake reminds (KILN_NOTE_REPEATED), and that there is no light: an array of
- * sentences. Release with json_decref. */
+/* Warnings, an array of sentences: findings of the importer that every bake repeats (KILN_NOTE_REPEATED), and that
+ * there is no light. Release with json_decref. */
 json_t *kiln_scene_warnings(const struct kiln_prepared *prepared);
 
 /* Collective. Creates the report on rank 0; the other ranks get NULL. Release with json_decref. */

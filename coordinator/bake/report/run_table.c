@@ -230,7 +230,7 @@ static void note_bias(const json_t *report, json_t *notes)
                                 number_of(probes, "moved"), number_of(probes, "off")));
 }
 
-/* What the report knows of why the ledger does not balance; the first that applies. */
+/* Returns the first known cause, by the report, of a ledger that does not balance. */
 static const char *cause_of_imbalance(const json_t *report)
 {
     const json_t *points = json_object_get(report, "points"), *tail = json_object_get(report, "tail");
@@ -512,7 +512,7 @@ static void print_memory(FILE *stream, const json_t *report)
     (void)fputc('\n', stream);
 }
 
-/* Of a bake in parts: how well the objects' means are known. */
+/* Prints how well the objects' means are known in a bake in parts. */
 static void print_mean_errors(FILE *stream, const json_t *report)
 {
     const json_t *object, *worst = NULL;

@@ -81,7 +81,7 @@ static struct spent since(struct spent begin)
     return (struct spent){end.seconds - begin.seconds, end.processor - begin.processor};
 }
 
-/* What getting rays has taken so far. */
+/* Time spent on getting rays so far. */
 static struct spent loading(const struct engine *e)
 {
     if (e->whole)
@@ -622,7 +622,7 @@ static int next_line(const struct engine *e, struct input *in, char **text, uint
     return status;
 }
 
-/* Of each lightmap a hash of the light of its points. Collective. */
+/* Hashes the light of each lightmap's points. Collective. */
 static void hash_light(const struct engine *e)
 {
     const struct kiln_bake *b = e->b;

@@ -16,7 +16,7 @@
 
 enum { KILN_STATE_PARTS = 16 };
 
-/* What gives light, and what colours there are: copies of a scene's arrays, which may differ from it. */
+/* Lights, materials and environment: copies of a scene's arrays, which may differ from it. */
 struct kiln_state_scene {
     struct kiln_light *lights;
     struct kiln_material *materials;

@@ -10,7 +10,7 @@
 /* The floats of a probe's light: its coefficients, then its light along the axes. */
 enum { SHELLS = 8, HARMONICS = 27, LIGHT = HARMONICS + 18 };
 
-/* What a rank asks the owner of a probe for, and what it gets. */
+/* Request of a rank to the owner of a probe, and the answer. */
 struct request {
     uint64_t probe, rank;
 };

@@ -16,8 +16,8 @@ enum { BATCH_PATHS = 1 << 14, OF_A_DEVICE = 64, SIGHT_RAYS = 1024, SIGHT_TOGETHE
 enum { PATHS_AN_AIM = 4 };
 enum { SPHERE_CELLS = 2 }; /* about, that a sphere is in */
 
-/* Of the most that a probe can get, one path after the other: where the whole numbers of a sum begin. 2^12 are left for
- * light that crosses a sphere several times, and for colours of little luminance. */
+/* Unit of a sum's whole numbers, as a part of the most that a probe can get, one path after the other. 2^12 are left
+ * for light that crosses a sphere several times, and for colours of little luminance. */
 #define UNIT 0x1p-51
 #define NOISE 0.125 /* of light that rays find: more is left to light paths */
 
@@ -123,7 +123,7 @@ static bool on_host(const struct paths_work *w)
     return w->host != NULL && !kiln_backend_takes(w->params->backend, &kiln_pass_land, &parameters);
 }
 
-/* What traces the paths, and rays from the middles of spheres. */
+/* Backend that traces the paths, and rays from the middles of spheres. */
 static struct kiln_backend *backend_of(const struct paths_work *w) { return on_host(w) ? w->host : w->params->backend; }
 
 /* ---- spheres ---- */
@@ -182,7 +182,7 @@ void kiln_probe_spheres_release(struct kiln_probe_spheres *s)
     s->clear = NULL;
 }
 
-/* What is to be known of the spheres before paths cross them. */
+/* Finds clearances and cells of the spheres before paths cross them. */
 static int prepare_spheres(struct kiln_probe_spheres *s, struct kiln_backend *host, struct kiln_error *error)
 {
     const int status = kiln_backend_clearance(host, s->sphere, s->count, (float *)(uintptr_t)s->clear, error);

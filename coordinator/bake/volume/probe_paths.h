@@ -1,4 +1,4 @@
-/* What light paths bring to the probes of an irradiance volume: light of lamps by mirrors, smooth glass and sharp
+/* Light that paths bring to the probes of an irradiance volume: light of lamps by mirrors, smooth glass and sharp
  * gloss, which gather rays of probes find badly or not at all (worker/pass/spheres.h says who finds what).
  *
  * With --caustics land, merge or vcm the volume has a second stage. Paths go out as in the step that lands
@@ -22,7 +22,7 @@
 
 enum { KILN_PROBE_PATHS_CHUNK = 1 << 18 };
 
-/* What a probe has so far. */
+/* Progress of a probe. */
 enum kiln_probe_done { KILN_PROBE_TO_DO = 0, KILN_PROBE_GATHERED = 1, KILN_PROBE_COMPLETE = 2 };
 
 struct kiln_probe_paths_params {

@@ -8,7 +8,7 @@
 
 enum { TOGETHER = 1024, RAYS = KILN_OCCLUDER_DIRECTIONS - 1, BACKS = (RAYS + 3) / 4, TRIES = 8 };
 
-/* Of the shorter reach: how far outside geometry a probe is put. */
+/* Distance of a moved probe from geometry, as a part of the shortest reach. */
 static const double CLEARANCE = 0.1;
 
 /* A probe that has no place yet. */

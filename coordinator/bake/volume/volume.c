@@ -20,7 +20,7 @@ _Static_assert(sizeof(struct kiln_probe_group) == KILN_GROUP_PROBE_FLOATS * size
                        sizeof(((struct kiln_probe_group *)0)->radiance),
                "groups are as backends answer, and as the begin of a probe");
 
-/* Of half the spacing: how far a probe inside geometry is moved at most, so that it stays in its box of the grid. */
+/* Longest move of a probe inside geometry, as a part of half the spacing: so it stays in its box of the grid. */
 static const double REACH = 0.9;
 
 enum { PROBES_ALONG = 16, BATCH_LEAST = 256, BATCH_MOST = 1 << 16, BATCH_RAYS = 1 << 24 };

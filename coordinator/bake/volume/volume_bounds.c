@@ -138,7 +138,7 @@ static bool is_source(const struct kiln_scene *scene, const struct kiln_mesh *me
     return black || lit || names_a_sky(kiln_scene_string(scene, mesh->name));
 }
 
-/* What each object counts as. */
+/* Finds the role of each object for the bounds. */
 static int find_roles(uint8_t **roles, const struct kiln_scene *scene, size_t counts[3], struct kiln_error *error)
 {
     uint8_t *sources = NULL;

@@ -1,4 +1,4 @@
-/* What the irradiance volume spans: what receives light, without the sky around it.
+/* Bounds of the irradiance volume: those of what receives light, without the sky around it.
  *
  * The box of all objects is that of the scene, except for two kinds. Objects that only cast (caster-only) count only if
  * there is nothing else. Sources, which are there to be seen or to give light, count only as far as the box's longest

@@ -11,8 +11,8 @@
 /* The pilot: one sample in PILOT_PART, PILOT_LEAST at least. With fewer the spread of few samples of many lights hides
  * that of shadows' edges; with fewer than DIRECT_LEAST samples in all, a pilot costs more than it saves. */
 enum { PILOT_PART = 8, PILOT_LEAST = 16, DIRECT_LEAST = 64 };
-/* Of lights in the scene. Where there are more, each has few samples, whose spread hides that of the shadows, and what
- * a net loses by being cut in two is not made good: with 40 (20 square lamps) and 64 samples 8 % by rays. */
+/* Most lights for which a pilot is traced. With more, each has few samples, whose spread hides that of the shadows, and
+ * the loss by cutting a net in two is not made good: with 40 (20 square lamps) and 64 samples 8 % by rays. */
 enum { LIGHTS_MOST = 16 };
 /* Samples of a point in the second step: multiples of a number, so that its quarters (kiln_quarter_first) are equal; at
  * least so many, for shadows that the pilot has missed; at most so many times samples_direct. */
@@ -86,7 +86,7 @@ static uint32_t level_of(const struct kiln_surface *surface, const uint64_t *til
 
 /* ---- samples ---- */
 
-/* What the second step may spend. */
+/* Budget of the second step. */
 struct budget {
     uint64_t points[LEVELS]; /* of all tiles, by level */
     uint32_t mean, most;     /* samples of a point */
@@ -103,7 +103,7 @@ static uint32_t samples_at(const struct budget *budget, uint32_t level, double o
     return (samples + SAMPLES_STEP - 1) / SAMPLES_STEP * SAMPLES_STEP;
 }
 
-/* How many samples a spread of 1 asks for, so that those of all points come to the mean at most, unless the least
+/* Finds the samples that a spread of 1 asks for, so that those of all points come to the mean at most, unless the least
  * numbers come to more. */
 static double share_out(const struct budget *budget)
 {

@@ -126,8 +126,8 @@ static void choose_form(const struct kiln_integrate_settings *settings, const st
     step->early = step->compact && (settings->bounces < 0 || (int64_t)count + 1 < settings->bounces);
 }
 
-/* What the tail's error makes of all light: little where what is left is little, as where light that hardly matters is
- * caught between white walls. */
+/* Error of the tail, relative to all light: little where little is left, as where light that hardly matters is caught
+ * between white walls. */
 static double error_by_tail(const struct kiln_tail_fit *fit, const struct kiln_step_report *reports, size_t count)
 {
     const double q = fmin(kiln_luminance(fit->ratio), KILN_TAIL_RATIO_MOST),

@@ -32,8 +32,8 @@ size_t kiln_cells_first(const struct kiln_integrate_settings *settings);
 bool kiln_cells_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                      size_t count, struct kiln_step *step);
 
-/* What step `i` reflects, W, of a channel or the luminance; after a step of caustics, with direct light. `reports` go
- * on before reports[0] where that is such a step. */
+/* Reflected power of step `i`, W, of a channel or the luminance; after a step of caustics, with direct light. `reports`
+ * go on before reports[0] where that is such a step. */
 enum { KILN_LUMINANCE = 3 };
 double kiln_cells_reflected(const struct kiln_step_report *reports, size_t i, int channel);
 
@@ -50,9 +50,9 @@ struct kiln_tail_fit {
     bool is_long;     /* a bounce has more than 0.8 of the one before: then the rest is of more than one ratio */
     double ratio[3];  /* of a bounce to the one before, each channel; of a long tail the mean over the second half */
     double latest[3]; /* of the last bounce to the one before */
-    /* What is not known of the tail, relative to it: dq / (1 - q) of the luminance's ratio q. dq is the standard error
-     * of the mean of the ratios that it is of, or half of what their two halves differ by; 0 of a tail that is not long
-     * and 1 where there are fewer than KILN_TAIL_BOUNCES. */
+    /* Error of the tail, relative to it: dq / (1 - q) of the luminance's ratio q. dq is the standard error of the mean
+     * of the ratios that it is of, or half of what their two halves differ by; 0 of a tail that is not long and 1 where
+     * there are fewer than KILN_TAIL_BOUNCES. */
     double error;
     bool diverges; /* q is above KILN_TAIL_RATIO_MOST: light hardly gets less */
 };

@@ -33,7 +33,7 @@ static void add_error(uint16_t *errors, struct kiln_own_point own, float error)
     errors[own.at] = kiln_error_pack((float)sqrt(before * before + (double)error * (double)error));
 }
 
-/* That of the direct light begins a point's errors in a part. */
+/* Mixes in the error of a part. A point's errors in a part begin with that of direct light. */
 static void mix_error(uint16_t *errors, struct kiln_own_point own, float error, const struct kiln_step *step)
 {
     if (errors != NULL)
@@ -196,7 +196,7 @@ static bool any_tinted(const struct kiln_point_result *results, uint32_t count)
     return any;
 }
 
-/* What the pilot and the second step of direct light say together. */
+/* Combines the answers of the pilot and the second step of direct light. */
 static struct kiln_point_mean combined(const struct kiln_rank_data *data, struct kiln_own_point own, double share,
                                        const struct kiln_point_mean *second)
 {
@@ -286,8 +286,8 @@ static void take_blocks(const struct kiln_taking *t, const struct kiln_rank_data
 
 /* ---- nodes ---- */
 
-/* What a point makes of the answers of the nodes that it mixes. The errors of nodes that share directions may be alike:
- * they are added as if they were the same. */
+/* Mixes the answers of a point's nodes. The errors of nodes that share directions may be alike: they are added as if
+ * they were the same. */
 static struct kiln_point_mean mixed(const struct kiln_mixture *m, const struct block *nodes)
 {
     struct kiln_point_mean mean = {.present = nodes[m->place[0]].mean.present, .count = nodes[m->place[0]].mean.count};

@@ -1,4 +1,4 @@
-/* What "cells" does with the answers of its steps. */
+/* Entry of the answers of the steps of "cells". */
 #ifndef KILN_COORDINATOR_INTEGRATE_CELLS_TAKE_H
 #define KILN_COORDINATOR_INTEGRATE_CELLS_TAKE_H
 

@@ -16,8 +16,7 @@
  * of all. ANSWERS are the points whose answers are their own: of those of a block (blocks.h), one. */
 enum { NOW, BEFORE, SQUARE, POINTS, ANSWERS, POWER, SUMS };
 #define STEPS 0x1p32
-/* Of the scene's light, which an object's is taken to be more than at least: a cup that keeps its light holds up no
- * bake. */
+/* Share of the scene's light that is added to an object's: so a cup that keeps its light holds up no bake. */
 #define LEAST_OBJECT 1e-3
 #define HAD_STEPS 0x1p12  /* of an object, of up to 2^32 points */
 #define POWER_MOST 0x1p20 /* of a point, likewise */
@@ -107,8 +106,8 @@ static double ratio_of(const double sums[static SUMS], double share, size_t boun
     return fmin(q, fmax(high, ratio_by_share(share * (1.0 + unsure), bounces)));
 }
 
-/* What a tail makes of a tile, relative to the tile's last bounce: by how much it is off, and the more of the tail and
- * of what the tile would get. */
+/* Error of a tail in a tile, relative to the tile's last bounce: by how much it is off, and the more of the tail and of
+ * what the tile would get. */
 struct miss {
     double off, most;
 };

@@ -63,9 +63,8 @@ uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, si
 uint32_t kiln_landing_rays(const struct kiln_integrate_settings *settings, uint32_t samples, bool images);
 /* The aims up to which objects are cut into several targets (kiln_aims_create). */
 size_t kiln_landing_aims(const struct kiln_integrate_settings *settings);
-/* What traces what a backend that is a device leaves to the host (kiln_backend_takes): Embree, with the same scene and
- * surface. NULL beside Embree.
- * KILN_SYSTEM. Destroy with kiln_backend_destroy, in any case. */
+/* Creates the backend for all that a device leaves to the host (kiln_backend_takes): Embree, with the same scene and
+ * surface. NULL beside Embree. KILN_SYSTEM. Destroy with kiln_backend_destroy, in any case. */
 int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, struct kiln_error *error);
 /* Whether landings and the gather rays that share the light are spread over points nearby in the end. */
 bool kiln_landing_spreads(const struct kiln_integrate_settings *settings);
@@ -86,8 +85,8 @@ void kiln_landing_destroy(struct kiln_landing **landing);
  * checkpoint does not have. And gathers what is spread with them. Saves and stops when that is asked for. */
 int kiln_landing_run(struct kiln_landing *landing, struct kiln_error *error);
 
-/* What a checkpoint within the step keeps: fills in blocks, which borrow, and returns how many. None outside of a step
- * that lands, and none while pilots are traced, which a bake that goes on traces again. */
+/* Fills in the blocks of a checkpoint within the step, which borrow, and returns how many. None outside of a step that
+ * lands, and none while pilots are traced, which a bake that goes on traces again. */
 enum { KILN_LANDING_BLOCKS = 6 };
 size_t kiln_landing_blocks(struct kiln_landing *landing, struct kiln_block blocks[KILN_LANDING_BLOCKS]);
 

@@ -29,7 +29,7 @@ struct kiln_landing_weights {
     const float *area; /* m2, of own points: kiln_lit_area */
 };
 
-/* What paths so far have brought to an own point, W. Lies in checkpoints. */
+/* Light from paths so far at an own point, W. Lies in checkpoints. */
 struct kiln_landing_sum {
     double irradiance[3], incident[3];
     double square;  /* of the luminances of irradiance, W2 */
@@ -81,7 +81,7 @@ static inline void kiln_landing_fetch_sum(const struct kiln_landing_list *list, 
         __builtin_prefetch(&sums[list->records[list->which == NULL ? i + AHEAD : list->which[i + AHEAD]].point], 1);
 }
 
-/* What is done with the landings on own points. Called by several threads at once, for one point by one of them. */
+/* Takes the landings on own points. Called by several threads at once, for one point by one of them. */
 typedef void (*kiln_take_landings)(void *context, const struct kiln_landing_list *list);
 
 /* Collective. This rank has the points [first, first + count), ranks in order; a block has `paths` at most, of which

@@ -51,7 +51,7 @@ static struct kiln_point_result answer(const struct kiln_landing *l, const struc
     return r;
 }
 
-/* What is spread has the rays of the step. */
+/* Answer where light is spread. Where rays are spread too, it has the rays of the step. */
 static struct kiln_point_result merged_answer(const struct kiln_landing *l, const struct kiln_surface *surface,
                                               const struct kiln_point_cursor *at)
 {
@@ -99,7 +99,7 @@ static int give(struct kiln_landing *l, const struct kiln_batch *batch, size_t f
     return batch->take(batch->context, first, end - first, l->results, error);
 }
 
-/* What was gathered at a point, and what has landed. */
+/* Adds the light that has landed at a point to what was gathered there. */
 static void combine(const struct kiln_point_result *landed, struct kiln_point_result *r)
 {
     const float n = (float)r->count;

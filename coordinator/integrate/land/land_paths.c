@@ -26,7 +26,7 @@ int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, str
     return status == KILN_OK ? kiln_backend_set_surface(*host, bake->surface, error) : status;
 }
 
-/* Of a part of some paths, those that land become records, from number `next` on. */
+/* Makes records of the paths that land, of a part of some paths, from number `next` on. */
 static void keep_landed(struct kiln_landing *l, const struct kiln_land_result *results, size_t count, size_t next)
 {
     const bool learns = !kiln_landing_shares(l);

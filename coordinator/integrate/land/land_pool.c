@@ -85,7 +85,7 @@ static void collect(struct kiln_landing *l, struct pools *p, uint32_t map, size_
         add_point(p, map, (double)l->lit[at], &l->merged[at], &l->gathered[at]);
 }
 
-/* Of the power of a lightmap's noisy points, W2. */
+/* Variance of the power of a lightmap's noisy points, W2. */
 static double variance_of(const struct pools *p, uint32_t map)
 {
     return fmax(value_of(p, map, LANDED), value_of(p, map, OWN));
@@ -125,7 +125,7 @@ static void share_out(struct kiln_landing *l, struct pools *p, uint32_t map, siz
     }
 }
 
-/* What is left out, W. */
+/* Sums up the light that is left out, W. */
 static void tell(const struct pools *p, double unfound[3])
 {
     for (int c = 0; c < 3; c++)

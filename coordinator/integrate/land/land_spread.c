@@ -141,7 +141,7 @@ int kiln_landing_merge(struct kiln_landing *l, struct kiln_error *error)
     return merge_sums(l, merge_iterations, error);
 }
 
-/* What rays found at a point, as the flux of one landing more, whose luminance squared is its variance. */
+/* Adds the light that rays found at a point, as one more landing: its luminance squared is its variance. */
 static void add_gathered(const struct kiln_point_result *result, double area, double iterations,
                          struct kiln_landing_sum *sum)
 {

@@ -1,7 +1,7 @@
-/* What the files of land.h share: land.c (the step), land_size.c (how many paths and bytes), land_aims.c (how paths are
- * shared out), land_paths.c (tracing them and exchanging what lands), land_pilots.c (paths that teach the others),
- * land_trial.c (whether they are worth it), land_spread.c (spreading over points nearby), land_pool.c (what stays
- * specks), land_save.c (checkpoints), land_give.c (answers). Nothing else includes it. */
+/* State shared by the files of land.h: land.c (the step), land_size.c (how many paths and bytes), land_aims.c (how
+ * paths are shared out), land_paths.c (tracing them and exchanging what lands), land_pilots.c (paths that teach the
+ * others), land_trial.c (whether they are worth it), land_spread.c (spreading over points nearby), land_pool.c (what
+ * stays specks), land_save.c (checkpoints), land_give.c (answers). Nothing else includes it. */
 #ifndef KILN_COORDINATOR_INTEGRATE_LAND_LAND_STATE_H
 #define KILN_COORDINATOR_INTEGRATE_LAND_LAND_STATE_H
 
@@ -83,7 +83,7 @@ static inline bool kiln_landing_spreads_rays(const struct kiln_landing *l)
 {
     return kiln_landing_gathers(l) && kiln_landing_spreads(l->params->settings);
 }
-/* Of the step: rays of a point, but for objects that no path meets. */
+/* Rays of a point in the step, but for objects that no path meets. */
 static inline uint32_t kiln_landing_own_rays(const struct kiln_landing *l)
 {
     return kiln_landing_rays(l->params->settings, kiln_solution_step(l->solution)->step.samples, l->images != NULL);
@@ -140,7 +140,7 @@ int kiln_landing_run_paths(struct kiln_landing *l, uint64_t number, uint64_t bef
 
 /* ---- land_pilots.c ---- */
 
-/* Of all rounds of pilots; 0: there are none. */
+/* Pilot paths of all rounds; 0: there are none. */
 uint64_t kiln_landing_pilot_paths(const struct kiln_landing *l);
 /* Collective. Paths that teach how those of all iterations are shared out, in a few rounds of which each learns from
  * those before, and bring no light. */
@@ -161,10 +161,10 @@ int kiln_landing_restore(struct kiln_landing *l, struct kiln_error *error);
 
 /* ---- land_give.c ---- */
 
-/* What there is of the point's surface, as the passes that gather have it: kiln_point_result.present. */
+/* Share of the point's surface that is present, as for the passes that gather: kiln_point_result.present. */
 float kiln_landing_presence(const struct kiln_landing *l, const struct kiln_surface *surface,
                             const struct kiln_point_cursor *at);
-/* Of an own tile run: no path meets it. */
+/* Whether no path meets an own tile run. */
 bool kiln_landing_is_receiver(const struct kiln_landing *l, size_t tile_run);
 /* The end of the own tile runs from `first` on, before `end`, that paths meet, or do not, alike. */
 size_t kiln_landing_same_kind(const struct kiln_landing *l, size_t first, size_t end);

@@ -94,7 +94,7 @@ static int sum_shares(const struct kiln_landing *l, double dark, int rounds, str
     return kiln_exact_reduce(l->params->communicator, s->sums + MEAN, SUMS - MEAN, error);
 }
 
-/* What was stated is of this part's samples. */
+/* Error of all light but caustics. Stated errors are of this part's samples. */
 static double rest_of(const struct kiln_integrate_settings *settings, const struct trial_sums *s)
 {
     const double parts = (double)(settings->parts > 1 ? settings->parts : 1),

@@ -21,7 +21,7 @@
 
 enum { BOXES = 64, RADII = 9, BALANCINGS = 2, FIT_STEPS = 10 };
 
-/* What landed at a point, W. */
+/* Flux landed at a point, W. */
 struct flux {
     float irradiance[3], incident[3];
     float square;
@@ -29,7 +29,7 @@ struct flux {
 };
 _Static_assert(sizeof(struct flux) == 32, "a record has no gaps");
 
-/* Of a point, by the radius and by half of it: s, and c = s_p times the sum of a_q s_q. */
+/* Weights of a point, by the radius and half of it: s, and c = s_p times the sum of a_q s_q. */
 struct weights {
     float s, c, s_half, c_half;
 };
@@ -293,7 +293,7 @@ static float radius_of(const struct kiln_merge *m, size_t a, size_t b, float rad
 
 /* ---- weights ---- */
 
-/* What is done for each own point `at` with those near it. */
+/* Visits an own point `at` with those near it. */
 typedef void (*each_point)(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_near *near,
                            void *context);
 
@@ -458,13 +458,13 @@ int kiln_merge_spread(struct kiln_merge *m, const struct kiln_landing_sum *lande
 
 /* ---- a radius for each point ---- */
 
-/* What is looked for: of own points. */
+/* Search for the radii of own points. */
 struct fit {
     double landings; /* that a radius is to have within it */
     float *radii;
 };
 
-/* What lies within a radius of a point: area, m2, the luminances that have landed, W, and their squares. */
+/* Sums within a radius of a point: area, m2, the luminances that have landed, W, and their squares. */
 struct ring {
     double lit, light, square;
 };

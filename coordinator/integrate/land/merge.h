@@ -37,7 +37,7 @@
 #include "coordinator/integrate/land/land_exchange.h"
 #include "worker/backend/backend.h"
 
-/* What all iterations so far come to at an own point; W/m2, but for their number not divided by anything. Lies in
+/* Sums over all iterations so far at an own point; W/m2, not yet divided by the number of iterations. Lies in
  * checkpoints. */
 struct kiln_merged {
     double irradiance[3], incident[3];
@@ -83,7 +83,7 @@ int kiln_merge_spread(struct kiln_merge *merge, const struct kiln_landing_sum *l
 int kiln_merge_fit(struct kiln_merge *merge, const struct kiln_landing_sum *landed, double landings,
                    struct kiln_error *error);
 
-/* What a radius is looked for with. */
+/* Input of the search for a radius. */
 struct kiln_merge_search {
     const struct kiln_landing_sum *landed; /* in the first iteration, of own points */
     struct kiln_merged *merged;            /* likewise, to work with; zero afterwards */

@@ -20,7 +20,7 @@ struct member {
     size_t at;
 };
 
-/* What is looked at of all points of a cell, once more: most are too far. */
+/* Values compared for all points of a cell, copied here: most are too far. */
 enum column { X, Y, Z, NORMAL_X, NORMAL_Y, NORMAL_Z, WIDEST, COLUMNS };
 
 /* A hash table of cells: those of members[begin[h] .. begin[h + 1]) have the hash h. No members: no point needs it. */
@@ -86,7 +86,7 @@ static int by_key(const void *a, const void *b)
     return (one->cell > other->cell) - (one->cell < other->cell);
 }
 
-/* What a level is made with. */
+/* Context for making a level. */
 struct building {
     const struct kiln_merge_grid *grid;
     const struct member *all;

@@ -27,7 +27,7 @@
 
 #define KILN_PART_LEAST_LIGHT 0.1 /* of the mean luminance: errors of darker points are relative to this */
 
-/* What the errors of all points hang on; the same on all ranks. */
+/* Scene-wide values for the errors of all points; the same on all ranks. */
 struct kiln_part_survey {
     double mean; /* luminance of the irradiance, by area */
     double gain; /* what is stated over V */

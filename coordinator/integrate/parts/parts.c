@@ -78,7 +78,7 @@ double kiln_part_mix_error(double before, double error, const struct kiln_step *
     return step->part == 0 ? error : sqrt(parts * parts * before * before + error * error) / (parts + 1.0);
 }
 
-/* What part k of each round has found at a point is averaged over the rounds, by their samples. */
+/* Mean luminance at a point by part k of each round, averaged over the rounds, by their samples. */
 static float *found_by(const struct kiln_rank_data *data, struct kiln_own_point own, uint32_t part)
 {
     return &data->parts[KILN_PARTS * own.at + part % KILN_PARTS];

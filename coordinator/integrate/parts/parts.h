@@ -32,7 +32,7 @@ static inline struct kiln_step_reports kiln_part_reports(const struct kiln_step_
 bool kiln_parts_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                      size_t count, struct kiln_step *step);
 
-/* How many times the samples of a part all parts before it have, in a step that counts for the result. */
+/* Samples of all parts before a part, over its own, in a step that counts for the result. */
 static inline double kiln_part_before(const struct kiln_step *step)
 {
     return step->part == 0 ? 0.0 : (double)step->first_sample / (double)step->samples;
@@ -53,8 +53,8 @@ static inline bool kiln_part_changes(const struct kiln_rank_data *data, const st
     return part < KILN_PARTS || data->samples == NULL || data->samples[tile_run - data->surface.tile_runs] > 0;
 }
 
-/* What the part finds at a point begins with the luminance of direct light; then that of caustics is added. Nothing
- * where no parts are kept. */
+/* Begins a part's luminance at a point with that of direct light; then adds that of caustics. Nothing where no parts
+ * are kept. */
 void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
                      const struct kiln_step *step);
 void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,

@@ -59,7 +59,7 @@ void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts,
 
 /* ---- the target ---- */
 
-/* What tile runs are judged by. */
+/* Target that tile runs are judged by. */
 struct target {
     struct kiln_part_survey survey;
     double relative; /* error over luminance */

@@ -1,4 +1,4 @@
-/* What the steps of the directions pass (worker/pass/directions.h) of a bake by radiosity are run with: a set of
+/* Parameters for the steps of the directions pass (worker/pass/directions.h) of a bake by radiosity: a set of
  * directions, or the patches that are bright in that step. Nothing here is collective: all ranks make the same. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PATCHES_DIRECTIONS_H
 #define KILN_COORDINATOR_INTEGRATE_PATCHES_DIRECTIONS_H
@@ -22,7 +22,7 @@ int kiln_directions_create(struct kiln_directions **directions, const struct kil
 /* NULL is accepted. */
 void kiln_directions_destroy(struct kiln_directions **directions);
 
-/* Of memory that they take, of so many surface points in all. */
+/* Bytes of memory for directions, with so many surface points in all. */
 uint64_t kiln_directions_bytes(const struct kiln_patch_settings *settings, uint64_t points);
 
 /* The parameters of a step that gathers what is emitted, or this packed radiosity of all points; they stand until the

@@ -28,7 +28,7 @@ int kiln_link_build(const struct kiln_patch *points, const float *first, const u
                     uint32_t count, struct kiln_link_nodes *nodes, struct kiln_error *error);
 void kiln_link_nodes_release(struct kiln_link_nodes *nodes);
 
-/* Of memory for so many points while the nodes are built, at most, besides the nodes that stay. */
+/* Most bytes of memory for so many points while nodes are built, besides the nodes that stay. */
 uint64_t kiln_link_build_bytes(uint64_t points);
 
 #endif

@@ -31,7 +31,7 @@ static uint64_t check_of(const struct kiln_kept_links *kept, uint64_t key)
     return XXH3_64bits_withSeed(kept->code, kept->bytes, key ^ (kept->first * 0x9e3779b97f4a7c15u));
 }
 
-/* Of what links hang on: what the transport's key is of, and their choice. */
+/* Key of links: of all that the transport's key is of, and of their choice. */
 static uint64_t key_of(const struct kiln_transport *t, const struct kiln_links_header *header)
 {
     struct kiln_links_header h = *header;
@@ -75,7 +75,7 @@ static int close_file(struct link_file *f, bool writes, struct kiln_error *error
 
 /* ---- writing ---- */
 
-/* What this rank writes, and where. */
+/* This rank's part of the file, and its place. */
 struct share {
     uint64_t runs, bytes;           /* of this rank */
     uint64_t first_run, first_byte; /* of all codes, behind the table */

@@ -17,7 +17,7 @@
 
 #define KILN_LINK_FILE "links"
 
-/* What links are found with besides geometry. */
+/* Choice by which links are found, besides geometry. */
 struct kiln_link_choice {
     double error;     /* as in struct kiln_links_parameters */
     uint32_t samples; /* of a point, that close its row */
@@ -35,7 +35,7 @@ int kiln_link_file_read(const struct kiln_transport *transport, const struct kil
                         struct kiln_kept_links **kept, const struct kiln_link_choice *choice, uint64_t *read,
                         struct kiln_error *error);
 
-/* Of a file: what is known before links are found. */
+/* Estimates the bytes of a file before links are found. */
 uint64_t kiln_link_file_bytes_expected(uint64_t points, double link_error);
 
 #endif

@@ -13,7 +13,7 @@
 #include "worker/backend/backend.h"
 #include "worker/pass/patches.h"
 
-/* What rooms are found of. All borrowed. */
+/* Input of the search for rooms. All borrowed. */
 struct kiln_rooms_source {
     MPI_Comm communicator; /* of all ranks, which have the surface's points among them */
     const struct kiln_surface *surface;

@@ -131,7 +131,7 @@ static void take_point(struct kiln_link_tree *t, uint64_t i, uint32_t bounce)
     leaf->now = leaf->before + sent;
 }
 
-/* What a child sends, and where it lies. */
+/* Light that a child sends, and its place. */
 struct part {
     double area;
     struct kiln_vec3 centre;

@@ -21,7 +21,7 @@ int kiln_link_tree_create(struct kiln_link_tree **tree, const struct kiln_patch 
 /* NULL is accepted. */
 void kiln_link_tree_destroy(struct kiln_link_tree **tree);
 
-/* Of memory for so many points, at most. */
+/* Most bytes of memory for so many points. */
 uint64_t kiln_link_tree_bytes(uint64_t points);
 
 /* Radiosity of a point, W/m2. Called by several threads. */
@@ -32,7 +32,7 @@ typedef void (*kiln_link_of_point)(const void *context, uint64_t point, float ra
 void kiln_link_tree_set_light(struct kiln_link_tree *tree, uint32_t bounce, kiln_link_of_point light,
                               const void *context);
 
-/* What of the parameters is the tree's; borrowed. */
+/* Fills in the tree's part of the parameters; borrowed. */
 void kiln_link_tree_describe(const struct kiln_link_tree *tree, struct kiln_links_parameters *parameters);
 
 #endif

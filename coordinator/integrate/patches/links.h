@@ -10,7 +10,7 @@
 
 struct kiln_links;
 
-/* What links are made of, and with; borrowed. */
+/* Input from which links are made; borrowed. */
 struct kiln_links_source {
     const struct kiln_surface *surface;
     const struct kiln_patch *points; /* as for kiln_link_tree_create, as are rooms and light */
@@ -27,8 +27,8 @@ int kiln_links_create(struct kiln_links **links, const struct kiln_links_source 
 /* NULL is accepted. */
 void kiln_links_destroy(struct kiln_links **links);
 
-/* Of memory, on each rank, for so many points in all, of which it has `own`; roughly, for its links are not found yet.
- * Likewise of what a point's links take by themselves. */
+/* Bytes of memory on each rank, for so many points in all, of which it has `own`; roughly, for its links are not found
+ * yet. Likewise of a point's links alone. */
 uint64_t kiln_links_bytes_expected(uint64_t points, uint64_t own, double link_error);
 double kiln_links_point_bytes(uint64_t points, double link_error);
 
@@ -37,7 +37,7 @@ double kiln_links_point_bytes(uint64_t points, double link_error);
 int kiln_links_update(struct kiln_links *links, uint32_t bounce, kiln_link_of_point light, const void *context,
                       const struct kiln_links_parameters **parameters, struct kiln_error *error);
 
-/* How many links of points there are on this rank, the bytes that they take, and how many were kept by another bake. */
+/* Counts the links of points on this rank, the bytes that they take, and those that were kept by another bake. */
 void kiln_links_count(const struct kiln_links *links, uint64_t *count, uint64_t *bytes, uint64_t *replayed);
 
 /* Collective, after a step that has found all. Keeps them beside the bake. */

@@ -25,7 +25,7 @@
 #define KILN_CLAMP_FACTOR 1.0
 #define KILN_CLAMP_ADDED 0.05 /* W/m2 */
 
-/* Of the rays that close the rows of links: one for all bounces, so that it does not matter when these are found. */
+/* Stream of the rays that close rows of links: one for all bounces, so it does not matter when these are found. */
 enum { KILN_LINKS_STREAM = 1 };
 
 struct kiln_patches {
@@ -91,7 +91,7 @@ static bool needs_shapes(const struct kiln_patch_settings *settings)
            settings->lights == KILN_LIGHTS_PATCHES;
 }
 
-/* Of the grid, if there is one. */
+/* Bytes of the grid, if there is one. */
 static uint64_t grid_bytes(const struct kiln_patch_settings *settings)
 {
     return settings->visibility == KILN_VISIBILITY_VOXELS ? kiln_voxels_bytes(settings->voxels) : 0;
@@ -272,7 +272,7 @@ static int make_room(struct kiln_patches *p, struct kiln_error *error)
     return status;
 }
 
-/* Of this rank's points; where a device bakes, by the host. */
+/* Finds the shapes of this rank's points; where a device bakes, by the host. */
 static int find_own_shapes(struct kiln_patches *p, struct kiln_error *error)
 {
     const struct kiln_patches_source *source = &p->source;
@@ -313,8 +313,8 @@ static int find_shapes(struct kiln_patches *p, struct kiln_error *error)
 
 /* ---- the light of points ---- */
 
-/* What a point sends in the step, W/m2. The step before the first bounce gathers what is emitted; kiln_link_of_point.
- */
+/* Radiosity that a point sends in the step, W/m2. The step before the first bounce gathers what is emitted;
+ * kiln_link_of_point. */
 static void light_of(const void *context, uint64_t point, float radiosity[3])
 {
     const struct kiln_patches *p = context;
@@ -357,7 +357,7 @@ struct square {
     uint32_t map, x, y, side;
 };
 
-/* What nodes come to as one: means weighted by their areas. */
+/* Mean of several nodes, weighted by their areas. */
 struct mean {
     double area, radiosity[3], deviation; /* of radiosity, the largest of a node's */
     struct kiln_vec3 centre, normal;

@@ -1,5 +1,5 @@
-/* What a bake by radiosity (radiosity/radiosity.h) gathers from: the patches of all surface points, on every rank, and
- * the nodes of a step made of them (worker/pass/patches.h).
+/* Patches that a bake by radiosity (radiosity/radiosity.h) gathers from: those of all surface points, on every rank,
+ * and the nodes of a step made of them (worker/pass/patches.h).
  *
  * Each point that sends light is a node; or nodes stand for squares of texels of one lightmap (Kahl, "RTX Radiosity",
  * 2023, sections 5.1.1 to 5.1.3). Four squares are joined to one, from the single texels up, if none of them holds
@@ -33,7 +33,7 @@
 
 struct kiln_patches;
 
-/* What patches are made of. All borrowed; the surface may be distributed anew meanwhile. */
+/* Input from which patches are made. All borrowed; the surface may be distributed anew meanwhile. */
 struct kiln_patches_source {
     MPI_Comm communicator; /* of all ranks, which have the surface's points among them */
     int ranks;
@@ -53,11 +53,11 @@ int kiln_patches_create(struct kiln_patches **patches, const struct kiln_patches
 /* NULL is accepted. */
 void kiln_patches_destroy(struct kiln_patches **patches);
 
-/* Of memory that patches take at most, on a rank with `own` points, of so many surface points in all. `device`: one
+/* Most bytes of memory for patches, on a rank with `own` points, of so many surface points in all. `device`: one
  * computes; the second is what is on that of a grid and of what patches see. */
 uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points, bool device);
 uint64_t kiln_patches_device_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points);
-/* What has come of the visibility that this rank has kept; all 0: it keeps none. */
+/* Counts of the visibility that this rank has kept; all 0: it keeps none. */
 struct kiln_visibility_counts kiln_patches_visibility(const struct kiln_patches *patches);
 /* The links of points that this rank has kept, and the bytes that they take; 0: none. */
 void kiln_patches_links(const struct kiln_patches *patches, uint64_t *count, uint64_t *bytes);

@@ -14,7 +14,7 @@ struct kiln_senders;
 int kiln_senders_create(struct kiln_senders **senders, uint64_t points, struct kiln_error *error);
 /* NULL is accepted. */
 void kiln_senders_destroy(struct kiln_senders **senders);
-/* Of memory that they take. */
+/* Bytes of memory that senders take. */
 uint64_t kiln_senders_bytes(uint64_t points);
 
 /* Nodes are made: there are none yet; a point, by global index, is appended, and begins node `node` unless that has

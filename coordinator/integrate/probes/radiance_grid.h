@@ -19,9 +19,8 @@ uint32_t kiln_probe_element_samples(const struct kiln_probe_grid *grid, const st
 /* Where the grid has a probe, m from the scene's centre. */
 struct kiln_vec3 kiln_probe_grid_position(const struct kiln_probe_grid *grid, uint64_t probe);
 
-/* What an element of a map stands for: its solid angle, sr, and the integrals of the harmonics over it. Over all
- * elements they add up to 4 pi, and to 2 sqrt(pi), 0, 0, ...: a map of one radiance everywhere has no other harmonic.
- */
+/* Weights of a map's element: its solid angle, sr, and the integrals of the harmonics over it. Over all elements they
+ * add up to 4 pi, and to 2 sqrt(pi), 0, 0, ...: a map of one radiance everywhere has no other harmonic. */
 struct kiln_probe_element {
     double solid_angle, harmonics[KILN_HARMONICS];
 };
@@ -31,7 +30,7 @@ void kiln_probe_elements_make(const struct kiln_probe_grid *grid, struct kiln_pr
 /* Share of all directions in which backs are. */
 double kiln_probe_back_share(const struct kiln_probe_element *elements, const struct kiln_radiance_result *results,
                              uint32_t count);
-/* What the probe keeps, grid->floats floats: its map, or the harmonics of bands 0 to 2 of it. */
+/* Writes the probe's data, grid->floats floats: its map, or the harmonics of bands 0 to 2 of it. */
 void kiln_probe_keep(const struct kiln_probe_grid *grid, const struct kiln_probe_element *elements,
                      const struct kiln_radiance_result *results, float *data);
 

@@ -21,8 +21,8 @@ struct sight {
     struct kiln_hit *hits;
 };
 
-/* Of a point that is not the whole of its texel, by which numbers the place is drawn: not such as lie, for two
- * triangles of equal area or three, at a corner or a side, which may be a wall's foot. */
+/* Random number that draws the place in a point that is not the whole of its texel. For two or three triangles of equal
+ * area, it gives no place at a corner or a side, which may be a wall's foot. */
 #define INSIDE 0.2917f
 
 /* A place well within the point, off its surface, and the geometric normal there. */

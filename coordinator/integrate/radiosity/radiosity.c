@@ -78,7 +78,7 @@ static int begin_step(struct kiln_integration *in, struct kiln_step_report *last
                                                    : kiln_integrator_cells.begin_step(in, last, step, error);
 }
 
-/* What emits, as direct light. */
+/* Adds emitters' light as direct light. */
 static void enter_emitted(const struct kiln_rank_data *data, struct kiln_own_point own, const struct kiln_point_mean *r,
                           const float radiosity[3])
 {

@@ -11,7 +11,7 @@
 #include "coordinator/integrate/patches/senders.h"
 #include "worker/scene/radiosity.h"
 
-/* What all steps reflect, and what of it they send, W. */
+/* Sums the power that all steps reflect, and its sent part, W. */
 static void add_up(const struct kiln_step_report *reports, size_t count, double *reflected, double *sent)
 {
     *reflected = *sent = 0.0;
@@ -60,7 +60,7 @@ int kiln_unshot_begin(struct kiln_integration *in, struct kiln_step_report *last
     return KILN_OK;
 }
 
-/* What a point sends in the round, and what it keeps: one of them is all of its unshot radiosity, the other none. */
+/* Splits a point's unshot radiosity: all of it is sent in the round, or all is kept. */
 static void part(const struct kiln_taking *t, uint64_t point, float sent[3], float kept[3])
 {
     const struct kiln_patches_parameters *p = t->step->parameters;

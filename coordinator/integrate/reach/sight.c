@@ -103,7 +103,7 @@ static uint32_t unit_of_point(const struct kiln_sight *sight, uint64_t point)
 
 /* ---- rays ---- */
 
-/* What is looked with. Borrowed but for the arrays, of TOGETHER rays each. */
+/* Data for visibility rays. Borrowed but for the arrays, of TOGETHER rays each. */
 struct look {
     struct kiln_sight *sight;
     const struct kiln_integrate_params *params;

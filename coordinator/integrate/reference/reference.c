@@ -51,8 +51,8 @@ static int begin_step(struct kiln_integration *in, struct kiln_step_report *last
     return KILN_OK;
 }
 
-/* What a point sends: direct light's part, which stands in the sum, and what the paths' answer adds, but for what has
- * bounced as often as there may be bounces. That is what the answer's shares of lost light are of. */
+/* Computes a point's outgoing light: direct light from the sum, plus the paths' answer, less light that has had all
+ * allowed bounces. The answer's shares of lost light are shares of this. */
 static void find_sent(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
                       const struct kiln_reference_result *r, const float radiosity[3], const float albedo[3],
                       float sent[3])

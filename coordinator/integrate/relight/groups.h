@@ -27,7 +27,7 @@ struct kiln_groups *kiln_group_light_total(struct kiln_group_light *light);
 void kiln_group_light_exchange(struct kiln_group_light *light, bool restored);
 /* Calls `change` for each group with the own data, whose direct, sum and next are the group's. */
 void kiln_group_light_each(const struct kiln_group_light *light, void (*change)(const struct kiln_rank_data *own));
-/* Of each group adds `factor` times the radiosity of the last step to the sums of `count` own points. */
+/* Adds, for each group, `factor` times the radiosity of the last step to the sums of `count` own points. */
 void kiln_group_light_extend(const struct kiln_group_light *light, struct kiln_own_point first, uint64_t count,
                              const float factor[3]);
 

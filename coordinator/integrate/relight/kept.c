@@ -23,7 +23,7 @@ static int create(void **self, const struct kiln_companion_site *site, struct ki
     return status;
 }
 
-/* What a step that has failed, or was stopped, has written is on disk, too. */
+/* Ends an open step, so that data of a failed or stopped one is on disk. */
 static void destroy(void **self)
 {
     struct kept *k = *self;

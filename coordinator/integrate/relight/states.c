@@ -504,7 +504,7 @@ bool kiln_state_mixes(const struct kiln_state_slot *s)
     return s->has_next && s->step.pass == &kiln_pass_direct && s->step.quantity == NULL && s->state.direct.mixed;
 }
 
-/* What goes first: direct light that no device mixes, and all else that is no gather. */
+/* Order of steps. OTHER: direct light that no device mixes, and all else but gathers. */
 enum { OTHER, MIX, GATHER, NO_STEP };
 
 static int order_of(const struct kiln_state_slot *s)

@@ -11,7 +11,7 @@
 #include "coordinator/integrate/relight/resident.h"
 #include "coordinator/integrate/run/take.h"
 
-/* What the answers of direct steps come from, or go to. Not collective. */
+/* Source or receiver of the answers of direct steps. Not collective. */
 struct kiln_state_direct {
     kiln_give_results give; /* NULL: the backend traces them */
     /* Sees the answers that were traced; NULL: nobody does. */

@@ -63,7 +63,7 @@ static bool may_hold(const struct kiln_states *st, struct kiln_held_step *how)
 
 /* ---- beginning ---- */
 
-/* What the host has of the states goes to the device; what it may mix there it does. */
+/* Copies the host's data of the states to the device, which mixes the light it may. */
 static int bring(struct kiln_states *st, struct kiln_error *error)
 {
     struct kiln_held_light lights[KILN_STATES_MOST];

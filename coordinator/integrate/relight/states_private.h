@@ -1,4 +1,4 @@
-/* What the files of the runner of states (states.h) share: the states themselves. */
+/* States that the files of the runner of states (states.h) share. */
 #ifndef KILN_COORDINATOR_INTEGRATE_RELIGHT_STATES_PRIVATE_H
 #define KILN_COORDINATOR_INTEGRATE_RELIGHT_STATES_PRIVATE_H
 

@@ -159,7 +159,7 @@ static int open_chains(struct kiln_transport *t, const char *name, const struct 
     return KILN_OK;
 }
 
-/* Of a step whose rows are open. */
+/* Opens the chains of a step whose rows are open, or makes them. */
 static int begin_chains(struct kiln_transport *t, const struct kiln_step *step, const struct kiln_rows_header *rows,
                         struct kiln_error *error)
 {

@@ -46,7 +46,7 @@ static const uint32_t *samples_of(const struct kiln_batches *b, const struct kil
     return kiln_rank_field(data, fields, place);
 }
 
-/* What a tile run asks for: its points, or as many of the step's mean samples as have all its own. */
+/* Work of a tile run: its points, or its own samples over the step's mean for a point. */
 static double work_of(const struct kiln_batches *b, const struct kiln_tile_run *run, const uint32_t *samples)
 {
     return samples == NULL ? (double)run->count
@@ -93,8 +93,8 @@ static int parts_of(const struct kiln_batches *b)
     return ranks < LEAVES ? ranks : LEAVES;
 }
 
-/* How many tile runs of what is left of the own work make a batch: one a thread at least, so that no core is idle;
- * towards the end of the step less and less, so that others can take the rest. */
+/* Number of tile runs left of the own work that make a batch. At least one a thread, so that no core is idle; ever
+ * fewer towards the end of the step, so that others can take the rest. */
 static size_t batch_of(const struct kiln_batches *b, struct kiln_range left)
 {
     const struct kiln_rank_data *own = b->solution->own;
@@ -139,7 +139,7 @@ static void note_rate(struct kiln_batches *b, double work, double seconds)
 
 /* ---- batches ---- */
 
-/* What is done of the own tile runs before `end`, and not with others, leaves where radiosity travels early. */
+/* Sends radiosity, where that travels early, of own tile runs before `end` that are done and not with others. */
 static void send_done(struct kiln_batches *b, size_t end)
 {
     const struct kiln_rank_data *own = b->solution->own;
@@ -236,7 +236,7 @@ int kiln_batches_choose(struct kiln_batches *b, const struct kiln_rank_data *dat
     return KILN_OK;
 }
 
-/* How many of the next `count` tile runs a device claims where others may help. */
+/* Number of the next `count` tile runs that a device claims where others may help. */
 static size_t share_of(const struct kiln_batches *b, struct kiln_range left, size_t count)
 {
     const struct kiln_rank_data *own = b->solution->own;
@@ -423,7 +423,7 @@ static size_t first_left(const struct kiln_batches *b)
     return is_done(b) ? own->surface.tile_run_count : kiln_work_queue_left(own->queue).first;
 }
 
-/* What a rank without own work to take waits for. */
+/* Events that a rank without own work to take waits for. */
 struct wait {
     const struct kiln_batches *batches;
     bool was_done, may_help;

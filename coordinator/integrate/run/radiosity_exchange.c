@@ -5,7 +5,7 @@
 #include "coordinator/integrate/packing.h"
 #include "worker/scene/radiosity.h"
 
-/* Of the random bits by which total radiosity is rounded; steps have lower ones. */
+/* Stream of the random bits that round total radiosity; steps have lower ones. */
 enum { TOTAL_STREAM = 0x10000 };
 
 #define EXCHANGE_BYTES 10e6 /* a second, at the slowest network that is not taken for a dead one */

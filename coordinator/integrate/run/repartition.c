@@ -14,7 +14,7 @@ struct repartition {
     double *seconds; /* get what moving takes; NULL: it is counted elsewhere */
 };
 
-/* What all ranks know of each other's work in the last step. */
+/* Work of all ranks in the last step, known to all. */
 struct work {
     double *before; /* seconds of all ranks before rank r; ranks + 1 */
     double total;

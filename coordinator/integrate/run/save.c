@@ -126,7 +126,7 @@ static struct saved_report report_saved(const struct kiln_step_report *r)
     return saved;
 }
 
-/* What ranks did themselves is not in it: see add_part. */
+/* Reads a report without the ranks' own parts: see add_part. */
 static struct kiln_step_report report_read(const struct saved_report *saved)
 {
     struct kiln_step_report r = {.step = {.role = saved->role, .bounce = saved->bounce, .samples = saved->samples},
@@ -188,7 +188,7 @@ uint64_t kiln_save_bytes(const struct kiln_saved *s)
 
 /* ---- writing ---- */
 
-/* What is made for a checkpoint. */
+/* Data made for a checkpoint. */
 struct save_work {
     struct saved_state state;
     struct saved_sums sums;
@@ -242,7 +242,7 @@ static void add_done(const struct kiln_rank_data *own, struct save_work *w, size
     }
 }
 
-/* What lies between what is to do is done. */
+/* Lists the ranges that are done: all between those left to do. */
 static int collect_done(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
 {
     const struct kiln_rank_data *own = s->solution->own;

@@ -6,7 +6,7 @@
 #include "coordinator/integrate/company.h"
 #include "coordinator/integrate/run/step_work.h"
 
-/* What is saved and restored. All borrowed. */
+/* State that is saved and restored. All borrowed. */
 struct kiln_saved {
     const struct kiln_integrate_params *params;
     struct kiln_solution *solution;

@@ -20,7 +20,7 @@ static const float ALIKE = 0.9063f; /* cosine of 25 degrees */
 /* How high above the surface a ray goes: in texels' sides, so that it passes over what is small; and over a surface
  * that bends away, in the distance times the difference of the normals: the edge in between is a quarter of it high. */
 static const float HEIGHT = 0.25f, OVER_EDGE = 0.3f;
-/* Of its side that a texel has above it, if it is to share its light with others; and on all sides. */
+/* Room for a texel to share its light, over its side: above it; and on all sides. */
 #define ROOM 0.5f
 #define ROOM_BESIDE 1.5f
 

@@ -36,8 +36,8 @@
 int kiln_blocks_find(const struct kiln_surface *surface, struct kiln_backend *backend, uint32_t threads, uint32_t scale,
                      uint16_t *block, uint64_t *links, struct kiln_error *error);
 
-/* Of each block of a tile run, at the place of its first point: the place of its point farthest from the tile's middle.
- * `block` is that of the tile run's first point. */
+/* Writes at each block's first point, in a tile run, the place of its point farthest from the tile's middle. `block` is
+ * that of the tile run's first point. */
 void kiln_block_corners(const struct kiln_tile_run *tile_run, const uint16_t *block, uint8_t corner[KILN_TILE_TEXELS]);
 
 /* Which points of a tile run gather in a step. */

@@ -8,7 +8,7 @@
 
 /* A packed mixture has 16 bits a node: its place and its weight, in steps that add up to WEIGHTS. */
 enum { PLACE_BITS = 6, WEIGHTS = 1023, NODE_BITS = 16 };
-/* Of the sum of weights, at a distance of one texel: where nodes lie in a line, nothing is known across it. */
+/* Ridge on the nodes' second moments, as a weight one texel away: across a line of nodes nothing is known. */
 static const double RIDGE = 1e-3;
 
 /* ---- packing ---- */

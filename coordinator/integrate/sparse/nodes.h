@@ -23,7 +23,7 @@
 
 enum { KILN_NODES_OF_POINT = 4 };
 
-/* What a point mixes: places of nodes within its tile run, with weights of sum 1. */
+/* Nodes that a point mixes: places within its tile run, with weights of sum 1. */
 struct kiln_mixture {
     uint32_t count;
     uint8_t place[KILN_NODES_OF_POINT];

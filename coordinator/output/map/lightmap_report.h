@@ -1,4 +1,4 @@
-/* What is measured of a lightmap while it is made. */
+/* Measurements on a lightmap while it is made. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_LIGHTMAP_REPORT_H
 #define KILN_COORDINATOR_OUTPUT_MAP_LIGHTMAP_REPORT_H
 

@@ -26,7 +26,7 @@ struct kiln_map_planes {
     bool smooth[KILN_MAP_PLANES_MAX], direction[KILN_MAP_PLANES_MAX];
 };
 
-/* How many planes are smoothed. The first six are. */
+/* Number of planes that are smoothed. The first six are. */
 static inline uint32_t kiln_map_smooth_planes(const struct kiln_map_planes *planes)
 {
     uint32_t count = 0;

@@ -25,8 +25,8 @@ struct kiln_chart_graphs; /* chart_graphs.h */
 struct kiln_joined;       /* joined.h */
 struct kiln_regression_device;
 
-/* What a stage can read that is no field. Made when the first stage that reads it is about to run, but for positions
- * and normals, which are sent with the texels. */
+/* Inputs of a stage besides fields. Made when the first stage that reads them is about to run, but for positions and
+ * normals, which are sent with the texels. */
 enum kiln_map_feature {
     KILN_MAP_CHARTS = 1,   /* the chart graph, and `chart` of the map */
     KILN_MAP_NEAREST = 2,  /* `nearest` of the work */
@@ -40,7 +40,7 @@ struct kiln_map_ghosts {
     uint8_t *records;             /* struct kiln_texel_record (texel_record.h), of valid points */
 };
 
-/* What the stages work on: the map of one object. Borrowed, but for `graph`, `nearest` and ghosts. These, `denoising`,
+/* Data of the stages: the map of one object. Borrowed, but for `graph`, `nearest` and ghosts. These, `denoising`,
  * `shared` and `next` begin as zero. */
 struct kiln_map_work {
     const struct kiln_bake_result *result;

@@ -28,7 +28,7 @@ static void add(struct eye *e, const float weight[3], const double rgb[3], doubl
         e->w->radiance[c] += (double)weight[c] * rgb[c] * factor;
 }
 
-/* Of light whose values are the products of subpaths_products. */
+/* Adds light whose values are the products of subpaths_products. */
 static void add_counted(struct eye *e, const float weight[3], const double rgb[3], const double last[3], double factor)
 {
     add(e, weight, rgb, factor);
@@ -36,7 +36,7 @@ static void add_counted(struct eye *e, const float weight[3], const double rgb[3
         e->w->last[c] += (double)weight[c] * last[c] * factor;
 }
 
-/* Of light that the path itself meets. */
+/* Adds light that the path itself meets. */
 static void add_met(struct eye *e, const float weight[3], const float rgb[3], double factor)
 {
     const double met[3] = {(double)rgb[0], (double)rgb[1], (double)rgb[2]}, none[3] = {0.0, 0.0, 0.0};
@@ -99,7 +99,7 @@ static void meet_emitter(struct eye *e, const struct vertex *before, const struc
 
 /* ---- samples of lights ---- */
 
-/* What a sample brings: `light` is its number among all. */
+/* Adds the light of a sample. `light`: number of its light among all. */
 static void add_sample(struct eye *e, const struct vertex *v, const struct kiln_light_choice *choice, uint32_t light,
                        struct kiln_light_sample *sample)
 {

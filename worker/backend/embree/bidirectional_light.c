@@ -138,7 +138,7 @@ static struct kiln_vec3 start_of(const struct subpaths *w, const struct kiln_emi
                               w->all->b->params.geometry, light->triangle);
 }
 
-/* What the range of a light leaves of it at its first surface. */
+/* Weakens light at its first surface by the range of its lamp. */
 static void limit_range(const struct subpaths *w, const struct kiln_emitted *ray, struct vertex *v)
 {
     const struct kiln_lights *lights = w->all->emission->lights;

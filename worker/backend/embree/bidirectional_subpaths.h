@@ -1,4 +1,4 @@
-/* What the files of the bidirectional pass share: a thread's paths under way. */
+/* Shared parts of the bidirectional pass: a thread's paths under way. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_BIDIRECTIONAL_SUBPATHS_H
 #define KILN_WORKER_BACKEND_EMBREE_BIDIRECTIONAL_SUBPATHS_H
 
@@ -8,7 +8,7 @@
 #include "worker/pass/bidirectional.h"
 #include "worker/sampling/sequence.h"
 
-/* What all threads of a call share; only read while they run, but for the film's sums. */
+/* Data that all threads of a call share: only read while they run, but for the film's sums. */
 struct bidirectional {
     const struct embree_backend *b;
     const struct kiln_bidirectional_parameters *parameters;
@@ -53,7 +53,7 @@ static inline void subpaths_draw(const struct subpaths *w, uint32_t use, double 
     *v = kiln_unit_double(b);
 }
 
-/* What the chance of a ray to surface number `surface` hangs on. */
+/* Returns the seed for the chance of a ray to surface number `surface`. */
 static inline uint32_t subpaths_chance(const struct subpaths *w, uint32_t surface)
 {
     return kiln_hash2(kiln_path_key(w->key, kiln_path_use(surface, KILN_PATH_CHANCE)), w->k);
@@ -74,7 +74,7 @@ bool subpaths_survives(const struct subpaths *w, uint32_t surface, uint32_t chai
 bool subpaths_leave(const struct subpaths *w, const struct vertex *v, bool of_light, uint32_t lobes, uint32_t surface,
                     struct vertex_way *way);
 
-/* What a connection of two places in the scene lets through, of each colour; false: nothing. */
+/* Finds the share of light, of each colour, that gets through between two places in the scene. False: nothing. */
 bool subpaths_connect(struct subpaths *w, struct kiln_vec3 from, struct kiln_vec3 to, double through[3]);
 
 /* How the values of two vertices come together where their diffuse events may be `allowed` at most: each vertex's
@@ -82,11 +82,11 @@ bool subpaths_connect(struct subpaths *w, struct kiln_vec3 from, struct kiln_vec
 void subpaths_product(const struct vertex_scatter *a, bool a_counts, const struct vertex_scatter *b, bool b_counts,
                       int64_t allowed, double product[3]);
 
-/* Of the camera's rays at a place with this cosine (of the geometric normal, towards the camera): the density per m2,
- * and the pixel. False: the camera does not look there. Of a camera that has a lens it is that of the rays from one
- * place on the lens, by two numbers in (0, 1): the plane in focus is parallel to the lens, so the rays from each place
- * are those of a pinhole there, by the angle with the camera's axis. The density of places on the lens is the same in
- * all techniques. */
+/* View of a place by the camera. subpaths_view finds the pixel; false: the camera does not look there.
+ * subpaths_camera_density gives the density of the camera's rays per m2; its cosine is of the geometric normal, towards
+ * the camera. With a lens it is that of the rays from one place on the lens, by two numbers in (0, 1). The plane in
+ * focus is parallel to the lens, so the rays from each place are those of a pinhole there, by the angle with the
+ * camera's axis. The density of places on the lens is the same in all techniques. */
 struct subpath_view {
     struct kiln_vec3 origin, towards; /* of a camera ray; unit, from the place */
     float distance;

@@ -33,7 +33,7 @@ struct vertex {
     uint32_t bounces;
 };
 
-/* Of a vertex that light comes to from i and leaves to the eye at o. */
+/* Scattering at a vertex that light comes to from i and leaves to the eye at o. */
 struct vertex_scatter {
     double all[3], diffuse[3]; /* 1/sr: values; of the diffuse lobe alone, of surfaces that have others */
     double to_light, to_eye;   /* 1/sr: densities of i for the eye's subpath, of o for the light's */
@@ -46,7 +46,7 @@ struct vertex_scatter {
 /* A surface that a ray of this direction has met (meeting_face, meeting_end), as an inner vertex, taken to be there.
  * Weight, sums and bounces are left to the caller. */
 struct vertex vertex_of(const struct embree_backend *b, const struct meeting *m, struct kiln_vec3 direction);
-/* What a ray has hit, as a vertex that the camera sees or not. Weight, sums and bounces are left to the caller. */
+/* Makes a vertex of what a ray has hit, seen by the camera or not. Weight, sums and bounces are left to the caller. */
 struct vertex vertex_make(const struct embree_backend *b, const struct RTCRayHit *ray, bool is_first);
 /* The same vertex, of a subpath of light, as the camera would see it. */
 struct vertex vertex_as_first(const struct embree_backend *b, const struct vertex *v);

@@ -30,7 +30,7 @@ static int caustic_create(void **work, const struct embree_backend *b, const voi
     return status;
 }
 
-/* What chains bring of lamps and sky, as radiosity; rays that meet nothing glossy bring nothing. */
+/* Adds light of lamps and sky by chains, as radiosity. Rays that meet nothing glossy bring nothing. */
 static void collect(const struct embree_backend *b, struct embree_context *context, struct hemisphere *h, uint32_t step,
                     uint32_t lanes)
 {

@@ -1,4 +1,4 @@
-/* How many rays of the gather pass Embree traces if it does nothing else. */
+/* Measures how many rays of the gather pass Embree traces if it does nothing else. */
 #include <math.h>
 
 #include "worker/backend/embree/rays.h"
@@ -18,8 +18,8 @@ static double make_rays(struct tile_run_rays *r, const struct embree_backend *b,
     return embree_thread_seconds() - start;
 }
 
-/* What tracing takes is what a tile run takes with it less what it takes without: a clock around each step's calls
- * would take as much as some of the rays, and hang on what the machine's clocks cost. */
+/* Tracing takes the time of a tile run with tracing less that without. A clock around each step's calls would take as
+ * much as some of the rays, and depend on what the machine's clocks cost. */
 int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                    struct kiln_error *error)
 {

@@ -48,7 +48,7 @@ static void add_radiosity(struct chain *c, const struct RTCRayHit *ray, uint32_t
         kept_chains_answer(c->walk->notes, (uint32_t)point, weight);
 }
 
-/* What of diffuse light the surface sends to the chain. */
+/* Adds the diffuse light that the surface sends to the chain. */
 static void meet(struct chain *c, const struct RTCRayHit *ray, const struct meeting *m)
 {
     const bool has_points =
@@ -87,7 +87,7 @@ static bool send(struct chain *c, const struct meeting *m, uint32_t surface, flo
     return c->weight[0] > 0.0f || c->weight[1] > 0.0f || c->weight[2] > 0.0f;
 }
 
-/* What the chain finds of an environment that its ray has escaped to. */
+/* Adds the light of an environment that the chain's ray has escaped to. */
 static void look_out(struct chain *c, struct kiln_vec3 direction)
 {
     const bool even = light_sky_is_constant(c->walk->b->params.lights);
@@ -95,7 +95,7 @@ static void look_out(struct chain *c, struct kiln_vec3 direction)
         walk_environment(c->walk, direction, even ? c->weight : c->seen, c->found->light);
 }
 
-/* What the chain finds of a surface that emits. */
+/* Adds the light of a surface that emits, which the chain has met. */
 static void look_at(struct chain *c, const struct meeting *m)
 {
     if ((c->walk->leaves & KILN_LEAVES_AREAS) == 0)

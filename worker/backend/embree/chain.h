@@ -6,7 +6,7 @@
 #include "worker/backend/embree/rays.h"
 #include "worker/backend/embree/walk.h"
 
-/* What the ray at whose hit the chain begins finds, by colour, its own tint left out. */
+/* Light that a chain finds for the ray at whose hit it begins, by colour. The ray's own tint is left out. */
 struct chain_found {
     float radiosity[3]; /* W/m2: of diffuse surfaces; times 1 / pi it is radiance */
     float light[3];     /* W/(m2 sr): of lamps and sky, by lobes that are not diffuse alone */

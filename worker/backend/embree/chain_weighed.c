@@ -66,7 +66,7 @@ static void meet_environment(struct chain *c, const struct vertex *before, struc
 
 /* ---- samples of lights ---- */
 
-/* What a sample at vertex `v` brings: `light` is its number among all. */
+/* Adds the light of a sample at vertex `v`. `light`: number of its light among all. */
 static void add_sample(struct chain *c, const struct vertex *v, const struct kiln_light_choice *choice, uint32_t light,
                        struct kiln_light_sample *sample)
 {

@@ -6,7 +6,7 @@
 #include "worker/pass/spheres.h"
 
 #define LOOKED 1.01 /* of a radius: how far is looked */
-/* What rounding of rays and of the search may be apart by: of the distance, and of coordinates */
+/* Margin for rounding of rays and of the search: a share of the distance, and one of coordinates */
 #define FARTHER 1e-4
 #define ROUNDING (32.0 * (double)FLT_EPSILON)
 

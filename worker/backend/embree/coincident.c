@@ -8,7 +8,7 @@
 
 /* ---- which triangles to look at ---- */
 
-/* Of embree_backend.coincides. What is less than APART: not known, and at how many places a front was looked for. */
+/* Values of embree_backend.coincides. Below APART: not known; the number of places at which a front was looked for. */
 enum { APART = UINT16_MAX - 1, COINCIDES };
 /* After FEW places the triangle is searched if few are near it, and after MOST in any case: what light passes meet so
  * often is met much more often still. Measured in Sponza: with more places light passes are slower by what surface
@@ -346,8 +346,8 @@ bool embree_coincides(const struct embree_backend *b, const struct embree_contex
     return find_face(b, context, 0, back, direction, &other);
 }
 
-/* What a ray has met: where it is the back of a single-sided surface, a front that coincides with it (KILN_COINCIDENT)
- * takes its place. `lane`: of the context's seeds. Whether one does. */
+/* Replaces the back of a single-sided surface that a ray has met by a front that coincides with it (KILN_COINCIDENT).
+ * `lane`: of the context's seeds. Returns whether there is one. */
 static bool prefer_front(const struct embree_backend *b, const struct embree_context *context, uint32_t lane,
                          struct kiln_vec3 direction, struct RTCHit *hit)
 {

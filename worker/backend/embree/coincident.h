@@ -1,4 +1,4 @@
-/* Of a front and a back that coincide, a ray meets the front (KILN_COINCIDENT in shaders/shared/surface.h).
+/* Where a front and a back coincide, a ray meets the front (KILN_COINCIDENT in shaders/shared/surface.h).
  *
  * Where a hit is the back of a single-sided triangle, a search at its place finds the front that coincides with it. Few
  * triangles have such a partner anywhere. So a first search finds, once for each triangle whose back is met often,

@@ -1,4 +1,4 @@
-/* What all files of the backend use: how Embree wants the processor's arithmetic, and a thread's clock. */
+/* Shared functions of the backend: how Embree wants the processor's arithmetic, and a thread's clock. */
 #include <time.h>
 #ifdef __SSE__
 #    include <xmmintrin.h>

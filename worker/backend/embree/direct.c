@@ -190,7 +190,7 @@ KILN_CLONES static void fill_rays(const struct target_lanes *restrict t, struct 
     }
 }
 
-/* What lane l's ray brings if nothing is in its way, and whether it is to be traced at all. */
+/* Finds the light that lane l's ray brings if nothing is in its way, and whether it is to be traced at all. */
 static void weigh_lane(struct direct_work *w, const struct embree_backend *b, uint32_t j, uint32_t l)
 {
     const struct kiln_area_light *light = w->target.light;

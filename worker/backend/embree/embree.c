@@ -135,7 +135,7 @@ static void embree_info(const struct kiln_backend *backend, struct kiln_backend_
             info->kernels[info->kernel_count++] = kiln_passes[p]->name;
 }
 
-/* What passes read more often than `given` is at hand for; the way from hits to a surface's points is made. */
+/* Copies what passes read too often to look up in `given`. Makes the way from hits to a surface's points. */
 static int embree_set(struct kiln_backend *backend, enum kiln_resource_index index, struct kiln_error *error)
 {
     (void)error;

@@ -17,9 +17,8 @@ struct frame_triangle {
 
 enum { FRAME_TRIANGLES = 32 };
 
-/* Of the tile run's points only the valid ones that are asked for, in order. Positions already carry the offset off
- * their surface that keeps rays from meeting it again (see worker/scene/footprint.h). About 60 KiB: keep one a thread.
- */
+/* Valid points of a tile run that are asked for, in order. Positions already carry the offset off their surface that
+ * keeps rays from meeting it again (see worker/scene/footprint.h). About 60 KiB: keep one a thread. */
 struct tile_run_frame {
     uint32_t count;                   /* points */
     uint32_t tile_key;                /* hash of (seed, object, tile) */
@@ -103,7 +102,7 @@ static inline struct kiln_dvec3 frame_one_normal(const struct tile_run_frame *f,
  * has it, but where faces coincide that are no whole triangles the ray decides. Samples are drawn again by it: a second
  * ray for each would make passes half as long again. */
 bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 position, struct kiln_vec3 normal);
-/* How many of `count` <= PACKET places with these normals are buried, as worker/pass/validity.h has it. */
+/* Counts the buried ones of `count` <= PACKET places with these normals, as worker/pass/validity.h has it. */
 uint32_t frame_count_buried(const struct embree_backend *backend, const struct kiln_vec3 *position,
                             const struct kiln_vec3 *normal, uint32_t count);
 

@@ -240,7 +240,7 @@ static void collect_kept(const struct embree_backend *b, struct gather_work *w, 
     }
 }
 
-/* What the points' rays have lost. */
+/* Takes the shares that the points' rays have lost. */
 static void take_lost(struct gather_work *w)
 {
     for (uint32_t j = 0; j < w->h.rays->frame.count; j++) {

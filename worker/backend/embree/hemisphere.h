@@ -1,4 +1,4 @@
-/* What passes that sample the hemisphere over points have in common: a thread's rays, what they find, how they go on in
+/* Shared parts of passes that sample the hemisphere over points: a thread's rays, what they find, how they go on in
  * chains, and the sums of a point. The gather, guided, directions, caustic, weighed and reference passes begin with it.
  */
 #ifndef KILN_WORKER_BACKEND_EMBREE_HEMISPHERE_H

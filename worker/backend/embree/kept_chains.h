@@ -43,7 +43,7 @@ int kept_chains_read(struct kept_chains *kept, uint64_t first, const uint32_t *p
 /* Whether those of point j, of this global number, are as they were written. `row`: its words. */
 bool kept_chains_are_whole(const struct kept_chains *kept, uint64_t key, uint32_t j, uint64_t point,
                            const uint32_t *row, uint32_t samples, uint64_t points);
-/* What the next ray of point j with such a word brings. */
+/* Finds the light that the next ray of point j with such a word brings. */
 static inline void kept_chains_light(struct kept_chains *kept, uint32_t j, bool tinted, const uint64_t *radiosity,
                                      float rgb[3])
 {

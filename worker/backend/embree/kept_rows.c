@@ -172,7 +172,7 @@ static inline uint64_t radiosity_of(const uint64_t *radiosity, uint32_t word)
     return word < KILN_ROW_POINTS ? radiosity[word] : 0;
 }
 
-/* What the rays of a row find, all of which weigh 1: sums in the order in which the gather pass has them. */
+/* Adds up what the rays of a row find, all of which weigh 1, in the order of the gather pass. */
 KILN_CLONES static void sum_row(const uint64_t *restrict radiosity, const uint32_t *restrict words, uint32_t samples,
                                 struct kiln_point_result *restrict r)
 {

@@ -32,7 +32,7 @@ bool kept_rows_replay(struct kept_rows *kept, const struct embree_backend *b, co
  */
 bool kept_rows_read(struct kept_rows *kept, const struct embree_backend *b, size_t tile_run, const uint32_t *place,
                     uint32_t points);
-/* What the rays of the first `lanes` lanes of a step have met, by the rows that were read; as embree_find. */
+/* Finds what the rays of the first `lanes` lanes of a step have met, by the rows that were read; as embree_find. */
 void kept_rows_find(const struct kept_rows *kept, const struct embree_backend *b, const struct tile_run_rays *rays,
                     uint32_t step, uint32_t lanes, struct rays_found *found);
 /* Makes a note of what the traced rays of a step have met. */

@@ -282,7 +282,7 @@ static uint32_t seed_of(const struct embree_backend *b)
     return kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ KILN_LAND_SEED);
 }
 
-/* What the threads have noted goes into the sums of spheres; by all threads. */
+/* Adds the threads' notes to the sums of spheres. Called by all threads. */
 static void add_chords(const struct kiln_probe_spheres *spheres, struct sphere_chords *threads, size_t count)
 {
     bool all = true;

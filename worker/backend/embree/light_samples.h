@@ -17,7 +17,7 @@ static inline bool light_sky_is_constant(const struct kiln_lights *lights)
     return lights->environment && lights->conditional == NULL;
 }
 
-/* How many choices there may be. */
+/* Largest number of choices. */
 static inline size_t light_choices_room(const struct kiln_lights *lights)
 {
     return KILN_CUT_MAX + lights->directional_count + 1;
@@ -37,7 +37,7 @@ static inline size_t light_choose(const struct kiln_lights *lights, struct kiln_
     return count;
 }
 
-/* What the random numbers of a choice's samples hang on, for a probe or texel with this key. */
+/* Returns the seed of a choice's samples, for a probe or texel with this key. */
 static inline uint32_t light_identity(uint32_t key, const struct kiln_light_choice *choice)
 {
     return kiln_hash2(key, kiln_choice_identity((uint32_t)choice->kind, choice->index));

@@ -10,7 +10,7 @@
 #include "worker/backend/link_run.h"
 #include "worker/base/memory.h"
 
-/* What the pass's threads share. */
+/* Data that the pass's threads share. */
 struct links_job {
     const struct kiln_links_parameters *p;
     const struct kiln_batch *part;
@@ -107,7 +107,7 @@ static int ask(void *context, uint32_t link, uint64_t of, const struct kiln_link
     return w->waiting == PACKET ? trace(w, error) : KILN_OK;
 }
 
-/* What the points' rays have met, and their normals as the frame has them. */
+/* Finds what the points' rays have met, and their normals as the frame has them. */
 static void find_points(struct links_work *w, size_t tile_run, const struct kiln_point_result *gathered)
 {
     struct kiln_found_links *f = &w->run.found;

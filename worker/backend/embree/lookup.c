@@ -57,7 +57,7 @@ KILN_CLONES static void follow(const struct embree_backend *b, const struct tile
     }
 }
 
-/* What packet p has met enters the store next: asks memory for that. */
+/* Prefetches the records of packet p's hits, which enter the store next. */
 static void ask_for_records(const struct embree_backend *b, const struct tile_run_rays *rays, uint32_t p)
 {
     const struct RTCRayHit8 *r = &rays->packets[p];

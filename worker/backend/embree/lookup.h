@@ -20,7 +20,7 @@ static inline uint64_t embree_radiosity(const struct embree_backend *b, uint32_t
 
 _Static_assert((int)RAY_LANES <= (int)KILN_STORE_WAYS, "the hits of a step are followed together");
 
-/* What a step's rays met, in the order of lanes. */
+/* Results of a step's rays, in the order of lanes. */
 struct rays_found {
     uint32_t count; /* lanes that met a surface with radiosity, and these: */
     uint8_t lane[RAY_LANES];
@@ -30,7 +30,7 @@ struct rays_found {
     struct kiln_store_ways ways; /* to the points */
 };
 
-/* Of embree_find, where the store is the octree: the rounds to the bricks (lookup_octree.c). */
+/* Makes the rounds to the bricks for embree_find, where the store is the octree (lookup_octree.c). */
 void embree_enter_octrees(const struct embree_backend *b, const struct tile_run_rays *rays, uint32_t lanes,
                           struct rays_found *restrict found);
 

@@ -135,7 +135,7 @@ static void find_lobes(const struct embree_backend *b, struct kiln_vec3 directio
     m->albedo = kiln_bsdf_albedo_of(m->lobes, m->o);
 }
 
-/* What else there is of its scattering, and the frame. */
+/* Finds the rest of its scattering, and the frame. */
 static void find_frame(const struct embree_backend *b, struct kiln_vec3 direction, struct meeting *m)
 {
     m->frame = meeting_frame(b, m, m->shading);

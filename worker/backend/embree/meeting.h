@@ -51,7 +51,7 @@ const struct kiln_gloss *meeting_gloss(const struct embree_backend *b, const str
 /* Whether a ray that comes from this side finds the surface there. */
 bool meeting_has_side(const struct embree_backend *b, const struct kiln_hit_record *record, bool back);
 
-/* What a ray has hit; normals are those of the front, both geometric, until meeting_face. */
+/* Returns the surface that a ray has hit. Normals are those of the front, both geometric, until meeting_face. */
 struct meeting meeting_make(const struct embree_backend *b, const struct RTCRayHit *r);
 /* Finds how the surface scatters light to where a ray of this direction comes from, and turns the normals to that side.
  * `smooth`: the shading normal is wanted of diffuse surfaces too. */
@@ -74,15 +74,15 @@ void meeting_end(const struct embree_backend *b, const struct RTCRayHit *r, stru
 
 /* The frame of the scattering about a normal of the front, for a surface that is not only diffuse. */
 struct kiln_frame meeting_frame(const struct embree_backend *b, const struct meeting *m, struct kiln_vec3 normal);
-/* What the body that the ray has come through leaves of the light, by colour: the ray meets its surface from within.
- * False: it has come through none, and `share` is left as it is. `distance`: m. */
+/* Finds the share of light, by colour, that the body leaves that the ray has come through to its surface from within.
+ * False: there is none, and `share` is left as it is. `distance`: m. */
 bool meeting_attenuation(const struct meeting *m, float distance, float share[3]);
 
-/* Of a surface that is not only diffuse: what `lobes` send to where the path comes from of light from i, in the frame,
- * times the cosine. */
+/* Returns the scattering by `lobes` of a surface that is not only diffuse, of light from i, in the frame, to where the
+ * path comes from, times the cosine. */
 struct kiln_bsdf_value meeting_evaluate(const struct meeting *m, struct kiln_vec3 i, uint32_t lobes);
-/* Of such a surface: draws the way on among `lobes` by three random numbers in (0, 1). `weight`: value over density, by
- * colour; `sharp`: the share of its sharp lobes in it. False: it brings nothing. */
+/* Draws the way on from such a surface among `lobes`, by three random numbers in (0, 1). `weight`: value over density,
+ * by colour. `sharp`: share of its sharp lobes in it. False: the way brings nothing. */
 bool meeting_send(const struct meeting *m, uint32_t lobes, float pick, float u, float v, struct kiln_vec3 *direction,
                   float weight[3], float sharp[3]);
 

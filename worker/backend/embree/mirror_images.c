@@ -21,8 +21,8 @@ struct pairs {
     } of[KILN_IMAGES_MOST];
 };
 
-/* What of a lamp reaches a mirror at m, as irradiance across the way, W/m2, that has gone `beyond` m more in the end;
- * `way`: from m to the lamp. */
+/* Finds a lamp's irradiance by a mirror, W/m2 across the way, once the light has gone `beyond` metres more. `m`: the
+ * place on the mirror. `way`: from m to the lamp. */
 static struct kiln_light_sample look(const struct kiln_mirror_images *images, const struct kiln_mirror_lamp *lamp,
                                      struct kiln_dvec3 m, double beyond)
 {

@@ -7,14 +7,14 @@
 #include "worker/backend/embree/walk.h"
 #include "worker/backend/mirror_images.h"
 
-/* What a point gets, W/m2: means over its places. */
+/* Light of a point, W/m2: means over its places. */
 struct image_light {
     double irradiance[3], incident[3]; /* about the shading normal; what the point takes up */
     double error;                      /* standard error of the luminance of `irradiance` */
 };
 
-/* Of point j of a tile run that rays_begin has begun: at the places of all its samples, at each a ray to every mirror
- * in which a lamp might be seen, and another from there to the lamp. Rays are added to walk->rays. */
+/* Finds the light of point j of a tile run that rays_begin has begun. From the place of each sample a ray goes to every
+ * mirror in which a lamp might be seen, and another from there to the lamp. Rays are added to walk->rays. */
 void images_light(struct walk *walk, const struct kiln_mirror_images *images, struct tile_run_rays *rays, uint32_t j,
                   struct image_light *light);
 

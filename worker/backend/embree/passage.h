@@ -38,7 +38,7 @@ enum embree_question {
     EMBREE_THROUGH    /* what do all let through? */
 };
 
-/* What a thread's rays are traced with; made by embree_context. */
+/* Context that a thread's rays are traced with; made by embree_context. */
 struct embree_context {
     struct RTCIntersectContext rtc; /* first: filters are given its address */
     enum embree_question question;

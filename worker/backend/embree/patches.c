@@ -15,7 +15,7 @@
 
 enum { WAITING = 64 };
 
-/* What the pass's threads share. */
+/* Data that the pass's threads share. */
 struct patches_job {
     const struct kiln_patches_parameters *p;
     const struct kiln_batch *part;
@@ -93,7 +93,7 @@ static void add_node(struct patches_work *w, const struct kiln_patch_node *node,
     }
 }
 
-/* What a ray has found. */
+/* Returns the result of a ray. */
 static enum kiln_pairs seen_by(float end, const double through[3])
 {
     return end < 0.0f                                                    ? KILN_PAIRS_SHUT
@@ -252,7 +252,7 @@ static void patches_tile_run(void *work, const struct embree_backend *b, struct 
     *rays += w->traced;
 }
 
-/* What the rays of own points have met in the step that closed their rows. */
+/* Recalls what the rays of own points met in the step that closed their rows. */
 static void recall(const struct kiln_surface *s, uint64_t first, size_t points, uint32_t samples,
                    struct kiln_point_result *gathered)
 {

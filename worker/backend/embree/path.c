@@ -48,7 +48,7 @@ static bool trace(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 dire
     return meets;
 }
 
-/* What the camera sees along the ray; false: nothing but the environment. */
+/* Finds the surface that the camera sees along the ray. False: nothing but the environment. */
 static bool look(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 direction, struct RTCRayHit *ray)
 {
     p->walk.rays++;
@@ -65,7 +65,7 @@ static bool look(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 direc
 
 /* ---- surfaces ---- */
 
-/* What the body that the ray has come through has left of the light: the ray meets its surface from within. */
+/* Weakens the light by the body that the ray has come through, if it meets the surface from within. */
 static void attenuate(struct path *p, const struct meeting *m, float distance)
 {
     float share[3];

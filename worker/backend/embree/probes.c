@@ -36,7 +36,7 @@ static void add(struct probe_sums *sums, struct kiln_dvec3 d, const double value
 
 /* ---- the light of groups (worker/pass/groups.h); `groups`: sums of each; NULL: nobody asks ---- */
 
-/* Of radiosity that a ray has met at a point: `weight` is of the radiance. */
+/* Adds the radiosity that a ray has met at a point. `weight`: factor of the radiance. */
 static void add_groups_of_point(const struct embree_backend *b, struct probe_sums *groups, struct kiln_dvec3 d,
                                 uint64_t point, double weight)
 {
@@ -54,7 +54,7 @@ static void add_groups_of_point(const struct embree_backend *b, struct probe_sum
     }
 }
 
-/* Of the constant sky in a direction. */
+/* Adds the constant sky in a direction. */
 static void add_group_of_sky(const struct embree_backend *b, struct probe_sums *groups, struct kiln_dvec3 d,
                              const double value[3])
 {

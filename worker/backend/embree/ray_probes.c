@@ -28,8 +28,8 @@ static uint32_t choice_of(const struct tile_run_rays *r, uint32_t step, uint32_t
     return kiln_probe_choice(kiln_gather_ray_seed(r->chance[l], rays_sample(r, step, l)));
 }
 
-/* What of the lanes ended at the range: a ray that leaves the scene's box before has escaped. The others ask a probe
- * near the end of the ray; the rays from there to their probes stand in `sight`. */
+/* Sorts the lanes that met nothing. A ray that leaves the scene's box before the range has escaped. The others ask a
+ * probe near the end of the ray; `end` holds these ends. */
 static void end_at_range(struct ray_probes *p, struct hemisphere *h, const struct embree_backend *b, uint32_t step)
 {
     struct rays_found *found = &h->found;

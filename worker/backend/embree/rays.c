@@ -22,7 +22,7 @@ void rays_destroy(struct tile_run_rays **rays)
     kiln_free(rays);
 }
 
-/* What no trace changes; once a pass. */
+/* Sets what no trace changes, once a pass. */
 static void start_packets(struct tile_run_rays *r)
 {
     for (uint32_t p = 0; p < RAY_LANES / PACKET; p++)
@@ -73,7 +73,7 @@ KILN_CLONES static void scramble(uint32_t *restrict out, const uint32_t *restric
         out[k] = kiln_owen_scramble(in[k], seed);
 }
 
-/* What directions are drawn about at a place of point j with geometric normal n. */
+/* Returns the axis about which directions are drawn at a place of point j with geometric normal n. */
 static struct kiln_vec3 axis_of(const struct tile_run_rays *r, uint32_t j, struct kiln_vec3 n)
 {
     if (!r->frame.smooth || r->distribution == RAYS_UNIFORM)

@@ -61,7 +61,7 @@ void rays_destroy(struct tile_run_rays **rays);
  * 0 where no point is valid, or none is asked for. There is no guide; who wants one sets it afterwards. */
 uint32_t rays_begin(struct tile_run_rays *rays, const struct embree_backend *b, size_t tile_run, uint32_t stream,
                     unsigned wish);
-/* How many lanes a step has: samples that do not exist have none. */
+/* Number of a step's lanes. Samples that do not exist have none. */
 static inline uint32_t rays_lanes(const struct tile_run_rays *rays, uint32_t step)
 {
     const uint32_t left = rays->samples - step * rays->copies;

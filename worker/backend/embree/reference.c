@@ -48,7 +48,7 @@ static int reference_create(void **work, const struct embree_backend *b, const v
     return status;
 }
 
-/* What of the light that the ray of lane l finds counts as incident. */
+/* Returns the weight of light as incident, for light that the ray of lane l finds. */
 static float incident_weight(const struct reference_work *w, uint32_t l)
 {
     const struct tile_run_rays *r = w->h.rays;
@@ -70,8 +70,8 @@ static void count_ends(struct reference_work *w, const struct embree_backend *b,
     hemisphere_count_chain(&w->h, l, tints);
 }
 
-/* What lane l's sample brings by its ray and, by connections, beside it. `ray`: what its ray has met; NULL: nothing
- * that goes on. */
+/* Finds the light of lane l's sample, by its ray and, by connections, beside it. `ray`: what its ray has met; NULL:
+ * nothing that goes on. */
 static void find_paths(struct reference_work *w, uint32_t step, uint32_t l, const struct RTCRayHit *ray,
                        struct reference_found *found)
 {

@@ -7,8 +7,8 @@
 #include "worker/backend/embree/rays.h"
 #include "worker/pass/reference.h"
 
-/* What all threads of a call share: read while they run. Calls that want the same share it too: the backend keeps what
- * it had last. */
+/* Data that all threads of a call share, read while they run. Calls that want the same share it too: the backend keeps
+ * the last one. */
 struct reference_paths {
     struct kiln_reference_parameters wanted;
     uint64_t count; /* of paths of light that may be merged, in each quarter */
@@ -29,9 +29,8 @@ int reference_paths_want(struct embree_backend *b, const struct kiln_reference_p
 /* Sets the pointer to NULL, which may be NULL. */
 void reference_paths_destroy(struct reference_paths **paths);
 
-/* What a sample of a point brings: `radiance` along its ray, W/(m2 sr); `irradiance` and `incident` by connections of
- * the point itself, W/m2. `last` and `last_incident`: what of these has left as many diffuse surfaces as there may be.
- */
+/* Light of a point's sample: `radiance` along its ray, W/(m2 sr); `irradiance` and `incident` by connections of the
+ * point itself, W/m2. `last` and `last_incident`: the parts that have left as many diffuse surfaces as there may be. */
 struct reference_found {
     float radiance[3], last[3];
     double irradiance[3], incident[3], last_incident[3];

@@ -7,7 +7,7 @@
 #include "shaders/shared/area_light.h"
 #include "worker/backend/embree/passage.h"
 
-/* What the samples of one choice of light bring: plain sums, to be divided by the number of samples. */
+/* Light of the samples of one choice of light: plain sums, to be divided by the number of samples. */
 struct shadow_sums {
     double incident[3], irradiance[3];
     double quarter[4]; /* luminance of irradiance, of each quarter of the samples */

@@ -121,7 +121,7 @@ static void add_triangle(struct spots *spots, const struct tile_run_frame *f, co
         add_spot(spots, vec3_scale(vec3_add(c[i], c[(i + 1) % 3]), 0.5f), n, area);
 }
 
-/* Of all of its pieces, none of which is buried or lacks any. False: they are too many. */
+/* Adds spots of all pieces of the point. False: one is buried or lacks some of itself, or they are too many. */
 static bool add_pieces(struct spots *spots, const struct tile_run_frame *f, const struct embree_backend *b, uint32_t j)
 {
     const struct kiln_footprint *p = &f->footprint[j];
@@ -136,7 +136,7 @@ static bool add_pieces(struct spots *spots, const struct tile_run_frame *f, cons
     return spots->count > 0;
 }
 
-/* Of FINE x FINE positions those that are not buried. */
+/* Adds those of FINE x FINE positions that are not buried. */
 static void add_positions(struct spots *spots, struct tile_run_frame *f, const struct embree_backend *b, uint32_t j)
 {
     const bool buried = f->partly_buried[j];
@@ -238,7 +238,7 @@ static void find_rectangle(const struct spots *spots, struct kiln_patch *patch)
     patch->edge_t = vec3_scale(vec3_cross(n, along), (float)(length / ratio));
 }
 
-/* What has nothing that is not buried is as if it were all there. */
+/* Finds the shape of a bent point. One that is buried everywhere is taken as if all of it were there. */
 static void find_bent(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, struct kiln_patch *patch)
 {
     struct spots spots = {.area = (double)patch->area};

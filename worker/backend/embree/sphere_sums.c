@@ -15,7 +15,7 @@ enum { AHEAD = 8 };                       /* chords that are fetched before they
 #define SMALL 0x1p50                      /* whole numbers that are found by adding ROUND */
 #define ROUND 6755399441055744.0 /* 1.5 x 2^52: adding it rounds to a whole number, half to even, as llrint does */
 
-/* Of a sphere, by colour. */
+/* Sums of a sphere, by colour. */
 struct sums {
     int64_t of[3][LANES];
 };

@@ -1,5 +1,5 @@
-/* What light paths leave in spheres, kept by each thread while it traces, and then added up: each stretch of spheres by
- * one thread, so that no two write to one sum. */
+/* Light that paths leave in spheres, kept by each thread while it traces, and then added up. One thread adds up each
+ * stretch of spheres, so that no two write to one sum. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_SPHERE_SUMS_H
 #define KILN_WORKER_BACKEND_EMBREE_SPHERE_SUMS_H
 
@@ -9,7 +9,7 @@
 
 _Static_assert(KILN_SPHERE_WEIGHTS == KILN_HARMONICS + 6, "harmonics and axes");
 
-/* What light from unit direction d counts by: harmonics, and irradiance along +x -x +y -y +z -z. */
+/* Finds the weights of light from unit direction d: harmonics, and irradiance along +x -x +y -y +z -z. */
 static inline void spheres_weights(struct kiln_dvec3 d, double weights[KILN_SPHERE_WEIGHTS])
 {
     const double along[3] = {d.x, d.y, d.z};
@@ -28,7 +28,7 @@ struct sphere_chord {
 };
 _Static_assert(sizeof(struct sphere_chord) == 40, "a chord has no gaps");
 
-/* Of one thread; zero at first. */
+/* Chords of one thread; zero at first. */
 struct sphere_chords {
     struct sphere_chord *chords;
     size_t count, room;

@@ -1,4 +1,4 @@
-/* What light paths leave in the spheres about probes (worker/pass/spheres.h). */
+/* Light that paths leave in the spheres about probes (worker/pass/spheres.h). */
 #ifndef KILN_WORKER_BACKEND_EMBREE_SPHERES_H
 #define KILN_WORKER_BACKEND_EMBREE_SPHERES_H
 

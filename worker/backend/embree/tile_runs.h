@@ -9,7 +9,7 @@
 #include "worker/light/light_groups.h"
 #include "worker/pass/groups.h"
 
-/* What a pass is made of. */
+/* Parts of a pass over tile runs. */
 struct tile_run_pass {
     /* A thread's working set for samples and stream of the part; on failure there is none left. */
     int (*create)(void **work, const struct embree_backend *b, const void *parameters, const struct kiln_batch *part,
@@ -37,7 +37,7 @@ static inline float *embree_group_run(const struct embree_backend *b, size_t til
     memset(answers, 0, run->count * floats * sizeof *answers);
     return answers;
 }
-/* Of the tile run's point at `place`. */
+/* Returns the answers for the tile run's point at `place`. */
 static inline float *embree_group_answers(float *run, const struct embree_backend *b, uint32_t place)
 {
     return run + (size_t)place * b->base.given.groups->lights->count * KILN_GROUP_FLOATS;

@@ -27,7 +27,7 @@ static void make_look(struct look *look, uint32_t samples, uint32_t stream, bool
     }
 }
 
-/* How many places of point j are buried. */
+/* Counts the buried places of point j. */
 static uint32_t count_buried(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j,
                              const struct look *look)
 {

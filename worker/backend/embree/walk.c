@@ -69,8 +69,8 @@ static struct kiln_light_sample draw_light(const struct walk *w, const struct me
     return sample;
 }
 
-/* What `lobes` of a surface that is not only diffuse send to the walk of light from a direction, times the cosine: of
- * light that rays or light paths meet themselves, what its sharp lobes do is left to these. */
+/* Finds the scattering by `lobes` of a surface that is not only diffuse, from a direction to the walk, times the
+ * cosine. Sharp lobes are left out where rays or light paths meet the light themselves. */
 static void scatter(const struct walk *w, const struct meeting *m, const struct kiln_light_sample *sample,
                     uint32_t lobes, float scattered[3])
 {

@@ -1,12 +1,12 @@
-/* What paths and chains have in common: they go from surface to surface ray by ray, with random numbers of their own,
- * and ask for light straight from the lights where they meet one. A walk is one thread's. */
+/* Shared parts of paths and chains: they go from surface to surface ray by ray, with random numbers of their own, and
+ * ask for light straight from the lights where they meet a surface. A walk is one thread's. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_WALK_H
 #define KILN_WORKER_BACKEND_EMBREE_WALK_H
 
 #include "worker/backend/embree/meeting.h"
 #include "worker/backend/embree/passage.h"
 
-/* What chains find, kept (worker/pass/row_chains.h). */
+/* Notes of what chains find (worker/pass/row_chains.h). */
 struct chain_notes {
     uint32_t *words;
     size_t count, room;
@@ -42,7 +42,7 @@ void walk_lights(struct walk *w, const struct meeting *m, uint32_t surface, uint
 /* The radiance of the environment from a direction, W/(m2 sr), times `weight`, is added. */
 void walk_environment(const struct walk *w, struct kiln_vec3 direction, const float weight[3], float sum[3]);
 
-/* What surface m emits to where the walk comes from, W/(m2 sr), times `weight`, is added. */
+/* Adds the emission of surface m to where the walk comes from, W/(m2 sr), times `weight`. */
 void walk_emission(const struct walk *w, const struct meeting *m, const float weight[3], float sum[3]);
 
 #endif

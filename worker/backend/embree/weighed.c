@@ -62,7 +62,7 @@ static void follow(struct weighed_work *w, uint32_t step, uint32_t l, float ligh
     chain_follow_weighed(&w->h.walk, w->techniques, &sums, r->chance[l], rays_sample(r, step, l), &ray, light);
 }
 
-/* What chains bring of lamps and sky, as radiosity; rays that meet nothing glossy bring nothing. */
+/* Adds light of lamps and sky by chains, as radiosity. Rays that meet nothing glossy bring nothing. */
 static void collect(const struct embree_backend *b, struct embree_context *context, struct weighed_work *w,
                     uint32_t step, uint32_t lanes)
 {

@@ -15,7 +15,7 @@ static struct vulkan_answer count_words(struct vulkan_answer a)
     return a;
 }
 
-/* What all have. */
+/* Returns the parts that all answers have. */
 static struct vulkan_answer answer_of_scene(const struct vulkan_backend *b)
 {
     return (struct vulkan_answer){.mixed = b->constants[VULKAN_HAS_SMOOTH] != 0 || b->materials.gloss,
@@ -106,7 +106,7 @@ void vulkan_lengthen_direct(const struct vulkan_backend *b, const struct kiln_ba
 
 /* ---- handing them on ---- */
 
-/* How many of the tile runs have few enough points, at least one. */
+/* Counts the first tile runs that have few enough points together, at least one. */
 static size_t tile_runs_at_once(const struct kiln_tile_run *tile_runs, size_t count, uint64_t *points)
 {
     size_t some = 0;

@@ -9,7 +9,7 @@
 /* In the place of a second kernel's own constant: its answers are short. */
 enum { VULKAN_SHORT = 1 };
 
-/* What of a short answer there is. */
+/* Parts that a short answer has. */
 struct vulkan_answer {
     bool rays;  /* how many have escaped and were blocked */
     bool whole; /* these are in one word */
@@ -17,9 +17,9 @@ struct vulkan_answer {
     size_t words;
 };
 
-/* Of the gather pass with so many samples. */
+/* Parts of the gather pass's answers with so many samples. */
 struct vulkan_answer vulkan_answer_of_gather(const struct vulkan_backend *b, uint32_t samples);
-/* Of the direct pass, whose rays come back on their own. */
+/* Parts of the direct pass's answers, whose rays come back on their own. */
 struct vulkan_answer vulkan_answer_of_direct(const struct vulkan_backend *b);
 
 /* Makes results (struct kiln_point_result) of the short ones of a tile run, at `from`. May be called by several threads

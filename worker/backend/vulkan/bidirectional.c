@@ -135,7 +135,7 @@ static void describe(struct both_run *r)
     s->unit_power = (uint32_t)(ilogb(kiln_emission_splat_unit(e)) + SUM_POWER);
 }
 
-/* What the sums begin with. */
+/* Sets all sums to zero. */
 static int begin_sums(struct both_run *r, struct kiln_error *error)
 {
     const bool points = (r->method & KILN_GPU_BOTH_POINTS) != 0;

@@ -92,9 +92,9 @@ int both_make_zeros(struct both_run *r, struct gpu_buffer *buffer, size_t size, 
 /* Fails where the device has ended a loop early, or where one path has brought more than sums hold. */
 int both_read_counts(struct both_run *r, struct kiln_gpu_both_counts *counts, struct kiln_error *error);
 
-/* Of paths of light that land: hands over that `count` begin, and their first surfaces, as many as a queue is for;
- * both_wait_for_landings then waits for them and follows to their ends those that are left. The slot is free after it,
- * or after a failure of either. *seconds: of what was handed over. */
+/* Hands over the start of `count` paths of light that land, and their first surfaces, as many as a queue is for.
+ * both_wait_for_landings then waits for them and follows those that are left to their ends. The slot is free after it,
+ * or after a failure of either. *seconds: time of what was handed over. */
 int both_begin_landings(struct both_run *r, uint32_t slot, uint32_t count, struct kiln_error *error);
 int both_wait_for_landings(struct both_run *r, uint32_t slot, double *seconds, struct kiln_error *error);
 

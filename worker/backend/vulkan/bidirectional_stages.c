@@ -436,7 +436,7 @@ static void share_speed(struct both_run *r, const struct both_stage *a, const st
         y->rate = x->rate;
 }
 
-/* What is done where paths have come to, that have been sorted: `diffuse` and `gloss` of them. */
+/* Runs the stages at surfaces that paths have come to, sorted: `diffuse` and `gloss` of them. */
 static int run_sorted(struct both_run *r, const struct both_stage *at_diffuse, const struct both_stage *at_gloss,
                       uint64_t diffuse, uint64_t gloss, struct kiln_gpu_both_tally *tally, struct kiln_error *error)
 {
@@ -668,7 +668,7 @@ static int run_pairs(struct both_run *r, const struct both_stage *find, const st
     return status;
 }
 
-/* What the vertices of `count` paths are connected to and merged with, where there is more. */
+/* Connects the vertices of `count` paths to those of light, and merges them; each where pairs are left. */
 static int meet_light(struct both_run *r, uint64_t count, bool connect, bool merge, struct kiln_error *error)
 {
     int status = run_pairs(r, &r->connected, &r->connect, count, connect, error);
@@ -781,7 +781,7 @@ static int eye_surfaces(struct both_run *r, uint32_t turn, uint32_t *under_way, 
     return status == KILN_OK ? meet_light(r, count, more_connected, more_near, error) : status;
 }
 
-/* What surface points ask for themselves, when their paths have begun. */
+/* Begins paths at partly buried points, then connects and merges points themselves with light. */
 static int begin_at_points(struct both_run *r, uint64_t count, struct kiln_error *error)
 {
     int status = KILN_OK;

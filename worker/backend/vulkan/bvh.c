@@ -485,7 +485,7 @@ void bvh_destroy(struct bvh **bvh)
 
 /* ---- layouts ---- */
 
-/* What the layout has for a node of the tree: itself one of its nodes, with all below it. */
+/* Size of the layout below a node of the tree that is itself one of the layout's nodes. */
 struct extent {
     uint32_t nodes;     /* below it */
     uint32_t triangles; /* of all leaves below it */
@@ -670,7 +670,7 @@ static void encode8(const struct bvh *bvh, const struct family *family, uint32_t
     }
 }
 
-/* What the stack of a walk must hold below a node whose deepest child needs `deepest`. */
+/* Returns the stack size of a walk below a node whose deepest child needs `deepest`. */
 static uint32_t stack_of(const struct export *e, uint32_t children, uint32_t deepest, bool any_node)
 {
     if (e->kind == KILN_TRAVERSAL_EIGHT)

@@ -273,7 +273,7 @@ static int join(struct bvh_device *t, struct script *s, struct kiln_gpu_bvh_stat
     return status;
 }
 
-/* What the host works with. */
+/* Arrays by which the host builds the top of the tree. */
 struct top {
     struct kiln_gpu_bvh_node *clusters, *nodes;
     struct kiln_gpu_bvh_share *shares, *node_shares;

@@ -100,7 +100,7 @@ static void part(const struct work *w, const struct range *r, const struct split
 
 /* ---- nodes ---- */
 
-/* What two subtrees cost as children of one node: shaders/bvh.glsl. */
+/* Returns the least cost of two subtrees as children of one node: shaders/bvh.glsl. */
 static float distribute(const float a[3], const float b[3], uint32_t room)
 {
     float least = a[0] + b[room - 2];

@@ -5,17 +5,17 @@
 
 #include "worker/base/memory.h"
 
-/* Of a chunk. Passes of few samples take more points: else what every chunk costs, its last few threads and its way to
- * the host, would show. */
+/* Points and rays of a chunk. Passes of few samples take more points: else the cost of each chunk, its last few threads
+ * and its way to the host, would show. */
 enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 19, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
-/* Of a chunk that the usual scratch has no room for: memory that is made anew is cleared at 40 GB a second, slower by
- * several ranks at once. With room for all points Sponza's direct light waited for 28 GB first. */
+/* Rays of a chunk that the usual scratch has no room for. New memory is cleared at 40 GB a second, slower by several
+ * ranks at once. With room for all points Sponza's direct light waited for 28 GB first. */
 enum { FEWEST_RAYS = 1 << 22 };
 /* Where numbers of samples differ: a chunk ends with its few long threads, and Sponza's took 2.3 s with 262 thousand
  * points in a chunk, 3.7 with 32. */
 #define MIXED_SCRATCH (2ull << 30) /* bytes */
 
-/* Of a chunk, in which much of a point goes between host and device. */
+/* Most bytes that a chunk moves between host and device, where much of a point goes. */
 enum { MOVED_MOST = 64 << 20 };
 
 static uint32_t words_of(const struct vulkan_chunked *pass) { return pass->words > 0 ? pass->words : 1; }
@@ -110,8 +110,8 @@ static int make_room(struct vulkan_backend *b, uint64_t answers, uint64_t scratc
 static uint64_t lesser(uint64_t a, uint64_t b) { return a < b ? a : b; }
 static uint64_t greater(uint64_t a, uint64_t b) { return a > b ? a : b; }
 
-/* What most passes would ask for, since memory takes its time to come by: the usual scratch, but no more than the
- * share's points need when many samples are summed up for them; and a quarter of the memory that is left at most. */
+/* Reserves what most passes would ask for, since memory takes its time to come by: the usual scratch, but no more than
+ * the share's points need when many samples are summed up for them; and a quarter of the memory left at most. */
 void vulkan_passes_ahead(struct vulkan_backend *b)
 {
     const uint64_t a_slot = gpu_memory_left(b->gpu) / (4 * 2 * GPU_SLOTS); /* half of it for answers */
@@ -140,7 +140,7 @@ static uint64_t mixed_scratch(const struct run *r, uint64_t points)
     return bytes / count * points / 2 * 3;
 }
 
-/* How many points a chunk may have, by what the slots may hold; makes the slots that large, for batches of any size. */
+/* Finds the most points of a chunk, by what the slots may hold. Makes the slots that large, for batches of any size. */
 static int make_slots(struct run *r, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
@@ -270,7 +270,7 @@ static void skip_left_out(struct run *r)
         r->next++;
 }
 
-/* Of the chunk's points only those that a list names. */
+/* Limits a chunk to those of its points that a list names. */
 static void name_points(struct kiln_gpu_chunk *chunk, const struct gpu_buffer *buffer, const uint32_t *list,
                         uint32_t count)
 {

@@ -5,8 +5,8 @@
 
 #include "worker/backend/vulkan/vulkan.h"
 
-/* What a pass has to record steps for. A chunk's rows (slices of samples) may come in several portions, one after the
- * other. */
+/* Piece of work that a pass records steps for. A chunk's rows (slices of samples) may come in several portions, one
+ * after the other. */
 struct vulkan_chunk {
     struct kiln_gpu_chunk all;    /* every point, thread by thread */
     struct kiln_gpu_chunk buried; /* those that are partly buried; count 0: none */

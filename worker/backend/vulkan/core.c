@@ -1,4 +1,4 @@
-/* What all files of the backend use: the root of the scene, Sobol' points, clocks, going on after a failure. */
+/* Functions for all files of the backend: the root of the scene, Sobol' points, clocks, going on after a failure. */
 #include <time.h>
 
 #include "worker/backend/vulkan/vulkan.h"

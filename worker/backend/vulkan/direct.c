@@ -101,7 +101,7 @@ static size_t scratch_of_rows(const struct direct *d, size_t rows)
            (d->samples == 0 ? 8 : 0) + rows * vulkan_groups_floats(d->b) * sizeof(float);
 }
 
-/* Of vulkan_chunked, where points differ in their samples. */
+/* Bytes of scratch, for struct vulkan_chunked, where points differ in their samples. */
 static size_t scratch_of(void *context, size_t tile_run)
 {
     const struct direct *d = context;

@@ -20,7 +20,7 @@ static const struct vulkan_shader gloss_sums_shader = {.name = "gather with glos
 static const struct vulkan_shader sums_shader = {
     .name = "gather: sums", .compute = VULKAN_CODE(gather_reduce), .gloss = &gloss_sums_shader};
 
-/* What the kernel asks: nothing, rays are traced and that is all; surfaces; surfaces, and probes behind the range. */
+/* Light that the kernel asks for: none, it only traces rays; surfaces; surfaces, and probes behind the range. */
 enum { TRACE_ONLY, SURFACES, SURFACES_AND_PROBES };
 
 /* Its push constants have two addresses beside those of every pass over the hemisphere. */

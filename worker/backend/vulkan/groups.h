@@ -9,7 +9,7 @@
 #include "worker/light/light_groups.h"
 #include "worker/pass/groups.h"
 
-/* How many there are, and the floats of a point that the device answers; 0: nobody asks for their light. */
+/* Number of groups, and of floats that the device answers for a point; 0: nobody asks for their light. */
 static inline uint32_t vulkan_groups_count(const struct vulkan_backend *b)
 {
     return b->base.given.groups != NULL ? b->base.given.groups->lights->count : 0;

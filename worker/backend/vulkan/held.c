@@ -126,7 +126,7 @@ static void describe(const struct vulkan_backend *b, size_t tile_run, struct kil
     }
 }
 
-/* What the device must know of points, once. */
+/* Brings the device what it must know of points, once. */
 static int bring_points(struct vulkan_backend *b, struct kiln_error *error)
 {
     const struct kiln_surface *s = b->surface;
@@ -411,7 +411,7 @@ int vulkan_hold(struct kiln_backend *backend, const struct kiln_held *begin, boo
 
 /* ---- steps ---- */
 
-/* What was made is gathered from, and what was gathered from is made anew. */
+/* Swaps the arrays: the one that was made is gathered from, the other is made anew. */
 static void turn(struct kiln_gpu_held *layout)
 {
     const uint64_t from = layout->from;

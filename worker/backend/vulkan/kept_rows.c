@@ -55,7 +55,7 @@ bool vulkan_keeps_rows(const struct vulkan_backend *b)
     return b->probes == NULL && !b->materials.gloss && b->params.geometry->passage < KILN_PASSAGE_TINT;
 }
 
-/* What went wrong with rows, as the pass's own failure. */
+/* Returns a failure of the rows as the pass's own. */
 static int end(const struct rows_run *r, int status, struct kiln_error *error)
 {
     return status == KILN_OK && r->rows->status != KILN_OK
@@ -102,7 +102,7 @@ static int prepare_groups(struct vulkan_backend *b, void *context, struct kiln_e
 static void gather_groups(struct vulkan_backend *b, const void *parameters, const struct vulkan_chunk *chunk,
                           uint64_t room, struct vulkan_recording *recording);
 
-/* Of a point, in scenes with smooth normals: shaders/row_weights.comp. */
+/* Bytes of a point's weights, in scenes with smooth normals: shaders/row_weights.comp. */
 static size_t weight_bytes(const struct rows_run *r)
 {
     return r->b->constants[VULKAN_HAS_SMOOTH] != 0 ? 2 * sizeof(float) * r->samples : 0;
@@ -373,7 +373,7 @@ static int prepare(struct vulkan_backend *b, void *context, struct kiln_error *e
     return status;
 }
 
-/* Of tile runs all of which are there. */
+/* Replays tile runs whose rows are all there. */
 static int replay(struct rows_run *r, const struct kiln_batch *batch, struct kiln_error *error)
 {
     const bool stays = r->read == NULL;
@@ -434,7 +434,7 @@ static bool look(const struct rows_run *r, const struct kiln_batch *batch, size_
     return true;
 }
 
-/* Of all tile runs of a part of the batch; one that is left out goes with the one before. */
+/* Finds which tile runs of a part of the batch have all their rows; one that is left out goes with the one before. */
 static int look_at(struct rows_run *r, const struct kiln_batch *part, struct kiln_error *error)
 {
     r->first = part->first;
@@ -447,7 +447,7 @@ static int look_at(struct rows_run *r, const struct kiln_batch *part, struct kil
     return end(r, KILN_OK, error);
 }
 
-/* How many of the tile runs from `first` on are looked at together. */
+/* Counts the tile runs from `first` on that are looked at together. */
 static size_t part_of(const struct rows_run *r, const struct kiln_batch *batch, size_t first)
 {
     const struct kiln_tile_run *runs = r->b->surface->tile_runs;

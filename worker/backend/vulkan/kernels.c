@@ -129,7 +129,7 @@ static int add_kernel(struct vulkan_backend *b, const struct vulkan_kernel *k, s
     return KILN_OK;
 }
 
-/* What a maker could not make is made again, for its error. */
+/* Waits for a kernel's maker; makes again what that could not make, for its error. */
 static int make_now(struct vulkan_backend *b, struct vulkan_kernel *k, struct kiln_error *error)
 {
     uint32_t constants[VULKAN_CONSTANTS];

@@ -207,7 +207,7 @@ static int end_portion(struct land_run *r, uint32_t slot, struct kiln_batch *lef
     return status;
 }
 
-/* What all paths have left in spheres is added at once: a device that is lost before has left nothing. */
+/* Adds what all paths have left in spheres, at once: a device that is lost before has left nothing. */
 static int end_spheres(struct land_run *r, struct kiln_batch *left, uint64_t *rays, struct kiln_error *error)
 {
     const int status = vulkan_spheres_add(r->b, r->aims, r->spheres, &r->rays, error);
@@ -246,8 +246,8 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     return vulkan_run_to_end(b, run_left, parameters, batch, rays, error);
 }
 
-/* Of an image of the sky there is only one cell here (worker/light/sky_cells.h), and paths that land have not been
- * tried with the ray-tracing pipeline. */
+/* Refuses images of the sky in several cells, for here there is one (worker/light/sky_cells.h), and the ray-tracing
+ * pipeline, with which paths that land have not been tried. */
 static bool takes(const struct vulkan_backend *b, const void *parameters)
 {
     const struct kiln_land_parameters *p = parameters;

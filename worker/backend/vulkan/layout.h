@@ -1,4 +1,4 @@
-/* What C and the shaders share, seen from C. */
+/* Data layouts that C and the shaders share, seen from C. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_LAYOUT_H
 #define KILN_WORKER_BACKEND_VULKAN_LAYOUT_H
 

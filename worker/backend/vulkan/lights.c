@@ -14,7 +14,7 @@
 #define KILN_STORED_NAME(name) name##_float
 #include "shaders/shared/layout_light_real.h"
 
-/* How many reals a struct begins with, and how many words follow. */
+/* Layout of a struct: number of reals it begins with, and of words that follow. */
 struct shape {
     size_t reals, words, size, float_size;
 };
@@ -45,7 +45,7 @@ size_t vulkan_lights_sums_bytes(bool float64)
     return float64 ? sizeof(struct kiln_gpu_direct_sums) : sizeof(struct kiln_gpu_direct_sums_float);
 }
 
-/* What is being made. */
+/* Lights that are being made. */
 struct builder {
     struct gpu *gpu;
     const struct kiln_lights *model;

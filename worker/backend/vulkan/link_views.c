@@ -15,7 +15,7 @@ enum { GROUP = 256, ENOUGH_RAYS = 1 << 22 };
 /* Rays of the first dispatch, and of one at least and at most. */
 enum { FIRST_RAYS = 1 << 16, LEAST_RAYS = 64, MOST_RAYS = 1 << 20 };
 
-/* What becomes of a tile run: its links are to be found; its rays are asked; its links stand. */
+/* State of a tile run: its links are to be found; its rays are asked; its links stand. */
 enum state { NONE, FINDS, ASKS, STANDS };
 
 /* A tile run whose links are being found. */
@@ -60,7 +60,7 @@ struct finder {
     struct kiln_error *error;
 };
 
-/* Of the batch's points, the first of a tile run. */
+/* Returns the place of a tile run's first point among the batch's points. */
 static uint64_t place_of(const struct finder *f, size_t tile_run)
 {
     const struct kiln_tile_run *runs = f->b->surface->tile_runs;
@@ -104,7 +104,7 @@ static int ask(void *context, uint32_t link, uint64_t of, const struct kiln_link
     return KILN_OK;
 }
 
-/* What the points of a tile run have met. */
+/* Notes what the points of a tile run have met. */
 static void meet_points(const struct finder *f, struct finding *g)
 {
     const struct kiln_surface *s = f->b->surface;
@@ -180,7 +180,7 @@ static int hear(const struct finder *f, const struct group *group, struct findin
     return KILN_OK;
 }
 
-/* What has been found, as it is kept. */
+/* Encodes what has been found, as it is kept. */
 static int encode(const struct finder *f, struct finding *g, struct kiln_error *error)
 {
     const struct kiln_tile_run *run = &f->b->surface->tile_runs[g->tile_run];

@@ -34,7 +34,7 @@ struct links_run {
     uint64_t key; /* vulkan_links_key */
 };
 
-/* Of the batch's points, the first of a tile run. */
+/* Returns the place of a tile run's first point among the batch's points. */
 static uint64_t place_of(const struct links_run *r, size_t tile_run)
 {
     const struct kiln_tile_run *runs = r->b->surface->tile_runs;
@@ -186,7 +186,7 @@ static int bring_leaves(const struct links_run *r, struct kiln_error *error)
     return status;
 }
 
-/* What nodes send, and behind that what points do. */
+/* Brings the light of nodes, and behind it that of points. */
 static int bring_light(const struct links_run *r, struct kiln_error *error)
 {
     const struct kiln_links_parameters *p = r->p;
@@ -450,7 +450,7 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
 
 /* ---- the pass ---- */
 
-/* How many rows the tile run with most links has, and the means. */
+/* Finds the number of rows of the tile run with most links, and mean sizes. */
 static int measure(struct links_run *r, struct kiln_error *error)
 {
     const struct kiln_tile_run *runs = r->b->surface->tile_runs + r->batch->first;

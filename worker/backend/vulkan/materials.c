@@ -10,7 +10,7 @@
 /* of a buffer: every device allows as much in one allocation */
 static const uint64_t most_texel_bytes = (uint64_t)1 << 30;
 
-/* What is made on the host before it is uploaded. */
+/* Materials made on the host before they are uploaded. */
 struct staging {
     const struct kiln_backend_params *params;
     struct gpu *gpu;
@@ -355,7 +355,7 @@ static void free_staging(struct staging *s)
 
 static uint64_t texture_bytes(const struct kiln_texture *t) { return 4 * (uint64_t)t->width * t->height; }
 
-/* How many textures from `first` on go into one buffer, and its size. */
+/* Counts the textures from `first` on that go into one buffer; *bytes: its size. */
 static size_t run_of_textures(const struct staging *s, size_t first, uint64_t *bytes)
 {
     const struct kiln_scene *scene = s->params->scene;

@@ -35,7 +35,7 @@ struct patches_run {
     struct kiln_visibility_counts seen;
 };
 
-/* Of the batch's points, the first of a tile run. */
+/* Returns the place of a tile run's first point among the batch's points. */
 static uint64_t place_of(const struct patches_run *r, size_t tile_run)
 {
     const struct kiln_tile_run *runs = r->b->surface->tile_runs;
@@ -138,7 +138,7 @@ static int keep(void *context, size_t first, size_t count, const void *results, 
     return KILN_OK;
 }
 
-/* What the rays have met in the step that closed rows. */
+/* Recalls what the rays have met in the step that closed rows. */
 static void recall(const struct patches_run *r, uint64_t points)
 {
     const struct kiln_surface *s = r->b->surface;
@@ -173,7 +173,7 @@ static int prepare(void *context, struct kiln_error *error)
     return status == KILN_OK ? bring_nodes(r, error) : status;
 }
 
-/* Of a point's rows in the scratch. */
+/* Bytes of a point's rows in the scratch. */
 static size_t row_bytes(const struct patches_run *r) { return r->rows * KILN_GPU_PATCH_FLOATS * sizeof(float); }
 
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,

@@ -26,8 +26,8 @@ static const struct vulkan_shader diffuse_shader = {.name = "path at diffuse sur
                                                     .pipeline_float = VULKAN_CODE(path_diffuse_pipeline_float)};
 static const struct vulkan_shader add_shader = {.name = "path: sums", .compute = VULKAN_CODE(path_add)};
 
-/* Of a dispatch: a software device ends a thread's loops after 65,535 rounds in all. How often a path goes from one
- * kernel to the other at most, where there is gloss, before the last one follows it to its end; and how many paths are
+/* Limits of a dispatch: a software device ends a thread's loops after 65,535 rounds in all. TURNS: how often a path
+ * goes between kernels at most, where there is gloss, before the last one follows it to its end. MOST_PATHS: paths
  * under way. */
 enum { MOST_PIXELS = 1 << 18, MOST_SAMPLES = 16, MOST_SAMPLES_SOFTWARE = 2, FIRST_GUESS = 1 << 14 };
 enum { TURNS = 6, MOST_PATHS = 1 << 20 };
@@ -72,7 +72,7 @@ static void describe_turns(const struct path_run *r, uint64_t paths, struct kiln
     }
 }
 
-/* What paths that go from kernel to kernel need. */
+/* Prepares for paths that go from kernel to kernel. */
 static int prepare_apart(struct path_run *r, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;

@@ -201,7 +201,7 @@ static void workspace_destroy(struct points_workspace **workspace)
     kiln_free(workspace);
 }
 
-/* What is known of a triangle, kept for the next point of the same one. */
+/* Data of a triangle, kept for the next point of the same one. */
 struct known {
     bool back; /* of backs: the normal is turned round */
     uint32_t triangle;

@@ -178,7 +178,7 @@ static int run_rows(struct probes_run *r, uint32_t rows, struct kiln_error *erro
     return status;
 }
 
-/* What of the probes a slice of time is enough for; of one probe, how many of its slices. */
+/* Finds how many probes a slice of time is enough for, and how many slices of each. */
 static void size_chunk(const struct probes_run *r, size_t left, uint32_t *probes, uint32_t *rows)
 {
     const uint64_t slices = gpu_pacer_next(&r->b->pacers[KILN_PASS_INDEX_probes], FIRST_GUESS) / KILN_GPU_PROBE_SAMPLES;

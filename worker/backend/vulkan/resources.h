@@ -1,4 +1,4 @@
-/* What the backend is given (worker/backend/resources.h), as it lies on the device. */
+/* Resources that the backend is given (worker/backend/resources.h), as they lie on the device. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_RESOURCES_H
 #define KILN_WORKER_BACKEND_VULKAN_RESOURCES_H
 

@@ -6,7 +6,7 @@
 #include "worker/light/aims.h"
 #include "worker/pass/spheres.h"
 
-/* That rounding on the device may be off by, in spacings: and a part of how many of them there are along an axis */
+/* Bounds of rounding on the device, in spacings: a fixed one, and one for each spacing along an axis */
 #define SLACK 1e-3
 #define SLACK_OF_SIZE 1e-6
 
@@ -38,7 +38,7 @@ static int upload(struct vulkan_backend *b, int array, const void *data, size_t 
     return gpu_buffer_of(b->gpu, &b->spheres[array], data, bytes, what, error);
 }
 
-/* Of each aim paths over flux, where its paths leave light. */
+/* Uploads each aim's paths over its flux, where its paths leave light. */
 static int upload_paths(struct vulkan_backend *b, const struct kiln_aims *aims, uint32_t leaves,
                         struct kiln_error *error)
 {

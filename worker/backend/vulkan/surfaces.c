@@ -1,4 +1,4 @@
-/* What paths and chains need of the scene on the device, and other kernels do not. */
+/* Scene data on the device that paths and chains need, and other kernels do not. */
 #include "worker/backend/vulkan/vulkan.h"
 #include "worker/base/memory.h"
 #include "worker/scene/footprint.h"

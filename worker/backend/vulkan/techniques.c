@@ -97,7 +97,7 @@ static uint64_t upload_even(struct uploading *u, const struct kiln_aims *aims)
     return address;
 }
 
-/* How many lights there are, and where they are weighed the light tree, upwards. */
+/* Describes the number of lights, and where they are weighed the light tree, upwards. */
 static struct kiln_gpu_both describe_lights(struct uploading *u, const struct kiln_lights *lights,
                                             const struct kiln_caustic_techniques *techniques,
                                             const struct kiln_gpu_both *under_way)

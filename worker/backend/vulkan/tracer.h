@@ -1,5 +1,4 @@
-/* What finds hits on this device: one of the BVH's layouts walked by compute shaders, or the device's own ray tracing.
- */
+/* Ray tracer of a device: one of the BVH's layouts walked by compute shaders, or the device's own ray tracing. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_TRACER_H
 #define KILN_WORKER_BACKEND_VULKAN_TRACER_H
 

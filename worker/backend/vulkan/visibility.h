@@ -1,5 +1,5 @@
-/* What pairs of patches see of each other, on the device: the grid that says it (worker/scene/voxels.h), and what is
- * kept from step to step (worker/pass/visibility_cache.h).
+/* Visibility between pairs of patches, on the device: the grid that tells it (worker/scene/voxels.h), and what is kept
+ * from step to step (worker/pass/visibility_cache.h).
  *
  * What is kept lies on the device alone. Each own tile run has its part of what the cache may take, by its points
  * (struct kiln_gpu_sight_run), in buffers of VISIBILITY_BUFFER bytes at most; of the device's memory half of what is

@@ -262,7 +262,7 @@ enum {
              1 << KILN_PASS_INDEX_caustic | 1 << KILN_PASS_INDEX_occlusion | 1 << KILN_PASS_INDEX_directional
 };
 
-/* What a point takes to come to the device, from those that have come. */
+/* Returns the seconds that a point takes to come to the device, by those that have come. */
 static double point_seconds(const struct vulkan_backend *b)
 {
     const struct vulkan_points *p = b->own_points != NULL ? b->own_points : b->points;

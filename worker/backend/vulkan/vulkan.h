@@ -136,7 +136,7 @@ struct vulkan_held {
     size_t answer_count, answer_room;
 };
 
-/* What pairs of patches see of each other (visibility.h). */
+/* Visibility between pairs of patches (visibility.h). */
 struct vulkan_visibility {
     struct kiln_voxel_arrays grid; /* that is there; words NULL: none */
     struct gpu_buffer words, reals;
@@ -157,7 +157,7 @@ struct vulkan_visibility {
 
 enum { VULKAN_REGRESSION_SWEEPS = 5, VULKAN_REGRESSION_ARRAYS = 8 };
 
-/* What has a speed of its own that is learned: each pass (KILN_PASS_INDEX_gather and so on), and these. */
+/* Kinds of work whose speed is learned, each on its own: each pass (KILN_PASS_INDEX_gather and so on), and these. */
 enum vulkan_pace {
     VULKAN_PACE_CEILING = KILN_PASS_COUNT,
     VULKAN_PACE_INTERSECT,
@@ -271,7 +271,7 @@ void vulkan_once_end(struct vulkan_backend *b, struct vulkan_once begin);
 int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own,
                      struct gpu_kernel **kernel, struct kiln_error *error);
 
-/* What kernels were made of has changed. */
+/* Forgets the kernels: what they were made of has changed. */
 void vulkan_forget_kernels(struct vulkan_backend *b);
 /* A buffer of a slot, with at least `size` bytes (guarded: as many); what it held is lost. Nothing uses it. */
 int vulkan_grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory,

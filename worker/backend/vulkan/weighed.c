@@ -24,7 +24,7 @@ struct weighed_run {
     uint64_t own[2]; /* both, areas: struct kiln_gpu_weighed_push */
 };
 
-/* Of the batch's points the area that is not buried, without what the material leaves of it: the device knows that. */
+/* Uploads the unburied area of each of the batch's points. The device knows what the material leaves of it. */
 static int upload_areas(struct vulkan_backend *b, const struct kiln_batch *batch, uint64_t *address,
                         struct kiln_error *error)
 {
@@ -86,9 +86,8 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     return status;
 }
 
-/* What it would need more for the rest stands in worker/pass/weighed.h; of an image of the
- * sky there is only one cell here (worker/light/sky_cells.h), and the kernel has no form for the ray-tracing pipeline.
- */
+/* Accepts no mirror images (worker/pass/weighed.h). An image of the sky has only one cell here
+ * (worker/light/sky_cells.h), and the kernel has no form for the ray-tracing pipeline. */
 static bool takes(const struct vulkan_backend *b, const void *parameters)
 {
     const struct kiln_caustic_techniques *t = parameters;

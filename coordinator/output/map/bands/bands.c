@@ -88,7 +88,7 @@ static void add_rows(const double *rows, size_t row_count, size_t count, double 
             sums[k] += rows[y * count + k];
 }
 
-/* How many numbers each rank has, and where they begin. */
+/* Lists each rank's number of values, and where they begin. */
 static void list_rows(const struct kiln_map *map, size_t count, int *counts, int *starts)
 {
     for (uint32_t r = 0; r < map->bands->ranks; r++) {

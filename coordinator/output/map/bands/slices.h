@@ -7,7 +7,7 @@
 #include <omp.h>
 #include <stddef.h>
 
-/* How many slices so many numbers have: one for each thread, but none of less than some thousand numbers. */
+/* Number of slices for so many numbers: one for each thread, but none of less than some thousand numbers. */
 static inline int kiln_slices(size_t count)
 {
     enum { ENOUGH = 1 << 13 };

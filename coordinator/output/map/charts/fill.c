@@ -105,7 +105,7 @@ static void spread_around(struct layers *work, uint8_t *before)
         }
 }
 
-/* What the bands next to this one know by now, and the values. `before`: as spread_around has it. */
+/* Gets known texels and values from the bands next to this one. `before`: as spread_around has it. */
 static int look_around(struct layers *work, uint8_t *before, struct kiln_error *error)
 {
     int status = kiln_bands_halo_of(work->map, work->known, 1, 1, error);

@@ -99,7 +99,7 @@ static int compare_ghosts(const void *a, const void *b)
     return (p->x > q->x) - (p->x < q->x);
 }
 
-/* How many texels of each slice of the map have been gathered, or are points. */
+/* Counts the gathered texels of each slice of the map, or those that are points. */
 static void count_slices(const struct kiln_map_work *work, bool points, int slices, size_t *counts)
 {
 #pragma omp parallel for num_threads(slices) schedule(static)
@@ -278,7 +278,7 @@ static void find_planes(const struct kiln_map_work *work, uint32_t planes[LIGHT_
     }
 }
 
-/* What is denoised: the map's planes, or copies to which the values of the ghosts are appended. */
+/* Values to denoise: the map's planes, or copies to which the values of the ghosts are appended. */
 struct values {
     uint32_t planes[LIGHT_PLANES];
     float *copies[LIGHT_PLANES]; /* NULL: there are no ghosts */
@@ -400,7 +400,7 @@ static int sum_up(void *context, uint64_t *numbers, size_t count, struct kiln_er
     return kiln_bands_count(context, numbers, count, error);
 }
 
-/* What points are ordered by, whatever rank they come from. */
+/* Makes keys that order points, whatever rank they come from. */
 static int make_keys(const struct kiln_map_work *work, const struct kiln_neighbour_point *points, size_t count,
                      uint64_t **keys, struct kiln_error *error)
 {

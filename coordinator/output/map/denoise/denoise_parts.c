@@ -204,7 +204,7 @@ static int list_here(struct kiln_parts_way *w, const struct kiln_parts_given *gi
     return status;
 }
 
-/* How many records each rank has, and where they begin. Returns their number; SIZE_MAX: too many for a message. */
+/* Lists where each rank's records begin. Returns the number of all; SIZE_MAX: too many for a message. */
 static size_t begin_all(const int *counts, int *starts, uint32_t ranks)
 {
     size_t total = 0;
@@ -500,7 +500,7 @@ static void count_slice(struct kiln_parts_way *w, size_t count, uint32_t ranks, 
         }
 }
 
-/* How many records go to each rank, and how many of them are own there; and where each slice puts them. */
+/* Counts the records for each rank, and those that are own there. Finds where each slice puts them. */
 static int count_records(struct kiln_parts_way *w, const struct kiln_parts_given *given, uint32_t ranks,
                          struct kiln_error *error)
 {

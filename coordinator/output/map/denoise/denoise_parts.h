@@ -17,7 +17,7 @@
 /* How far a point is that no sweep looks at. */
 enum { KILN_PARTS_FAR = UINT8_MAX };
 
-/* What a rank has of a lightmap: points of its band, and some of other lightmaps. */
+/* Data of a rank on a lightmap: points of its band, and some of other lightmaps. */
 struct kiln_parts_given {
     const struct kiln_map *map;
     const struct kiln_neighbour_point *points;
@@ -27,7 +27,7 @@ struct kiln_parts_given {
     float *const *values; /* of each plane, by the points' index */
 };
 
-/* What a rank denoises: the first `own` points by index are its part, the others are there for their neighbours. */
+/* Points to denoise on a rank: the first `own` by index are its part, the others are there for their neighbours. */
 struct kiln_parts {
     struct kiln_neighbour_point *points;
     size_t count, own, planes;

@@ -71,7 +71,7 @@ static size_t search_ahead(const struct kiln_neighbour_grid *g, size_t low, size
 
 /* ---- sorting ---- */
 
-/* What points are sorted by, the least of it first. */
+/* Sort keys of points, the least significant first. */
 enum { BY_ORDER, BY_Z, BY_Y, BY_X, BY_LEVEL, KEYS };
 
 static int64_t key_of(const struct entry *entry, int key)
@@ -369,7 +369,7 @@ static struct box box_of(const struct kiln_neighbour_grid *g, size_t cell, float
     return box;
 }
 
-/* What is done with cells [first, end) that touch a box. */
+/* Callback for cells [first, end) that touch a box. */
 typedef void (*take_cells)(void *context, const struct kiln_neighbour_grid *g, size_t first, size_t end,
                            struct box *box);
 

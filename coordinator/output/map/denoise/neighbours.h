@@ -104,8 +104,8 @@ enum { KILN_NEIGHBOURS_ROOM = KILN_NEIGHBOURS_MOST + 80 };
 /* Outer radius of each ring, texels. */
 extern const float kiln_neighbour_rings[KILN_NEIGHBOUR_RINGS];
 
-/* What one thread works with. `place`, `x`, `y` and `area` are of the neighbours of one point, those of the inner rings
- * first; the point itself is not among them. x and y are in its tangent plane, in texels. */
+/* Data of one thread. `place`, `x`, `y` and `area` are of the neighbours of one point, those of the inner rings first;
+ * the point itself is not among them. x and y are in its tangent plane, in texels. */
 struct kiln_neighbours {
     size_t within[KILN_NEIGHBOUR_RINGS]; /* number of neighbours within each ring's radius */
     uint32_t place[KILN_NEIGHBOURS_ROOM];

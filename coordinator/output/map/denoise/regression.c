@@ -23,8 +23,8 @@ _Static_assert(SCALES == KILN_REGRESSION_SCALES && FITS == KILN_REGRESSION_FITS,
 static const float scales[SCALES] = {0.75f, 1.0f, 1.5f, 2.0f, 3.0f, 4.0f};
 static const size_t scale_of[FITS] = {0, 1, 2, 3, 4, 5, 1, 2, 3, 5};
 
-/* Of these scales, by their number: the one by which the variance is judged and choices are averaged, and the one
- * over whose weights variances and risks are averaged. */
+/* Numbers of two of these scales: the one by which the variance is judged and choices are averaged, and the one over
+ * whose weights variances and risks are averaged. */
 enum { NARROW = 1, WIDE = 4 };
 
 /* In place of the second moment along an axis on which the neighbours do not extend, relative to the sum of weights. */
@@ -44,13 +44,13 @@ static const float risk_worth = 0.9f;
 /* The share of the variance that values must scatter about a fit if they are to tell about the variance. */
 static const double scatter_least = 0.25;
 
-/* What (fit - value)^2 over the variance is taken for at least. */
+/* Least value of (fit - value)^2 over the variance. */
 static const float square_least = 1e-6f;
 
 /* A fit whose leverage exceeds this is the value itself. */
 static const double leverage_most = 0.95;
 
-/* What is known of a point's light. */
+/* Estimate of a point's light. */
 struct estimate {
     union {
         float luminance; /* as given */
@@ -79,7 +79,7 @@ struct regression {
     const struct kiln_regression_part *part; /* NULL: all points are here */
 };
 
-/* What one thread works with; arrays by neighbours, or by neighbours of each light. */
+/* Data of one thread; arrays by neighbours, or by neighbours of each light. */
 struct worker {
     struct kiln_neighbours n;
     float difference[LIGHTS][KILN_NEIGHBOURS_ROOM]; /* of their luminance from the point's */
@@ -655,7 +655,7 @@ static float luminance_of(const struct regression *r, size_t light, size_t place
     return kiln_rgb_luminance(rgb[0], rgb[1], rgb[2]);
 }
 
-/* What the first sweep begins with. */
+/* Sets the estimates for the first sweep. */
 static int begin_estimates(struct regression *r, struct kiln_error *error)
 {
     const size_t count = r->grid->count;

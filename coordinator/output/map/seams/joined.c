@@ -30,7 +30,7 @@ struct half_sample {
     float weight[SIDE];
 };
 
-/* What is sent to the ranks that solve, and received there. */
+/* Kinds of records for the ranks that solve. */
 enum kind { TEXELS, HALF_SAMPLES, KINDS };
 
 struct records {

@@ -20,7 +20,7 @@
 
 struct kiln_joined;
 
-/* What is solved; all borrowed. */
+/* Input of the seam solver; all borrowed. */
 struct kiln_joined_params {
     MPI_Comm communicator;
     const struct kiln_joints *joints; /* NULL: the seams of one map in bands alone */
@@ -31,7 +31,7 @@ struct kiln_joined_params {
     bool measure;                         /* the lone map's differences are found, and no value changes */
 };
 
-/* Of a map in bands: its samples, and the root mean square of the difference in luminance there. */
+/* Report on a map in bands: its samples, and the root mean square of the difference in luminance there. */
 struct kiln_joined_report {
     uint64_t samples;
     double before, after;
@@ -50,7 +50,7 @@ int kiln_joined_add(struct kiln_joined *joined, uint32_t number, struct kiln_map
 /* Collective: solves all groups, once every map with a joint has been added on one rank, or all bands of it. */
 int kiln_joined_solve(struct kiln_joined *joined, struct kiln_error *error);
 
-/* Of a map in bands, on all ranks, when all is solved. */
+/* Report on a map in bands, on all ranks, when all is solved. */
 const struct kiln_joined_report *kiln_joined_report(const struct kiln_joined *joined, uint32_t number);
 
 /* Puts the solution into a map of this rank that has a joint; margin texels with a value of their own become their own

@@ -301,7 +301,7 @@ static bool join(const struct search *s, size_t first, size_t second, struct kil
 
 /* ---- all pairs ---- */
 
-/* What one thread finds. */
+/* Joints that one thread finds. */
 struct finder {
     const struct search *search;
     size_t edge;

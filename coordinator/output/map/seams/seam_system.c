@@ -29,7 +29,7 @@ struct parts {
     uint32_t *order;              /* of parts by size, the largest first */
 };
 
-/* What reads an unknown: terms[first[u]] to terms[first[u + 1]] in the order of samples. */
+/* Terms that read an unknown: terms[first[u]] to terms[first[u + 1]] in the order of samples. */
 struct readers {
     uint32_t *first;
     struct term {

@@ -163,7 +163,7 @@ static int keep_light(const struct kiln_map_work *work, float *before[LIGHT], st
     return kiln_bands_agree(work->map, status, error);
 }
 
-/* What has become of light. */
+/* Change of light: factor and addend. */
 struct change {
     float factor, more;
 };

@@ -22,8 +22,8 @@ uint64_t kiln_writer_texels(const struct kiln_writer *w, const uint32_t *own, si
     return texels;
 }
 
-/* How many of the objects, of which the largest come first, are worked on one after the other, each by all threads:
- * those that would keep one thread at work when the others have nothing left. */
+/* Counts the objects, the largest first, that are worked on one after the other, each by all threads: those that would
+ * keep one thread at work when the others have nothing left. */
 static size_t count_alone(const struct kiln_writer *w, const uint32_t *own, size_t count, uint64_t threads)
 {
     enum { LEAST = 1 << 16 }; /* texels from which on many threads have enough to do */

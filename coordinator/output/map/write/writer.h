@@ -19,7 +19,7 @@
 #include "coordinator/output/map/stage.h"
 #include "coordinator/output/map/write/texel_gather.h"
 
-/* What writes the lightmaps of a bake. */
+/* Writer of a bake's lightmaps. */
 struct kiln_writer {
     const struct kiln_bake_result *result;
     const struct kiln_output_params *params;

@@ -110,7 +110,7 @@ int gpu_buffer_of(struct gpu *gpu, struct gpu_buffer *buffer, const void *data, 
 bool gpu_guarded(const struct gpu *gpu);
 /* Where in the buffer to put `size` bytes, so that they end with it when ends are guarded; else 0. */
 size_t gpu_buffer_tail(const struct gpu *gpu, const struct gpu_buffer *buffer, size_t size);
-/* What the buffer holds is not needed any more: overwritten with 0xff when guarded. Nothing under way may use it. */
+/* Gives up what the buffer holds: overwritten with 0xff when guarded. Nothing under way may use it. */
 void gpu_buffer_forget(const struct gpu *gpu, const struct gpu_buffer *buffer);
 
 /* A kernel: one shader's SPIR-V and the values of its specialisation constants 0 .. constant_count-1 (all 32 bits).
@@ -136,7 +136,7 @@ int gpu_code_read(struct gpu *gpu, const struct gpu_code_file *of, struct kiln_e
 int gpu_kernel_create(struct gpu *gpu, struct gpu_kernel **kernel, const struct gpu_kernel_params *params,
                       struct kiln_error *error);
 void gpu_kernel_destroy(struct gpu *gpu, struct gpu_kernel **kernel);
-/* How many kernels were found where compiled ones are kept, and how many were compiled. */
+/* Counts the kernels found where compiled ones are kept, and those that were compiled. */
 void gpu_kernels_count(const struct gpu *gpu, uint64_t *found, uint64_t *made);
 
 /* One step of a submission: a kernel over threads (x, y), or a copy. Steps run one after the other, submissions too,

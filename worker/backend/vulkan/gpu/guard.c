@@ -221,7 +221,7 @@ VkDeviceSize gpu_guard_memory_size(const struct gpu *gpu, VkDeviceSize needed)
     return gpu->guard != NULL ? round_up(needed, gpu->guard->page) + 2 * GUARD_BYTES + gpu->guard->page : needed;
 }
 
-/* What the bytes of a gap hold: no number that anybody writes. */
+/* Returns the byte of a gap at an address: no number that anybody writes. */
 static unsigned char gap_byte(uintptr_t address) { return address % 4 == 3 ? 0xff : 0xa5; }
 
 static void fill(const struct gpu_guarded *g)

@@ -8,7 +8,7 @@
 #include "worker/backend/vulkan/gpu/private.h"
 #include "worker/base/memory.h"
 
-/* What a kernel is compiled for and from. Fields of properties, so that no padding is hashed. */
+/* Hashes what a kernel is compiled for and from. Fields of properties, so that no padding is hashed. */
 static XXH128_hash_t hash_of(const struct gpu *gpu, const struct gpu_kernel_params *k,
                              const struct gpu_words words[GPU_STAGES])
 {
@@ -85,7 +85,7 @@ void gpu_kept_open(struct gpu *gpu, const struct gpu_kernel_params *params, cons
     kiln_free(&bytes);
 }
 
-/* What the driver knows of the kernel now. */
+/* Keeps what the driver knows of the kernel now. */
 static void keep(const struct gpu *gpu, const struct gpu_kept *kept)
 {
     size_t size = 0;

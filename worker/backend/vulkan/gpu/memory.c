@@ -15,7 +15,7 @@ struct gpu_buffer_memory {
 
 static uint64_t minus(uint64_t a, uint64_t b) { return a > b ? a - b : 0; }
 
-/* What this process may have in all: its share of the device. */
+/* Returns the bytes that this process may have in all: its share of the device. */
 static uint64_t memory_allowed(const struct gpu *gpu)
 {
     VkPhysicalDeviceMemoryBudgetPropertiesEXT budget = {
