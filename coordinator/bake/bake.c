@@ -20,25 +20,20 @@ static void note_checkpoints(struct kiln_bake *b)
 
 static int run_phases(struct kiln_bake *b, struct kiln_error *error)
 {
-    int status = kiln_bake_prepare(b, error);
-    if (status == KILN_OK && (b->job->states != NULL || b->job->listen))
+    int status;
+    KILN_TRY(kiln_bake_prepare(b, error));
+    if (b->job->states != NULL || b->job->listen)
         return kiln_bake_states(b, error);
-    if (status == KILN_OK)
-        status = kiln_bake_light(b, error);
-    if (status == KILN_OK)
-        status = kiln_bake_volume(b, error);
-    if (status != KILN_OK)
-        return status;
+    KILN_TRY(kiln_bake_light(b, error));
+    KILN_TRY(kiln_bake_volume(b, error));
     b->light_done = true;
-    status = kiln_bake_check_density(b, error);
-    if (status != KILN_OK)
-        return status;
+    KILN_TRY(kiln_bake_check_density(b, error));
     note_checkpoints(b);
-    status = kiln_bake_transport_write(b, error);
-    if (status != KILN_OK)
-        return status;
-    status = kiln_bake_clear_folder(b, error);
-    return status == KILN_OK ? kiln_bake_write(b, error) : status;
+    KILN_TRY(kiln_bake_transport_write(b, error));
+    KILN_TRY(kiln_bake_clear_folder(b, error));
+    KILN_TRY(kiln_bake_write(b, error));
+end:
+    return status;
 }
 
 /* Collective, after KILN_STOPPED. Saves what has been computed and composes the message. A bake that was stopped within

@@ -278,20 +278,15 @@ static int sort(struct kiln_bake *b, struct kiln_error *error)
                       (uint32_t)b->job->group_count};
     g->count = r.count;
     g->sky_divisions = kiln_sky_divisions[b->job->sky_patches];
-    int status = kiln_allocate(&g->of_tree, l->area_count + l->point_count + 1, sizeof *g->of_tree, "groups", error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate(&g->of_directional, l->directional_count + 1, sizeof *g->of_directional, "groups", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&g->block_of, l->area_count + 1, sizeof *g->block_of, "groups", error);
-    if (status == KILN_OK)
-        status = check_patterns(&r, error);
-    if (status == KILN_OK)
-        status = check_emission(b, &r, error);
-    if (status == KILN_OK)
-        status = sort_areas(&r, l, g, error);
-    if (status == KILN_OK)
-        status = sort_punctual(&r, l, g, error);
+    int status;
+    KILN_TRY(kiln_allocate(&g->of_tree, l->area_count + l->point_count + 1, sizeof *g->of_tree, "groups", error));
+    KILN_TRY(kiln_allocate(&g->of_directional, l->directional_count + 1, sizeof *g->of_directional, "groups", error));
+    KILN_TRY(kiln_allocate(&g->block_of, l->area_count + 1, sizeof *g->block_of, "groups", error));
+    KILN_TRY(check_patterns(&r, error));
+    KILN_TRY(check_emission(b, &r, error));
+    KILN_TRY(sort_areas(&r, l, g, error));
+    KILN_TRY(sort_punctual(&r, l, g, error));
+end:
     g->of_environment = patches > 0 ? r.count - 2 - patches : group_of_sky(&r); /* before the ground and the rest */
     json_decref(r.groups);
     return status;

@@ -161,12 +161,12 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
     status = kiln_integrate(&b->solution, &b->light_params, error);
     if (b->solution != NULL && b->light_settings.reference != NULL)
         b->solution->report.landing.radius = b->paths.radius;
-    if (status == KILN_OK)
-        add_light_phases(b);
-    if (status == KILN_OK)
-        settle_probes(b);
-    if (status == KILN_OK && b->solution->own->seen != NULL)
+    KILN_TRY(status);
+    add_light_phases(b);
+    settle_probes(b);
+    if (b->solution->own->seen != NULL)
         kiln_visible_from_leave_seen(&b->solution->own->surface, b->solution->own->seen);
+end:
     return status;
 }
 

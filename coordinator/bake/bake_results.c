@@ -184,18 +184,17 @@ static int draw_picture(struct kiln_bake *b, struct kiln_error *error)
         kiln_picture_keep_place(&kept, &wish);
     struct kiln_picture picture = {0};
     /* leaves are read as a reader of the bake does it; lightmaps were written here, and are read directly */
-    int status = p->surface->bricks != NULL ? kiln_results_open(&source.results, b->job->output, error) : KILN_OK;
-    if (status == KILN_OK)
-        status = kiln_picture_make(&source, &wish, 2, &look, &picture, error);
-    if (status == KILN_OK && wish.from != NULL)
+    int status;
+    KILN_TRY(p->surface->bricks != NULL ? kiln_results_open(&source.results, b->job->output, error) : KILN_OK);
+    KILN_TRY(kiln_picture_make(&source, &wish, 2, &look, &picture, error));
+    if (wish.from != NULL)
         picture.viewpoint.kind = kept.inside ? KILN_VIEW_INSIDE : KILN_VIEW_OUTSIDE;
-    if (status == KILN_OK)
-        status = kiln_picture_write(b->job->output, "preview.png", &picture, &look, error);
-    if (status == KILN_OK)
-        b->preview = kiln_picture_json(&picture, &look);
-    if (status == KILN_OK && !b->job->quiet) {
+    KILN_TRY(kiln_picture_write(b->job->output, "preview.png", &picture, &look, error));
+    b->preview = kiln_picture_json(&picture, &look);
+    if (!b->job->quiet) {
         kiln_viewpoint_text(&picture.viewpoint, b->preview_text);
     }
+end:
     kiln_image_destroy(&picture.image);
     kiln_results_close(&source.results);
     return status;
@@ -221,23 +220,23 @@ static int export_beside(const struct kiln_bake *b, struct kiln_error *error)
     char path[KILN_PATH_SIZE];
     struct stat source, there;
     uint8_t *backs = NULL;
-    int status = kiln_path_join(path, b->job->output, "scene.glb", error);
-    if (status == KILN_OK && stat(b->job->scene, &source) == 0 && stat(path, &there) == 0 &&
-        source.st_dev == there.st_dev && source.st_ino == there.st_ino)
+    int status;
+    KILN_TRY(kiln_path_join(path, b->job->output, "scene.glb", error));
+    if (stat(b->job->scene, &source) == 0 && stat(path, &there) == 0 && source.st_dev == there.st_dev &&
+        source.st_ino == there.st_ino)
         return kiln_fail(error, KILN_BAD_INPUT, "%s is the scene itself; kiln export writes it to another folder",
                          path);
     /* remove that of an earlier bake, which links to lightmaps that no longer exist */
-    if (status == KILN_OK && kiln_unlink_below(b->job->output, "scene.glb") != 0 && errno != ENOENT)
-        status = kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path);
-    if (status == KILN_OK)
-        status = kiln_allocate(&backs, s->object_count, 1, "the export's links", error);
-    for (uint32_t i = kiln_front_maps(s); status == KILN_OK && i < s->map_count; i++)
+    if (kiln_unlink_below(b->job->output, "scene.glb") != 0 && errno != ENOENT)
+        KILN_TRY(kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path));
+    KILN_TRY(kiln_allocate(&backs, s->object_count, 1, "the export's links", error));
+    for (uint32_t i = kiln_front_maps(s); i < s->map_count; i++)
         if (s->lightmaps[i].published != 0)
             backs[kiln_map_object(s, i)] = 1;
-    if (status == KILN_OK)
-        status = kiln_export_beside(
-            b->job->output, b->job->scene, b->prepared->scene, backs, (const float(*)[3])b->vertices.irradiance,
-            kiln_units_of(b->job->units, b->prepared->scene)->irradiance_text, kiln_control_stop(b->control), error);
+    KILN_TRY(kiln_export_beside(
+        b->job->output, b->job->scene, b->prepared->scene, backs, (const float(*)[3])b->vertices.irradiance,
+        kiln_units_of(b->job->units, b->prepared->scene)->irradiance_text, kiln_control_stop(b->control), error));
+end:
     kiln_free(&backs);
     return status;
 }
@@ -326,11 +325,10 @@ int kiln_bake_write(struct kiln_bake *b, struct kiln_error *error)
     if (status == KILN_OK)
         status = write_results(b, provenance, error);
     free(provenance);
-    if (status == KILN_OK)
-        status = write_scene(b, error);
-    if (status == KILN_OK)
-        status = draw_preview(b, error);
-    if (status == KILN_OK)
-        status = write_report(b, error);
+    KILN_TRY(status);
+    KILN_TRY(write_scene(b, error));
+    KILN_TRY(draw_preview(b, error));
+    KILN_TRY(write_report(b, error));
+end:
     return status == KILN_OK ? write_manifest(b, error) : status;
 }

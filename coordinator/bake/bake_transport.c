@@ -106,11 +106,11 @@ int kiln_bake_transport_check(struct kiln_bake *b, const struct kiln_prepared *p
     int status = KILN_OK;
     if (b->job->keep_transport == KILN_KEEP_NONE && b->job->relight == NULL)
         return KILN_OK;
-    status = refuse_what_cannot_be_kept(b->job, p, error);
-    if (status == KILN_OK)
-        status = make_identity(b, p, error);
-    if (status == KILN_OK && b->rank == 0 && b->job->relight != NULL)
-        status = compare_identity(b, error);
+    KILN_TRY(refuse_what_cannot_be_kept(b->job, p, error));
+    KILN_TRY(make_identity(b, p, error));
+    if (b->rank == 0 && b->job->relight != NULL)
+        KILN_TRY(compare_identity(b, error));
+end:
     return kiln_agree(b->communicator, status, error);
 }
 
@@ -269,11 +269,12 @@ static int pack_chains(struct kiln_bake *b, struct kiln_error *error)
     int status = KILN_OK;
     if (!b->transport.has_chains || b->transport.of_links)
         return KILN_OK;
-    for (size_t i = 0; i < steps->count && status == KILN_OK; i++)
+    for (size_t i = 0; i < steps->count; i++)
         if (kiln_transport_keeps(&steps->of[i].step))
-            status = kiln_transport_pack(&b->transport, b->communicator, &steps->of[i].step, error);
-    if (status == KILN_OK && b->rank == 0)
-        status = remove_files(&b->transport_folder, kiln_transport_is_spool, error);
+            KILN_TRY(kiln_transport_pack(&b->transport, b->communicator, &steps->of[i].step, error));
+    if (b->rank == 0)
+        KILN_TRY(remove_files(&b->transport_folder, kiln_transport_is_spool, error));
+end:
     return kiln_agree(b->communicator, status, error);
 }
 
@@ -281,13 +282,14 @@ int kiln_bake_transport_write(struct kiln_bake *b, struct kiln_error *error)
 {
     if (b->job->keep_transport == KILN_KEEP_NONE)
         return KILN_OK;
-    int status = pack_chains(b, error);
-    if (status == KILN_OK)
-        status = name_files(b, error);
-    if (status == KILN_OK && b->rank == 0)
-        status = kiln_folder_sync(&b->transport_folder, error);
-    if (status == KILN_OK && b->rank == 0)
-        status = write_index(b, error);
+    int status;
+    KILN_TRY(pack_chains(b, error));
+    KILN_TRY(name_files(b, error));
+    if (b->rank == 0)
+        KILN_TRY(kiln_folder_sync(&b->transport_folder, error));
+    if (b->rank == 0)
+        KILN_TRY(write_index(b, error));
+end:
     return kiln_agree(b->communicator, status, error);
 }
 

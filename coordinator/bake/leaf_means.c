@@ -100,14 +100,14 @@ int kiln_leaf_means(struct kiln_lightmap_report *reports, const struct kiln_bake
                       .unit = {1.0, 1.0, area, area, light, kiln_exact_unit(power * power)}};
     for (int k = 0; k < KILN_PARTS; k++)
         m.unit[PARTS + k] = light;
-    int status = kiln_agree(result->communicator,
-                            kiln_allocate(&m.sums, objects, sizeof *m.sums, "objects' means", error), error);
-    if (status == KILN_OK) {
-        add_own(&m);
-        status = kiln_exact_reduce(result->communicator, &m.sums[0][0], SUMS * objects, error);
-    }
-    for (size_t i = 0; status == KILN_OK && i < objects; i++)
+    int status;
+    KILN_TRY(kiln_agree(result->communicator, kiln_allocate(&m.sums, objects, sizeof *m.sums, "objects' means", error),
+                        error));
+    add_own(&m);
+    KILN_TRY(kiln_exact_reduce(result->communicator, &m.sums[0][0], SUMS * objects, error));
+    for (size_t i = 0; i < objects; i++)
         report(&m, i, &reports[i]);
+end:
     kiln_free(&m.sums);
     return status;
 }

@@ -45,16 +45,14 @@ static int take_job(struct work *w, const char *directory, struct kiln_error *er
     if (status != KILN_OK)
         return status;
     char *arguments[] = {"kiln", "bake", "scene", "-o", (char *)(uintptr_t)directory, NULL};
-    status = kiln_job_parse(&w->job, 5, arguments, error);
-    if (status == KILN_OK) /* which is no argument: it could be one of another kind, or a job file */
-        status =
-            kiln_job_keep_text(w->job, json_string_value(json_object_get(w->index, "scene")), &w->job->scene, error);
-    if (status == KILN_OK)
-        status = kiln_transport_options_take(w->job, w->index, directory, error);
-    if (status == KILN_OK)
-        status = kiln_transport_changes_take(w->job, w->index, directory, error);
-    if (status == KILN_OK && !kiln_job_has_links(w->job))
-        status = refuse_unkept(directory, error);
+    KILN_TRY(kiln_job_parse(&w->job, 5, arguments, error));
+    /* which is no argument: it could be one of another kind, or a job file */
+    KILN_TRY(kiln_job_keep_text(w->job, json_string_value(json_object_get(w->index, "scene")), &w->job->scene, error));
+    KILN_TRY(kiln_transport_options_take(w->job, w->index, directory, error));
+    KILN_TRY(kiln_transport_changes_take(w->job, w->index, directory, error));
+    if (!kiln_job_has_links(w->job))
+        KILN_TRY(refuse_unkept(directory, error));
+end:
     return status;
 }
 
@@ -100,12 +98,12 @@ static int read_links(struct work *w, struct kiln_error *error)
                                    .samples =
                                        kiln_links_samples(settings.patches->link_error, w->job->samples_indirect)};
     const void *parameters = NULL;
-    int status = kiln_allocate(&w->radiosity, (size_t)p->surface->point_count, sizeof *w->radiosity,
-                               "the radiosity of all points", error);
-    if (status == KILN_OK)
-        status = kiln_patches_create(&w->patches, &source, error);
-    if (status == KILN_OK)
-        status = kiln_patches_update(w->patches, w->radiosity, &step, &parameters, error);
+    int status;
+    KILN_TRY(kiln_allocate(&w->radiosity, (size_t)p->surface->point_count, sizeof *w->radiosity,
+                           "the radiosity of all points", error));
+    KILN_TRY(kiln_patches_create(&w->patches, &source, error));
+    KILN_TRY(kiln_patches_update(w->patches, w->radiosity, &step, &parameters, error));
+end:
     w->parameters = parameters;
     return status;
 }
@@ -228,18 +226,14 @@ int kiln_texel_links_find(struct kiln_texel_links *links, const char *directory,
 {
     struct work w = {.temporary = {.descriptor = -1}, .folder = {.descriptor = -1}};
     *links = (struct kiln_texel_links){.share = NULL};
-    int status = take_job(&w, directory, error);
-    if (status == KILN_OK)
-        status = prepare(&w, directory, error);
-    if (status == KILN_OK)
-        status = read_links(&w, error);
-    if (status == KILN_OK) {
-        links->points = w.prepared->surface->point_count;
-        status =
-            kiln_allocate(&links->share, (size_t)links->points, sizeof *links->share, "the links of a texel", error);
-    }
-    if (status == KILN_OK)
-        status = take_links(&w, texel, links, error);
+    int status;
+    KILN_TRY(take_job(&w, directory, error));
+    KILN_TRY(prepare(&w, directory, error));
+    KILN_TRY(read_links(&w, error));
+    links->points = w.prepared->surface->point_count;
+    KILN_TRY(kiln_allocate(&links->share, (size_t)links->points, sizeof *links->share, "the links of a texel", error));
+    KILN_TRY(take_links(&w, texel, links, error));
+end:
     release(&w);
     return status;
 }

@@ -55,14 +55,15 @@ static int check_word(const char *text, const char *allowed, const char *option,
 
 static int check(const struct kiln_batch_job *batch, struct kiln_error *error)
 {
-    int status = check_word(batch->partition, "_-.,", "partition", "sinfo lists the partitions", error);
-    if (status == KILN_OK)
-        status = check_word(batch->account, "_-.", "account", "sacctmgr lists the accounts", error);
-    if (status == KILN_OK && batch->time != NULL && batch->time[strspn(batch->time, "0123456789:-")] != '\0')
-        status =
+    int status;
+    KILN_TRY(check_word(batch->partition, "_-.,", "partition", "sinfo lists the partitions", error));
+    KILN_TRY(check_word(batch->account, "_-.", "account", "sacctmgr lists the accounts", error));
+    if (batch->time != NULL && batch->time[strspn(batch->time, "0123456789:-")] != '\0')
+        KILN_TRY(
             kiln_fail(error, KILN_USAGE,
                       "--time: '%.200s' is not in Slurm's notation; write MINUTES, HOURS:MINUTES:SECONDS or DAYS-HOURS",
-                      batch->time);
+                      batch->time));
+end:
     return status != KILN_OK
                ? status
                : check_word(batch->time, ":-", "time", "write MINUTES, HOURS:MINUTES:SECONDS or DAYS-HOURS", error);

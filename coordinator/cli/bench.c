@@ -16,22 +16,23 @@ static int bench_rays(struct kiln_job *job, const char *scene_file, struct kiln_
     if (job->backend == NULL || strcmp(job->backend, "vulkan") != 0)
         job->threads = 1;
     const struct kiln_prepare_care care = {.device_first = true};
-    int status = kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, &care, error);
-    if (status == KILN_OK)
-        status = kiln_rays_bench(prepared, job->samples_indirect, job->repeats, &result, error);
-    if (status == KILN_OK && job->json)
+    int status;
+    KILN_TRY(kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, &care, error));
+    KILN_TRY(kiln_rays_bench(prepared, job->samples_indirect, job->repeats, &result, error));
+    if (job->json)
         (void)printf("{\"status\":\"done\",\"rays\":%llu,\"triangles\":%zu,\"pass_mrays_per_second\":%.4f,\"tracer_"
                      "mrays_per_second\":%.4f,\"share\":%.4f,"
                      "\"share_least\":%.4f,\"share_most\":%.4f}\n",
                      (unsigned long long)result.rays, prepared->geometry->triangle_count, result.pass_rate * 1e-6,
                      result.ceiling_rate * 1e-6, result.share, result.share_low, result.share_high);
-    else if (status == KILN_OK)
+    else
         (void)printf("%zu triangles, %llu surface points, %llu rays a run, %u runs, %s\nbounce pass  %8.3f "
                      "Mrays/s\ntracer alone %8.3f Mrays/s\n"
                      "share        %8.3f (%.3f to %.3f)\n",
                      prepared->geometry->triangle_count, (unsigned long long)prepared->surface->point_count,
                      (unsigned long long)result.rays, job->repeats, result.info.device, result.pass_rate * 1e-6,
                      result.ceiling_rate * 1e-6, result.share, result.share_low, result.share_high);
+end:
     kiln_prepared_destroy(&prepared);
     return status;
 }

@@ -188,29 +188,27 @@ static int closed_volume(const struct kiln_scene *s, const struct kiln_mesh *mes
     const size_t count = (size_t)mesh->triangle_count;
     uint32_t *welded = NULL;
     struct edge *edges = NULL;
-    int status = kiln_allocate(&welded, (size_t)mesh->vertex_count, sizeof *welded, "vertices", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&edges, 3 * count, sizeof *edges, "edges", error);
-    if (status == KILN_OK)
-        status = weld(positions, (size_t)mesh->vertex_count, welded, error);
-    if (status == KILN_OK) {
-        *volume = 0.0;
-        for (size_t t = 0; t < count; t++) {
-            struct kiln_dvec3 p[3];
-            for (size_t c = 0; c < 3; c++) {
-                const uint32_t a = welded[corners[3 * t + c]], b = welded[corners[3 * t + (c + 1) % 3]];
-                edges[3 * t + c] = (struct edge){a < b ? a : b, a < b ? b : a, a < b ? 1 : -1};
-                p[c] = dvec3_sub(dvec3_of(positions[corners[3 * t + c]]), dvec3_of(positions[corners[0]]));
-            }
-            *volume += dvec3_dot(p[0], dvec3_cross(p[1], p[2])) / 6.0;
+    int status;
+    KILN_TRY(kiln_allocate(&welded, (size_t)mesh->vertex_count, sizeof *welded, "vertices", error));
+    KILN_TRY(kiln_allocate(&edges, 3 * count, sizeof *edges, "edges", error));
+    KILN_TRY(weld(positions, (size_t)mesh->vertex_count, welded, error));
+    *volume = 0.0;
+    for (size_t t = 0; t < count; t++) {
+        struct kiln_dvec3 p[3];
+        for (size_t c = 0; c < 3; c++) {
+            const uint32_t a = welded[corners[3 * t + c]], b = welded[corners[3 * t + (c + 1) % 3]];
+            edges[3 * t + c] = (struct edge){a < b ? a : b, a < b ? b : a, a < b ? 1 : -1};
+            p[c] = dvec3_sub(dvec3_of(positions[corners[3 * t + c]]), dvec3_of(positions[corners[0]]));
         }
-        qsort(edges, 3 * count, sizeof *edges, compare_edges);
-        *closed = count > 0;
-        for (size_t e = 0; e < 3 * count && *closed; e += 2)
-            *closed = e + 1 < 3 * count && compare_edges(&edges[e], &edges[e + 1]) == 0 &&
-                      edges[e].sense + edges[e + 1].sense == 0 &&
-                      (e + 2 >= 3 * count || compare_edges(&edges[e], &edges[e + 2]) != 0);
+        *volume += dvec3_dot(p[0], dvec3_cross(p[1], p[2])) / 6.0;
     }
+    qsort(edges, 3 * count, sizeof *edges, compare_edges);
+    *closed = count > 0;
+    for (size_t e = 0; e < 3 * count && *closed; e += 2)
+        *closed = e + 1 < 3 * count && compare_edges(&edges[e], &edges[e + 1]) == 0 &&
+                  edges[e].sense + edges[e + 1].sense == 0 &&
+                  (e + 2 >= 3 * count || compare_edges(&edges[e], &edges[e + 2]) != 0);
+end:
     kiln_free(&edges);
     kiln_free(&welded);
     return status;

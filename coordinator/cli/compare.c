@@ -170,13 +170,12 @@ static int open_leaves(struct comparison *c, struct kiln_error *error)
 {
     if (!kiln_results_has(c->results_a, "scene.kscene") || !kiln_results_has(c->results_b, "scene.kscene"))
         return KILN_OK;
-    int status = kiln_results_scene(c->results_a, &c->scene_a, error);
-    if (status == KILN_OK)
-        status = kiln_results_scene(c->results_b, &c->scene_b, error);
-    if (status == KILN_OK)
-        status = kiln_compared_leaves_open(&c->leaves_a, c->results_a, c->scene_a, c->a, error);
-    if (status == KILN_OK)
-        status = kiln_compared_leaves_open(&c->leaves_b, c->results_b, c->scene_b, c->b, error);
+    int status;
+    KILN_TRY(kiln_results_scene(c->results_a, &c->scene_a, error));
+    KILN_TRY(kiln_results_scene(c->results_b, &c->scene_b, error));
+    KILN_TRY(kiln_compared_leaves_open(&c->leaves_a, c->results_a, c->scene_a, c->a, error));
+    KILN_TRY(kiln_compared_leaves_open(&c->leaves_b, c->results_b, c->scene_b, c->b, error));
+end:
     if (status != KILN_OK || (c->leaves_a == NULL && c->leaves_b == NULL)) {
         close_scenes(c);
     } else if (c->leaves_a != NULL && c->leaves_b != NULL) {
@@ -194,11 +193,12 @@ static int open_leaves(struct comparison *c, struct kiln_error *error)
 static int list_objects(struct comparison *c, const struct kiln_scene *scene, struct kiln_error *error)
 {
     int status = KILN_OK;
-    for (size_t i = 0; status == KILN_OK && i < scene->object_count; i++)
+    for (size_t i = 0; i < scene->object_count; i++)
         if ((scene->objects[i].flags & KILN_OBJECT_CASTER_ONLY) == 0)
-            status = add_one(c, kiln_scene_string(scene, scene->objects[i].name), error);
-    if (status == KILN_OK && c->count > 0)
+            KILN_TRY(add_one(c, kiln_scene_string(scene, scene->objects[i].name), error));
+    if (c->count > 0)
         qsort(c->ones, c->count, sizeof *c->ones, compare_names);
+end:
     return status;
 }
 
@@ -207,27 +207,25 @@ static int list_objects(struct comparison *c, const struct kiln_scene *scene, st
 static int list_pairs(struct comparison *c, struct kiln_error *error)
 {
     struct comparison other = {0};
-    int status = kiln_results_open(&c->results_a, c->a, error);
-    if (status == KILN_OK)
-        status = kiln_results_open(&c->results_b, c->b, error);
-    if (status == KILN_OK)
-        status = open_leaves(c, error);
+    int status;
+    KILN_TRY(kiln_results_open(&c->results_a, c->a, error));
+    KILN_TRY(kiln_results_open(&c->results_b, c->b, error));
+    KILN_TRY(open_leaves(c, error));
     const bool octrees = c->leaves_a != NULL || c->leaves_b != NULL;
-    if (status == KILN_OK)
-        status = octrees ? list_objects(c, c->scene_a, error) : list_lightmaps(c, c->results_a, c->a, error);
-    if (status == KILN_OK)
-        status = octrees ? list_objects(&other, c->scene_b, error) : list_lightmaps(&other, c->results_b, c->b, error);
-    for (size_t i = 0; status == KILN_OK && (i < c->count || i < other.count); i++) {
+    KILN_TRY(octrees ? list_objects(c, c->scene_a, error) : list_lightmaps(c, c->results_a, c->a, error));
+    KILN_TRY(octrees ? list_objects(&other, c->scene_b, error) : list_lightmaps(&other, c->results_b, c->b, error));
+    for (size_t i = 0; i < c->count || i < other.count; i++) {
         const int order = i >= c->count ? 1 : i >= other.count ? -1 : strcmp(c->ones[i].name, other.ones[i].name);
         if (order != 0)
-            status = kiln_fail(error, KILN_BAD_INPUT,
+            KILN_TRY(kiln_fail(error, KILN_BAD_INPUT,
                                "%s '%s' is in '%s' but not in '%s': these are not bakes of the same scene",
                                octrees ? "object" : "lightmap", order < 0 ? c->ones[i].name : other.ones[i].name,
-                               order < 0 ? c->a : c->b, order < 0 ? c->b : c->a);
+                               order < 0 ? c->a : c->b, order < 0 ? c->b : c->a));
     }
-    if (status == KILN_OK && c->count == 0)
-        status =
-            kiln_fail(error, KILN_BAD_INPUT, "there are no lightmaps in '%s/lightmaps' and '%s/lightmaps'", c->a, c->b);
+    if (c->count == 0)
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "there are no lightmaps in '%s/lightmaps' and '%s/lightmaps'", c->a,
+                           c->b));
+end:
     kiln_free(&other.ones);
     return status;
 }
@@ -295,18 +293,18 @@ static int compare_codes(struct comparison *c, struct kiln_error *error)
 static int compare_all(struct comparison *c, struct kiln_error *error)
 {
     bool folder_a = false, folder_b = false;
-    int status = is_folder(c->a, &folder_a, error);
-    if (status == KILN_OK)
-        status = is_folder(c->b, &folder_b, error);
-    if (status == KILN_OK && folder_a != folder_b)
-        status = kiln_fail(error, KILN_USAGE, "'%s' is a folder and '%s' is not: compare two bakes or two EXR files",
-                           folder_a ? c->a : c->b, folder_a ? c->b : c->a);
-    if (status == KILN_OK)
-        status = folder_a ? list_pairs(c, error) : add_one(c, "", error);
-    if (status == KILN_OK && !folder_a)
-        status = kiln_reader_create(&c->reader, 0, error);
-    if (status == KILN_OK && folder_a)
-        status = decide_how(c, error);
+    int status;
+    KILN_TRY(is_folder(c->a, &folder_a, error));
+    KILN_TRY(is_folder(c->b, &folder_b, error));
+    if (folder_a != folder_b)
+        KILN_TRY(kiln_fail(error, KILN_USAGE, "'%s' is a folder and '%s' is not: compare two bakes or two EXR files",
+                           folder_a ? c->a : c->b, folder_a ? c->b : c->a));
+    KILN_TRY(folder_a ? list_pairs(c, error) : add_one(c, "", error));
+    if (!folder_a)
+        KILN_TRY(kiln_reader_create(&c->reader, 0, error));
+    if (folder_a)
+        KILN_TRY(decide_how(c, error));
+end:
     c->total = (struct kiln_difference){.identical = true};
     for (size_t k = 0; status == KILN_OK && k < c->count; k++) {
         status = compare_one(c, k, error);
@@ -432,15 +430,13 @@ static int write_picture(const struct comparison *c, const char *path, struct ki
         return kiln_fail(error, KILN_USAGE,
                          "--output %s: there is no picture of %s; without it the numbers are printed", path,
                          c->leaves_a != NULL || c->leaves_b != NULL ? "octrees" : "lightmaps that differ in size");
-    int status = read_pair(c, c->worst, &a, &b, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&bytes, (size_t)a->width * a->height * 3, 1, "a picture", error);
-    if (status == KILN_OK)
-        status = kiln_difference_picture(a, b, 0.1, bytes, error);
-    if (status == KILN_OK)
-        status =
-            kiln_png_write_bytes(NULL, path, bytes, a->width, a->height,
-                                 "difference of two lightmaps: black none, white 10 % of the mean and more", error);
+    int status;
+    KILN_TRY(read_pair(c, c->worst, &a, &b, error));
+    KILN_TRY(kiln_allocate(&bytes, (size_t)a->width * a->height * 3, 1, "a picture", error));
+    KILN_TRY(kiln_difference_picture(a, b, 0.1, bytes, error));
+    KILN_TRY(kiln_png_write_bytes(NULL, path, bytes, a->width, a->height,
+                                  "difference of two lightmaps: black none, white 10 % of the mean and more", error));
+end:
     kiln_free(&bytes);
     kiln_image_destroy(&a);
     kiln_image_destroy(&b);
@@ -452,15 +448,16 @@ int kiln_command_compare(struct kiln_job *job, struct kiln_error *error)
     struct comparison c = {.a = job->arguments[0], .b = job->arguments[1]};
     const struct kiln_output_name name = {
         .option = "--output", .path = job->output, .inputs = {c.a, c.b}, .bakes = {c.a, c.b}};
-    int status = job->output != NULL ? kiln_output_name_check(&name, error) : KILN_OK;
-    if (status == KILN_OK)
-        status = compare_all(&c, error);
-    if (status == KILN_OK && job->output != NULL)
-        status = write_picture(&c, job->output, error);
-    if (status == KILN_OK && job->json)
-        status = print_json(&c, error);
-    else if (status == KILN_OK && !job->quiet)
+    int status;
+    KILN_TRY(job->output != NULL ? kiln_output_name_check(&name, error) : KILN_OK);
+    KILN_TRY(compare_all(&c, error));
+    if (job->output != NULL)
+        KILN_TRY(write_picture(&c, job->output, error));
+    if (job->json)
+        KILN_TRY(print_json(&c, error));
+    else if (!job->quiet)
         print_text(&c);
+end:
     kiln_compared_leaves_close(&c.leaves_a);
     kiln_compared_leaves_close(&c.leaves_b);
     close_scenes(&c);

@@ -64,11 +64,12 @@ static int add_all(struct pair *p, struct kiln_error *error)
     if (p->scenes[0]->object_count != scene->object_count)
         return kiln_fail(error, KILN_BAD_INPUT, "the reference has %u objects, and the bake has %u",
                          (unsigned)scene->object_count, (unsigned)p->scenes[0]->object_count);
-    for (uint32_t i = 0; status == KILN_OK && i < scene->object_count; i++)
+    for (uint32_t i = 0; i < scene->object_count; i++)
         if (((scene->objects[i].flags | p->scenes[0]->objects[i].flags) & KILN_OBJECT_CASTER_ONLY) == 0)
-            status = add_object(p, i, error);
-    if (status == KILN_OK && !(p->sums.reference > 0.0))
-        status = kiln_fail(error, KILN_BAD_INPUT, "the reference has no light: there is no error to measure");
+            KILN_TRY(add_object(p, i, error));
+    if (!(p->sums.reference > 0.0))
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "the reference has no light: there is no error to measure"));
+end:
     return status;
 }
 
@@ -82,11 +83,11 @@ json_t *kiln_compare_by_area(struct kiln_results *a, struct kiln_results *b)
 {
     struct pair p = {.results = {a, b}};
     struct kiln_error error = {{0}};
-    int status = kiln_results_scene(a, &p.scenes[0], &error);
-    if (status == KILN_OK)
-        status = kiln_results_scene(b, &p.scenes[1], &error);
-    if (status == KILN_OK)
-        status = add_all(&p, &error);
+    int status;
+    KILN_TRY(kiln_results_scene(a, &p.scenes[0], &error));
+    KILN_TRY(kiln_results_scene(b, &p.scenes[1], &error));
+    KILN_TRY(add_all(&p, &error));
+end:
     kiln_scene_close(&p.scenes[0]);
     kiln_scene_close(&p.scenes[1]);
     if (status != KILN_OK)

@@ -111,19 +111,20 @@ static int read_light(struct export *e, struct kiln_error *error)
     e->vertices = kiln_export_vertices(e->scene);
     if (json_object_get(e->run, "vertices") == NULL || e->vertices == 0)
         return KILN_OK;
-    int status = kiln_results_image(e->results, "kiln.h5", &dataset, 1, &rows, error);
-    if (status == KILN_OK && (rows->width != e->vertices || kiln_rows_of(rows, dataset, 2) == NULL))
-        status = kiln_fail(error, KILN_BAD_INPUT,
-                           "%.512s/kiln.h5 does not have the vertices of scene.kscene; bake again", e->directory);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->light, (size_t)e->vertices, sizeof *e->light, "irradiance at vertices", error);
-    for (uint64_t i = 0; status == KILN_OK && i < 3 * e->vertices; i++) {
+    int status;
+    KILN_TRY(kiln_results_image(e->results, "kiln.h5", &dataset, 1, &rows, error));
+    if (rows->width != e->vertices || kiln_rows_of(rows, dataset, 2) == NULL)
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT,
+                           "%.512s/kiln.h5 does not have the vertices of scene.kscene; bake again", e->directory));
+    KILN_TRY(kiln_allocate(&e->light, (size_t)e->vertices, sizeof *e->light, "irradiance at vertices", error));
+    for (uint64_t i = 0; i < 3 * e->vertices; i++) {
         const float value = kiln_rows_of(rows, dataset, (unsigned)(i % 3))[i / 3];
         e->light[i / 3][i % 3] = value;
         if (!(value >= 0.0f && isfinite(value)))
-            status = kiln_fail(error, KILN_BAD_INPUT, "%.512s/kiln.h5: vertex %llu has irradiance %g; bake again",
-                               e->directory, (unsigned long long)(i / 3), (double)value);
+            KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "%.512s/kiln.h5: vertex %llu has irradiance %g; bake again",
+                               e->directory, (unsigned long long)(i / 3), (double)value));
     }
+end:
     kiln_image_destroy(&rows);
     return status;
 }

@@ -100,30 +100,26 @@ int kiln_command_generate(struct kiln_job *job, struct kiln_error *error)
     }
     if (job->argument_count == 0)
         return kiln_fail(error, KILN_USAGE, "name the scene to generate; kiln generate lists them");
-    int status = find(job->arguments[0], &generator, error);
-    if (status == KILN_OK)
-        status = check_options(job, generator, error);
-    if (status == KILN_OK && job->output == NULL)
-        status = kiln_fail(error, KILN_USAGE, "say where the scene goes: kiln generate %s -o %s.glb", generator->name,
-                           generator->name);
-    if (status == KILN_OK && (strlen(job->output) < 5 || strcmp(job->output + strlen(job->output) - 4, ".glb") != 0))
-        status = kiln_fail(error, KILN_USAGE, "-o %.200s: the file's name must end in .glb", job->output);
+    int status;
+    KILN_TRY(find(job->arguments[0], &generator, error));
+    KILN_TRY(check_options(job, generator, error));
+    if (job->output == NULL)
+        KILN_TRY(kiln_fail(error, KILN_USAGE, "say where the scene goes: kiln generate %s -o %s.glb", generator->name,
+                           generator->name));
+    if (strlen(job->output) < 5 || strcmp(job->output + strlen(job->output) - 4, ".glb") != 0)
+        KILN_TRY(kiln_fail(error, KILN_USAGE, "-o %.200s: the file's name must end in .glb", job->output));
     const struct kiln_output_name name = {.option = "--output", .path = job->output};
-    if (status == KILN_OK)
-        status = kiln_output_name_check(&name, error);
-    if (status == KILN_OK)
-        status = kiln_glb_create(&glb, error);
+    KILN_TRY(kiln_output_name_check(&name, error));
+    KILN_TRY(kiln_glb_create(&glb, error));
     const struct kiln_generate_params params = {.triangles = job->triangles,
                                                 .columns = job->columns,
                                                 .rows = job->rows,
                                                 .albedo = job->albedo >= 0 ? job->albedo : 0.5,
                                                 .seed = job->seed};
-    if (status == KILN_OK)
-        status = generator->build(glb, generator, &params, error);
-    if (status == KILN_OK)
-        status = kiln_glb_write(glb, job->output, error);
-    if (status == KILN_OK)
-        status = report(job, generator, glb, error);
+    KILN_TRY(generator->build(glb, generator, &params, error));
+    KILN_TRY(kiln_glb_write(glb, job->output, error));
+    KILN_TRY(report(job, generator, glb, error));
+end:
     kiln_glb_destroy(&glb);
     return status;
 }

@@ -290,10 +290,10 @@ static int print_objects(const struct kiln_scene_survey *look, bool all, struct 
     const size_t rows = all || s->object_count <= OBJECTS_SHOWN ? s->object_count : OBJECTS_SHOWN;
     const char **cells = NULL;
     char(*texts)[4][CELL] = NULL;
-    int status = kiln_allocate(&cells, (rows + 1) * COLUMNS, sizeof *cells, "a table", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&texts, rows, sizeof *texts, "a table", error);
-    if (status == KILN_OK && rows > 0) {
+    int status;
+    KILN_TRY(kiln_allocate(&cells, (rows + 1) * COLUMNS, sizeof *cells, "a table", error));
+    KILN_TRY(kiln_allocate(&texts, rows, sizeof *texts, "a table", error));
+    if (rows > 0) {
         memcpy(cells, head, sizeof head);
         for (size_t i = 0; i < rows; i++) {
             const struct kiln_object *o = &s->objects[i];
@@ -318,6 +318,7 @@ static int print_objects(const struct kiln_scene_survey *look, bool all, struct 
         if (rows < s->object_count)
             (void)printf("... and %zu more (--verbose shows all)\n", s->object_count - rows);
     }
+end:
     kiln_free(&texts);
     kiln_free(&cells);
     return status;

@@ -128,16 +128,17 @@ static bool takes_scene(const struct kiln_job *job)
 static int prepare(struct kiln_job **job, int argc, char **argv, const struct kiln_command *command,
                    struct kiln_error *error)
 {
-    int status = kiln_job_parse(job, argc, argv, error);
-    if (status == KILN_OK)
-        status = kiln_group_fields_make(*job, error);
-    if (status == KILN_OK && command->folder && takes_scene(*job))
+    int status;
+    KILN_TRY(kiln_job_parse(job, argc, argv, error));
+    KILN_TRY(kiln_group_fields_make(*job, error));
+    if (command->folder && takes_scene(*job))
         (*job)->scene = (*job)->arguments[0];
-    else if (status == KILN_OK && command->folder)
-        status = check_folder(*job, (*job)->arguments[0], error);
-    if (status == KILN_OK)
-        status = check_scene(*job, error);
-    return status == KILN_OK ? kiln_process_need_stack(error) : status;
+    else if (command->folder)
+        KILN_TRY(check_folder(*job, (*job)->arguments[0], error));
+    KILN_TRY(check_scene(*job, error));
+    KILN_TRY(kiln_process_need_stack(error));
+end:
+    return status;
 }
 
 static int run(const struct kiln_command *command, struct kiln_job *job, struct kiln_error *error)
@@ -404,11 +405,11 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
 static int meet_others(char **argv, int *rank, struct kiln_error *error)
 {
     struct kiln_error own = {{0}};
-    int status = start_mpi(true, rank, start_seconds(2.0 * START_SECONDS), &own);
-    if (status == KILN_OK)
-        status = kiln_agree(MPI_COMM_WORLD, KILN_OK, &own);
-    if (status == KILN_OK)
-        status = kiln_same_job(MPI_COMM_WORLD, argv[1], NULL, &own);
+    int status;
+    KILN_TRY(start_mpi(true, rank, start_seconds(2.0 * START_SECONDS), &own));
+    KILN_TRY(kiln_agree(MPI_COMM_WORLD, KILN_OK, &own));
+    KILN_TRY(kiln_same_job(MPI_COMM_WORLD, argv[1], NULL, &own));
+end:
     if (status != KILN_SITE)
         (void)MPI_Finalize();
     (void)alarm(0);

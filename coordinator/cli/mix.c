@@ -73,12 +73,11 @@ static int open_bake(struct mix *m, struct kiln_error *error)
         status = kiln_results_json(m->results, "run.json", &m->run, error);
     if (status == KILN_NO_INPUT || (status == KILN_OK && kiln_results_manifest(m->results) == NULL))
         return kiln_fail(error, KILN_NO_INPUT, "%.300s holds no finished bake: bake first", m->directory);
-    if (status == KILN_OK)
-        status = kiln_lock_refuse(m->directory, error);
-    if (status == KILN_OK)
-        status = kiln_mix_factors_make(&m->factors, m->job, m->run, error);
-    if (status == KILN_OK)
-        status = list_maps(m, error);
+    KILN_TRY(status);
+    KILN_TRY(kiln_lock_refuse(m->directory, error));
+    KILN_TRY(kiln_mix_factors_make(&m->factors, m->job, m->run, error));
+    KILN_TRY(list_maps(m, error));
+end:
     m->has_scene = status == KILN_OK && kiln_results_has(m->results, "scene.glb");
     m->has_volume = status == KILN_OK && kiln_mix_has_volume(m->results, m->run);
     return status;
@@ -171,11 +170,12 @@ static int mix_maps(const struct mix *m, struct kiln_error *error)
 {
     struct kiln_mix_params params = {
         .results = m->results, .directory = m->output, .bake = m->directory, .factors = &m->factors};
-    int status = kiln_publish_batch_create(&params.batch, error);
-    for (size_t i = (size_t)m->rank; i < m->map_count && status == KILN_OK; i += (size_t)m->ranks)
-        status = kiln_mix_map(&params, m->maps[i].name, m->maps[i].object, &m->ratios[i], error);
-    if (status == KILN_OK)
-        status = kiln_publish_batch_finish(params.batch, error);
+    int status;
+    KILN_TRY(kiln_publish_batch_create(&params.batch, error));
+    for (size_t i = (size_t)m->rank; i < m->map_count; i += (size_t)m->ranks)
+        KILN_TRY(kiln_mix_map(&params, m->maps[i].name, m->maps[i].object, &m->ratios[i], error));
+    KILN_TRY(kiln_publish_batch_finish(params.batch, error));
+end:
     kiln_publish_batch_destroy(&params.batch);
     return status;
 }
@@ -208,11 +208,10 @@ static int copy_file(const struct mix *m, const char *name, struct kiln_error *e
     int status = kiln_results_file(m->results, name, &from, path, error);
     if (status != KILN_OK)
         return status;
-    status = kiln_publish_begin(&p, m->output, name, error);
-    if (status == KILN_OK)
-        status = kiln_publish_open(&p, &to, error);
-    if (status == KILN_OK)
-        status = copy_bytes(from, path, to, p.path, error);
+    KILN_TRY(kiln_publish_begin(&p, m->output, name, error));
+    KILN_TRY(kiln_publish_open(&p, &to, error));
+    KILN_TRY(copy_bytes(from, path, to, p.path, error));
+end:
     if (to >= 0)
         (void)close(to);
     if (status == KILN_OK)
@@ -267,22 +266,20 @@ static int write_others(const struct mix *m, struct kiln_error *error)
 /* Collective. */
 static int write_all(struct mix *m, struct kiln_error *error)
 {
-    int status = kiln_agree(MPI_COMM_WORLD, m->rank == 0 ? make_folders(m, error) : KILN_OK, error);
-    if (status == KILN_OK)
-        status = with_manifest(m, false, error);
-    if (status == KILN_OK)
-        status = kiln_agree(MPI_COMM_WORLD, mix_maps(m, error), error);
-    if (status != KILN_OK)
-        return status;
+    int status;
+    KILN_TRY(kiln_agree(MPI_COMM_WORLD, m->rank == 0 ? make_folders(m, error) : KILN_OK, error));
+    KILN_TRY(with_manifest(m, false, error));
+    KILN_TRY(kiln_agree(MPI_COMM_WORLD, mix_maps(m, error), error));
     /* each has those of its maps, and 0 of others */
     (void)MPI_Reduce(m->rank == 0 ? MPI_IN_PLACE : m->ratios, m->ratios, (int)m->map_count, MPI_DOUBLE, MPI_SUM, 0,
                      MPI_COMM_WORLD);
     const struct kiln_mix_params params = {
         .results = m->results, .directory = m->output, .bake = m->directory, .factors = &m->factors};
-    status = kiln_mix_volume(&params, m->run, m->has_volume, MPI_COMM_WORLD, error);
-    if (status == KILN_OK)
-        status = kiln_agree(MPI_COMM_WORLD, m->rank == 0 ? write_others(m, error) : KILN_OK, error);
-    return status == KILN_OK ? with_manifest(m, true, error) : status;
+    KILN_TRY(kiln_mix_volume(&params, m->run, m->has_volume, MPI_COMM_WORLD, error));
+    KILN_TRY(kiln_agree(MPI_COMM_WORLD, m->rank == 0 ? write_others(m, error) : KILN_OK, error));
+    KILN_TRY(with_manifest(m, true, error));
+end:
+    return status;
 }
 
 static int tell(const struct mix *m, struct kiln_error *error)

@@ -101,13 +101,12 @@ int kiln_mix_factors_make(struct kiln_mix_factors *f, const struct kiln_job *job
         return kiln_fail(error, KILN_BAD_INPUT,
                          "%.300s has not told groups of lights apart: bake with --light-groups or --sky-patches",
                          job->arguments[0]);
-    int status = kiln_allocate(&f->names, f->count, sizeof *f->names, "groups of lights", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&f->of, f->count, sizeof *f->of, "groups of lights", error);
-    if (status == KILN_OK)
-        status = take_names(f, groups, job->arguments[0], error);
-    if (status == KILN_OK)
-        status = set_lines(f, job, error);
+    int status;
+    KILN_TRY(kiln_allocate(&f->names, f->count, sizeof *f->names, "groups of lights", error));
+    KILN_TRY(kiln_allocate(&f->of, f->count, sizeof *f->of, "groups of lights", error));
+    KILN_TRY(take_names(f, groups, job->arguments[0], error));
+    KILN_TRY(set_lines(f, job, error));
+end:
     for (int c = 0; c < 3; c++)
         f->least[c] = INFINITY;
     for (size_t g = 0; g < f->count && status == KILN_OK; g++)

@@ -107,10 +107,11 @@ static int add_groups(struct mixing *m, const char *name, struct kiln_error *err
     const struct kiln_mix_factors *f = m->params->factors;
     const size_t files = kiln_group_files(f->count);
     int status = KILN_OK;
-    for (size_t n = 0; n < files && status == KILN_OK; n++)
-        status = add_file(m, n, name, error);
-    for (size_t g = 0; files == 0 && g < f->count && status == KILN_OK; g++)
-        status = add_group(m, m->bake, g, name, error);
+    for (size_t n = 0; n < files; n++)
+        KILN_TRY(add_file(m, n, name, error));
+    for (size_t g = 0; files == 0 && g < f->count; g++)
+        KILN_TRY(add_group(m, m->bake, g, name, error));
+end:
     return status;
 }
 
@@ -200,18 +201,15 @@ int kiln_mix_map(const struct kiln_mix_params *params, const char *name, const j
 {
     struct mixing m = {.params = params};
     struct kiln_image *image = NULL;
-    int status = kiln_results_image(params->results, name, NULL, 0, &m.bake, error);
-    if (status == KILN_OK)
-        status = begin(&m, name, error);
-    if (status == KILN_OK)
-        status = add_groups(&m, name, error);
-    if (status == KILN_OK)
-        status = make_image(&m, &image, error);
-    if (status == KILN_OK) {
-        const double before = mean_of(m.bake);
-        *ratio = before > 0.0 ? mean_of(image) / before : 1.0;
-        status = put(&m, name, object, image, error);
-    }
+    int status;
+    KILN_TRY(kiln_results_image(params->results, name, NULL, 0, &m.bake, error));
+    KILN_TRY(begin(&m, name, error));
+    KILN_TRY(add_groups(&m, name, error));
+    KILN_TRY(make_image(&m, &image, error));
+    const double before = mean_of(m.bake);
+    *ratio = before > 0.0 ? mean_of(image) / before : 1.0;
+    KILN_TRY(put(&m, name, object, image, error));
+end:
     for (int k = 0; k < PLANES; k++)
         kiln_free(&m.sum[k]);
     kiln_image_destroy(&image);

@@ -31,20 +31,18 @@ static int set_up(struct stage *s, const char *directory, const struct kiln_job 
                   struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
-    int status = kiln_path_join(path, directory, "scene.kscene", error);
-    if (status == KILN_OK)
-        status = kiln_scene_open(&s->scene, path, error);
-    if (status == KILN_OK)
-        status = kiln_scene_take_gloss(s->scene, mode_of(run), error);
-    if (status == KILN_OK)
-        status = kiln_geometry_create(&s->geometry, s->scene, error);
-    if (status != KILN_OK)
-        return status;
+    int status;
+    KILN_TRY(kiln_path_join(path, directory, "scene.kscene", error));
+    KILN_TRY(kiln_scene_open(&s->scene, path, error));
+    KILN_TRY(kiln_scene_take_gloss(s->scene, mode_of(run), error));
+    KILN_TRY(kiln_geometry_create(&s->geometry, s->scene, error));
     kiln_geometry_make_all_hittable(s->geometry);
-    status = kiln_lights_create(&s->lights, s->scene, s->geometry, error);
+    KILN_TRY(kiln_lights_create(&s->lights, s->scene, s->geometry, error));
     const struct kiln_backend_params params = {
         .scene = s->scene, .geometry = s->geometry, .lights = s->lights, .threads = job->threads};
-    return status == KILN_OK ? kiln_backend_create(&s->backend, "embree", &params, error) : status;
+    KILN_TRY(kiln_backend_create(&s->backend, "embree", &params, error));
+end:
+    return status;
 }
 
 static int draw(const struct stage *s, const char *directory, json_t *run, struct kiln_error *error)
@@ -59,13 +57,13 @@ static int draw(const struct stage *s, const char *directory, json_t *run, struc
     struct kiln_picture picture = {0};
     if (keeps)
         kiln_picture_keep_place(&kept, &wish);
-    int status = kiln_picture_make(&source, &wish, 2, &look, &picture, error);
-    if (status == KILN_OK && wish.from != NULL)
+    int status;
+    KILN_TRY(kiln_picture_make(&source, &wish, 2, &look, &picture, error));
+    if (wish.from != NULL)
         picture.viewpoint.kind = kept.inside ? KILN_VIEW_INSIDE : KILN_VIEW_OUTSIDE;
-    if (status == KILN_OK)
-        status = kiln_picture_write(directory, "preview.png", &picture, &look, error);
-    if (status == KILN_OK)
-        (void)json_object_set_new(run, "preview", kiln_picture_json(&picture, &look));
+    KILN_TRY(kiln_picture_write(directory, "preview.png", &picture, &look, error));
+    (void)json_object_set_new(run, "preview", kiln_picture_json(&picture, &look));
+end:
     kiln_image_destroy(&picture.image);
     return status;
 }

@@ -119,20 +119,18 @@ int kiln_mix_scene_write(const char *directory, const struct kiln_results *resul
 {
     struct kiln_scene *scene = NULL;
     struct mixing m = {.rules = json_object_get(run, "light_group_rules"), .factors = factors, .as_baked = as_baked};
-    int status = kiln_results_scene(results, &scene, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&m.bytes, scene->mapped_bytes, 1, "the scene", error);
-    if (status == KILN_OK) {
-        struct kiln_scene_header header = *scene->header;
-        m.scene = scene;
-        memcpy(m.bytes, scene->mapped, scene->mapped_bytes);
-        if (m.rules != NULL || has_patches(&m)) /* bakes of earlier versions do not say */
-            mix(&m);
-        kiln_scene_content_hash(&header, m.bytes + kiln_scene_header_bytes(header.version), header.content_hash);
-        memcpy(m.bytes + offsetof(struct kiln_scene_header, content_hash), header.content_hash,
-               sizeof header.content_hash);
-        status = kiln_publish_bytes_below(directory, "scene.kscene", m.bytes, scene->mapped_bytes, error);
-    }
+    int status;
+    KILN_TRY(kiln_results_scene(results, &scene, error));
+    KILN_TRY(kiln_allocate(&m.bytes, scene->mapped_bytes, 1, "the scene", error));
+    struct kiln_scene_header header = *scene->header;
+    m.scene = scene;
+    memcpy(m.bytes, scene->mapped, scene->mapped_bytes);
+    if (m.rules != NULL || has_patches(&m)) /* bakes of earlier versions do not say */
+        mix(&m);
+    kiln_scene_content_hash(&header, m.bytes + kiln_scene_header_bytes(header.version), header.content_hash);
+    memcpy(m.bytes + offsetof(struct kiln_scene_header, content_hash), header.content_hash, sizeof header.content_hash);
+    KILN_TRY(kiln_publish_bytes_below(directory, "scene.kscene", m.bytes, scene->mapped_bytes, error));
+end:
     kiln_free(&m.bytes);
     kiln_scene_close(&scene);
     return status;

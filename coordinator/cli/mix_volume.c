@@ -59,13 +59,12 @@ static int find_grid(struct volume_mix *m, const json_t *run, uint64_t *count, s
 
 static int make_probes(struct volume_mix *m, uint64_t count, struct kiln_error *error)
 {
-    int status = kiln_allocate(&m->probes, count, sizeof *m->probes, "the probes", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->occluders, count, sizeof *m->occluders, "the probes", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->places, count, sizeof *m->places, "the probes", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->sum, count * LIGHT, sizeof *m->sum, "the probes", error);
+    int status;
+    KILN_TRY(kiln_allocate(&m->probes, count, sizeof *m->probes, "the probes", error));
+    KILN_TRY(kiln_allocate(&m->occluders, count, sizeof *m->occluders, "the probes", error));
+    KILN_TRY(kiln_allocate(&m->places, count, sizeof *m->places, "the probes", error));
+    KILN_TRY(kiln_allocate(&m->sum, count * LIGHT, sizeof *m->sum, "the probes", error));
+end:
     m->volume.count = status == KILN_OK ? count : 0;
     m->volume.probes = m->probes;
     m->volume.occluders = m->occluders;
@@ -95,21 +94,18 @@ static int read_rest(struct volume_mix *m, struct kiln_error *error)
 {
     const size_t stride = sizeof *m->probes / sizeof(float), place = sizeof *m->places / sizeof(float);
     float *states = NULL;
-    int status = kiln_allocate(&states, m->volume.count, sizeof *states, "the probes", error);
-    if (status == KILN_OK)
-        status = read_into(m, POINT_DATA "validity", 1, &m->probes[0].back_share, stride, error);
-    if (status == KILN_OK)
-        status = read_into(m, POINT_DATA "mean_distance", 1, &m->probes[0].mean_distance, stride, error);
-    if (status == KILN_OK)
-        status = read_into(m, POINT_DATA "offset", 3, m->places[0].offset, place, error);
-    if (status == KILN_OK)
-        status = read_into(m, POINT_DATA "state", 1, states, 1, error);
-    if (status == KILN_OK)
-        status = read_into(m, POINT_DATA "occluders", OCCLUDERS, m->occluders[0].planes[0], OCCLUDERS, error);
-    for (uint64_t p = 0; p < m->volume.count && status == KILN_OK; p++) {
+    int status;
+    KILN_TRY(kiln_allocate(&states, m->volume.count, sizeof *states, "the probes", error));
+    KILN_TRY(read_into(m, POINT_DATA "validity", 1, &m->probes[0].back_share, stride, error));
+    KILN_TRY(read_into(m, POINT_DATA "mean_distance", 1, &m->probes[0].mean_distance, stride, error));
+    KILN_TRY(read_into(m, POINT_DATA "offset", 3, m->places[0].offset, place, error));
+    KILN_TRY(read_into(m, POINT_DATA "state", 1, states, 1, error));
+    KILN_TRY(read_into(m, POINT_DATA "occluders", OCCLUDERS, m->occluders[0].planes[0], OCCLUDERS, error));
+    for (uint64_t p = 0; p < m->volume.count; p++) {
         m->probes[p].back_share = 1.0f - m->probes[p].back_share;
         m->places[p].state = states[p] >= 0.0f && states[p] < KILN_PROBE_STATES ? (uint32_t)states[p] : 0;
     }
+end:
     kiln_free(&states);
     return status;
 }
@@ -125,28 +121,27 @@ static int mix_light(struct volume_mix *m, struct kiln_error *error)
 {
     const struct kiln_mix_factors *f = m->params->factors;
     float *light = NULL;
-    int status = kiln_allocate(&light, m->volume.count * LIGHT, sizeof *light, "the probes", error);
-    if (status == KILN_OK)
-        status = read_into(m, POINT_DATA "irradiance_sh", SH, light, LIGHT, error);
-    for (size_t a = 0; a < 6 && status == KILN_OK; a++)
-        status = read_into(m, axes[a], 3, light + SH + 3 * a, LIGHT, error);
-    if (status == KILN_OK)
-        add(m, light, f->least);
-    for (size_t g = 0; g < f->count && status == KILN_OK; g++) {
+    int status;
+    KILN_TRY(kiln_allocate(&light, m->volume.count * LIGHT, sizeof *light, "the probes", error));
+    KILN_TRY(read_into(m, POINT_DATA "irradiance_sh", SH, light, LIGHT, error));
+    for (size_t a = 0; a < 6; a++)
+        KILN_TRY(read_into(m, axes[a], 3, light + SH + 3 * a, LIGHT, error));
+    add(m, light, f->least);
+    for (size_t g = 0; g < f->count; g++) {
         const double more[3] = {f->of[g][0] - f->least[0], f->of[g][1] - f->least[1], f->of[g][2] - f->least[2]};
         char dataset[KILN_CHANNEL_NAME_SIZE];
         if (!(more[0] > 0.0 || more[1] > 0.0 || more[2] > 0.0))
             continue;
         (void)snprintf(dataset, sizeof dataset, "/groups/%s", f->names[g]);
-        status = read_into(m, dataset, LIGHT, light, LIGHT, error);
-        if (status == KILN_OK)
-            add(m, light, more);
+        KILN_TRY(read_into(m, dataset, LIGHT, light, LIGHT, error));
+        add(m, light, more);
     }
-    for (uint64_t i = 0; i < m->volume.count * LIGHT && status == KILN_OK; i++) {
+    for (uint64_t i = 0; i < m->volume.count * LIGHT; i++) {
         struct kiln_probe_result *p = &m->probes[i / LIGHT];
         const uint64_t c = i % LIGHT;
         *(c < SH ? &p->radiance[c / 3][c % 3] : &p->irradiance_axes[(c - SH) / 3][c % 3]) = (float)m->sum[i];
     }
+end:
     kiln_free(&light);
     return status;
 }
@@ -166,12 +161,14 @@ int kiln_mix_volume(const struct kiln_mix_params *params, const json_t *run, boo
     (void)MPI_Comm_rank(communicator, &rank);
     int status = find_grid(&m, run, &count, error);
     m.volume.first = rank == 0 ? 0 : count;
-    if (status == KILN_OK && rank == 0)
-        status = make_probes(&m, count, error);
-    if (status == KILN_OK && rank == 0)
-        status = read_rest(&m, error);
-    if (status == KILN_OK && rank == 0)
-        status = mix_light(&m, error);
+    KILN_TRY(status);
+    if (rank == 0)
+        KILN_TRY(make_probes(&m, count, error));
+    if (rank == 0)
+        KILN_TRY(read_rest(&m, error));
+    if (rank == 0)
+        KILN_TRY(mix_light(&m, error));
+end:
     status = kiln_agree(communicator, status, error);
     if (status == KILN_OK)
         status = kiln_write_volume(&result, &m.volume, &output, error);

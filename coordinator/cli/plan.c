@@ -424,11 +424,11 @@ static int write_files(const char *directory, const struct kiln_plan *p, struct 
 {
     const struct kiln_output_folder_params params = {.directory = directory, .kind = KILN_FOLDER_SHARED};
     struct kiln_output_folder *folder = NULL;
-    int status = kiln_output_folder_begin(&folder, &params, error);
-    if (status == KILN_OK)
-        status = write_csv(directory, p, error);
-    if (status == KILN_OK)
-        status = write_plot(directory, p, error);
+    int status;
+    KILN_TRY(kiln_output_folder_begin(&folder, &params, error));
+    KILN_TRY(write_csv(directory, p, error));
+    KILN_TRY(write_plot(directory, p, error));
+end:
     kiln_output_folder_end(&folder, false);
     return status;
 }
@@ -453,19 +453,18 @@ static int plan_here(struct kiln_job *job, const char *scene_file, struct kiln_e
     struct kiln_prepared *prepared = NULL;
     struct kiln_phases phases = {0};
     struct kiln_plan *plan = NULL;
-    int status = kiln_allocate(&plan, 1, sizeof *plan, "the plan", error);
-    if (status == KILN_OK)
-        status = kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, NULL, error);
-    if (status == KILN_OK) {
-        kiln_materials_settle(job, prepared->scene);
-        status = kiln_plan_make(plan, prepared, job, &phases, error);
-    }
-    if (status == KILN_OK && job->json)
-        status = kiln_json_print(plan_json(plan, job), error);
-    else if (status == KILN_OK)
+    int status;
+    KILN_TRY(kiln_allocate(&plan, 1, sizeof *plan, "the plan", error));
+    KILN_TRY(kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, NULL, error));
+    kiln_materials_settle(job, prepared->scene);
+    KILN_TRY(kiln_plan_make(plan, prepared, job, &phases, error));
+    if (job->json)
+        KILN_TRY(kiln_json_print(plan_json(plan, job), error));
+    else
         print_plan(plan, job);
-    if (status == KILN_OK && job->output != NULL)
-        status = write_files(job->output, plan, error);
+    if (job->output != NULL)
+        KILN_TRY(write_files(job->output, plan, error));
+end:
     kiln_prepared_destroy(&prepared);
     if (plan != NULL)
         kiln_plan_release(plan);

@@ -64,12 +64,13 @@ static int find_answer(struct kiln_results *results, const struct question *q, s
 {
     char path[KILN_PATH_SIZE];
     int descriptor;
-    int status = kiln_results_file(results, "volume.hdf", &descriptor, path, error);
-    if (status == KILN_OK)
-        status =
-            kiln_reader_light(kiln_results_reader(results), descriptor, path, q->position, &a->light, &a->place, error);
-    if (status == KILN_OK && q->has_normal)
+    int status;
+    KILN_TRY(kiln_results_file(results, "volume.hdf", &descriptor, path, error));
+    KILN_TRY(
+        kiln_reader_light(kiln_results_reader(results), descriptor, path, q->position, &a->light, &a->place, error));
+    if (q->has_normal)
         kiln_volume_irradiance(&a->light, q->normal, a->irradiance);
+end:
     if (descriptor >= 0)
         (void)close(descriptor);
     return status;
@@ -132,13 +133,12 @@ int kiln_command_probe(struct kiln_job *job, struct kiln_error *error)
     struct answer answer = {.place = {0}};
     struct kiln_results *results = NULL;
     const struct kiln_units *units = NULL;
-    int status = read_question(job, &question, error);
-    if (status == KILN_OK)
-        status = kiln_results_open(&results, job->arguments[0], error);
-    if (status == KILN_OK)
-        status = find_answer(results, &question, &answer, error);
-    if (status == KILN_OK)
-        units = kiln_units_of_bake(results);
+    int status;
+    KILN_TRY(read_question(job, &question, error));
+    KILN_TRY(kiln_results_open(&results, job->arguments[0], error));
+    KILN_TRY(find_answer(results, &question, &answer, error));
+    units = kiln_units_of_bake(results);
+end:
     kiln_results_close(&results);
     if (status != KILN_OK)
         return status;

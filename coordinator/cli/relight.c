@@ -115,18 +115,17 @@ static int fill(struct kiln_job *job, const json_t *index, struct kiln_error *er
         job->changes = job->arguments[1];
     if (many && !kiln_job_given(job, kiln_option_find_for("sky-patches", KILN_FOR_BAKE)))
         job->sky_patches = KILN_SKY_WHOLE;
-    if (status == KILN_OK && !many && job->light_groups == NULL)
-        status = kiln_transport_groups_take(job, index, directory, error);
-    if (status == KILN_OK && other != NULL && !kiln_is_yaml(other))
+    KILN_TRY(status);
+    if (!many && job->light_groups == NULL)
+        KILN_TRY(kiln_transport_groups_take(job, index, directory, error));
+    if (other != NULL && !kiln_is_yaml(other))
         job->scene = job->arguments[1];
-    else if (status == KILN_OK)
-        status = kiln_job_keep_text(job, json_string_value(json_object_get(index, "scene")), &job->scene, error);
-    if (status == KILN_OK)
-        status = kiln_job_changes_read(job, error);
-    if (status == KILN_OK)
-        status = kiln_job_groups_read(job, error);
-    if (status == KILN_OK)
-        status = kiln_group_fields_make(job, error);
+    else
+        KILN_TRY(kiln_job_keep_text(job, json_string_value(json_object_get(index, "scene")), &job->scene, error));
+    KILN_TRY(kiln_job_changes_read(job, error));
+    KILN_TRY(kiln_job_groups_read(job, error));
+    KILN_TRY(kiln_group_fields_make(job, error));
+end:
     job->relight = directory;
     return status;
 }
@@ -165,11 +164,11 @@ static int relight_states(struct kiln_job *job, struct kiln_error *error)
 int kiln_command_relight(struct kiln_job *job, struct kiln_error *error)
 {
     json_t *index = NULL;
-    int status = check_files(job->arguments[0], error);
-    if (status == KILN_OK)
-        status = read_index(&index, job->arguments[0], error);
-    if (status == KILN_OK)
-        status = kiln_agree(MPI_COMM_WORLD, fill(job, index, error), error);
+    int status;
+    KILN_TRY(check_files(job->arguments[0], error));
+    KILN_TRY(read_index(&index, job->arguments[0], error));
+    KILN_TRY(kiln_agree(MPI_COMM_WORLD, fill(job, index, error), error));
+end:
     json_decref(index);
     if (status == KILN_OK && (job->states != NULL || job->listen))
         return relight_states(job, error);

@@ -22,12 +22,12 @@ int kiln_command_report(struct kiln_job *job, struct kiln_error *error)
         path = fallback;
     }
     const struct kiln_output_name name = {.option = "--output", .path = path, .bakes = {job->arguments[0]}};
-    if (status == KILN_OK)
-        status = kiln_output_name_check(&name, error);
-    if (status == KILN_OK && job->output == NULL)
-        status = kiln_lock_refuse(job->arguments[0], error);
-    if (status == KILN_OK)
-        status = kiln_report_write(job->arguments[0], path, error);
+    KILN_TRY(status);
+    KILN_TRY(kiln_output_name_check(&name, error));
+    if (job->output == NULL)
+        KILN_TRY(kiln_lock_refuse(job->arguments[0], error));
+    KILN_TRY(kiln_report_write(job->arguments[0], path, error));
+end:
     if (status != KILN_OK)
         return status;
     if (job->json)

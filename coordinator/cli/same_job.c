@@ -210,11 +210,11 @@ int kiln_same_job(MPI_Comm communicator, const char *command, const struct kiln_
     add_build(&own);
     if (job != NULL)
         add_job(&own, job);
-    int status = kiln_agree(communicator, own.status, error);
-    if (status == KILN_OK)
-        status = learn_first(communicator, &own, &first, &size, error);
-    if (status == KILN_OK)
-        status = kiln_agree(communicator, compare(&own, first, (size_t)size, error), error);
+    int status;
+    KILN_TRY(kiln_agree(communicator, own.status, error));
+    KILN_TRY(learn_first(communicator, &own, &first, &size, error));
+    KILN_TRY(kiln_agree(communicator, compare(&own, first, (size_t)size, error), error));
+end:
     kiln_free(&own.text);
     kiln_free(&first);
     return status;

@@ -138,18 +138,16 @@ static int bake(struct bench *b, struct run *run, struct kiln_error *error)
     char name[TEXT], folder[KILN_PATH_SIZE];
     struct kiln_child a = {.error = error};
     (void)snprintf(name, sizeof name, "%s-%u", run->weak ? "weak" : "strong", run->ranks);
-    int status = kiln_path_join(folder, b->job->output, name, error);
-    if (status == KILN_OK) {
-        make_command(b, run, folder, &a);
-        status = a.status;
-    }
-    if (status == KILN_OK && !b->job->quiet)
+    int status;
+    KILN_TRY(kiln_path_join(folder, b->job->output, name, error));
+    make_command(b, run, folder, &a);
+    KILN_TRY(a.status);
+    if (!b->job->quiet)
         (void)fprintf(stderr, "kiln: %s scaling, %u rank%s of %u thread%s\n", run->weak ? "weak" : "strong", run->ranks,
                       run->ranks == 1 ? "" : "s", b->threads, b->threads == 1 ? "" : "s");
-    if (status == KILN_OK)
-        status = run_command(&a, error);
-    if (status == KILN_OK)
-        status = read_report(run, folder, error);
+    KILN_TRY(run_command(&a, error));
+    KILN_TRY(read_report(run, folder, error));
+end:
     kiln_child_clear(&a);
     return status;
 }
@@ -308,15 +306,14 @@ static int print_json(const struct bench *b, struct kiln_error *error)
 
 static int prepare(struct bench *b, struct kiln_error *error)
 {
-    int status = read_ranks(b, error);
-    if (status == KILN_OK && b->job->output == NULL)
-        status = kiln_job_default_output(b->job, b->job->scene, "-scaling", error);
-    if (status == KILN_OK)
-        status = kiln_child_program(b->program, error);
-    if (status == KILN_OK)
-        status = kiln_bench_folder_begin(&b->folder, b->job, "scaling", error);
-    if (status == KILN_OK)
-        b->threads = b->job->threads != 0 ? b->job->threads : kiln_own_cores((int)b->ranks[b->rank_count - 1]);
+    int status;
+    KILN_TRY(read_ranks(b, error));
+    if (b->job->output == NULL)
+        KILN_TRY(kiln_job_default_output(b->job, b->job->scene, "-scaling", error));
+    KILN_TRY(kiln_child_program(b->program, error));
+    KILN_TRY(kiln_bench_folder_begin(&b->folder, b->job, "scaling", error));
+    b->threads = b->job->threads != 0 ? b->job->threads : kiln_own_cores((int)b->ranks[b->rank_count - 1]);
+end:
     return status;
 }
 
@@ -327,17 +324,15 @@ int kiln_scaling_bench(struct kiln_job *job, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     b->job = job;
-    status = prepare(b, error);
-    if (status == KILN_OK)
-        status = bake_all(b, error);
-    if (status == KILN_OK)
-        status = write_csv(b, error);
-    if (status == KILN_OK)
-        status = write_plot(b, error);
-    if (status == KILN_OK && job->json)
-        status = print_json(b, error);
-    else if (status == KILN_OK)
+    KILN_TRY(prepare(b, error));
+    KILN_TRY(bake_all(b, error));
+    KILN_TRY(write_csv(b, error));
+    KILN_TRY(write_plot(b, error));
+    if (job->json)
+        KILN_TRY(print_json(b, error));
+    else
         print_text(b);
+end:
     kiln_output_folder_end(&b->folder, status == KILN_OK);
     kiln_free(&b);
     return status;

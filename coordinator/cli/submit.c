@@ -46,14 +46,14 @@ static int read_item(struct submission *s, const char *path, struct kiln_batch_i
     int status =
         s->job->output != NULL ? kiln_job_parse(&job, 6, with, error) : kiln_job_parse(&job, 4, without, error);
     struct stat scene;
-    if (status == KILN_OK && stat(job->scene, &scene) != 0)
-        status = kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read scene %.500s", job->scene);
-    if (status == KILN_OK && !S_ISREG(scene.st_mode))
-        status = kiln_fail(error, KILN_BAD_INPUT, "scene %.500s is not a file", job->scene);
-    if (status == KILN_OK)
-        status = keep_absolute(s, path, &item->job, error);
-    if (status == KILN_OK)
-        status = keep_absolute(s, job->output, &item->output, error);
+    KILN_TRY(status);
+    if (stat(job->scene, &scene) != 0)
+        KILN_TRY(kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read scene %.500s", job->scene));
+    if (!S_ISREG(scene.st_mode))
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "scene %.500s is not a file", job->scene));
+    KILN_TRY(keep_absolute(s, path, &item->job, error));
+    KILN_TRY(keep_absolute(s, job->output, &item->output, error));
+end:
     s->embree = s->embree || (status == KILN_OK && !kiln_backend_may_use_device(job->backend));
     kiln_job_destroy(&job);
     return status;
@@ -204,17 +204,14 @@ static int finish(struct submission *s, struct kiln_error *error)
 int kiln_command_submit(struct kiln_job *job, struct kiln_error *error)
 {
     struct submission s = {.job = job};
-    int status = find_program(&s, error);
-    if (status == KILN_OK)
-        status = find_array(&s, error);
-    if (status == KILN_OK)
-        status = read_items(&s, error);
-    if (status == KILN_OK)
-        status = describe(&s, error);
-    if (status == KILN_OK)
-        status = write_script(&s, error);
-    if (status == KILN_OK)
-        status = finish(&s, error);
+    int status;
+    KILN_TRY(find_program(&s, error));
+    KILN_TRY(find_array(&s, error));
+    KILN_TRY(read_items(&s, error));
+    KILN_TRY(describe(&s, error));
+    KILN_TRY(write_script(&s, error));
+    KILN_TRY(finish(&s, error));
+end:
     if (s.globbed)
         globfree(&s.found);
     kiln_free(&s.items);

@@ -98,13 +98,14 @@ static int open_bake(struct view *v, const char *directory, struct kiln_error *e
 /* Imports job->scene to a file of this process. */
 static int import_scene(struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
-    int status = kiln_temporary_make(&v->temporary, error);
-    if (status != KILN_OK)
-        return status;
+    int status;
+    KILN_TRY(kiln_temporary_make(&v->temporary, error));
     struct kiln_import_report report;
     const struct kiln_import_params params = kiln_job_import_params(job, v->temporary.scene_file, NULL);
-    status = kiln_import(&params, &report, error);
-    return status == KILN_OK ? kiln_scene_open(&v->scene, v->temporary.scene_file, error) : status;
+    KILN_TRY(kiln_import(&params, &report, error));
+    KILN_TRY(kiln_scene_open(&v->scene, v->temporary.scene_file, error));
+end:
+    return status;
 }
 
 static int open_scene(struct view *v, const struct kiln_job *job, struct kiln_error *error)
@@ -405,17 +406,17 @@ static int tell_all(const struct kiln_job *job, struct view *v, struct kiln_erro
 static int draw_all(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
-    int status = prepare(v, job, directory, error);
-    for (size_t i = 0; status == KILN_OK && i < v->shots.count; i++) {
-        status = render(v, job, directory, i, error);
-        if (status == KILN_OK)
-            status = kiln_shots_path(&v->shots, v->scene, i, path, error);
-        if (status == KILN_OK)
-            status = write_picture(v, job, path, error);
-        if (status == KILN_OK)
-            tell_picture(job, v, path);
+    int status;
+    KILN_TRY(prepare(v, job, directory, error));
+    for (size_t i = 0; i < v->shots.count; i++) {
+        KILN_TRY(render(v, job, directory, i, error));
+        KILN_TRY(kiln_shots_path(&v->shots, v->scene, i, path, error));
+        KILN_TRY(write_picture(v, job, path, error));
+        tell_picture(job, v, path);
     }
-    return status == KILN_OK ? tell_all(job, v, error) : status;
+    KILN_TRY(tell_all(job, v, error));
+end:
+    return status;
 }
 
 /* Checks, before any work is done, that all pictures can be written. */
@@ -552,23 +553,18 @@ static int check_options(struct view *v, const struct kiln_job *job, const char 
     const bool bake = job->scene == NULL;
     const struct kiln_output_name name = {
         .option = "--output", .path = path, .inputs = {job->scene}, .bakes = {bake ? job->arguments[0] : NULL}};
-    int status = read_show(v, job->show, error);
-    if (status == KILN_OK)
-        status = check_method(v, job, error);
-    if (status == KILN_OK)
-        status = check_filter(job, error);
-    if (status == KILN_OK)
-        status = check_atlas(v, job, error);
-    if (status == KILN_OK)
-        status = check_exposure(v, job, error);
-    if (status == KILN_OK)
-        status = kiln_view_made_check(job, &v->show, was_given(job, "voxels"), was_given(job, "filter"), error);
-    if (status == KILN_OK)
-        status = check_extension(job, path, error);
-    if (status == KILN_OK)
-        status = kiln_output_name_check(&name, error);
-    if (status == KILN_OK && job->output == NULL && bake)
-        status = kiln_lock_refuse(job->arguments[0], error);
+    int status;
+    KILN_TRY(read_show(v, job->show, error));
+    KILN_TRY(check_method(v, job, error));
+    KILN_TRY(check_filter(job, error));
+    KILN_TRY(check_atlas(v, job, error));
+    KILN_TRY(check_exposure(v, job, error));
+    KILN_TRY(kiln_view_made_check(job, &v->show, was_given(job, "voxels"), was_given(job, "filter"), error));
+    KILN_TRY(check_extension(job, path, error));
+    KILN_TRY(kiln_output_name_check(&name, error));
+    if (job->output == NULL && bake)
+        KILN_TRY(kiln_lock_refuse(job->arguments[0], error));
+end:
     return status;
 }
 
@@ -647,37 +643,36 @@ static int write_places(struct view *v, const struct kiln_job *job, const char *
     const char *dot = strrchr(path, '.');
     if (job->output == NULL || dot == NULL || strcasecmp(dot, ".csv") != 0)
         return kiln_fail(error, KILN_USAGE, "--places writes a path of cameras: give -o FILE.csv");
-    int status = kiln_output_name_check(&name, error);
-    if (status == KILN_OK)
-        status = open_scene(v, job, error);
-    if (status == KILN_OK)
-        status = kiln_places_write(v->scene, job->view_places, path, error);
-    if (status == KILN_OK && job->json)
-        status = kiln_json_print(json_pack("{s:s, s:i, s:o}", "status", "done", "places", (int)job->view_places,
+    int status;
+    KILN_TRY(kiln_output_name_check(&name, error));
+    KILN_TRY(open_scene(v, job, error));
+    KILN_TRY(kiln_places_write(v->scene, job->view_places, path, error));
+    if (job->json)
+        KILN_TRY(kiln_json_print(json_pack("{s:s, s:i, s:o}", "status", "done", "places", (int)job->view_places,
                                            "output", kiln_json_string(path)),
-                                 error);
+                                 error));
+end:
     return status;
 }
 
 /* Draws from lightmaps, in one process. */
 static int view_lightmaps(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
-    int status = check_options(v, job, path, error);
-    if (status == KILN_OK)
-        status = open_scene(v, job, error);
-    if (status == KILN_OK)
-        status = take_materials(v, job, error);
-    if (status == KILN_OK && job->view_atlas != NULL)
+    int status;
+    KILN_TRY(check_options(v, job, path, error));
+    KILN_TRY(open_scene(v, job, error));
+    KILN_TRY(take_materials(v, job, error));
+    if (job->view_atlas != NULL)
         return draw_atlas(v, job, path, error);
-    if (status == KILN_OK)
-        status = kiln_shots_make(job, v->scene, path, &v->shots, error);
-    if (status == KILN_OK)
-        status = check_names(v, job->arguments[0], error);
-    if (status == KILN_OK)
-        status = open_backend(v, job, error);
-    if (status == KILN_OK && v->geometry->leaves != NULL && was_given(job, "filter"))
-        status = kiln_fail(error, KILN_USAGE, "--filter: a bake with --store octree has no texels; leave --filter out");
-    return status == KILN_OK ? draw_all(v, job, job->arguments[0], error) : status;
+    KILN_TRY(kiln_shots_make(job, v->scene, path, &v->shots, error));
+    KILN_TRY(check_names(v, job->arguments[0], error));
+    KILN_TRY(open_backend(v, job, error));
+    if (v->geometry->leaves != NULL && was_given(job, "filter"))
+        KILN_TRY(
+            kiln_fail(error, KILN_USAGE, "--filter: a bake with --store octree has no texels; leave --filter out"));
+    KILN_TRY(draw_all(v, job, job->arguments[0], error));
+end:
+    return status;
 }
 
 /* Collective. Traces paths: rank 0 draws, and the others compute their parts of its pictures. */
@@ -701,19 +696,16 @@ static int view_paths(struct view *v, const struct kiln_job *job, const char *pa
         kiln_view_team_serve(v->team);
     if (status != KILN_OK || rank != 0)
         return status;
-    status = kiln_shots_make(job, v->scene, path, &v->shots, error);
-    if (status == KILN_OK)
-        status = check_one(v, job, error);
-    if (status == KILN_OK)
-        status = check_names(v, job->scene == NULL ? job->arguments[0] : NULL, error);
-    if (status == KILN_OK && (job->sequence || job->view_denoise != KILN_VIEW_DENOISE_NONE))
-        status = kiln_view_filter_create(&v->filter, job->sequence, job->view_denoise != KILN_VIEW_DENOISE_NONE, error);
-    if (status == KILN_OK)
-        warn_of_missed(v, job);
-    if (status == KILN_OK)
-        status = draw_all(v, job, job->arguments[0], error);
-    if (status == KILN_OK)
-        status = kiln_view_team_stopped(v->team, error);
+    KILN_TRY(kiln_shots_make(job, v->scene, path, &v->shots, error));
+    KILN_TRY(check_one(v, job, error));
+    KILN_TRY(check_names(v, job->scene == NULL ? job->arguments[0] : NULL, error));
+    if (job->sequence || job->view_denoise != KILN_VIEW_DENOISE_NONE)
+        KILN_TRY(
+            kiln_view_filter_create(&v->filter, job->sequence, job->view_denoise != KILN_VIEW_DENOISE_NONE, error));
+    warn_of_missed(v, job);
+    KILN_TRY(draw_all(v, job, job->arguments[0], error));
+    KILN_TRY(kiln_view_team_stopped(v->team, error));
+end:
     kiln_view_team_end(v->team);
     return status;
 }

@@ -73,11 +73,11 @@ static int make_links(struct kiln_view_made *m, const struct kiln_job *job, cons
 {
     struct kiln_texel_links links;
     char texel[80];
-    int status = kiln_texel_links_find(&links, job->arguments[0], job->view_texel, error);
-    if (status == KILN_OK)
-        status = kiln_point_rows_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error);
-    if (status == KILN_OK)
-        status = kiln_point_rows_replace(m->rows, links.share, 1, links.points, error);
+    int status;
+    KILN_TRY(kiln_texel_links_find(&links, job->arguments[0], job->view_texel, error));
+    KILN_TRY(kiln_point_rows_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error));
+    KILN_TRY(kiln_point_rows_replace(m->rows, links.share, 1, links.points, error));
+end:
     m->nodes = links.nodes;
     m->single = links.single;
     m->all = links.all;
@@ -97,13 +97,12 @@ static int make_seen(struct kiln_view_made *m, const struct kiln_job *job, const
     struct kiln_seen *s = &m->seen;
     struct kiln_voxels *voxels = NULL;
     char texel[sizeof s->texel], by[80];
-    int status = job->view_voxels > 0 ? kiln_voxels_create(&voxels, geometry, job->view_voxels, error) : KILN_OK;
-    if (status == KILN_OK)
-        status = kiln_seen_find(s, results, scene, geometry, job->view_texel, voxels, error);
-    if (status == KILN_OK)
-        status = kiln_point_rows_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error);
-    if (status == KILN_OK)
-        status = kiln_point_rows_replace(m->rows, s->color, 3, s->points, error);
+    int status;
+    KILN_TRY(job->view_voxels > 0 ? kiln_voxels_create(&voxels, geometry, job->view_voxels, error) : KILN_OK);
+    KILN_TRY(kiln_seen_find(s, results, scene, geometry, job->view_texel, voxels, error));
+    KILN_TRY(kiln_point_rows_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error));
+    KILN_TRY(kiln_point_rows_replace(m->rows, s->color, 3, s->points, error));
+end:
     kiln_seen_key(&m->key);
     (void)snprintf(by, sizeof by, ", by %u voxels %llu, of which %llu are the same ones", job->view_voxels,
                    (unsigned long long)s->by_voxels, (unsigned long long)s->by_both);

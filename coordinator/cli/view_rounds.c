@@ -141,11 +141,12 @@ static int take_folder(struct kiln_view_rounds *r, bool *had_one, struct kiln_er
         .directory = r->job->accumulate, .kind = KILN_FOLDER_LOCKED, .no_locks = r->job->faults.no_locks};
     uint64_t generation;
     char scene[KILN_PATH_SIZE];
-    int status = kiln_path_join(scene, r->job->accumulate, "scene.kscene", error);
-    if (status == KILN_OK && access(scene, F_OK) == 0)
-        status = refuse_bake(r, error);
-    if (status == KILN_OK)
-        status = kiln_output_folder_begin(&r->folder, &params, error);
+    int status;
+    KILN_TRY(kiln_path_join(scene, r->job->accumulate, "scene.kscene", error));
+    if (access(scene, F_OK) == 0)
+        KILN_TRY(refuse_bake(r, error));
+    KILN_TRY(kiln_output_folder_begin(&r->folder, &params, error));
+end:
     *had_one = status == KILN_OK && kiln_checkpoint_newest(r->job->accumulate, &generation);
     return status;
 }
@@ -172,13 +173,14 @@ static int read_kept(struct kiln_view_rounds *r, struct kiln_path_sums *sums, st
                      size_t pixels, struct kiln_error *error)
 {
     const struct kiln_checkpoint *c = r->checkpoint;
-    int status = kiln_checkpoint_read(c, "samples", 0, 1, sizeof sums->samples, &sums->samples, error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(c, "pixels", sums->first, sums->count, sizeof *sums->pixels, sums->pixels, error);
-    if (status == KILN_OK && film != NULL)
-        status = kiln_checkpoint_read(c, "film unit", 0, 1, sizeof film->unit, &film->unit, error);
-    if (status == KILN_OK && film != NULL && r->rank == 0)
-        status = kiln_checkpoint_read(c, "film", 0, pixels, 3 * sizeof *film->sums, film->sums, error);
+    int status;
+    KILN_TRY(kiln_checkpoint_read(c, "samples", 0, 1, sizeof sums->samples, &sums->samples, error));
+    KILN_TRY(kiln_checkpoint_read(c, "pixels", sums->first, sums->count, sizeof *sums->pixels, sums->pixels, error));
+    if (film != NULL)
+        KILN_TRY(kiln_checkpoint_read(c, "film unit", 0, 1, sizeof film->unit, &film->unit, error));
+    if (film != NULL && r->rank == 0)
+        KILN_TRY(kiln_checkpoint_read(c, "film", 0, pixels, 3 * sizeof *film->sums, film->sums, error));
+end:
     r->first = r->kept = sums->samples;
     return status;
 }

@@ -55,11 +55,12 @@ static int all_cameras(const struct kiln_job *job, const struct kiln_scene *scen
     if (scene->camera_count == 0)
         return kiln_fail(error, KILN_USAGE,
                          "--camera all: the scene has no cameras; --from X,Y,Z --to X,Y,Z says where to look from");
-    int status = allocate(shots, scene->camera_count, error);
-    if (status == KILN_OK)
-        status = common(job, shots, error);
-    for (size_t i = 0; status == KILN_OK && i < shots->count; i++)
+    int status;
+    KILN_TRY(allocate(shots, scene->camera_count, error));
+    KILN_TRY(common(job, shots, error));
+    for (size_t i = 0; i < shots->count; i++)
         shots->wishes[i].camera = &scene->cameras[i];
+end:
     return status;
 }
 
@@ -73,15 +74,16 @@ static int list_cameras(const struct kiln_job *job, const struct kiln_scene *sce
         return kiln_fail(error, KILN_SYSTEM, "out of memory for the names of cameras");
     for (const char *c = names; *c != '\0'; c++)
         count += *c == ',';
-    int status = allocate(shots, count, error);
-    if (status == KILN_OK)
-        status = common(job, shots, error);
-    for (char *name = names, *after; status == KILN_OK && name != NULL; name = after) {
+    int status;
+    KILN_TRY(allocate(shots, count, error));
+    KILN_TRY(common(job, shots, error));
+    for (char *name = names, *after; name != NULL; name = after) {
         after = strchr(name, ',');
         if (after != NULL)
             *after++ = '\0';
-        status = kiln_view_find_camera(scene, name, &shots->wishes[index++].camera, error);
+        KILN_TRY(kiln_view_find_camera(scene, name, &shots->wishes[index++].camera, error));
     }
+end:
     free(names);
     return status;
 }
@@ -109,10 +111,13 @@ static int cameras(const struct kiln_job *job, const struct kiln_scene *scene, s
             return list_cameras(job, scene, shots, error);
     }
     shots->kind = KILN_SHOTS_ONE;
-    int status = allocate(shots, 1, error);
-    if (status == KILN_OK && job->camera != NULL)
-        status = kiln_view_find_camera(scene, job->camera, &shots->wishes[0].camera, error);
-    return status == KILN_OK ? common(job, shots, error) : status;
+    int status;
+    KILN_TRY(allocate(shots, 1, error));
+    if (job->camera != NULL)
+        KILN_TRY(kiln_view_find_camera(scene, job->camera, &shots->wishes[0].camera, error));
+    KILN_TRY(common(job, shots, error));
+end:
+    return status;
 }
 
 /* ---- paths ---- */
@@ -143,22 +148,20 @@ static int frames(const struct kiln_job *job, struct kiln_shots *shots, struct k
 {
     struct kiln_camera_path *path = NULL;
     size_t count = 0;
-    int status = refuse_beside_path(job, error);
-    if (status == KILN_OK)
-        status = kiln_camera_path_read(&path, job->path, error);
-    if (status == KILN_OK)
-        status = frame_count(job, path, &count, error);
-    if (status == KILN_OK)
-        status = allocate(shots, count, error);
-    if (status == KILN_OK)
-        status = common(job, shots, error);
-    for (size_t i = 0; status == KILN_OK && i < shots->count; i++) {
+    int status;
+    KILN_TRY(refuse_beside_path(job, error));
+    KILN_TRY(kiln_camera_path_read(&path, job->path, error));
+    KILN_TRY(frame_count(job, path, &count, error));
+    KILN_TRY(allocate(shots, count, error));
+    KILN_TRY(common(job, shots, error));
+    for (size_t i = 0; i < shots->count; i++) {
         kiln_camera_path_frame(path, i, shots->count, &shots->frames[i]);
         shots->wishes[i].from = shots->frames[i].from;
         shots->wishes[i].to = shots->frames[i].to;
         if (shots->frames[i].field_of_view > 0.0)
             shots->wishes[i].field_of_view = shots->frames[i].field_of_view;
     }
+end:
     kiln_camera_path_destroy(&path);
     return status;
 }

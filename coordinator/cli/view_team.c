@@ -371,19 +371,16 @@ static int render(void *context, const struct kiln_view_params *params, struct k
     const bool halves = params->spread && samples > 1;
     const size_t values = 3 * (size_t)params->width * params->height;
     float *all = NULL, *spread = NULL, *planes[3], *spread_planes[3];
-    int status = count_samples(params->frame, &order.view, error);
-    if (status == KILN_OK)
-        status = choose_radius(t, params, &order.view, error);
-    if (status == KILN_OK)
-        status = mount_lens(t, &params->camera, &order.view.parameters, error);
-    if (status == KILN_OK)
-        status = kiln_image_create(image, params->width, params->height, names, halves ? 6 : 3, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&all, values, sizeof *all, "the pixels of a view", error);
-    if (status == KILN_OK && halves)
-        status = kiln_allocate(&spread, values, sizeof *spread, "the pixels of a view", error);
-    if (status == KILN_OK)
-        status = halves ? draw_halves(t, &order, values, all, spread, error) : draw_with_all(t, &order, all, error);
+    int status;
+    KILN_TRY(count_samples(params->frame, &order.view, error));
+    KILN_TRY(choose_radius(t, params, &order.view, error));
+    KILN_TRY(mount_lens(t, &params->camera, &order.view.parameters, error));
+    KILN_TRY(kiln_image_create(image, params->width, params->height, names, halves ? 6 : 3, error));
+    KILN_TRY(kiln_allocate(&all, values, sizeof *all, "the pixels of a view", error));
+    if (halves)
+        KILN_TRY(kiln_allocate(&spread, values, sizeof *spread, "the pixels of a view", error));
+    KILN_TRY(halves ? draw_halves(t, &order, values, all, spread, error) : draw_with_all(t, &order, all, error));
+end:
     if (status == KILN_OK) {
         (void)kiln_image_rgb(*image, "", planes);
         (void)kiln_image_rgb(*image, "spread.", spread_planes);

@@ -100,30 +100,26 @@ int kiln_islands_add(struct kiln_islands *all, const uint8_t *wanted, uint32_t w
     if ((uint64_t)width * height >= UINT32_MAX)
         return kiln_fail(error, KILN_BAD_INPUT, "a lightmap of %u x %u texels is too large for an atlas", width,
                          height);
-    int status = kiln_allocate(&parent, (size_t)width * height, sizeof *parent, "islands", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&labels, ((size_t)width + 2) * ((size_t)height + 2), sizeof *labels, "islands", error);
-    for (uint32_t i = 0; status == KILN_OK && i < width * height; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&parent, (size_t)width * height, sizeof *parent, "islands", error));
+    KILN_TRY(kiln_allocate(&labels, ((size_t)width + 2) * ((size_t)height + 2), sizeof *labels, "islands", error));
+    for (uint32_t i = 0; i < width * height; i++)
         parent[i] = i;
-    if (status == KILN_OK) {
-        if (!whole)
-            join_near(parent, wanted, width, height);
-        count = label(labels, parent, wanted, width, height, whole);
-    }
-    if (status == KILN_OK && count == 0)
+    if (!whole)
+        join_near(parent, wanted, width, height);
+    count = label(labels, parent, wanted, width, height, whole);
+    if (count == 0)
         count = labels[(size_t)width + 3] = 1; /* no texel is wanted: the first one is used */
-    if (status == KILN_OK)
-        status = kiln_grow(&all->islands, &all->capacity, all->count + count, sizeof *all->islands, "islands", error);
-    if (status == KILN_OK) {
-        struct kiln_island *own = all->islands + all->count;
-        memset(own, 0, count * sizeof *own);
-        all->count += count;
-        status = collect_runs(own, labels, width, height, error);
-        for (uint32_t i = 0; i < count && status == KILN_OK; i++) {
-            own[i].group = group;
-            trim(&own[i]);
-        }
+    KILN_TRY(kiln_grow(&all->islands, &all->capacity, all->count + count, sizeof *all->islands, "islands", error));
+    struct kiln_island *own = all->islands + all->count;
+    memset(own, 0, count * sizeof *own);
+    all->count += count;
+    KILN_TRY(collect_runs(own, labels, width, height, error));
+    for (uint32_t i = 0; i < count; i++) {
+        own[i].group = group;
+        trim(&own[i]);
     }
+end:
     kiln_free(&labels);
     kiln_free(&parent);
     return status;
@@ -352,12 +348,11 @@ static int compare_groups(const void *a, const void *b, void *context)
 static int make_choice(struct choice *c, const struct kiln_islands *islands, struct kiln_error *error)
 {
     c->islands = islands;
-    int status = kiln_allocate(&c->groups, islands->count, sizeof *c->groups, "an atlas", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&c->by_size, islands->count, sizeof *c->by_size, "an atlas", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&c->order, islands->count, sizeof(struct kiln_island *), "an atlas", error);
-    for (size_t i = 0; i < islands->count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&c->groups, islands->count, sizeof *c->groups, "an atlas", error));
+    KILN_TRY(kiln_allocate(&c->by_size, islands->count, sizeof *c->by_size, "an atlas", error));
+    KILN_TRY(kiln_allocate(&c->order, islands->count, sizeof(struct kiln_island *), "an atlas", error));
+    for (size_t i = 0; i < islands->count; i++) {
         const bool begins = i == 0 || islands->islands[i].group != islands->islands[i - 1].group;
         if (begins) {
             c->by_size[c->group_count] = (uint32_t)c->group_count;
@@ -366,8 +361,8 @@ static int make_choice(struct choice *c, const struct kiln_islands *islands, str
         c->groups[c->group_count - 1].count++;
         c->groups[c->group_count - 1].texels += islands->islands[i].texels;
     }
-    if (status == KILN_OK)
-        qsort_r(c->by_size, c->group_count, sizeof *c->by_size, compare_groups, c);
+    qsort_r(c->by_size, c->group_count, sizeof *c->by_size, compare_groups, c);
+end:
     return status;
 }
 

@@ -107,20 +107,21 @@ static int plan_file(const struct kiln_export_params *p, int *descriptor, struct
 {
     char *text = plan_text(p);
     *descriptor = text == NULL ? -1 : memfd_create("kiln export", MFD_CLOEXEC);
-    int status = text == NULL      ? kiln_fail(error, KILN_SYSTEM, "out of memory: the export's plan")
-                 : *descriptor < 0 ? kiln_fail_errno(error, KILN_SYSTEM, "cannot create a file in memory")
-                                   : KILN_OK;
-    if (status == KILN_OK)
-        status = kiln_write_all(*descriptor, text, strlen(text), 0, "the export's plan", error);
+    int status;
+    KILN_TRY(text == NULL      ? kiln_fail(error, KILN_SYSTEM, "out of memory: the export's plan")
+             : *descriptor < 0 ? kiln_fail_errno(error, KILN_SYSTEM, "cannot create a file in memory")
+                               : KILN_OK);
+    KILN_TRY(kiln_write_all(*descriptor, text, strlen(text), 0, "the export's plan", error));
     const size_t begin = text == NULL ? 0 : strlen(text) + 1, /* after the zero byte that ends the text */
         moved = p->coordinates == NULL ? 0 : p->scene->vertex_count * sizeof *p->coordinates;
-    if (status == KILN_OK && p->coordinates != NULL)
-        status = kiln_write_all(*descriptor, p->coordinates, moved, begin, "the export's plan", error);
-    if (status == KILN_OK && p->light != NULL)
-        status = kiln_write_all(*descriptor, p->light, kiln_export_vertices(p->scene) * sizeof *p->light, begin + moved,
-                                "the export's plan", error);
-    if (status == KILN_OK && lseek(*descriptor, 0, SEEK_SET) != 0)
-        status = kiln_fail_errno(error, KILN_SYSTEM, "cannot read a file in memory");
+    if (p->coordinates != NULL)
+        KILN_TRY(kiln_write_all(*descriptor, p->coordinates, moved, begin, "the export's plan", error));
+    if (p->light != NULL)
+        KILN_TRY(kiln_write_all(*descriptor, p->light, kiln_export_vertices(p->scene) * sizeof *p->light, begin + moved,
+                                "the export's plan", error));
+    if (lseek(*descriptor, 0, SEEK_SET) != 0)
+        KILN_TRY(kiln_fail_errno(error, KILN_SYSTEM, "cannot read a file in memory"));
+end:
     free(text);
     return status;
 }
@@ -176,13 +177,12 @@ int kiln_export_scene(const struct kiln_export_params *params, struct kiln_error
         return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT,
                                "%.512s: cannot read the scene that was baked; give its path with --scene",
                                params->source);
-    int status = kiln_publish_begin(&place, params->directory, params->output, error);
-    if (status == KILN_OK)
-        status = kiln_publish_open(&place, &file, error);
-    if (status == KILN_OK)
-        status = run_child(params, place.temporary, file, error);
-    if (status == KILN_OK)
-        status = check_written(file, place.temporary, error);
+    int status;
+    KILN_TRY(kiln_publish_begin(&place, params->directory, params->output, error));
+    KILN_TRY(kiln_publish_open(&place, &file, error));
+    KILN_TRY(run_child(params, place.temporary, file, error));
+    KILN_TRY(check_written(file, place.temporary, error));
+end:
     if (file >= 0 && kiln_close(file) != 0 && status == KILN_OK)
         status = kiln_fail_errno(error, KILN_IO, "%.512s cannot be closed", place.temporary);
     if (status == KILN_OK)
@@ -234,20 +234,16 @@ int kiln_export_beside(const char *directory, const char *path, const struct kil
                                         .unit = unit,
                                         .encoding = "exr",
                                         .stop = stop};
-    int status = kiln_path_join(scene_file, directory, "scene.kscene", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&links, scene->object_count, sizeof *links, "the export's links", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&pages, scene->object_count, sizeof *pages, "the export's links", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&files, 2 * scene->object_count, sizeof *files, "the export's links", error);
-    if (status == KILN_OK) {
-        own_files(scene, has_back, links, pages, files, &params.page_count);
-        params.links = links;
-        params.pages = pages;
-    }
-    if (status == KILN_OK)
-        status = kiln_export_scene(&params, error);
+    int status;
+    KILN_TRY(kiln_path_join(scene_file, directory, "scene.kscene", error));
+    KILN_TRY(kiln_allocate(&links, scene->object_count, sizeof *links, "the export's links", error));
+    KILN_TRY(kiln_allocate(&pages, scene->object_count, sizeof *pages, "the export's links", error));
+    KILN_TRY(kiln_allocate(&files, 2 * scene->object_count, sizeof *files, "the export's links", error));
+    own_files(scene, has_back, links, pages, files, &params.page_count);
+    params.links = links;
+    params.pages = pages;
+    KILN_TRY(kiln_export_scene(&params, error));
+end:
     kiln_free(&files);
     kiln_free(&pages);
     kiln_free(&links);

@@ -46,15 +46,15 @@ static int write_exr(const char *directory, const char *name, float *const plane
         {.name = "kiln:version", .kind = KILN_EXR_STRING, .text = KILN_VERSION},
         {.name = "kiln:quantity", .kind = KILN_EXR_STRING, .text = "irradiance"}};
     struct kiln_image *image = NULL;
-    int status = kiln_image_create(&image, width, height, names, 3, error);
-    for (int c = 0; status == KILN_OK && c < 3; c++) {
+    int status;
+    KILN_TRY(kiln_image_create(&image, width, height, names, 3, error));
+    for (int c = 0; c < 3; c++) {
         struct kiln_image_channel *channel = kiln_image_find(image, names[c]);
         memcpy(channel->values, planes[c], (size_t)width * height * sizeof(float));
         channel->half = half;
     }
-    if (status == KILN_OK)
-        status =
-            kiln_exr_write_below(directory, name, image, attributes, sizeof attributes / sizeof attributes[0], error);
+    KILN_TRY(kiln_exr_write_below(directory, name, image, attributes, sizeof attributes / sizeof attributes[0], error));
+end:
     kiln_image_destroy(&image);
     return status;
 }
@@ -94,15 +94,15 @@ static int write_png(const char *directory, const char *name, float *const plane
     uint8_t *bytes = NULL;
     char *png = NULL;
     size_t size = 0;
-    int status = kiln_allocate(&bytes, count, 4, "a page's bytes", error);
-    for (size_t i = 0; status == KILN_OK && i < count; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&bytes, count, 4, "a page's bytes", error));
+    for (size_t i = 0; i < count; i++) {
         const double rgb[3] = {(double)planes[0][i], (double)planes[1][i], (double)planes[2][i]};
         encode(rgb, range, bytes + 4 * i);
     }
-    if (status == KILN_OK)
-        status = kiln_png_encode_channels(bytes, width, height, 4, &png, &size, error);
-    if (status == KILN_OK)
-        status = kiln_publish_bytes_below(directory, name, png, size, error);
+    KILN_TRY(kiln_png_encode_channels(bytes, width, height, 4, &png, &size, error));
+    KILN_TRY(kiln_publish_bytes_below(directory, name, png, size, error));
+end:
     kiln_free(&png);
     kiln_free(&bytes);
     return status;

@@ -52,11 +52,11 @@ static int write_lightmap(const struct kiln_pages_params *p, size_t object, bool
     (void)snprintf(name, sizeof name, "%s%s", back ? "back/" : "",
                    kiln_scene_string(p->scene, p->scene->objects[object].name));
     *file = keep_name(pages, name, kiln_page_extension(p->format), error);
-    int status = *file == NULL ? KILN_SYSTEM : KILN_OK;
-    if (status == KILN_OK)
-        status = read_lightmap(p, object, back, wanted, 3, &image, error);
-    if (status == KILN_OK)
-        status = kiln_page_write(p->folder, *file, p->format, image, range, error);
+    int status;
+    KILN_TRY(*file == NULL ? KILN_SYSTEM : KILN_OK);
+    KILN_TRY(read_lightmap(p, object, back, wanted, 3, &image, error));
+    KILN_TRY(kiln_page_write(p->folder, *file, p->format, image, range, error));
+end:
     kiln_image_destroy(&image);
     return status;
 }
@@ -68,11 +68,12 @@ static int write_own_page(const struct kiln_pages_params *p, size_t object, stru
     struct kiln_page_info *page = &pages->pages[pages->page_count];
     struct kiln_link *link = &pages->links[object];
     *page = (struct kiln_page_info){.width = o->lightmap_width, .height = o->lightmap_height};
-    int status = write_lightmap(p, object, false, pages, &page->file, &page->range, error);
-    if (status == KILN_OK)
-        *link = (struct kiln_link){.file = page->file, .page = (uint32_t)pages->page_count++, .scale = {1.0, 1.0}};
-    if (status == KILN_OK && has_back(p, object))
-        status = write_lightmap(p, object, true, pages, &link->back, &link->back_range, error);
+    int status;
+    KILN_TRY(write_lightmap(p, object, false, pages, &page->file, &page->range, error));
+    *link = (struct kiln_link){.file = page->file, .page = (uint32_t)pages->page_count++, .scale = {1.0, 1.0}};
+    if (has_back(p, object))
+        KILN_TRY(write_lightmap(p, object, true, pages, &link->back, &link->back_range, error));
+end:
     return status;
 }
 
@@ -125,16 +126,17 @@ static int add_islands(struct atlas *a, size_t object, struct kiln_error *error)
         status = kiln_allocate(&covered, count, 1, "covered texels", error);
     const struct kiln_image_channel *coverage = status == KILN_OK ? kiln_image_find(image, "coverage.Y") : NULL;
     const struct kiln_image_channel *validity = status == KILN_OK ? kiln_image_find(image, "validity.Y") : NULL;
-    if (status == KILN_OK && (coverage == NULL || validity == NULL))
-        status =
-            kiln_fail(error, KILN_BAD_INPUT, "%.512s: the lightmap of '%s' has no coverage and validity; bake again",
-                      p->directory, kiln_scene_string(p->scene, o->name));
-    for (size_t i = 0; status == KILN_OK && i < count; i++)
+    KILN_TRY(status);
+    if (coverage == NULL || validity == NULL)
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT,
+                           "%.512s: the lightmap of '%s' has no coverage and validity; bake again", p->directory,
+                           kiln_scene_string(p->scene, o->name)));
+    for (size_t i = 0; i < count; i++)
         /* coverage is a half float: small values may have become 0 */
         covered[i] = coverage->values[i] > 0.0f || validity->values[i] > 0.25f;
-    if (status == KILN_OK)
-        status = kiln_islands_add(&a->islands, covered, o->lightmap_width, o->lightmap_height, is_whole(a, object),
-                                  (uint32_t)object, error);
+    KILN_TRY(kiln_islands_add(&a->islands, covered, o->lightmap_width, o->lightmap_height, is_whole(a, object),
+                              (uint32_t)object, error));
+end:
     kiln_free(&covered);
     kiln_image_destroy(&image);
     return status;
@@ -166,12 +168,13 @@ static int fill_page(const struct kiln_image *page, const uint8_t *state, float 
 {
     const size_t count = (size_t)page->width * page->height;
     uint32_t *nearest = NULL;
-    int status = kiln_allocate(&nearest, count, sizeof *nearest, "nearest texels", error);
-    if (status == KILN_OK)
-        status = kiln_nearest_texels(state, 1, page->width, page->height, nearest, error);
-    for (size_t i = 0; status == KILN_OK && i < count; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&nearest, count, sizeof *nearest, "nearest texels", error));
+    KILN_TRY(kiln_nearest_texels(state, 1, page->width, page->height, nearest, error));
+    for (size_t i = 0; i < count; i++)
         for (int c = 0; nearest[i] != KILN_NONE && c < 3; c++)
             planes[c][i] = planes[c][nearest[i]];
+end:
     kiln_free(&nearest);
     return status;
 }
@@ -203,12 +206,14 @@ static int draw_object(const struct atlas *a, size_t object, bool back, struct k
     static const char *const names[] = {"R", "G", "B"};
     float *from[3];
     struct kiln_image *image = NULL;
-    int status = read_lightmap(a->params, object, back, names, 3, &image, error);
-    if (status == KILN_OK && !kiln_image_rgb(image, "", from))
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.512s: a lightmap has no channels R, G and B; bake again",
-                           a->params->directory);
-    for (size_t i = a->first[object]; status == KILN_OK && i < a->first[object + 1]; i++)
+    int status;
+    KILN_TRY(read_lightmap(a->params, object, back, names, 3, &image, error));
+    if (!kiln_image_rgb(image, "", from))
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "%.512s: a lightmap has no channels R, G and B; bake again",
+                           a->params->directory));
+    for (size_t i = a->first[object]; i < a->first[object + 1]; i++)
         copy_texels(page, state, to, &a->islands.islands[i], image, from);
+end:
     kiln_image_destroy(&image);
     return status;
 }
@@ -221,16 +226,15 @@ static int draw_page(const struct atlas *a, uint32_t index, bool back, struct ki
     const struct kiln_page_info *info = &a->pages->pages[index];
     float *to[3];
     uint8_t *state = NULL;
-    int status = kiln_image_create(page, info->width, info->height, names, 3, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&state, (size_t)info->width * info->height, 1, "a page", error);
-    if (status == KILN_OK)
-        (void)kiln_image_rgb(*page, "", to);
-    for (size_t i = 0; i < a->params->scene->object_count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_image_create(page, info->width, info->height, names, 3, error));
+    KILN_TRY(kiln_allocate(&state, (size_t)info->width * info->height, 1, "a page", error));
+    (void)kiln_image_rgb(*page, "", to);
+    for (size_t i = 0; i < a->params->scene->object_count; i++)
         if (is_on(a, i, index) && (!back || has_back(a->params, i)))
-            status = draw_object(a, i, back, *page, state, to, error);
-    if (status == KILN_OK)
-        status = fill_page(*page, state, to, error);
+            KILN_TRY(draw_object(a, i, back, *page, state, to, error));
+    KILN_TRY(fill_page(*page, state, to, error));
+end:
     kiln_free(&state);
     return status;
 }
@@ -243,11 +247,11 @@ static int write_side(const struct atlas *a, uint32_t index, bool back, const ch
     *range = a->params->range;
     (void)snprintf(name, sizeof name, "page-%u%s", index, back ? "-back" : "");
     *file = keep_name(a->pages, name, kiln_page_extension(a->params->format), error);
-    int status = *file == NULL ? KILN_SYSTEM : KILN_OK;
-    if (status == KILN_OK)
-        status = draw_page(a, index, back, &image, error);
-    if (status == KILN_OK)
-        status = kiln_page_write(a->params->folder, *file, a->params->format, image, range, error);
+    int status;
+    KILN_TRY(*file == NULL ? KILN_SYSTEM : KILN_OK);
+    KILN_TRY(draw_page(a, index, back, &image, error));
+    KILN_TRY(kiln_page_write(a->params->folder, *file, a->params->format, image, range, error));
+end:
     kiln_image_destroy(&image);
     return status;
 }
@@ -364,12 +368,12 @@ static double used_share(const struct atlas *a)
 static int begin_atlas(struct atlas *a, struct kiln_error *error)
 {
     const struct kiln_scene *scene = a->params->scene;
-    int status = kiln_allocate(&a->first, scene->object_count + 1, sizeof *a->first, "islands", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&a->users, scene->mesh_count, sizeof *a->users, "meshes", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&a->pages->coordinates, scene->vertex_count, sizeof *a->pages->coordinates,
-                               "coordinates on pages", error);
+    int status;
+    KILN_TRY(kiln_allocate(&a->first, scene->object_count + 1, sizeof *a->first, "islands", error));
+    KILN_TRY(kiln_allocate(&a->users, scene->mesh_count, sizeof *a->users, "meshes", error));
+    KILN_TRY(kiln_allocate(&a->pages->coordinates, scene->vertex_count, sizeof *a->pages->coordinates,
+                           "coordinates on pages", error));
+end:
     if (status != KILN_OK)
         return status;
     memcpy(a->pages->coordinates, scene->texcoord_lightmap, scene->vertex_count * sizeof *a->pages->coordinates);
@@ -394,12 +398,13 @@ static int write_atlas(const struct kiln_pages_params *p, struct kiln_pages *pag
     if (group != KILN_NONE)
         status = misfit(p, group, error);
     pages->page_count = status == KILN_OK ? count : 0;
-    for (uint32_t i = 0; i < pages->page_count && status == KILN_OK; i++)
-        status = write_page(&a, i, error);
-    for (size_t i = 0; i < p->scene->object_count && status == KILN_OK; i++)
-        status = link_object(&a, i, error);
-    if (status == KILN_OK)
-        pages->used = used_share(&a);
+    KILN_TRY(status);
+    for (uint32_t i = 0; i < pages->page_count; i++)
+        KILN_TRY(write_page(&a, i, error));
+    for (size_t i = 0; i < p->scene->object_count; i++)
+        KILN_TRY(link_object(&a, i, error));
+    pages->used = used_share(&a);
+end:
     kiln_free(&a.users);
     kiln_free(&a.first);
     kiln_islands_free(&a.islands);
@@ -418,14 +423,11 @@ int kiln_pages_write(struct kiln_pages **result, const struct kiln_pages_params 
     if (status != KILN_OK)
         return status;
     pages->used = 1.0;
-    status = kiln_allocate(&pages->links, objects, sizeof *pages->links, "the pages", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&pages->pages, objects, sizeof *pages->pages, "the pages", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&pages->names, 2 * objects, sizeof *pages->names, "the pages", error);
-    if (status == KILN_OK)
-        status =
-            kiln_folder_open(&folder, p->folder, p->has_back != NULL ? "lightmaps/back" : "lightmaps", true, error);
+    KILN_TRY(kiln_allocate(&pages->links, objects, sizeof *pages->links, "the pages", error));
+    KILN_TRY(kiln_allocate(&pages->pages, objects, sizeof *pages->pages, "the pages", error));
+    KILN_TRY(kiln_allocate(&pages->names, 2 * objects, sizeof *pages->names, "the pages", error));
+    KILN_TRY(kiln_folder_open(&folder, p->folder, p->has_back != NULL ? "lightmaps/back" : "lightmaps", true, error));
+end:
     kiln_folder_close(&folder);
     if (status == KILN_OK)
         status = p->atlas == 0 ? write_own_pages(p, pages, error) : write_atlas(p, pages, error);

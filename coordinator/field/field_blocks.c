@@ -97,13 +97,14 @@ static int read_surface_block(const struct kiln_checkpoint *checkpoint, const st
 {
     const size_t bytes = (size_t)surface->count * kiln_field_size(field);
     void *found = NULL;
-    int status = kiln_allocate(&found, (size_t)surface->count, kiln_field_size(field), "a checkpoint's values", error);
-    if (status == KILN_OK)
-        status = read_block(checkpoint, field, moment, surface, found, error);
-    if (status == KILN_OK && memcmp(found, values, bytes) != 0) {
+    int status;
+    KILN_TRY(kiln_allocate(&found, (size_t)surface->count, kiln_field_size(field), "a checkpoint's values", error));
+    KILN_TRY(read_block(checkpoint, field, moment, surface, found, error));
+    if (memcmp(found, values, bytes) != 0) {
         memcpy(values, found, bytes);
         *changed = true;
     }
+end:
     kiln_free(&found);
     return status;
 }

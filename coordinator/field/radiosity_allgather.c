@@ -111,11 +111,11 @@ static int fill_lane(const struct kiln_radiosity_allgather *x, struct lane *lane
     const char *what = "the ranks' shares";
     (void)MPI_Comm_size(lane->communicator, &lane->members);
     const size_t members = (size_t)lane->members;
-    int status = kiln_allocate(&lane->ranges, 2 * members, sizeof *lane->ranges, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&lane->counts, members, sizeof *lane->counts, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&lane->places, members, sizeof *lane->places, what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&lane->ranges, 2 * members, sizeof *lane->ranges, what, error));
+    KILN_TRY(kiln_allocate(&lane->counts, members, sizeof *lane->counts, what, error));
+    KILN_TRY(kiln_allocate(&lane->places, members, sizeof *lane->places, what, error));
+end:
     status = kiln_agree(lane->communicator, status, error);
     if (status == KILN_OK)
         learn_ranges(x, lane);

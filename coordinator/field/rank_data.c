@@ -238,14 +238,14 @@ int kiln_node_data_create(struct kiln_node_data **node_data, struct kiln_node_me
     kiln_assert_same(kiln_node_communicator(node), lend, "whether ranks lend their data");
     kiln_assert_same(kiln_node_communicator(node), surface->point_count, "the number of surface points");
     *node_data = NULL;
-    int status = kiln_allocate(&d, 1, sizeof *d, "the data of a node's ranks", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&d->data, (size_t)ranks, sizeof *d->data, "the data of a node's ranks", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&d->extents, (size_t)ranks, sizeof *d->extents, "the data of a node's ranks", error);
-    if (status == KILN_OK && surface->tile_run_count >= UINT32_MAX)
-        status = kiln_fail(error, KILN_SYSTEM, "%zu pieces of lightmap tiles are too many for one rank: use more ranks",
-                           surface->tile_run_count);
+    int status;
+    KILN_TRY(kiln_allocate(&d, 1, sizeof *d, "the data of a node's ranks", error));
+    KILN_TRY(kiln_allocate(&d->data, (size_t)ranks, sizeof *d->data, "the data of a node's ranks", error));
+    KILN_TRY(kiln_allocate(&d->extents, (size_t)ranks, sizeof *d->extents, "the data of a node's ranks", error));
+    if (surface->tile_run_count >= UINT32_MAX)
+        KILN_TRY(kiln_fail(error, KILN_SYSTEM, "%zu pieces of lightmap tiles are too many for one rank: use more ranks",
+                           surface->tile_run_count));
+end:
     status = kiln_agree(kiln_node_communicator(node), status, error);
     if (status == KILN_OK) {
         const struct extent own = {surface->first,
@@ -391,18 +391,17 @@ int kiln_node_data_redistribute(struct kiln_node_data *d, MPI_Comm communicator,
         own.count[u] = after->of[u][rank + 1] - after->of[u][rank];
     kiln_node_data_end(d);
     learn_extents(d, &own);
-    int status = redistribute_life(d, &r, KILN_FIELD_SURFACE, &old, error);
-    if (status != KILN_OK)
-        return status;
+    int status;
+    KILN_TRY(redistribute_life(d, &r, KILN_FIELD_SURFACE, &old, error));
     find_bases(&d->data[d->own].surface);
     if (built)
         free_surface(d, &old);
     take_over_surface(d);
-    status = redistribute_life(d, &r, KILN_FIELD_RESULT, &old, error);
-    if (status == KILN_OK)
-        status = kiln_agree(communicator, make_somewhere(d, KILN_FIELD_STEP, error), error);
-    if (status == KILN_OK && d->node != NULL)
+    KILN_TRY(redistribute_life(d, &r, KILN_FIELD_RESULT, &old, error));
+    KILN_TRY(kiln_agree(communicator, make_somewhere(d, KILN_FIELD_STEP, error), error));
+    if (d->node != NULL)
         kiln_node_wait(d->node);
+end:
     return status;
 }
 

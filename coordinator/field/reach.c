@@ -103,14 +103,15 @@ int kiln_reach_tell(const struct kiln_reach *r, MPI_Comm lane, const uint64_t *r
     kiln_free(&asked->states);
     asked->units = kiln_reach_units(r, ranges[2 * self], ranges[2 * self + 1]);
     const uint64_t own = asked->units.end - asked->units.begin;
-    int status = telling_create(&t, members, error);
-    if (status == KILN_OK && (r->count > INT32_MAX || own * (uint64_t)members > INT32_MAX))
-        status = kiln_fail(error, KILN_SYSTEM,
+    int status;
+    KILN_TRY(telling_create(&t, members, error));
+    if (r->count > INT32_MAX || own * (uint64_t)members > INT32_MAX)
+        KILN_TRY(kiln_fail(error, KILN_SYSTEM,
                            "%llu patches are too many to keep count of what nodes see: give --exchange-points all",
-                           (unsigned long long)r->count);
-    if (status == KILN_OK)
-        status = kiln_allocate(&asked->states, (size_t)own * (size_t)members, sizeof *asked->states,
-                               "what nodes want of each other", error);
+                           (unsigned long long)r->count));
+    KILN_TRY(kiln_allocate(&asked->states, (size_t)own * (size_t)members, sizeof *asked->states,
+                           "what nodes want of each other", error));
+end:
     status = kiln_agree(lane, status, error);
     if (status == KILN_OK) {
         set_counts(r, ranges, own, &t);

@@ -218,10 +218,12 @@ int kiln_read_file_below(const char *directory, const char *name, size_t limit, 
     int descriptor = -1;
     *bytes = NULL;
     *size = 0;
-    int status = kiln_path_join(path, directory, name, error);
-    if (status == KILN_OK)
-        status = kiln_open_below(directory, name, O_RDONLY, 0, &descriptor, error);
-    return status == KILN_OK ? kiln_read_descriptor(descriptor, path, limit, bytes, size, error) : status;
+    int status;
+    KILN_TRY(kiln_path_join(path, directory, name, error));
+    KILN_TRY(kiln_open_below(directory, name, O_RDONLY, 0, &descriptor, error));
+    KILN_TRY(kiln_read_descriptor(descriptor, path, limit, bytes, size, error));
+end:
+    return status;
 }
 
 int kiln_check_below(const char *directory, const char *name, bool folder_wanted, struct kiln_error *error)

@@ -130,15 +130,13 @@ int kiln_foreign_json_child(int argc, char **argv,
         return KILN_USAGE;
     }
     confine((size_t)input.st_size);
-    int status = kiln_read_open(STDIN_FILENO, argv[2], (size_t)input.st_size, &text, &size, &error);
-    if (status == KILN_OK)
-        status = (parse != NULL ? parse : parse_json)(argv[2], text, size, &json, &error);
-    if (status == KILN_OK)
-        put_value(&w, json);
-    if (status == KILN_OK)
-        status = w.status;
-    if (status == KILN_OK)
-        status = kiln_write_all(KILN_CHILD_OUTPUT, w.bytes, w.size, 0, "the values of a text", &error);
+    int status;
+    KILN_TRY(kiln_read_open(STDIN_FILENO, argv[2], (size_t)input.st_size, &text, &size, &error));
+    KILN_TRY((parse != NULL ? parse : parse_json)(argv[2], text, size, &json, &error));
+    put_value(&w, json);
+    KILN_TRY(w.status);
+    KILN_TRY(kiln_write_all(KILN_CHILD_OUTPUT, w.bytes, w.size, 0, "the values of a text", &error));
+end:
     json_decref(json);
     kiln_free(&w.bytes);
     kiln_free(&text);
@@ -276,9 +274,9 @@ int kiln_foreign_json(json_t **json, const char *child, const char *text, size_t
     const char *const arguments[] = {"kiln", child, path, NULL};
     int input = -1, answer = -1;
     *json = NULL;
-    int status = make_memory(&input, text, size, error);
-    if (status == KILN_OK)
-        status = make_memory(&answer, NULL, 0, error);
+    int status;
+    KILN_TRY(make_memory(&input, text, size, error));
+    KILN_TRY(make_memory(&answer, NULL, 0, error));
     const struct kiln_confined_call call = {.arguments = arguments,
                                             .input = input,
                                             .output = answer,
@@ -287,10 +285,9 @@ int kiln_foreign_json(json_t **json, const char *child, const char *text, size_t
                                             .crashed = "it is damaged or somebody made it so",
                                             .costly = "it is damaged, or longer than it has to be",
                                             .seconds = 30.0 + (double)size / 100000.0};
-    if (status == KILN_OK)
-        status = kiln_confined_run(&call, error);
-    if (status == KILN_OK)
-        status = take(json, answer, size, path, error);
+    KILN_TRY(kiln_confined_run(&call, error));
+    KILN_TRY(take(json, answer, size, path, error));
+end:
     if (input >= 0)
         (void)close(input);
     if (answer >= 0)

@@ -155,11 +155,11 @@ static void keep(const char *place, const char *key, const void *bytes, size_t s
         kiln_publish_claim(&p, NULL, path, &descriptor, NULL) != KILN_OK)
         return;
     make_head(key, bytes, size, head);
-    int status = kiln_write_all(descriptor, head, HEAD, 0, path, NULL);
-    if (status == KILN_OK)
-        status = kiln_write_all(descriptor, bytes, size, HEAD, path, NULL);
-    if (status == KILN_OK)
-        status = kiln_publish_replace(&p, NULL);
+    int status;
+    KILN_TRY(kiln_write_all(descriptor, head, HEAD, 0, path, NULL));
+    KILN_TRY(kiln_write_all(descriptor, bytes, size, HEAD, path, NULL));
+    KILN_TRY(kiln_publish_replace(&p, NULL));
+end:
     if (status != KILN_OK)
         kiln_publish_abandon(&p);
     (void)kiln_close(descriptor);

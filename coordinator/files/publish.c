@@ -423,13 +423,14 @@ static int check_written(const struct kiln_publish *p, const void *bytes, size_t
     int descriptor = -1;
     char *check = NULL;
     size_t check_size = 0;
-    int status = reopen(p, &descriptor, error);
-    if (status == KILN_OK)
-        status = kiln_read_descriptor(descriptor, p->temporary, size + 1, &check, &check_size, error);
-    if (status == KILN_OK && (check_size != size || memcmp(check, bytes, size) != 0))
-        status =
-            kiln_fail(error, KILN_IO, "'%s' does not read back as it was written: the disk or file system is faulty",
-                      p->temporary);
+    int status;
+    KILN_TRY(reopen(p, &descriptor, error));
+    KILN_TRY(kiln_read_descriptor(descriptor, p->temporary, size + 1, &check, &check_size, error));
+    if (check_size != size || memcmp(check, bytes, size) != 0)
+        KILN_TRY(kiln_fail(error, KILN_IO,
+                           "'%s' does not read back as it was written: the disk or file system is faulty",
+                           p->temporary));
+end:
     kiln_free(&check);
     return status;
 }

@@ -58,11 +58,11 @@ static int add(struct kiln_publish_batch *b, struct kiln_publish *p, struct kiln
 {
     struct waiting file = {0};
     const size_t size = strlen(p->base) + 1;
-    int status = kiln_grow(&b->files, &b->capacity, b->count + 1, sizeof *b->files, "files to publish", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&file.base, size, 1, "a file's name", error);
-    if (status == KILN_OK)
-        status = find_folder(b, &p->folder, &file.folder, error);
+    int status;
+    KILN_TRY(kiln_grow(&b->files, &b->capacity, b->count + 1, sizeof *b->files, "files to publish", error));
+    KILN_TRY(kiln_allocate(&file.base, size, 1, "a file's name", error));
+    KILN_TRY(find_folder(b, &p->folder, &file.folder, error));
+end:
     if (status != KILN_OK) {
         kiln_free(&file.base);
         return status;
@@ -170,11 +170,13 @@ static void empty(struct kiln_publish_batch *b)
 
 int kiln_publish_batch_finish(struct kiln_publish_batch *b, struct kiln_error *error)
 {
-    int status = sync_files(b, error);
-    for (size_t i = 0; status == KILN_OK && i < b->count; i++)
-        status = rename_file(b, &b->files[i], error);
-    for (size_t i = 0; status == KILN_OK && i < b->folder_count; i++)
-        status = kiln_folder_sync(&b->folders[i], error);
+    int status;
+    KILN_TRY(sync_files(b, error));
+    for (size_t i = 0; i < b->count; i++)
+        KILN_TRY(rename_file(b, &b->files[i], error));
+    for (size_t i = 0; i < b->folder_count; i++)
+        KILN_TRY(kiln_folder_sync(&b->folders[i], error));
+end:
     empty(b);
     return status;
 }

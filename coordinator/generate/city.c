@@ -193,14 +193,12 @@ int kiln_generate_city(struct kiln_glb *glb, const struct kiln_generator *self,
         status = add_houses(glb, &city, params->seed, meshes, error);
     struct kiln_glb_placement sun = {.translation = {0, 0, 0}};
     kiln_generate_look(dvec3(-0.5, -1, -0.3), sun.rotation);
-    if (status == KILN_OK)
-        status = kiln_glb_add_sun(glb, "sun", (const double[3]){1, 0.95, 0.88}, 4, &sun, error);
-    if (status == KILN_OK)
-        status = kiln_glb_set_environment(glb, (const double[3]){0.3, 0.4, 0.6}, error);
-    if (status == KILN_OK)
-        status = kiln_generate_camera(glb, dvec3(half * 0.9, 40 + half * 0.3, half * 1.3), dvec3(0, 5, 0), 0.66,
-                                      4.0 / 3, error);
-    if (status == KILN_OK)
-        status = kiln_glb_set_note(glb, self->description, error);
+    KILN_TRY(status);
+    KILN_TRY(kiln_glb_add_sun(glb, "sun", (const double[3]){1, 0.95, 0.88}, 4, &sun, error));
+    KILN_TRY(kiln_glb_set_environment(glb, (const double[3]){0.3, 0.4, 0.6}, error));
+    KILN_TRY(kiln_generate_camera(glb, dvec3(half * 0.9, 40 + half * 0.3, half * 1.3), dvec3(0, 5, 0), 0.66, 4.0 / 3,
+                                  error));
+    KILN_TRY(kiln_glb_set_note(glb, self->description, error));
+end:
     return status;
 }

@@ -14,13 +14,12 @@ int kiln_generate_furnace(struct kiln_glb *glb, const struct kiln_generator *sel
     struct kiln_shape shape = {0};
     uint32_t mesh = 0;
     kiln_shape_box(&shape, 0, dvec3(0, 0, 0), dvec3(1, 1, 1), 0, true);
-    int status = kiln_shape_add(&shape, glb, "furnace", &palette, &mesh, error);
-    if (status == KILN_OK)
-        status = kiln_glb_add_node(glb, "furnace", mesh, NULL, error);
-    if (status == KILN_OK)
-        status = kiln_generate_camera(glb, dvec3(0.9, 0.6, 0.9), dvec3(0.2, 0.4, 0.2), 1.0, 1, error);
-    if (status == KILN_OK)
-        status = kiln_glb_set_note(glb, self->description, error);
+    int status;
+    KILN_TRY(kiln_shape_add(&shape, glb, "furnace", &palette, &mesh, error));
+    KILN_TRY(kiln_glb_add_node(glb, "furnace", mesh, NULL, error));
+    KILN_TRY(kiln_generate_camera(glb, dvec3(0.9, 0.6, 0.9), dvec3(0.2, 0.4, 0.2), 1.0, 1, error));
+    KILN_TRY(kiln_glb_set_note(glb, self->description, error));
+end:
     kiln_shape_clear(&shape);
     return status;
 }

@@ -197,11 +197,12 @@ static int add_attribute(struct kiln_glb *glb, json_t *attributes, const char *n
         return KILN_OK;
     const size_t view = json_array_size(glb->views);
     int index = 0;
-    int status = add_view(glb, data, count * components * sizeof(float), GLTF_ARRAY_BUFFER, error);
-    if (status == KILN_OK)
-        status = add_accessor(glb, view, 0, count, GLTF_FLOAT, components == 3 ? "VEC3" : "VEC2", &index, error);
-    if (status == KILN_OK && json_object_set_new(attributes, name, json_integer(index)) != 0)
-        status = out_of_memory(error);
+    int status;
+    KILN_TRY(add_view(glb, data, count * components * sizeof(float), GLTF_ARRAY_BUFFER, error));
+    KILN_TRY(add_accessor(glb, view, 0, count, GLTF_FLOAT, components == 3 ? "VEC3" : "VEC2", &index, error));
+    if (json_object_set_new(attributes, name, json_integer(index)) != 0)
+        KILN_TRY(out_of_memory(error));
+end:
     return status;
 }
 
@@ -229,22 +230,21 @@ static int add_primitives(struct kiln_glb *glb, json_t *primitives, json_t *attr
                           const struct kiln_glb_mesh *mesh, struct kiln_error *error)
 {
     int status = KILN_OK;
-    for (size_t i = 0; i < mesh->primitive_count && status == KILN_OK; i++) {
+    for (size_t i = 0; i < mesh->primitive_count; i++) {
         const struct kiln_glb_primitive *primitive = &mesh->primitives[i];
         if (primitive->index_count == 0)
             continue;
         const size_t view = json_array_size(glb->views);
         int index = 0;
-        status = add_view(glb, mesh->indices + primitive->index_first, primitive->index_count * sizeof(uint32_t),
-                          GLTF_ELEMENT_ARRAY_BUFFER, error);
-        if (status == KILN_OK)
-            status = add_accessor(glb, view, 0, primitive->index_count, GLTF_UNSIGNED_INT, "SCALAR", &index, error);
-        if (status == KILN_OK)
-            status = append(primitives,
-                            json_pack("{s:O, s:i, s:i, s:i}", "attributes", attributes, "indices", index, "material",
-                                      (int)primitive->material, "mode", 4),
-                            error);
+        KILN_TRY(add_view(glb, mesh->indices + primitive->index_first, primitive->index_count * sizeof(uint32_t),
+                          GLTF_ELEMENT_ARRAY_BUFFER, error));
+        KILN_TRY(add_accessor(glb, view, 0, primitive->index_count, GLTF_UNSIGNED_INT, "SCALAR", &index, error));
+        KILN_TRY(append(primitives,
+                        json_pack("{s:O, s:i, s:i, s:i}", "attributes", attributes, "indices", index, "material",
+                                  (int)primitive->material, "mode", 4),
+                        error));
     }
+end:
     return status;
 }
 
@@ -252,19 +252,15 @@ int kiln_glb_add_mesh(struct kiln_glb *glb, const struct kiln_glb_mesh *mesh, ui
 {
     assert(mesh->vertex_count > 0);
     json_t *attributes = json_object(), *primitives = json_array();
-    int status = attributes == NULL || primitives == NULL ? out_of_memory(error) : KILN_OK;
-    if (status == KILN_OK)
-        status = add_attribute(glb, attributes, "POSITION", mesh->positions, mesh->vertex_count, 3, error);
-    if (status == KILN_OK)
-        status = set_bounds(glb, attributes, mesh, error);
-    if (status == KILN_OK)
-        status = add_attribute(glb, attributes, "NORMAL", mesh->normals, mesh->vertex_count, 3, error);
-    if (status == KILN_OK)
-        status = add_attribute(glb, attributes, "TEXCOORD_0", mesh->texcoord_0, mesh->vertex_count, 2, error);
-    if (status == KILN_OK)
-        status = add_attribute(glb, attributes, "TEXCOORD_1", mesh->texcoord_1, mesh->vertex_count, 2, error);
-    if (status == KILN_OK)
-        status = add_primitives(glb, primitives, attributes, mesh, error);
+    int status;
+    KILN_TRY(attributes == NULL || primitives == NULL ? out_of_memory(error) : KILN_OK);
+    KILN_TRY(add_attribute(glb, attributes, "POSITION", mesh->positions, mesh->vertex_count, 3, error));
+    KILN_TRY(set_bounds(glb, attributes, mesh, error));
+    KILN_TRY(add_attribute(glb, attributes, "NORMAL", mesh->normals, mesh->vertex_count, 3, error));
+    KILN_TRY(add_attribute(glb, attributes, "TEXCOORD_0", mesh->texcoord_0, mesh->vertex_count, 2, error));
+    KILN_TRY(add_attribute(glb, attributes, "TEXCOORD_1", mesh->texcoord_1, mesh->vertex_count, 2, error));
+    KILN_TRY(add_primitives(glb, primitives, attributes, mesh, error));
+end:
     *index = (uint32_t)json_array_size(glb->meshes);
     if (status == KILN_OK)
         status = kiln_grow(&glb->mesh_triangles, &glb->mesh_capacity, *index + 1, sizeof *glb->mesh_triangles,
@@ -441,16 +437,15 @@ static int write_chunks(struct target *t, const struct kiln_glb *glb, const char
     const uint32_t header[5] = {0x46546c67u, 2, (uint32_t)(28 + length + text_padding + glb->size + binary_padding),
                                 (uint32_t)(length + text_padding), 0x4e4f534au};
     const uint32_t binary[2] = {(uint32_t)(glb->size + binary_padding), 0x004e4942u};
-    int status = put(t, header, sizeof header, error);
-    if (status == KILN_OK)
-        status = put(t, text, length, error);
-    if (status == KILN_OK)
-        status = put(t, "   ", text_padding, error);
-    if (status == KILN_OK)
-        status = put(t, binary, sizeof binary, error);
-    if (status == KILN_OK)
-        status = put(t, glb->binary, glb->size, error);
-    return status == KILN_OK ? put(t, "\0\0\0", binary_padding, error) : status;
+    int status;
+    KILN_TRY(put(t, header, sizeof header, error));
+    KILN_TRY(put(t, text, length, error));
+    KILN_TRY(put(t, "   ", text_padding, error));
+    KILN_TRY(put(t, binary, sizeof binary, error));
+    KILN_TRY(put(t, glb->binary, glb->size, error));
+    KILN_TRY(put(t, "\0\0\0", binary_padding, error));
+end:
+    return status;
 }
 
 static int write_file(struct kiln_glb *glb, const char *path, const char *text, struct kiln_error *error)

@@ -55,27 +55,23 @@ int kiln_generate_lights(struct kiln_glb *glb, const struct kiln_generator *self
         return kiln_fail(error, KILN_USAGE, "--columns %u --rows %u makes %.0f lamps; at most 1000000 are made",
                          columns, rows, (double)columns * rows);
     kiln_shape_box(&shape, WALL, dvec3(0, 0, 0), dvec3(width, height, depth), 0, true);
-    int status = add(glb, &shape, "hall", &palette, error);
-    if (status == KILN_OK) {
-        add_lamps(&shape, columns, rows, width, depth, height - 0.5, params->seed);
-        status = add(glb, &shape, "lamps", &palette, error);
-    }
-    if (status == KILN_OK) {
-        kiln_shape_box(&shape, WALL, dvec3(-0.3, 0, -0.3), dvec3(0.3, 3.5, 0.3), 0, false);
-        status = kiln_shape_add(&shape, glb, "pillar", &palette, &pillar, error);
-    }
-    for (int i = 0; i < 14 && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(add(glb, &shape, "hall", &palette, error));
+    add_lamps(&shape, columns, rows, width, depth, height - 0.5, params->seed);
+    KILN_TRY(add(glb, &shape, "lamps", &palette, error));
+    kiln_shape_box(&shape, WALL, dvec3(-0.3, 0, -0.3), dvec3(0.3, 3.5, 0.3), 0, false);
+    KILN_TRY(kiln_shape_add(&shape, glb, "pillar", &palette, &pillar, error));
+    for (int i = 0; i < 14; i++) {
         const struct kiln_glb_placement placement = {
             .translation = {(i % 7 + 0.5) * width / 7, 0, (i / 7 + 0.5) * depth / 2}};
         char name[32];
         (void)snprintf(name, sizeof name, "pillar_%d", i);
-        status = kiln_glb_add_node(glb, name, pillar, &placement, error);
+        KILN_TRY(kiln_glb_add_node(glb, name, pillar, &placement, error));
     }
-    if (status == KILN_OK)
-        status = kiln_generate_camera(glb, dvec3(1, 2.2, depth - 1), dvec3(width * 0.6, 1.2, depth * 0.4), 1.0,
-                                      16.0 / 9, error);
-    if (status == KILN_OK)
-        status = kiln_glb_set_note(glb, self->description, error);
+    KILN_TRY(kiln_generate_camera(glb, dvec3(1, 2.2, depth - 1), dvec3(width * 0.6, 1.2, depth * 0.4), 1.0, 16.0 / 9,
+                                  error));
+    KILN_TRY(kiln_glb_set_note(glb, self->description, error));
+end:
     kiln_shape_clear(&shape);
     return status;
 }

@@ -68,12 +68,13 @@ int kiln_generate_mirrors(struct kiln_glb *glb, const struct kiln_generator *sel
     (void)params;
     struct kiln_palette palette = {.table = table};
     const struct kiln_glb_placement lamp = {.translation = {1.5, 2, 2.2}};
-    int status = add_room(glb, &palette, dvec3(4, 3, 5), MIRROR, DARK, error);
-    if (status == KILN_OK)
-        status = kiln_glb_add_point(glb, "lamp", white, 20, &lamp, error);
-    if (status == KILN_OK)
-        status = kiln_generate_camera(glb, dvec3(3.5, 1.7, 4.5), dvec3(1.5, 0.6, 1.5), 1.0, 1, error);
-    return status == KILN_OK ? kiln_glb_set_note(glb, self->description, error) : status;
+    int status;
+    KILN_TRY(add_room(glb, &palette, dvec3(4, 3, 5), MIRROR, DARK, error));
+    KILN_TRY(kiln_glb_add_point(glb, "lamp", white, 20, &lamp, error));
+    KILN_TRY(kiln_generate_camera(glb, dvec3(3.5, 1.7, 4.5), dvec3(1.5, 0.6, 1.5), 1.0, 1, error));
+    KILN_TRY(kiln_glb_set_note(glb, self->description, error));
+end:
+    return status;
 }
 
 /* Adds the prism: its axis is upright, its base faces -z and its apex +z. */
@@ -110,12 +111,12 @@ int kiln_generate_prism(struct kiln_glb *glb, const struct kiln_generator *self,
     const struct kiln_dvec3 lamp = dvec3_sub(entry, dvec3_scale(towards, 2));
     struct kiln_glb_placement placement = {.translation = {lamp.x, lamp.y, lamp.z}};
     kiln_generate_look(towards, placement.rotation);
-    int status = add_room(glb, &palette, dvec3(5.5, 2.4, 4), WALL, WALL, error);
-    if (status == KILN_OK)
-        status = add_prism(glb, &palette, centre, side, 0.6, error);
-    if (status == KILN_OK)
-        status = kiln_glb_add_spot(glb, "beam", white, 1000, 0.004, 0.006, &placement, error);
-    if (status == KILN_OK)
-        status = kiln_generate_camera(glb, dvec3(1.2, 2.0, 3.7), dvec3(5.4, 1.1, 1.0), 1.0, 1, error);
-    return status == KILN_OK ? kiln_glb_set_note(glb, self->description, error) : status;
+    int status;
+    KILN_TRY(add_room(glb, &palette, dvec3(5.5, 2.4, 4), WALL, WALL, error));
+    KILN_TRY(add_prism(glb, &palette, centre, side, 0.6, error));
+    KILN_TRY(kiln_glb_add_spot(glb, "beam", white, 1000, 0.004, 0.006, &placement, error));
+    KILN_TRY(kiln_generate_camera(glb, dvec3(1.2, 2.0, 3.7), dvec3(5.4, 1.1, 1.0), 1.0, 1, error));
+    KILN_TRY(kiln_glb_set_note(glb, self->description, error));
+end:
+    return status;
 }

@@ -328,29 +328,28 @@ int kiln_shape_add(struct kiln_shape *shape, struct kiln_glb *glb, const char *n
         status = add_materials(shape, glb, palette, error);
     for (size_t i = 0; i < KILN_SHAPE_MATERIALS; i++)
         index_count += shape->triangles[i].count;
-    if (status == KILN_OK && !shape->curved)
-        status = lay_out(shape, &layout, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&indices, index_count, sizeof *indices, "a mesh", error);
-    if (status == KILN_OK) {
-        index_count = 0;
-        for (size_t i = 0; i < KILN_SHAPE_MATERIALS; i++) {
-            primitives[i] = (struct kiln_glb_primitive){palette->index[i], index_count, shape->triangles[i].count};
-            if (shape->triangles[i].count > 0)
-                memcpy(indices + index_count, shape->triangles[i].indices, shape->triangles[i].count * sizeof *indices);
-            index_count += shape->triangles[i].count;
-        }
-        const struct kiln_glb_mesh data = {.name = name,
-                                           .vertex_count = shape->count,
-                                           .positions = shape->positions,
-                                           .normals = shape->normals,
-                                           .texcoord_0 = shape->texcoord_0,
-                                           .texcoord_1 = layout,
-                                           .indices = indices,
-                                           .primitives = primitives,
-                                           .primitive_count = KILN_SHAPE_MATERIALS};
-        status = kiln_glb_add_mesh(glb, &data, mesh, error);
+    KILN_TRY(status);
+    if (!shape->curved)
+        KILN_TRY(lay_out(shape, &layout, error));
+    KILN_TRY(kiln_allocate(&indices, index_count, sizeof *indices, "a mesh", error));
+    index_count = 0;
+    for (size_t i = 0; i < KILN_SHAPE_MATERIALS; i++) {
+        primitives[i] = (struct kiln_glb_primitive){palette->index[i], index_count, shape->triangles[i].count};
+        if (shape->triangles[i].count > 0)
+            memcpy(indices + index_count, shape->triangles[i].indices, shape->triangles[i].count * sizeof *indices);
+        index_count += shape->triangles[i].count;
     }
+    const struct kiln_glb_mesh data = {.name = name,
+                                       .vertex_count = shape->count,
+                                       .positions = shape->positions,
+                                       .normals = shape->normals,
+                                       .texcoord_0 = shape->texcoord_0,
+                                       .texcoord_1 = layout,
+                                       .indices = indices,
+                                       .primitives = primitives,
+                                       .primitive_count = KILN_SHAPE_MATERIALS};
+    KILN_TRY(kiln_glb_add_mesh(glb, &data, mesh, error));
+end:
     kiln_free(&layout);
     kiln_free(&indices);
     kiln_shape_clear(shape);

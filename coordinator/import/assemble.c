@@ -66,11 +66,11 @@ int kiln_mesh_begin(struct kiln_builder *builder, const char *name, uint32_t *in
     struct kiln_mesh mesh = {.vertex_first = builder->sections[KILN_SECTION_POSITIONS].count,
                              .triangle_first = builder->sections[KILN_SECTION_TRIANGLES].count};
     size_t at;
-    int status = kiln_builder_string(builder, name, strlen(name), &mesh.name, error);
-    if (status == KILN_OK)
-        status = kiln_builder_append(builder, KILN_SECTION_MESHES, &mesh, 1, &at, error);
-    if (status == KILN_OK)
-        *index = (uint32_t)at;
+    int status;
+    KILN_TRY(kiln_builder_string(builder, name, strlen(name), &mesh.name, error));
+    KILN_TRY(kiln_builder_append(builder, KILN_SECTION_MESHES, &mesh, 1, &at, error));
+    *index = (uint32_t)at;
+end:
     return status;
 }
 
@@ -369,15 +369,16 @@ int kiln_note_winding(struct kiln_builder *builder, struct kiln_error *error)
     enum { NOTES_MAX = 8 };
     size_t count = 0;
     int status = KILN_OK;
-    for (size_t i = 0; i < builder->sections[KILN_SECTION_OBJECTS].count && status == KILN_OK; i++) {
+    for (size_t i = 0; i < builder->sections[KILN_SECTION_OBJECTS].count; i++) {
         const uint32_t mesh = KILN_BUILDER_DATA(builder, const struct kiln_object, KILN_SECTION_OBJECTS)[i].mesh;
         if (builder->mesh_turned[mesh] > 0 && count++ < NOTES_MAX)
-            status = note_object(builder, i, error);
+            KILN_TRY(note_object(builder, i, error));
     }
-    if (count > NOTES_MAX && status == KILN_OK)
-        status = kiln_builder_note(
+    if (count > NOTES_MAX)
+        KILN_TRY(kiln_builder_note(
             builder, builder->trust_normals ? KILN_NOTE_INFORMATION : KILN_NOTE_REPEATED, error,
-            "%zu more objects have triangles with normals that point to the back of their winding", count - NOTES_MAX);
+            "%zu more objects have triangles with normals that point to the back of their winding", count - NOTES_MAX));
+end:
     return status;
 }
 

@@ -153,23 +153,18 @@ static int read_layout_write(const struct child *child, struct kiln_error *error
                                               .repack = params->repack,
                                               .keep_shared = params->keep_shared};
     struct kiln_builder *builder = NULL;
-    int status = kiln_builder_create(&builder, error);
-    if (status == KILN_OK)
-        status = kiln_import_read(params, kiln_child_follower(params), builder, error);
-    if (status == KILN_OK) {
-        limit_layout_time(params, builder);
-        status = params->no_layout ? kiln_layout_none(builder, params->texels_per_metre, error)
-                                   : kiln_layout(builder, &layout, error);
-    }
-    if (status == KILN_OK)
-        status = kiln_note_coarse_coordinates(builder, error);
-    if (status == KILN_OK) {
-        kiln_import_key(params, child->program,
-                        KILN_BUILDER_DATA(builder, const struct kiln_source, KILN_SECTION_SOURCES),
-                        builder->sections[KILN_SECTION_SOURCES].count,
-                        KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS), builder->import_hash);
-        status = kiln_builder_write_to(builder, KILN_CHILD_OUTPUT, params->output, error);
-    }
+    int status;
+    KILN_TRY(kiln_builder_create(&builder, error));
+    KILN_TRY(kiln_import_read(params, kiln_child_follower(params), builder, error));
+    limit_layout_time(params, builder);
+    KILN_TRY(params->no_layout ? kiln_layout_none(builder, params->texels_per_metre, error)
+                               : kiln_layout(builder, &layout, error));
+    KILN_TRY(kiln_note_coarse_coordinates(builder, error));
+    kiln_import_key(params, child->program, KILN_BUILDER_DATA(builder, const struct kiln_source, KILN_SECTION_SOURCES),
+                    builder->sections[KILN_SECTION_SOURCES].count,
+                    KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS), builder->import_hash);
+    KILN_TRY(kiln_builder_write_to(builder, KILN_CHILD_OUTPUT, params->output, error));
+end:
     kiln_builder_destroy(&builder);
     if (status == KILN_SYSTEM && strncmp(error->message, "out of memory", 13) == 0) {
         struct rlimit most = {0};

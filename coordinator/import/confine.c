@@ -279,11 +279,13 @@ int kiln_confine_record_missing(struct kiln_confine *confine, struct kiln_builde
 {
     struct kiln_source source = {.size = KILN_SOURCE_MISSING};
     bool fresh = false;
-    int status = remember(confine, path, strlen(path), &fresh, error);
-    if (status == KILN_OK && fresh)
-        status = kiln_builder_string(builder, path, PATH_MAX, &source.path, error);
-    if (status == KILN_OK && fresh)
-        status = kiln_builder_append(builder, KILN_SECTION_SOURCES, &source, 1, NULL, error);
+    int status;
+    KILN_TRY(remember(confine, path, strlen(path), &fresh, error));
+    if (fresh)
+        KILN_TRY(kiln_builder_string(builder, path, PATH_MAX, &source.path, error));
+    if (fresh)
+        KILN_TRY(kiln_builder_append(builder, KILN_SECTION_SOURCES, &source, 1, NULL, error));
+end:
     return status;
 }
 

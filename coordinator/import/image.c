@@ -244,13 +244,12 @@ static int decode_mean(struct kiln_images *images, const struct kiln_image_bytes
     const struct kiln_image_format *format;
     struct kiln_image_shape shape = {0};
     uint8_t *rgba = NULL;
-    int status = measure(images, bytes, image->planned, &format, &shape, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&rgba, (size_t)texels_of(&shape), 4, "a picture", error);
-    if (status == KILN_OK)
-        status = decode(format, bytes, &shape, rgba, error);
-    if (status == KILN_OK)
-        average(image, rgba, texels_of(&shape));
+    int status;
+    KILN_TRY(measure(images, bytes, image->planned, &format, &shape, error));
+    KILN_TRY(kiln_allocate(&rgba, (size_t)texels_of(&shape), 4, "a picture", error));
+    KILN_TRY(decode(format, bytes, &shape, rgba, error));
+    average(image, rgba, texels_of(&shape));
+end:
     kiln_free(&rgba);
     return status;
 }
@@ -260,16 +259,17 @@ int kiln_image_mean(struct kiln_images *images, const struct kiln_image_bytes *b
 {
     struct kiln_image *image = NULL;
     images->bytes += bytes->size;
-    int status = find(images, bytes, &image, error);
-    if (status == KILN_OK && !image->averaged) {
+    int status;
+    KILN_TRY(find(images, bytes, &image, error));
+    if (!image->averaged) {
         if (image->decoded)
             average(image, KILN_BUILDER_DATA(images->builder, const uint8_t, KILN_SECTION_TEXELS) + image->first,
                     (uint64_t)image->width * image->height);
         else
-            status = decode_mean(images, bytes, image, error);
+            KILN_TRY(decode_mean(images, bytes, image, error));
     }
-    if (status == KILN_OK)
-        *result = *image;
+    *result = *image;
+end:
     return status;
 }
 

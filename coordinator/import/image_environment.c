@@ -60,15 +60,13 @@ static int append_radiance(struct kiln_builder *builder, const unsigned char *by
 {
     struct kiln_radiance_header header;
     float *texels = NULL;
-    int status = kiln_radiance_measure(bytes, size, where, &header, error);
-    if (status == KILN_OK)
-        status = judge(header.width, header.height, size, where, error);
-    if (status == KILN_OK)
-        status = kiln_radiance_decode(bytes, size, where, &header, NULL, error);
-    if (status == KILN_OK)
-        status = append_texels(builder, header.width, header.height, &texels, error);
-    if (status == KILN_OK)
-        status = kiln_radiance_decode(bytes, size, where, &header, texels, error);
+    int status;
+    KILN_TRY(kiln_radiance_measure(bytes, size, where, &header, error));
+    KILN_TRY(judge(header.width, header.height, size, where, error));
+    KILN_TRY(kiln_radiance_decode(bytes, size, where, &header, NULL, error));
+    KILN_TRY(append_texels(builder, header.width, header.height, &texels, error));
+    KILN_TRY(kiln_radiance_decode(bytes, size, where, &header, texels, error));
+end:
     *width = header.width;
     *height = header.height;
     return status == KILN_OK ? note_header(builder, where, &header, error) : status;
@@ -80,19 +78,15 @@ static int append_exr(struct kiln_builder *builder, const unsigned char *bytes, 
     struct kiln_exr *exr = NULL;
     int64_t w = 0, h = 0;
     float *texels = NULL;
-    int status = kiln_exr_open(&exr, bytes, size, where, error);
-    if (status == KILN_OK) {
-        kiln_exr_size(exr, &w, &h);
-        status = judge(w, h, size, where, error);
-    }
-    if (status == KILN_OK)
-        status = kiln_exr_decode(exr, NULL, error);
-    if (status == KILN_OK)
-        status = append_texels(builder, w, h, &texels, error);
-    if (status == KILN_OK)
-        status = kiln_exr_decode(exr, texels, error);
-    if (status == KILN_OK)
-        status = note_primaries(builder, where, kiln_exr_other_primaries(exr), error);
+    int status;
+    KILN_TRY(kiln_exr_open(&exr, bytes, size, where, error));
+    kiln_exr_size(exr, &w, &h);
+    KILN_TRY(judge(w, h, size, where, error));
+    KILN_TRY(kiln_exr_decode(exr, NULL, error));
+    KILN_TRY(append_texels(builder, w, h, &texels, error));
+    KILN_TRY(kiln_exr_decode(exr, texels, error));
+    KILN_TRY(note_primaries(builder, where, kiln_exr_other_primaries(exr), error));
+end:
     kiln_exr_close(&exr);
     *width = (uint32_t)w;
     *height = (uint32_t)h;

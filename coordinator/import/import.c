@@ -344,11 +344,13 @@ int kiln_import(const struct kiln_import_params *params, struct kiln_import_repo
                                "%.512s: the scene cannot be opened", params->path);
     const bool scene_file = is_scene_file(params->path);
     const bool kept = !scene_file && own < 0; /* others may find it: an unnamed file is of this process alone */
-    int status = kept ? hash_program(params, &program, error) : KILN_OK;
-    if (status == KILN_OK && kept)
+    int status;
+    KILN_TRY(kept ? hash_program(params, &program, error) : KILN_OK);
+    if (kept)
         report->cached = is_fresh(params, program);
-    if (status == KILN_OK && !report->cached)
-        status = own >= 0 ? fill_own(params, program, own, error) : make(params, program, report, error);
+    if (!report->cached)
+        KILN_TRY(own >= 0 ? fill_own(params, program, own, error) : make(params, program, report, error));
+end:
     report->seconds = now() - start;
     return status;
 }

@@ -281,15 +281,14 @@ static bool has_finer(const struct finder *f, const struct member *m)
 
 static int sort_members(struct finder *f, struct kiln_error *error)
 {
-    int status = kiln_allocate(&f->by_thing, f->count, sizeof *f->by_thing, "levels of detail", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&f->by_place, f->count, sizeof *f->by_place, "levels of detail", error);
-    for (uint32_t i = 0; i < f->count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&f->by_thing, f->count, sizeof *f->by_thing, "levels of detail", error));
+    KILN_TRY(kiln_allocate(&f->by_place, f->count, sizeof *f->by_place, "levels of detail", error));
+    for (uint32_t i = 0; i < f->count; i++)
         f->by_thing[i] = f->by_place[i] = i;
-    if (status == KILN_OK) {
-        qsort_r(f->by_thing, f->count, sizeof *f->by_thing, compare_by_thing, f->members);
-        qsort_r(f->by_place, f->count, sizeof *f->by_place, compare_by_place, f->members);
-    }
+    qsort_r(f->by_thing, f->count, sizeof *f->by_thing, compare_by_thing, f->members);
+    qsort_r(f->by_place, f->count, sizeof *f->by_place, compare_by_place, f->members);
+end:
     return status;
 }
 
@@ -312,13 +311,14 @@ static int find_finest(const struct finder *f, uint32_t **finest, struct kiln_er
 static int find_lower(struct finder *f, struct kiln_error *error)
 {
     uint32_t *finest = NULL;
-    int status = sort_members(f, error);
-    if (status == KILN_OK)
-        status = find_finest(f, &finest, error);
-    for (size_t i = 0; i < f->count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(sort_members(f, error));
+    KILN_TRY(find_finest(f, &finest, error));
+    for (size_t i = 0; i < f->count; i++) {
         struct member *m = &f->members[i];
         m->lower = m->level > 0 && ((m->group != 0 && finest[m->group] < m->level) || has_finer(f, m));
     }
+end:
     kiln_free(&finest);
     return status;
 }
@@ -368,15 +368,13 @@ int kiln_lods_leave_out(struct kiln_builder *builder, size_t *count, struct kiln
     *count = 0;
     if (!has_lower(builder))
         return KILN_OK;
-    int status = kiln_allocate(&f.members, all, sizeof *f.members, "levels of detail", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&f.member_of, all, sizeof *f.member_of, "levels of detail", error);
-    if (status == KILN_OK)
-        status = find_members(&f, error);
-    if (status == KILN_OK)
-        status = find_lower(&f, error);
-    if (status == KILN_OK)
-        status = leave_out(&f, count, error);
+    int status;
+    KILN_TRY(kiln_allocate(&f.members, all, sizeof *f.members, "levels of detail", error));
+    KILN_TRY(kiln_allocate(&f.member_of, all, sizeof *f.member_of, "levels of detail", error));
+    KILN_TRY(find_members(&f, error));
+    KILN_TRY(find_lower(&f, error));
+    KILN_TRY(leave_out(&f, count, error));
+end:
     kiln_free(&f.by_thing);
     kiln_free(&f.by_place);
     kiln_free(&f.member_of);

@@ -122,12 +122,12 @@ static int read_texcoord(struct reader *r)
 {
     double n[3] = {0};
     size_t count;
-    int status = obj_numbers(&r->text, "vt", n, 1, 3, &count);
-    if (status == KILN_OK)
-        status = room(r, &r->texcoords, &r->texcoord_capacity, r->texcoord_count, sizeof *r->texcoords,
-                      "texture coordinates");
-    if (status == KILN_OK)
-        r->texcoords[r->texcoord_count++] = (struct kiln_vec2){(float)n[0], (float)n[1]};
+    int status;
+    KILN_TRY(obj_numbers(&r->text, "vt", n, 1, 3, &count));
+    KILN_TRY(
+        room(r, &r->texcoords, &r->texcoord_capacity, r->texcoord_count, sizeof *r->texcoords, "texture coordinates"));
+    r->texcoords[r->texcoord_count++] = (struct kiln_vec2){(float)n[0], (float)n[1]};
+end:
     return status;
 }
 
@@ -135,11 +135,11 @@ static int read_normal(struct reader *r)
 {
     double n[3];
     size_t count;
-    int status = obj_numbers(&r->text, "vn", n, 3, 3, &count);
-    if (status == KILN_OK)
-        status = room(r, &r->normals, &r->normal_capacity, r->normal_count, sizeof *r->normals, "normals");
-    if (status == KILN_OK)
-        r->normals[r->normal_count++] = vec3_add(vec3((float)n[0], (float)n[1], (float)n[2]), vec3(0.0f, 0.0f, 0.0f));
+    int status;
+    KILN_TRY(obj_numbers(&r->text, "vn", n, 3, 3, &count));
+    KILN_TRY(room(r, &r->normals, &r->normal_capacity, r->normal_count, sizeof *r->normals, "normals"));
+    r->normals[r->normal_count++] = vec3_add(vec3((float)n[0], (float)n[1], (float)n[2]), vec3(0.0f, 0.0f, 0.0f));
+end:
     return status;
 }
 
@@ -659,26 +659,29 @@ static int write_notes(struct reader *r)
          "nearest number or none replaces them",
          KILN_NOTE_WARNING}};
     int status = KILN_OK;
-    for (size_t i = 0; i < sizeof notes / sizeof notes[0] && status == KILN_OK; i++)
+    for (size_t i = 0; i < sizeof notes / sizeof notes[0]; i++)
         if (notes[i].count > 0)
-            status = kiln_builder_note(r->builder, notes[i].severity, r->error, "%llu %s",
-                                       (unsigned long long)notes[i].count, notes[i].text);
-    if (status == KILN_OK && r->strange > 0)
-        status =
+            KILN_TRY(kiln_builder_note(r->builder, notes[i].severity, r->error, "%llu %s",
+                                       (unsigned long long)notes[i].count, notes[i].text));
+    if (r->strange > 0)
+        KILN_TRY(
             kiln_builder_note(r->builder, KILN_NOTE_UNUSED, r->error,
                               "%llu statements that kiln does not know were left out (the first: '%.40s' in line %llu)",
-                              (unsigned long long)r->strange, r->strange_word, (unsigned long long)r->strange_line);
-    return status == KILN_OK ? note_materials(r) : status;
+                              (unsigned long long)r->strange, r->strange_word, (unsigned long long)r->strange_line));
+    KILN_TRY(note_materials(r));
+end:
+    return status;
 }
 
 static int add_all(struct reader *r)
 {
     const struct kiln_environment none = {0};
-    int status = obj_add_materials(&r->materials);
-    for (size_t i = 0; i < r->object_count && status == KILN_OK; i++)
-        status = add_object(r, &r->objects[i]);
-    if (status == KILN_OK)
-        status = write_notes(r);
+    int status;
+    KILN_TRY(obj_add_materials(&r->materials));
+    for (size_t i = 0; i < r->object_count; i++)
+        KILN_TRY(add_object(r, &r->objects[i]));
+    KILN_TRY(write_notes(r));
+end:
     return status != KILN_OK ? status
                              : kiln_builder_append(r->builder, KILN_SECTION_ENVIRONMENT, &none, 1, NULL, r->error);
 }
@@ -712,13 +715,12 @@ int kiln_obj_read(struct kiln_confine *confine, struct kiln_builder *builder, st
                                      .builder = builder,
                                      .error = error,
                                      .images = {.confine = confine, .builder = builder}}};
-    int status = obj_materials_begin(&r.materials);
-    if (status == KILN_OK)
-        status = keep_name(&r, (struct obj_word){"", 0}, &r.group);
-    if (status == KILN_OK)
-        status = read_text(&r);
-    if (status == KILN_OK)
-        status = add_all(&r);
+    int status;
+    KILN_TRY(obj_materials_begin(&r.materials));
+    KILN_TRY(keep_name(&r, (struct obj_word){"", 0}, &r.group));
+    KILN_TRY(read_text(&r));
+    KILN_TRY(add_all(&r));
+end:
     release(&r);
     return status;
 }

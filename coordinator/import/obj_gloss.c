@@ -78,11 +78,12 @@ static int set_physical(struct obj_materials *m, const struct obj_material *sour
     gloss->clearcoat_roughness = from->clearcoat > 0.0f ? from->clearcoat_roughness : 0.0f;
     gloss->anisotropy = from->anisotropy;
     gloss->anisotropy_rotation = from->anisotropy > 0.0f ? (float)(2.0 * KILN_PI * (double)from->rotation) : 0.0f;
-    int status = add_map(m, source, &from->roughness_map, "map_Pr", gloss, KILN_GLOSS_ROUGHNESS);
-    if (status == KILN_OK)
-        status = add_map(m, source, &from->metallic_map, "map_Pm", gloss, KILN_GLOSS_METALLIC);
-    if (status == KILN_OK && gloss->textures[KILN_GLOSS_METALLIC].texture == KILN_NONE)
+    int status;
+    KILN_TRY(add_map(m, source, &from->roughness_map, "map_Pr", gloss, KILN_GLOSS_ROUGHNESS));
+    KILN_TRY(add_map(m, source, &from->metallic_map, "map_Pm", gloss, KILN_GLOSS_METALLIC));
+    if (gloss->textures[KILN_GLOSS_METALLIC].texture == KILN_NONE)
         gloss->metallic = from->metallic;
+end:
     gloss->mean_roughness = mean_with(m, gloss, KILN_GLOSS_ROUGHNESS, gloss->roughness);
     gloss->mean_metallic = mean_with(m, gloss, KILN_GLOSS_METALLIC, gloss->metallic);
     return status;

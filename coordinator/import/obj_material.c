@@ -530,12 +530,11 @@ static int read_library(struct obj_materials *m, struct obj_word name, struct ki
         (void)snprintf(path, sizeof path, "%.1024s", found);
     }
     const char *slash = strrchr(path, '/');
-    if (status == KILN_OK)
-        status = keep_text(m, (struct obj_word){path, slash == NULL ? 0 : (size_t)(slash + 1 - path)}, &l.folder);
-    if (status == KILN_OK)
-        status = obj_text_open(&l.text, &file, m->confine->scene, place, m->error);
-    if (status == KILN_OK)
-        status = read_statements(&l);
+    KILN_TRY(status);
+    KILN_TRY(keep_text(m, (struct obj_word){path, slash == NULL ? 0 : (size_t)(slash + 1 - path)}, &l.folder));
+    KILN_TRY(obj_text_open(&l.text, &file, m->confine->scene, place, m->error));
+    KILN_TRY(read_statements(&l));
+end:
     obj_text_close(&l.text);
     kiln_file_unmap(&file);
     return status;
@@ -698,10 +697,11 @@ static int add_to_builder(struct obj_materials *m, struct obj_material *source)
 int obj_add_materials(struct obj_materials *m)
 {
     int status = KILN_OK;
-    for (size_t i = 0; i < m->count && status == KILN_OK; i++)
-        status = add_to_builder(m, &m->list[i]);
-    if (status == KILN_OK)
-        status = kiln_kinds_note(&m->unused, m->builder, KILN_NOTE_UNUSED,
-                                 "statements in material files, but not in a bake", m->error);
-    return status == KILN_OK ? kiln_missing_end(&m->missing, m->confine, m->builder, m->error) : status;
+    for (size_t i = 0; i < m->count; i++)
+        KILN_TRY(add_to_builder(m, &m->list[i]));
+    KILN_TRY(kiln_kinds_note(&m->unused, m->builder, KILN_NOTE_UNUSED,
+                             "statements in material files, but not in a bake", m->error));
+    KILN_TRY(kiln_missing_end(&m->missing, m->confine, m->builder, m->error));
+end:
+    return status;
 }

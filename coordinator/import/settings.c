@@ -125,12 +125,13 @@ static int note_roles(struct kiln_builder *builder, size_t excluded, struct kiln
     }
     int status = KILN_OK;
     if (excluded > 0)
-        status = kiln_builder_note(builder, 0, error, "%zu objects are left out of the bake, as asked for", excluded);
-    if (status == KILN_OK && casters > 0)
-        status = kiln_builder_note(builder, 0, error, "%zu objects are caster-only: their lightmaps are not published",
-                                   casters);
-    if (status == KILN_OK && receivers > 0)
-        status = kiln_builder_note(builder, 0, error, "%zu objects are receiver-only: no ray hits them", receivers);
+        KILN_TRY(kiln_builder_note(builder, 0, error, "%zu objects are left out of the bake, as asked for", excluded));
+    if (casters > 0)
+        KILN_TRY(kiln_builder_note(builder, 0, error, "%zu objects are caster-only: their lightmaps are not published",
+                                   casters));
+    if (receivers > 0)
+        KILN_TRY(kiln_builder_note(builder, 0, error, "%zu objects are receiver-only: no ray hits them", receivers));
+end:
     return status;
 }
 
@@ -139,11 +140,11 @@ int kiln_object_settings_apply(struct kiln_builder *builder, const char *rules, 
     int status = rules == NULL || rules[0] == '\0' ? KILN_OK : apply_rules(builder, rules, error);
     const size_t excluded = status == KILN_OK ? keep_objects(builder) : 0;
     size_t lower = 0;
-    if (status == KILN_OK)
-        status = kiln_lods_leave_out(builder, &lower, error);
-    if (status == KILN_OK && lower > 0)
+    KILN_TRY(status);
+    KILN_TRY(kiln_lods_leave_out(builder, &lower, error));
+    if (lower > 0)
         (void)keep_objects(builder);
-    if (status == KILN_OK)
-        status = note_roles(builder, excluded, error);
+    KILN_TRY(note_roles(builder, excluded, error));
+end:
     return status;
 }

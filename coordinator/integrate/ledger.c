@@ -20,11 +20,11 @@ int kiln_ledger_create(struct kiln_ledger *ledger, const struct kiln_surface *su
                                    .group_count = (size_t)(surface->tile_count / GROUP_TILES) + 1};
     const size_t count = ledger->group_count;
     const char *what = "the groups' powers";
-    int status = kiln_allocate(&ledger->group_now, count, sizeof *ledger->group_now, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&ledger->group_before, count, sizeof *ledger->group_before, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&ledger->group_total, count, sizeof *ledger->group_total, what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&ledger->group_now, count, sizeof *ledger->group_now, what, error));
+    KILN_TRY(kiln_allocate(&ledger->group_before, count, sizeof *ledger->group_before, what, error));
+    KILN_TRY(kiln_allocate(&ledger->group_total, count, sizeof *ledger->group_total, what, error));
+end:
     return status;
 }
 

@@ -128,11 +128,11 @@ static int document(struct reader *r, json_t **json, struct kiln_error *error)
     yaml_event_delete(&event);
     if (empty)
         return kiln_fail(error, KILN_BAD_INPUT, "%.500s: is empty; nothing is named in it", r->path);
-    status = next(r, &event, error);
-    if (status == KILN_OK)
-        status = value(r, &event, 0, json, error);
-    if (status == KILN_OK && !json_is_object(*json))
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.500s: is one mapping, NAME: {...}", r->path);
+    KILN_TRY(next(r, &event, error));
+    KILN_TRY(value(r, &event, 0, json, error));
+    if (!json_is_object(*json))
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "%.500s: is one mapping, NAME: {...}", r->path));
+end:
     return status == KILN_OK ? end(r, error) : status;
 }
 
@@ -225,12 +225,14 @@ int kiln_job_states_read(struct kiln_job *job, struct kiln_error *error)
     json_t *states = NULL, *changes;
     if (job->states == NULL)
         return KILN_OK;
-    int status = kiln_job_yaml_read(job, job->states, &job->stated, error);
-    if (status == KILN_OK && (states = json_loads(job->stated, 0, NULL)) == NULL)
-        status = kiln_fail(error, KILN_SYSTEM, "out of memory: the states");
-    if (status == KILN_OK && json_object_size(states) == 0)
-        status = kiln_fail(error, KILN_BAD_INPUT,
-                           "%.500s: has no state, such as 'evening: {lights: {sun: {on: false}}}'", job->states);
+    int status;
+    KILN_TRY(kiln_job_yaml_read(job, job->states, &job->stated, error));
+    if ((states = json_loads(job->stated, 0, NULL)) == NULL)
+        KILN_TRY(kiln_fail(error, KILN_SYSTEM, "out of memory: the states"));
+    if (json_object_size(states) == 0)
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT,
+                           "%.500s: has no state, such as 'evening: {lights: {sun: {on: false}}}'", job->states));
+end:
     json_object_foreach(states, name, changes)
     {
         if (status == KILN_OK && !is_state_name(name))

@@ -495,15 +495,12 @@ static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
         return kiln_fail(error, KILN_USAGE,
                          "--method radiosity knows the diffuse part of materials alone: give --materials diffuse, or "
                          "--method cells");
-    status = check_links(job, error);
-    if (status == KILN_OK)
-        status = check_gather(job, error);
-    if (status == KILN_OK)
-        status = check_nodes(job, error);
-    if (status == KILN_OK)
-        status = check_order(job, error);
-    if (status == KILN_OK)
-        status = check_seconds(job, error);
+    KILN_TRY(check_links(job, error));
+    KILN_TRY(check_gather(job, error));
+    KILN_TRY(check_nodes(job, error));
+    KILN_TRY(check_order(job, error));
+    KILN_TRY(check_seconds(job, error));
+end:
     if (status != KILN_OK)
         return status;
     job->diffuse_unasked = !given(job, "materials");
@@ -537,29 +534,32 @@ static int settle_reference(struct kiln_job *job, struct kiln_error *error)
 /* Checks options of light against one another, and fills in what follows from them. */
 static int settle_light(struct kiln_job *job, uint32_t commands, struct kiln_error *error)
 {
-    int status = (commands & (KILN_FOR_BAKE | KILN_FOR_PLAN)) != 0 ? check_paths(job, error) : KILN_OK;
-    if (status == KILN_OK && kiln_job_is_reference(job))
-        status = settle_reference(job, error);
-    if (status == KILN_OK && kiln_job_is_radiosity(job))
-        status = settle_radiosity(job, error);
-    else if (status == KILN_OK)
-        status = refuse_patches(job, error);
-    if (status == KILN_OK && job->indirect_scale > 0 && job->schedule == KILN_SCHEDULE_EQUAL)
-        status = kiln_fail(error, KILN_USAGE,
+    int status;
+    KILN_TRY((commands & (KILN_FOR_BAKE | KILN_FOR_PLAN)) != 0 ? check_paths(job, error) : KILN_OK);
+    if (kiln_job_is_reference(job))
+        KILN_TRY(settle_reference(job, error));
+    if (kiln_job_is_radiosity(job))
+        KILN_TRY(settle_radiosity(job, error));
+    else
+        KILN_TRY(refuse_patches(job, error));
+    if (job->indirect_scale > 0 && job->schedule == KILN_SCHEDULE_EQUAL)
+        KILN_TRY(kiln_fail(error, KILN_USAGE,
                            "--indirect-scale is for bounces that a final gather reads: --schedule equal has no final "
-                           "gather; give --schedule lean, or --indirect-scale 1");
-    if (status == KILN_OK && job->final_scale > 0)
-        status = check_final_scale(job, error);
-    if (status == KILN_OK && job->guide > 0)
-        status = check_guide(job, error);
-    if (status == KILN_OK && job->only_visible_from != NULL)
-        status = check_visible_from(job, error);
-    if (status == KILN_OK && job->exchange_points == KILN_EXCHANGE_VISIBLE && kiln_job_has_probes(job))
-        status =
+                           "gather; give --schedule lean, or --indirect-scale 1"));
+    if (job->final_scale > 0)
+        KILN_TRY(check_final_scale(job, error));
+    if (job->guide > 0)
+        KILN_TRY(check_guide(job, error));
+    if (job->only_visible_from != NULL)
+        KILN_TRY(check_visible_from(job, error));
+    if (job->exchange_points == KILN_EXCHANGE_VISIBLE && kiln_job_has_probes(job))
+        KILN_TRY(
             kiln_fail(error, KILN_USAGE,
                       "--exchange-points visible sends what surface points see, and radiance probes see more: give "
-                      "--tracing-range inf, or --exchange-points all");
-    return status == KILN_OK ? settle_store(job, error) : status;
+                      "--tracing-range inf, or --exchange-points all"));
+    KILN_TRY(settle_store(job, error));
+end:
+    return status;
 }
 
 int kiln_job_settle_light(struct kiln_job *job, struct kiln_error *error)
@@ -585,22 +585,20 @@ static int default_output(struct kiln_job *job, const struct kiln_command *comma
 /* Reads the files that options name, checks options against one another, and fills in what follows from them. */
 static int complete(struct kiln_job *job, const struct kiln_command *command, struct kiln_error *error)
 {
-    int status = kiln_job_changes_read(job, error);
-    if (status == KILN_OK)
-        status = kiln_job_groups_read(job, error);
-    if (status == KILN_OK)
-        status = kiln_job_states_read(job, error);
-    if (status == KILN_OK)
-        status = default_output(job, command, error);
-    if (status == KILN_OK && !given(job, "tail"))
+    int status;
+    KILN_TRY(kiln_job_changes_read(job, error));
+    KILN_TRY(kiln_job_groups_read(job, error));
+    KILN_TRY(kiln_job_states_read(job, error));
+    KILN_TRY(default_output(job, command, error));
+    if (!given(job, "tail"))
         job->tail = job->bounces < 0;
-    if (status == KILN_OK)
-        status = settle_light(job, command->bit, error);
-    if (status == KILN_OK && job->states != NULL && job->listen)
-        status =
-            kiln_fail(error, KILN_USAGE, "--states and --listen exclude each other: a line of --listen is a state");
-    if (status == KILN_OK && job->quiet && job->verbose)
-        status = kiln_fail(error, KILN_USAGE, "--quiet and --verbose exclude each other");
+    KILN_TRY(settle_light(job, command->bit, error));
+    if (job->states != NULL && job->listen)
+        KILN_TRY(
+            kiln_fail(error, KILN_USAGE, "--states and --listen exclude each other: a line of --listen is a state"));
+    if (job->quiet && job->verbose)
+        KILN_TRY(kiln_fail(error, KILN_USAGE, "--quiet and --verbose exclude each other"));
+end:
     return status;
 }
 

@@ -169,22 +169,20 @@ static int read_events(struct kiln_job_reader *reader, struct kiln_error *error)
     reader->parser_made = true;
     yaml_parser_set_input_string(&reader->parser, (const unsigned char *)reader->text, reader->length);
     static const char *const shape = "a job file is one mapping, lines of `name: value`";
-    int status = kiln_job_expect(reader, YAML_STREAM_START_EVENT, shape, error);
-    if (status == KILN_OK)
-        status = kiln_job_expect(reader, YAML_DOCUMENT_START_EVENT,
-                                 "the job file is empty; it needs at least `scene: FILE`", error);
-    if (status == KILN_OK)
-        status = kiln_job_expect(reader, YAML_MAPPING_START_EVENT, shape, error);
-    for (bool end = false; status == KILN_OK && !end;)
-        status = read_pair(reader, &end, error);
-    if (status == KILN_OK)
-        status = kiln_job_expect(reader, YAML_DOCUMENT_END_EVENT, shape, error);
-    if (status == KILN_OK)
-        status =
-            kiln_job_expect(reader, YAML_STREAM_END_EVENT, "a second document begins here; a job file has one", error);
-    if (status == KILN_OK && !reader->only_quality && reader->job->scene == NULL)
-        status =
-            kiln_fail(error, KILN_BAD_INPUT, "%.500s: the key 'scene' is missing; add `scene: FILE`", reader->path);
+    int status;
+    KILN_TRY(kiln_job_expect(reader, YAML_STREAM_START_EVENT, shape, error));
+    KILN_TRY(kiln_job_expect(reader, YAML_DOCUMENT_START_EVENT,
+                             "the job file is empty; it needs at least `scene: FILE`", error));
+    KILN_TRY(kiln_job_expect(reader, YAML_MAPPING_START_EVENT, shape, error));
+    for (bool end = false; !end;)
+        KILN_TRY(read_pair(reader, &end, error));
+    KILN_TRY(kiln_job_expect(reader, YAML_DOCUMENT_END_EVENT, shape, error));
+    KILN_TRY(
+        kiln_job_expect(reader, YAML_STREAM_END_EVENT, "a second document begins here; a job file has one", error));
+    if (!reader->only_quality && reader->job->scene == NULL)
+        KILN_TRY(
+            kiln_fail(error, KILN_BAD_INPUT, "%.500s: the key 'scene' is missing; add `scene: FILE`", reader->path));
+end:
     return status;
 }
 
@@ -193,13 +191,12 @@ static int read_file(struct kiln_job *job, const char *path, bool only_quality, 
     struct kiln_job_reader reader = {.job = job, .path = path, .only_quality = only_quality};
     const char *slash = strrchr(path, '/');
     const size_t length = slash == NULL ? 1 : slash == path ? 1 : (size_t)(slash - path);
-    int status = kiln_job_keep(job, slash == NULL ? "." : path, length, &reader.folder, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&reader.seen, kiln_option_count + 1, sizeof(bool), "the keys of the job file", error);
-    if (status == KILN_OK)
-        status = load(&reader, error);
-    if (status == KILN_OK)
-        status = read_events(&reader, error);
+    int status;
+    KILN_TRY(kiln_job_keep(job, slash == NULL ? "." : path, length, &reader.folder, error));
+    KILN_TRY(kiln_allocate(&reader.seen, kiln_option_count + 1, sizeof(bool), "the keys of the job file", error));
+    KILN_TRY(load(&reader, error));
+    KILN_TRY(read_events(&reader, error));
+end:
     if (reader.parser_made)
         yaml_parser_delete(&reader.parser);
     kiln_free(&reader.seen);

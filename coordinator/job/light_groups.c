@@ -165,16 +165,15 @@ int kiln_job_groups_read(struct kiln_job *job, struct kiln_error *error)
         return KILN_OK;
     int status = kiln_job_keep_room(job, KILN_GROUPS_MAX * sizeof(char *), &room, error);
     job->group_names = room;
-    if (status == KILN_OK && job->light_groups != NULL)
-        status = kiln_job_yaml_read(job, job->light_groups, &job->grouped, error);
-    if (status == KILN_OK && job->grouped != NULL && (groups = json_loads(job->grouped, 0, NULL)) == NULL)
-        status = kiln_fail(error, KILN_SYSTEM, "out of memory: the groups of lights");
-    if (status == KILN_OK)
-        status = add_groups(job, groups, error);
-    if (status == KILN_OK)
-        status = add_patches(job, error);
-    if (status == KILN_OK)
-        status = add_name(job, "rest", error);
+    KILN_TRY(status);
+    if (job->light_groups != NULL)
+        KILN_TRY(kiln_job_yaml_read(job, job->light_groups, &job->grouped, error));
+    if (job->grouped != NULL && (groups = json_loads(job->grouped, 0, NULL)) == NULL)
+        KILN_TRY(kiln_fail(error, KILN_SYSTEM, "out of memory: the groups of lights"));
+    KILN_TRY(add_groups(job, groups, error));
+    KILN_TRY(add_patches(job, error));
+    KILN_TRY(add_name(job, "rest", error));
+end:
     json_decref(groups);
     return status;
 }

@@ -126,17 +126,14 @@ int kiln_job_rules_parse(const char *text, const char *where, int refusal, struc
     if (yaml_parser_initialize(&reader.parser) == 0)
         return kiln_fail(error, KILN_SYSTEM, "out of memory for the settings of objects");
     yaml_parser_set_input_string(&reader.parser, (const unsigned char *)text, strlen(text));
-    int status = kiln_job_expect(&reader, YAML_STREAM_START_EVENT, shape, error);
-    if (status == KILN_OK)
-        status = kiln_job_expect(&reader, YAML_DOCUMENT_START_EVENT, shape, error);
-    if (status == KILN_OK)
-        status = kiln_job_expect(&reader, YAML_MAPPING_START_EVENT, shape, error);
-    if (status == KILN_OK)
-        status = kiln_job_rules_read(&reader, kept, error);
-    if (status == KILN_OK)
-        status = kiln_job_expect(&reader, YAML_DOCUMENT_END_EVENT, shape, error);
-    if (status == KILN_OK)
-        status = kiln_job_expect(&reader, YAML_STREAM_END_EVENT, shape, error);
+    int status;
+    KILN_TRY(kiln_job_expect(&reader, YAML_STREAM_START_EVENT, shape, error));
+    KILN_TRY(kiln_job_expect(&reader, YAML_DOCUMENT_START_EVENT, shape, error));
+    KILN_TRY(kiln_job_expect(&reader, YAML_MAPPING_START_EVENT, shape, error));
+    KILN_TRY(kiln_job_rules_read(&reader, kept, error));
+    KILN_TRY(kiln_job_expect(&reader, YAML_DOCUMENT_END_EVENT, shape, error));
+    KILN_TRY(kiln_job_expect(&reader, YAML_STREAM_END_EVENT, shape, error));
+end:
     yaml_parser_delete(&reader.parser);
     return status == KILN_BAD_INPUT ? refusal : status;
 }

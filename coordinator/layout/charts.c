@@ -320,18 +320,15 @@ static void order_triangles(struct maker *m, const struct kiln_segments *segment
 static int maker_allocate(struct maker *m, struct kiln_error *error)
 {
     const size_t triangles = m->topology->triangle_count, vertices = m->topology->vertex_count;
-    int status = kiln_allocate(&m->charts->order, triangles, sizeof *m->charts->order, "charts", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->label, triangles, sizeof *m->label, "charts", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->queue, triangles, sizeof *m->queue, "charts", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->side, triangles, sizeof *m->side, "charts", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->stamp, vertices, sizeof *m->stamp, "charts", error);
+    int status;
+    KILN_TRY(kiln_allocate(&m->charts->order, triangles, sizeof *m->charts->order, "charts", error));
+    KILN_TRY(kiln_allocate(&m->label, triangles, sizeof *m->label, "charts", error));
+    KILN_TRY(kiln_allocate(&m->queue, triangles, sizeof *m->queue, "charts", error));
+    KILN_TRY(kiln_allocate(&m->side, triangles, sizeof *m->side, "charts", error));
+    KILN_TRY(kiln_allocate(&m->stamp, vertices, sizeof *m->stamp, "charts", error));
     /* While it is built, the hull of n points holds up to 2 n points. */
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->points, 3 * vertices + 2, sizeof *m->points, "charts", error);
+    KILN_TRY(kiln_allocate(&m->points, 3 * vertices + 2, sizeof *m->points, "charts", error));
+end:
     return status;
 }
 

@@ -172,21 +172,22 @@ int kiln_density_choose(struct kiln_density *density, const struct kiln_density_
     struct chooser c = {.demands = demands, .count = count, .largest = SIZE_MAX, .most = target, .least = 1.0};
     *density =
         (struct kiln_density){.texels_per_metre = 1.0, .most_texels = target, .least_side = 1, .largest = SIZE_MAX};
-    int status = kiln_allocate(&density->of, count, sizeof *density->of, "densities", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&c.vast, count, sizeof *c.vast, "densities", error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&density->of, count, sizeof *density->of, "densities", error));
+    KILN_TRY(kiln_allocate(&c.vast, count, sizeof *c.vast, "densities", error));
+    for (size_t i = 0; i < count; i++)
         c.vast[i] = demands[i].ground;
-    if (status == KILN_OK && wanted > 0) {
+    if (wanted > 0) {
         c.least = fmin(LEAST_SIDE, floor(sqrt(small_fraction * target / (double)wanted)));
         density->texels_per_metre = choose_common(&c, fmax(largest_fraction, 1.0 / (double)wanted), target);
         density->least_side = (uint32_t)fmax(c.least, 1.0);
         density->most_texels = c.most;
         density->largest = c.largest;
     }
-    for (size_t i = 0; i < count && status == KILN_OK; i++)
+    for (size_t i = 0; i < count; i++)
         density->of[i] =
             is_wanted(&demands[i]) ? density_of(&c, i, density->texels_per_metre) : density->texels_per_metre;
+end:
     kiln_free(&c.vast);
     return status;
 }

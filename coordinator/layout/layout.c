@@ -497,11 +497,12 @@ static int check_texels(const struct planner *p, bool sized, struct kiln_error *
 static int choose_densities(struct planner *p, struct kiln_error *error)
 {
     struct kiln_density_demand *demands = NULL;
-    int status = kiln_allocate(&demands, object_count(p), sizeof *demands, "densities", error);
-    if (status == KILN_OK && p->densities == NULL)
-        status = kiln_allocate(&p->densities, object_count(p), sizeof *p->densities, "densities", error);
-    if (status == KILN_OK)
-        status = deal_densities(p, demands, error);
+    int status;
+    KILN_TRY(kiln_allocate(&demands, object_count(p), sizeof *demands, "densities", error));
+    if (p->densities == NULL)
+        KILN_TRY(kiln_allocate(&p->densities, object_count(p), sizeof *p->densities, "densities", error));
+    KILN_TRY(deal_densities(p, demands, error));
+end:
     p->texels_per_metre = p->density.texels_per_metre;
     for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++) {
         p->densities[i] = p->density.of[i] * scale_of(p, i);
@@ -641,11 +642,11 @@ static void group_objects(const struct planner *p, size_t *first, size_t *member
 /* The same, into arrays that the caller frees with kiln_free. */
 static int list_objects(const struct planner *p, size_t **first, size_t **members, struct kiln_error *error)
 {
-    int status = kiln_allocate(first, mesh_count(p) + 1, sizeof **first, "layouts", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(members, object_count(p), sizeof **members, "layouts", error);
-    if (status == KILN_OK)
-        group_objects(p, *first, *members);
+    int status;
+    KILN_TRY(kiln_allocate(first, mesh_count(p) + 1, sizeof **first, "layouts", error));
+    KILN_TRY(kiln_allocate(members, object_count(p), sizeof **members, "layouts", error));
+    group_objects(p, *first, *members);
+end:
     return status;
 }
 
@@ -974,14 +975,15 @@ static int choose_shared(struct planner *p, const size_t *first, const size_t *m
 static int part_shared(struct planner *p, struct kiln_error *error)
 {
     size_t *first = NULL, *members = NULL;
-    int status = list_objects(p, &first, &members, error);
-    if (status == KILN_OK)
-        status = choose_shared(p, first, members, error);
-    if (status == KILN_OK && p->parted > 0)
-        status = unwrap_meshes(p, error);
-    for (size_t m = 0; m < mesh_count(p) && status == KILN_OK; m++)
+    int status;
+    KILN_TRY(list_objects(p, &first, &members, error));
+    KILN_TRY(choose_shared(p, first, members, error));
+    if (p->parted > 0)
+        KILN_TRY(unwrap_meshes(p, error));
+    for (size_t m = 0; m < mesh_count(p); m++)
         if (p->plans[m].parted)
-            status = note_packing(p, m, error);
+            KILN_TRY(note_packing(p, m, error));
+end:
     kiln_free(&members);
     kiln_free(&first);
     return status;
@@ -1217,13 +1219,14 @@ static int rebuild_vertices(struct planner *p, struct kiln_error *error)
             return kiln_fail(error, KILN_BUG, "vertex section %d has %zu elements where there are %zu positions",
                              (int)VERTEX_SECTIONS[i], p->builder->sections[VERTEX_SECTIONS[i]].count,
                              p->builder->sections[KILN_SECTION_POSITIONS].count);
-    for (size_t i = 0; i < mesh_count(p) && status == KILN_OK; i++)
-        status = collect_mesh(p, i, error);
-    for (size_t i = 0; i < VERTEX_SECTION_COUNT && status == KILN_OK; i++)
+    for (size_t i = 0; i < mesh_count(p); i++)
+        KILN_TRY(collect_mesh(p, i, error));
+    for (size_t i = 0; i < VERTEX_SECTION_COUNT; i++)
         if (kiln_builder_has(p->builder, VERTEX_SECTIONS[i]))
-            status = gather_section(p, VERTEX_SECTIONS[i], error);
-    if (status == KILN_OK && p->vertex_count > 0)
+            KILN_TRY(gather_section(p, VERTEX_SECTIONS[i], error));
+    if (p->vertex_count > 0)
         memcpy(p->builder->sections[KILN_SECTION_TEXCOORD_LIGHTMAP].data, p->uv, p->vertex_count * sizeof *p->uv);
+end:
     return status;
 }
 
@@ -1248,17 +1251,18 @@ static int note_densities(struct planner *p, struct kiln_error *error)
         const double texels = demand_of(p, i).texels;
         at_one += isfinite(texels) ? texels : 0.0;
     }
-    for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++) {
+    for (size_t i = 0; i < object_count(p); i++) {
         small += objects(p)[i].density_reason == KILN_DENSITY_LEAST;
         if (objects(p)[i].density_reason == KILN_DENSITY_FRACTION && note_wanted(&shared))
-            status = note_limited(p, i, at_one, error);
+            KILN_TRY(note_limited(p, i, at_one, error));
     }
-    if (small > 0 && status == KILN_OK)
-        status = kiln_builder_note(p->builder, 0, error,
+    if (small > 0)
+        KILN_TRY(kiln_builder_note(p->builder, 0, error,
                                    "%zu small objects have more than the common %.3g texels a metre, so that their "
                                    "lightmaps are %u texels across, or as many as twice the density of the largest "
                                    "object gives them",
-                                   small, p->texels_per_metre, p->density.least_side);
+                                   small, p->texels_per_metre, p->density.least_side));
+end:
     return status;
 }
 
@@ -1266,32 +1270,34 @@ static int write_totals(struct planner *p, struct kiln_error *error)
 {
     int status = KILN_OK;
     if (p->absent > 0)
-        status = kiln_builder_note(p->builder, 0, error, "%zu of %zu meshes have no second UV set and are unwrapped",
-                                   p->absent, mesh_count(p));
-    if (status == KILN_OK && p->params.repack)
-        status =
+        KILN_TRY(kiln_builder_note(p->builder, 0, error, "%zu of %zu meshes have no second UV set and are unwrapped",
+                                   p->absent, mesh_count(p)));
+    if (p->params.repack)
+        KILN_TRY(
             kiln_builder_note(p->builder, 0, error,
                               "the charts of %zu of %zu meshes lie less than two texels apart and are laid out anew",
-                              p->repacked, mesh_count(p));
-    if (status == KILN_OK && p->parted > 0)
-        status = kiln_builder_note(
+                              p->repacked, mesh_count(p)));
+    if (p->parted > 0)
+        KILN_TRY(kiln_builder_note(
             p->builder, 1, error,
             "the charts of %zu of %zu meshes would share texels, so that light of one would appear on another (%llu "
             "texels of %u x %u in \"%s\"): they are packed anew, and a viewer needs kiln's layout; finer lightmaps "
             "need no other, and --shared-texels keep keeps the file's",
             p->parted, mesh_count(p), (unsigned long long)p->most_shared, p->most_shared_size[0],
-            p->most_shared_size[1], string(p, meshes(p)[p->most_shared_mesh].name));
-    if (status == KILN_OK && p->refused > NOTES_MAX)
-        status = kiln_builder_note(p->builder, 1, error, "%zu more second UV sets are refused", p->refused - NOTES_MAX);
-    if (status == KILN_OK && p->unclean > NOTES_MAX)
-        status = kiln_builder_note(p->builder, 1, error, "%zu more second UV sets are not quite clean",
-                                   p->unclean - NOTES_MAX);
-    if (status == KILN_OK && p->capped > NOTES_MAX)
-        status = kiln_builder_note(p->builder, 1, error, "%zu more lightmaps are capped at %u texels a side",
-                                   p->capped - NOTES_MAX, p->params.lightmap_max);
-    if (status == KILN_OK && p->shared > NOTES_MAX)
-        status = kiln_builder_note(p->builder, 1, error, "%zu more meshes have charts that share texels",
-                                   p->shared - NOTES_MAX);
+            p->most_shared_size[1], string(p, meshes(p)[p->most_shared_mesh].name)));
+    if (p->refused > NOTES_MAX)
+        KILN_TRY(
+            kiln_builder_note(p->builder, 1, error, "%zu more second UV sets are refused", p->refused - NOTES_MAX));
+    if (p->unclean > NOTES_MAX)
+        KILN_TRY(kiln_builder_note(p->builder, 1, error, "%zu more second UV sets are not quite clean",
+                                   p->unclean - NOTES_MAX));
+    if (p->capped > NOTES_MAX)
+        KILN_TRY(kiln_builder_note(p->builder, 1, error, "%zu more lightmaps are capped at %u texels a side",
+                                   p->capped - NOTES_MAX, p->params.lightmap_max));
+    if (p->shared > NOTES_MAX)
+        KILN_TRY(kiln_builder_note(p->builder, 1, error, "%zu more meshes have charts that share texels",
+                                   p->shared - NOTES_MAX));
+end:
     return status;
 }
 
@@ -1328,18 +1334,17 @@ static int plan_layouts(struct planner *p, struct kiln_error *error)
     find_ground(p);
     if (p->params.repack)
         status = choose_repacks(p, error);
-    if (status == KILN_OK)
-        status = unwrap_all(p, error);
-    if (status == KILN_OK && p->params.texels_per_metre == 0.0 && p->params.lightmap_size == 0)
-        status = raise_densities(p, error);
-    if (status == KILN_OK && (p->params.repack || !p->params.keep_shared))
-        status = part_shared(p, error);
-    for (size_t i = 0; i < object_count(p) && status == KILN_OK; i++)
-        status = size_object(p, i, error);
-    if (status == KILN_OK)
-        status = check_texels(p, true, error);
-    if (status == KILN_OK)
-        status = note_densities(p, error);
+    KILN_TRY(status);
+    KILN_TRY(unwrap_all(p, error));
+    if (p->params.texels_per_metre == 0.0 && p->params.lightmap_size == 0)
+        KILN_TRY(raise_densities(p, error));
+    if (p->params.repack || !p->params.keep_shared)
+        KILN_TRY(part_shared(p, error));
+    for (size_t i = 0; i < object_count(p); i++)
+        KILN_TRY(size_object(p, i, error));
+    KILN_TRY(check_texels(p, true, error));
+    KILN_TRY(note_densities(p, error));
+end:
     for (size_t i = 0; i < mesh_count(p); i++)
         any = any || p->plans[i].unwrap;
     if (status == KILN_OK && any)
@@ -1385,11 +1390,10 @@ int kiln_layout(struct kiln_builder *builder, const struct kiln_layout_params *p
     int status = check_params(&p.params, error);
     if (status != KILN_OK)
         return status;
-    status = kiln_allocate(&p.plans, mesh_count(&p), sizeof *p.plans, "layouts", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&p.measures, object_count(&p), sizeof *p.measures, "layouts", error);
-    if (status == KILN_OK)
-        status = plan_layouts(&p, error);
+    KILN_TRY(kiln_allocate(&p.plans, mesh_count(&p), sizeof *p.plans, "layouts", error));
+    KILN_TRY(kiln_allocate(&p.measures, object_count(&p), sizeof *p.measures, "layouts", error));
+    KILN_TRY(plan_layouts(&p, error));
+end:
     for (size_t i = 0; p.plans != NULL && i < mesh_count(&p); i++)
         free_plan(&p.plans[i]);
     kiln_free(&p.uv);

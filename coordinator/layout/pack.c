@@ -221,15 +221,15 @@ static int refresh_level(struct packer *p, uint32_t level, uint32_t height, stru
         p->levels[i].changed_end = p->fine.height;
     }
     const uint32_t first = l->changed_first >> level, end = (l->changed_end + (1u << level) - 1) >> level;
-    status = kiln_bitmap_extend(grid, end > height ? end : height, error);
-    if (status == KILN_OK)
-        status = kiln_grow(&l->longest_free, &l->longest_capacity, grid->height, sizeof *l->longest_free,
-                           "packing charts", error);
-    for (uint32_t y = first; y < end && status == KILN_OK; y++) {
+    KILN_TRY(kiln_bitmap_extend(grid, end > height ? end : height, error));
+    KILN_TRY(kiln_grow(&l->longest_free, &l->longest_capacity, grid->height, sizeof *l->longest_free, "packing charts",
+                       error));
+    for (uint32_t y = first; y < end; y++) {
         if (level > 0)
             shrink_row(&p->fine, grid, y, 1u << level);
         l->longest_free[y] = longest_free_run(grid->words + (size_t)y * grid->stride, grid->width);
     }
+end:
     l->changed_first = UINT32_MAX;
     l->changed_end = 0;
     return status;
@@ -455,12 +455,11 @@ static int attempt(struct packer *p, double density, uint32_t width, uint32_t he
         p->boxes[i] = chart_box(chart, (uint32_t)i, density);
     }
     qsort(p->boxes, p->charts->count, sizeof *p->boxes, compare_boxes);
-    int status = reset_levels(p, error);
-    if (status == KILN_OK)
-        status = kiln_grow(&p->line, &p->line_capacity, p->fine.stride, sizeof *p->line, "packing charts", error);
-    if (status == KILN_OK)
-        status =
-            kiln_grow(&p->blocked, &p->blocked_capacity, p->fine.stride, sizeof *p->blocked, "packing charts", error);
+    int status;
+    KILN_TRY(reset_levels(p, error));
+    KILN_TRY(kiln_grow(&p->line, &p->line_capacity, p->fine.stride, sizeof *p->line, "packing charts", error));
+    KILN_TRY(kiln_grow(&p->blocked, &p->blocked_capacity, p->fine.stride, sizeof *p->blocked, "packing charts", error));
+end:
     *fits = true;
     for (size_t i = 0; i < p->charts->count && *fits && status == KILN_OK; i++)
         status = place(p, &p->boxes[i], fits, error);

@@ -116,18 +116,17 @@ int kiln_padding_charts(const struct kiln_vec3 *positions, const struct kiln_vec
 {
     uint32_t *first = NULL, *parent = NULL;
     *chart_count = 0;
-    int status = kiln_allocate(&first, vertex_count, sizeof *first, "the charts of a layout", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&parent, triangle_count, sizeof *parent, "the charts of a layout", error);
-    if (status == KILN_OK)
-        status = join_vertices(first, positions, uv, vertex_count, error);
-    if (status == KILN_OK)
-        status = join_triangles(first, triangles, triangle_count, parent, borders, error);
-    for (uint32_t t = 0; t < triangle_count && status == KILN_OK; t++) {
+    int status;
+    KILN_TRY(kiln_allocate(&first, vertex_count, sizeof *first, "the charts of a layout", error));
+    KILN_TRY(kiln_allocate(&parent, triangle_count, sizeof *parent, "the charts of a layout", error));
+    KILN_TRY(join_vertices(first, positions, uv, vertex_count, error));
+    KILN_TRY(join_triangles(first, triangles, triangle_count, parent, borders, error));
+    for (uint32_t t = 0; t < triangle_count; t++) {
         /* the least of its set, so it is numbered already unless it is t */
         const uint32_t root = kiln_sets_root(parent, t);
         chart[t] = root == t ? (uint32_t)(*chart_count)++ : chart[root];
     }
+end:
     kiln_free(&first);
     kiln_free(&parent);
     return status;
@@ -227,17 +226,17 @@ static int count_entries(struct grid *g, struct kiln_error *error)
 static int fill_grid(struct grid *g, double width, double height, struct kiln_error *error)
 {
     size_grid(g, width, height);
-    int status = count_entries(g, error);
-    while (status == KILN_OK && g->first[(size_t)g->across * g->down + 1] > ENTRIES_MAX &&
-           g->across * (uint64_t)g->down > 1) {
+    int status;
+    KILN_TRY(count_entries(g, error));
+    while (g->first[(size_t)g->across * g->down + 1] > ENTRIES_MAX && g->across * (uint64_t)g->down > 1) {
         choose_cell(g, 2.0 * g->cell, width, height);
-        status = count_entries(g, error);
+        KILN_TRY(count_entries(g, error));
     }
-    if (status == KILN_OK)
-        status = kiln_allocate(&g->entries, g->first[(size_t)g->across * g->down + 1], sizeof *g->entries,
-                               "borders of charts", error);
-    for (uint32_t i = 0; i < g->segment_count && status == KILN_OK; i++)
+    KILN_TRY(kiln_allocate(&g->entries, g->first[(size_t)g->across * g->down + 1], sizeof *g->entries,
+                           "borders of charts", error));
+    for (uint32_t i = 0; i < g->segment_count; i++)
         enter(g, i, false);
+end:
     return status;
 }
 
@@ -369,22 +368,19 @@ int kiln_padding_measure(struct kiln_padding *padding, const struct kiln_vec3 *p
     uint32_t *chart = NULL;
     uint8_t *borders = NULL, *is_close = NULL;
     *padding = (struct kiln_padding){0};
-    int status = kiln_allocate(&chart, triangle_count, sizeof *chart, "the charts of a layout", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&borders, triangle_count, 1, "the charts of a layout", error);
-    if (status == KILN_OK)
-        status = kiln_padding_charts(positions, uv, vertex_count, triangles, triangle_count, chart, borders,
-                                     &padding->charts, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&is_close, padding->charts, 1, "the charts of a layout", error);
-    if (status == KILN_OK && isfinite(width) && isfinite(height))
-        status = list_segments(&grid, uv, triangles, triangle_count, chart, borders, size, error);
-    if (status == KILN_OK)
-        status = fill_grid(&grid, width, height, error);
-    if (status == KILN_OK)
-        measure_segments(padding, &grid, is_close);
-    for (size_t i = 0; i < padding->charts && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&chart, triangle_count, sizeof *chart, "the charts of a layout", error));
+    KILN_TRY(kiln_allocate(&borders, triangle_count, 1, "the charts of a layout", error));
+    KILN_TRY(kiln_padding_charts(positions, uv, vertex_count, triangles, triangle_count, chart, borders,
+                                 &padding->charts, error));
+    KILN_TRY(kiln_allocate(&is_close, padding->charts, 1, "the charts of a layout", error));
+    if (isfinite(width) && isfinite(height))
+        KILN_TRY(list_segments(&grid, uv, triangles, triangle_count, chart, borders, size, error));
+    KILN_TRY(fill_grid(&grid, width, height, error));
+    measure_segments(padding, &grid, is_close);
+    for (size_t i = 0; i < padding->charts; i++)
         padding->close_charts += is_close[i];
+end:
     destroy_grid(&grid);
     kiln_free(&is_close);
     kiln_free(&borders);

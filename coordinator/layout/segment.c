@@ -322,15 +322,16 @@ static int merge(struct merger *m, uint32_t border, struct kiln_error *error)
 static int merge_all(struct merger *m, struct kiln_error *error)
 {
     int status = KILN_OK;
-    for (size_t i = 0; i < m->border_count && status == KILN_OK; i++)
-        status = heap_push(m, (uint32_t)i, error);
-    while (m->heap_count > 0 && status == KILN_OK) {
+    for (size_t i = 0; i < m->border_count; i++)
+        KILN_TRY(heap_push(m, (uint32_t)i, error));
+    while (m->heap_count > 0) {
         const struct candidate c = heap_pop(m);
         double cost;
         if (m->borders[c.border].gone || !border_cost(m, c.border, &cost))
             continue;
-        status = cost > c.cost + 1e-9 ? heap_push(m, c.border, error) : merge(m, c.border, error);
+        KILN_TRY(cost > c.cost + 1e-9 ? heap_push(m, c.border, error) : merge(m, c.border, error));
     }
+end:
     return status;
 }
 

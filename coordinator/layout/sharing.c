@@ -105,16 +105,14 @@ int kiln_sharing_open(struct kiln_sharing *sharing, const struct kiln_vec3 *posi
     *sharing = (struct kiln_sharing){.uv = uv, .triangles = triangles, .triangle_count = triangle_count};
     int status =
         kiln_allocate(&sharing->chart, triangle_count, sizeof *sharing->chart, "the charts of a layout", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&borders, triangle_count, 1, "the charts of a layout", error);
-    if (status == KILN_OK)
-        status = kiln_padding_charts(positions, uv, vertex_count, triangles, triangle_count, sharing->chart, borders,
-                                     &sharing->chart_count, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&sharing->joined, sharing->chart_count, sizeof *sharing->joined,
-                               "the charts of a layout", error);
-    if (status == KILN_OK)
-        status = list_seams(sharing, positions, borders, error);
+    KILN_TRY(status);
+    KILN_TRY(kiln_allocate(&borders, triangle_count, 1, "the charts of a layout", error));
+    KILN_TRY(kiln_padding_charts(positions, uv, vertex_count, triangles, triangle_count, sharing->chart, borders,
+                                 &sharing->chart_count, error));
+    KILN_TRY(kiln_allocate(&sharing->joined, sharing->chart_count, sizeof *sharing->joined, "the charts of a layout",
+                           error));
+    KILN_TRY(list_seams(sharing, positions, borders, error));
+end:
     kiln_free(&borders);
     return status;
 }

@@ -184,18 +184,14 @@ int kiln_topology_create(struct kiln_topology **topology, const struct kiln_vec3
     t->vertex_count = vertex_count;
     t->triangle_count = triangle_count;
     t->triangles = triangles;
-    status = kiln_allocate(&t->points, vertex_count, sizeof *t->points, "unwrapping a mesh", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->normals, triangle_count, sizeof *t->normals, "unwrapping a mesh", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->areas, triangle_count, sizeof *t->areas, "unwrapping a mesh", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->neighbours, 3 * triangle_count, sizeof *t->neighbours, "unwrapping a mesh", error);
-    if (status == KILN_OK) {
-        transform_points(t, positions, linear);
-        measure_triangles(t);
-        status = find_neighbours(t, positions, error);
-    }
+    KILN_TRY(kiln_allocate(&t->points, vertex_count, sizeof *t->points, "unwrapping a mesh", error));
+    KILN_TRY(kiln_allocate(&t->normals, triangle_count, sizeof *t->normals, "unwrapping a mesh", error));
+    KILN_TRY(kiln_allocate(&t->areas, triangle_count, sizeof *t->areas, "unwrapping a mesh", error));
+    KILN_TRY(kiln_allocate(&t->neighbours, 3 * triangle_count, sizeof *t->neighbours, "unwrapping a mesh", error));
+    transform_points(t, positions, linear);
+    measure_triangles(t);
+    KILN_TRY(find_neighbours(t, positions, error));
+end:
     if (status != KILN_OK)
         kiln_topology_destroy(&t);
     *topology = t;

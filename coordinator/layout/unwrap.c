@@ -72,16 +72,13 @@ static int lay_vertices(struct kiln_unwrapped *u, const struct kiln_topology *t,
                         const struct kiln_packing *packing, struct kiln_error *error)
 {
     uint32_t *copy = NULL, *made = NULL;
-    int status = kiln_allocate(&copy, t->vertex_count, sizeof *copy, "unwrapped vertices", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&made, t->vertex_count, sizeof *made, "unwrapped vertices", error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate(&u->triangles, 3 * t->triangle_count, sizeof *u->triangles, "unwrapped triangles", error);
-    if (status == KILN_OK)
-        status = lay_charts(u, t, charts, packing, copy, made, error);
-    if (status == KILN_OK)
-        status = lay_degenerate(u, t, copy, made, error);
+    int status;
+    KILN_TRY(kiln_allocate(&copy, t->vertex_count, sizeof *copy, "unwrapped vertices", error));
+    KILN_TRY(kiln_allocate(&made, t->vertex_count, sizeof *made, "unwrapped vertices", error));
+    KILN_TRY(kiln_allocate(&u->triangles, 3 * t->triangle_count, sizeof *u->triangles, "unwrapped triangles", error));
+    KILN_TRY(lay_charts(u, t, charts, packing, copy, made, error));
+    KILN_TRY(lay_degenerate(u, t, copy, made, error));
+end:
     kiln_free(&made);
     kiln_free(&copy);
     return status;
@@ -99,11 +96,12 @@ static int lay_out(struct kiln_unwrapped **unwrapped, const struct kiln_topology
                                           .limit = params->size > 0 ? params->size : params->max,
                                           .exact = params->size > 0};
     struct kiln_unwrapped *u = NULL;
-    int status = kiln_allocate(&u, 1, sizeof *u, "unwrapping a mesh", error);
-    if (status == KILN_OK && charts->count > 0)
-        status = kiln_pack(&packing, charts, topology, &pack, error);
-    if (status == KILN_OK)
-        status = lay_vertices(u, topology, charts, &packing, error);
+    int status;
+    KILN_TRY(kiln_allocate(&u, 1, sizeof *u, "unwrapping a mesh", error));
+    if (charts->count > 0)
+        KILN_TRY(kiln_pack(&packing, charts, topology, &pack, error));
+    KILN_TRY(lay_vertices(u, topology, charts, &packing, error));
+end:
     if (status == KILN_OK) {
         u->chart_count = charts->count;
         u->degenerate_count = topology->degenerate_count;
@@ -145,18 +143,19 @@ static int flat_topology(struct kiln_topology *t, const struct kiln_vec2 *uv, si
                          struct kiln_error *error)
 {
     *t = (struct kiln_topology){.vertex_count = vertex_count, .triangle_count = triangle_count, .triangles = triangles};
-    int status = kiln_allocate(&t->points, vertex_count, sizeof *t->points, "a mesh's layout", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->areas, triangle_count, sizeof *t->areas, "a mesh's layout", error);
-    for (size_t i = 0; i < vertex_count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&t->points, vertex_count, sizeof *t->points, "a mesh's layout", error));
+    KILN_TRY(kiln_allocate(&t->areas, triangle_count, sizeof *t->areas, "a mesh's layout", error));
+    for (size_t i = 0; i < vertex_count; i++)
         t->points[i] = dvec3(metres[0] * (double)uv[i].x, metres[1] * (double)uv[i].y, 0.0);
-    for (size_t i = 0; i < triangle_count && status == KILN_OK; i++) {
+    for (size_t i = 0; i < triangle_count; i++) {
         const uint32_t *c = triangles + 3 * i;
         const struct kiln_dvec3 a = dvec3_sub(t->points[c[1]], t->points[c[0]]),
                                 b = dvec3_sub(t->points[c[2]], t->points[c[0]]);
         t->areas[i] = 0.5 * fabs(a.x * b.y - a.y * b.x);
         t->degenerate_count += !(t->areas[i] > 0.0);
     }
+end:
     return status;
 }
 
@@ -187,26 +186,26 @@ static int fill_charts(struct kiln_charts *charts, const struct kiln_topology *t
                        struct kiln_error *error)
 {
     uint32_t *first = NULL;
-    int status = kiln_allocate(&first, count + 1, sizeof *first, "a mesh's charts", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&charts->order, t->triangle_count, sizeof *charts->order, "a mesh's charts", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&charts->charts, count, sizeof *charts->charts, "a mesh's charts", error);
-    for (size_t i = 0; i < t->triangle_count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&first, count + 1, sizeof *first, "a mesh's charts", error));
+    KILN_TRY(kiln_allocate(&charts->order, t->triangle_count, sizeof *charts->order, "a mesh's charts", error));
+    KILN_TRY(kiln_allocate(&charts->charts, count, sizeof *charts->charts, "a mesh's charts", error));
+    for (size_t i = 0; i < t->triangle_count; i++)
         first[chart[i] + 1] += t->areas[i] > 0.0;
-    for (size_t c = 0; c < count && status == KILN_OK; c++) {
+    for (size_t c = 0; c < count; c++) {
         first[c + 1] += first[c];
         if (first[c + 1] > first[c])
             charts->charts[charts->count++] = (struct kiln_chart){.first = first[c], .count = first[c + 1] - first[c]};
     }
-    for (size_t i = 0; i < t->triangle_count && status == KILN_OK; i++)
+    for (size_t i = 0; i < t->triangle_count; i++)
         if (t->areas[i] > 0.0) {
             /* this moves each chart's entry of `first` to the chart's end */
             charts->order[first[chart[i]]++] = (uint32_t)i;
             charts->order_count++;
         }
-    for (size_t c = 0; c < charts->count && status == KILN_OK; c++)
+    for (size_t c = 0; c < charts->count; c++)
         measure_chart(&charts->charts[c], t, charts->order);
+end:
     kiln_free(&first);
     return status;
 }
@@ -221,18 +220,15 @@ int kiln_repack(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *posit
     uint8_t *borders = NULL;
     size_t count = 0;
     *unwrapped = NULL;
-    int status = flat_topology(&topology, uv, vertex_count, triangles, triangle_count, metres, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&chart, triangle_count, sizeof *chart, "a mesh's charts", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&borders, triangle_count, 1, "a mesh's charts", error);
-    if (status == KILN_OK)
-        status =
-            kiln_padding_charts(positions, uv, vertex_count, triangles, triangle_count, chart, borders, &count, error);
-    if (status == KILN_OK)
-        status = fill_charts(&charts, &topology, chart, count, error);
-    if (status == KILN_OK)
-        status = lay_out(unwrapped, &topology, &charts, params, error);
+    int status;
+    KILN_TRY(flat_topology(&topology, uv, vertex_count, triangles, triangle_count, metres, error));
+    KILN_TRY(kiln_allocate(&chart, triangle_count, sizeof *chart, "a mesh's charts", error));
+    KILN_TRY(kiln_allocate(&borders, triangle_count, 1, "a mesh's charts", error));
+    KILN_TRY(
+        kiln_padding_charts(positions, uv, vertex_count, triangles, triangle_count, chart, borders, &count, error));
+    KILN_TRY(fill_charts(&charts, &topology, chart, count, error));
+    KILN_TRY(lay_out(unwrapped, &topology, &charts, params, error));
+end:
     kiln_free(&charts.charts);
     kiln_free(&charts.order);
     kiln_free(&borders);

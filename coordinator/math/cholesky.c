@@ -26,27 +26,19 @@ int kiln_cholesky_create(struct kiln_cholesky *c, const struct kiln_elimination 
     const size_t count = elimination->count, core = count - elimination->eliminated,
                  entries = kiln_elimination_entries(elimination);
     *c = (struct kiln_cholesky){.elimination = elimination, .lanes = lanes};
-    int status = kiln_allocate_bare(&c->matrix, entries, sizeof *c->matrix, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&c->entries, entries, lanes * sizeof *c->entries, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&c->diagonal, count, lanes * sizeof *c->diagonal, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&c->column, count, lanes * sizeof *c->column, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&c->waiting, count, sizeof *c->waiting, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&c->behind, count, sizeof *c->behind, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&c->next, count, sizeof *c->next, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&c->core, core, lanes * sizeof *c->core, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&c->residual, core, lanes * sizeof *c->residual, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&c->direction, core, lanes * sizeof *c->direction, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&c->product, core, lanes * sizeof *c->product, what, error);
+    int status;
+    KILN_TRY(kiln_allocate_bare(&c->matrix, entries, sizeof *c->matrix, what, error));
+    KILN_TRY(kiln_allocate_bare(&c->entries, entries, lanes * sizeof *c->entries, what, error));
+    KILN_TRY(kiln_allocate_bare(&c->diagonal, count, lanes * sizeof *c->diagonal, what, error));
+    KILN_TRY(kiln_allocate_bare(&c->column, count, lanes * sizeof *c->column, what, error));
+    KILN_TRY(kiln_allocate_bare(&c->waiting, count, sizeof *c->waiting, what, error));
+    KILN_TRY(kiln_allocate_bare(&c->behind, count, sizeof *c->behind, what, error));
+    KILN_TRY(kiln_allocate_bare(&c->next, count, sizeof *c->next, what, error));
+    KILN_TRY(kiln_allocate(&c->core, core, lanes * sizeof *c->core, what, error));
+    KILN_TRY(kiln_allocate_bare(&c->residual, core, lanes * sizeof *c->residual, what, error));
+    KILN_TRY(kiln_allocate_bare(&c->direction, core, lanes * sizeof *c->direction, what, error));
+    KILN_TRY(kiln_allocate_bare(&c->product, core, lanes * sizeof *c->product, what, error));
+end:
     return status;
 }
 

@@ -250,15 +250,13 @@ static void list_elements_of_nodes(struct graph *g)
 static int begin_graph(struct graph *g, const uint32_t *cliques, size_t size, struct kiln_error *error)
 {
     const char *what = "the order of elimination";
-    int status = kiln_allocate(&g->nodes, g->count, sizeof *g->nodes, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&g->elements, g->clique_count + g->count, sizeof *g->elements, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&g->elements_of, g->clique_count * size, sizeof *g->elements_of, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&g->cliques, g->clique_count * size, sizeof *g->cliques, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&g->least, g->count, sizeof *g->least, what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&g->nodes, g->count, sizeof *g->nodes, what, error));
+    KILN_TRY(kiln_allocate(&g->elements, g->clique_count + g->count, sizeof *g->elements, what, error));
+    KILN_TRY(kiln_allocate_bare(&g->elements_of, g->clique_count * size, sizeof *g->elements_of, what, error));
+    KILN_TRY(kiln_allocate_bare(&g->cliques, g->clique_count * size, sizeof *g->cliques, what, error));
+    KILN_TRY(kiln_allocate_bare(&g->least, g->count, sizeof *g->least, what, error));
+end:
     if (status != KILN_OK)
         return status;
     list_cliques(g, cliques, size);

@@ -190,12 +190,12 @@ int kiln_exr_write_bands(MPI_Comm communicator, const char *directory, const cha
     size_t size = 0;
     if (MPI_Comm_rank(communicator, &b.rank) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI cannot give the rank number");
-    int status = image->height > 0 ? exr_check_image(name, image, error) : KILN_OK;
-    if (status == KILN_OK)
-        status = exr_make_header(name, image, height, attributes, attribute_count, &header, &size, error);
-    if (status == KILN_OK)
-        status = fails ? kiln_fail(error, KILN_SYSTEM, "KILN_FAILING_PACKER wants packing to fail here")
-                       : pack_all(&b, error);
+    int status;
+    KILN_TRY(image->height > 0 ? exr_check_image(name, image, error) : KILN_OK);
+    KILN_TRY(exr_make_header(name, image, height, attributes, attribute_count, &header, &size, error));
+    KILN_TRY(fails ? kiln_fail(error, KILN_SYSTEM, "KILN_FAILING_PACKER wants packing to fail here")
+                   : pack_all(&b, error));
+end:
     b.table = size;
     status = kiln_agree(communicator, status, error);
     if (status == KILN_OK)

@@ -122,18 +122,19 @@ static int check_alone(const struct kiln_image *view, struct memory_file *m, str
     const size_t values = (size_t)view->width * view->height;
     const char **names = NULL;
     struct kiln_image *found = NULL;
-    int status = kiln_allocate(&names, view->channel_count, sizeof *names, "the channels of a strip", error);
-    for (size_t c = 0; status == KILN_OK && c < view->channel_count; c++)
+    int status;
+    KILN_TRY(kiln_allocate(&names, view->channel_count, sizeof *names, "the channels of a strip", error));
+    for (size_t c = 0; c < view->channel_count; c++)
         names[c] = view->channels[c].name;
-    if (status == KILN_OK)
-        status = kiln_image_create(&found, view->width, view->height, names, view->channel_count, error);
-    const exr_result_t code = status == KILN_OK ? unpack_alone(m, found) : EXR_ERR_SUCCESS;
+    KILN_TRY(kiln_image_create(&found, view->width, view->height, names, view->channel_count, error));
+    const exr_result_t code = unpack_alone(m, found);
     if (code != EXR_ERR_SUCCESS)
-        status = exr_failed(KILN_IO, "a packed strip", "unpacked", code, error);
-    for (size_t c = 0; status == KILN_OK && c < view->channel_count; c++)
+        KILN_TRY(exr_failed(KILN_IO, "a packed strip", "unpacked", code, error));
+    for (size_t c = 0; c < view->channel_count; c++)
         if (exr_count_same(&view->channels[c], &found->channels[c], values) < values)
-            status = kiln_fail(error, KILN_IO, "%u rows of channel %s do not decompress to their values", view->height,
-                               view->channels[c].name);
+            KILN_TRY(kiln_fail(error, KILN_IO, "%u rows of channel %s do not decompress to their values", view->height,
+                               view->channels[c].name));
+end:
     kiln_free(&names);
     kiln_image_destroy(&found);
     return status;
@@ -257,17 +258,13 @@ int kiln_exr_file_create(struct kiln_exr_file **file, const char *directory, con
     f->strips = (image->height + KILN_EXR_ROWS - 1) / KILN_EXR_ROWS;
     f->stream = (struct exr_output_stream){.descriptor = -1, .path = f->place.temporary};
     f->place = (struct kiln_publish){.folder = {.descriptor = -1}, .stream = -1, .scratch = -1};
-    status = exr_check_image(name, image, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&f->hashes, f->strips, sizeof *f->hashes, "a lightmap's strips", error);
-    if (status == KILN_OK)
-        status = kiln_publish_begin(&f->place, directory, name, error);
-    if (status == KILN_OK)
-        status = kiln_publish_open(&f->place, &f->stream.descriptor, error);
-    if (status == KILN_OK) {
-        f->there = true;
-        status = begin_file(f, attributes, attribute_count, error);
-    }
+    KILN_TRY(exr_check_image(name, image, error));
+    KILN_TRY(kiln_allocate(&f->hashes, f->strips, sizeof *f->hashes, "a lightmap's strips", error));
+    KILN_TRY(kiln_publish_begin(&f->place, directory, name, error));
+    KILN_TRY(kiln_publish_open(&f->place, &f->stream.descriptor, error));
+    f->there = true;
+    KILN_TRY(begin_file(f, attributes, attribute_count, error));
+end:
     if (status != KILN_OK)
         kiln_exr_file_destroy(file);
     return status;

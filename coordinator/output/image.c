@@ -191,24 +191,23 @@ static int pack(const uint8_t *rows, size_t row_bytes, uint32_t width, uint32_t 
 {
     struct libdeflate_compressor *compressor = libdeflate_alloc_compressor(PNG_LEVEL);
     const size_t bytes = row_bytes * height, bound = libdeflate_zlib_compress_bound(compressor, bytes);
-    int status = compressor != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: a PNG file's bytes");
-    if (status == KILN_OK)
-        status = kiln_allocate(png, PNG_SIGNATURE + 3 * PNG_CHUNK + PNG_HEADER + bound, 1, "a PNG file's bytes", error);
-    if (status == KILN_OK) {
-        uint8_t *at = (uint8_t *)*png;
-        memcpy(at, "\x89PNG\r\n\x1a\n", PNG_SIGNATURE);
-        at += PNG_SIGNATURE;
-        memcpy(at + 4, "IHDR", 4);
-        put_big_endian(at + 8, width);
-        put_big_endian(at + 12, height);
-        memcpy(at + 16, (const uint8_t[]){8, channels == 4 ? 6 : 2, 0, 0, 0}, 5); /* 8 bits; RGBA or RGB */
-        at = end_chunk(at, PNG_HEADER);
-        memcpy(at + 4, "IDAT", 4);
-        at = end_chunk(at, libdeflate_zlib_compress(compressor, rows, bytes, at + 8, bound));
-        memcpy(at + 4, "IEND", 4);
-        at = end_chunk(at, 0);
-        *size = (size_t)(at - (uint8_t *)*png);
-    }
+    int status;
+    KILN_TRY(compressor != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: a PNG file's bytes"));
+    KILN_TRY(kiln_allocate(png, PNG_SIGNATURE + 3 * PNG_CHUNK + PNG_HEADER + bound, 1, "a PNG file's bytes", error));
+    uint8_t *at = (uint8_t *)*png;
+    memcpy(at, "\x89PNG\r\n\x1a\n", PNG_SIGNATURE);
+    at += PNG_SIGNATURE;
+    memcpy(at + 4, "IHDR", 4);
+    put_big_endian(at + 8, width);
+    put_big_endian(at + 12, height);
+    memcpy(at + 16, (const uint8_t[]){8, channels == 4 ? 6 : 2, 0, 0, 0}, 5); /* 8 bits; RGBA or RGB */
+    at = end_chunk(at, PNG_HEADER);
+    memcpy(at + 4, "IDAT", 4);
+    at = end_chunk(at, libdeflate_zlib_compress(compressor, rows, bytes, at + 8, bound));
+    memcpy(at + 4, "IEND", 4);
+    at = end_chunk(at, 0);
+    *size = (size_t)(at - (uint8_t *)*png);
+end:
     libdeflate_free_compressor(compressor);
     return status;
 }
@@ -224,13 +223,13 @@ int kiln_png_encode_channels(const uint8_t *bytes, uint32_t width, uint32_t heig
     if (width == 0 || height == 0 || (uint64_t)width * height > 256ull << 20)
         return kiln_fail(error, KILN_CANNOT_CREATE, "a PNG of %u x %u pixels cannot be made (1 to 2^28 pixels)", width,
                          height);
-    int status = kiln_allocate(&rows, height, stride, "a PNG file's bytes", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&tried, 2, row, "a PNG file's bytes", error);
-    for (size_t y = 0; y < height && status == KILN_OK; y++)
+    int status;
+    KILN_TRY(kiln_allocate(&rows, height, stride, "a PNG file's bytes", error));
+    KILN_TRY(kiln_allocate(&tried, 2, row, "a PNG file's bytes", error));
+    for (size_t y = 0; y < height; y++)
         put_row(bytes + y * row, y > 0 ? bytes + (y - 1) * row : NULL, row, pixel, tried, rows + y * stride);
-    if (status == KILN_OK)
-        status = pack(rows, stride, width, height, channels, png, size, error);
+    KILN_TRY(pack(rows, stride, width, height, channels, png, size, error));
+end:
     kiln_free(&rows);
     kiln_free(&tried);
     return status;
@@ -268,13 +267,13 @@ int kiln_png_write_bytes(const char *directory, const char *name, const uint8_t 
 {
     char *png = NULL;
     size_t size = 0;
-    int status = kiln_png_encode(bytes, width, height, &png, &size, error);
-    if (status == KILN_OK && description != NULL)
-        status = add_text(&png, &size, "Description", description, error);
-    if (status == KILN_OK)
-        status = add_text(&png, &size, "Software", KILN_MADE_BY " " KILN_VERSION, error);
-    if (status == KILN_OK)
-        status = kiln_publish_bytes_below(directory, name, png, size, error);
+    int status;
+    KILN_TRY(kiln_png_encode(bytes, width, height, &png, &size, error));
+    if (description != NULL)
+        KILN_TRY(add_text(&png, &size, "Description", description, error));
+    KILN_TRY(add_text(&png, &size, "Software", KILN_MADE_BY " " KILN_VERSION, error));
+    KILN_TRY(kiln_publish_bytes_below(directory, name, png, size, error));
+end:
     kiln_free(&png);
     return status;
 }
@@ -289,12 +288,13 @@ int kiln_png_write_values(const char *directory, const char *name, const struct 
     uint8_t *bytes = NULL;
     if (!kiln_image_rgb(image, "", planes))
         return kiln_fail(error, KILN_BAD_INPUT, "the image has no channels R, G and B to show");
-    int status = kiln_allocate(&bytes, count * 3, 1, "a picture's bytes", error);
-    for (size_t i = 0; status == KILN_OK && i < count; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&bytes, count * 3, 1, "a picture's bytes", error));
+    for (size_t i = 0; i < count; i++)
         for (size_t c = 0; c < 3; c++)
             bytes[3 * i + c] = value_byte(scale * (double)planes[c][i] + offset);
-    if (status == KILN_OK)
-        status = kiln_png_write_bytes(directory, name, bytes, image->width, image->height, description, error);
+    KILN_TRY(kiln_png_write_bytes(directory, name, bytes, image->width, image->height, description, error));
+end:
     kiln_free(&bytes);
     return status;
 }

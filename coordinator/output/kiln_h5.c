@@ -135,8 +135,9 @@ static int write_vertex_positions(struct kiln_h5 *h5, const struct kiln_scene *s
 {
     const uint64_t count = vertices->first[vertices->object_count];
     float *positions = NULL;
-    int status = kiln_allocate(&positions, count, 3 * sizeof *positions, "positions of vertices", error);
-    for (size_t o = 0; status == KILN_OK && o < vertices->object_count; o++) {
+    int status;
+    KILN_TRY(kiln_allocate(&positions, count, 3 * sizeof *positions, "positions of vertices", error));
+    for (size_t o = 0; o < vertices->object_count; o++) {
         const struct kiln_object *object = &scene->objects[o];
         const struct kiln_vec3 *from = scene->positions + scene->meshes[object->mesh].vertex_first;
         for (uint64_t v = vertices->first[o]; v < vertices->first[o + 1]; v++, from++)
@@ -152,8 +153,8 @@ static int write_vertex_positions(struct kiln_h5 *h5, const struct kiln_scene *s
                                          .size = {count, 3},
                                          .units = "m",
                                          .description = "in the world"};
-    if (status == KILN_OK)
-        status = kiln_h5_small(h5, &what, positions, error);
+    KILN_TRY(kiln_h5_small(h5, &what, positions, error));
+end:
     kiln_free(&positions);
     return status;
 }
@@ -183,14 +184,14 @@ static int write_vertices(struct kiln_h5 *h5, const struct kiln_bake_result *res
                                         .description =
                                             "of each object: root mean square difference between interpolated light "
                                             "and that of /points, over the mean light (luminance)"};
-    int status = kiln_h5_group(h5, "/vertices", error);
-    if (status == KILN_OK)
-        status = kiln_h5_small(h5, &irradiance, vertices->irradiance, error);
-    if (status == KILN_OK)
-        status = kiln_h5_small(h5, &first, vertices->first, error);
-    if (status == KILN_OK)
-        status = kiln_h5_small(h5, &off, vertices->error, error);
-    return status == KILN_OK ? write_vertex_positions(h5, result->scene, vertices, error) : status;
+    int status;
+    KILN_TRY(kiln_h5_group(h5, "/vertices", error));
+    KILN_TRY(kiln_h5_small(h5, &irradiance, vertices->irradiance, error));
+    KILN_TRY(kiln_h5_small(h5, &first, vertices->first, error));
+    KILN_TRY(kiln_h5_small(h5, &off, vertices->error, error));
+    KILN_TRY(write_vertex_positions(h5, result->scene, vertices, error));
+end:
+    return status;
 }
 
 /* Writes how octree leaves lie in the world. */
@@ -199,10 +200,12 @@ static int write_leaves(struct kiln_h5 *h5, const struct kiln_bake_result *resul
     const struct kiln_geometry *g = result->geometry;
     const double *centre = result->scene->header->centre;
     const double origin[3] = {g->leaf_origin.x + centre[0], g->leaf_origin.y + centre[1], g->leaf_origin.z + centre[2]};
-    int status = kiln_h5_attribute_text(h5, "/", "store", "octree", error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute(h5, "/", "leaf_size", H5T_NATIVE_DOUBLE, &g->leaf_size, 1, error);
-    return status == KILN_OK ? kiln_h5_attribute(h5, "/", "leaf_origin", H5T_NATIVE_DOUBLE, origin, 3, error) : status;
+    int status;
+    KILN_TRY(kiln_h5_attribute_text(h5, "/", "store", "octree", error));
+    KILN_TRY(kiln_h5_attribute(h5, "/", "leaf_size", H5T_NATIVE_DOUBLE, &g->leaf_size, 1, error));
+    KILN_TRY(kiln_h5_attribute(h5, "/", "leaf_origin", H5T_NATIVE_DOUBLE, origin, 3, error));
+end:
+    return status;
 }
 
 static int write_attributes(struct kiln_h5 *h5, const struct kiln_bake_result *result,
@@ -212,17 +215,15 @@ static int write_attributes(struct kiln_h5 *h5, const struct kiln_bake_result *r
     const char *provenance = params->provenance_json == NULL ? "{}" : params->provenance_json;
     int64_t seed;
     const bool has_seed = kiln_provenance_seed(params->provenance_json, &seed);
-    int status = kiln_h5_attribute_text(h5, "/", "format", "kiln bake", error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute(h5, "/", "format_version", H5T_NATIVE_INT32, &version, 1, error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute_text(h5, "/", "kiln_version", KILN_VERSION, error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute_text(h5, "/", "provenance", provenance, error);
-    if (status == KILN_OK && has_seed)
-        status = kiln_h5_attribute(h5, "/", "seed", H5T_NATIVE_INT64, &seed, 1, error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute(h5, "/", "centre", H5T_NATIVE_DOUBLE, result->scene->header->centre, 3, error);
+    int status;
+    KILN_TRY(kiln_h5_attribute_text(h5, "/", "format", "kiln bake", error));
+    KILN_TRY(kiln_h5_attribute(h5, "/", "format_version", H5T_NATIVE_INT32, &version, 1, error));
+    KILN_TRY(kiln_h5_attribute_text(h5, "/", "kiln_version", KILN_VERSION, error));
+    KILN_TRY(kiln_h5_attribute_text(h5, "/", "provenance", provenance, error));
+    if (has_seed)
+        KILN_TRY(kiln_h5_attribute(h5, "/", "seed", H5T_NATIVE_INT64, &seed, 1, error));
+    KILN_TRY(kiln_h5_attribute(h5, "/", "centre", H5T_NATIVE_DOUBLE, result->scene->header->centre, 3, error));
+end:
     return status;
 }
 
@@ -234,11 +235,11 @@ static int make_groups(struct kiln_h5 *h5, const struct kiln_field_set *fields, 
     char names[ALWAYS + KILN_FIELDS_MAX][GROUP_NAME];
     size_t count = 0;
     int status = KILN_OK;
-    for (; status == KILN_OK && count < ALWAYS; count++) {
+    for (; count < ALWAYS; count++) {
         (void)snprintf(names[count], sizeof *names, "%s", always[count]);
-        status = kiln_h5_group(h5, names[count], error);
+        KILN_TRY(kiln_h5_group(h5, names[count], error));
     }
-    for (size_t i = 0; status == KILN_OK && i < fields->count; i++) {
+    for (size_t i = 0; i < fields->count; i++) {
         const char *name = fields->entry[i].field->dataset;
         size_t found = 0;
         if (name == NULL)
@@ -247,8 +248,9 @@ static int make_groups(struct kiln_h5 *h5, const struct kiln_field_set *fields, 
         while (strcmp(names[found], names[count]) != 0)
             found++;
         if (found == count)
-            status = kiln_h5_group(h5, names[count++], error);
+            KILN_TRY(kiln_h5_group(h5, names[count++], error));
     }
+end:
     return status;
 }
 
@@ -257,19 +259,17 @@ static int write_small(struct kiln_h5 *h5, const struct kiln_bake_result *result
                        const struct kiln_output_params *params, const uint64_t *cell_points,
                        const struct kiln_h5_sight *sight, struct kiln_error *error)
 {
-    int status = make_groups(h5, result->fields, error);
-    if (status == KILN_OK)
-        status = write_attributes(h5, result, params, error);
-    if (status == KILN_OK && result->surface->bricks != NULL)
-        status = write_leaves(h5, result, error);
-    if (status == KILN_OK)
-        status = write_objects(h5, result->scene, result->surface->bricks == NULL, error);
-    if (status == KILN_OK)
-        status = write_cells(h5, result->surface, cell_points, error);
-    if (status == KILN_OK && params->vertices != NULL)
-        status = write_vertices(h5, result, params->vertices, error);
-    if (status == KILN_OK)
-        status = kiln_h5_sight_write(h5, sight, result, error);
+    int status;
+    KILN_TRY(make_groups(h5, result->fields, error));
+    KILN_TRY(write_attributes(h5, result, params, error));
+    if (result->surface->bricks != NULL)
+        KILN_TRY(write_leaves(h5, result, error));
+    KILN_TRY(write_objects(h5, result->scene, result->surface->bricks == NULL, error));
+    KILN_TRY(write_cells(h5, result->surface, cell_points, error));
+    if (params->vertices != NULL)
+        KILN_TRY(write_vertices(h5, result, params->vertices, error));
+    KILN_TRY(kiln_h5_sight_write(h5, sight, result, error));
+end:
     return status;
 }
 
@@ -285,14 +285,14 @@ static int begin_file(struct kiln_h5 *h5, const struct kiln_bake_result *result,
 {
     uint64_t *cell_points = NULL;
     struct kiln_h5_sight sight = {0};
-    int status = count_cells(result, &cell_points, error);
-    if (status == KILN_OK)
-        status = kiln_h5_sight_gather(&sight, result, error);
-    if (status == KILN_OK && access->rank == 0) {
-        status = kiln_h5_lay_out(h5, &access->place, error);
-        if (status == KILN_OK)
-            status = write_small(h5, result, params, cell_points, &sight, error);
+    int status;
+    KILN_TRY(count_cells(result, &cell_points, error));
+    KILN_TRY(kiln_h5_sight_gather(&sight, result, error));
+    if (access->rank == 0) {
+        KILN_TRY(kiln_h5_lay_out(h5, &access->place, error));
+        KILN_TRY(write_small(h5, result, params, cell_points, &sight, error));
     }
+end:
     kiln_free(&cell_points);
     kiln_h5_sight_release(&sight);
     return kiln_agree(result->communicator, status, error);
@@ -380,14 +380,13 @@ int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_outpu
         return kiln_fail(error, KILN_RANK_LOST, "MPI does not tell this rank's number");
     const uint64_t space = kiln_h5_space(result->scene, result->surface, result->fields) + kiln_h5_sight_space(result) +
                            vertices_space(params->vertices);
-    int status = kiln_agree(result->communicator,
-                            access.rank == 0 ? make_place(&access, params->directory, space, error) : KILN_OK, error);
-    if (status == KILN_OK)
-        status = kiln_points_writer_create(&writer, result, params, error);
-    if (status == KILN_OK)
-        status = write_file(writer, result, params, &access, error);
-    if (status == KILN_OK)
-        status = kiln_points_check(writer, &access.place, error);
+    int status;
+    KILN_TRY(kiln_agree(result->communicator,
+                        access.rank == 0 ? make_place(&access, params->directory, space, error) : KILN_OK, error));
+    KILN_TRY(kiln_points_writer_create(&writer, result, params, error));
+    KILN_TRY(write_file(writer, result, params, &access, error));
+    KILN_TRY(kiln_points_check(writer, &access.place, error));
+end:
     kiln_points_writer_destroy(&writer);
     if (access.rank == 0 && status != KILN_OK)
         kiln_publish_abandon(&access.place);

@@ -180,14 +180,13 @@ static int pack_next(struct kiln_points_writer *w, struct kiln_error *error)
 static int write_alone(struct kiln_points_writer *w, struct writing *writing, struct kiln_error *error)
 {
     int status = KILN_OK;
-    for (uint64_t pass = 0; status == KILN_OK && points_batch(w, pass); pass++) {
+    for (uint64_t pass = 0; points_batch(w, pass); pass++) {
         const uint64_t part = points_part(w, 0);
-        status = pack_next(w, error);
-        if (status == KILN_OK)
-            status = place_parts(w, w->first, w->count, w->sizes + part, w->addresses + part, error);
-        if (status == KILN_OK)
-            status = begin_writing(writing, error);
+        KILN_TRY(pack_next(w, error));
+        KILN_TRY(place_parts(w, w->first, w->count, w->sizes + part, w->addresses + part, error));
+        KILN_TRY(begin_writing(writing, error));
     }
+end:
     return status;
 }
 

@@ -87,15 +87,16 @@ uint64_t kiln_h5_sight_space(const struct kiln_bake_result *result)
 static int split_pairs(const struct kiln_h5_sight *s, uint64_t units, uint64_t **first, uint32_t **seen,
                        struct kiln_error *error)
 {
-    int status = kiln_allocate(first, (size_t)units + 1, sizeof **first, "the visibility grid", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(seen, s->count, sizeof **seen, "the visibility grid", error);
-    for (size_t i = 0; status == KILN_OK && i < s->count; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(first, (size_t)units + 1, sizeof **first, "the visibility grid", error));
+    KILN_TRY(kiln_allocate(seen, s->count, sizeof **seen, "the visibility grid", error));
+    for (size_t i = 0; i < s->count; i++) {
         (*first)[(s->pairs[i] >> 32) + 1]++;
         (*seen)[i] = (uint32_t)s->pairs[i];
     }
-    for (uint64_t u = 0; status == KILN_OK && u < units; u++)
+    for (uint64_t u = 0; u < units; u++)
         (*first)[u + 1] += (*first)[u];
+end:
     return status;
 }
 
@@ -129,15 +130,13 @@ int kiln_h5_sight_write(struct kiln_h5 *h5, const struct kiln_h5_sight *sight, c
         .units = "1",
         .description = "the patches that rays from points of the patch have met, or whose rays have met it, "
                        "ascending: sampled, so that some that are seen little are missing"};
-    int status = split_pairs(sight, result->sight_units, &first, &seen, error);
-    if (status == KILN_OK)
-        status = kiln_h5_group(h5, "/visibility", error);
-    if (status == KILN_OK)
-        status = kiln_h5_small(h5, &points, result->sight_first, error);
-    if (status == KILN_OK)
-        status = kiln_h5_small(h5, &firsts, first, error);
-    if (status == KILN_OK)
-        status = kiln_h5_small(h5, &lists, seen, error);
+    int status;
+    KILN_TRY(split_pairs(sight, result->sight_units, &first, &seen, error));
+    KILN_TRY(kiln_h5_group(h5, "/visibility", error));
+    KILN_TRY(kiln_h5_small(h5, &points, result->sight_first, error));
+    KILN_TRY(kiln_h5_small(h5, &firsts, first, error));
+    KILN_TRY(kiln_h5_small(h5, &lists, seen, error));
+end:
     kiln_free(&first);
     kiln_free(&seen);
     return status;

@@ -45,11 +45,12 @@ static int size_of(const char *directory, const char *name, uint64_t *bytes, str
     char path[KILN_PATH_SIZE];
     struct stat found;
     int descriptor = -1;
-    int status = open_written(directory, name, path, &descriptor, error);
-    if (status == KILN_OK && fstat(descriptor, &found) != 0)
-        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be examined", path);
-    if (status == KILN_OK)
-        *bytes = (uint64_t)found.st_size;
+    int status;
+    KILN_TRY(open_written(directory, name, path, &descriptor, error));
+    if (fstat(descriptor, &found) != 0)
+        KILN_TRY(kiln_fail_errno(error, KILN_IO, "'%s' cannot be examined", path));
+    *bytes = (uint64_t)found.st_size;
+end:
     if (descriptor >= 0)
         (void)close(descriptor);
     return status;
@@ -96,11 +97,11 @@ static int check_file(const struct kiln_manifest_file *file, const char *directo
 {
     char path[KILN_PATH_SIZE];
     int descriptor = -1;
-    int status = kiln_path_join(path, directory, file->path, error);
-    if (status == KILN_OK)
-        status = kiln_open_below(directory, file->path, O_RDONLY, 0, &descriptor, error);
-    if (status == KILN_OK)
-        status = kiln_manifest_compare(file, descriptor, path, error);
+    int status;
+    KILN_TRY(kiln_path_join(path, directory, file->path, error));
+    KILN_TRY(kiln_open_below(directory, file->path, O_RDONLY, 0, &descriptor, error));
+    KILN_TRY(kiln_manifest_compare(file, descriptor, path, error));
+end:
     if (descriptor >= 0)
         (void)close(descriptor);
     return status == KILN_OK ? KILN_OK : KILN_BAD_INPUT;
@@ -134,28 +135,29 @@ static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *
                                   parts->scene ? "scene.glb" : NULL};
     const size_t other_count = sizeof others / sizeof *others, maps = surface != NULL ? surface->map_count : 0,
                  group_files = kiln_group_files(parts->groups);
-    int status = kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&(*manifest)->files, other_count + maps * (1 + group_files) + parts->more_count,
-                               sizeof *(*manifest)->files, "the manifest", error);
-    for (size_t i = 0; status == KILN_OK && i < parts->more_count; i++)
-        status = name_file(*manifest, "", parts->more[i], "", error);
-    for (size_t i = 0; status == KILN_OK && i < other_count; i++)
+    int status;
+    KILN_TRY(kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error));
+    KILN_TRY(kiln_allocate(&(*manifest)->files, other_count + maps * (1 + group_files) + parts->more_count,
+                           sizeof *(*manifest)->files, "the manifest", error));
+    for (size_t i = 0; i < parts->more_count; i++)
+        KILN_TRY(name_file(*manifest, "", parts->more[i], "", error));
+    for (size_t i = 0; i < other_count; i++)
         if (others[i] != NULL)
-            status = name_file(*manifest, "", others[i], "", error);
-    for (uint32_t i = 0; status == KILN_OK && i < maps; i++) {
+            KILN_TRY(name_file(*manifest, "", others[i], "", error));
+    for (uint32_t i = 0; i < maps; i++) {
         const struct kiln_object *object = &scene->objects[kiln_map_object(surface, i)];
         const char *folder = kiln_map_back(surface, i) ? "lightmaps/back/" : "lightmaps/";
         const char *name = kiln_scene_string(scene, object->name);
         if (surface->lightmaps[i].published != 0)
-            status = name_file(*manifest, folder, name, ".exr", error);
-        for (size_t n = 0; status == KILN_OK && n < group_files && surface->lightmaps[i].published != 0; n++) {
+            KILN_TRY(name_file(*manifest, folder, name, ".exr", error));
+        for (size_t n = 0; n < group_files && surface->lightmaps[i].published != 0; n++) {
             char of_groups[KILN_GROUP_FOLDER + 8];
             kiln_group_folder(n, of_groups);
             (void)strcat(of_groups, kiln_map_back(surface, i) ? "/back/" : "/");
-            status = name_file(*manifest, of_groups, name, ".exr", error);
+            KILN_TRY(name_file(*manifest, of_groups, name, ".exr", error));
         }
     }
+end:
     return status;
 }
 
@@ -183,18 +185,18 @@ struct pieces {
 
 static int list_pieces(struct pieces *p, const struct kiln_manifest *m, struct kiln_error *error)
 {
-    int status = kiln_allocate(&p->first, m->count, sizeof *p->first, "the results' hashes", error);
-    for (size_t i = 0; status == KILN_OK && i < m->count; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&p->first, m->count, sizeof *p->first, "the results' hashes", error));
+    for (size_t i = 0; i < m->count; i++) {
         p->first[i] = p->count;
         p->count += kiln_hash_piece_count(m->files[i].bytes, KILN_PIECE_BYTES);
     }
-    if (status == KILN_OK)
-        status = kiln_allocate(&p->hashes, p->count, sizeof *p->hashes, "the results' hashes", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&p->file, p->count, sizeof *p->file, "the results' hashes", error);
-    for (size_t i = 0; status == KILN_OK && i < m->count; i++)
+    KILN_TRY(kiln_allocate(&p->hashes, p->count, sizeof *p->hashes, "the results' hashes", error));
+    KILN_TRY(kiln_allocate(&p->file, p->count, sizeof *p->file, "the results' hashes", error));
+    for (size_t i = 0; i < m->count; i++)
         for (uint64_t k = p->first[i]; k < (i + 1 < m->count ? p->first[i + 1] : p->count); k++)
             p->file[k] = (uint32_t)i;
+end:
     return status;
 }
 
@@ -288,13 +290,12 @@ int kiln_manifest_write(MPI_Comm communicator, const char *directory, const stru
     int rank = 0, ranks = 1;
     (void)MPI_Comm_rank(communicator, &rank);
     (void)MPI_Comm_size(communicator, &ranks);
-    int status = kiln_agree(communicator, name_files(&m, scene, surface, parts, error), error);
-    if (status == KILN_OK)
-        status = find_sizes(m, directory, communicator, rank, error);
-    if (status == KILN_OK)
-        status = list_pieces(&pieces, m, error);
-    if (status == KILN_OK)
-        status = hash_own(m, &pieces, directory, rank, ranks, error);
+    int status;
+    KILN_TRY(kiln_agree(communicator, name_files(&m, scene, surface, parts, error), error));
+    KILN_TRY(find_sizes(m, directory, communicator, rank, error));
+    KILN_TRY(list_pieces(&pieces, m, error));
+    KILN_TRY(hash_own(m, &pieces, directory, rank, ranks, error));
+end:
     status = kiln_agree(communicator, status, error);
     if (status == KILN_OK)
         status = join(communicator, rank, &pieces, error);
@@ -372,11 +373,11 @@ static int read_manifest(struct kiln_manifest **manifest, const char *directory,
     char path[KILN_PATH_SIZE], *text = NULL;
     size_t size = 0;
     *manifest = NULL;
-    int status = kiln_path_join(path, directory, NAME, error);
-    if (status == KILN_OK)
-        status = kiln_read_file_below(directory, NAME, KILN_JSON_BYTES_MOST, &text, &size, error);
-    if (status == KILN_OK)
-        status = kiln_manifest_parse(manifest, path, text, size, error);
+    int status;
+    KILN_TRY(kiln_path_join(path, directory, NAME, error));
+    KILN_TRY(kiln_read_file_below(directory, NAME, KILN_JSON_BYTES_MOST, &text, &size, error));
+    KILN_TRY(kiln_manifest_parse(manifest, path, text, size, error));
+end:
     kiln_free(&text);
     return status;
 }
@@ -407,13 +408,14 @@ int kiln_manifest_look(const char *directory, const struct kiln_scene *scene, co
 {
     static const char *const folders[] = {"lightmaps", "lightmaps/back", "checkpoint"};
     struct kiln_manifest *wanted = NULL;
-    int status = kiln_check_below(directory, NAME, false, error);
-    for (size_t i = 0; status == KILN_OK && i < sizeof folders / sizeof *folders; i++)
-        status = kiln_check_below(directory, folders[i], true, error);
-    if (status == KILN_OK)
-        status = name_files(&wanted, scene, surface, parts, error);
-    for (size_t i = 0; status == KILN_OK && i < wanted->count; i++)
-        status = kiln_check_below(directory, wanted->files[i].path, false, error);
+    int status;
+    KILN_TRY(kiln_check_below(directory, NAME, false, error));
+    for (size_t i = 0; i < sizeof folders / sizeof *folders; i++)
+        KILN_TRY(kiln_check_below(directory, folders[i], true, error));
+    KILN_TRY(name_files(&wanted, scene, surface, parts, error));
+    for (size_t i = 0; i < wanted->count; i++)
+        KILN_TRY(kiln_check_below(directory, wanted->files[i].path, false, error));
+end:
     kiln_manifest_destroy(&wanted);
     return status;
 }

@@ -39,18 +39,15 @@ int kiln_piece_hash(int descriptor, const char *path, uint64_t file_bytes, uint6
     const uint64_t begin = piece * piece_bytes, left = file_bytes - begin;
     char *buffer = NULL;
     XXH3_state_t *state = XXH3_createState();
-    int status = state == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: the hash of '%s'", path) : KILN_OK;
-    if (status == KILN_OK)
-        status = kiln_allocate(&buffer, READ_BYTES, 1, "a file's bytes", error);
-    if (status == KILN_OK) {
-        (void)XXH3_128bits_reset(state);
-        status = read_piece(descriptor, path, begin, begin + (left < piece_bytes ? left : piece_bytes), buffer, state,
-                            error);
-    }
-    if (status == KILN_OK) {
-        const XXH128_hash_t found = XXH3_128bits_digest(state);
-        *hash = (struct kiln_hash){found.high64, found.low64};
-    }
+    int status;
+    KILN_TRY(state == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: the hash of '%s'", path) : KILN_OK);
+    KILN_TRY(kiln_allocate(&buffer, READ_BYTES, 1, "a file's bytes", error));
+    (void)XXH3_128bits_reset(state);
+    KILN_TRY(
+        read_piece(descriptor, path, begin, begin + (left < piece_bytes ? left : piece_bytes), buffer, state, error));
+    const XXH128_hash_t found = XXH3_128bits_digest(state);
+    *hash = (struct kiln_hash){found.high64, found.low64};
+end:
     (void)XXH3_freeState(state);
     kiln_free(&buffer);
     return status;

@@ -61,11 +61,11 @@ static int make_room(const struct kiln_points_ahead *a, struct room *room)
         const size_t bytes = KILN_H5_CHUNK_ROWS * kiln_column_row(&a->columns.column[c]);
         most = bytes > most ? bytes : most;
     }
-    int status = kiln_rows_allocate(&room->rows, &a->columns, KILN_H5_CHUNK_ROWS, NULL);
-    if (status == KILN_OK)
-        status = kiln_allocate(&room->shuffled, most, 1, "points to write", NULL);
-    if (status == KILN_OK)
-        status = kiln_allocate(&room->packed, kiln_chunk_bound(most), 1, "packed points", NULL);
+    int status;
+    KILN_TRY(kiln_rows_allocate(&room->rows, &a->columns, KILN_H5_CHUNK_ROWS, NULL));
+    KILN_TRY(kiln_allocate(&room->shuffled, most, 1, "points to write", NULL));
+    KILN_TRY(kiln_allocate(&room->packed, kiln_chunk_bound(most), 1, "packed points", NULL));
+end:
     return status;
 }
 
@@ -145,13 +145,12 @@ static void *pack_chunks(void *context)
     struct room room = {.shuffled = NULL};
     kiln_thread_give_way();
     omp_set_num_threads(1); /* of this thread alone */
-    int status = make_room(a, &room);
-    if (status == KILN_OK)
-        status = pack_stage(a, OF_SURFACE, &room);
-    if (status == KILN_OK)
-        wait_for_direct(a);
-    if (status == KILN_OK)
-        (void)pack_stage(a, OF_DIRECT, &room);
+    int status;
+    KILN_TRY(make_room(a, &room));
+    KILN_TRY(pack_stage(a, OF_SURFACE, &room));
+    wait_for_direct(a);
+    (void)pack_stage(a, OF_DIRECT, &room);
+end:
     leave_room(&room);
     atomic_fetch_add(&a->nanoseconds, now(CLOCK_THREAD_CPUTIME_ID));
     return NULL;
@@ -192,11 +191,12 @@ void kiln_points_ahead_start(struct kiln_points_ahead **ahead, const struct kiln
     (void)pthread_cond_init(&a->news, NULL);
     survey(a);
     a->start = now(CLOCK_MONOTONIC);
-    int status = a->count > 0 ? KILN_OK : KILN_BAD_INPUT;
-    if (status == KILN_OK)
-        status = kiln_allocate(&a->parts, a->count * a->columns.count, sizeof *a->parts, "packed points", NULL);
-    for (int i = 0; i < STAGES && status == KILN_OK; i++)
-        status = kiln_allocate(&a->done[i], a->count, sizeof *a->done[i], "packed points", NULL);
+    int status;
+    KILN_TRY(a->count > 0 ? KILN_OK : KILN_BAD_INPUT);
+    KILN_TRY(kiln_allocate(&a->parts, a->count * a->columns.count, sizeof *a->parts, "packed points", NULL));
+    for (int i = 0; i < STAGES; i++)
+        KILN_TRY(kiln_allocate(&a->done[i], a->count, sizeof *a->done[i], "packed points", NULL));
+end:
     if (status == KILN_OK) {
         start_threads(a, wanted < THREADS_MOST ? wanted : THREADS_MOST);
         *ahead = a;

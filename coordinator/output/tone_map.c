@@ -297,11 +297,11 @@ int kiln_png_write(const char *directory, const char *name, const struct kiln_im
                    const struct kiln_tone *tone, const char *description, struct kiln_error *error)
 {
     uint8_t *bytes = NULL;
-    int status = kiln_allocate(&bytes, (size_t)image->width * image->height * 3, 1, "a picture's bytes", error);
-    if (status == KILN_OK)
-        status = kiln_tone_map(image, tone, bytes, error);
-    if (status == KILN_OK)
-        status = kiln_png_write_bytes(directory, name, bytes, image->width, image->height, description, error);
+    int status;
+    KILN_TRY(kiln_allocate(&bytes, (size_t)image->width * image->height * 3, 1, "a picture's bytes", error));
+    KILN_TRY(kiln_tone_map(image, tone, bytes, error));
+    KILN_TRY(kiln_png_write_bytes(directory, name, bytes, image->width, image->height, description, error));
+end:
     kiln_free(&bytes);
     return status;
 }

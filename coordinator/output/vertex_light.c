@@ -215,13 +215,13 @@ static int system_create(struct system *y, size_t triangles, size_t vertices, st
     static const char what[] = "irradiance at vertices";
     *y = (struct system){.element_count = triangles, .vertex_count = vertices};
     double **const arrays[] = {&y->diagonal, &y->value, &y->residual, &y->direction, &y->image};
-    int status = kiln_allocate(&y->elements, triangles, sizeof *y->elements, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&y->unknown, vertices, sizeof *y->unknown, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&y->right, vertices, 3 * sizeof *y->right, what, error);
-    for (size_t i = 0; status == KILN_OK && i < sizeof arrays / sizeof *arrays; i++)
-        status = kiln_allocate(arrays[i], vertices, sizeof **arrays[i], what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&y->elements, triangles, sizeof *y->elements, what, error));
+    KILN_TRY(kiln_allocate(&y->unknown, vertices, sizeof *y->unknown, what, error));
+    KILN_TRY(kiln_allocate(&y->right, vertices, 3 * sizeof *y->right, what, error));
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
+        KILN_TRY(kiln_allocate(arrays[i], vertices, sizeof **arrays[i], what, error));
+end:
     return status;
 }
 
@@ -320,10 +320,10 @@ static int fit_object(const struct fit *f, size_t object, const struct triangle_
     const struct kiln_mesh *mesh = &r->scene->meshes[r->scene->objects[object].mesh];
     const struct kiln_object_range *range = &r->geometry->ranges[object];
     struct system y;
-    int status = system_create(&y, triangles_of(f, object), mesh->vertex_count, error);
-    if (status == KILN_OK)
-        status = weld(r->scene, mesh, y.unknown, error);
-    for (size_t t = 0; status == KILN_OK && t < y.element_count; t++) {
+    int status;
+    KILN_TRY(system_create(&y, triangles_of(f, object), mesh->vertex_count, error));
+    KILN_TRY(weld(r->scene, mesh, y.unknown, error));
+    for (size_t t = 0; t < y.element_count; t++) {
         const uint64_t world = world_number(range, t);
         uint64_t vertex[3];
         kiln_geometry_stored_vertices(r->scene, r->geometry, world, vertex);
@@ -332,13 +332,13 @@ static int fit_object(const struct fit *f, size_t object, const struct triangle_
         add_element(&y, &y.elements[t], kiln_geometry_triangle_area(r->geometry, world), &sums[t]);
     }
     float(*to)[3] = f->light->irradiance + f->light->first[object];
-    for (size_t c = 0; status == KILN_OK && c < 3; c++) {
+    for (size_t c = 0; c < 3; c++) {
         solve(&y, c);
         for (size_t v = 0; v < mesh->vertex_count; v++)
             to[v][c] = (float)(fmax(y.value[y.unknown[v]], 0.0) * f->unit);
     }
-    if (status == KILN_OK)
-        f->light->error[object] = fit_error(&y, to, f->unit);
+    f->light->error[object] = fit_error(&y, to, f->unit);
+end:
     system_release(&y);
     return status;
 }
@@ -369,15 +369,16 @@ static int fit_block(const struct fit *f, size_t first, size_t end, uint64_t tri
 {
     struct triangle_sums *sums = NULL;
     uint64_t *place = NULL;
-    int status = kiln_allocate(&sums, triangles, sizeof *sums, "the light of triangles", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&place, end - first + 1, sizeof *place, "the light of triangles", error);
-    if (status == KILN_OK && kiln_stop_asked(f->result->stop))
-        status = kiln_give_up(error);
-    for (size_t o = first; status == KILN_OK && o < end; o++) {
+    int status;
+    KILN_TRY(kiln_allocate(&sums, triangles, sizeof *sums, "the light of triangles", error));
+    KILN_TRY(kiln_allocate(&place, end - first + 1, sizeof *place, "the light of triangles", error));
+    if (kiln_stop_asked(f->result->stop))
+        KILN_TRY(kiln_give_up(error));
+    for (size_t o = first; o < end; o++) {
         place[o - first + 1] = place[o - first] + triangles_of(f, o);
         add_object(f, o, sums + place[o - first]);
     }
+end:
     status = kiln_agree(f->result->communicator, status, error);
     for (uint64_t done = 0; status == KILN_OK && done < triangles;) {
         enum { MOST = 1 << 20 };
@@ -437,11 +438,12 @@ static double find_unit(const struct fit *f)
 static int make_room(struct kiln_vertex_light *light, const struct kiln_scene *scene, struct kiln_error *error)
 {
     static const char what[] = "irradiance at vertices";
-    int status = kiln_allocate(&light->first, scene->object_count + 1, sizeof *light->first, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&light->error, scene->object_count, sizeof *light->error, what, error);
-    for (size_t o = 0; status == KILN_OK && o < scene->object_count; o++)
+    int status;
+    KILN_TRY(kiln_allocate(&light->first, scene->object_count + 1, sizeof *light->first, what, error));
+    KILN_TRY(kiln_allocate(&light->error, scene->object_count, sizeof *light->error, what, error));
+    for (size_t o = 0; o < scene->object_count; o++)
         light->first[o + 1] = light->first[o] + scene->meshes[scene->objects[o].mesh].vertex_count;
+end:
     light->object_count = scene->object_count;
     if (status == KILN_OK)
         status = kiln_allocate(&light->irradiance, light->first[scene->object_count], sizeof *light->irradiance, what,

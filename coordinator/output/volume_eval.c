@@ -107,14 +107,15 @@ int kiln_volume_open_file(struct kiln_volume **volume, int descriptor, const cha
         memcpy(v->path, path, strlen(path) + 1);
         status = kiln_h5_file_open(&v->file, descriptor, v->path, error);
     }
-    if (status == KILN_OK)
-        status = read_grid(v, error);
-    for (int a = 0; status == KILN_OK && a < ARRAYS; a++)
-        status = open_array(v, arrays[a].name, arrays[a].components, &v->datasets[a], error);
-    if (status == KILN_OK && H5Lexists(kiln_h5_file_id(v->file), "/VTKHDF/PointData/occluders", H5P_DEFAULT) > 0)
-        status = open_array(v, "occluders", OCCLUDERS, &v->occluders, error);
-    if (status == KILN_OK && H5Lexists(kiln_h5_file_id(v->file), "/VTKHDF/PointData/offset", H5P_DEFAULT) > 0)
-        status = open_array(v, "offset", 3, &v->offset, error);
+    KILN_TRY(status);
+    KILN_TRY(read_grid(v, error));
+    for (int a = 0; a < ARRAYS; a++)
+        KILN_TRY(open_array(v, arrays[a].name, arrays[a].components, &v->datasets[a], error));
+    if (H5Lexists(kiln_h5_file_id(v->file), "/VTKHDF/PointData/occluders", H5P_DEFAULT) > 0)
+        KILN_TRY(open_array(v, "occluders", OCCLUDERS, &v->occluders, error));
+    if (H5Lexists(kiln_h5_file_id(v->file), "/VTKHDF/PointData/offset", H5P_DEFAULT) > 0)
+        KILN_TRY(open_array(v, "offset", 3, &v->offset, error));
+end:
     if (status != KILN_OK)
         kiln_volume_close(volume);
     return status;

@@ -143,8 +143,9 @@ static int write_groups(struct volume_writer *w, struct kiln_error *error)
 {
     enum { SH = 27, ALL = SH + 18 };
     const struct kiln_volume_result *v = w->volume;
-    int status = v->group_count > 0 ? kiln_h5_group(&w->h5, "/groups", error) : KILN_OK;
-    for (size_t g = 0; g < v->group_count && status == KILN_OK; g++) {
+    int status;
+    KILN_TRY(v->group_count > 0 ? kiln_h5_group(&w->h5, "/groups", error) : KILN_OK);
+    for (size_t g = 0; g < v->group_count; g++) {
         char name[KILN_OPTION_TEXT];
         (void)snprintf(name, sizeof name, "/groups/%s", v->group_names[g]);
         for (uint64_t p = 0; p < v->count; p++) {
@@ -155,13 +156,13 @@ static int write_groups(struct volume_writer *w, struct kiln_error *error)
                     to[3 * i + c] = (float)(kiln_harmonics_cosine(i) * (double)of->radiance[i][c]);
             memcpy(to + SH, of->irradiance_axes, sizeof of->irradiance_axes);
         }
-        status = kiln_agree(w->h5.communicator, check_finite(w, w->values, ALL, "the light of a group", error), error);
-        if (status == KILN_OK)
-            status = write_array(w, name, w->values, ALL, w->result->units->irradiance,
-                                 "light of a group of lights: components 0 to 26 as irradiance_sh, then red, green and "
-                                 "blue of irradiance_posx, negx, posy, negy, posz and negz; groups add up to these",
-                                 error);
+        KILN_TRY(kiln_agree(w->h5.communicator, check_finite(w, w->values, ALL, "the light of a group", error), error));
+        KILN_TRY(write_array(w, name, w->values, ALL, w->result->units->irradiance,
+                             "light of a group of lights: components 0 to 26 as irradiance_sh, then red, green and "
+                             "blue of irradiance_posx, negx, posy, negy, posz and negz; groups add up to these",
+                             error));
     }
+end:
     return status;
 }
 
@@ -229,32 +230,23 @@ static int write_header(struct volume_writer *w, const struct kiln_output_params
         extent[2 * i + 1] = (int64_t)w->volume->size[i] - 1;
     struct kiln_h5 *h5 = &w->h5;
     const hid_t type = H5Tcopy(H5T_C_S1);
-    int status = type < 0 || H5Tset_size(type, 9) < 0 || H5Tset_strpad(type, H5T_STR_NULLPAD) < 0
-                     ? kiln_h5_failed(h5, "describe", "Type", error)
-                     : kiln_h5_group(h5, "/VTKHDF", error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute(h5, "/VTKHDF", "Version", H5T_NATIVE_INT64, version, 2, error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute(h5, "/VTKHDF", "Type", type, "ImageData", 1, error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute(h5, "/VTKHDF", "WholeExtent", H5T_NATIVE_INT64, extent, 6, error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute(h5, "/VTKHDF", "Origin", H5T_NATIVE_DOUBLE, w->volume->origin, 3, error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute(h5, "/VTKHDF", "Spacing", H5T_NATIVE_DOUBLE, w->volume->spacing, 3, error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute(h5, "/VTKHDF", "Direction", H5T_NATIVE_DOUBLE, direction, 9, error);
-    if (status == KILN_OK)
-        status = kiln_h5_group(h5, "/VTKHDF/PointData", error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute_text(h5, "/", "format", "kiln volume", error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute(h5, "/", "format_version", H5T_NATIVE_INT32, &own_version, 1, error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute_text(h5, "/", "kiln_version", KILN_VERSION, error);
-    if (status == KILN_OK)
-        status = kiln_h5_attribute_text(h5, "/", "provenance",
-                                        params->provenance_json == NULL ? "{}" : params->provenance_json, error);
+    int status;
+    KILN_TRY(type < 0 || H5Tset_size(type, 9) < 0 || H5Tset_strpad(type, H5T_STR_NULLPAD) < 0
+                 ? kiln_h5_failed(h5, "describe", "Type", error)
+                 : kiln_h5_group(h5, "/VTKHDF", error));
+    KILN_TRY(kiln_h5_attribute(h5, "/VTKHDF", "Version", H5T_NATIVE_INT64, version, 2, error));
+    KILN_TRY(kiln_h5_attribute(h5, "/VTKHDF", "Type", type, "ImageData", 1, error));
+    KILN_TRY(kiln_h5_attribute(h5, "/VTKHDF", "WholeExtent", H5T_NATIVE_INT64, extent, 6, error));
+    KILN_TRY(kiln_h5_attribute(h5, "/VTKHDF", "Origin", H5T_NATIVE_DOUBLE, w->volume->origin, 3, error));
+    KILN_TRY(kiln_h5_attribute(h5, "/VTKHDF", "Spacing", H5T_NATIVE_DOUBLE, w->volume->spacing, 3, error));
+    KILN_TRY(kiln_h5_attribute(h5, "/VTKHDF", "Direction", H5T_NATIVE_DOUBLE, direction, 9, error));
+    KILN_TRY(kiln_h5_group(h5, "/VTKHDF/PointData", error));
+    KILN_TRY(kiln_h5_attribute_text(h5, "/", "format", "kiln volume", error));
+    KILN_TRY(kiln_h5_attribute(h5, "/", "format_version", H5T_NATIVE_INT32, &own_version, 1, error));
+    KILN_TRY(kiln_h5_attribute_text(h5, "/", "kiln_version", KILN_VERSION, error));
+    KILN_TRY(kiln_h5_attribute_text(h5, "/", "provenance",
+                                    params->provenance_json == NULL ? "{}" : params->provenance_json, error));
+end:
     if (type >= 0 && H5Tclose(type) < 0 && status == KILN_OK)
         status = kiln_h5_failed(h5, "release", "Type", error);
     return kiln_agree(h5->communicator, status, error);

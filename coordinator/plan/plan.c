@@ -590,10 +590,11 @@ static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *
     const struct kiln_surface *s = p->surface; /* of one rank: all */
     const bool in_cells = s->cell_first != NULL;
     cells->count = in_cells ? (size_t)s->cell_count : s->tile_run_count;
-    int status = kiln_allocate(&cells->points, cells->count, sizeof *cells->points, "the simulated cells", error);
-    for (uint32_t l = 0; l < plan->steps.kind_count && status == KILN_OK; l++)
-        status = kiln_allocate(&cells->cost[l], cells->count, sizeof *cells->cost[l], "the simulated cells", error);
-    for (size_t i = 0; status == KILN_OK && i < cells->count; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&cells->points, cells->count, sizeof *cells->points, "the simulated cells", error));
+    for (uint32_t l = 0; l < plan->steps.kind_count; l++)
+        KILN_TRY(kiln_allocate(&cells->cost[l], cells->count, sizeof *cells->cost[l], "the simulated cells", error));
+    for (size_t i = 0; i < cells->count; i++) {
         const uint64_t first = in_cells ? s->cell_first[i] : s->tile_runs[i].first.at;
         cells->points[i] = in_cells ? s->cell_first[i + 1] - first : s->tile_runs[i].count;
         for (uint32_t l = 0; l < plan->steps.kind_count; l++)
@@ -602,6 +603,7 @@ static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *
                                                                 : cost_in(plan, first, cells->points[i], l)) +
                                  take_seconds(p));
     }
+end:
     return status;
 }
 
@@ -785,17 +787,15 @@ static int trace_samples(struct kiln_plan *plan, const struct kiln_prepared *p, 
                                        .threads = p->threads},
                             .data = {.surface = *p->surface}};
     const double start = MPI_Wtime();
-    int status = fill_radiosity(p, &radiosity, error);
-    if (status == KILN_OK)
-        status = find_fields(&c, error);
-    if (status == KILN_OK)
-        status = make_companions(&c, &plan->steps, radiosity, companions, error);
-    if (status == KILN_OK)
-        status = calibrate(plan, &c, error);
-    if (status == KILN_OK && plan->probes > 0)
-        status = probe_seconds(p, job, &timing->probe, error);
-    if (status == KILN_OK)
-        status = emission_seconds(p, &timing->emission, error);
+    int status;
+    KILN_TRY(fill_radiosity(p, &radiosity, error));
+    KILN_TRY(find_fields(&c, error));
+    KILN_TRY(make_companions(&c, &plan->steps, radiosity, companions, error));
+    KILN_TRY(calibrate(plan, &c, error));
+    if (plan->probes > 0)
+        KILN_TRY(probe_seconds(p, job, &timing->probe, error));
+    KILN_TRY(emission_seconds(p, &timing->emission, error));
+end:
     plan->calibration_seconds = MPI_Wtime() - start;
     for (size_t i = 0; i < KILN_COMPANIONS; i++)
         if (companions[i] != NULL)
@@ -847,27 +847,20 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     if (status == KILN_OK && job->samples_probe > 0)
         status = kiln_volume_grid(&volume, prepared->scene, job->probe_spacing, job->volume_bounds, error);
     const struct kiln_integrate_settings settings = kiln_light_settings(job, prepared->lights, plan->surface.points);
-    if (status == KILN_OK)
-        status = kiln_planned_steps_make(&plan->steps, &settings, typical_bounces(job), error);
-    if (status == KILN_OK) {
-        plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
-        status = find_visible(plan, prepared, job, &timing, error);
-    }
-    if (status == KILN_OK)
-        status = trace_samples(plan, prepared, job, &settings, &timing, error);
-    if (status == KILN_OK)
-        status = kiln_plan_landing_measure(&plan->landing, prepared, &settings, &volume, job->samples_probe,
-                                           plan->surface.points, job->ranks, error);
-    if (status == KILN_OK) {
-        plan_disk(plan, prepared, job);
-        plan_before_and_after(plan, prepared, job, phases, &timing);
-        status = simulate(plan, prepared, job, &timing, error);
-    }
-    if (status == KILN_OK) {
-        plan_light(plan);
-        plan_memory(plan, prepared, rank_surface, job);
-        status = kiln_working_set_find(&plan->working_set, prepared, job, plan->bytes_per_triangle, error);
-    }
+    KILN_TRY(status);
+    KILN_TRY(kiln_planned_steps_make(&plan->steps, &settings, typical_bounces(job), error));
+    plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
+    KILN_TRY(find_visible(plan, prepared, job, &timing, error));
+    KILN_TRY(trace_samples(plan, prepared, job, &settings, &timing, error));
+    KILN_TRY(kiln_plan_landing_measure(&plan->landing, prepared, &settings, &volume, job->samples_probe,
+                                       plan->surface.points, job->ranks, error));
+    plan_disk(plan, prepared, job);
+    plan_before_and_after(plan, prepared, job, phases, &timing);
+    KILN_TRY(simulate(plan, prepared, job, &timing, error));
+    plan_light(plan);
+    plan_memory(plan, prepared, rank_surface, job);
+    KILN_TRY(kiln_working_set_find(&plan->working_set, prepared, job, plan->bytes_per_triangle, error));
+end:
     kiln_surface_destroy(&rank_surface);
     return status;
 }

@@ -33,14 +33,16 @@ struct shown {
 static int make_cells(struct state *t, struct kiln_error *error)
 {
     const struct kiln_light_simulation *s = t->s;
-    int status = kiln_allocate(&t->points, s->cell_count + 1, sizeof *t->points, "the simulated cells", error);
-    for (size_t i = 0; status == KILN_OK && i < s->cell_count; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&t->points, s->cell_count + 1, sizeof *t->points, "the simulated cells", error));
+    for (size_t i = 0; i < s->cell_count; i++)
         t->points[i + 1] = t->points[i] + (double)s->cell_points[i];
-    for (uint32_t l = 0; l < s->steps->kind_count && status == KILN_OK; l++) {
-        status = kiln_allocate(&t->cost[l], s->cell_count + 1, sizeof *t->cost[l], "the simulated cells", error);
-        for (size_t i = 0; status == KILN_OK && i < s->cell_count; i++)
+    for (uint32_t l = 0; l < s->steps->kind_count; l++) {
+        KILN_TRY(kiln_allocate(&t->cost[l], s->cell_count + 1, sizeof *t->cost[l], "the simulated cells", error));
+        for (size_t i = 0; i < s->cell_count; i++)
             t->cost[l][i + 1] = t->cost[l][i] + (double)s->cell_points[i] * s->cell_cost[l][i];
     }
+end:
     return status;
 }
 
@@ -341,14 +343,13 @@ int kiln_simulate_light(const struct kiln_light_simulation *s, uint32_t ranks, d
         return KILN_OK;
     int status = make_cells(&t, error);
     double **const arrays[] = {&t.bounds, &t.next, &t.work};
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays && status == KILN_OK; i++)
-        status = kiln_allocate(arrays[i], (size_t)ranks + 1, sizeof **arrays[i], "the simulated ranks", error);
-    if (status == KILN_OK)
-        status = first_bounds(&t, error);
-    if (status == KILN_OK) {
-        light->points_most = most_points(&t);
-        run_bake(&t, light);
-    }
+    KILN_TRY(status);
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
+        KILN_TRY(kiln_allocate(arrays[i], (size_t)ranks + 1, sizeof **arrays[i], "the simulated ranks", error));
+    KILN_TRY(first_bounds(&t, error));
+    light->points_most = most_points(&t);
+    run_bake(&t, light);
+end:
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
         kiln_free(arrays[i]);
     for (uint32_t l = 0; l < KILN_COST_KINDS_MAX; l++)

@@ -227,11 +227,11 @@ static int make_voxels(struct voxels *v, const struct kiln_prepared *p, struct k
         v->size[a] = (uint32_t)fminf(fmaxf(ceilf(extents[a] / v->side), 1.0f), ALONG);
     const size_t count = (size_t)v->size[0] * v->size[1] * v->size[2],
                  sums = ((size_t)v->size[0] + 1) * (v->size[1] + 1) * (v->size[2] + 1);
-    int status = kiln_allocate(&v->near, count, 1, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&v->sums, sums, sizeof *v->sums, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&v->of_point, p->surface->point_count, sizeof *v->of_point, what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&v->near, count, 1, what, error));
+    KILN_TRY(kiln_allocate(&v->sums, sums, sizeof *v->sums, what, error));
+    KILN_TRY(kiln_allocate(&v->of_point, p->surface->point_count, sizeof *v->of_point, what, error));
+end:
     return status;
 }
 
@@ -244,23 +244,19 @@ int kiln_working_set_find(struct kiln_working_set *set, const struct kiln_prepar
     *set = (struct kiln_working_set){0};
     if (!kiln_job_has_probes(job))
         return KILN_OK;
-    int status = kiln_probe_grid_make(&grid, &job->radiance, prepared->geometry, error);
-    if (status == KILN_OK)
-        status = make_voxels(&v, prepared, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&begins, (size_t)job->ranks + 1, sizeof *begins, "the ranks' ranges", error);
-    if (status == KILN_OK)
-        status = find_begins(prepared->surface, job->ranks, begins, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&set->ranks, job->ranks, sizeof *set->ranks, "the ranks' working sets", error);
-    if (status == KILN_OK) {
-        set->rank_count = job->ranks;
-        set->probes = kiln_probes_count(&grid);
-        set->probe_bytes = set->probes * probe_bytes(&grid);
-        set->bytes_all = (uint64_t)(triangle_bytes * (double)prepared->geometry->triangle_count) +
-                         prepared->surface->point_count * sizeof(uint64_t);
-        find_points(&v, prepared);
-    }
+    int status;
+    KILN_TRY(kiln_probe_grid_make(&grid, &job->radiance, prepared->geometry, error));
+    KILN_TRY(make_voxels(&v, prepared, error));
+    KILN_TRY(kiln_allocate(&begins, (size_t)job->ranks + 1, sizeof *begins, "the ranks' ranges", error));
+    KILN_TRY(find_begins(prepared->surface, job->ranks, begins, error));
+    KILN_TRY(kiln_allocate(&set->ranks, job->ranks, sizeof *set->ranks, "the ranks' working sets", error));
+    set->rank_count = job->ranks;
+    set->probes = kiln_probes_count(&grid);
+    set->probe_bytes = set->probes * probe_bytes(&grid);
+    set->bytes_all = (uint64_t)(triangle_bytes * (double)prepared->geometry->triangle_count) +
+                     prepared->surface->point_count * sizeof(uint64_t);
+    find_points(&v, prepared);
+end:
     for (uint32_t r = 0; r < set->rank_count; r++) {
         set->ranks[r] = rank_set(&v, prepared, &grid, begins[r], begins[r + 1], triangle_bytes);
         add_rank(set, &set->ranks[r]);

@@ -208,11 +208,13 @@ static int verify_parts(const struct kiln_checkpoint *c, uint64_t generation, st
     enum { ROOM = 1 << 20 };
     void *buffer = NULL;
     XXH3_state_t *hash = XXH3_createState();
-    int status = kiln_allocate(&buffer, ROOM, 1, "checking a checkpoint", error);
-    if (status == KILN_OK && hash == NULL)
-        status = kiln_fail(error, KILN_SYSTEM, "out of memory: checking a checkpoint");
-    for (size_t i = (size_t)c->rank; i < c->part_count && status == KILN_OK; i += (size_t)c->ranks)
-        status = verify_part(c, generation, i, buffer, ROOM, hash, error);
+    int status;
+    KILN_TRY(kiln_allocate(&buffer, ROOM, 1, "checking a checkpoint", error));
+    if (hash == NULL)
+        KILN_TRY(kiln_fail(error, KILN_SYSTEM, "out of memory: checking a checkpoint"));
+    for (size_t i = (size_t)c->rank; i < c->part_count; i += (size_t)c->ranks)
+        KILN_TRY(verify_part(c, generation, i, buffer, ROOM, hash, error));
+end:
     kiln_free(&buffer);
     (void)XXH3_freeState(hash);
     return kiln_agree(c->communicator, status, error);

@@ -150,11 +150,12 @@ int checkpoint_publish_generation(const char *directory, uint64_t generation, st
     char from[FOLDER_NAME], to[FOLDER_NAME];
     name_of(from, true, generation);
     name_of(to, false, generation);
-    int status = kiln_folder_open(&folder, directory, FOLDER, false, error);
-    if (status == KILN_OK && kiln_renameat(folder.descriptor, from, to) != 0)
-        status = kiln_fail_errno(error, KILN_IO, "'%s/%s' cannot be renamed to '%s'", folder.path, from, to);
-    if (status == KILN_OK)
-        status = kiln_folder_sync(&folder, error);
+    int status;
+    KILN_TRY(kiln_folder_open(&folder, directory, FOLDER, false, error));
+    if (kiln_renameat(folder.descriptor, from, to) != 0)
+        KILN_TRY(kiln_fail_errno(error, KILN_IO, "'%s/%s' cannot be renamed to '%s'", folder.path, from, to));
+    KILN_TRY(kiln_folder_sync(&folder, error));
+end:
     kiln_folder_close(&folder);
     return status;
 }

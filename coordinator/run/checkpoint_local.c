@@ -138,15 +138,14 @@ static int copy_part(const char *place, const char *directory, uint64_t generati
     checkpoint_file_name(from_name, false, generation, part);
     checkpoint_file_name(name, true, generation, part);
     (void)snprintf(aside, sizeof aside, "%s.copy", name);
-    int status = kiln_path_join(path, directory, aside, error);
-    if (status == KILN_OK)
-        status = kiln_open_below(place, from_name, O_RDONLY, 0, &from, error);
-    if (status == KILN_OK)
-        status = kiln_open_below(directory, aside, O_WRONLY | O_CREAT | O_TRUNC, 0666, &to, error);
-    if (status == KILN_OK)
-        status = copy_bytes(from, to, path, leave, error);
-    if (status == KILN_OK && kiln_fsync(to) != 0)
-        status = kiln_fail_errno(error, KILN_IO, "'%s' cannot be synced to disk", path);
+    int status;
+    KILN_TRY(kiln_path_join(path, directory, aside, error));
+    KILN_TRY(kiln_open_below(place, from_name, O_RDONLY, 0, &from, error));
+    KILN_TRY(kiln_open_below(directory, aside, O_WRONLY | O_CREAT | O_TRUNC, 0666, &to, error));
+    KILN_TRY(copy_bytes(from, to, path, leave, error));
+    if (kiln_fsync(to) != 0)
+        KILN_TRY(kiln_fail_errno(error, KILN_IO, "'%s' cannot be synced to disk", path));
+end:
     if (from >= 0)
         (void)close(from);
     if (to >= 0 && kiln_close(to) != 0 && status == KILN_OK)

@@ -159,12 +159,13 @@ int checkpoint_publish(const char *place, uint64_t generation, const char *manif
     uint64_t *generations = NULL;
     size_t count = 0;
     checkpoint_manifest_name(name, true, generation);
-    int status = kiln_publish_bytes_below(place, name, manifest, size, error);
-    if (status == KILN_OK)
-        status = checkpoint_publish_generation(place, generation, error);
-    if (status == KILN_OK && checkpoint_list(place, false, &generations, &count, NULL) == KILN_OK)
+    int status;
+    KILN_TRY(kiln_publish_bytes_below(place, name, manifest, size, error));
+    KILN_TRY(checkpoint_publish_generation(place, generation, error));
+    if (checkpoint_list(place, false, &generations, &count, NULL) == KILN_OK)
         for (size_t i = 2; i < count; i++)
             checkpoint_remove_generation(place, false, generations[i]);
+end:
     kiln_free(&generations);
     return status;
 }
@@ -244,17 +245,15 @@ int kiln_checkpoint_write(struct kiln_checkpoint *c, const json_t *identity, con
     kiln_assert_same(c->communicator, generation, "the number of a checkpoint");
     kiln_assert_same_json(c->communicator, identity, "the identity of a bake");
     (void)MPI_Allreduce(&bytes, &all, 1, MPI_UINT64_T, MPI_SUM, c->communicator);
-    int status = c->local != NULL ? checkpoint_local_begin(c, error) : KILN_OK;
-    if (status == KILN_OK)
-        status =
-            write_generation(c, generation, identity, blocks, block_count, c->local != NULL ? bytes : all, &m, error);
-    if (status == KILN_OK && c->local != NULL)
+    int status;
+    KILN_TRY(c->local != NULL ? checkpoint_local_begin(c, error) : KILN_OK);
+    KILN_TRY(write_generation(c, generation, identity, blocks, block_count, c->local != NULL ? bytes : all, &m, error));
+    if (c->local != NULL)
         checkpoint_local_copy(c, generation, all, m.text, m.size);
-    if (status == KILN_OK) {
-        c->newest = generation;
-        c->written++;
-        c->last_bytes = all;
-    }
+    c->newest = generation;
+    c->written++;
+    c->last_bytes = all;
+end:
     c->seconds += MPI_Wtime() - start;
     kiln_free(&m.text);
     return status;

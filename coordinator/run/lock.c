@@ -385,11 +385,10 @@ int kiln_lock_take(struct kiln_lock **result, const char *directory, bool no_loc
     if (status != KILN_OK)
         return status;
     lock->descriptor = -1;
-    status = kiln_folder_open(&lock->folder, directory, NULL, false, error);
-    if (status == KILN_OK)
-        status = make_own(lock, no_locks, error);
-    if (status == KILN_OK)
-        status = take(lock, error);
+    KILN_TRY(kiln_folder_open(&lock->folder, directory, NULL, false, error));
+    KILN_TRY(make_own(lock, no_locks, error));
+    KILN_TRY(take(lock, error));
+end:
     if (lock->folder.descriptor >= 0 && lock->aside[0] != '\0')
         (void)kiln_unlinkat(lock->folder.descriptor, lock->aside, 0);
     kiln_left_forget(&lock->left);

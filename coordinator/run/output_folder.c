@@ -89,16 +89,16 @@ static int mark(const struct kiln_output_folder_params *params, struct kiln_erro
 {
     char owner[OWNER_SIZE], text[OWNER_SIZE + 1];
     bool has_others = false;
-    int status = read_mark(params->directory, owner, error);
-    if (status == KILN_OK && strcmp(owner, params->owner) == 0) {
+    int status;
+    KILN_TRY(read_mark(params->directory, owner, error));
+    if (strcmp(owner, params->owner) == 0) {
         (void)nftw(params->directory, remove_temporary, WALK_DESCRIPTORS, FTW_PHYS);
         return KILN_OK;
     }
-    if (status == KILN_OK)
-        status = find_others(params->directory, &has_others, error);
-    if (status == KILN_OK && has_others &&
-        (owner[0] != '\0' || !params->has_results(params->directory, params->context)))
+    KILN_TRY(find_others(params->directory, &has_others, error));
+    if (has_others && (owner[0] != '\0' || !params->has_results(params->directory, params->context)))
         return refuse(params, owner, error);
+end:
     (void)snprintf(text, sizeof text, "%s\n", params->owner);
     return status == KILN_OK ? kiln_publish_bytes_below(params->directory, MARK, text, strlen(text), error) : status;
 }

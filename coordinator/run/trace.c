@@ -126,12 +126,14 @@ static void receive(const struct kiln_trace *t, int rank, struct kiln_html *page
 int kiln_trace_write(const struct kiln_trace *trace, const char *path, struct kiln_error *error)
 {
     struct kiln_html page = {.error = error};
-    int status = kiln_agree(trace->communicator, make_text(trace, &page, error), error);
-    if (status == KILN_OK && trace->rank != 0)
+    int status;
+    KILN_TRY(kiln_agree(trace->communicator, make_text(trace, &page, error), error));
+    if (trace->rank != 0)
         (void)MPI_Send(page.text, (int)page.size, MPI_CHAR, 0, TAG, trace->communicator);
     /* receive all texts even after a failure, which the page remembers */
-    for (int r = 1; r < trace->ranks && trace->rank == 0 && status == KILN_OK; r++)
+    for (int r = 1; r < trace->ranks && trace->rank == 0; r++)
         receive(trace, r, &page);
+end:
     status = status == KILN_OK ? page.status : status;
     if (status == KILN_OK && trace->rank == 0) {
         kiln_html_add(&page, "\n]}\n");

@@ -106,11 +106,11 @@ int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t l
     if (builder->sections[KILN_SECTION_STRINGS].count + length >= UINT32_MAX)
         return kiln_fail(error, KILN_BAD_INPUT, "the names in the scene take more than 4 GiB: shorten them");
     size_t first = 0;
-    int status = kiln_builder_append(builder, KILN_SECTION_STRINGS, text, length, &first, error);
-    if (status == KILN_OK)
-        status = kiln_builder_append(builder, KILN_SECTION_STRINGS, "", 1, NULL, error);
-    if (status == KILN_OK)
-        *offset = (uint32_t)first;
+    int status;
+    KILN_TRY(kiln_builder_append(builder, KILN_SECTION_STRINGS, text, length, &first, error));
+    KILN_TRY(kiln_builder_append(builder, KILN_SECTION_STRINGS, "", 1, NULL, error));
+    *offset = (uint32_t)first;
+end:
     return status;
 }
 
@@ -309,9 +309,8 @@ static int hash_file(int file, const char *path, struct kiln_scene_header *heade
 int kiln_builder_write_to(struct kiln_builder *builder, int file, const char *name, struct kiln_error *error)
 {
     struct kiln_scene_header header;
-    int status = fill_header(builder, &header, error);
-    if (status != KILN_OK)
-        return status;
+    int status;
+    KILN_TRY(fill_header(builder, &header, error));
     /* Disk space is reserved first: a full disk is noticed before anything is written. */
     errno = kiln_fallocate(file, (off_t)header.size);
     if (errno != 0)
@@ -319,10 +318,10 @@ int kiln_builder_write_to(struct kiln_builder *builder, int file, const char *na
                                (unsigned long long)header.size);
     if (write_sections(builder, file, &header) != 0)
         return kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be written", name);
-    status = hash_file(file, name, &header, error);
-    if (status == KILN_OK &&
-        (write_all(file, &header, kiln_scene_header_bytes(header.version), 0) != 0 || kiln_fsync(file) != 0))
-        status = kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be written", name);
+    KILN_TRY(hash_file(file, name, &header, error));
+    if (write_all(file, &header, kiln_scene_header_bytes(header.version), 0) != 0 || kiln_fsync(file) != 0)
+        KILN_TRY(kiln_fail_errno(error, KILN_IO, "%s: the scene file cannot be written", name));
+end:
     return status;
 }
 

@@ -240,13 +240,13 @@ static int receive_tile_runs(struct kiln_build *build, const struct rank_bounds 
     s->first.at = bounds->point[rank];
     s->count = bounds->point[rank + 1] - s->first.at;
     s->tile_run_count = bounds->tile_run[rank + 1] - bounds->tile_run[rank];
-    int status = kiln_allocate(&s->tile_runs, s->tile_run_count, sizeof *s->tile_runs, "the tile runs", build->error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate(&s->piece_base, s->tile_run_count + 1, sizeof *s->piece_base, "the tile runs", build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->area_cdf_base, s->tile_run_count + 1, sizeof *s->area_cdf_base, "the tile runs",
-                               build->error);
+    int status;
+    KILN_TRY(kiln_allocate(&s->tile_runs, s->tile_run_count, sizeof *s->tile_runs, "the tile runs", build->error));
+    KILN_TRY(
+        kiln_allocate(&s->piece_base, s->tile_run_count + 1, sizeof *s->piece_base, "the tile runs", build->error));
+    KILN_TRY(kiln_allocate(&s->area_cdf_base, s->tile_run_count + 1, sizeof *s->area_cdf_base, "the tile runs",
+                           build->error));
+end:
     status = exchange_runs(build, bounds, status);
     for (size_t f = 0; f < s->tile_run_count && status == KILN_OK; f++) {
         s->piece_base[f + 1] += s->piece_base[f];
@@ -258,13 +258,14 @@ static int receive_tile_runs(struct kiln_build *build, const struct rank_bounds 
 int kiln_build_assign(struct kiln_build *build)
 {
     struct rank_bounds bounds = {0};
-    int status = choose_bounds(build, &bounds);
-    if (status == KILN_OK)
-        status = receive_tile_runs(build, &bounds);
-    if (status == KILN_OK && build->params->partition == KILN_PARTITION_CELLS) {
+    int status;
+    KILN_TRY(choose_bounds(build, &bounds));
+    KILN_TRY(receive_tile_runs(build, &bounds));
+    if (build->params->partition == KILN_PARTITION_CELLS) {
         build->surface->cell_first = build->units.first_point;
         build->units.first_point = NULL;
     }
+end:
     kiln_free(&bounds.all);
     return status;
 }

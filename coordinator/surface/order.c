@@ -182,16 +182,14 @@ static int allocate_units(struct kiln_build *build, uint64_t **sums, uint64_t **
     struct kiln_units *units = &build->units;
     units->count = build->params->partition == KILN_PARTITION_CELLS ? build->surface->cell_count
                                                                     : (uint64_t)build->surface->map_count;
-    int status = kiln_allocate(&units->points, units->count, sizeof *units->points, what, build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&units->first_point, units->count + 1, sizeof *units->first_point, what, build->error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate(&units->first_tile_run, units->count + 1, sizeof *units->first_tile_run, what, build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(sums, 2 * units->count, sizeof **sums, what, build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(before, 2 * units->count, sizeof **before, what, build->error);
+    int status;
+    KILN_TRY(kiln_allocate(&units->points, units->count, sizeof *units->points, what, build->error));
+    KILN_TRY(kiln_allocate(&units->first_point, units->count + 1, sizeof *units->first_point, what, build->error));
+    KILN_TRY(
+        kiln_allocate(&units->first_tile_run, units->count + 1, sizeof *units->first_tile_run, what, build->error));
+    KILN_TRY(kiln_allocate(sums, 2 * units->count, sizeof **sums, what, build->error));
+    KILN_TRY(kiln_allocate(before, 2 * units->count, sizeof **before, what, build->error));
+end:
     return status;
 }
 

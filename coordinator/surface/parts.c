@@ -185,24 +185,23 @@ static int add_lightmaps(struct adding *a, struct kiln_error *error)
     for (size_t i = 0; i < a->count; i++)
         layers = a->texels[i].count > layers ? a->texels[i].count : layers;
     const size_t count = (size_t)layers * s->whole_maps;
-    int status = kiln_allocate(&maps, count, sizeof *maps, "the lightmaps", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&has, count, 1, "the lightmaps", error);
-    for (size_t i = 0; i < a->extra_count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&maps, count, sizeof *maps, "the lightmaps", error));
+    KILN_TRY(kiln_allocate(&has, count, 1, "the lightmaps", error));
+    for (size_t i = 0; i < a->extra_count; i++)
         has[a->extras[i].map] = 1;
-    if (status == KILN_OK) {
-        memcpy(maps, s->lightmaps, s->whole_maps * sizeof *maps);
-        for (size_t m = s->whole_maps; m < count; m++) {
-            maps[m] = has[m] != 0 ? maps[m % s->whole_maps] : (struct kiln_lightmap){0};
-            maps[m].published = 0;
-            maps[m].tile_first = s->tile_count;
-            s->tile_count += tiles_of(&maps[m]);
-        }
-        kiln_free(&s->lightmaps);
-        s->lightmaps = maps;
-        s->map_count = (uint32_t)count;
-        maps = NULL;
+    memcpy(maps, s->lightmaps, s->whole_maps * sizeof *maps);
+    for (size_t m = s->whole_maps; m < count; m++) {
+        maps[m] = has[m] != 0 ? maps[m % s->whole_maps] : (struct kiln_lightmap){0};
+        maps[m].published = 0;
+        maps[m].tile_first = s->tile_count;
+        s->tile_count += tiles_of(&maps[m]);
     }
+    kiln_free(&s->lightmaps);
+    s->lightmaps = maps;
+    s->map_count = (uint32_t)count;
+    maps = NULL;
+end:
     kiln_free(&maps);
     kiln_free(&has);
     return status;
@@ -226,12 +225,14 @@ static int lengthen(void *pointer, uint64_t from, uint64_t to, size_t size, cons
 static int add_tiles(struct adding *a, uint64_t before, struct kiln_error *error)
 {
     struct kiln_surface *s = a->s;
-    int status = lengthen(&s->tiles, before, s->tile_count, sizeof *s->tiles, "the lightmap tiles", error);
-    if (status == KILN_OK && s->bricks != NULL)
-        status = lengthen(&s->bricks, before, s->tile_count, sizeof *s->bricks, "the bricks", error);
-    for (uint32_t m = s->whole_maps; status == KILN_OK && s->bricks != NULL && m < s->map_count; m++)
+    int status;
+    KILN_TRY(lengthen(&s->tiles, before, s->tile_count, sizeof *s->tiles, "the lightmap tiles", error));
+    if (s->bricks != NULL)
+        KILN_TRY(lengthen(&s->bricks, before, s->tile_count, sizeof *s->bricks, "the bricks", error));
+    for (uint32_t m = s->whole_maps; s->bricks != NULL && m < s->map_count; m++)
         memcpy(s->bricks + s->lightmaps[m].tile_first, s->bricks + s->lightmaps[m % s->whole_maps].tile_first,
                tiles_of(&s->lightmaps[m]) * sizeof *s->bricks);
+end:
     return status;
 }
 
@@ -365,17 +366,17 @@ end:
 static int list_parts(struct adding *a, struct kiln_error *error)
 {
     struct kiln_surface *s = a->s;
-    int status = kiln_allocate(&s->divided, a->count, sizeof *s->divided, "divided texels", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->parts, a->count + a->extra_count, sizeof *s->parts, WHAT, error);
-    for (size_t i = 0; i < a->count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&s->divided, a->count, sizeof *s->divided, "divided texels", error));
+    KILN_TRY(kiln_allocate(&s->parts, a->count + a->extra_count, sizeof *s->parts, WHAT, error));
+    for (size_t i = 0; i < a->count; i++) {
         s->divided[i] = a->texels[i].divided;
         for (uint32_t k = 0; k < a->texels[i].count; k++)
             s->parts[s->part_count++] =
                 (struct kiln_texel_part){.point = a->texels[i].divided.part[k], .divided = i, .part = k};
     }
-    if (status == KILN_OK)
-        s->divided_count = a->count;
+    s->divided_count = a->count;
+end:
     if (s->part_count > 0)
         qsort(s->parts, s->part_count, sizeof *s->parts, by_point);
     return status;
@@ -464,23 +465,17 @@ static int own_create(struct own *o, const struct adding *a, struct kiln_error *
         points += a->spans[i].is_new ? a->groups[a->spans[i].index].count : 0;
     o->most_pieces = s->piece_base[s->tile_run_count] + a->piece_count;
     o->most_cdf = s->area_cdf_base[s->tile_run_count] + a->piece_count;
-    int status = kiln_allocate(&o->tile_runs, a->span_count, sizeof *o->tile_runs, "the tile runs", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&o->piece_base, a->span_count + 1, sizeof *o->piece_base, "the tile runs", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&o->area_cdf_base, a->span_count + 1, sizeof *o->area_cdf_base, "the tile runs", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&o->piece_count, points, sizeof *o->piece_count, "the surface points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&o->albedo, 3 * points, sizeof *o->albedo, "the surface points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&o->visible, points, sizeof *o->visible, "the surface points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&o->pieces, o->most_pieces, sizeof *o->pieces, "the pieces", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&o->area_cdf, o->most_cdf, sizeof *o->area_cdf, "the pieces", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&o->area, points, sizeof *o->area, "the surface points", error);
+    int status;
+    KILN_TRY(kiln_allocate(&o->tile_runs, a->span_count, sizeof *o->tile_runs, "the tile runs", error));
+    KILN_TRY(kiln_allocate(&o->piece_base, a->span_count + 1, sizeof *o->piece_base, "the tile runs", error));
+    KILN_TRY(kiln_allocate(&o->area_cdf_base, a->span_count + 1, sizeof *o->area_cdf_base, "the tile runs", error));
+    KILN_TRY(kiln_allocate(&o->piece_count, points, sizeof *o->piece_count, "the surface points", error));
+    KILN_TRY(kiln_allocate(&o->albedo, 3 * points, sizeof *o->albedo, "the surface points", error));
+    KILN_TRY(kiln_allocate(&o->visible, points, sizeof *o->visible, "the surface points", error));
+    KILN_TRY(kiln_allocate(&o->pieces, o->most_pieces, sizeof *o->pieces, "the pieces", error));
+    KILN_TRY(kiln_allocate(&o->area_cdf, o->most_cdf, sizeof *o->area_cdf, "the pieces", error));
+    KILN_TRY(kiln_allocate(&o->area, points, sizeof *o->area, "the surface points", error));
+end:
     return status;
 }
 
@@ -593,13 +588,12 @@ static void take_own(struct adding *a, struct own *o)
 static int make_own(struct adding *a, const uint64_t *was, struct kiln_error *error)
 {
     struct own o = {0};
-    int status = list_spans(a, error);
-    if (status == KILN_OK)
-        status = own_create(&o, a, error);
-    if (status == KILN_OK) {
-        fill_own(&o, a, was);
-        take_own(a, &o);
-    }
+    int status;
+    KILN_TRY(list_spans(a, error));
+    KILN_TRY(own_create(&o, a, error));
+    fill_own(&o, a, was);
+    take_own(a, &o);
+end:
     own_destroy(&o);
     return status;
 }
@@ -610,27 +604,20 @@ static int add(struct adding *a, struct kiln_error *error)
 {
     const uint64_t tiles = a->s->tile_count;
     uint64_t *was = NULL;
-    int status = kiln_allocate(&was, a->count, sizeof *was, WHAT, error);
-    for (size_t i = 0; i < a->count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&was, a->count, sizeof *was, WHAT, error));
+    for (size_t i = 0; i < a->count; i++)
         was[i] = a->texels[i].divided.part[0].at;
-    if (status == KILN_OK)
-        status = list_extras(a, error);
-    if (status == KILN_OK)
-        status = group_extras(a, error);
-    if (status == KILN_OK)
-        status = add_lightmaps(a, error);
-    if (status == KILN_OK)
-        status = add_tiles(a, tiles, error);
-    if (status == KILN_OK) {
-        number_anew(a, tiles);
-        status = make_own(a, was, error);
-    }
-    if (status == KILN_OK) {
-        number_cells_anew(a);
-        status = enter_all(a, error);
-    }
-    if (status == KILN_OK)
-        status = list_parts(a, error);
+    KILN_TRY(list_extras(a, error));
+    KILN_TRY(group_extras(a, error));
+    KILN_TRY(add_lightmaps(a, error));
+    KILN_TRY(add_tiles(a, tiles, error));
+    number_anew(a, tiles);
+    KILN_TRY(make_own(a, was, error));
+    number_cells_anew(a);
+    KILN_TRY(enter_all(a, error));
+    KILN_TRY(list_parts(a, error));
+end:
     kiln_free(&was);
     return status;
 }

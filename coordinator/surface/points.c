@@ -204,17 +204,15 @@ end:
 int kiln_build_measure(struct kiln_build *build)
 {
     const struct kiln_scene *scene = build->scene;
-    int status = place_lightmaps(build);
-    if (status == KILN_OK)
-        status = kiln_allocate(&build->object_area, scene->object_count, sizeof *build->object_area,
-                               "the objects' areas", build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&build->blocks, build->map_block[build->surface->map_count], sizeof *build->blocks,
-                               "the blocks of lightmap tiles", build->error);
-    if (status == KILN_OK)
-        status = assign_blocks(build);
-    if (status == KILN_OK)
-        status = kiln_grid_choose(&build->grid, build->geometry, build->params->cell_size, build->error);
+    int status;
+    KILN_TRY(place_lightmaps(build));
+    KILN_TRY(kiln_allocate(&build->object_area, scene->object_count, sizeof *build->object_area, "the objects' areas",
+                           build->error));
+    KILN_TRY(kiln_allocate(&build->blocks, build->map_block[build->surface->map_count], sizeof *build->blocks,
+                           "the blocks of lightmap tiles", build->error));
+    KILN_TRY(assign_blocks(build));
+    KILN_TRY(kiln_grid_choose(&build->grid, build->geometry, build->params->cell_size, build->error));
+end:
     return build->exchange->agree(build->exchange->context, status, build->error);
 }
 
@@ -389,15 +387,15 @@ end:
 static int cover_own(struct kiln_build *build)
 {
     uint8_t *wanted = NULL;
-    int status = kiln_allocate(&wanted, build->scene->mesh_count, sizeof *wanted, "the meshes to cover", build->error);
-    for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++)
+    int status;
+    KILN_TRY(kiln_allocate(&wanted, build->scene->mesh_count, sizeof *wanted, "the meshes to cover", build->error));
+    for (uint64_t b = build->own_first; b < build->own_end; b++)
         wanted[build->scene->objects[kiln_map_object(build->surface, build->blocks[b].map)].mesh] = 1;
-    if (status == KILN_OK && build->geometry->leaves == NULL)
-        status = kiln_charts_find(&build->vertex_chart, build->scene, wanted, build->threads, build->error);
-    if (status == KILN_OK) {
-        kiln_build_for_maps(build, NULL, cover_map, NULL);
-        status = build->status;
-    }
+    if (build->geometry->leaves == NULL)
+        KILN_TRY(kiln_charts_find(&build->vertex_chart, build->scene, wanted, build->threads, build->error));
+    kiln_build_for_maps(build, NULL, cover_map, NULL);
+    KILN_TRY(build->status);
+end:
     kiln_free(&build->vertex_chart);
     kiln_free(&wanted);
     return status;

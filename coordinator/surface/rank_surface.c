@@ -94,20 +94,20 @@ static struct kiln_texture_means *means_of_other(const struct kiln_build *build,
 static int create_means(struct kiln_build *build)
 {
     const size_t count = build->scene->material_count;
-    int status = kiln_allocate(&build->means, count, sizeof *build->means, "the means of textures", build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&build->owners, count, sizeof *build->owners, "the means of textures", build->error);
-    for (uint32_t i = 0; i < count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&build->means, count, sizeof *build->means, "the means of textures", build->error));
+    KILN_TRY(kiln_allocate(&build->owners, count, sizeof *build->owners, "the means of textures", build->error));
+    for (uint32_t i = 0; i < count; i++) {
         struct kiln_texture_look look;
         if (!look_of(build->scene, i, &look))
             continue;
         build->means[i] = means_of_other(build, &look);
         if (build->means[i] != NULL)
             continue;
-        status = kiln_texture_means_create(&build->means[i], build->scene, look, build->error);
-        if (status == KILN_OK)
-            build->owners[build->owner_count++] = i;
+        KILN_TRY(kiln_texture_means_create(&build->means[i], build->scene, look, build->error));
+        build->owners[build->owner_count++] = i;
     }
+end:
     return status;
 }
 
@@ -617,27 +617,20 @@ int kiln_build_fill(struct kiln_build *build)
 {
     struct kiln_surface *s = build->surface;
     struct own_maps own = {0};
-    int status = kiln_allocate(&s->piece_count, s->count, sizeof *s->piece_count, "the surface points", build->error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate(&s->pieces, s->piece_base[s->tile_run_count], sizeof *s->pieces, "the pieces", build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->area_cdf, s->area_cdf_base[s->tile_run_count], sizeof *s->area_cdf, "the pieces",
-                               build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->albedo, 3 * s->count, sizeof *s->albedo, "the surface points", build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->area, s->count, sizeof *s->area, "the surface points", build->error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->visible, s->count, sizeof *s->visible, "the surface points", build->error);
-    if (status == KILN_OK)
-        status = group_by_map(build, &own);
-    if (status == KILN_OK)
-        status = create_means(build);
-    if (status == KILN_OK) {
-        kiln_build_for_maps(build, own.wanted, fill_map, &own);
-        status = build->status;
-    }
+    int status;
+    KILN_TRY(kiln_allocate(&s->piece_count, s->count, sizeof *s->piece_count, "the surface points", build->error));
+    KILN_TRY(
+        kiln_allocate(&s->pieces, s->piece_base[s->tile_run_count], sizeof *s->pieces, "the pieces", build->error));
+    KILN_TRY(kiln_allocate(&s->area_cdf, s->area_cdf_base[s->tile_run_count], sizeof *s->area_cdf, "the pieces",
+                           build->error));
+    KILN_TRY(kiln_allocate(&s->albedo, 3 * s->count, sizeof *s->albedo, "the surface points", build->error));
+    KILN_TRY(kiln_allocate(&s->area, s->count, sizeof *s->area, "the surface points", build->error));
+    KILN_TRY(kiln_allocate(&s->visible, s->count, sizeof *s->visible, "the surface points", build->error));
+    KILN_TRY(group_by_map(build, &own));
+    KILN_TRY(create_means(build));
+    kiln_build_for_maps(build, own.wanted, fill_map, &own);
+    KILN_TRY(build->status);
+end:
     destroy_means(build);
     kiln_free(&own.first);
     kiln_free(&own.tile_runs);

@@ -251,15 +251,15 @@ int kiln_bmfr_run(const struct kiln_bmfr *picture, struct kiln_error *error)
     const size_t count = (size_t)picture->width * picture->height;
     struct block *blocks = NULL;
     float *planes[PLANES] = {NULL};
-    int status = kiln_allocate(&blocks, (size_t)omp_get_max_threads(), sizeof *blocks, "blocks of a view", error);
-    for (int i = 0; i < PLANES && status == KILN_OK; i++)
-        status = kiln_allocate(&planes[i], count, sizeof **planes, "the fit of a view", error);
-    if (status == KILN_OK) {
-        const struct fitted sum = {{planes[0], planes[1], planes[2]}, planes[3], planes[4], planes[5]};
-        fit_all(picture, &sum, blocks);
-        divide(picture, &sum);
-        shrink(picture, &sum, planes + 6);
-    }
+    int status;
+    KILN_TRY(kiln_allocate(&blocks, (size_t)omp_get_max_threads(), sizeof *blocks, "blocks of a view", error));
+    for (int i = 0; i < PLANES; i++)
+        KILN_TRY(kiln_allocate(&planes[i], count, sizeof **planes, "the fit of a view", error));
+    const struct fitted sum = {{planes[0], planes[1], planes[2]}, planes[3], planes[4], planes[5]};
+    fit_all(picture, &sum, blocks);
+    divide(picture, &sum);
+    shrink(picture, &sum, planes + 6);
+end:
     for (int i = 0; i < PLANES; i++)
         kiln_free(&planes[i]);
     kiln_free(&blocks);

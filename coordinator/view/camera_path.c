@@ -110,25 +110,23 @@ static int read_key(struct table *t, char *line, struct kiln_error *error)
     double key[NUMBERS] = {[TIME] = (double)path->count};
     size_t column = 0;
     int status = KILN_OK;
-    for (char *cell; status == KILN_OK && (cell = next_cell(&line)) != NULL; column++)
+    for (char *cell; (cell = next_cell(&line)) != NULL; column++)
         if (column < t->column_count)
-            status = read_number(t, cell, t->columns[column], &key[t->columns[column]], error);
-    if (status == KILN_OK && column != t->column_count)
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: this line has %zu values, and there are %zu columns",
-                           t->file, t->line, column, t->column_count);
-    if (status == KILN_OK)
-        status = check_key(t, key, error);
-    if (status == KILN_OK)
-        status = kiln_grow(&path->keys, &path->capacity, path->count + 1, sizeof *path->keys, "key frames", error);
-    if (status == KILN_OK)
-        memcpy(path->keys[path->count++], key, sizeof key);
+            KILN_TRY(read_number(t, cell, t->columns[column], &key[t->columns[column]], error));
+    if (column != t->column_count)
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: this line has %zu values, and there are %zu columns",
+                           t->file, t->line, column, t->column_count));
+    KILN_TRY(check_key(t, key, error));
+    KILN_TRY(kiln_grow(&path->keys, &path->capacity, path->count + 1, sizeof *path->keys, "key frames", error));
+    memcpy(path->keys[path->count++], key, sizeof key);
+end:
     return status;
 }
 
 static int read_lines(struct table *t, char *text, struct kiln_error *error)
 {
     int status = KILN_OK;
-    for (char *line = text, *after; status == KILN_OK && line != NULL; line = after) {
+    for (char *line = text, *after; line != NULL; line = after) {
         after = strchr(line, '\n');
         if (after != NULL)
             *after++ = '\0';
@@ -136,11 +134,12 @@ static int read_lines(struct table *t, char *text, struct kiln_error *error)
         const char *first = line + strspn(line, " \t\r");
         if (*first == '\0' || *first == '#')
             continue;
-        status = t->column_count == 0 ? read_heading(t, line, error) : read_key(t, line, error);
+        KILN_TRY(t->column_count == 0 ? read_heading(t, line, error) : read_key(t, line, error));
     }
-    if (status == KILN_OK && t->path->count < 2)
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.500s: it has %zu key frames; a camera path needs two or more",
-                           t->file, t->path->count);
+    if (t->path->count < 2)
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "%.500s: it has %zu key frames; a camera path needs two or more",
+                           t->file, t->path->count));
+end:
     return status;
 }
 
@@ -153,11 +152,11 @@ int kiln_camera_path_read(struct kiln_camera_path **path, const char *file, stru
     if (status != KILN_OK)
         return status;
     struct table t = {.file = file, .path = *path};
-    status = kiln_read_file(file, MOST_BYTES, &text, &size, error);
-    if (status == KILN_OK && strlen(text) != size)
-        status = kiln_fail(error, KILN_BAD_INPUT, "%.500s: is not text", file);
-    if (status == KILN_OK)
-        status = read_lines(&t, strncmp(text, mark, 3) == 0 ? text + 3 : text, error);
+    KILN_TRY(kiln_read_file(file, MOST_BYTES, &text, &size, error));
+    if (strlen(text) != size)
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "%.500s: is not text", file));
+    KILN_TRY(read_lines(&t, strncmp(text, mark, 3) == 0 ? text + 3 : text, error));
+end:
     kiln_free(&text);
     if (status != KILN_OK) {
         kiln_camera_path_destroy(path);

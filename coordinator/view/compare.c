@@ -296,11 +296,11 @@ static int sum_similarity(struct pair *p, struct kiln_difference *d, struct kiln
 {
     const size_t count = (size_t)p->width * p->height;
     double *rows = NULL;
-    int status = kiln_allocate(&p->tone_a, count, sizeof(float), "tone-mapped luminance", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&p->tone_b, count, sizeof(float), "tone-mapped luminance", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&rows, p->height, sizeof *rows, "sums of rows", error);
+    int status;
+    KILN_TRY(kiln_allocate(&p->tone_a, count, sizeof(float), "tone-mapped luminance", error));
+    KILN_TRY(kiln_allocate(&p->tone_b, count, sizeof(float), "tone-mapped luminance", error));
+    KILN_TRY(kiln_allocate(&rows, p->height, sizeof *rows, "sums of rows", error));
+end:
     if (status != KILN_OK)
         return status;
     p->exposure = choose_exposure(p);
@@ -351,22 +351,21 @@ int kiln_compare_images(const struct kiln_image *a, const struct kiln_image *b, 
     struct pair p = {0};
     struct kiln_difference *d = difference;
     *d = (struct kiln_difference){.identical = same_bits(a, b), .weight = 1.0};
-    int status = pair_images(&p, a, b, &d->not_finite, error);
-    if (status == KILN_OK) {
-        d->channel_count = p.channel_count;
-        for (uint32_t c = 0; c < p.channel_count; c++)
-            memcpy(d->channels[c].name, p.names[c], sizeof p.names[c]);
-        for (size_t i = 0; i < (size_t)p.width * p.height; i++)
-            if (p.used[i] != 0)
-                sum_texel(&p, i, d);
-        d->measure = (double)d->texels;
-        d->interior_measure = (double)d->interior;
-        sum_relative(&p, d);
-        sum_codes(&p, d->largest, d);
-        status = sum_similarity(&p, d, error);
-    }
-    if (status == KILN_OK)
-        derive(d);
+    int status;
+    KILN_TRY(pair_images(&p, a, b, &d->not_finite, error));
+    d->channel_count = p.channel_count;
+    for (uint32_t c = 0; c < p.channel_count; c++)
+        memcpy(d->channels[c].name, p.names[c], sizeof p.names[c]);
+    for (size_t i = 0; i < (size_t)p.width * p.height; i++)
+        if (p.used[i] != 0)
+            sum_texel(&p, i, d);
+    d->measure = (double)d->texels;
+    d->interior_measure = (double)d->interior;
+    sum_relative(&p, d);
+    sum_codes(&p, d->largest, d);
+    KILN_TRY(sum_similarity(&p, d, error));
+    derive(d);
+end:
     destroy_pair(&p);
     return status;
 }

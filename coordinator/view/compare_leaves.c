@@ -20,18 +20,19 @@ static int number_triangles(struct kiln_compared_leaves *l, struct kiln_error *e
     const struct kiln_scene *scene = l->scene;
     const struct kiln_geometry *g = l->geometry;
     size_t sum = 0;
-    int status = kiln_allocate(&l->first, scene->object_count, sizeof *l->first, "triangles to compare", error);
-    for (size_t i = 0; status == KILN_OK && i < scene->object_count; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&l->first, scene->object_count, sizeof *l->first, "triangles to compare", error));
+    for (size_t i = 0; i < scene->object_count; i++) {
         l->first[i] = sum;
         sum += scene->meshes[scene->objects[i].mesh].triangle_count;
     }
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->world, sum, sizeof *l->world, "triangles to compare", error);
-    for (uint32_t t = 0; status == KILN_OK && t < g->triangle_count; t++) {
+    KILN_TRY(kiln_allocate(&l->world, sum, sizeof *l->world, "triangles to compare", error));
+    for (uint32_t t = 0; t < g->triangle_count; t++) {
         const uint32_t object = g->records[t].object;
         const struct kiln_mesh *mesh = &scene->meshes[scene->objects[object].mesh];
         l->world[l->first[object] + g->stored_triangle[t] - mesh->triangle_first] = t;
     }
+end:
     return status;
 }
 

@@ -222,15 +222,13 @@ int kiln_samples_take(struct kiln_samples *samples, const struct kiln_compared *
 {
     struct reader readers[2] = {{0}, {0}};
     *samples = (struct kiln_samples){.count = count, .area = kiln_object_area(a->scene, a->object)};
-    int status = check_counts(a, b, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&samples->positions, count, sizeof *samples->positions, "places to compare", error);
-    if (status == KILN_OK)
-        status = open_reader(&readers[0], a, count, &samples->a, error);
-    if (status == KILN_OK)
-        status = open_reader(&readers[1], b, count, &samples->b, error);
-    if (status == KILN_OK)
-        status = take_samples(samples, readers, error);
+    int status;
+    KILN_TRY(check_counts(a, b, error));
+    KILN_TRY(kiln_allocate(&samples->positions, count, sizeof *samples->positions, "places to compare", error));
+    KILN_TRY(open_reader(&readers[0], a, count, &samples->a, error));
+    KILN_TRY(open_reader(&readers[1], b, count, &samples->b, error));
+    KILN_TRY(take_samples(samples, readers, error));
+end:
     if (status != KILN_OK)
         kiln_samples_destroy(samples);
     return status;
@@ -330,10 +328,10 @@ int kiln_texels_add(struct kiln_texel_sums *sums, const struct kiln_compared *a,
                     struct kiln_error *error)
 {
     struct layers layers;
-    int status = check_counts(a, b, error);
-    if (status == KILN_OK)
-        status = find_layers(&layers, a->lightmap, b->lightmap, error);
-    for (uint64_t k = 0; status == KILN_OK && k < triangles_of(b->scene, b->object); k++) {
+    int status;
+    KILN_TRY(check_counts(a, b, error));
+    KILN_TRY(find_layers(&layers, a->lightmap, b->lightmap, error));
+    for (uint64_t k = 0; k < triangles_of(b->scene, b->object); k++) {
         struct kiln_dvec3 in_a[3], in_b[3];
         world_corners(a->scene, a->object, k, in_a);
         world_corners(b->scene, b->object, k, in_b);
@@ -341,5 +339,6 @@ int kiln_texels_add(struct kiln_texel_sums *sums, const struct kiln_compared *a,
             return moved(k, error);
         add_triangle(sums, &layers, a, b, k, area_of(in_b));
     }
+end:
     return status;
 }

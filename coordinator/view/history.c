@@ -37,16 +37,15 @@ int kiln_history_create(struct kiln_history **history, uint32_t width, uint32_t 
     struct kiln_history *h = *history;
     h->width = width;
     h->height = height;
-    for (int c = 0; c < 3 && status == KILN_OK; c++)
-        status = kiln_allocate(&h->normal[c], pixels_of(h), sizeof(float), "the frame before", error);
-    for (int c = 0; c < 3 && status == KILN_OK; c++)
-        status = kiln_allocate(&h->position[c], pixels_of(h), sizeof(float), "the frame before", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&h->surface, pixels_of(h), sizeof *h->surface, "the frame before", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&h->bound, pixels_of(h), sizeof *h->bound, "the frame before", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&h->taps, pixels_of(h), sizeof *h->taps, "the frame before", error);
+    KILN_TRY(status);
+    for (int c = 0; c < 3; c++)
+        KILN_TRY(kiln_allocate(&h->normal[c], pixels_of(h), sizeof(float), "the frame before", error));
+    for (int c = 0; c < 3; c++)
+        KILN_TRY(kiln_allocate(&h->position[c], pixels_of(h), sizeof(float), "the frame before", error));
+    KILN_TRY(kiln_allocate(&h->surface, pixels_of(h), sizeof *h->surface, "the frame before", error));
+    KILN_TRY(kiln_allocate(&h->bound, pixels_of(h), sizeof *h->bound, "the frame before", error));
+    KILN_TRY(kiln_allocate(&h->taps, pixels_of(h), sizeof *h->taps, "the frame before", error));
+end:
     if (status != KILN_OK)
         kiln_history_destroy(history);
     return status;

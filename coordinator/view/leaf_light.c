@@ -113,14 +113,14 @@ int kiln_leaf_light_create(struct kiln_leaf_light **leaves, const struct kiln_vi
                            struct kiln_error *error)
 {
     const char *const light = source->field != NULL ? source->field->dataset : "/irradiance/total";
-    int status = kiln_allocate(leaves, 1, sizeof **leaves, "an octree's leaves", error);
-    if (status == KILN_OK)
-        status = read_leaves(source, light, &(*leaves)->image, error);
-    if (status == KILN_OK && !find_channels(*leaves, light))
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s/kiln.h5' does not have the leaves of an octree; bake again",
-                           source->directory);
-    if (status == KILN_OK)
-        status = fill_slots(*leaves, error);
+    int status;
+    KILN_TRY(kiln_allocate(leaves, 1, sizeof **leaves, "an octree's leaves", error));
+    KILN_TRY(read_leaves(source, light, &(*leaves)->image, error));
+    if (!find_channels(*leaves, light))
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "'%s/kiln.h5' does not have the leaves of an octree; bake again",
+                           source->directory));
+    KILN_TRY(fill_slots(*leaves, error));
+end:
     if (status != KILN_OK)
         kiln_leaf_light_destroy(leaves);
     return status;

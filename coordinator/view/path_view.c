@@ -109,11 +109,11 @@ int kiln_path_view_pixels(struct kiln_backend *backend, const struct kiln_path_v
                           float *errors, uint64_t *rays, struct kiln_error *error)
 {
     struct kiln_path_sums sums;
-    int status = kiln_path_sums_create(&sums, first, count, error);
-    if (status == KILN_OK)
-        status = kiln_path_sums_add(&sums, backend, view, view->samples, progress, film, rays, error);
-    if (status == KILN_OK)
-        kiln_path_sums_develop(&sums, rgb, errors);
+    int status;
+    KILN_TRY(kiln_path_sums_create(&sums, first, count, error));
+    KILN_TRY(kiln_path_sums_add(&sums, backend, view, view->samples, progress, film, rays, error));
+    kiln_path_sums_develop(&sums, rgb, errors);
+end:
     kiln_path_sums_destroy(&sums);
     return status;
 }

@@ -198,17 +198,17 @@ static int write_keys(const struct search *s, const char *path, struct kiln_erro
 int kiln_places_write(const struct kiln_scene *scene, size_t wanted, const char *path, struct kiln_error *error)
 {
     struct search s = {.scene = scene};
-    int status = prepare(&s, error);
-    if (status == KILN_OK)
-        status = find(&s, wanted, error);
-    if (status == KILN_OK && s.count < wanted)
-        status =
+    int status;
+    KILN_TRY(prepare(&s, error));
+    KILN_TRY(find(&s, wanted, error));
+    if (s.count < wanted)
+        KILN_TRY(
             kiln_fail(error, KILN_BAD_INPUT,
                       "the scene has %zu of the %zu lit places inside to look from: scenes that are rooms, streets "
                       "or courts have them",
-                      s.count, wanted);
-    if (status == KILN_OK)
-        status = write_keys(&s, path, error);
+                      s.count, wanted));
+    KILN_TRY(write_keys(&s, path, error));
+end:
     kiln_backend_destroy(&s.backend);
     kiln_lights_destroy(&s.lights);
     kiln_free(&s.until);

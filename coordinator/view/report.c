@@ -185,22 +185,19 @@ static int add_lightmap(struct report *r, const char *file, const char *name, co
         status = shrink(image, &small, error);
     const struct kiln_exposure exposure =
         status == KILN_OK ? kiln_auto_exposure(small, level_of(r)) : kiln_plain_exposure;
-    if (status == KILN_OK)
-        status = kiln_allocate(&bytes, (size_t)small->width * small->height * 3, 1, "a picture", error);
-    if (status == KILN_OK)
-        status =
-            kiln_tone_map(small, &(struct kiln_tone){KILN_TONE_REINHARD, exposure.scale, exposure.white}, bytes, error);
-    if (status == KILN_OK)
-        status = kiln_png_encode(bytes, small->width, small->height, &png, &size, error);
-    if (status == KILN_OK) {
-        kiln_html_add(page, "<figure>");
-        kiln_html_png(page, png, size, name);
-        kiln_html_add(page, "<figcaption><b>");
-        kiln_html_text(page, name);
-        kiln_html_add(page, "</b><br>");
-        add_caption(page, object, image);
-        kiln_html_add(page, "</figcaption></figure>\n");
-    }
+    KILN_TRY(status);
+    KILN_TRY(kiln_allocate(&bytes, (size_t)small->width * small->height * 3, 1, "a picture", error));
+    KILN_TRY(
+        kiln_tone_map(small, &(struct kiln_tone){KILN_TONE_REINHARD, exposure.scale, exposure.white}, bytes, error));
+    KILN_TRY(kiln_png_encode(bytes, small->width, small->height, &png, &size, error));
+    kiln_html_add(page, "<figure>");
+    kiln_html_png(page, png, size, name);
+    kiln_html_add(page, "<figcaption><b>");
+    kiln_html_text(page, name);
+    kiln_html_add(page, "</b><br>");
+    add_caption(page, object, image);
+    kiln_html_add(page, "</figcaption></figure>\n");
+end:
     kiln_free(&png);
     kiln_free(&bytes);
     kiln_image_destroy(&small);
@@ -518,17 +515,16 @@ int kiln_report_write(const char *directory, const char *path, struct kiln_error
 {
     json_t *run = NULL;
     struct kiln_results *results = NULL;
-    int status = kiln_results_open(&results, directory, error);
-    if (status == KILN_OK)
-        status = kiln_results_json(results, "run.json", &run, error);
-    if (status == KILN_OK && !json_is_object(run))
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s/run.json' is not a report of a bake: it is not a JSON object",
-                           directory);
+    int status;
+    KILN_TRY(kiln_results_open(&results, directory, error));
+    KILN_TRY(kiln_results_json(results, "run.json", &run, error));
+    if (!json_is_object(run))
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "'%s/run.json' is not a report of a bake: it is not a JSON object",
+                           directory));
     struct report report = {.results = results, .run = run, .page = {.error = error}};
-    if (status == KILN_OK) {
-        write_page(&report);
-        status = kiln_html_publish(&report.page, path);
-    }
+    write_page(&report);
+    KILN_TRY(kiln_html_publish(&report.page, path));
+end:
     json_decref(run);
     kiln_results_close(&results);
     return status;

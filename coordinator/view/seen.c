@@ -134,16 +134,13 @@ static int make_looks(struct looks *l, const struct points *p, const struct kiln
 {
     static const char what[] = "what a texel sees";
     const struct kiln_vec3 at = place_of(p, scene, from), n = normal_of(p, from);
-    int status = kiln_allocate(&l->to, p->count, sizeof *l->to, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->origins, p->count, sizeof *l->origins, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->directions, p->count, sizeof *l->directions, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->distances, p->count, sizeof *l->distances, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->hits, p->count, sizeof *l->hits, what, error);
-    for (uint32_t i = 0; status == KILN_OK && i < p->count; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&l->to, p->count, sizeof *l->to, what, error));
+    KILN_TRY(kiln_allocate(&l->origins, p->count, sizeof *l->origins, what, error));
+    KILN_TRY(kiln_allocate(&l->directions, p->count, sizeof *l->directions, what, error));
+    KILN_TRY(kiln_allocate(&l->distances, p->count, sizeof *l->distances, what, error));
+    KILN_TRY(kiln_allocate(&l->hits, p->count, sizeof *l->hits, what, error));
+    for (uint32_t i = 0; i < p->count; i++) {
         const struct kiln_vec3 d = vec3_sub(place_of(p, scene, i), at);
         const float distance = vec3_length(d), flat = NEAR * distance;
         if (i == from || !(p->valid[i] > 0.0f) || !(vec3_dot(n, d) > flat) || !(vec3_dot(normal_of(p, i), d) < -flat))
@@ -153,6 +150,7 @@ static int make_looks(struct looks *l, const struct points *p, const struct kiln
         l->origins[l->count] = vec3_madd(at, d, NEAR);
         l->distances[l->count++] = (1.0f - 2.0f * NEAR) * distance;
     }
+end:
     return status;
 }
 
@@ -206,22 +204,18 @@ int kiln_seen_find(struct kiln_seen *seen, struct kiln_results *results, const s
     struct looks l = {.count = 0};
     uint32_t from = 0;
     *seen = (struct kiln_seen){.color = NULL};
-    int status = read_points(&p, results, error);
-    if (status == KILN_OK)
-        status = texel != NULL ? find_texel(&p, scene, texel, &from, error) : choose_texel(&p, scene, &from, error);
-    if (status == KILN_OK)
-        status = make_looks(&l, &p, scene, from, error);
-    if (status == KILN_OK)
-        status = trace(&l, scene, geometry, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&seen->color, 3 * (size_t)p.count, sizeof *seen->color, "what a texel sees", error);
-    if (status == KILN_OK) {
-        seen->points = p.count;
-        (void)snprintf(seen->texel, sizeof seen->texel, "%.70s,%.0f,%.0f",
-                       kiln_scene_string(scene, scene->objects[(uint32_t)p.object[from]].name), (double)p.x[from],
-                       (double)p.y[from]);
-        count(seen, &l, &p, scene, from, voxels);
-    }
+    int status;
+    KILN_TRY(read_points(&p, results, error));
+    KILN_TRY(texel != NULL ? find_texel(&p, scene, texel, &from, error) : choose_texel(&p, scene, &from, error));
+    KILN_TRY(make_looks(&l, &p, scene, from, error));
+    KILN_TRY(trace(&l, scene, geometry, error));
+    KILN_TRY(kiln_allocate(&seen->color, 3 * (size_t)p.count, sizeof *seen->color, "what a texel sees", error));
+    seen->points = p.count;
+    (void)snprintf(seen->texel, sizeof seen->texel, "%.70s,%.0f,%.0f",
+                   kiln_scene_string(scene, scene->objects[(uint32_t)p.object[from]].name), (double)p.x[from],
+                   (double)p.y[from]);
+    count(seen, &l, &p, scene, from, voxels);
+end:
     kiln_free(&l.to);
     kiln_free(&l.origins);
     kiln_free(&l.directions);

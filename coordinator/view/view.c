@@ -32,14 +32,16 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
     const struct kiln_view_renderer *renderer = source->renderer;
     if (wish->filter != NULL)
         kiln_view_filter_prepare(wish->filter, &params);
-    if (status == KILN_OK && renderer != NULL)
-        status = renderer->render(renderer->context, &params, &picture->image, error);
-    else if (status == KILN_OK)
-        status = kiln_view_render(&params, &picture->image, &picture->approximate, error);
-    if (status == KILN_OK && wish->filter != NULL)
-        status = kiln_view_filter_run(wish->filter, &params, &picture->image, error);
-    if (status == KILN_OK && wish->surfaces)
-        status = kiln_view_add_surfaces(&params, &picture->image, error);
+    KILN_TRY(status);
+    if (renderer != NULL)
+        KILN_TRY(renderer->render(renderer->context, &params, &picture->image, error));
+    else
+        KILN_TRY(kiln_view_render(&params, &picture->image, &picture->approximate, error));
+    if (wish->filter != NULL)
+        KILN_TRY(kiln_view_filter_run(wish->filter, &params, &picture->image, error));
+    if (wish->surfaces)
+        KILN_TRY(kiln_view_add_surfaces(&params, &picture->image, error));
+end:
     return status == KILN_OK ? kiln_picture_fit(source, look, picture, error) : status;
 }
 
@@ -68,21 +70,20 @@ int kiln_picture_make(const struct kiln_view_source *source, const struct kiln_v
     struct kiln_view_source own = *source;
     struct kiln_geometry *geometry = NULL;
     own.backend = NULL;
-    int status = kiln_geometry_create(&geometry, source->scene, error);
-    if (status == KILN_OK && source->geometry->leaves != NULL)
-        status = kiln_leaves_lay(geometry, source->geometry->leaf_size, error);
-    if (status == KILN_OK) {
-        kiln_geometry_make_all_hittable(geometry);
-        own.geometry = geometry;
-        const struct kiln_backend_params params = {.scene = source->scene,
-                                                   .geometry = geometry,
-                                                   .lights = source->lights,
-                                                   .threads = source->backend->params.threads,
-                                                   .stop = source->stop};
-        status = kiln_backend_create(&own.backend, "embree", &params, error);
-    }
-    if (status == KILN_OK)
-        status = make_picture(&own, wish, side, look, picture, error);
+    int status;
+    KILN_TRY(kiln_geometry_create(&geometry, source->scene, error));
+    if (source->geometry->leaves != NULL)
+        KILN_TRY(kiln_leaves_lay(geometry, source->geometry->leaf_size, error));
+    kiln_geometry_make_all_hittable(geometry);
+    own.geometry = geometry;
+    const struct kiln_backend_params params = {.scene = source->scene,
+                                               .geometry = geometry,
+                                               .lights = source->lights,
+                                               .threads = source->backend->params.threads,
+                                               .stop = source->stop};
+    KILN_TRY(kiln_backend_create(&own.backend, "embree", &params, error));
+    KILN_TRY(make_picture(&own, wish, side, look, picture, error));
+end:
     kiln_backend_destroy(&own.backend);
     kiln_geometry_destroy(&geometry);
     return status;
@@ -268,11 +269,12 @@ int kiln_view_meter(const struct kiln_view_source *source, const struct kiln_vie
     static const char *const names[] = {"R", "G", "B"};
     const size_t used = count < MOST_METERED ? count : MOST_METERED;
     struct kiln_image *all = NULL;
-    int status = kiln_image_create(&all, METER_WIDTH, (uint32_t)(METER_HEIGHT * used), names, 3, error);
-    for (size_t i = 0; status == KILN_OK && i < used; i++)
-        status = meter_one(source, &wishes[used < 2 ? 0 : i * (count - 1) / (used - 1)], i, all, error);
-    if (status == KILN_OK)
-        *exposure = kiln_auto_exposure(all, level_of(source));
+    int status;
+    KILN_TRY(kiln_image_create(&all, METER_WIDTH, (uint32_t)(METER_HEIGHT * used), names, 3, error));
+    for (size_t i = 0; i < used; i++)
+        KILN_TRY(meter_one(source, &wishes[used < 2 ? 0 : i * (count - 1) / (used - 1)], i, all, error));
+    *exposure = kiln_auto_exposure(all, level_of(source));
+end:
     kiln_image_destroy(&all);
     return status;
 }

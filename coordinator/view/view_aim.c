@@ -193,14 +193,14 @@ int kiln_view_aim(const struct kiln_view_source *source, const struct kiln_view_
         viewpoint->kind = KILN_VIEW_CAMERA;
         viewpoint->camera = kiln_scene_string(scene, own->name);
     } else {
-        status = find_place(source, wish, camera, aspect, viewpoint, &distance, error);
+        KILN_TRY(find_place(source, wish, camera, aspect, viewpoint, &distance, error));
     }
-    if (status == KILN_OK && (wish->from != NULL || wish->to != NULL)) {
+    if (wish->from != NULL || wish->to != NULL) {
         viewpoint->kind = KILN_VIEW_GIVEN;
-        status = turn(scene, wish, camera, &distance, error);
+        KILN_TRY(turn(scene, wish, camera, &distance, error));
     }
-    if (status == KILN_OK)
-        status = check_place(camera, error);
+    KILN_TRY(check_place(camera, error));
+end:
     note_places(scene, camera, distance, viewpoint);
     return status;
 }

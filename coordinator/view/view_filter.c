@@ -214,11 +214,12 @@ static int open_history(struct kiln_view_filter *f, const struct kiln_view_param
     forget(f);
     f->width = params->width;
     f->height = params->height;
-    int status = kiln_history_create(&f->history, params->width, params->height, error);
-    if (status == KILN_OK)
-        status = kiln_layer_create(&f->gathered, f->history, GATHERED, error);
-    if (status == KILN_OK && f->denoise)
-        status = kiln_layer_create(&f->filtered, f->history, LIGHT, error);
+    int status;
+    KILN_TRY(kiln_history_create(&f->history, params->width, params->height, error));
+    KILN_TRY(kiln_layer_create(&f->gathered, f->history, GATHERED, error));
+    if (f->denoise)
+        KILN_TRY(kiln_layer_create(&f->filtered, f->history, LIGHT, error));
+end:
     return status;
 }
 
@@ -265,13 +266,15 @@ static int denoise(const struct kiln_view_filter *f, const struct kiln_view_para
 static int work(struct kiln_view_filter *f, const struct kiln_view_params *params, const struct seen *s,
                 struct kiln_error *error)
 {
-    int status = f->sequence ? open_history(f, params, error) : KILN_OK;
-    if (status == KILN_OK && f->sequence)
-        status = add_frames(f, params, s, error);
-    if (status == KILN_OK && f->denoise)
-        status = denoise(f, params, s, error);
-    if (status == KILN_OK && f->denoise && f->sequence)
-        status = kiln_layer_blend(&f->filtered, f->history, filtered_floor, false, s->light, error);
+    int status;
+    KILN_TRY(f->sequence ? open_history(f, params, error) : KILN_OK);
+    if (f->sequence)
+        KILN_TRY(add_frames(f, params, s, error));
+    if (f->denoise)
+        KILN_TRY(denoise(f, params, s, error));
+    if (f->denoise && f->sequence)
+        KILN_TRY(kiln_layer_blend(&f->filtered, f->history, filtered_floor, false, s->light, error));
+end:
     return status;
 }
 

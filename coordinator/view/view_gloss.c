@@ -314,13 +314,13 @@ static int step(struct kiln_view_gloss *b, size_t *count, uint32_t surface, stru
         rays->origins[i] = b->walkers[b->active[i]].origin;
         rays->directions[i] = b->walkers[b->active[i]].direction;
     }
-    int status = kiln_view_trace(&b->params->source, rays, *count, error);
-    if (status == KILN_OK)
-        status = kiln_view_maps_load(b->maps, rays->hits, *count, error);
-    for (size_t i = 0; i < *count && status == KILN_OK; i += LIT_PLACES)
-        status = meet_some(b, i, *count - i < LIT_PLACES ? *count - i : LIT_PLACES, surface, error);
-    if (status == KILN_OK)
-        *count = go_on(b, *count);
+    int status;
+    KILN_TRY(kiln_view_trace(&b->params->source, rays, *count, error));
+    KILN_TRY(kiln_view_maps_load(b->maps, rays->hits, *count, error));
+    for (size_t i = 0; i < *count; i += LIT_PLACES)
+        KILN_TRY(meet_some(b, i, *count - i < LIT_PLACES ? *count - i : LIT_PLACES, surface, error));
+    *count = go_on(b, *count);
+end:
     return status;
 }
 
@@ -436,16 +436,17 @@ static int draw(struct kiln_view_gloss *b, const size_t *pixels, size_t count, f
     if (status == KILN_OK)
         status = follow(b, KEY, pixels, active, error);
     active = 0;
-    for (size_t i = 0; i < count && status == KILN_OK; i++) {
+    KILN_TRY(status);
+    for (size_t i = 0; i < count; i++) {
         const bool was_done = done[i];
         done[i] = was_done || b->first == b->each || is_rough(&b->walkers[i * b->each * WALKERS]);
         if (done[i] && !was_done)
             active = list_rays(b, i, b->first, b->each, active);
     }
-    if (status == KILN_OK)
-        status = follow(b, KEY, pixels, active, error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++)
+    KILN_TRY(follow(b, KEY, pixels, active, error));
+    for (size_t i = 0; i < count; i++)
         finish(b, i, pixels[i], done[i] ? b->each : b->first, rgb + 3 * i);
+end:
     return status;
 }
 
@@ -555,25 +556,17 @@ int kiln_view_gloss_create(struct kiln_view_gloss **gloss, const struct kiln_vie
         .params = params, .maps = maps, .side = side, .each = rays, .first = side == PREVIEW_SIDE ? 1 : rays};
     b->part = rays * WALKERS < BAND_RAYS ? BAND_RAYS / (rays * WALKERS) : 1;
     const size_t walkers = b->part * rays * WALKERS;
-    status = kiln_view_rays_create(&b->rays, walkers, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&b->walkers, walkers, sizeof *b->walkers, "rays of a view", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&b->active, walkers, sizeof *b->active, "rays of a view", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&b->next, walkers, sizeof *b->next, "rays of a view", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&b->lit, LIT_PLACES, sizeof *b->lit, "rays of a view", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&b->lit_of, LIT_PLACES, sizeof *b->lit_of, "rays of a view", error);
-    if (status == KILN_OK)
-        status = kiln_view_lamps_create(&b->lamps, &params->source, LIT_PLACES, error);
-    if (status == KILN_OK)
-        status = kiln_scene_lobes(&b->lobes, params->source.scene, error);
-    if (status == KILN_OK)
-        status = kiln_view_guides_create(&b->guides, params->source.geometry, rays * lesson_grid(params).all, error);
-    if (status == KILN_OK)
-        status = learn(b, error);
+    KILN_TRY(kiln_view_rays_create(&b->rays, walkers, error));
+    KILN_TRY(kiln_allocate(&b->walkers, walkers, sizeof *b->walkers, "rays of a view", error));
+    KILN_TRY(kiln_allocate(&b->active, walkers, sizeof *b->active, "rays of a view", error));
+    KILN_TRY(kiln_allocate(&b->next, walkers, sizeof *b->next, "rays of a view", error));
+    KILN_TRY(kiln_allocate(&b->lit, LIT_PLACES, sizeof *b->lit, "rays of a view", error));
+    KILN_TRY(kiln_allocate(&b->lit_of, LIT_PLACES, sizeof *b->lit_of, "rays of a view", error));
+    KILN_TRY(kiln_view_lamps_create(&b->lamps, &params->source, LIT_PLACES, error));
+    KILN_TRY(kiln_scene_lobes(&b->lobes, params->source.scene, error));
+    KILN_TRY(kiln_view_guides_create(&b->guides, params->source.geometry, rays * lesson_grid(params).all, error));
+    KILN_TRY(learn(b, error));
+end:
     if (status != KILN_OK)
         kiln_view_gloss_destroy(gloss);
     return status;

@@ -190,22 +190,19 @@ int kiln_view_grain_smooth(struct kiln_view_grain *grains, size_t count, uint32_
                         .height = height,
                         .by_luminance = 1.0f + unsure / sqrtf((float)rays)};
     const size_t pixels = (size_t)width * height;
-    int status = kiln_allocate(&p.at, pixels, sizeof *p.at, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&p.now, count, sizeof *p.now, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&p.next, count, sizeof *p.next, what, error);
-    if (status == KILN_OK) {
-        for (size_t i = 0; i < pixels; i++)
-            p.at[i] = KILN_NONE;
-        for (size_t i = 0; i < count; i++)
-            p.at[grains[i].pixel] = (uint32_t)i;
-        run(&p);
-        for (size_t i = 0; i < count; i++)
-            for (int c = 0; c < 3; c++)
-                grains[i].light[c] =
-                    grains[i].share[c] > 0.0f ? p.now[i].y[c] * grains[i].share[c] : grains[i].light[c];
-    }
+    int status;
+    KILN_TRY(kiln_allocate(&p.at, pixels, sizeof *p.at, what, error));
+    KILN_TRY(kiln_allocate(&p.now, count, sizeof *p.now, what, error));
+    KILN_TRY(kiln_allocate(&p.next, count, sizeof *p.next, what, error));
+    for (size_t i = 0; i < pixels; i++)
+        p.at[i] = KILN_NONE;
+    for (size_t i = 0; i < count; i++)
+        p.at[grains[i].pixel] = (uint32_t)i;
+    run(&p);
+    for (size_t i = 0; i < count; i++)
+        for (int c = 0; c < 3; c++)
+            grains[i].light[c] = grains[i].share[c] > 0.0f ? p.now[i].y[c] * grains[i].share[c] : grains[i].light[c];
+end:
     kiln_free(&p.at);
     kiln_free(&p.now);
     kiln_free(&p.next);

@@ -33,16 +33,13 @@ int kiln_view_lamps_create(struct kiln_view_lamps **lamps, const struct kiln_vie
     l->source = source;
     if (source->lights != NULL)
         status = kiln_emission_create(&l->emission, source->lights, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->shadows, capacity, sizeof *l->shadows, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->traced, capacity, sizeof *l->traced, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->origins, capacity, sizeof *l->origins, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->directions, capacity, sizeof *l->directions, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->hits, capacity, sizeof *l->hits, what, error);
+    KILN_TRY(status);
+    KILN_TRY(kiln_allocate(&l->shadows, capacity, sizeof *l->shadows, what, error));
+    KILN_TRY(kiln_allocate(&l->traced, capacity, sizeof *l->traced, what, error));
+    KILN_TRY(kiln_allocate(&l->origins, capacity, sizeof *l->origins, what, error));
+    KILN_TRY(kiln_allocate(&l->directions, capacity, sizeof *l->directions, what, error));
+    KILN_TRY(kiln_allocate(&l->hits, capacity, sizeof *l->hits, what, error));
+end:
     if (status != KILN_OK)
         kiln_view_lamps_destroy(lamps);
     return status;

@@ -31,16 +31,14 @@ int kiln_view_rays_create(struct kiln_view_rays **rays, size_t capacity, struct 
     struct kiln_view_rays *r = *rays;
     struct kiln_vec3 **vectors[] = {&r->origins, &r->directions, &r->active_origins, &r->active_directions};
     r->capacity = capacity;
-    for (size_t i = 0; status == KILN_OK && i < sizeof vectors / sizeof *vectors; i++)
-        status = kiln_allocate(vectors[i], capacity, sizeof(struct kiln_vec3), "rays of a view", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->hits, capacity, sizeof *r->hits, "hits of a view", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->active_hits, capacity, sizeof *r->hits, "hits of a view", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->active, capacity, sizeof *r->active, "rays of a view", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->passed, capacity, sizeof *r->passed, "rays of a view", error);
+    KILN_TRY(status);
+    for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
+        KILN_TRY(kiln_allocate(vectors[i], capacity, sizeof(struct kiln_vec3), "rays of a view", error));
+    KILN_TRY(kiln_allocate(&r->hits, capacity, sizeof *r->hits, "hits of a view", error));
+    KILN_TRY(kiln_allocate(&r->active_hits, capacity, sizeof *r->hits, "hits of a view", error));
+    KILN_TRY(kiln_allocate(&r->active, capacity, sizeof *r->active, "rays of a view", error));
+    KILN_TRY(kiln_allocate(&r->passed, capacity, sizeof *r->passed, "rays of a view", error));
+end:
     if (status != KILN_OK)
         kiln_view_rays_destroy(rays);
     return status;

@@ -184,16 +184,15 @@ static int look_on(struct renderer *r, uint32_t rows, struct kiln_error *error)
     bool *done = NULL;
     if (count == 0)
         return KILN_OK;
-    int status = kiln_allocate(&rgb, 3 * count, sizeof *rgb, "the pixels of a view", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&done, count, sizeof *done, "the pixels of a view", error);
-    for (size_t k = 0; k < count && status == KILN_OK; k++)
+    int status;
+    KILN_TRY(kiln_allocate(&rgb, 3 * count, sizeof *rgb, "the pixels of a view", error));
+    KILN_TRY(kiln_allocate(&done, count, sizeof *done, "the pixels of a view", error));
+    for (size_t k = 0; k < count; k++)
         done[k] = pixel_at(r, r->traced[k])->done;
-    if (status == KILN_OK && r->gloss == NULL)
-        status = kiln_view_gloss_create(&r->gloss, r->params, r->maps, error);
-    if (status == KILN_OK)
-        status = kiln_view_gloss_draw(r->gloss, r->traced, count, rgb, done, error);
-    for (size_t k = 0; k < count && status == KILN_OK; k++) {
+    if (r->gloss == NULL)
+        KILN_TRY(kiln_view_gloss_create(&r->gloss, r->params, r->maps, error));
+    KILN_TRY(kiln_view_gloss_draw(r->gloss, r->traced, count, rgb, done, error));
+    for (size_t k = 0; k < count; k++) {
         struct pixel *p = pixel_at(r, r->traced[k]);
         put_gloss(r, p, &rgb[3 * k]);
         p->done = done[k];
@@ -203,6 +202,7 @@ static int look_on(struct renderer *r, uint32_t rows, struct kiln_error *error)
         memcpy(p->low, &rgb[3 * k], sizeof p->low);
         memcpy(p->high, &rgb[3 * k], sizeof p->high);
     }
+end:
     kiln_free(&rgb);
     kiln_free(&done);
     return status;
@@ -370,16 +370,17 @@ static int look_on_again(struct renderer *r, uint32_t from, uint32_t to, struct 
     float *rgb = NULL;
     if (count == 0)
         return KILN_OK;
-    int status = kiln_allocate(&rgb, 3 * count, sizeof *rgb, "the pixels of a view", error);
-    for (size_t k = 0; k < count && status == KILN_OK; k++)
+    int status;
+    KILN_TRY(kiln_allocate(&rgb, 3 * count, sizeof *rgb, "the pixels of a view", error));
+    for (size_t k = 0; k < count; k++)
         memcpy(&rgb[3 * k], pixel_at(r, r->traced[k])->sum, 3 * sizeof *rgb);
-    if (status == KILN_OK)
-        status = kiln_view_gloss_draw_rest(r->gloss, r->traced, count, rgb, error);
-    for (size_t k = 0; k < count && status == KILN_OK; k++) {
+    KILN_TRY(kiln_view_gloss_draw_rest(r->gloss, r->traced, count, rgb, error));
+    for (size_t k = 0; k < count; k++) {
         struct pixel *p = pixel_at(r, r->traced[k]);
         put_gloss(r, p, &rgb[3 * k]);
         p->fate = FEW;
     }
+end:
     kiln_free(&rgb);
     return status;
 }
@@ -408,14 +409,14 @@ static int render_band(struct renderer *r, uint32_t rows, struct kiln_error *err
     const uint32_t from = r->begin > 0 ? r->begin - 1 : 0, to = end < r->params->height ? end - 1 : end;
     int status = look_first(r, rows, error);
     const size_t count = status == KILN_OK ? list_traced(r, from, to) : 0;
-    for (size_t i = 0, some; status == KILN_OK && i < count; i += some) {
+    KILN_TRY(status);
+    for (size_t i = 0, some; i < count; i += some) {
         some = left > 0 && count - i > r->batch->capacity / left ? r->batch->capacity / left : count - i;
-        status = look_again(r, r->traced + i, some, error);
+        KILN_TRY(look_again(r, r->traced + i, some, error));
     }
-    if (status == KILN_OK)
-        status = look_on_again(r, from, to, error);
-    if (status == KILN_OK)
-        put_rows(r, from, to);
+    KILN_TRY(look_on_again(r, from, to, error));
+    put_rows(r, from, to);
+end:
     memmove(r->pixels, r->pixels + (size_t)rows * width, ROWS_BEFORE * (size_t)width * sizeof *r->pixels);
     return status;
 }
@@ -426,11 +427,11 @@ static int allocate_band(struct renderer *r, struct kiln_error *error)
     const size_t row = (size_t)p->width * r->first;
     r->rows = row >= BAND_RAYS ? 1 : (uint32_t)(BAND_RAYS / row);
     const size_t pixels = (size_t)(r->rows + ROWS_BEFORE) * p->width;
-    int status = kiln_view_rays_create(&r->batch, row * r->rows > r->rays ? row * r->rows : r->rays, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->pixels, pixels, sizeof *r->pixels, "the pixels of a view", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->traced, pixels, sizeof *r->traced, "the pixels of a view", error);
+    int status;
+    KILN_TRY(kiln_view_rays_create(&r->batch, row * r->rows > r->rays ? row * r->rows : r->rays, error));
+    KILN_TRY(kiln_allocate(&r->pixels, pixels, sizeof *r->pixels, "the pixels of a view", error));
+    KILN_TRY(kiln_allocate(&r->traced, pixels, sizeof *r->traced, "the pixels of a view", error));
+end:
     return status;
 }
 

@@ -152,12 +152,13 @@ static void stand(struct seek *s, size_t ray)
 static int find_places(struct seek *s, struct kiln_error *error)
 {
     size_t count;
-    int status = spread_points(s, &count, error);
-    if (status == KILN_OK)
-        status = kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count, s->rays->hits,
-                                        error);
-    for (size_t i = 0; status == KILN_OK && i < count; i++)
+    int status;
+    KILN_TRY(spread_points(s, &count, error));
+    KILN_TRY(
+        kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count, s->rays->hits, error));
+    for (size_t i = 0; i < count; i++)
         stand(s, i);
+end:
     s->spot_count = count;
     return status;
 }
@@ -523,12 +524,12 @@ static int compare_outside(struct seek *s, const struct kiln_view_camera *outsid
     double most = 0.0;
     for (size_t v = 0; v < count; v++)
         aim_rays(s, &outside[v], v * VIEW_RAYS);
-    int status = kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count * VIEW_RAYS,
-                                        s->rays->hits, error);
-    if (status == KILN_OK)
-        status = kiln_view_maps_load(s->maps, s->rays->hits, count * VIEW_RAYS, error);
-    if (status == KILN_OK)
-        status = measure_light(s, count * VIEW_RAYS, error);
+    int status;
+    KILN_TRY(kiln_backend_intersect(s->source->backend, s->rays->origins, s->rays->directions, count * VIEW_RAYS,
+                                    s->rays->hits, error));
+    KILN_TRY(kiln_view_maps_load(s->maps, s->rays->hits, count * VIEW_RAYS, error));
+    KILN_TRY(measure_light(s, count * VIEW_RAYS, error));
+end:
     s->box = 0.1 * (double)vec3_length(vec3_sub(g->bounds_max, g->bounds_min));
     s->room = 0.0; /* outside, nothing counts as too close */
     *best = 0;

@@ -242,13 +242,12 @@ static int look(const struct seeing *v, size_t first, size_t count, struct kiln_
 /* Makes room for rays that go on. */
 static int prepare_onward(struct seeing *v, struct kiln_error *error)
 {
-    int status = kiln_scene_lobes(&v->lobes, v->params->source.scene, error);
-    if (status == KILN_OK)
-        status = kiln_view_rays_create(&v->onward, BAND_RAYS, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&v->reached, BAND_RAYS, sizeof *v->reached, "what rays of a view reach", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&v->ways, BAND_RAYS, sizeof *v->ways, "what rays of a view reach", error);
+    int status;
+    KILN_TRY(kiln_scene_lobes(&v->lobes, v->params->source.scene, error));
+    KILN_TRY(kiln_view_rays_create(&v->onward, BAND_RAYS, error));
+    KILN_TRY(kiln_allocate(&v->reached, BAND_RAYS, sizeof *v->reached, "what rays of a view reach", error));
+    KILN_TRY(kiln_allocate(&v->ways, BAND_RAYS, sizeof *v->ways, "what rays of a view reach", error));
+end:
     return status;
 }
 
@@ -257,13 +256,15 @@ int kiln_view_see_surfaces(const struct kiln_view_params *params, uint32_t side,
 {
     const size_t pixels = (size_t)params->width * params->height, band = BAND_RAYS / ((size_t)side * side);
     struct seeing v = {.params = params, .side = side, .planes = planes};
-    int status = kiln_view_rays_create(&v.rays, BAND_RAYS, error);
-    if (status == KILN_OK && planes[KILN_SEEN_REACHED_NORMAL] != NULL && params->source.scene->taken != NULL)
-        status = prepare_onward(&v, error);
-    for (size_t first = 0; status == KILN_OK && first < pixels; first += band)
-        status = kiln_stop_asked(params->source.stop)
+    int status;
+    KILN_TRY(kiln_view_rays_create(&v.rays, BAND_RAYS, error));
+    if (planes[KILN_SEEN_REACHED_NORMAL] != NULL && params->source.scene->taken != NULL)
+        KILN_TRY(prepare_onward(&v, error));
+    for (size_t first = 0; first < pixels; first += band)
+        KILN_TRY(kiln_stop_asked(params->source.stop)
                      ? kiln_give_up(error)
-                     : look(&v, first, pixels - first < band ? pixels - first : band, error);
+                     : look(&v, first, pixels - first < band ? pixels - first : band, error));
+end:
     kiln_view_rays_destroy(&v.rays);
     kiln_view_rays_destroy(&v.onward);
     kiln_free(&v.lobes);
@@ -277,18 +278,19 @@ int kiln_view_add_surfaces(const struct kiln_view_params *params, struct kiln_im
     const size_t pixels = (size_t)params->width * params->height;
     float *planes[KILN_SEEN_PLANES] = {NULL}, *light[3], *copy[3];
     struct kiln_image *all = NULL;
-    int status = kiln_image_create(&all, params->width, params->height, names, CHANNELS, error);
-    for (uint32_t i = 0; status == KILN_OK && i < PLANES; i++)
+    int status;
+    KILN_TRY(kiln_image_create(&all, params->width, params->height, names, CHANNELS, error));
+    for (uint32_t i = 0; i < PLANES; i++)
         planes[i] = kiln_image_find(all, names[i])->values;
-    if (status == KILN_OK)
-        status = kiln_view_see_surfaces(params, SIDE, planes, error);
-    if (status == KILN_OK && kiln_image_rgb(*image, "", light) && kiln_image_rgb(all, "", copy)) {
+    KILN_TRY(kiln_view_see_surfaces(params, SIDE, planes, error));
+    if (kiln_image_rgb(*image, "", light) && kiln_image_rgb(all, "", copy)) {
         for (int c = 0; c < 3; c++)
             memcpy(copy[c], light[c], pixels * sizeof *copy[c]);
         kiln_image_destroy(image);
         *image = all;
         all = NULL;
     }
+end:
     kiln_image_destroy(&all);
     return status;
 }

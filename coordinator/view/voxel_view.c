@@ -53,15 +53,15 @@ int kiln_voxel_view_render(void *context, const struct kiln_view_params *p, stru
     const size_t pixels = (size_t)p->width * p->height, band = BAND_RAYS / ((size_t)p->side * p->side);
     struct kiln_view_rays *rays = NULL;
     float *planes[3];
-    int status = kiln_image_create(image, p->width, p->height, names, 3, error);
-    if (status == KILN_OK)
-        status = kiln_view_rays_create(&rays, BAND_RAYS, error);
-    if (status == KILN_OK)
-        (void)kiln_image_rgb(*image, "", planes);
-    for (size_t first = 0; status == KILN_OK && first < pixels; first += band)
-        status = kiln_stop_asked(p->source.stop)
+    int status;
+    KILN_TRY(kiln_image_create(image, p->width, p->height, names, 3, error));
+    KILN_TRY(kiln_view_rays_create(&rays, BAND_RAYS, error));
+    (void)kiln_image_rgb(*image, "", planes);
+    for (size_t first = 0; first < pixels; first += band)
+        KILN_TRY(kiln_stop_asked(p->source.stop)
                      ? kiln_give_up(error)
-                     : look(context, p, rays, first, pixels - first < band ? pixels - first : band, planes, error);
+                     : look(context, p, rays, first, pixels - first < band ? pixels - first : band, planes, error));
+end:
     kiln_view_rays_destroy(&rays);
     return status;
 }

@@ -66,16 +66,15 @@ static int begin(struct kiln_backend **backend, const struct kiln_backend_api *a
 static int create(struct kiln_backend **backend, const struct kiln_backend_api *api,
                   const struct kiln_backend_params *params, struct kiln_error *error)
 {
-    int status = begin(backend, api, params, error);
-    if (status == KILN_OK)
-        status = api->create(backend, params, error);
-    if (status != KILN_OK)
-        return status;
+    int status;
+    KILN_TRY(begin(backend, api, params, error));
+    KILN_TRY(api->create(backend, params, error));
     (*backend)->params = *params;
     if (api != &kiln_backend_embree && params->goes_on)
-        status = kiln_fallback_create(backend, params, error);
-    if (status == KILN_OK && api != &kiln_backend_embree && params->verify_fraction > 0.0)
-        status = kiln_verify_create(backend, params, error);
+        KILN_TRY(kiln_fallback_create(backend, params, error));
+    if (api != &kiln_backend_embree && params->verify_fraction > 0.0)
+        KILN_TRY(kiln_verify_create(backend, params, error));
+end:
     return status;
 }
 

@@ -493,18 +493,16 @@ void kiln_emission_combine(const struct kiln_emission_result groups[GROUPS], str
 static int make_beyond(struct emission *e, struct kiln_error *error)
 {
     struct beyond *b = &e->beyond;
-    int status = kiln_allocate(&b->origins, BATCH, sizeof *b->origins, "the particles' origins", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&b->directions, BATCH, sizeof *b->directions, "the particles' directions", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&b->hits, BATCH, sizeof *b->hits, "the particles' hits", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&b->numbers, BATCH, sizeof *b->numbers, "the particles' numbers", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&b->objects, e->params->scene->object_count, sizeof *b->objects,
-                               "the light of objects from outside", error);
-    return status == KILN_OK ? kiln_enclosures_create(&b->enclosures, e->params->scene, e->params->geometry, error)
-                             : status;
+    int status;
+    KILN_TRY(kiln_allocate(&b->origins, BATCH, sizeof *b->origins, "the particles' origins", error));
+    KILN_TRY(kiln_allocate(&b->directions, BATCH, sizeof *b->directions, "the particles' directions", error));
+    KILN_TRY(kiln_allocate(&b->hits, BATCH, sizeof *b->hits, "the particles' hits", error));
+    KILN_TRY(kiln_allocate(&b->numbers, BATCH, sizeof *b->numbers, "the particles' numbers", error));
+    KILN_TRY(kiln_allocate(&b->objects, e->params->scene->object_count, sizeof *b->objects,
+                           "the light of objects from outside", error));
+    KILN_TRY(kiln_enclosures_create(&b->enclosures, e->params->scene, e->params->geometry, error));
+end:
+    return status;
 }
 
 static void release_beyond(struct beyond *b)
@@ -519,18 +517,18 @@ static void release_beyond(struct beyond *b)
 
 static int make_room(struct emission *e, struct kiln_error *error)
 {
-    int status = kiln_allocate(&e->particles, BATCH, sizeof *e->particles, "the particles of the lights", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->origins, BATCH, sizeof *e->origins, "the particles' origins", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->directions, BATCH, sizeof *e->directions, "the particles' directions", error);
-    if (status == KILN_OK && e->params->scene->taken != NULL)
-        status = kiln_allocate(&e->turns, BATCH, sizeof *e->turns, "the particles' ways", error);
-    if (status == KILN_OK)
-        status = kiln_scene_lobes(&e->lobes, e->params->scene, error);
-    if (status == KILN_OK && e->light_count > e->inside)
-        status = make_beyond(e, error);
-    return status == KILN_OK ? kiln_allocate(&e->hits, BATCH, sizeof *e->hits, "the particles' hits", error) : status;
+    int status;
+    KILN_TRY(kiln_allocate(&e->particles, BATCH, sizeof *e->particles, "the particles of the lights", error));
+    KILN_TRY(kiln_allocate(&e->origins, BATCH, sizeof *e->origins, "the particles' origins", error));
+    KILN_TRY(kiln_allocate(&e->directions, BATCH, sizeof *e->directions, "the particles' directions", error));
+    if (e->params->scene->taken != NULL)
+        KILN_TRY(kiln_allocate(&e->turns, BATCH, sizeof *e->turns, "the particles' ways", error));
+    KILN_TRY(kiln_scene_lobes(&e->lobes, e->params->scene, error));
+    if (e->light_count > e->inside)
+        KILN_TRY(make_beyond(e, error));
+    KILN_TRY(kiln_allocate(&e->hits, BATCH, sizeof *e->hits, "the particles' hits", error));
+end:
+    return status;
 }
 
 int kiln_emission_groups(struct kiln_backend *backend, uint32_t samples, uint32_t first, uint32_t step,

@@ -37,13 +37,12 @@ static int make_room(struct few_run *r, struct kiln_error *error)
 {
     const char *what = "points with fewer samples";
     const size_t count = r->batch->count;
-    int status = kiln_allocate(&r->points, count, sizeof *r->points, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->others, count, sizeof *r->others, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->samples, count, sizeof *r->samples, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->place, count + 1, sizeof *r->place, what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&r->points, count, sizeof *r->points, what, error));
+    KILN_TRY(kiln_allocate(&r->others, count, sizeof *r->others, what, error));
+    KILN_TRY(kiln_allocate(&r->samples, count, sizeof *r->samples, what, error));
+    KILN_TRY(kiln_allocate(&r->place, count + 1, sizeof *r->place, what, error));
+end:
     return status;
 }
 
@@ -148,11 +147,11 @@ int kiln_backend_run_few(struct kiln_backend *backend, const struct kiln_pass *p
         .batch = batch, .surface = backend->surface, .bytes = pass->result_bytes, .groups = backend->given.groups};
     if (r.groups != NULL)
         r.group_floats = (size_t)r.groups->lights->count * KILN_GROUP_FLOATS;
-    int status = make_room(&r, error);
-    if (status == KILN_OK)
-        status = divide(&r, error);
-    if (status == KILN_OK)
-        status = run_both(&r, backend, pass, parameters, rays, error);
+    int status;
+    KILN_TRY(make_room(&r, error));
+    KILN_TRY(divide(&r, error));
+    KILN_TRY(run_both(&r, backend, pass, parameters, rays, error));
+end:
     release(&r);
     return status;
 }

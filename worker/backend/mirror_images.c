@@ -156,16 +156,17 @@ static int take_planes(struct kiln_mirror_images *m, const struct face *faces, c
 {
     const size_t triangles = m->lights->geometry->triangle_count, most = KILN_IMAGES_MOST / m->lamp_count;
     m->plane_count = count < most ? count : most;
-    int status = kiln_allocate(&m->planes, m->plane_count, sizeof *m->planes, "the planes of mirrors", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->plane_of, triangles, sizeof *m->plane_of, "the planes of triangles", error);
-    for (size_t t = 0; status == KILN_OK && t < triangles; t++)
+    int status;
+    KILN_TRY(kiln_allocate(&m->planes, m->plane_count, sizeof *m->planes, "the planes of mirrors", error));
+    KILN_TRY(kiln_allocate(&m->plane_of, triangles, sizeof *m->plane_of, "the planes of triangles", error));
+    for (size_t t = 0; t < triangles; t++)
         m->plane_of[t] = KILN_NONE;
-    for (size_t i = 0; status == KILN_OK && i < m->plane_count; i++) {
+    for (size_t i = 0; i < m->plane_count; i++) {
         m->planes[i] = make_plane(m->lights, faces + groups[i].first, groups[i].count);
         for (size_t k = 0; k < groups[i].count; k++)
             m->plane_of[faces[groups[i].first + k].triangle] = (uint32_t)i;
     }
+end:
     return status;
 }
 
@@ -176,18 +177,16 @@ static int find_planes(struct kiln_mirror_images *m, struct kiln_error *error)
     struct group *groups = NULL;
     bool *mirrors = NULL;
     size_t room = 0;
-    int status = find_mirrors(&mirrors, l->scene, error);
-    for (uint32_t t = 0; status == KILN_OK && t < l->geometry->triangle_count; t++)
+    int status;
+    KILN_TRY(find_mirrors(&mirrors, l->scene, error));
+    for (uint32_t t = 0; t < l->geometry->triangle_count; t++)
         room += reflects(l, mirrors, t);
-    if (status == KILN_OK)
-        status = kiln_allocate(&faces, room, sizeof *faces, "the faces of mirrors", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&groups, room, sizeof *groups, "the planes of mirrors", error);
-    if (status == KILN_OK) {
-        const size_t count = find_faces(l, mirrors, faces);
-        qsort(faces, count, sizeof *faces, by_key);
-        status = take_planes(m, faces, groups, find_groups(l->geometry, faces, count, groups), error);
-    }
+    KILN_TRY(kiln_allocate(&faces, room, sizeof *faces, "the faces of mirrors", error));
+    KILN_TRY(kiln_allocate(&groups, room, sizeof *groups, "the planes of mirrors", error));
+    const size_t count = find_faces(l, mirrors, faces);
+    qsort(faces, count, sizeof *faces, by_key);
+    KILN_TRY(take_planes(m, faces, groups, find_groups(l->geometry, faces, count, groups), error));
+end:
     kiln_free(&faces);
     kiln_free(&groups);
     kiln_free(&mirrors);

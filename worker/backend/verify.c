@@ -193,19 +193,19 @@ static int take_part(void *context, size_t first, size_t count, const void *resu
     struct verified_run *run = context;
     const struct kiln_tile_run *tile_runs = run->v->base.surface->tile_runs + first;
     int status = KILN_OK;
-    for (size_t i = 0, end; i < count && status == KILN_OK; i = end) {
+    for (size_t i = 0, end; i < count; i = end) {
         for (end = i; end < count && is_chosen(run->v, &tile_runs[end], run->batch->stream);)
             end++;
         run->got = (const char *)results + (tile_runs[i].first.at - tile_runs[0].first.at) * run->pass->result_bytes;
         if (end > i)
-            status = trace_again(run, first + i, end - i, error);
+            KILN_TRY(trace_again(run, first + i, end - i, error));
         else
             end = i + 1;
     }
-    if (status == KILN_OK)
-        status = judge(run, error);
-    if (status == KILN_OK && run->batch->take != NULL)
-        status = run->batch->take(run->batch->context, first, count, results, error);
+    KILN_TRY(judge(run, error));
+    if (run->batch->take != NULL)
+        KILN_TRY(run->batch->take(run->batch->context, first, count, results, error));
+end:
     return status;
 }
 

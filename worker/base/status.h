@@ -28,6 +28,15 @@ struct kiln_error {
     char message[2048];
 };
 
+/* Goes on where `call` returns KILN_OK. Else goes to the function's label `end`, where what it has taken is released,
+ * with the code in its variable `status`. */
+#define KILN_TRY(call)                                                                                                 \
+    do {                                                                                                               \
+        status = (call);                                                                                               \
+        if (status != KILN_OK)                                                                                         \
+            goto end;                                                                                                  \
+    } while (0)
+
 /* Writes the sentence and returns `status`, so that a failing function can say `return kiln_fail(error, KILN_IO, ...)`.
  * `error` may be NULL: the sentence is dropped. Text from outside must be an argument, never the format. Control
  * characters in it, line feeds too, are written as \xNN. */

@@ -108,14 +108,12 @@ static int find_lamps(struct kiln_aims *a, size_t most, struct kiln_error *error
     const size_t cells = most / CELL_AIMS < CELLS_MOST ? most / CELL_AIMS : CELLS_MOST;
     int status = kiln_sky_cells_create(&a->sky, l, cells, error);
     const size_t skies = a->sky.count > 0 ? a->sky.count : l->environment ? 1 : 0;
-    if (status == KILN_OK)
-        status = kiln_allocate(&a->lamps, l->area_count + l->point_count + l->directional_count + skies,
-                               sizeof *a->lamps, "the lamps of light paths", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&a->until, l->area_count, sizeof *a->until, "the shares of emitting triangles", error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate(&a->lamp_of, l->area_count, sizeof *a->lamp_of, "the lamps of emitting triangles", error);
+    KILN_TRY(status);
+    KILN_TRY(kiln_allocate(&a->lamps, l->area_count + l->point_count + l->directional_count + skies, sizeof *a->lamps,
+                           "the lamps of light paths", error));
+    KILN_TRY(kiln_allocate(&a->until, l->area_count, sizeof *a->until, "the shares of emitting triangles", error));
+    KILN_TRY(kiln_allocate(&a->lamp_of, l->area_count, sizeof *a->lamp_of, "the lamps of emitting triangles", error));
+end:
     if (status != KILN_OK)
         return status;
     for (size_t i = 0, end; i < l->area_count; i = end) {
@@ -175,16 +173,17 @@ static int make_aims(struct kiln_aims *a, struct kiln_error *error)
                          "than %d pairs: give --caustics gather",
                          a->lamp_count, a->targets.count, (int)KILN_AIMS_MOST);
     const size_t count = a->lamp_count * a->targets.count;
-    int status = kiln_allocate(&a->aims, count, sizeof *a->aims, "the aims of light paths", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&a->first, count + 1, sizeof *a->first, "the numbers of light paths", error);
-    for (size_t i = 0; i < a->lamp_count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&a->aims, count, sizeof *a->aims, "the aims of light paths", error));
+    KILN_TRY(kiln_allocate(&a->first, count + 1, sizeof *a->first, "the numbers of light paths", error));
+    for (size_t i = 0; i < a->lamp_count; i++)
         for (size_t j = 0; j < a->targets.count; j++)
             a->aims[a->count++] =
                 (struct kiln_aim){.lamp = (uint32_t)i,
                                   .target = (uint32_t)j,
                                   .flux = flux_towards(a, &a->lamps[i], &a->targets.all[j]),
                                   .even = a->lamps[i].kind == KILN_LAMP_POINT ? 0.0 : a->targets.all[j].even};
+end:
     return status;
 }
 
@@ -199,11 +198,10 @@ int kiln_aims_create(struct kiln_aims **aims, const struct kiln_lights *lights, 
     a->lights = lights;
     a->centre = dvec3_of(vec3_scale(vec3_add(g->bounds_min, g->bounds_max), 0.5f));
     a->radius = 0.5 * SLACK * (double)vec3_length(vec3_sub(g->bounds_max, g->bounds_min));
-    status = find_lamps(a, most, error);
-    if (status == KILN_OK)
-        status = kiln_targets_create(&a->targets, lights, a->lamp_count > 0 ? most / a->lamp_count : 0, error);
-    if (status == KILN_OK)
-        status = make_aims(a, error);
+    KILN_TRY(find_lamps(a, most, error));
+    KILN_TRY(kiln_targets_create(&a->targets, lights, a->lamp_count > 0 ? most / a->lamp_count : 0, error));
+    KILN_TRY(make_aims(a, error));
+end:
     if (status != KILN_OK)
         kiln_aims_destroy(aims);
     return status;

@@ -75,13 +75,11 @@ int kiln_emission_create(struct kiln_emission **emission, const struct kiln_ligh
         return status;
     e->lights = lights;
     e->count = lights->area_count + lights->point_count + lights->directional_count + 1;
-    status = kiln_allocate(&e->chance, e->count, sizeof *e->chance, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->up_to, e->count, sizeof *e->up_to, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->parent, lights->node_count, sizeof *e->parent, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->leaf, e->count, sizeof *e->leaf, what, error);
+    KILN_TRY(kiln_allocate(&e->chance, e->count, sizeof *e->chance, what, error));
+    KILN_TRY(kiln_allocate(&e->up_to, e->count, sizeof *e->up_to, what, error));
+    KILN_TRY(kiln_allocate(&e->parent, lights->node_count, sizeof *e->parent, what, error));
+    KILN_TRY(kiln_allocate(&e->leaf, e->count, sizeof *e->leaf, what, error));
+end:
     if (status != KILN_OK) {
         kiln_emission_destroy(&e);
         return status;

@@ -118,11 +118,11 @@ static int reserve(struct cutting *c, size_t count, struct kiln_error *error)
     struct part *parts = NULL, *next = NULL;
     uint8_t *chosen = NULL;
     const size_t capacity = 2 * count;
-    int status = kiln_allocate_bare(&parts, capacity, sizeof *parts, "the parts of lamps", error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&next, capacity, sizeof *next, "the parts of lamps", error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&chosen, capacity, sizeof *chosen, "the parts of lamps", error);
+    int status;
+    KILN_TRY(kiln_allocate_bare(&parts, capacity, sizeof *parts, "the parts of lamps", error));
+    KILN_TRY(kiln_allocate_bare(&next, capacity, sizeof *next, "the parts of lamps", error));
+    KILN_TRY(kiln_allocate_bare(&chosen, capacity, sizeof *chosen, "the parts of lamps", error));
+end:
     if (status != KILN_OK) {
         kiln_free(&parts);
         kiln_free(&next);
@@ -183,19 +183,17 @@ static int cut_all(struct cutting *c, struct kiln_error *error)
 {
     const size_t most = c->count + KILN_LAMP_PARTS;
     int status = KILN_OK;
-    for (size_t chosen = 1; status == KILN_OK && chosen > 0;) {
-        status = choose(c, most - c->count, &chosen, error);
-        if (status == KILN_OK)
-            status = reserve(c, c->count + chosen, error);
-        if (status == KILN_OK && chosen > 0)
+    for (size_t chosen = 1; chosen > 0;) {
+        KILN_TRY(choose(c, most - c->count, &chosen, error));
+        KILN_TRY(reserve(c, c->count + chosen, error));
+        if (chosen > 0)
             cut(c);
     }
-    if (status == KILN_OK) {
 #pragma omp parallel for schedule(dynamic, 16)
-        for (size_t i = 0; i < c->count; i++)
-            measure(c->lights, CELLS, &c->parts[i]);
-        leave_out_dark(c);
-    }
+    for (size_t i = 0; i < c->count; i++)
+        measure(c->lights, CELLS, &c->parts[i]);
+    leave_out_dark(c);
+end:
     return status;
 }
 
@@ -274,15 +272,13 @@ int kiln_lamp_parts_cut(struct kiln_lights *lights, struct kiln_error *error)
         lights->triangle_count = lights->area_count;
         return KILN_OK;
     }
-    int status = reserve(&c, count, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&c.wholes, count, sizeof *c.wholes, "the parts of lamps", error);
-    if (status == KILN_OK) {
-        begin(&c);
-        status = cut_all(&c, error);
-    }
-    if (status == KILN_OK)
-        status = put_together(&c, error);
+    int status;
+    KILN_TRY(reserve(&c, count, error));
+    KILN_TRY(kiln_allocate(&c.wholes, count, sizeof *c.wholes, "the parts of lamps", error));
+    begin(&c);
+    KILN_TRY(cut_all(&c, error));
+    KILN_TRY(put_together(&c, error));
+end:
     kiln_free(&c.parts);
     kiln_free(&c.next);
     kiln_free(&c.chosen);

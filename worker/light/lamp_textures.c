@@ -63,11 +63,11 @@ int kiln_lamp_textures_create(struct kiln_lamp_textures **textures, const struct
         return status;
     t->scene = scene;
     t->geometry = geometry;
-    status = kiln_allocate(&t->emission, scene->material_count, sizeof *t->emission, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->opacity, scene->material_count, sizeof *t->opacity, what, error);
-    for (uint32_t i = 0; i < scene->material_count && status == KILN_OK; i++)
-        status = create_of_material(t, i, error);
+    KILN_TRY(kiln_allocate(&t->emission, scene->material_count, sizeof *t->emission, what, error));
+    KILN_TRY(kiln_allocate(&t->opacity, scene->material_count, sizeof *t->opacity, what, error));
+    for (uint32_t i = 0; i < scene->material_count; i++)
+        KILN_TRY(create_of_material(t, i, error));
+end:
     if (status == KILN_OK)
         *textures = t;
     else

@@ -109,11 +109,11 @@ static int gather_area_lights(struct kiln_lights *lights, struct kiln_error *err
 {
     const size_t count = (lights->geometry->triangle_count + BLOCK - 1) / BLOCK;
     struct area_block *blocks = NULL;
-    int status = kiln_allocate(&blocks, count, sizeof *blocks, "the emissive triangles", error);
-    if (status == KILN_OK)
-        status = kiln_lamp_textures_create(&lights->textures, lights->scene, lights->geometry, error);
-    if (status == KILN_OK)
-        status = make_blocks(lights, blocks, count, error);
+    int status;
+    KILN_TRY(kiln_allocate(&blocks, count, sizeof *blocks, "the emissive triangles", error));
+    KILN_TRY(kiln_lamp_textures_create(&lights->textures, lights->scene, lights->geometry, error));
+    KILN_TRY(make_blocks(lights, blocks, count, error));
+end:
     kiln_free(&blocks);
     return status == KILN_OK ? kiln_lamp_parts_cut(lights, error) : status;
 }
@@ -164,16 +164,15 @@ static int create(struct kiln_lights **lights, const struct kiln_scene *scene, c
     l->geometry = geometry;
     if (areas)
         status = gather_area_lights(l, error);
-    if (status == KILN_OK)
-        status = gather_punctual_lights(l, error);
-    if (status == KILN_OK && l->area_count + l->point_count > UINT32_MAX / 2)
-        status =
-            kiln_fail(error, KILN_BAD_INPUT, "the scene has %zu emissive triangles and lights; kiln takes at most %u",
-                      l->area_count + l->point_count, UINT32_MAX / 2);
-    if (status == KILN_OK)
-        status = kiln_light_tree_build(l, error);
-    if (status == KILN_OK)
-        status = kiln_environment_build(l, error);
+    KILN_TRY(status);
+    KILN_TRY(gather_punctual_lights(l, error));
+    if (l->area_count + l->point_count > UINT32_MAX / 2)
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT,
+                           "the scene has %zu emissive triangles and lights; kiln takes at most %u",
+                           l->area_count + l->point_count, UINT32_MAX / 2));
+    KILN_TRY(kiln_light_tree_build(l, error));
+    KILN_TRY(kiln_environment_build(l, error));
+end:
     if (status != KILN_OK) {
         kiln_lights_destroy(&l);
         return status;

@@ -230,24 +230,20 @@ int kiln_sky_cells_create(struct kiln_sky_cells *cells, const struct kiln_lights
     const struct kiln_environment *e = lights->scene->environment;
     struct cutting w = {.cells = cells, .lights = lights, .e = e};
     const size_t room = most > 1 ? most : 1;
-    int status = kiln_allocate(&cells->all, room, sizeof *cells->all, "the cells of the sky", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w.cuts, room, sizeof *w.cuts, "the cuts of the sky", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w.columns, e->width, sizeof *w.columns, "the columns of the sky", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w.sums, e->width, sizeof *w.sums, "sums over columns of the sky", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w.rows, e->height, sizeof *w.rows, "sums over rows of the sky", error);
-    if (status == KILN_OK) {
-        for (uint32_t x = 0; x < e->width; x++)
-            w.columns[x] = kiln_sky_direction(x, 0.5, 0.5, 0.0, 0.0, e->width, (double)e->rotation);
-        cells->all[0] = (struct kiln_sky_cell){.x1 = e->width, .y1 = e->height};
-        cells->count = 1;
-        if (room > 1)
-            cut_all(&w, room);
-        status = make_tables(cells, error);
-    }
+    int status;
+    KILN_TRY(kiln_allocate(&cells->all, room, sizeof *cells->all, "the cells of the sky", error));
+    KILN_TRY(kiln_allocate(&w.cuts, room, sizeof *w.cuts, "the cuts of the sky", error));
+    KILN_TRY(kiln_allocate(&w.columns, e->width, sizeof *w.columns, "the columns of the sky", error));
+    KILN_TRY(kiln_allocate(&w.sums, e->width, sizeof *w.sums, "sums over columns of the sky", error));
+    KILN_TRY(kiln_allocate(&w.rows, e->height, sizeof *w.rows, "sums over rows of the sky", error));
+    for (uint32_t x = 0; x < e->width; x++)
+        w.columns[x] = kiln_sky_direction(x, 0.5, 0.5, 0.0, 0.0, e->width, (double)e->rotation);
+    cells->all[0] = (struct kiln_sky_cell){.x1 = e->width, .y1 = e->height};
+    cells->count = 1;
+    if (room > 1)
+        cut_all(&w, room);
+    KILN_TRY(make_tables(cells, error));
+end:
     kiln_free(&w.cuts);
     kiln_free(&w.columns);
     kiln_free(&w.rows);

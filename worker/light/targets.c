@@ -315,31 +315,25 @@ int kiln_targets_create(struct kiln_targets *targets, const struct kiln_lights *
     *targets = (struct kiln_targets){.count = 0};
     if (taken == 0)
         return KILN_OK;
-    int status = kiln_allocate(&w.triangles, taken, sizeof *w.triangles, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w.nodes, 2 * room, sizeof *w.nodes, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&ends, objects, sizeof *ends, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&targets->all, room, sizeof *targets->all, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&targets->of_triangle, g->triangle_count, sizeof *targets->of_triangle, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&targets->triangles, taken, sizeof *targets->triangles, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&targets->until, taken, sizeof *targets->until, what, error);
-    if (status == KILN_OK) {
-        const struct kiln_vec3 low = g->bounds_min, high = g->bounds_max;
-        const double far = (double)fmaxf(vec3_length(low), vec3_length(high));
-        for (size_t t = 0; t < g->triangle_count; t++)
-            targets->of_triangle[t] = KILN_NONE;
-        sort_triangles(lights, w.triangles, ends);
-        begin(&w, objects, ends);
-        const size_t whole = w.count;
-        cut_all(&w, most);
-        for (size_t i = 0; i < whole; i++)
-            add_targets(&w, lights, &w.nodes[i], ROUNDING * (double)FLT_EPSILON * far, targets);
-    }
+    int status;
+    KILN_TRY(kiln_allocate(&w.triangles, taken, sizeof *w.triangles, what, error));
+    KILN_TRY(kiln_allocate(&w.nodes, 2 * room, sizeof *w.nodes, what, error));
+    KILN_TRY(kiln_allocate(&ends, objects, sizeof *ends, what, error));
+    KILN_TRY(kiln_allocate(&targets->all, room, sizeof *targets->all, what, error));
+    KILN_TRY(kiln_allocate(&targets->of_triangle, g->triangle_count, sizeof *targets->of_triangle, what, error));
+    KILN_TRY(kiln_allocate(&targets->triangles, taken, sizeof *targets->triangles, what, error));
+    KILN_TRY(kiln_allocate(&targets->until, taken, sizeof *targets->until, what, error));
+    const struct kiln_vec3 low = g->bounds_min, high = g->bounds_max;
+    const double far = (double)fmaxf(vec3_length(low), vec3_length(high));
+    for (size_t t = 0; t < g->triangle_count; t++)
+        targets->of_triangle[t] = KILN_NONE;
+    sort_triangles(lights, w.triangles, ends);
+    begin(&w, objects, ends);
+    const size_t whole = w.count;
+    cut_all(&w, most);
+    for (size_t i = 0; i < whole; i++)
+        add_targets(&w, lights, &w.nodes[i], ROUNDING * (double)FLT_EPSILON * far, targets);
+end:
     kiln_free(&ends);
     kiln_free(&w.nodes);
     kiln_free(&w.triangles);

@@ -196,18 +196,16 @@ int kiln_light_tree_build(struct kiln_lights *lights, struct kiln_error *error)
     if (count == 0)
         return KILN_OK;
     struct tree_builder b = {0};
-    int status = kiln_allocate_bare(&b.leaves, count, sizeof *b.leaves, "the light tree's leaves", error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&b.keys, count, sizeof *b.keys, "the light tree's order", error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&lights->nodes, 2 * count - 1, sizeof *lights->nodes, "the light tree", error);
-    if (status == KILN_OK) {
-        kiln_expect_whole(b.leaves, count, sizeof *b.leaves);
-        kiln_expect_whole(lights->nodes, 2 * count - 1, sizeof *lights->nodes);
-        b.nodes = lights->nodes;
-        build(lights, &b, (uint32_t)count);
-        lights->node_count = 2 * count - 1;
-    }
+    int status;
+    KILN_TRY(kiln_allocate_bare(&b.leaves, count, sizeof *b.leaves, "the light tree's leaves", error));
+    KILN_TRY(kiln_allocate_bare(&b.keys, count, sizeof *b.keys, "the light tree's order", error));
+    KILN_TRY(kiln_allocate_bare(&lights->nodes, 2 * count - 1, sizeof *lights->nodes, "the light tree", error));
+    kiln_expect_whole(b.leaves, count, sizeof *b.leaves);
+    kiln_expect_whole(lights->nodes, 2 * count - 1, sizeof *lights->nodes);
+    b.nodes = lights->nodes;
+    build(lights, &b, (uint32_t)count);
+    lights->node_count = 2 * count - 1;
+end:
     kiln_free(&b.leaves);
     kiln_free(&b.keys);
     return status;

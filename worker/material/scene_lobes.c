@@ -227,17 +227,16 @@ static int plan_tables(struct kiln_gloss_lobes **lobes, const struct kiln_scene 
     struct plan *plans = NULL;
     size_t *firsts = NULL;
     const void **tables = NULL;
-    int status = kiln_allocate(&plans, count, sizeof *plans, "what tables materials need", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&firsts, count, sizeof *firsts, "what tables materials need", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&tables, count, sizeof *tables, "what tables materials need", error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&plans, count, sizeof *plans, "what tables materials need", error));
+    KILN_TRY(kiln_allocate(&firsts, count, sizeof *firsts, "what tables materials need", error));
+    KILN_TRY(kiln_allocate(&tables, count, sizeof *tables, "what tables materials need", error));
+    for (size_t i = 0; i < count; i++) {
         plan_of(&plans[i], scene, &(*lobes)[i], (uint32_t)i);
         firsts[i] = plans[i].kind != NO_TABLE ? same_table(*lobes, plans, i) : i;
     }
-    if (status == KILN_OK)
-        status = add_tables(lobes, count, plans, firsts, tables, error);
+    KILN_TRY(add_tables(lobes, count, plans, firsts, tables, error));
+end:
     kiln_free(&plans);
     kiln_free(&firsts);
     kiln_free(&tables);
@@ -250,11 +249,12 @@ int kiln_scene_lobes(struct kiln_gloss_lobes **lobes, const struct kiln_scene *s
     *lobes = NULL;
     if (scene->taken == NULL)
         return KILN_OK;
-    int status = kiln_allocate(lobes, count, sizeof **lobes, "the lobes of materials", error);
-    for (uint32_t i = 0; status == KILN_OK && i < count; i++)
+    int status;
+    KILN_TRY(kiln_allocate(lobes, count, sizeof **lobes, "the lobes of materials", error));
+    for (uint32_t i = 0; i < count; i++)
         (*lobes)[i] = kiln_gloss_lobes(scene, i);
-    if (status == KILN_OK)
-        status = plan_tables(lobes, scene, error);
+    KILN_TRY(plan_tables(lobes, scene, error));
+end:
     if (status != KILN_OK)
         kiln_free(lobes);
     return status;

@@ -44,10 +44,12 @@ void kiln_found_links_release(struct kiln_found_links *f)
 int kiln_found_links_reserve(struct kiln_found_links *f, size_t count, struct kiln_error *error)
 {
     static const char what[] = "the links of a tile";
-    int status = kiln_grow(&f->to, &f->room_to, count, sizeof *f->to, what, error);
-    if (status == KILN_OK)
-        status = kiln_grow(&f->asked, &f->room_asked, count, sizeof *f->asked, what, error);
-    return status == KILN_OK ? kiln_grow(&f->seen, &f->room_seen, count, sizeof *f->seen, what, error) : status;
+    int status;
+    KILN_TRY(kiln_grow(&f->to, &f->room_to, count, sizeof *f->to, what, error));
+    KILN_TRY(kiln_grow(&f->asked, &f->room_asked, count, sizeof *f->asked, what, error));
+    KILN_TRY(kiln_grow(&f->seen, &f->room_seen, count, sizeof *f->seen, what, error));
+end:
+    return status;
 }
 
 int kiln_found_links_reserve_tinted(struct kiln_found_links *f, size_t count, struct kiln_error *error)

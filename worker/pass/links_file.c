@@ -59,14 +59,14 @@ static int check_run(struct file *f, const struct kiln_links_entry *e, uint64_t 
                          (unsigned long long)e->first);
     if (e->bytes == 0)
         return KILN_OK;
-    int status = kiln_grow(&f->links, &f->room, 1 + e->bytes / sizeof *f->links + 1, sizeof *f->links,
-                           "the links of a tile", error);
-    if (status != KILN_OK)
-        return status;
+    int status;
+    KILN_TRY(kiln_grow(&f->links, &f->room, 1 + e->bytes / sizeof *f->links + 1, sizeof *f->links,
+                       "the links of a tile", error));
     *f->links = (struct kiln_kept_links){.first = e->first, .points = (uint32_t)(end - e->first), .bytes = e->bytes};
-    status = kiln_links_read_at(f->descriptor, f->path, f->links->code, e->bytes, e->offset, error);
-    if (status == KILN_OK && kiln_links_check(f->links, h->points, &why) != KILN_OK)
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s': %.300s", f->path, why.message);
+    KILN_TRY(kiln_links_read_at(f->descriptor, f->path, f->links->code, e->bytes, e->offset, error));
+    if (kiln_links_check(f->links, h->points, &why) != KILN_OK)
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "'%s': %.300s", f->path, why.message));
+end:
     return status;
 }
 
@@ -89,11 +89,11 @@ int kiln_links_file_check(int descriptor, const char *path, struct kiln_error *e
 {
     struct file f = {.descriptor = descriptor, .path = path};
     struct kiln_links_entry *entries = NULL;
-    int status = check_header(&f, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&entries, ENTRIES + 1, sizeof *entries, "entries of links", error);
-    if (status == KILN_OK)
-        status = check_runs(&f, entries, error);
+    int status;
+    KILN_TRY(check_header(&f, error));
+    KILN_TRY(kiln_allocate(&entries, ENTRIES + 1, sizeof *entries, "entries of links", error));
+    KILN_TRY(check_runs(&f, entries, error));
+end:
     kiln_free(&entries);
     kiln_free(&f.links);
     return status;

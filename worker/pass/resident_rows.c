@@ -23,21 +23,19 @@ int kiln_resident_rows_create(struct kiln_resident_rows *r, const struct kiln_su
 {
     uint64_t floats = 0;
     *r = (struct kiln_resident_rows){.first = surface->first.at, .count = surface->count, .samples = samples};
-    int status = kiln_allocate(&r->weights_at, surface->tile_run_count, sizeof *r->weights_at, "kept rays", error);
-    for (size_t f = 0; f < surface->tile_run_count && status == KILN_OK; f++) {
+    int status;
+    KILN_TRY(kiln_allocate(&r->weights_at, surface->tile_run_count, sizeof *r->weights_at, "kept rays", error));
+    for (size_t f = 0; f < surface->tile_run_count; f++) {
         const bool smooth = is_smooth(surface, scene, f);
         r->weights_at[f] = smooth ? floats : KILN_RESIDENT_FLAT;
         floats += smooth ? 2 * (uint64_t)surface->tile_runs[f].count * samples : 0;
     }
-    if (status == KILN_OK)
-        status =
-            kiln_allocate(&r->rows, (size_t)(r->count * (1 + (uint64_t)samples)), sizeof *r->rows, "kept rays", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->weights, (size_t)floats, sizeof *r->weights, "the weights of kept rays", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->points, (size_t)r->count, sizeof *r->points, "kept rays", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->ready, surface->tile_run_count, sizeof *r->ready, "kept rays", error);
+    KILN_TRY(
+        kiln_allocate(&r->rows, (size_t)(r->count * (1 + (uint64_t)samples)), sizeof *r->rows, "kept rays", error));
+    KILN_TRY(kiln_allocate(&r->weights, (size_t)floats, sizeof *r->weights, "the weights of kept rays", error));
+    KILN_TRY(kiln_allocate(&r->points, (size_t)r->count, sizeof *r->points, "kept rays", error));
+    KILN_TRY(kiln_allocate(&r->ready, surface->tile_run_count, sizeof *r->ready, "kept rays", error));
+end:
     return status;
 }
 

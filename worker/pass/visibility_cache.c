@@ -43,17 +43,15 @@ int kiln_visibility_cache_create(struct kiln_visibility_cache **cache, uint64_t 
                                  struct kiln_error *error)
 {
     struct kiln_visibility_cache *c = NULL;
-    int status = kiln_allocate(&c, 1, sizeof *c, "the visibility cache", error);
-    if (status == KILN_OK) {
-        c->most = bytes;
-        c->step = (uint64_t)(kiln_clock_seconds() * 1e9); /* no two caches have one in common */
-        c->groups = groups_of(points);
-        status = kiln_allocate(&c->columns, (size_t)c->groups, sizeof *c->columns, "the visibility cache", error);
-    }
-    if (status == KILN_OK)
-        status = kiln_allocate(&c->same, (size_t)c->groups, sizeof *c->same, "the visibility cache", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&c->ends, (size_t)(64 * c->groups), sizeof *c->ends, "the visibility cache", error);
+    int status;
+    KILN_TRY(kiln_allocate(&c, 1, sizeof *c, "the visibility cache", error));
+    c->most = bytes;
+    c->step = (uint64_t)(kiln_clock_seconds() * 1e9); /* no two caches have one in common */
+    c->groups = groups_of(points);
+    KILN_TRY(kiln_allocate(&c->columns, (size_t)c->groups, sizeof *c->columns, "the visibility cache", error));
+    KILN_TRY(kiln_allocate(&c->same, (size_t)c->groups, sizeof *c->same, "the visibility cache", error));
+    KILN_TRY(kiln_allocate(&c->ends, (size_t)(64 * c->groups), sizeof *c->ends, "the visibility cache", error));
+end:
     if (status != KILN_OK)
         kiln_visibility_cache_destroy(&c);
     *cache = c;
@@ -194,13 +192,12 @@ int kiln_visibility_work_create(struct kiln_visibility_work *w, const struct kil
     if (cache == NULL)
         return KILN_OK;
     const size_t groups = (size_t)cache->groups;
-    int status = kiln_allocate(&w->known, groups, sizeof *w->known, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->open, 64 * groups, sizeof *w->open, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->partial, groups, sizeof *w->partial, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->found, groups, sizeof *w->found, what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&w->known, groups, sizeof *w->known, what, error));
+    KILN_TRY(kiln_allocate(&w->open, 64 * groups, sizeof *w->open, what, error));
+    KILN_TRY(kiln_allocate(&w->partial, groups, sizeof *w->partial, what, error));
+    KILN_TRY(kiln_allocate(&w->found, groups, sizeof *w->found, what, error));
+end:
     return status;
 }
 

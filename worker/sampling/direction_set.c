@@ -190,10 +190,10 @@ static int fill_set(const struct search *s, struct kiln_direction *set, struct k
 {
     struct polygon p = {NULL, NULL, 0};
     const size_t corners = 4 + (size_t)RIM + s->placed;
-    int status = kiln_allocate(&p.corners, corners, sizeof *p.corners, "a part of the disk", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&p.spare, corners, sizeof *p.spare, "a part of the disk", error);
-    for (uint32_t k = 0; k < s->placed && status == KILN_OK; k++) {
+    int status;
+    KILN_TRY(kiln_allocate(&p.corners, corners, sizeof *p.corners, "a part of the disk", error));
+    KILN_TRY(kiln_allocate(&p.spare, corners, sizeof *p.spare, "a part of the disk", error));
+    for (uint32_t k = 0; k < s->placed; k++) {
         double at[2];
         const double weight = share_of(s, &p, k, at) * s->placed, turn = atan2(at[1], at[0]) / (2.0 * KILN_PI);
         set[k] = (struct kiln_direction){.radius = (float)fmin(hypot(at[0], at[1]), RADIUS_MOST),
@@ -202,6 +202,7 @@ static int fill_set(const struct search *s, struct kiln_direction *set, struct k
         if (!(set[k].turn < 1.0f))
             set[k].turn = 0.0f;
     }
+end:
     kiln_free(&p.corners);
     kiln_free(&p.spare);
     return status;
@@ -210,15 +211,15 @@ static int fill_set(const struct search *s, struct kiln_direction *set, struct k
 int kiln_directions_circles(struct kiln_direction *set, uint32_t count, struct kiln_error *error)
 {
     struct search s = {.count = 0};
-    int status = kiln_allocate(&s.places, count, sizeof *s.places, "directions", error);
-    if (status == KILN_OK) /* (0, 0) is in the middle of the empty disk */
-        s.placed = 1;
-    if (status == KILN_OK)
-        status = put_square(&s, 0.0, 0.0, 1.0, error);
-    while (status == KILN_OK && s.placed < count)
-        status = place_one(&s, error);
-    if (status == KILN_OK)
-        status = fill_set(&s, set, error);
+    int status;
+    KILN_TRY(kiln_allocate(&s.places, count, sizeof *s.places, "directions", error));
+    /* (0, 0) is in the middle of the empty disk */
+    s.placed = 1;
+    KILN_TRY(put_square(&s, 0.0, 0.0, 1.0, error));
+    while (s.placed < count)
+        KILN_TRY(place_one(&s, error));
+    KILN_TRY(fill_set(&s, set, error));
+end:
     kiln_free(&s.squares);
     kiln_free(&s.places);
     return status;

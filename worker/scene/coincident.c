@@ -279,32 +279,29 @@ static int run(struct search *s, struct kiln_error *error)
 #pragma omp parallel for schedule(dynamic)
     for (size_t block = 0; block < s->blocks; block++)
         sort_block(s, block);
-    int status = for_each(s, PARTS, link_part, error);
-    if (status == KILN_OK)
-        status = for_each(s, s->blocks, compare_block, error);
-    if (status == KILN_OK)
-        take_all(s);
+    int status;
+    KILN_TRY(for_each(s, PARTS, link_part, error));
+    KILN_TRY(for_each(s, s->blocks, compare_block, error));
+    take_all(s);
+end:
     return status;
 }
 
 static int allocate(struct search *s, struct kiln_error *error)
 {
     static const char what[] = "the search for coincident faces";
-    int status = kiln_allocate_bare(&s->hash, s->count, sizeof *s->hash, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&s->entries, s->count, sizeof *s->entries, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->before, s->count, sizeof *s->before, what, error);
-    if (status == KILN_OK) {
-        kiln_expect_whole(s->hash, s->count, sizeof *s->hash);
-        kiln_expect_whole(s->entries, s->count, sizeof *s->entries);
-        kiln_expect_whole(s->before, s->count, sizeof *s->before);
-    }
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&s->part_at, s->blocks * PARTS, sizeof *s->part_at, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->part_end, PARTS, sizeof *s->part_end, what, error);
-    return status == KILN_OK ? kiln_allocate(&s->pairs, s->blocks, sizeof *s->pairs, what, error) : status;
+    int status;
+    KILN_TRY(kiln_allocate_bare(&s->hash, s->count, sizeof *s->hash, what, error));
+    KILN_TRY(kiln_allocate_bare(&s->entries, s->count, sizeof *s->entries, what, error));
+    KILN_TRY(kiln_allocate(&s->before, s->count, sizeof *s->before, what, error));
+    kiln_expect_whole(s->hash, s->count, sizeof *s->hash);
+    kiln_expect_whole(s->entries, s->count, sizeof *s->entries);
+    kiln_expect_whole(s->before, s->count, sizeof *s->before);
+    KILN_TRY(kiln_allocate_bare(&s->part_at, s->blocks * PARTS, sizeof *s->part_at, what, error));
+    KILN_TRY(kiln_allocate(&s->part_end, PARTS, sizeof *s->part_end, what, error));
+    KILN_TRY(kiln_allocate(&s->pairs, s->blocks, sizeof *s->pairs, what, error));
+end:
+    return status;
 }
 
 int kiln_coincident_find(struct kiln_geometry *g, struct kiln_error *error)

@@ -26,11 +26,11 @@ int kiln_enclosures_create(struct kiln_enclosures **enclosures, const struct kil
                            const struct kiln_geometry *geometry, struct kiln_error *error)
 {
     struct kiln_enclosures *e = NULL;
-    int status = kiln_allocate(&e, 1, sizeof *e, "the bounds of objects", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->bounds, scene->object_count, sizeof *e->bounds, "the bounds of objects", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->answers, scene->object_count, sizeof *e->answers, "the bounds of objects", error);
+    int status;
+    KILN_TRY(kiln_allocate(&e, 1, sizeof *e, "the bounds of objects", error));
+    KILN_TRY(kiln_allocate(&e->bounds, scene->object_count, sizeof *e->bounds, "the bounds of objects", error));
+    KILN_TRY(kiln_allocate(&e->answers, scene->object_count, sizeof *e->answers, "the bounds of objects", error));
+end:
     *enclosures = e;
     if (status != KILN_OK) {
         kiln_enclosures_destroy(enclosures);

@@ -314,24 +314,19 @@ static int allocate_plan(struct expansion *e, struct kiln_error *error)
 {
     const struct kiln_scene *scene = e->scene;
     const char *what = "the expansion of the scene's objects";
-    int status = kiln_allocate(&e->alpha_floor, scene->material_count, sizeof *e->alpha_floor, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->alpha_limit, scene->material_count, sizeof *e->alpha_limit, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->mesh_chunk, scene->mesh_count + 1, sizeof *e->mesh_chunk, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->mesh_alpha, scene->mesh_count, sizeof *e->mesh_alpha, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->object_triangle_chunk, scene->object_count + 1, sizeof *e->object_triangle_chunk,
-                               what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->object_vertex_chunk, scene->object_count + 1, sizeof *e->object_vertex_chunk, what,
-                               error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->object_vertex, scene->object_count + 1, sizeof *e->object_vertex, what, error);
-    if (status == KILN_OK)
-        status = allocate_kept(e->geometry, &e->geometry->ranges, scene->object_count, sizeof *e->geometry->ranges,
-                               what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&e->alpha_floor, scene->material_count, sizeof *e->alpha_floor, what, error));
+    KILN_TRY(kiln_allocate(&e->alpha_limit, scene->material_count, sizeof *e->alpha_limit, what, error));
+    KILN_TRY(kiln_allocate(&e->mesh_chunk, scene->mesh_count + 1, sizeof *e->mesh_chunk, what, error));
+    KILN_TRY(kiln_allocate(&e->mesh_alpha, scene->mesh_count, sizeof *e->mesh_alpha, what, error));
+    KILN_TRY(kiln_allocate(&e->object_triangle_chunk, scene->object_count + 1, sizeof *e->object_triangle_chunk, what,
+                           error));
+    KILN_TRY(
+        kiln_allocate(&e->object_vertex_chunk, scene->object_count + 1, sizeof *e->object_vertex_chunk, what, error));
+    KILN_TRY(kiln_allocate(&e->object_vertex, scene->object_count + 1, sizeof *e->object_vertex, what, error));
+    KILN_TRY(allocate_kept(e->geometry, &e->geometry->ranges, scene->object_count, sizeof *e->geometry->ranges, what,
+                           error));
+end:
     if (status != KILN_OK)
         return status;
     for (size_t m = 0; m < scene->mesh_count; m++)
@@ -343,14 +338,12 @@ static int allocate_world(struct kiln_geometry *g, struct kiln_error *error)
 {
     int status =
         allocate_kept(g, &g->vertices, 3 * g->vertex_count + 4, sizeof *g->vertices, "the world's vertices", error);
-    if (status == KILN_OK)
-        status =
-            allocate_kept(g, &g->indices, 3 * g->triangle_count, sizeof *g->indices, "the world's triangles", error);
-    if (status == KILN_OK)
-        status = allocate_kept(g, &g->records, g->triangle_count, sizeof *g->records, "the world's hit records", error);
-    if (status == KILN_OK)
-        status = allocate_kept(g, &g->stored_triangle, g->triangle_count, sizeof *g->stored_triangle,
-                               "the world's triangles", error);
+    KILN_TRY(status);
+    KILN_TRY(allocate_kept(g, &g->indices, 3 * g->triangle_count, sizeof *g->indices, "the world's triangles", error));
+    KILN_TRY(allocate_kept(g, &g->records, g->triangle_count, sizeof *g->records, "the world's hit records", error));
+    KILN_TRY(allocate_kept(g, &g->stored_triangle, g->triangle_count, sizeof *g->stored_triangle,
+                           "the world's triangles", error));
+end:
     return status;
 }
 

@@ -445,22 +445,18 @@ static int check_contents(const struct check *check)
         header->texels_per_metre < 0.0f || !isfinite(header->padding_factor) ||
         header->units > KILN_SCENE_UNITS_BLENDER)
         return damaged(check, "the header has a value that is not a number");
-    int status = check_texts(check);
-    if (status == KILN_OK)
-        status = check_materials(check);
-    if (status == KILN_OK)
-        status = check_textures(check);
-    if (status == KILN_OK)
-        status = check_normal_maps(check);
-    if (status == KILN_OK)
-        status = check_glosses(check);
-    if (status == KILN_OK)
-        status = check_meshes(check);
-    if (status == KILN_OK)
-        status = check_vertices(check);
-    if (status == KILN_OK)
-        status = check_objects(check);
-    return status == KILN_OK ? check_lights(check) : status;
+    int status;
+    KILN_TRY(check_texts(check));
+    KILN_TRY(check_materials(check));
+    KILN_TRY(check_textures(check));
+    KILN_TRY(check_normal_maps(check));
+    KILN_TRY(check_glosses(check));
+    KILN_TRY(check_meshes(check));
+    KILN_TRY(check_vertices(check));
+    KILN_TRY(check_objects(check));
+    KILN_TRY(check_lights(check));
+end:
+    return status;
 }
 
 static void set_pointers(struct kiln_scene *scene)

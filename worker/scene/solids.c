@@ -177,17 +177,14 @@ static int find_pieces(const struct kiln_scene *scene, const struct kiln_mesh *m
 {
     uint32_t *welded = NULL;
     struct edge *edges = NULL;
-    int status = kiln_allocate(&welded, mesh->vertex_count, sizeof *welded, "the vertices of a mesh", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&edges, 3 * mesh->triangle_count, sizeof *edges, "the edges of a mesh", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&pieces->of, mesh->triangle_count, sizeof *pieces->of, "the pieces of a mesh", error);
-    if (status == KILN_OK)
-        status = weld(scene, mesh, welded, error);
-    if (status == KILN_OK)
-        status = number_pieces(mesh, edges, list_edges(scene, mesh, welded, edges), pieces, error);
-    if (status == KILN_OK)
-        status = judge_pieces(scene, mesh, pieces, error);
+    int status;
+    KILN_TRY(kiln_allocate(&welded, mesh->vertex_count, sizeof *welded, "the vertices of a mesh", error));
+    KILN_TRY(kiln_allocate(&edges, 3 * mesh->triangle_count, sizeof *edges, "the edges of a mesh", error));
+    KILN_TRY(kiln_allocate(&pieces->of, mesh->triangle_count, sizeof *pieces->of, "the pieces of a mesh", error));
+    KILN_TRY(weld(scene, mesh, welded, error));
+    KILN_TRY(number_pieces(mesh, edges, list_edges(scene, mesh, welded, edges), pieces, error));
+    KILN_TRY(judge_pieces(scene, mesh, pieces, error));
+end:
     kiln_free(&welded);
     kiln_free(&edges);
     return status;
@@ -248,13 +245,14 @@ static int list_emitters(const struct kiln_geometry *g, const struct kiln_scene 
 {
     const double *centre = scene->header->centre;
     int status = KILN_OK;
-    for (size_t i = 0; i < scene->light_count && status == KILN_OK; i++) {
+    for (size_t i = 0; i < scene->light_count; i++) {
         const double *p = scene->lights[i].position;
         if (scene->lights[i].kind != KILN_LIGHT_DIRECTIONAL)
-            status = add_emitter(e, dvec3(p[0] - centre[0], p[1] - centre[1], p[2] - centre[2]), KILN_NONE, error);
+            KILN_TRY(add_emitter(e, dvec3(p[0] - centre[0], p[1] - centre[1], p[2] - centre[2]), KILN_NONE, error));
     }
-    for (size_t o = 0; o < scene->object_count && status == KILN_OK; o++)
-        status = list_object_emitters(g, o, e, error);
+    for (size_t o = 0; o < scene->object_count; o++)
+        KILN_TRY(list_object_emitters(g, o, e, error));
+end:
     return status;
 }
 
@@ -424,15 +422,13 @@ int kiln_solids_make_one_sided(struct kiln_geometry *geometry, const struct kiln
         any = any || scene->materials[m].double_sided != 0;
     if (!any)
         return KILN_OK;
-    int status = kiln_allocate(&pieces, scene->mesh_count, sizeof *pieces, "the pieces of meshes", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&solid, geometry->triangle_count, sizeof *solid, "the world's triangles", error);
-    if (status == KILN_OK)
-        status = find_all_pieces(scene, pieces, error);
-    if (status == KILN_OK)
-        status = list_emitters(geometry, scene, &emitters, error);
-    if (status == KILN_OK)
-        status = close_all(geometry, scene, pieces, &emitters, solid, error);
+    int status;
+    KILN_TRY(kiln_allocate(&pieces, scene->mesh_count, sizeof *pieces, "the pieces of meshes", error));
+    KILN_TRY(kiln_allocate(&solid, geometry->triangle_count, sizeof *solid, "the world's triangles", error));
+    KILN_TRY(find_all_pieces(scene, pieces, error));
+    KILN_TRY(list_emitters(geometry, scene, &emitters, error));
+    KILN_TRY(close_all(geometry, scene, pieces, &emitters, solid, error));
+end:
     for (size_t m = 0; pieces != NULL && m < scene->mesh_count; m++)
         pieces_destroy(&pieces[m]);
     kiln_free(&pieces);

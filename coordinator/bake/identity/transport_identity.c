@@ -242,11 +242,11 @@ static int read_text(const char *directory, char path[KILN_PATH_SIZE], char **te
     enum { MOST = 1 << 30 };
     static const char name[] = "transport/index";
     struct kiln_results *results = NULL;
-    int status = kiln_path_join(path, directory, name, error);
-    if (status == KILN_OK)
-        status = kiln_results_open(&results, directory, error);
-    if (status == KILN_OK)
-        status = kiln_results_bytes(results, name, MOST, text, size, error);
+    int status;
+    KILN_TRY(kiln_path_join(path, directory, name, error));
+    KILN_TRY(kiln_results_open(&results, directory, error));
+    KILN_TRY(kiln_results_bytes(results, name, MOST, text, size, error));
+end:
     kiln_results_close(&results);
     return status;
 }
@@ -346,17 +346,18 @@ int kiln_transport_options_take(struct kiln_job *job, const json_t *index, const
     const struct kiln_option *backend = kiln_option_find_for("backend", KILN_FOR_BAKE),
                              *set = kiln_option_find_for("instruction-set", KILN_FOR_BAKE);
     int status = KILN_OK;
-    for (size_t i = 0; i < kiln_option_count && status == KILN_OK; i++) {
+    for (size_t i = 0; i < kiln_option_count; i++) {
         const struct kiln_option *option = &kiln_options[i];
         const json_t *value = json_object_get(options, option->name);
         if (value != NULL && option->of_light && (option->commands & KILN_FOR_BAKE) != 0)
-            status = take_option(job, option, value, directory, error);
+            KILN_TRY(take_option(job, option, value, directory, error));
     }
-    if (status == KILN_OK) /* those whose bits the bake has */
-        status = take_option(job, backend, json_object_get(index, "backend"), directory, error);
-    if (status == KILN_OK)
-        status = take_option(job, set, json_object_get(index, "instruction set"), directory, error);
-    return status == KILN_OK ? kiln_job_settle_light(job, error) : status;
+    /* those whose bits the bake has */
+    KILN_TRY(take_option(job, backend, json_object_get(index, "backend"), directory, error));
+    KILN_TRY(take_option(job, set, json_object_get(index, "instruction set"), directory, error));
+    KILN_TRY(kiln_job_settle_light(job, error));
+end:
+    return status;
 }
 
 int kiln_transport_changes_take(struct kiln_job *job, const json_t *index, const char *directory,

@@ -52,17 +52,17 @@ static int make_wishes(struct search *s, size_t count, struct kiln_error *error)
 static int path_views(struct search *s, const char *file, struct kiln_error *error)
 {
     struct kiln_camera_path *path = NULL;
-    int status = kiln_camera_path_read(&path, file, error);
-    if (status == KILN_OK)
-        status = make_wishes(s, FRAMES_A_KEY * (kiln_camera_path_keys(path) - 1) + 1, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->frames, s->count, sizeof *s->frames, "views", error);
-    for (size_t i = 0; i < s->count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_camera_path_read(&path, file, error));
+    KILN_TRY(make_wishes(s, FRAMES_A_KEY * (kiln_camera_path_keys(path) - 1) + 1, error));
+    KILN_TRY(kiln_allocate(&s->frames, s->count, sizeof *s->frames, "views", error));
+    for (size_t i = 0; i < s->count; i++) {
         kiln_camera_path_frame(path, i, s->count, &s->frames[i]);
         s->wishes[i].from = s->frames[i].from;
         s->wishes[i].to = s->frames[i].to;
         s->wishes[i].field_of_view = s->frames[i].field_of_view;
     }
+end:
     kiln_camera_path_destroy(&path);
     return status;
 }
@@ -378,13 +378,12 @@ static int take_marks(struct search *s, struct kiln_visible_from *v, struct kiln
 static int search(struct search *s, const char *views, struct kiln_error *error)
 {
     const struct kiln_prepared *p = s->p;
-    int status = find_views(s, views, error);
-    if (status == KILN_OK)
-        status = kiln_view_rays_create(&s->rays, CHUNK_RAYS, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->hit, (size_t)p->surface->tile_count, sizeof *s->hit, "the marks of tiles", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->marks, (size_t)p->surface->tile_count, 1, "the marks of tiles", error);
+    int status;
+    KILN_TRY(find_views(s, views, error));
+    KILN_TRY(kiln_view_rays_create(&s->rays, CHUNK_RAYS, error));
+    KILN_TRY(kiln_allocate(&s->hit, (size_t)p->surface->tile_count, sizeof *s->hit, "the marks of tiles", error));
+    KILN_TRY(kiln_allocate(&s->marks, (size_t)p->surface->tile_count, 1, "the marks of tiles", error));
+end:
     status = kiln_agree(p->communicator, status, error);
     for (size_t i = 0; i < s->count && status == KILN_OK; i++)
         status = look(s, &s->wishes[i], error);
@@ -402,15 +401,16 @@ int kiln_visible_from_find(struct kiln_visible_from *v, const struct kiln_prepar
     struct search s = {
         .p = p, .source = {.scene = p->scene, .geometry = p->geometry, .lights = p->lights, .backend = p->backend}};
     *v = (struct kiln_visible_from){.views = 0};
-    int status = search(&s, views, error);
-    if (status == KILN_OK)
-        status = take_marks(&s, v, error);
-    if (status == KILN_OK && v->points_seen == 0 && v->points > 0)
-        status = kiln_fail(error, KILN_BAD_INPUT,
+    int status;
+    KILN_TRY(search(&s, views, error));
+    KILN_TRY(take_marks(&s, v, error));
+    if (v->points_seen == 0 && v->points > 0)
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT,
                            "--only-visible-from %.200s: none of the %zu views sees a surface that has a lightmap",
-                           views, s.count);
-    if (status == KILN_OK) /* whose copy of the validity is out of date */
-        status = kiln_agree(p->communicator, kiln_backend_set_surface(p->backend, p->surface, error), error);
+                           views, s.count));
+    /* whose copy of the validity is out of date */
+    KILN_TRY(kiln_agree(p->communicator, kiln_backend_set_surface(p->backend, p->surface, error), error));
+end:
     kiln_view_rays_destroy(&s.rays);
     kiln_free(&s.wishes);
     kiln_free(&s.frames);

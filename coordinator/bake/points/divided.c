@@ -315,18 +315,18 @@ static int find_lines(struct search *s, struct kiln_error *error)
     struct kiln_wall_rays r;
     uint32_t *of = NULL;
     size_t count = LINE_RAYS * s->some_count;
-    int status = kiln_wall_rays_create(&r, count, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&of, count, sizeof *of, "rays along texels", error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_wall_rays_create(&r, count, error));
+    KILN_TRY(kiln_allocate(&of, count, sizeof *of, "rays along texels", error));
+    for (size_t i = 0; i < count; i++)
         of[i] = (uint32_t)(i / LINE_RAYS * 2 + (i % LINE_RAYS >= DIAGONALS));
-    for (size_t i = 0; i < s->some_count && status == KILN_OK; i++)
+    for (size_t i = 0; i < s->some_count; i++)
         set_line_rays(s, &s->some[i], &r, LINE_RAYS * i);
-    for (int round = 0; round < WALLS_MOST && count > 0 && status == KILN_OK; round++) {
-        status = trace(s, &r, count, error);
-        if (status == KILN_OK)
-            count = take_walls(s, &r, of, count);
+    for (int round = 0; round < WALLS_MOST && count > 0; round++) {
+        KILN_TRY(trace(s, &r, count, error));
+        count = take_walls(s, &r, of, count);
     }
+end:
     kiln_free(&of);
     kiln_wall_rays_destroy(&r);
     return status;
@@ -475,18 +475,19 @@ static int find_buried(struct search *s, struct kiln_error *error)
 {
     const size_t rays = (size_t)KILN_CELLS_MOST * UPS;
     struct kiln_wall_rays r;
-    int status = kiln_wall_rays_create(&r, rays * s->some_count, error);
-    for (size_t i = 0; i < s->some_count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_wall_rays_create(&r, rays * s->some_count, error));
+    for (size_t i = 0; i < s->some_count; i++)
         set_ups(s, &s->some[i], &r, rays * i);
-    if (status == KILN_OK)
-        status = trace(s, &r, rays * s->some_count, error);
-    for (size_t i = 0; i < s->some_count && status == KILN_OK; i++)
+    KILN_TRY(trace(s, &r, rays * s->some_count, error));
+    for (size_t i = 0; i < s->some_count; i++)
         for (uint32_t cell = 0; cell < s->some[i].cells.count; cell++) {
             bool buried = true;
             for (size_t k = 0; k < UPS; k++)
                 buried = buried && kiln_wall_rays_inside(&r, s->geometry, rays * i + UPS * (size_t)cell + k);
             s->some[i].cells.cell[cell].buried = buried;
         }
+end:
     kiln_wall_rays_destroy(&r);
     return status;
 }
@@ -776,14 +777,13 @@ static int look_along(struct search *s, bool shown, struct kiln_error *error)
     struct view *views = NULL;
     struct kiln_wall_rays r = {0};
     size_t count;
-    int status = list_views(s, &views, &count, error);
-    if (status == KILN_OK)
-        status = kiln_wall_rays_create(&r, LOOKS * count, error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(list_views(s, &views, &count, error));
+    KILN_TRY(kiln_wall_rays_create(&r, LOOKS * count, error));
+    for (size_t i = 0; i < count; i++)
         set_looks(s, views[i].of, views[i].number, views[i].from, &r, LOOKS * i);
-    if (status == KILN_OK)
-        status = trace(s, &r, LOOKS * count, error);
-    for (size_t i = 0; i < count && status == KILN_OK;) {
+    KILN_TRY(trace(s, &r, LOOKS * count, error));
+    for (size_t i = 0; i < count;) {
         struct seen seen[VIEWS];
         bool there[VIEWS];
         struct candidate *c = views[i].of;
@@ -793,6 +793,7 @@ static int look_along(struct search *s, bool shown, struct kiln_error *error)
         else
             choose_shown(c, seen, there);
     }
+end:
     kiln_free(&views);
     kiln_wall_rays_destroy(&r);
     return status;
@@ -857,21 +858,20 @@ static int keep(struct search *s, struct candidate *c, struct kiln_error *error)
 /* Finds out what walls do to the candidates, and empties their list. */
 static int divide_some(struct search *s, struct kiln_error *error)
 {
-    int status = s->some_count > 0 ? find_lines(s, error) : KILN_OK;
-    if (status == KILN_OK)
-        cut_all(s);
-    if (status == KILN_OK && s->some_count > 0)
-        status = join_cells(s, error);
-    if (status == KILN_OK)
-        drop_joined(s);
-    if (status == KILN_OK && s->some_count > 0)
-        status = find_buried(s, error);
-    if (status == KILN_OK)
-        make_all_parts(s);
-    if (status == KILN_OK && s->some_count > 0)
-        status = choose_views(s, error);
-    for (size_t i = 0; i < s->some_count && status == KILN_OK; i++)
-        status = keep(s, &s->some[i], error);
+    int status;
+    KILN_TRY(s->some_count > 0 ? find_lines(s, error) : KILN_OK);
+    cut_all(s);
+    if (s->some_count > 0)
+        KILN_TRY(join_cells(s, error));
+    drop_joined(s);
+    if (s->some_count > 0)
+        KILN_TRY(find_buried(s, error));
+    make_all_parts(s);
+    if (s->some_count > 0)
+        KILN_TRY(choose_views(s, error));
+    for (size_t i = 0; i < s->some_count; i++)
+        KILN_TRY(keep(s, &s->some[i], error));
+end:
     s->some_count = 0;
     return status;
 }
@@ -1004,16 +1004,15 @@ static int look_at(struct search *s, size_t begin, size_t end, struct kiln_wall_
 {
     size_t *ray = NULL;
     uint8_t *empty = NULL;
-    int status = kiln_allocate(&ray, end - begin, sizeof *ray, "rays along texels", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&empty, end - begin, 1, "rays along texels", error);
-    if (status == KILN_OK)
-        status = find_empty(s, begin, end, r, ray, empty, error);
-    if (status == KILN_OK)
-        status = trace_diagonals(s, begin, end, r, ray, empty, error);
-    for (size_t f = begin; f < end && status == KILN_OK; f++)
+    int status;
+    KILN_TRY(kiln_allocate(&ray, end - begin, sizeof *ray, "rays along texels", error));
+    KILN_TRY(kiln_allocate(&empty, end - begin, 1, "rays along texels", error));
+    KILN_TRY(find_empty(s, begin, end, r, ray, empty, error));
+    KILN_TRY(trace_diagonals(s, begin, end, r, ray, empty, error));
+    for (size_t f = begin; f < end; f++)
         if (empty[f - begin] == 0)
-            status = look_at_run(s, f, r, ray[f - begin], error);
+            KILN_TRY(look_at_run(s, f, r, ray[f - begin], error));
+end:
     kiln_free(&ray);
     kiln_free(&empty);
     return status;
@@ -1026,19 +1025,19 @@ static int look_at_all(struct search *s, struct kiln_error *error)
     struct kiln_wall_rays r = {0};
     const size_t diagonals = DIAGONALS * (size_t)(surface->count < CHUNK_POINTS ? surface->count : CHUNK_POINTS),
                  grids = GRID * (runs < CHUNK_POINTS / GRID ? runs : CHUNK_POINTS / GRID);
-    int status = kiln_wall_rays_create(&r, diagonals > grids ? diagonals : grids, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->some, CHUNK_TEXELS, sizeof *s->some, "texels at walls", error);
-    for (size_t begin = 0, end; status == KILN_OK && begin < runs; begin = end) {
+    int status;
+    KILN_TRY(kiln_wall_rays_create(&r, diagonals > grids ? diagonals : grids, error));
+    KILN_TRY(kiln_allocate(&s->some, CHUNK_TEXELS, sizeof *s->some, "texels at walls", error));
+    for (size_t begin = 0, end; begin < runs; begin = end) {
         uint64_t points = 0;
         for (end = begin;
              end < runs && points + surface->tile_runs[end].count <= CHUNK_POINTS && end - begin < CHUNK_POINTS / GRID;
              end++)
             points += surface->tile_runs[end].count;
-        status = kiln_stop_asked(s->stop) ? kiln_give_up(error) : look_at(s, begin, end, &r, error);
+        KILN_TRY(kiln_stop_asked(s->stop) ? kiln_give_up(error) : look_at(s, begin, end, &r, error));
     }
-    if (status == KILN_OK)
-        status = divide_some(s, error);
+    KILN_TRY(divide_some(s, error));
+end:
     kiln_wall_rays_destroy(&r);
     kiln_free(&s->some);
     return status;

@@ -174,11 +174,13 @@ int kiln_enclosed_lights_find(struct kiln_enclosed_light **list, size_t *count, 
     struct search s = {.backend = backend, .params = &backend->params};
     const struct kiln_geometry *g = s.params->geometry;
     s.reach = CLOSE * (double)vec3_length(vec3_sub(g->bounds_max, g->bounds_min));
-    int status = kiln_allocate(&s.lamp, 1, sizeof *s.lamp, "the rays of a lamp", error);
-    if (status == KILN_OK && g->triangle_count > 0)
-        status = look_at_points(&s, error);
-    if (status == KILN_OK && g->triangle_count > 0)
-        status = look_at_areas(&s, error);
+    int status;
+    KILN_TRY(kiln_allocate(&s.lamp, 1, sizeof *s.lamp, "the rays of a lamp", error));
+    if (g->triangle_count > 0)
+        KILN_TRY(look_at_points(&s, error));
+    if (g->triangle_count > 0)
+        KILN_TRY(look_at_areas(&s, error));
+end:
     kiln_free(&s.lamp);
     if (status != KILN_OK)
         kiln_free(&s.list);

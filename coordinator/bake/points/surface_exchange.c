@@ -78,11 +78,11 @@ static int plan_rounds(struct rounds *r, const struct kiln_surface_meeting *m, s
     uint64_t total = 0, most = 0;
     (void)MPI_Comm_size(m->communicator, &r->ranks);
     const size_t ranks = (size_t)r->ranks;
-    int status = kiln_allocate(&r->records, ranks, sizeof *r->records, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->counts, ranks, sizeof *r->counts, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->places, ranks, sizeof *r->places, what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&r->records, ranks, sizeof *r->records, what, error));
+    KILN_TRY(kiln_allocate(&r->counts, ranks, sizeof *r->counts, what, error));
+    KILN_TRY(kiln_allocate(&r->places, ranks, sizeof *r->places, what, error));
+end:
     status = kiln_agree(m->communicator, status, error);
     if (status != KILN_OK)
         return status;

@@ -22,15 +22,13 @@ int kiln_wall_rays_create(struct kiln_wall_rays *s, size_t room, struct kiln_err
 {
     const char *what = "rays along texels";
     *s = (struct kiln_wall_rays){.room = room};
-    int status = kiln_allocate(&s->origins, room, sizeof *s->origins, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->directions, room, sizeof *s->directions, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->lengths, room, sizeof *s->lengths, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->hits, room, sizeof *s->hits, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->meets, room, sizeof *s->meets, what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&s->origins, room, sizeof *s->origins, what, error));
+    KILN_TRY(kiln_allocate(&s->directions, room, sizeof *s->directions, what, error));
+    KILN_TRY(kiln_allocate(&s->lengths, room, sizeof *s->lengths, what, error));
+    KILN_TRY(kiln_allocate(&s->hits, room, sizeof *s->hits, what, error));
+    KILN_TRY(kiln_allocate(&s->meets, room, sizeof *s->meets, what, error));
+end:
     if (status != KILN_OK)
         kiln_wall_rays_destroy(s);
     return status;
@@ -84,11 +82,11 @@ static void rest_destroy(struct rest *r)
 
 static int rest_create(struct rest *r, size_t count, struct kiln_error *error)
 {
-    int status = kiln_wall_rays_create(&r->at, count, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->of, count, sizeof *r->of, "rays along texels", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->begin, count, sizeof *r->begin, "rays along texels", error);
+    int status;
+    KILN_TRY(kiln_wall_rays_create(&r->at, count, error));
+    KILN_TRY(kiln_allocate(&r->of, count, sizeof *r->of, "rays along texels", error));
+    KILN_TRY(kiln_allocate(&r->begin, count, sizeof *r->begin, "rays along texels", error));
+end:
     return status;
 }
 
@@ -133,18 +131,20 @@ int kiln_wall_rays_trace(struct kiln_wall_rays *s, const struct kiln_scene *scen
     struct rest r = {0};
     size_t open = 0;
     const struct kiln_ray_hints hints = {.lengths = s->lengths};
-    int status = kiln_backend_intersect_hinted(backend, s->origins, s->directions, count, &hints, s->hits, error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_backend_intersect_hinted(backend, s->origins, s->directions, count, &hints, s->hits, error));
+    for (size_t i = 0; i < count; i++) {
         s->meets[i] = is_met(s, i) && is_wall(scene, geometry, &s->hits[i]);
         open += is_met(s, i) && !s->meets[i];
     }
-    if (status == KILN_OK && open > 0)
-        status = rest_create(&r, open, error);
-    for (size_t i = 0; i < count && status == KILN_OK && open > 0; i++)
+    if (open > 0)
+        KILN_TRY(rest_create(&r, open, error));
+    for (size_t i = 0; i < count && open > 0; i++)
         if (is_met(s, i) && !s->meets[i])
             go_on(&r, s, i, s->hits[i].distance);
-    for (int round = 0; round < ROUNDS && r.count > 0 && status == KILN_OK; round++)
-        status = trace_rest(&r, s, scene, geometry, backend, error);
+    for (int round = 0; round < ROUNDS && r.count > 0; round++)
+        KILN_TRY(trace_rest(&r, s, scene, geometry, backend, error));
+end:
     rest_destroy(&r);
     return status;
 }

@@ -444,18 +444,15 @@ static int build_surface(struct kiln_prepared *p, const struct kiln_job *job, co
 {
     struct kiln_surface_meeting meeting = {.communicator = p->communicator};
     const struct kiln_surface_exchange exchange = kiln_surface_exchange_over(&meeting);
-    int status = find_surface(p, job, &exchange, stop_of(care), &p->surface, &p->surface_report, error);
-    if (status == KILN_OK)
-        status = go_on(p, care, end_building(p, error), error);
-    if (status == KILN_OK)
-        status = kiln_divide_texels(p->surface, p->scene, p->geometry, p->backend, p->threads,
-                                    p->ranks > 1 ? &exchange : NULL, stop_of(care), error);
-    if (status == KILN_OK) {
-        count_again(p);
-        share_map(p);
-    }
-    if (status == KILN_OK)
-        status = kiln_backend_set_surface(p->backend, p->surface, error);
+    int status;
+    KILN_TRY(find_surface(p, job, &exchange, stop_of(care), &p->surface, &p->surface_report, error));
+    KILN_TRY(go_on(p, care, end_building(p, error), error));
+    KILN_TRY(kiln_divide_texels(p->surface, p->scene, p->geometry, p->backend, p->threads,
+                                p->ranks > 1 ? &exchange : NULL, stop_of(care), error));
+    count_again(p);
+    share_map(p);
+    KILN_TRY(kiln_backend_set_surface(p->backend, p->surface, error));
+end:
     status = go_on(p, care, status, error);
     return status == KILN_OK ? refuse(p, care, error) : status;
 }
@@ -532,32 +529,24 @@ int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const s
 {
     struct kiln_prepared *p = NULL;
     care = care != NULL ? care : &careless;
-    int status = kiln_agree(communicator, kiln_allocate(&p, 1, sizeof *p, "the run", error), error);
-    if (status == KILN_OK) {
-        p->communicator = communicator;
-        status = learn_about_ranks(p, job, error);
-    }
-    if (status == KILN_OK) {
-        kiln_phase(phases, "import");
-        kiln_progress_phase(progress, "import", 0);
-        status = import_scene(p, job, scene_file, care, error);
-    }
-    if (status == KILN_OK) {
-        kiln_phase(phases, "scene and BVH");
-        kiln_progress_phase(progress, "scene and BVH", 0);
-        status = build_world(p, job, scene_file, care, error);
-    }
-    if (status == KILN_OK) {
-        kiln_phase(phases, "surface points");
-        kiln_progress_phase(progress, "surface points", 0);
-        status = build_surface(p, job, care, error);
-    }
-    if (status == KILN_OK) {
-        kiln_phase(phases, "validity");
-        kiln_progress_phase(progress, "validity", p->surface->tile_run_count);
-        p->first_pass = MPI_Wtime();
-        status = find_valid_points(p, care, progress, error);
-    }
+    int status;
+    KILN_TRY(kiln_agree(communicator, kiln_allocate(&p, 1, sizeof *p, "the run", error), error));
+    p->communicator = communicator;
+    KILN_TRY(learn_about_ranks(p, job, error));
+    kiln_phase(phases, "import");
+    kiln_progress_phase(progress, "import", 0);
+    KILN_TRY(import_scene(p, job, scene_file, care, error));
+    kiln_phase(phases, "scene and BVH");
+    kiln_progress_phase(progress, "scene and BVH", 0);
+    KILN_TRY(build_world(p, job, scene_file, care, error));
+    kiln_phase(phases, "surface points");
+    kiln_progress_phase(progress, "surface points", 0);
+    KILN_TRY(build_surface(p, job, care, error));
+    kiln_phase(phases, "validity");
+    kiln_progress_phase(progress, "validity", p->surface->tile_run_count);
+    p->first_pass = MPI_Wtime();
+    KILN_TRY(find_valid_points(p, care, progress, error));
+end:
     kiln_phase(phases, NULL);
     if (status != KILN_OK)
         kiln_prepared_destroy(&p);
@@ -588,20 +577,16 @@ int kiln_prepare_coarser(struct kiln_prepared **prepared, const struct kiln_prep
 {
     const struct kiln_prepare_care care = {.control = control};
     struct kiln_prepared *p = NULL;
-    int status = kiln_agree(fine->communicator, kiln_allocate(&p, 1, sizeof *p, "the run", error), error);
-    if (status == KILN_OK) {
-        p->communicator = fine->communicator;
-        memcpy(p->instruction_set, fine->instruction_set, sizeof p->instruction_set);
-        status = learn_about_ranks(p, job, error);
-    }
-    if (status == KILN_OK)
-        status = go_on(p, &care, halve_lightmaps(p, fine->scene, error), error);
-    if (status == KILN_OK)
-        status = build_backend(p, job, &care, error);
-    if (status == KILN_OK)
-        status = build_surface(p, job, &care, error);
-    if (status == KILN_OK)
-        status = find_valid_points(p, &care, NULL, error);
+    int status;
+    KILN_TRY(kiln_agree(fine->communicator, kiln_allocate(&p, 1, sizeof *p, "the run", error), error));
+    p->communicator = fine->communicator;
+    memcpy(p->instruction_set, fine->instruction_set, sizeof p->instruction_set);
+    KILN_TRY(learn_about_ranks(p, job, error));
+    KILN_TRY(go_on(p, &care, halve_lightmaps(p, fine->scene, error), error));
+    KILN_TRY(build_backend(p, job, &care, error));
+    KILN_TRY(build_surface(p, job, &care, error));
+    KILN_TRY(find_valid_points(p, &care, NULL, error));
+end:
     if (status != KILN_OK)
         kiln_prepared_destroy(&p);
     *prepared = p;

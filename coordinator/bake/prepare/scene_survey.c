@@ -68,14 +68,13 @@ static int measure_objects(struct kiln_scene_survey *survey, struct kiln_error *
     double *densities = NULL;
     uint64_t *emissive = NULL;
     size_t count = 0;
-    int status = kiln_allocate(&survey->objects, scene->object_count, sizeof *survey->objects, "objects", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&densities, scene->object_count, sizeof *densities, "densities", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&emissive, scene->mesh_count, sizeof *emissive, "meshes", error);
-    for (size_t m = 0; m < scene->mesh_count && status == KILN_OK; m++)
+    int status;
+    KILN_TRY(kiln_allocate(&survey->objects, scene->object_count, sizeof *survey->objects, "objects", error));
+    KILN_TRY(kiln_allocate(&densities, scene->object_count, sizeof *densities, "densities", error));
+    KILN_TRY(kiln_allocate(&emissive, scene->mesh_count, sizeof *emissive, "meshes", error));
+    for (size_t m = 0; m < scene->mesh_count; m++)
         emissive[m] = emissive_triangles(scene, &scene->meshes[m]);
-    for (size_t i = 0; i < scene->object_count && status == KILN_OK; i++) {
+    for (size_t i = 0; i < scene->object_count; i++) {
         const struct kiln_object *object = &scene->objects[i];
         const struct kiln_mesh *mesh = &scene->meshes[object->mesh];
         struct kiln_scene_survey_object *o = &survey->objects[i];
@@ -87,6 +86,7 @@ static int measure_objects(struct kiln_scene_survey *survey, struct kiln_error *
         if (o->area > 0.0)
             densities[count++] = o->density = sqrt(mesh->uv_area * texels / o->area);
     }
+end:
     if (count > 0) {
         qsort(densities, count, sizeof *densities, compare_doubles);
         survey->density_min = densities[0];
@@ -165,15 +165,14 @@ static int find_points(struct kiln_scene_survey *survey, const struct kiln_job *
 int kiln_scene_survey_create(struct kiln_scene_survey **result, const struct kiln_job *job, struct kiln_error *error)
 {
     struct kiln_scene_survey *survey = NULL;
-    int status = kiln_allocate(&survey, 1, sizeof *survey, "the scene's figures", error);
-    if (status == KILN_OK)
-        status = import_scene(survey, job, error);
-    if (status == KILN_OK)
-        status = measure_objects(survey, error);
-    if (status == KILN_OK)
-        status = kiln_points_memory_check(survey->scene, job, 1, 1, error);
-    if (status == KILN_OK && survey->expanded > 0)
-        status = find_points(survey, job, error);
+    int status;
+    KILN_TRY(kiln_allocate(&survey, 1, sizeof *survey, "the scene's figures", error));
+    KILN_TRY(import_scene(survey, job, error));
+    KILN_TRY(measure_objects(survey, error));
+    KILN_TRY(kiln_points_memory_check(survey->scene, job, 1, 1, error));
+    if (survey->expanded > 0)
+        KILN_TRY(find_points(survey, job, error));
+end:
     if (status != KILN_OK)
         kiln_scene_survey_destroy(&survey);
     *result = survey;

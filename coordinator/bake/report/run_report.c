@@ -1085,14 +1085,15 @@ static int make_room(const struct kiln_run *run, struct gathered *g, struct kiln
 {
     const struct kiln_prepared *p = run->prepared;
     const size_t ranks = (size_t)p->ranks;
-    int status = kiln_allocate(&g->stolen, run->solution->report.steps.count, sizeof *g->stolen, "the report", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&g->rays, run->solution->report.steps.count * (p->rank == 0 ? ranks : 1),
-                               sizeof *g->rays, "the report", error);
-    if (status == KILN_OK && p->rank == 0)
-        status = kiln_allocate(&g->values, ranks * RANK_VALUES, sizeof *g->values, "the report", error);
-    if (status == KILN_OK && p->rank == 0)
-        status = kiln_allocate(&g->phases, ranks * KILN_PHASES_MAX, sizeof *g->phases, "the report", error);
+    int status;
+    KILN_TRY(kiln_allocate(&g->stolen, run->solution->report.steps.count, sizeof *g->stolen, "the report", error));
+    KILN_TRY(kiln_allocate(&g->rays, run->solution->report.steps.count * (p->rank == 0 ? ranks : 1), sizeof *g->rays,
+                           "the report", error));
+    if (p->rank == 0)
+        KILN_TRY(kiln_allocate(&g->values, ranks * RANK_VALUES, sizeof *g->values, "the report", error));
+    if (p->rank == 0)
+        KILN_TRY(kiln_allocate(&g->phases, ranks * KILN_PHASES_MAX, sizeof *g->phases, "the report", error));
+end:
     return kiln_agree(p->communicator, status, error);
 }
 

@@ -135,15 +135,14 @@ static int check_folder(const struct kiln_bake *b, const char *output, const cha
 static int make_ones(struct engine *e, struct kiln_error *error)
 {
     const struct kiln_prepared *p = e->b->prepared;
-    int status = kiln_state_scene_create(&e->base, p->scene, error);
-    for (size_t i = 0; i < e->width && status == KILN_OK; i++)
-        status = kiln_state_scene_create(&e->ones[i].scene, p->scene, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->written, p->surface->map_count, sizeof *e->written, "lightmaps", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->light, p->surface->map_count, sizeof *e->light, "lightmaps", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->only, p->surface->map_count, 1, "lightmaps", error);
+    int status;
+    KILN_TRY(kiln_state_scene_create(&e->base, p->scene, error));
+    for (size_t i = 0; i < e->width; i++)
+        KILN_TRY(kiln_state_scene_create(&e->ones[i].scene, p->scene, error));
+    KILN_TRY(kiln_allocate(&e->written, p->surface->map_count, sizeof *e->written, "lightmaps", error));
+    KILN_TRY(kiln_allocate(&e->light, p->surface->map_count, sizeof *e->light, "lightmaps", error));
+    KILN_TRY(kiln_allocate(&e->only, p->surface->map_count, 1, "lightmaps", error));
+end:
     return kiln_agree(e->b->communicator, status, error);
 }
 
@@ -151,11 +150,11 @@ static int make_ones(struct engine *e, struct kiln_error *error)
 static int make_shared(struct engine *e, struct kiln_error *error)
 {
     struct kiln_bake *b = e->b;
-    int status = kiln_agree(b->communicator, kiln_resident_create(&e->resident, &b->light_params, error), error);
-    if (status == KILN_OK)
-        status = kiln_states_create(&e->states, &b->light_params, e->resident, e->width, error);
-    if (status == KILN_OK)
-        status = kiln_state_lights_create(&e->lights, b, e->states, &e->base, error);
+    int status;
+    KILN_TRY(kiln_agree(b->communicator, kiln_resident_create(&e->resident, &b->light_params, error), error));
+    KILN_TRY(kiln_states_create(&e->states, &b->light_params, e->resident, e->width, error));
+    KILN_TRY(kiln_state_lights_create(&e->lights, b, e->states, &e->base, error));
+end:
     return status;
 }
 
@@ -281,10 +280,11 @@ static int find_albedo(struct engine *e, size_t place, struct kiln_error *error)
 static int mix(struct engine *e, size_t count, struct kiln_error *error)
 {
     int status = KILN_OK;
-    for (size_t i = 0; i < count && status == KILN_OK; i++)
-        status = find_albedo(e, i, error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++)
-        status = kiln_state_lights_mix(e->lights, &e->ones[i].scene, i, &e->ones[i].state, error);
+    for (size_t i = 0; i < count; i++)
+        KILN_TRY(find_albedo(e, i, error));
+    for (size_t i = 0; i < count; i++)
+        KILN_TRY(kiln_state_lights_mix(e->lights, &e->ones[i].scene, i, &e->ones[i].state, error));
+end:
     return status;
 }
 
@@ -412,18 +412,14 @@ static int write_state(struct engine *e, size_t place, const char *folder, struc
     forget(b);
     if (b->rank == 0)
         b->state = state_json(e, place);
-    if (status == KILN_OK)
-        status = kiln_bake_volume(b, error);
-    if (status == KILN_OK)
-        status = kiln_agree(b->communicator, b->rank == 0 ? kiln_make_directories(folder, error) : KILN_OK, error);
-    if (status == KILN_OK)
-        status = kiln_bake_check_folder(b, error);
-    if (status == KILN_OK)
-        status = kiln_bake_clear_folder(b, error);
-    if (status == KILN_OK)
-        status = write_scene(e, place, folder, error);
-    if (status == KILN_OK)
-        status = kiln_bake_write(b, error);
+    KILN_TRY(status);
+    KILN_TRY(kiln_bake_volume(b, error));
+    KILN_TRY(kiln_agree(b->communicator, b->rank == 0 ? kiln_make_directories(folder, error) : KILN_OK, error));
+    KILN_TRY(kiln_bake_check_folder(b, error));
+    KILN_TRY(kiln_bake_clear_folder(b, error));
+    KILN_TRY(write_scene(e, place, folder, error));
+    KILN_TRY(kiln_bake_write(b, error));
+end:
     e->ones[place].write = since(begin);
     b->settled.output = e->output;
     return status;

@@ -556,25 +556,18 @@ int kiln_state_lights_create(struct kiln_state_lights **lights, struct kiln_bake
     struct kiln_state_lights *l = NULL;
     int status = kiln_allocate(&l, 1, sizeof *l, "the lights of states", error);
     *lights = l;
-    if (status == KILN_OK) {
-        *l = (struct kiln_state_lights){.bake = bake, .states = states, .base = base};
-        l->elements = p->scene->light_count + p->scene->material_count + 1;
-        status = kiln_state_scene_create(&l->only, p->scene, error);
-    }
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->part_of, l->elements, sizeof *l->part_of, "the lights of states", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->own_part, l->elements, sizeof *l->own_part, "the lights of states", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->own_factor, l->elements, sizeof *l->own_factor, "the lights of states", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->own_changed, l->elements, sizeof *l->own_changed, "the lights of states", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->white, 3 * (size_t)p->surface->count, sizeof *l->white, "an albedo of 1", error);
-    if (status == KILN_OK) {
-        memset(l->white, 0xff, 3 * (size_t)p->surface->count * sizeof *l->white);
-        number_parts(l);
-    }
+    KILN_TRY(status);
+    *l = (struct kiln_state_lights){.bake = bake, .states = states, .base = base};
+    l->elements = p->scene->light_count + p->scene->material_count + 1;
+    KILN_TRY(kiln_state_scene_create(&l->only, p->scene, error));
+    KILN_TRY(kiln_allocate(&l->part_of, l->elements, sizeof *l->part_of, "the lights of states", error));
+    KILN_TRY(kiln_allocate(&l->own_part, l->elements, sizeof *l->own_part, "the lights of states", error));
+    KILN_TRY(kiln_allocate(&l->own_factor, l->elements, sizeof *l->own_factor, "the lights of states", error));
+    KILN_TRY(kiln_allocate(&l->own_changed, l->elements, sizeof *l->own_changed, "the lights of states", error));
+    KILN_TRY(kiln_allocate(&l->white, 3 * (size_t)p->surface->count, sizeof *l->white, "an albedo of 1", error));
+    memset(l->white, 0xff, 3 * (size_t)p->surface->count * sizeof *l->white);
+    number_parts(l);
+end:
     return kiln_agree(p->communicator, status, error);
 }
 

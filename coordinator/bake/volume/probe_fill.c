@@ -249,12 +249,13 @@ static int share_buried(struct fill *f, uint64_t *all, struct kiln_error *error)
     const struct kiln_volume_result *v = f->volume;
     uint64_t *own = NULL;
     size_t count = 0;
-    int status = kiln_allocate(&f->buried, f->total / 64 + 1, sizeof *f->buried, "probes inside geometry", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&own, v->count, sizeof *own, "probes inside geometry", error);
-    for (uint64_t i = 0; status == KILN_OK && i < v->count; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&f->buried, f->total / 64 + 1, sizeof *f->buried, "probes inside geometry", error));
+    KILN_TRY(kiln_allocate(&own, v->count, sizeof *own, "probes inside geometry", error));
+    for (uint64_t i = 0; i < v->count; i++)
         if (v->places[i].state == KILN_PROBE_BURIED || v->places[i].state == KILN_PROBE_FILLED)
             own[count++] = v->first + i;
+end:
     status = f->exchange->allgather(f->exchange->context, status, own, count, sizeof *own, mark_buried, f, error);
     *all = count;
     if (status == KILN_OK)

@@ -498,23 +498,17 @@ static int prepare(struct paths_work *w, struct kiln_error *error)
     (void)MPI_Comm_size(p->communicator, &ranks);
     int status = kiln_aims_create(&w->aims, p->backend->params.lights, kiln_landing_aims(p->settings), error);
     const size_t aims = status == KILN_OK ? w->aims->count : 0;
-    if (status == KILN_OK)
-        status = begin_spheres(&w->spheres, w->volume, p->scene, w->aims, w->iterations, chunk, p->leaves, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->own_sums, (w->volume->count < chunk ? w->volume->count : chunk) * KILN_SPHERE_SUMS,
-                               sizeof *w->own_sums, "the light in spheres", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->learnt, 3 * aims, sizeof *w->learnt, "the moments of light paths", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->counts, 2 * (size_t)ranks, sizeof *w->counts, "the ranks' probes", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->origins, rays, sizeof *w->origins, "the probes' rays", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->directions, rays, sizeof *w->directions, "the probes' rays", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->hits, rays, sizeof *w->hits, "the probes' rays", error);
-    if (status == KILN_OK)
-        status = kiln_landing_host(&w->host, p->backend, error);
+    KILN_TRY(status);
+    KILN_TRY(begin_spheres(&w->spheres, w->volume, p->scene, w->aims, w->iterations, chunk, p->leaves, error));
+    KILN_TRY(kiln_allocate(&w->own_sums, (w->volume->count < chunk ? w->volume->count : chunk) * KILN_SPHERE_SUMS,
+                           sizeof *w->own_sums, "the light in spheres", error));
+    KILN_TRY(kiln_allocate(&w->learnt, 3 * aims, sizeof *w->learnt, "the moments of light paths", error));
+    KILN_TRY(kiln_allocate(&w->counts, 2 * (size_t)ranks, sizeof *w->counts, "the ranks' probes", error));
+    KILN_TRY(kiln_allocate(&w->origins, rays, sizeof *w->origins, "the probes' rays", error));
+    KILN_TRY(kiln_allocate(&w->directions, rays, sizeof *w->directions, "the probes' rays", error));
+    KILN_TRY(kiln_allocate(&w->hits, rays, sizeof *w->hits, "the probes' rays", error));
+    KILN_TRY(kiln_landing_host(&w->host, p->backend, error));
+end:
     w->paths = w->learnt != NULL ? w->learnt + aims : NULL;
     w->weights = w->learnt != NULL ? w->learnt + 2 * aims : NULL;
     w->places = w->counts != NULL ? w->counts + ranks : NULL;

@@ -116,8 +116,9 @@ static int find_some(const struct places_work *w, struct kiln_vec3 *positions, s
                      struct kiln_probe_place *places, uint64_t *rays, struct kiln_error *error)
 {
     size_t left = 0;
-    int status = trace(w, positions, count, rays, error);
-    for (size_t i = 0; status == KILN_OK && i < count; i++) {
+    int status;
+    KILN_TRY(trace(w, positions, count, rays, error));
+    for (size_t i = 0; i < count; i++) {
         places[i] = (struct kiln_probe_place){{0.0f, 0.0f, 0.0f}, KILN_PROBE_IN_PLACE};
         if (!lies_inside(w, i))
             continue;
@@ -125,8 +126,9 @@ static int find_some(const struct places_work *w, struct kiln_vec3 *positions, s
         w->homeless[left] = (struct homeless){.probe = i, .grid = positions[i]};
         find_ways(w, i, &w->homeless[left++]);
     }
-    for (uint32_t way = 0; status == KILN_OK && left > 0 && way < TRIES; way++)
-        status = try_ways(w, way, &left, positions, places, rays, error);
+    for (uint32_t way = 0; left > 0 && way < TRIES; way++)
+        KILN_TRY(try_ways(w, way, &left, positions, places, rays, error));
+end:
     return status;
 }
 
@@ -136,17 +138,16 @@ int kiln_probe_places_find(struct kiln_backend *backend, const struct kiln_geome
 {
     const size_t most = count < TOGETHER ? count : TOGETHER;
     struct places_work w = {.backend = backend, .geometry = geometry, .reach = reach};
-    int status = kiln_allocate(&w.origins, most * RAYS, sizeof *w.origins, "the probes' rays", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w.directions, most * RAYS, sizeof *w.directions, "the probes' rays", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w.hits, most * RAYS, sizeof *w.hits, "the probes' rays", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w.homeless, most, sizeof *w.homeless, "probes inside geometry", error);
-    for (size_t done = 0; status == KILN_OK && done < count; done += TOGETHER) {
+    int status;
+    KILN_TRY(kiln_allocate(&w.origins, most * RAYS, sizeof *w.origins, "the probes' rays", error));
+    KILN_TRY(kiln_allocate(&w.directions, most * RAYS, sizeof *w.directions, "the probes' rays", error));
+    KILN_TRY(kiln_allocate(&w.hits, most * RAYS, sizeof *w.hits, "the probes' rays", error));
+    KILN_TRY(kiln_allocate(&w.homeless, most, sizeof *w.homeless, "probes inside geometry", error));
+    for (size_t done = 0; done < count; done += TOGETHER) {
         const size_t some = count - done < TOGETHER ? count - done : TOGETHER;
-        status = find_some(&w, positions + done, some, places + done, rays, error);
+        KILN_TRY(find_some(&w, positions + done, some, places + done, rays, error));
     }
+end:
     kiln_free(&w.origins);
     kiln_free(&w.directions);
     kiln_free(&w.hits);

@@ -116,16 +116,15 @@ static int restore(struct volume_work *w, int rank, int ranks, struct kiln_error
         !kiln_checkpoint_has(c, "probe_occluders") || !kiln_checkpoint_has(c, "probe_places") ||
         (w->groups != NULL && !kiln_checkpoint_has(c, "probe_groups")))
         return KILN_OK;
-    int status = kiln_checkpoint_read(c, "probes", first, count, sizeof *w->probes, w->probes, error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(c, "probe_occluders", first, count, sizeof *w->occluders, w->occluders, error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(c, "probe_places", first, count, sizeof *w->places, w->places, error);
-    if (status == KILN_OK && w->groups != NULL)
-        status = kiln_checkpoint_read(c, "probe_groups", first, count, w->volume->group_count * sizeof *w->groups,
-                                      w->groups, error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(c, "probes_done", first, count, 1, w->done, error);
+    int status;
+    KILN_TRY(kiln_checkpoint_read(c, "probes", first, count, sizeof *w->probes, w->probes, error));
+    KILN_TRY(kiln_checkpoint_read(c, "probe_occluders", first, count, sizeof *w->occluders, w->occluders, error));
+    KILN_TRY(kiln_checkpoint_read(c, "probe_places", first, count, sizeof *w->places, w->places, error));
+    if (w->groups != NULL)
+        KILN_TRY(kiln_checkpoint_read(c, "probe_groups", first, count, w->volume->group_count * sizeof *w->groups,
+                                      w->groups, error));
+    KILN_TRY(kiln_checkpoint_read(c, "probes_done", first, count, 1, w->done, error));
+end:
     for (uint64_t i = 0; i < count; i++) {
         if (w->done[i] > KILN_PROBE_COMPLETE)
             w->done[i] = KILN_PROBE_TO_DO;
@@ -269,11 +268,12 @@ int kiln_volume_save_all(const struct kiln_volume_result *volume, const struct k
     w.occluders = (struct kiln_probe_occluders *)(uintptr_t)volume->occluders;
     w.places = (struct kiln_probe_place *)(uintptr_t)volume->places;
     w.groups = (struct kiln_probe_group *)(uintptr_t)volume->groups;
-    int status = kiln_agree(params->communicator, kiln_allocate(&w.done, volume->count, 1, "the probes", error), error);
-    if (status == KILN_OK && volume->count > 0)
+    int status;
+    KILN_TRY(kiln_agree(params->communicator, kiln_allocate(&w.done, volume->count, 1, "the probes", error), error));
+    if (volume->count > 0)
         memset(w.done, KILN_PROBE_COMPLETE, volume->count);
-    if (status == KILN_OK)
-        status = save(&w, true, error);
+    KILN_TRY(save(&w, true, error));
+end:
     kiln_free(&w.done);
     return status;
 }

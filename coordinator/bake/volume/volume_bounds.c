@@ -142,17 +142,18 @@ static bool is_source(const struct kiln_scene *scene, const struct kiln_mesh *me
 static int find_roles(uint8_t **roles, const struct kiln_scene *scene, size_t counts[3], struct kiln_error *error)
 {
     uint8_t *sources = NULL;
-    int status = kiln_allocate(roles, scene->object_count, 1, "the objects' bounds", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&sources, scene->mesh_count, 1, "the objects' bounds", error);
-    for (size_t i = 0; i < scene->mesh_count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_allocate(roles, scene->object_count, 1, "the objects' bounds", error));
+    KILN_TRY(kiln_allocate(&sources, scene->mesh_count, 1, "the objects' bounds", error));
+    for (size_t i = 0; i < scene->mesh_count; i++)
         sources[i] = is_source(scene, &scene->meshes[i]);
-    for (size_t i = 0; i < scene->object_count && status == KILN_OK; i++) {
+    for (size_t i = 0; i < scene->object_count; i++) {
         const struct kiln_object *o = &scene->objects[i];
         const bool source = sources[o->mesh] != 0 || names_a_sky(kiln_scene_string(scene, o->original_name));
         (*roles)[i] = source ? SOURCE : (o->flags & KILN_OBJECT_CASTER_ONLY) != 0 ? CASTER : RECEIVER;
         counts[(*roles)[i]]++;
     }
+end:
     kiln_free(&sources);
     return status;
 }
@@ -191,19 +192,20 @@ static int find_among(struct kiln_volume_bounds *bounds, const struct kiln_scene
     const enum role kept = counts[RECEIVER] > 0 ? RECEIVER : CASTER;
     struct outline *outlines = NULL;
     struct box *boxes = NULL, box = nothing;
-    int status = kiln_allocate(&boxes, scene->object_count, sizeof *boxes, "the objects' bounds", error);
-    if (status == KILN_OK)
-        status = find_outlines(&outlines, scene, error);
-    for (size_t i = 0; i < scene->object_count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&boxes, scene->object_count, sizeof *boxes, "the objects' bounds", error));
+    KILN_TRY(find_outlines(&outlines, scene, error));
+    for (size_t i = 0; i < scene->object_count; i++) {
         boxes[i] = box_of(&outlines[scene->objects[i].mesh], scene->objects[i].transform);
         if (roles[i] == kept)
             box = add(box, &boxes[i]);
     }
-    if (status == KILN_OK && longest_side(&box) > 0.0) {
+    if (longest_side(&box) > 0.0) {
         add_sources(bounds, &box, boxes, roles, scene->object_count);
         memcpy(bounds->low, box.low, sizeof bounds->low);
         memcpy(bounds->high, box.high, sizeof bounds->high);
     }
+end:
     if (bounds->left_out == 0 && (counts[CASTER] == 0 || kept == CASTER))
         take_scene(bounds, scene);
     kiln_free(&outlines);

@@ -159,17 +159,16 @@ int kiln_adapt_samples(const struct kiln_integration *in, uint32_t mean, struct 
     struct budget budget = {.mean = mean, .most = most < UINT32_MAX / 2 ? (uint32_t)most : UINT32_MAX / 2};
     uint64_t *tiles = NULL;
     double light = 0.0;
-    int status = kiln_agree(
+    int status;
+    KILN_TRY(kiln_agree(
         in->communicator,
-        kiln_allocate(&tiles, (size_t)surface->tile_count, sizeof *tiles, "the spreads of tiles", error), error);
-    if (status == KILN_OK)
-        status = kiln_tiles_mean(in, own->direct, NULL, &light, error);
-    if (status == KILN_OK) {
-        if (light > 0.0)
-            add_spreads(own, light, tiles);
-        kiln_tiles_reduce(in, tiles, surface->tile_count);
-        choose_samples(own, tiles, &budget);
-    }
+        kiln_allocate(&tiles, (size_t)surface->tile_count, sizeof *tiles, "the spreads of tiles", error), error));
+    KILN_TRY(kiln_tiles_mean(in, own->direct, NULL, &light, error));
+    if (light > 0.0)
+        add_spreads(own, light, tiles);
+    kiln_tiles_reduce(in, tiles, surface->tile_count);
+    choose_samples(own, tiles, &budget);
+end:
     kiln_free(&tiles);
     return status;
 }

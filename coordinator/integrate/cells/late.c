@@ -103,16 +103,15 @@ int kiln_late_choose(const struct kiln_integration *in, uint32_t samples, struct
     const struct kiln_surface *surface = &in->solution->own->surface;
     uint64_t *tiles = NULL;
     double mean = 0.0;
-    int status = kiln_agree(
+    int status;
+    KILN_TRY(kiln_agree(
         in->communicator,
-        kiln_allocate(&tiles, (size_t)surface->tile_count, sizeof *tiles, "what is left in tiles", error), error);
-    if (status == KILN_OK)
-        status = kiln_tiles_mean(in, in->solution->own->sum, NULL, &mean, error);
-    if (status == KILN_OK) {
-        add_shares(in, mean, tiles);
-        kiln_tiles_reduce(in, tiles, surface->tile_count);
-        end_tile_runs(in, tiles, samples);
-    }
+        kiln_allocate(&tiles, (size_t)surface->tile_count, sizeof *tiles, "what is left in tiles", error), error));
+    KILN_TRY(kiln_tiles_mean(in, in->solution->own->sum, NULL, &mean, error));
+    add_shares(in, mean, tiles);
+    kiln_tiles_reduce(in, tiles, surface->tile_count);
+    end_tile_runs(in, tiles, samples);
+end:
     kiln_free(&tiles);
     return status;
 }

@@ -17,20 +17,16 @@ static int make_room(struct kiln_landing *l, struct kiln_error *error)
 {
     const size_t aims = l->aims->count;
     const char *what = "the moments of light paths";
-    int status = kiln_allocate(&l->moments, aims, sizeof *l->moments, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->moments_before, aims, sizeof *l->moments_before, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->learnt, aims, sizeof *l->learnt, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->paths, aims, sizeof *l->paths, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->weights, aims, sizeof *l->weights, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->landed, l->params->threads, sizeof *l->landed, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->results, KILN_LANDING_GIVEN_TILE_RUNS * KILN_TILE_TEXELS, sizeof *l->results,
-                               "the answers of tile runs", error);
+    int status;
+    KILN_TRY(kiln_allocate(&l->moments, aims, sizeof *l->moments, what, error));
+    KILN_TRY(kiln_allocate(&l->moments_before, aims, sizeof *l->moments_before, what, error));
+    KILN_TRY(kiln_allocate(&l->learnt, aims, sizeof *l->learnt, what, error));
+    KILN_TRY(kiln_allocate(&l->paths, aims, sizeof *l->paths, what, error));
+    KILN_TRY(kiln_allocate(&l->weights, aims, sizeof *l->weights, what, error));
+    KILN_TRY(kiln_allocate(&l->landed, l->params->threads, sizeof *l->landed, what, error));
+    KILN_TRY(kiln_allocate(&l->results, KILN_LANDING_GIVEN_TILE_RUNS * KILN_TILE_TEXELS, sizeof *l->results,
+                           "the answers of tile runs", error));
+end:
     return status;
 }
 
@@ -65,20 +61,20 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
     status = kiln_aims_create(&l->aims, params->backend->params.lights, kiln_landing_aims(params->settings), error);
     const uint64_t photons = status == KILN_OK ? kiln_landing_photons(params->settings, l->aims->count) : 0;
     l->photons = photons;
-    if (status == KILN_OK)
-        solution->report.landing = (struct kiln_landing_report){.photons = photons, .aims = l->aims->count};
-    if (status == KILN_OK && photons < l->aims->count)
-        status =
+    KILN_TRY(status);
+    solution->report.landing = (struct kiln_landing_report){.photons = photons, .aims = l->aims->count};
+    if (photons < l->aims->count)
+        KILN_TRY(
             kiln_fail(error, KILN_USAGE,
                       "--photons %llu is less than the %zu pairs of a lamp and an object with gloss, each of which "
                       "needs a path: give --photons %zu or more",
-                      (unsigned long long)photons, l->aims->count, l->aims->count);
-    if (status == KILN_OK)
-        status = make_room(l, error);
-    if (status == KILN_OK && params->settings->caustics == KILN_CAUSTICS_VCM)
-        status = kiln_emission_create(&l->emission, params->backend->params.lights, error);
-    if (status == KILN_OK && kiln_landing_shares(l))
-        status = kiln_mirror_images_create(&l->images, params->backend->params.lights, narrow_beam(params), error);
+                      (unsigned long long)photons, l->aims->count, l->aims->count));
+    KILN_TRY(make_room(l, error));
+    if (params->settings->caustics == KILN_CAUSTICS_VCM)
+        KILN_TRY(kiln_emission_create(&l->emission, params->backend->params.lights, error));
+    if (kiln_landing_shares(l))
+        KILN_TRY(kiln_mirror_images_create(&l->images, params->backend->params.lights, narrow_beam(params), error));
+end:
     l->techniques = (struct kiln_caustic_techniques){
         .aims = l->aims, .emission = l->emission, .images = l->images, .mis = params->settings->mis};
     if (status == KILN_OK)

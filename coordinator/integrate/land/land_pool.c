@@ -139,16 +139,14 @@ int kiln_landing_pool(struct kiln_landing *l, struct kiln_error *error)
 {
     struct pools p = {.count = l->solution->own->surface.whole_maps, .iterations = (double)kiln_landing_iterations(l)};
     set_units(&p, l->params);
-    int status = kiln_agree(l->params->communicator,
-                            kiln_allocate(&p.maps, p.count, sizeof *p.maps, "the light of objects", error), error);
-    if (status == KILN_OK) {
-        for_lit(l, &p, collect);
-        status = kiln_exact_reduce(l->params->communicator, p.maps->of, p.count * SUMS, error);
-    }
-    if (status == KILN_OK)
-        for_lit(l, &p, share_out);
-    if (status == KILN_OK)
-        tell(&p, kiln_solution_step(l->solution)->energy.unfound);
+    int status;
+    KILN_TRY(kiln_agree(l->params->communicator,
+                        kiln_allocate(&p.maps, p.count, sizeof *p.maps, "the light of objects", error), error));
+    for_lit(l, &p, collect);
+    KILN_TRY(kiln_exact_reduce(l->params->communicator, p.maps->of, p.count * SUMS, error));
+    for_lit(l, &p, share_out);
+    tell(&p, kiln_solution_step(l->solution)->energy.unfound);
+end:
     kiln_free(&p.maps);
     return status;
 }

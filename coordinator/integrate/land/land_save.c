@@ -57,16 +57,15 @@ static int read_landing(struct kiln_landing *l, const struct kiln_landing_saved 
     const struct kiln_checkpoint *c = l->params->checkpoint;
     const struct kiln_surface *own = &l->solution->own->surface;
     const uint64_t first = own->first.at, aims = l->aims->count;
-    int status = kiln_checkpoint_read(c, "landing_learnt", 0, aims, sizeof *l->learnt, l->learnt, error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(c, "landing_paths", 0, aims, sizeof *l->paths, l->paths, error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(c, "landing_sums", first, own->count, sizeof *l->sums, l->sums, error);
-    if (status == KILN_OK && kiln_landing_merges(l))
-        status = kiln_checkpoint_read(c, "landing_merged", first, own->count, sizeof *l->merged, l->merged, error);
-    for (size_t part = (size_t)l->params->rank; status == KILN_OK && part < kiln_checkpoint_parts(c);
-         part += (size_t)l->params->ranks)
-        status = add_moments(l, part, error);
+    int status;
+    KILN_TRY(kiln_checkpoint_read(c, "landing_learnt", 0, aims, sizeof *l->learnt, l->learnt, error));
+    KILN_TRY(kiln_checkpoint_read(c, "landing_paths", 0, aims, sizeof *l->paths, l->paths, error));
+    KILN_TRY(kiln_checkpoint_read(c, "landing_sums", first, own->count, sizeof *l->sums, l->sums, error));
+    if (kiln_landing_merges(l))
+        KILN_TRY(kiln_checkpoint_read(c, "landing_merged", first, own->count, sizeof *l->merged, l->merged, error));
+    for (size_t part = (size_t)l->params->rank; part < kiln_checkpoint_parts(c); part += (size_t)l->params->ranks)
+        KILN_TRY(add_moments(l, part, error));
+end:
     return status == KILN_OK && !is_sane(l, s) ? kiln_block_insane("landing", error) : status;
 }
 

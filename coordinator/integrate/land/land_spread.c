@@ -54,12 +54,11 @@ static int find_widest(const struct kiln_landing *l, float **widest, struct kiln
     double *areas = NULL;
     if (s->bricks != NULL)
         return KILN_OK;
-    int status = kiln_allocate(widest, s->map_count, sizeof **widest, "the widths of texels", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&areas, s->map_count, sizeof *areas, "the areas of lightmaps", error);
-    if (status == KILN_OK)
-        add_areas(l->params->backend->params.geometry, s, areas);
-    for (uint32_t map = 0; map < s->map_count && status == KILN_OK; map++) {
+    int status;
+    KILN_TRY(kiln_allocate(widest, s->map_count, sizeof **widest, "the widths of texels", error));
+    KILN_TRY(kiln_allocate(&areas, s->map_count, sizeof *areas, "the areas of lightmaps", error));
+    add_areas(l->params->backend->params.geometry, s, areas);
+    for (uint32_t map = 0; map < s->map_count; map++) {
         const struct kiln_lightmap *lightmap = &s->lightmaps[map];
         uint64_t points = 0;
         if (kiln_map_part(s, map) > 0) {
@@ -70,6 +69,7 @@ static int find_widest(const struct kiln_landing *l, float **widest, struct kiln
             points += (uint64_t)__builtin_popcountll(s->tiles[lightmap->tile_first + t].mask);
         (*widest)[map] = points > 0 ? (float)(OWN_MOST * sqrt(areas[map] / (double)points)) : INFINITY;
     }
+end:
     kiln_free(&areas);
     return status;
 }
@@ -184,14 +184,14 @@ static int gather_rays(struct kiln_landing *l, uint64_t first, uint64_t count, u
     const struct kiln_tile_run *runs = l->solution->own->surface.tile_runs;
     uint64_t now = 0;
     int status = KILN_OK;
-    for (size_t f = (size_t)first, end = (size_t)(first + count); f < end && status == KILN_OK; f += batch.count) {
+    for (size_t f = (size_t)first, end = (size_t)(first + count); f < end; f += batch.count) {
         batch.first = f;
         batch.count = kiln_landing_same_kind(l, f, end) - f;
         if (!kiln_landing_is_receiver(l, f))
-            status = kiln_landing_run_pass(l, &kiln_pass_weighed, &l->techniques, &batch, &now, error);
+            KILN_TRY(kiln_landing_run_pass(l, &kiln_pass_weighed, &l->techniques, &batch, &now, error));
     }
-    if (status == KILN_OK)
-        kiln_progress_advance(l->params->progress, kiln_tile_runs_points(runs, runs + first + count - 1));
+    kiln_progress_advance(l->params->progress, kiln_tile_runs_points(runs, runs + first + count - 1));
+end:
     return status;
 }
 

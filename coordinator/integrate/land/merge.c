@@ -599,18 +599,18 @@ static int find_error(struct kiln_merge *m, const struct kiln_merge_search *sear
                  bias = 0.5 * radius < search->texel ? 1.0 : BIAS; /* by a half without bias, or with a quarter */
     struct kiln_exact_sum sum = {0};
     memset(search->merged, 0, m->own_count * sizeof *search->merged);
-    int status = kiln_merge_set_radius(m, radius, error);
-    if (status == KILN_OK)
-        status = spread(m, search->landed, radius, 0, search->merged, error); /* edges are few */
-    for (size_t i = 0; i < m->own_count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_merge_set_radius(m, radius, error));
+    KILN_TRY(spread(m, search->landed, radius, 0, search->merged, error)); /* edges are few */
+    for (size_t i = 0; i < m->own_count; i++) {
         const struct kiln_merged *merged = &search->merged[i];
         kiln_exact_add(&sum,
                        (double)m->own[i].lit *
                            (merged->square / (double)search->iterations + bias * bias * change2_of(merged)),
                        1.0 / unit);
     }
-    if (status == KILN_OK)
-        status = kiln_exact_reduce(m->communicator, &sum, 1, error);
+    KILN_TRY(kiln_exact_reduce(m->communicator, &sum, 1, error));
+end:
     *square = kiln_exact_value(&sum, unit);
     return status;
 }

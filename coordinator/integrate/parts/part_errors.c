@@ -146,11 +146,12 @@ int kiln_part_survey(const struct kiln_integrate_params *p, const struct kiln_ra
 {
     double sums[2] = {0.0, 0.0};
     *survey = (struct kiln_part_survey){.shared = NULL};
-    int status = find_mean(p, data, unit, &survey->mean, error);
-    if (status == KILN_OK)
-        status = add_variances(p, data, survey->mean, sums, error);
-    if (status == KILN_OK && !(p->settings->target_error > 0.0))
-        status = share(p, data, survey, error);
+    int status;
+    KILN_TRY(find_mean(p, data, unit, &survey->mean, error));
+    KILN_TRY(add_variances(p, data, survey->mean, sums, error));
+    if (!(p->settings->target_error > 0.0))
+        KILN_TRY(share(p, data, survey, error));
+end:
     survey->gain = has_quarters(part) && sums[1] > sums[0]
                        ? sqrt(fmax(3.0 * sums[0] / (4.0 * sums[1] - sums[0]), GAIN_LEAST))
                        : 1.0;

@@ -164,11 +164,10 @@ int kiln_directions_create(struct kiln_directions **directions, const struct kil
         return status;
     d->source = *source;
     d->parameters.set_count = samples;
-    status = make_set(d, samples, error);
-    if (status == KILN_OK)
-        status = pack_emission(d, error);
-    if (status == KILN_OK)
-        status = make_clusters(d, error);
+    KILN_TRY(make_set(d, samples, error));
+    KILN_TRY(pack_emission(d, error));
+    KILN_TRY(make_clusters(d, error));
+end:
     if (status != KILN_OK)
         kiln_directions_destroy(directions);
     return status;

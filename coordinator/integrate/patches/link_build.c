@@ -223,11 +223,11 @@ static int quarter(const struct builder *b, struct range r, struct range parts[K
                    struct kiln_error *error)
 {
     uint32_t before;
-    int status = halve(b, r, &before, error);
-    if (status == KILN_OK)
-        status = halve_half(b, (struct range){r.first, before, r.depth + 1}, parts, error);
-    if (status == KILN_OK)
-        status = halve_half(b, (struct range){r.first + before, r.count - before, r.depth + 1}, parts + 2, error);
+    int status;
+    KILN_TRY(halve(b, r, &before, error));
+    KILN_TRY(halve_half(b, (struct range){r.first, before, r.depth + 1}, parts, error));
+    KILN_TRY(halve_half(b, (struct range){r.first + before, r.count - before, r.depth + 1}, parts + 2, error));
+end:
     return status;
 }
 
@@ -370,11 +370,11 @@ static void place_nodes(const struct branches *all, struct branch *b, struct kil
 static int join(struct branches *all, struct kiln_link_nodes *nodes, struct kiln_error *error)
 {
     nodes->count = number_nodes(all, 0, 0);
-    int status = kiln_allocate(&nodes->of, nodes->count, sizeof *nodes->of, WHAT, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&nodes->parts, all->count, sizeof *nodes->parts, WHAT, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&nodes->over, all->count, sizeof *nodes->over, WHAT, error);
+    int status;
+    KILN_TRY(kiln_allocate(&nodes->of, nodes->count, sizeof *nodes->of, WHAT, error));
+    KILN_TRY(kiln_allocate(&nodes->parts, all->count, sizeof *nodes->parts, WHAT, error));
+    KILN_TRY(kiln_allocate(&nodes->over, all->count, sizeof *nodes->over, WHAT, error));
+end:
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(dynamic, 1)

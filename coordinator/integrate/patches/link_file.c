@@ -121,17 +121,15 @@ static int write_share(const struct link_file *f, const struct kiln_surface *s, 
     static const char what[] = "the links that are kept";
     struct kiln_links_entry *table = NULL;
     uint8_t *codes = NULL;
-    int status = kiln_allocate(&table, (size_t)share->runs, sizeof *table, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&codes, (size_t)share->bytes, 1, what, error);
-    if (status == KILN_OK) {
-        lay_out(s, kept, share, key, table, codes);
-        status =
-            write_at(f, table, share->runs * sizeof *table, KILN_LINKS_BEGIN + share->first_run * sizeof *table, error);
-    }
-    if (status == KILN_OK)
-        status = write_at(f, codes, share->bytes,
-                          KILN_LINKS_BEGIN + share->all_runs * sizeof *table + share->first_byte, error);
+    int status;
+    KILN_TRY(kiln_allocate(&table, (size_t)share->runs, sizeof *table, what, error));
+    KILN_TRY(kiln_allocate(&codes, (size_t)share->bytes, 1, what, error));
+    lay_out(s, kept, share, key, table, codes);
+    KILN_TRY(
+        write_at(f, table, share->runs * sizeof *table, KILN_LINKS_BEGIN + share->first_run * sizeof *table, error));
+    KILN_TRY(write_at(f, codes, share->bytes, KILN_LINKS_BEGIN + share->all_runs * sizeof *table + share->first_byte,
+                      error));
+end:
     kiln_free(&table);
     kiln_free(&codes);
     return status;
@@ -248,17 +246,17 @@ static int read_run(const struct link_file *f, const struct kiln_links_header *h
     struct kiln_kept_links *k = NULL;
     if (e->offset > h->bytes || e->bytes > h->bytes - e->offset)
         return refuse(f, error);
-    int status = kiln_allocate(&k, sizeof *k + e->bytes, 1, "the links of a tile", error);
-    if (status == KILN_OK) {
-        *k = (struct kiln_kept_links){
-            .first = e->first, .points = run->count, .bytes = e->bytes, .links = e->links, .of_file = 1};
-        status = kiln_links_read_at(f->descriptor, f->path, k->code, e->bytes, e->offset, error);
-    }
-    if (status == KILN_OK && (check_of(k, h->key) != e->check || kiln_links_check(k, h->points, NULL) != KILN_OK))
-        status = kiln_fail(error, KILN_BAD_INPUT,
+    int status;
+    KILN_TRY(kiln_allocate(&k, sizeof *k + e->bytes, 1, "the links of a tile", error));
+    *k = (struct kiln_kept_links){
+        .first = e->first, .points = run->count, .bytes = e->bytes, .links = e->links, .of_file = 1};
+    KILN_TRY(kiln_links_read_at(f->descriptor, f->path, k->code, e->bytes, e->offset, error));
+    if (check_of(k, h->key) != e->check || kiln_links_check(k, h->points, NULL) != KILN_OK)
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT,
                            "'%s' is not as it was written: the links of the surface points from %llu on are damaged; "
                            "bake again with --keep-transport links",
-                           f->path, (unsigned long long)e->first);
+                           f->path, (unsigned long long)e->first));
+end:
     if (status == KILN_OK)
         *kept = k;
     else

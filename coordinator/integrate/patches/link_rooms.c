@@ -92,18 +92,19 @@ static void turn_ray(const struct rooms *r, size_t i)
 
 static int trace(struct rooms *r, size_t rays, struct kiln_error *error)
 {
-    int status = kiln_backend_intersect(r->source->backend, r->origins, r->directions, rays, r->hits, error);
-    for (size_t i = 0; i < rays && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_backend_intersect(r->source->backend, r->origins, r->directions, rays, r->hits, error));
+    for (size_t i = 0; i < rays; i++)
         turn_ray(r, i);
-    if (status == KILN_OK)
-        status = kiln_backend_intersect_hinted(r->source->backend, r->origins, r->directions, rays,
-                                               &(struct kiln_ray_hints){.lengths = r->lengths}, r->hits, error);
-    for (size_t i = 0; i < rays && status == KILN_OK; i++) {
+    KILN_TRY(kiln_backend_intersect_hinted(r->source->backend, r->origins, r->directions, rays,
+                                           &(struct kiln_ray_hints){.lengths = r->lengths}, r->hits, error));
+    for (size_t i = 0; i < rays; i++) {
         const bool is_parted =
             r->lengths[i] > 0.0f && r->hits[i].triangle != KILN_NONE && r->hits[i].distance < r->lengths[i];
         if (r->to[i] != KILN_NONE && !is_parted)
             kiln_sets_join(r->parent, r->from[i], r->to[i]);
     }
+end:
     return status;
 }
 
@@ -160,19 +161,18 @@ static int number_rooms(struct rooms *r, uint32_t *rooms, struct kiln_error *err
     const struct kiln_patch *points = r->source->points;
     const uint32_t count = r->count - 1;
     uint32_t *order = NULL, *size = NULL, next = 0;
-    int status = kiln_allocate(&order, count, sizeof *order, WHAT, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&size, r->count, sizeof *size, WHAT, error);
-    for (uint32_t i = 0; i < count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&order, count, sizeof *order, WHAT, error));
+    KILN_TRY(kiln_allocate(&size, r->count, sizeof *size, WHAT, error));
+    for (uint32_t i = 0; i < count; i++)
         order[i] = KILN_NONE;
-    for (uint32_t i = 0; i < count && status == KILN_OK; i++)
+    for (uint32_t i = 0; i < count; i++)
         if (points[i].area > 0.0f) {
             order[points[i].number] = i;
             size[kiln_sets_root(r->parent, i)]++;
         }
-    if (status == KILN_OK)
-        size[kiln_sets_root(r->parent, count)]++;
-    for (uint32_t k = 0; k < count && status == KILN_OK; k++) {
+    size[kiln_sets_root(r->parent, count)]++;
+    for (uint32_t k = 0; k < count; k++) {
         const uint32_t i = order[k], root = i != KILN_NONE ? kiln_sets_root(r->parent, i) : 0;
         if (i == KILN_NONE || size[root] == 1)
             continue;
@@ -180,8 +180,9 @@ static int number_rooms(struct rooms *r, uint32_t *rooms, struct kiln_error *err
             rooms[root] = next++;
         rooms[i] = rooms[root];
     }
-    for (uint32_t i = 0; i < count && status == KILN_OK; i++)
+    for (uint32_t i = 0; i < count; i++)
         rooms[i] = rooms[i] == KILN_NONE ? next : rooms[i];
+end:
     kiln_free(&order);
     kiln_free(&size);
     return status;
@@ -189,21 +190,16 @@ static int number_rooms(struct rooms *r, uint32_t *rooms, struct kiln_error *err
 
 static int allocate(struct rooms *r, struct kiln_error *error)
 {
-    int status = kiln_allocate(&r->parent, r->count, sizeof *r->parent, WHAT, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->origins, TOGETHER + RAYS, sizeof *r->origins, WHAT, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->directions, TOGETHER + RAYS, sizeof *r->directions, WHAT, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->hits, TOGETHER + RAYS, sizeof *r->hits, WHAT, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->from, TOGETHER + RAYS, sizeof *r->from, WHAT, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->to, TOGETHER + RAYS, sizeof *r->to, WHAT, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->lengths, TOGETHER + RAYS, sizeof *r->lengths, WHAT, error);
-    if (status == KILN_OK)
-        kiln_sets_begin(r->parent, r->count);
+    int status;
+    KILN_TRY(kiln_allocate(&r->parent, r->count, sizeof *r->parent, WHAT, error));
+    KILN_TRY(kiln_allocate(&r->origins, TOGETHER + RAYS, sizeof *r->origins, WHAT, error));
+    KILN_TRY(kiln_allocate(&r->directions, TOGETHER + RAYS, sizeof *r->directions, WHAT, error));
+    KILN_TRY(kiln_allocate(&r->hits, TOGETHER + RAYS, sizeof *r->hits, WHAT, error));
+    KILN_TRY(kiln_allocate(&r->from, TOGETHER + RAYS, sizeof *r->from, WHAT, error));
+    KILN_TRY(kiln_allocate(&r->to, TOGETHER + RAYS, sizeof *r->to, WHAT, error));
+    KILN_TRY(kiln_allocate(&r->lengths, TOGETHER + RAYS, sizeof *r->lengths, WHAT, error));
+    kiln_sets_begin(r->parent, r->count);
+end:
     return status;
 }
 

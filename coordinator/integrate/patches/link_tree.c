@@ -88,13 +88,11 @@ int kiln_link_tree_create(struct kiln_link_tree **tree, const struct kiln_patch 
         return status;
     t->points = points;
     t->rooms = rooms;
-    status = order_points(t, count, error);
-    if (status == KILN_OK)
-        status = find_first(t, light, count, error);
-    if (status == KILN_OK)
-        status = kiln_link_build(points, t->first, rooms, t->order, (uint32_t)t->count, &t->nodes, error);
-    if (status == KILN_OK)
-        status = make_leaves(t, error);
+    KILN_TRY(order_points(t, count, error));
+    KILN_TRY(find_first(t, light, count, error));
+    KILN_TRY(kiln_link_build(points, t->first, rooms, t->order, (uint32_t)t->count, &t->nodes, error));
+    KILN_TRY(make_leaves(t, error));
+end:
     if (status != KILN_OK)
         kiln_link_tree_destroy(tree);
     return status;

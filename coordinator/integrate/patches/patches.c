@@ -614,12 +614,12 @@ static int make_links(struct kiln_patches *p, struct kiln_error *error)
         p->source.communicator,
         kiln_allocate(&light, (size_t)s->point_count, sizeof *light, "the first light of links", error), error);
     const struct kiln_rooms_source rooms = {p->source.communicator, s, p->source.backend, p->points};
-    if (status == KILN_OK && p->rooms == NULL)
-        status = kiln_rooms_find(&rooms, &p->rooms, error);
-    if (status == KILN_OK)
-        status = find_first_light(p, light, error);
-    if (status == KILN_OK)
-        status = kiln_agree(p->source.communicator, create_links(p, light, error), error);
+    KILN_TRY(status);
+    if (p->rooms == NULL)
+        KILN_TRY(kiln_rooms_find(&rooms, &p->rooms, error));
+    KILN_TRY(find_first_light(p, light, error));
+    KILN_TRY(kiln_agree(p->source.communicator, create_links(p, light, error), error));
+end:
     p->links_of_emission = p->step->bounce == 0;
     kiln_free(&light);
     return status;

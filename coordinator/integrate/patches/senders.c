@@ -27,19 +27,15 @@ int kiln_senders_create(struct kiln_senders **senders, uint64_t points, struct k
 {
     static const char what[] = "the patches that send";
     struct kiln_senders *s = NULL;
-    int status = kiln_allocate(&s, 1, sizeof *s, what, error);
-    if (status == KILN_OK) {
-        s->points = points;
-        status = kiln_allocate(&s->members, (size_t)points, sizeof *s->members, what, error);
-    }
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->first, (size_t)points + 1, sizeof *s->first, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->ranked, (size_t)points, sizeof *s->ranked, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->chosen, (size_t)most_chosen(points), sizeof *s->chosen, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->shot, (size_t)words_of(points), sizeof *s->shot, what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&s, 1, sizeof *s, what, error));
+    s->points = points;
+    KILN_TRY(kiln_allocate(&s->members, (size_t)points, sizeof *s->members, what, error));
+    KILN_TRY(kiln_allocate(&s->first, (size_t)points + 1, sizeof *s->first, what, error));
+    KILN_TRY(kiln_allocate(&s->ranked, (size_t)points, sizeof *s->ranked, what, error));
+    KILN_TRY(kiln_allocate(&s->chosen, (size_t)most_chosen(points), sizeof *s->chosen, what, error));
+    KILN_TRY(kiln_allocate(&s->shot, (size_t)words_of(points), sizeof *s->shot, what, error));
+end:
     if (status != KILN_OK)
         kiln_senders_destroy(&s);
     *senders = s;

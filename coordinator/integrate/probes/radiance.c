@@ -54,25 +54,20 @@ int kiln_radiance_create(struct kiln_radiance **radiance, const struct kiln_inte
     r->params = params;
     r->solution = solution;
     r->saved = saved;
-    status = kiln_probe_grid_make(&r->set.grid, settings, params->backend->params.geometry, error);
-    if (status == KILN_OK) {
-        r->probes = kiln_probes_count(&r->set.grid);
-        r->first = r->probes * (uint64_t)params->rank / (uint64_t)params->ranks;
-        r->count = r->probes * ((uint64_t)params->rank + 1) / (uint64_t)params->ranks - r->first;
-        r->elements = kiln_probe_elements(r->set.grid.basis, r->set.grid.side);
-        r->samples = kiln_probe_element_samples(&r->set.grid, settings);
-        r->batch_probes = r->elements < BATCH_ITEMS ? BATCH_ITEMS / r->elements : 1;
-        status = kiln_allocate(&r->positions, r->probes, sizeof *r->positions, what, error);
-    }
+    KILN_TRY(kiln_probe_grid_make(&r->set.grid, settings, params->backend->params.geometry, error));
+    r->probes = kiln_probes_count(&r->set.grid);
+    r->first = r->probes * (uint64_t)params->rank / (uint64_t)params->ranks;
+    r->count = r->probes * ((uint64_t)params->rank + 1) / (uint64_t)params->ranks - r->first;
+    r->elements = kiln_probe_elements(r->set.grid.basis, r->set.grid.side);
+    r->samples = kiln_probe_element_samples(&r->set.grid, settings);
+    r->batch_probes = r->elements < BATCH_ITEMS ? BATCH_ITEMS / r->elements : 1;
+    KILN_TRY(kiln_allocate(&r->positions, r->probes, sizeof *r->positions, what, error));
     const size_t items = (size_t)r->batch_probes * r->elements, room = items > BATCH_ITEMS ? items : BATCH_ITEMS;
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->data, r->probes * r->set.grid.floats, sizeof *r->data, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->element, r->elements, sizeof *r->element, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->places, room, sizeof *r->places, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->results, room, sizeof *r->results, what, error);
+    KILN_TRY(kiln_allocate(&r->data, r->probes * r->set.grid.floats, sizeof *r->data, what, error));
+    KILN_TRY(kiln_allocate(&r->element, r->elements, sizeof *r->element, what, error));
+    KILN_TRY(kiln_allocate(&r->places, room, sizeof *r->places, what, error));
+    KILN_TRY(kiln_allocate(&r->results, room, sizeof *r->results, what, error));
+end:
     r->set.positions = r->positions;
     r->set.data = r->data;
     if (status == KILN_OK) {
@@ -289,16 +284,16 @@ static int move_probes(struct kiln_radiance *r, const uint64_t *inside, uint64_t
 static int place_batch(struct kiln_radiance *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     uint64_t *inside = NULL, insides = 0;
-    int status = kiln_allocate(&inside, count, sizeof *inside, "the radiance probes", error);
-    for (uint64_t i = 0; i < count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&inside, count, sizeof *inside, "the radiance probes", error));
+    for (uint64_t i = 0; i < count; i++)
         r->positions[r->first + first + i] = kiln_probe_grid_position(&r->set.grid, r->first + first + i);
-    if (status == KILN_OK)
-        status = run_probes(r, first, count, error);
-    for (uint64_t i = 0; i < count && status == KILN_OK && !r->params->settings->faults.plain_probes; i++)
+    KILN_TRY(run_probes(r, first, count, error));
+    for (uint64_t i = 0; i < count && !r->params->settings->faults.plain_probes; i++)
         if (kiln_probe_back_share(r->element, r->results + i * r->elements, r->elements) > MOST_BACKS)
             inside[insides++] = r->first + first + i;
-    if (status == KILN_OK)
-        status = move_probes(r, inside, insides, error);
+    KILN_TRY(move_probes(r, inside, insides, error));
+end:
     kiln_free(&inside);
     return status;
 }
@@ -341,13 +336,12 @@ static void report(struct kiln_radiance *r)
 static int place(struct kiln_radiance *r, struct kiln_error *error)
 {
     r->stream = PLACING_STREAM;
-    int status = run_all(r, place_batch, r->count, r->batch_probes, error);
-    if (status == KILN_OK)
-        status = share(r, r->positions, sizeof *r->positions, error);
-    if (status == KILN_OK)
-        status = run_all(r, sight_batch, r->params->surface->tile_run_count, BATCH_TILE_RUNS, error);
-    if (status == KILN_OK)
-        report(r);
+    int status;
+    KILN_TRY(run_all(r, place_batch, r->count, r->batch_probes, error));
+    KILN_TRY(share(r, r->positions, sizeof *r->positions, error));
+    KILN_TRY(run_all(r, sight_batch, r->params->surface->tile_run_count, BATCH_TILE_RUNS, error));
+    report(r);
+end:
     r->placed = status == KILN_OK;
     return status;
 }
@@ -366,14 +360,12 @@ int kiln_radiance_update(struct kiln_radiance *r, struct kiln_error *error)
     if (status == KILN_OK && !r->placed)
         status = place(r, error);
     r->stream = kiln_hash2(step->step.stream, step->step.part);
-    if (status == KILN_OK)
-        status = run_all(r, gather_batch, r->count, r->batch_probes, error);
-    if (status == KILN_OK)
-        status = share(r, r->data, r->set.grid.floats * sizeof *r->data, error);
-    if (status == KILN_OK) {
-        p->surface->near_probes = r->solution->own->surface.near_probes; /* which may have moved */
-        status = kiln_agree(p->communicator, kiln_backend_set_probes(p->backend, &r->set, error), error);
-    }
+    KILN_TRY(status);
+    KILN_TRY(run_all(r, gather_batch, r->count, r->batch_probes, error));
+    KILN_TRY(share(r, r->data, r->set.grid.floats * sizeof *r->data, error));
+    p->surface->near_probes = r->solution->own->surface.near_probes; /* which may have moved */
+    KILN_TRY(kiln_agree(p->communicator, kiln_backend_set_probes(p->backend, &r->set, error), error));
+end:
     step->probe_rays += r->rays;
     step->probe_seconds += MPI_Wtime() - start;
     return status;

@@ -188,25 +188,19 @@ int kiln_sight_find(const struct kiln_sight_params *params, size_t first, size_t
                       .count = kiln_tile_runs_points(&surface->tile_runs[first], &surface->tile_runs[end - 1]),
                       .near_probes = near_probes};
     const size_t room = AROUND * (size_t)s.count; /* more than corners */
-    int status = kiln_allocate(&s.origins, room, sizeof *s.origins, "rays to radiance probes", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s.directions, room, sizeof *s.directions, "rays to radiance probes", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s.distances, room, sizeof *s.distances, "rays to radiance probes", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s.hits, room, sizeof *s.hits, "rays to radiance probes", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s.nearest, (size_t)s.count, sizeof *s.nearest, "rays to radiance probes", error);
-    if (status == KILN_OK)
-        status = trace(&s, first, end, KILN_PROBE_CORNERS, look_at_corners, rays, error);
-    if (status == KILN_OK) {
-        judge(&s);
-        status = trace(&s, first, end, AROUND, look_around, rays, error);
-    }
-    if (status == KILN_OK)
-        judge_surroundings(&s);
-    if (status == KILN_OK && params->all)
+    int status;
+    KILN_TRY(kiln_allocate(&s.origins, room, sizeof *s.origins, "rays to radiance probes", error));
+    KILN_TRY(kiln_allocate(&s.directions, room, sizeof *s.directions, "rays to radiance probes", error));
+    KILN_TRY(kiln_allocate(&s.distances, room, sizeof *s.distances, "rays to radiance probes", error));
+    KILN_TRY(kiln_allocate(&s.hits, room, sizeof *s.hits, "rays to radiance probes", error));
+    KILN_TRY(kiln_allocate(&s.nearest, (size_t)s.count, sizeof *s.nearest, "rays to radiance probes", error));
+    KILN_TRY(trace(&s, first, end, KILN_PROBE_CORNERS, look_at_corners, rays, error));
+    judge(&s);
+    KILN_TRY(trace(&s, first, end, AROUND, look_around, rays, error));
+    judge_surroundings(&s);
+    if (params->all)
         take_for_seen(&s);
+end:
     kiln_free(&s.origins);
     kiln_free(&s.directions);
     kiln_free(&s.distances);

@@ -18,10 +18,12 @@ static int settle(void **self, const struct kiln_companion_site *site, struct ki
     struct kiln_solution *s = site->solution;
     (void)self;
     kiln_control_meet(p->control);
-    int status = kiln_sight_create(&s->sight, p, error);
-    if (status == KILN_OK)
-        status = kiln_radiosity_allgather_limit(s->allgather, s->sight->first, s->sight->units, error);
-    return status == KILN_OK ? kiln_sight_want(s->sight, p, s->allgather, false, error) : status;
+    int status;
+    KILN_TRY(kiln_sight_create(&s->sight, p, error));
+    KILN_TRY(kiln_radiosity_allgather_limit(s->allgather, s->sight->first, s->sight->units, error));
+    KILN_TRY(kiln_sight_want(s->sight, p, s->allgather, false, error));
+end:
+    return status;
 }
 
 static int complete(void *self, const struct kiln_companion_site *site, struct kiln_error *error)
@@ -42,13 +44,14 @@ static int before_move(void *self, const struct kiln_companion_site *site, const
     (void)self;
     if (kiln_radiosity_allgather_reach(site->solution->allgather) == NULL)
         return KILN_OK;
-    int status = kiln_agree(
-        p->communicator, kiln_allocate(&wanted, (size_t)sight->units, sizeof *wanted, "the cells of new points", error),
-        error);
-    for (uint64_t u = 0; status == KILN_OK && u < sight->units; u++)
+    int status;
+    KILN_TRY(kiln_agree(p->communicator,
+                        kiln_allocate(&wanted, (size_t)sight->units, sizeof *wanted, "the cells of new points", error),
+                        error));
+    for (uint64_t u = 0; u < sight->units; u++)
         wanted[u] = sight->first[u] < end && sight->first[u + 1] > begin;
-    if (status == KILN_OK)
-        status = kiln_radiosity_allgather_want(site->solution->allgather, wanted, true, error);
+    KILN_TRY(kiln_radiosity_allgather_want(site->solution->allgather, wanted, true, error));
+end:
     kiln_free(&wanted);
     return status;
 }

@@ -52,16 +52,17 @@ static int find_held(struct held *h, struct kiln_error *error)
                                : kiln_rank_field(own, fields, kiln_field_set_find(fields, step->samples_field));
     uint64_t points = 0;
     find_range(h);
-    int status = kiln_allocate(&h->samples, h->end - h->first, sizeof *h->samples, "tile runs to compute again", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&h->place, h->end - h->first, sizeof *h->place, "tile runs to compute again", error);
-    for (size_t f = h->first; status == KILN_OK && f < h->end; f++) {
+    int status;
+    KILN_TRY(kiln_allocate(&h->samples, h->end - h->first, sizeof *h->samples, "tile runs to compute again", error));
+    KILN_TRY(kiln_allocate(&h->place, h->end - h->first, sizeof *h->place, "tile runs to compute again", error));
+    for (size_t f = h->first; f < h->end; f++) {
         if (own->lacking[f] == 0)
             continue;
         h->samples[f - h->first] = each != NULL ? each[f] : step->samples;
         h->place[f - h->first] = points;
         points += own->surface.tile_runs[f].count;
     }
+end:
     return status;
 }
 
@@ -81,12 +82,13 @@ static int run_held(const struct held *h, kiln_take_results take, void *context,
                                .may_lack = may_lack,
                                .take = take,
                                .context = context};
-    int status = kiln_batches_choose(go->batches, go->solution->own, &batch, error);
+    int status;
+    KILN_TRY(kiln_batches_choose(go->batches, go->solution->own, &batch, error));
     uint64_t rays = 0; /* the step's rays are counted */
-    if (status == KILN_OK)
-        status = kiln_backend_set_radiosity(go->params->backend, go->solution->radiosity, error);
-    return status == KILN_OK ? kiln_backend_run(go->params->backend, step->pass, step->parameters, &batch, &rays, error)
-                             : status;
+    KILN_TRY(kiln_backend_set_radiosity(go->params->backend, go->solution->radiosity, error));
+    KILN_TRY(kiln_backend_run(go->params->backend, step->pass, step->parameters, &batch, &rays, error));
+end:
+    return status;
 }
 
 /* ---- what they have met ---- */

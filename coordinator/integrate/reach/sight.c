@@ -70,19 +70,17 @@ static int make_units(struct kiln_sight *sight, const struct kiln_surface *s, st
     const uint64_t parts = s->cell_first != NULL ? s->cell_count : s->map_count, share = s->point_count / UNITS_ABOUT,
                    most = share > UNIT_POINTS ? share : UNIT_POINTS;
     uint64_t *own = NULL;
-    int status = s->cell_first != NULL
-                     ? KILN_OK
-                     : kiln_allocate(&own, (size_t)parts + 1, sizeof *own, "the visibility grid", error);
-    if (status == KILN_OK && own != NULL)
+    int status;
+    KILN_TRY(s->cell_first != NULL ? KILN_OK
+                                   : kiln_allocate(&own, (size_t)parts + 1, sizeof *own, "the visibility grid", error));
+    if (own != NULL)
         first_of_lightmaps(s, own);
     const uint64_t *part = own != NULL ? own : s->cell_first;
-    if (status == KILN_OK) {
-        sight->units = cut(part, parts, most, NULL);
-        status =
-            kiln_allocate(&sight->first, (size_t)sight->units + 1, sizeof *sight->first, "the visibility grid", error);
-    }
-    if (status == KILN_OK)
-        (void)cut(part, parts, most, sight->first);
+    sight->units = cut(part, parts, most, NULL);
+    KILN_TRY(
+        kiln_allocate(&sight->first, (size_t)sight->units + 1, sizeof *sight->first, "the visibility grid", error));
+    (void)cut(part, parts, most, sight->first);
+end:
     kiln_free(&own);
     return status;
 }
@@ -367,16 +365,16 @@ static int make_room(const struct kiln_integrate_params *p, struct mirror *m, st
         sent += (uint64_t)m->sent[r];
         got += (uint64_t)m->got[r];
     }
-    int status = sent > INT32_MAX || got > INT32_MAX
-                     ? kiln_fail(error, KILN_SYSTEM,
-                                 "the visibility grid is too large: a rank has %llu bytes of pairs of cells; give "
-                                 "larger cells with --cell-size, more ranks, or --exchange-points all",
-                                 (unsigned long long)(sent > got ? sent : got))
-                     : KILN_OK;
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->out, (size_t)sent, sizeof *m->out, "the visibility grid", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->in, (size_t)got, sizeof *m->in, "the visibility grid", error);
+    int status;
+    KILN_TRY(sent > INT32_MAX || got > INT32_MAX
+                 ? kiln_fail(error, KILN_SYSTEM,
+                             "the visibility grid is too large: a rank has %llu bytes of pairs of cells; give "
+                             "larger cells with --cell-size, more ranks, or --exchange-points all",
+                             (unsigned long long)(sent > got ? sent : got))
+                 : KILN_OK);
+    KILN_TRY(kiln_allocate(&m->out, (size_t)sent, sizeof *m->out, "the visibility grid", error));
+    KILN_TRY(kiln_allocate(&m->in, (size_t)got, sizeof *m->in, "the visibility grid", error));
+end:
     return kiln_agree(p->communicator, status, error);
 }
 
@@ -453,17 +451,15 @@ static int look_create(struct look *l, struct kiln_error *error)
 {
     const char *what = "rays of the visibility grid";
     kiln_store_build(&l->store, l->params->surface, l->params->backend->params.geometry);
-    int status = kiln_allocate(&l->origins, TOGETHER, sizeof *l->origins, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->directions, TOGETHER, sizeof *l->directions, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->hits, TOGETHER, sizeof *l->hits, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->from, TOGETHER, sizeof *l->from, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&l->seen, TOGETHER, sizeof *l->seen, what, error);
-    return status == KILN_OK ? kiln_allocate(&l->is_seen, (size_t)l->sight->units, sizeof *l->is_seen, what, error)
-                             : status;
+    int status;
+    KILN_TRY(kiln_allocate(&l->origins, TOGETHER, sizeof *l->origins, what, error));
+    KILN_TRY(kiln_allocate(&l->directions, TOGETHER, sizeof *l->directions, what, error));
+    KILN_TRY(kiln_allocate(&l->hits, TOGETHER, sizeof *l->hits, what, error));
+    KILN_TRY(kiln_allocate(&l->from, TOGETHER, sizeof *l->from, what, error));
+    KILN_TRY(kiln_allocate(&l->seen, TOGETHER, sizeof *l->seen, what, error));
+    KILN_TRY(kiln_allocate(&l->is_seen, (size_t)l->sight->units, sizeof *l->is_seen, what, error));
+end:
+    return status;
 }
 
 int kiln_sight_look(struct kiln_sight *sight, const struct kiln_integrate_params *params, struct kiln_error *error)

@@ -54,19 +54,17 @@ int kiln_group_light_create(struct kiln_group_light **light, const struct kiln_i
 {
     struct kiln_group_light *g = NULL;
     const size_t ranks = (size_t)params->ranks, total = (size_t)params->surface->point_count;
-    int status = kiln_allocate(&g, 1, sizeof *g, "the light of groups", error);
-    if (status == KILN_OK) {
-        g->params = params;
-        g->solution = solution;
-        g->channel.lights = params->groups;
-        g->first = kiln_group_fields_first(params->fields);
-        status = kiln_allocate(&g->radiosity, total * params->groups->count, sizeof *g->radiosity,
-                               "the radiosity of groups", error);
-    }
-    if (status == KILN_OK)
-        status = kiln_allocate(&g->counts, ranks, sizeof *g->counts, "the ranges of ranks", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&g->begins, ranks, sizeof *g->begins, "the ranges of ranks", error);
+    int status;
+    KILN_TRY(kiln_allocate(&g, 1, sizeof *g, "the light of groups", error));
+    g->params = params;
+    g->solution = solution;
+    g->channel.lights = params->groups;
+    g->first = kiln_group_fields_first(params->fields);
+    KILN_TRY(kiln_allocate(&g->radiosity, total * params->groups->count, sizeof *g->radiosity,
+                           "the radiosity of groups", error));
+    KILN_TRY(kiln_allocate(&g->counts, ranks, sizeof *g->counts, "the ranges of ranks", error));
+    KILN_TRY(kiln_allocate(&g->begins, ranks, sizeof *g->begins, "the ranges of ranks", error));
+end:
     *light = g;
     if (status == KILN_OK) {
         g->channel.radiosity = g->radiosity;

@@ -100,18 +100,16 @@ int kiln_states_create(struct kiln_states **states, const struct kiln_integrate_
     struct kiln_states *st = NULL;
     const uint32_t groups = (uint32_t)((width + KILN_RESIDENT_LANES - 1) / KILN_RESIDENT_LANES),
                    lanes = width > 1 ? groups * KILN_RESIDENT_LANES : 1;
-    int status = kiln_allocate(&st, 1, sizeof *st, "the states", error);
-    if (status == KILN_OK) {
-        st->params = params;
-        st->resident = resident;
-        st->may_hold = true;
-        status = kiln_allocate(&st->slots, width, sizeof *st->slots, "the states", error);
-    }
-    if (status == KILN_OK)
-        status = kiln_allocate(&st->wanted, params->surface->tile_run_count, 1, "the states", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&st->light, (size_t)kiln_resident_floats(params->surface->point_count, lanes),
-                               sizeof *st->light, "the radiosity of states", error);
+    int status;
+    KILN_TRY(kiln_allocate(&st, 1, sizeof *st, "the states", error));
+    st->params = params;
+    st->resident = resident;
+    st->may_hold = true;
+    KILN_TRY(kiln_allocate(&st->slots, width, sizeof *st->slots, "the states", error));
+    KILN_TRY(kiln_allocate(&st->wanted, params->surface->tile_run_count, 1, "the states", error));
+    KILN_TRY(kiln_allocate(&st->light, (size_t)kiln_resident_floats(params->surface->point_count, lanes),
+                           sizeof *st->light, "the radiosity of states", error));
+end:
     *states = st;
     status = kiln_agree(params->communicator, status, error);
     for (size_t i = 0; i < width && status == KILN_OK; i++) {
@@ -227,11 +225,13 @@ static int end_step(struct kiln_state_slot *s, bool here, struct kiln_error *err
     if (report->step.early && here)
         kiln_radiosity_allgather_advance(s->solution->allgather, kiln_next_compact(s->solution->own),
                                          s->solution->own->surface.count);
-    int status = kiln_ledger_end_step(&s->ledger, s->params.communicator, &report->energy, error);
-    if (status == KILN_OK && report->step.quantity == NULL)
-        status = s->state.settings->integrator->end_step(&s->integration, &r->steps, error);
-    if (status == KILN_OK && report->step.quantity == NULL)
-        status = kiln_part_end(&s->params, s->solution, s->ledger.unit, error);
+    int status;
+    KILN_TRY(kiln_ledger_end_step(&s->ledger, s->params.communicator, &report->energy, error));
+    if (report->step.quantity == NULL)
+        KILN_TRY(s->state.settings->integrator->end_step(&s->integration, &r->steps, error));
+    if (report->step.quantity == NULL)
+        KILN_TRY(kiln_part_end(&s->params, s->solution, s->ledger.unit, error));
+end:
     return status;
 }
 
@@ -464,18 +464,19 @@ static int gather(struct kiln_states *st, struct flock *flock, struct kiln_error
     }
     int status =
         kiln_resident_step(st->resident, flock->of[0]->solution, &flock->of[0]->step, st->wanted, &flock->rows, error);
-    if (status == KILN_OK && kiln_backend_replays(p->backend))
+    KILN_TRY(status);
+    if (kiln_backend_replays(p->backend))
         return replay(st, flock, error);
-    if (status == KILN_OK)
-        lay_light(st, flock);
-    for (size_t begin = 0; begin < runs && status == KILN_OK; begin += AT_ONCE) {
+    lay_light(st, flock);
+    for (size_t begin = 0; begin < runs; begin += AT_ONCE) {
         const size_t end = runs - begin < AT_ONCE ? runs : begin + AT_ONCE;
 #pragma omp parallel for schedule(dynamic, 4) num_threads((int)p->threads)
         for (size_t f = begin; f < end; f++)
             gather_run(st, flock, begin, f);
-        for (size_t i = 0; i < flock->count && status == KILN_OK; i++)
-            status = take_block(flock->of[i], flock->of[i]->results, begin, end, error);
+        for (size_t i = 0; i < flock->count; i++)
+            KILN_TRY(take_block(flock->of[i], flock->of[i]->results, begin, end, error));
     }
+end:
     return status;
 }
 
@@ -548,12 +549,13 @@ static int run_round(struct kiln_states *st, bool *any, struct kiln_error *error
 {
     bool held = false;
     *any = find_steps(st);
-    int status = kiln_states_hold(st, &held, error);
-    if (status == KILN_OK)
-        status = held ? kiln_states_run_held(st, error) : run_here(st, error);
-    for (size_t i = 0; i < st->active && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_states_hold(st, &held, error));
+    KILN_TRY(held ? kiln_states_run_held(st, error) : run_here(st, error));
+    for (size_t i = 0; i < st->active; i++)
         if (st->slots[i].goes_on)
-            status = end_step(&st->slots[i], !held, error);
+            KILN_TRY(end_step(&st->slots[i], !held, error));
+end:
     return status;
 }
 

@@ -184,13 +184,15 @@ static int gather(struct kiln_states *st, struct kiln_error *error)
 
 int kiln_states_run_held(struct kiln_states *st, struct kiln_error *error)
 {
-    int status = st->how.direct ? KILN_OK : gather(st, error); /* direct light came with what was brought */
-    for (size_t i = 0; i < st->active && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(st->how.direct ? KILN_OK : gather(st, error)); /* direct light came with what was brought */
+    for (size_t i = 0; i < st->active; i++)
         if (st->slots[i].goes_on)
             take_powers(&st->slots[i], st->powers[i]);
-    if (status == KILN_OK && st->how.final)
-        status = fetch(st, error);
-    if (status == KILN_OK && st->how.final)
+    if (st->how.final)
+        KILN_TRY(fetch(st, error));
+    if (st->how.final)
         st->holds = false;
+end:
     return status;
 }

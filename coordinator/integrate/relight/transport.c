@@ -198,11 +198,12 @@ int kiln_transport_begin(struct kiln_transport *t, struct kiln_backend *backend,
     const struct kiln_rows_header h = header_of(t, step);
     t->rows =
         (struct kiln_rows){.file = -1, .path = t->path, .replays = t->replays, .samples = step->samples, .key = h.key};
-    int status = t->replays ? open_file(t, name, &h, error) : make_file(t, name, &h, error);
-    if (status == KILN_OK)
-        status = begin_chains(t, step, &h, error);
-    if (status == KILN_OK && t->rows.file >= 0)
+    int status;
+    KILN_TRY(t->replays ? open_file(t, name, &h, error) : make_file(t, name, &h, error));
+    KILN_TRY(begin_chains(t, step, &h, error));
+    if (t->rows.file >= 0)
         kiln_backend_set_rows(backend, &t->rows);
+end:
     return status;
 }
 

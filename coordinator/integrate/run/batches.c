@@ -391,11 +391,11 @@ static int run_help(struct kiln_batches *b, const struct kiln_rank_data *data, s
         return KILN_OK;
     b->claims = false;
     const struct kiln_others others = {&data->surface, range.first, range.count};
-    int status = kiln_backend_set_others(backend, others, error);
-    if (status == KILN_OK)
-        status = run_batch(b, data, range, seconds, error);
-    if (status == KILN_OK)
-        status = kiln_backend_set_others(backend, (struct kiln_others){.surface = NULL}, error);
+    int status;
+    KILN_TRY(kiln_backend_set_others(backend, others, error));
+    KILN_TRY(run_batch(b, data, range, seconds, error));
+    KILN_TRY(kiln_backend_set_others(backend, (struct kiln_others){.surface = NULL}, error));
+end:
     if (status != KILN_OK)
         return status; /* it stays away, and this rank's failure ends the step */
     kiln_work_queue_return(data->queue, points);

@@ -123,11 +123,12 @@ static int end_step(struct kiln_lockstep *l, struct kiln_error *error)
     const struct kiln_integrate_params *p = l->params;
     struct kiln_integrate_report *r = &l->solution->report;
     kiln_control_blocking(p->control, "adding up a pass", 0.0);
-    int status = kiln_ledger_end_step(&l->ledger, p->communicator, &kiln_solution_step(l->solution)->energy, error);
-    if (status == KILN_OK && kiln_solution_step(l->solution)->step.quantity == NULL)
-        status = p->settings->integrator->end_step(&l->integration, &r->steps, error);
-    if (status == KILN_OK)
-        status = kiln_company_after_step(&l->company, l->ledger.unit, error);
+    int status;
+    KILN_TRY(kiln_ledger_end_step(&l->ledger, p->communicator, &kiln_solution_step(l->solution)->energy, error));
+    if (kiln_solution_step(l->solution)->step.quantity == NULL)
+        KILN_TRY(p->settings->integrator->end_step(&l->integration, &r->steps, error));
+    KILN_TRY(kiln_company_after_step(&l->company, l->ledger.unit, error));
+end:
     kiln_control_blocking(p->control, NULL, 0.0);
     return status;
 }
@@ -199,22 +200,21 @@ static int do_step(struct kiln_lockstep *l, const struct kiln_step *step, struct
     int status = KILN_OK;
     struct kiln_step_report *last = first ? NULL : kiln_solution_step(l->solution);
     if (step->quantity == NULL)
-        status = p->settings->integrator->begin_step(&l->integration, last, step, error);
+        KILN_TRY(p->settings->integrator->begin_step(&l->integration, last, step, error));
     else if (step->pass->reads_radiosity)
         kiln_exchange_total_radiosity(&l->exchange, last);
     const bool may_move = p->ranks > 1 && l->may_repartition;
-    if (status == KILN_OK && !first && may_move && l->work.measured &&
-        kiln_companion_answering(p->companions, &last->step) == NULL)
-        status = kiln_repartition(p, l->solution, &l->company, step, error);
-    if (status == KILN_OK && first && may_move && !l->company.whole_batches)
-        status = kiln_trial_run(p, l->solution, &l->company, step, error);
-    if (status == KILN_OK)
-        status = begin_step(l, step, error);
-    if (status == KILN_OK)
-        tell_of_direct(p, step);
-    if (status == KILN_OK && !first)
-        status = save_between(l, false, error);
-    return status == KILN_OK ? run_step(l, error) : status;
+    if (!first && may_move && l->work.measured && kiln_companion_answering(p->companions, &last->step) == NULL)
+        KILN_TRY(kiln_repartition(p, l->solution, &l->company, step, error));
+    if (first && may_move && !l->company.whole_batches)
+        KILN_TRY(kiln_trial_run(p, l->solution, &l->company, step, error));
+    KILN_TRY(begin_step(l, step, error));
+    tell_of_direct(p, step);
+    if (!first)
+        KILN_TRY(save_between(l, false, error));
+    KILN_TRY(run_step(l, error));
+end:
+    return status;
 }
 
 int kiln_lockstep_run(struct kiln_lockstep *l, bool restored, bool finished, struct kiln_error *error)

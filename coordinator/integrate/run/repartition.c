@@ -142,10 +142,12 @@ static int follow(const struct repartition *s, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = s->params;
     struct kiln_radiosity_allgather *allgather = s->solution->allgather;
-    int status = kiln_radiosity_allgather_set_range(allgather, p->surface->first, p->surface->count, error);
-    if (status == KILN_OK)
-        status = kiln_agree(p->communicator, kiln_backend_set_surface(p->backend, p->surface, error), error);
-    return status == KILN_OK ? kiln_company_after_move(s->company, error) : status;
+    int status;
+    KILN_TRY(kiln_radiosity_allgather_set_range(allgather, p->surface->first, p->surface->count, error));
+    KILN_TRY(kiln_agree(p->communicator, kiln_backend_set_surface(p->backend, p->surface, error), error));
+    KILN_TRY(kiln_company_after_move(s->company, error));
+end:
+    return status;
 }
 
 /* Collective. */
@@ -179,16 +181,15 @@ static int consider(const struct repartition *s, const struct work *w, struct ki
 {
     const struct kiln_integrate_params *p = s->params;
     struct kiln_range_bounds before, after = {{NULL}};
-    int status = kiln_node_data_bounds(s->solution->node_data, p->communicator, &before, error);
-    if (status == KILN_OK)
-        status = make_bounds(s, w, &before, &after, error);
-    if (status == KILN_OK) {
-        b->points = most_moved(s, &before, &after);
-        b->cost = cost_of(s, b->points);
-        b->moved = b->points > 0 && kiln_repartition_pays(p->settings->rebalance, b->gain, b->cost);
-        if (b->moved)
-            status = redistribute(s, &before, &after, b->cost, error);
-    }
+    int status;
+    KILN_TRY(kiln_node_data_bounds(s->solution->node_data, p->communicator, &before, error));
+    KILN_TRY(make_bounds(s, w, &before, &after, error));
+    b->points = most_moved(s, &before, &after);
+    b->cost = cost_of(s, b->points);
+    b->moved = b->points > 0 && kiln_repartition_pays(p->settings->rebalance, b->gain, b->cost);
+    if (b->moved)
+        KILN_TRY(redistribute(s, &before, &after, b->cost, error));
+end:
     kiln_range_bounds_destroy(&before);
     kiln_range_bounds_destroy(&after);
     return status;

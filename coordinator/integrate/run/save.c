@@ -261,15 +261,16 @@ static int collect_done(const struct kiln_saved *s, struct save_work *w, struct 
 static int collect_steps(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
 {
     const struct kiln_integrate_report *r = &s->solution->report;
-    int status = kiln_allocate(&w->own_steps, r->steps.count, sizeof *w->own_steps, "a checkpoint's steps", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->reports, r->steps.count, sizeof *w->reports, "a checkpoint's steps", error);
-    for (size_t i = 0; status == KILN_OK && i < r->steps.count; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&w->own_steps, r->steps.count, sizeof *w->own_steps, "a checkpoint's steps", error));
+    KILN_TRY(kiln_allocate(&w->reports, r->steps.count, sizeof *w->reports, "a checkpoint's steps", error));
+    for (size_t i = 0; i < r->steps.count; i++) {
         const struct kiln_step_report *p = &r->steps.of[i];
         w->own_steps[i] = (struct saved_own_step){p->rays,           p->seconds,    p->exchange_seconds,
                                                   p->device_seconds, p->probe_rays, p->probe_seconds};
         w->reports[i] = report_saved(p);
     }
+end:
     return status;
 }
 
@@ -474,11 +475,12 @@ static int append_report(const struct kiln_saved *s, const struct saved_report *
 static int read_reports(const struct kiln_saved *s, size_t count, struct kiln_error *error)
 {
     struct saved_report *saved = NULL;
-    int status = kiln_allocate(&saved, count, sizeof *saved, "a checkpoint's steps", error);
-    if (status == KILN_OK)
-        status = kiln_checkpoint_read(s->params->checkpoint, "steps", 0, count, sizeof *saved, saved, error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++)
-        status = append_report(s, &saved[i], error);
+    int status;
+    KILN_TRY(kiln_allocate(&saved, count, sizeof *saved, "a checkpoint's steps", error));
+    KILN_TRY(kiln_checkpoint_read(s->params->checkpoint, "steps", 0, count, sizeof *saved, saved, error));
+    for (size_t i = 0; i < count; i++)
+        KILN_TRY(append_report(s, &saved[i], error));
+end:
     kiln_free(&saved);
     return status;
 }
@@ -517,8 +519,9 @@ static int add_part(const struct kiln_saved *s, size_t part, bool finished, stru
     struct saved_group *groups = NULL;
     struct saved_sums *sums = NULL;
     uint64_t count = 0;
-    int status = kiln_checkpoint_read_part(c, part, "own_steps", sizeof *steps, &steps, &count, error);
-    for (uint64_t i = 0; status == KILN_OK && i < count && i < r->steps.count; i++) {
+    int status;
+    KILN_TRY(kiln_checkpoint_read_part(c, part, "own_steps", sizeof *steps, &steps, &count, error));
+    for (uint64_t i = 0; i < count && i < r->steps.count; i++) {
         r->steps.of[i].rays += steps[i].rays;
         r->steps.of[i].seconds += steps[i].seconds;
         r->steps.of[i].exchange_seconds += steps[i].exchange_seconds;
@@ -526,17 +529,18 @@ static int add_part(const struct kiln_saved *s, size_t part, bool finished, stru
         r->steps.of[i].probe_rays += steps[i].probe_rays;
         r->steps.of[i].probe_seconds += steps[i].probe_seconds;
     }
-    if (status == KILN_OK && !finished)
-        status = kiln_checkpoint_read_part(c, part, "own_sums", sizeof *sums, &sums, &count, error);
-    for (int k = 0; status == KILN_OK && !finished && count == 1 && k < KILN_SUMS; k++)
+    if (!finished)
+        KILN_TRY(kiln_checkpoint_read_part(c, part, "own_sums", sizeof *sums, &sums, &count, error));
+    for (int k = 0; !finished && count == 1 && k < KILN_SUMS; k++)
         s->ledger->sums[k].value += sum_read(&sums->sums[k]);
-    if (status == KILN_OK && !finished)
+    if (!finished)
         s->ledger->variance.value += count == 1 ? sum_read(&sums->variance) : 0;
-    if (status == KILN_OK && !finished)
-        status = kiln_checkpoint_read_part(c, part, "own_groups", sizeof *groups, &groups, &count, error);
-    for (uint64_t i = 0; status == KILN_OK && !finished && i < count; i++)
+    if (!finished)
+        KILN_TRY(kiln_checkpoint_read_part(c, part, "own_groups", sizeof *groups, &groups, &count, error));
+    for (uint64_t i = 0; !finished && i < count; i++)
         if (groups[i].index < s->ledger->group_count)
             s->ledger->group_now[groups[i].index].value += sum_read(&groups[i].sum);
+end:
     kiln_free(&steps);
     kiln_free(&groups);
     kiln_free(&sums);
@@ -593,17 +597,16 @@ int kiln_restore(const struct kiln_saved *s, bool *finished, struct kiln_error *
 {
     const struct kiln_integrate_params *p = s->params;
     const uint64_t before = count_before(s);
-    int status = restore_state(s, finished, error);
-    if (status == KILN_OK)
-        status = restore_steps(s, error);
-    if (status == KILN_OK)
-        status = restore_points(s, before, *finished, error);
-    for (size_t part = (size_t)p->rank; status == KILN_OK && part < kiln_checkpoint_parts(p->checkpoint);
-         part += (size_t)p->ranks)
-        status = add_part(s, part, *finished, error);
-    if (status == KILN_OK && !*finished)
-        status = restore_todo(s, error);
-    if (status == KILN_OK && !*finished)
+    int status;
+    KILN_TRY(restore_state(s, finished, error));
+    KILN_TRY(restore_steps(s, error));
+    KILN_TRY(restore_points(s, before, *finished, error));
+    for (size_t part = (size_t)p->rank; part < kiln_checkpoint_parts(p->checkpoint); part += (size_t)p->ranks)
+        KILN_TRY(add_part(s, part, *finished, error));
+    if (!*finished)
+        KILN_TRY(restore_todo(s, error));
+    if (!*finished)
         kiln_step_work_offer(s->work, s->solution->own);
+end:
     return kiln_agree(p->communicator, status, error);
 }

@@ -68,17 +68,14 @@ static int make_room(struct search *s, struct kiln_error *error)
 {
     const char *what = "the blocks of points";
     const size_t points = (size_t)CHUNK_TILE_RUNS * KILN_TILE_TEXELS;
-    int status = kiln_allocate(&s->places, points, sizeof *s->places, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->pairs, points, sizeof *s->pairs, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->origins, points, sizeof *s->origins, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->directions, points, sizeof *s->directions, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->lengths, points, sizeof *s->lengths, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->hits, points, sizeof *s->hits, what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&s->places, points, sizeof *s->places, what, error));
+    KILN_TRY(kiln_allocate(&s->pairs, points, sizeof *s->pairs, what, error));
+    KILN_TRY(kiln_allocate(&s->origins, points, sizeof *s->origins, what, error));
+    KILN_TRY(kiln_allocate(&s->directions, points, sizeof *s->directions, what, error));
+    KILN_TRY(kiln_allocate(&s->lengths, points, sizeof *s->lengths, what, error));
+    KILN_TRY(kiln_allocate(&s->hits, points, sizeof *s->hits, what, error));
+end:
     return status;
 }
 

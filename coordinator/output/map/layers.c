@@ -38,18 +38,19 @@ int kiln_layers_make(struct kiln_layers *layers, const struct kiln_field_set *fi
 {
     *layers = (struct kiln_layers){.count = 0};
     int status = KILN_OK;
-    for (size_t k = 0; status == KILN_OK && k < ALWAYS; k++) {
+    for (size_t k = 0; k < ALWAYS; k++) {
         const size_t field = kiln_field_set_find(fields, always[k].field);
         if (field == fields->count)
             return kiln_fail(error, KILN_BUG, "a bake has no field '%s', which every lightmap has", always[k].field);
         assert(layers->planes.count == always[k].plane);
-        status = add_layer(layers, fields, field, error);
+        KILN_TRY(add_layer(layers, fields, field, error));
     }
-    for (size_t i = 0; status == KILN_OK && i < fields->count; i++) {
+    for (size_t i = 0; i < fields->count; i++) {
         const struct kiln_field *f = fields->entry[i].field;
         if (f->channels != NULL && f->life != KILN_FIELD_SUM && fields->entry[i].in_lightmaps && !is_always(f->name))
-            status = add_layer(layers, fields, i, error);
+            KILN_TRY(add_layer(layers, fields, i, error));
     }
+end:
     return status;
 }
 

@@ -83,17 +83,14 @@ static int create(struct kiln_map **map, const struct kiln_map *shape, struct ki
         return status;
     struct kiln_map *made = *map;
     *made = *shape;
-    status = kiln_allocate(&made->planes, made->has->count, sizeof *made->planes, "a lightmap's planes", error);
-    for (uint32_t p = 0; status == KILN_OK && p < made->has->count; p++)
-        status = kiln_map_allocate(made, &made->planes[p], sizeof(float), "a lightmap's texels", error);
-    if (status == KILN_OK)
-        status = kiln_map_allocate(made, &made->area, sizeof(float), "a lightmap's areas", error);
-    if (status == KILN_OK)
-        status = kiln_map_allocate(made, &made->coverage, sizeof(float), "a lightmap's coverage", error);
-    if (status == KILN_OK)
-        status = kiln_map_allocate(made, &made->state, 1, "a lightmap's states", error);
-    if (status == KILN_OK)
-        status = kiln_map_allocate(made, &made->chart, sizeof(uint32_t), "a lightmap's charts", error);
+    KILN_TRY(kiln_allocate(&made->planes, made->has->count, sizeof *made->planes, "a lightmap's planes", error));
+    for (uint32_t p = 0; p < made->has->count; p++)
+        KILN_TRY(kiln_map_allocate(made, &made->planes[p], sizeof(float), "a lightmap's texels", error));
+    KILN_TRY(kiln_map_allocate(made, &made->area, sizeof(float), "a lightmap's areas", error));
+    KILN_TRY(kiln_map_allocate(made, &made->coverage, sizeof(float), "a lightmap's coverage", error));
+    KILN_TRY(kiln_map_allocate(made, &made->state, 1, "a lightmap's states", error));
+    KILN_TRY(kiln_map_allocate(made, &made->chart, sizeof(uint32_t), "a lightmap's charts", error));
+end:
     if (status != KILN_OK) {
         kiln_map_destroy(map);
         return status;

@@ -161,11 +161,11 @@ static int check_h5(int descriptor, const char *path, struct kiln_error *error)
 {
     struct h5_check check = {.path = path, .error = error};
     struct kiln_h5_file *file = NULL;
-    int status = kiln_allocate(&check.values, BLOCK_VALUES, sizeof *check.values, "values to check", error);
-    if (status == KILN_OK)
-        status = kiln_h5_file_open(&file, descriptor, path, error);
-    if (status == KILN_OK)
-        status = kiln_h5_file_visit(file, check_dataset, &check, error);
+    int status;
+    KILN_TRY(kiln_allocate(&check.values, BLOCK_VALUES, sizeof *check.values, "values to check", error));
+    KILN_TRY(kiln_h5_file_open(&file, descriptor, path, error));
+    KILN_TRY(kiln_h5_file_visit(file, check_dataset, &check, error));
+end:
     kiln_h5_file_close(&file);
     kiln_free(&check.values);
     return status;

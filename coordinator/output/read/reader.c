@@ -220,11 +220,12 @@ static int take_image(const struct kiln_reader *r, int memory, const char *path,
     if (!good)
         return kiln_fail(error, KILN_BAD_INPUT,
                          "'%s': the reader of results gave an invalid reply for this file; bake again", path);
-    int status = kiln_image_create_empty(image, reply->width, reply->height, names, reply->channel_count, error);
-    if (status == KILN_OK)
-        status = kiln_image_share(*image, memory, error);
-    for (uint32_t i = 0; status == KILN_OK && i < reply->channel_count; i++)
+    int status;
+    KILN_TRY(kiln_image_create_empty(image, reply->width, reply->height, names, reply->channel_count, error));
+    KILN_TRY(kiln_image_share(*image, memory, error));
+    for (uint32_t i = 0; i < reply->channel_count; i++)
         (*image)->channels[i].half = reply->channels[i].half != 0;
+end:
     if (status != KILN_OK)
         kiln_image_destroy(image);
     return status;

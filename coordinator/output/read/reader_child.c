@@ -67,23 +67,23 @@ static int read_image(const struct reader_request *request, int file, int memory
     for (uint32_t i = 0; i < request->wanted_count; i++)
         wanted[i] = request->wanted[i];
     const bool rows = ends_with(request->path, ".h5") || ends_with(request->path, ".hdf");
-    int status = rows && request->wanted_count > 0
-                     ? kiln_rows_read(file, request->path, wanted, request->wanted_count, &image, error)
-                     : kiln_exr_read_open(file, request->path, request->wanted_count > 0 ? wanted : NULL,
-                                          request->wanted_count, &image, error);
-    if (status == KILN_OK && image->channel_count > READER_CHANNELS)
-        status = kiln_fail(error, KILN_BAD_INPUT, "'%s' has %zu channels, and at most %d are read", request->path,
-                           image->channel_count, READER_CHANNELS);
-    if (status == KILN_OK) {
-        reply->width = image->width;
-        reply->height = image->height;
-        reply->channel_count = (uint32_t)image->channel_count;
-        for (size_t c = 0; c < image->channel_count; c++) {
-            memcpy(reply->channels[c].name, image->channels[c].name, KILN_CHANNEL_NAME_SIZE);
-            reply->channels[c].half = image->channels[c].half;
-        }
-        status = write_channels(memory, image, error);
+    int status;
+    KILN_TRY(rows && request->wanted_count > 0
+                 ? kiln_rows_read(file, request->path, wanted, request->wanted_count, &image, error)
+                 : kiln_exr_read_open(file, request->path, request->wanted_count > 0 ? wanted : NULL,
+                                      request->wanted_count, &image, error));
+    if (image->channel_count > READER_CHANNELS)
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "'%s' has %zu channels, and at most %d are read", request->path,
+                           image->channel_count, READER_CHANNELS));
+    reply->width = image->width;
+    reply->height = image->height;
+    reply->channel_count = (uint32_t)image->channel_count;
+    for (size_t c = 0; c < image->channel_count; c++) {
+        memcpy(reply->channels[c].name, image->channels[c].name, KILN_CHANNEL_NAME_SIZE);
+        reply->channels[c].half = image->channels[c].half;
     }
+    KILN_TRY(write_channels(memory, image, error));
+end:
     kiln_image_destroy(&image);
     return status;
 }

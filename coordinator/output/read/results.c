@@ -148,11 +148,11 @@ int kiln_results_json(const struct kiln_results *r, const char *name, json_t **j
     char path[KILN_PATH_SIZE], *text = NULL;
     size_t size = 0;
     *json = NULL;
-    int status = kiln_results_bytes(r, name, KILN_JSON_BYTES_MOST, &text, &size, error);
-    if (status == KILN_OK)
-        status = kiln_path_join(path, r->directory, name, error);
-    if (status == KILN_OK)
-        status = kiln_foreign_json(json, KILN_JSON_CHILD, text, size, path, error);
+    int status;
+    KILN_TRY(kiln_results_bytes(r, name, KILN_JSON_BYTES_MOST, &text, &size, error));
+    KILN_TRY(kiln_path_join(path, r->directory, name, error));
+    KILN_TRY(kiln_foreign_json(json, KILN_JSON_CHILD, text, size, path, error));
+end:
     kiln_free(&text);
     return status;
 }
@@ -190,11 +190,11 @@ static int read_manifest(struct kiln_results *r, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE], *text = NULL;
     size_t size = 0;
-    int status = kiln_path_join(path, r->directory, "manifest", error);
-    if (status == KILN_OK)
-        status = kiln_results_bytes(r, "manifest", KILN_JSON_BYTES_MOST, &text, &size, error);
-    if (status == KILN_OK)
-        status = kiln_manifest_parse(&r->manifest, path, text, size, error);
+    int status;
+    KILN_TRY(kiln_path_join(path, r->directory, "manifest", error));
+    KILN_TRY(kiln_results_bytes(r, "manifest", KILN_JSON_BYTES_MOST, &text, &size, error));
+    KILN_TRY(kiln_manifest_parse(&r->manifest, path, text, size, error));
+end:
     kiln_free(&text);
     return status == KILN_NO_INPUT ? KILN_OK : status;
 }

@@ -115,16 +115,17 @@ static int read_dataset(struct source *s, const char *name, struct kiln_error *e
     int status = open_dataset(s, name, &dataset, size, error);
     if (status != KILN_OK)
         return status;
-    status = kiln_allocate(&values, size[0], size[1] * sizeof *values, "the rows of a dataset", error);
-    if (status == KILN_OK && H5Dread(dataset, H5T_NATIVE_FLOAT, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0)
-        status = damaged(s, name, error);
-    for (unsigned c = 0; status == KILN_OK && c < size[1]; c++) {
+    KILN_TRY(kiln_allocate(&values, size[0], size[1] * sizeof *values, "the rows of a dataset", error));
+    if (H5Dread(dataset, H5T_NATIVE_FLOAT, H5S_ALL, H5S_ALL, H5P_DEFAULT, values) < 0)
+        KILN_TRY(damaged(s, name, error));
+    for (unsigned c = 0; c < size[1]; c++) {
         char channel[KILN_CHANNEL_NAME_SIZE];
         (void)name_channel(channel, name, c);
         float *to = kiln_image_find(s->image, channel)->values;
         for (hsize_t i = 0; i < size[0]; i++)
             to[i] = values[i * size[1] + c];
     }
+end:
     kiln_free(&values);
     (void)H5Dclose(dataset);
     return status;

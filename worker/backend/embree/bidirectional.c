@@ -137,19 +137,18 @@ int embree_bidirectional(struct embree_backend *b, const void *parameters, const
     struct kiln_emission *emission = NULL;
     struct subpaths *walks = NULL;
     memset(results, 0, part->count * sizeof(struct kiln_path_result));
-    int status = kiln_emission_create(&emission, b->params.lights, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&walks, b->threads, sizeof *walks, "bidirectional paths", error);
-    if (status == KILN_OK) {
-        struct bidirectional all = make(b, p, emission);
-        p->film->unit = kiln_emission_splat_unit(emission);
-        for (uint32_t t = 0; t < b->threads; t++) {
-            walks[t].all = &all;
-            embree_context(b, &walks[t].context);
-        }
-        for (uint32_t i = 0; i < part->samples && status == KILN_OK; i++)
-            status = trace_sample(&all, walks, part->first_sample + i, part, results, error);
+    int status;
+    KILN_TRY(kiln_emission_create(&emission, b->params.lights, error));
+    KILN_TRY(kiln_allocate(&walks, b->threads, sizeof *walks, "bidirectional paths", error));
+    struct bidirectional all = make(b, p, emission);
+    p->film->unit = kiln_emission_splat_unit(emission);
+    for (uint32_t t = 0; t < b->threads; t++) {
+        walks[t].all = &all;
+        embree_context(b, &walks[t].context);
     }
+    for (uint32_t i = 0; i < part->samples; i++)
+        KILN_TRY(trace_sample(&all, walks, part->first_sample + i, part, results, error));
+end:
     for (uint32_t t = 0; walks != NULL && t < b->threads; t++) {
         *rays += walks[t].rays;
         b->thread_seconds += walks[t].seconds;

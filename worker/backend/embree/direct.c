@@ -85,19 +85,19 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     /* a lone choice gets all samples, rounded up at most; with pilots a stretch of the sequence has room for more */
     const uint32_t times = has_pilots(b) ? KILN_SUN_TIMES : 1, first_sample = times * part->first_sample;
     w->table_size = times * part->samples + 1;
-    status = kiln_allocate(&w->choices, KILN_CUT_MAX + direct_lights(b)->directional_count + 1, sizeof *w->choices,
-                           "the light choices", error);
-    for (uint32_t d = 0; d < KILN_DIMENSIONS && status == KILN_OK; d++) {
-        status = kiln_allocate(&w->sobol[d], w->table_size, sizeof(uint32_t), "the samples of a pass", error);
-        for (uint32_t k = 0; status == KILN_OK && k < w->table_size; k++)
+    KILN_TRY(kiln_allocate(&w->choices, KILN_CUT_MAX + direct_lights(b)->directional_count + 1, sizeof *w->choices,
+                           "the light choices", error));
+    for (uint32_t d = 0; d < KILN_DIMENSIONS; d++) {
+        KILN_TRY(kiln_allocate(&w->sobol[d], w->table_size, sizeof(uint32_t), "the samples of a pass", error));
+        for (uint32_t k = 0; k < w->table_size; k++)
             w->sobol[d][k] = kiln_sobol(first_sample + k, d);
     }
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->sequence_points, (size_t)SEQUENCES * KILN_DIMENSIONS * w->table_size,
-                               sizeof(uint32_t), "the samples of a tile", error);
-    if (status == KILN_OK && b->base.given.groups != NULL)
-        status = kiln_allocate(&w->groups, b->base.given.groups->lights->count, KILN_GROUP_FLOATS * sizeof *w->groups,
-                               "the light of groups", error);
+    KILN_TRY(kiln_allocate(&w->sequence_points, (size_t)SEQUENCES * KILN_DIMENSIONS * w->table_size, sizeof(uint32_t),
+                           "the samples of a tile", error));
+    if (b->base.given.groups != NULL)
+        KILN_TRY(kiln_allocate(&w->groups, b->base.given.groups->lights->count, KILN_GROUP_FLOATS * sizeof *w->groups,
+                               "the light of groups", error));
+end:
     w->shadows.groups = w->groups;
     for (size_t i = 0; status == KILN_OK && i < SEQUENCES; i++)
         for (size_t d = 0; d < KILN_DIMENSIONS; d++)

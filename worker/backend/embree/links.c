@@ -202,13 +202,14 @@ static int do_run(struct links_work *w, size_t tile_run, struct kiln_error *erro
     kiln_link_run_enter(&w->run, w->b->surface, run);
     w->run.summed = false;
     if (is_kept)
-        status = kiln_link_run_take(&w->run, *kept, error);
-    if (status == KILN_OK && asks)
-        status = make_run(w, tile_run, is_kept, error);
-    if (status == KILN_OK && asks && kept != NULL)
-        status = keep(w, run, kept, error);
-    if (status == KILN_OK && !w->run.summed)
+        KILN_TRY(kiln_link_run_take(&w->run, *kept, error));
+    if (asks)
+        KILN_TRY(make_run(w, tile_run, is_kept, error));
+    if (asks && kept != NULL)
+        KILN_TRY(keep(w, run, kept, error));
+    if (!w->run.summed)
         kiln_link_run_add(&w->run);
+end:
     return status;
 }
 

@@ -269,14 +269,15 @@ int embree_patches(struct embree_backend *b, const void *parameters, const struc
     const struct kiln_tile_run *runs = b->surface->tile_runs + part->first;
     const size_t points = (size_t)kiln_tile_runs_points(runs, runs + part->count - 1);
     struct kiln_point_result *gathered = NULL;
-    int status = kiln_allocate(&gathered, points, sizeof *gathered, "what the rays of patches meet", error);
-    if (status == KILN_OK && p->shot != NULL)
+    int status;
+    KILN_TRY(kiln_allocate(&gathered, points, sizeof *gathered, "what the rays of patches meet", error));
+    if (p->shot != NULL)
         recall(b->surface, kiln_own_of_global(b->surface, runs->first).at, points, part->samples, gathered);
-    else if (status == KILN_OK)
-        status = embree_gather(b, NULL, part, gathered, rays, error);
+    else
+        KILN_TRY(embree_gather(b, NULL, part, gathered, rays, error));
     const struct patches_job job = {parameters, part, gathered};
-    if (status == KILN_OK)
-        status = embree_each_tile_run(b, &pass, &job, part, results, rays, error);
+    KILN_TRY(embree_each_tile_run(b, &pass, &job, part, results, rays, error));
+end:
     kiln_free(&gathered);
     return status;
 }

@@ -109,15 +109,14 @@ static int build_level(struct acceleration *a, struct level *level, VkAccelerati
     a->calls.sizes(gpu_vk_device(a->gpu), VK_ACCELERATION_STRUCTURE_BUILD_TYPE_DEVICE_KHR, &w.info, primitives, &sizes);
     struct gpu_buffer scratch = {.size = 0};
     const uint64_t alignment = scratch_alignment(a->gpu);
-    int status = create_handle(a, level, type, sizes.accelerationStructureSize, error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(a->gpu, &scratch, sizes.buildScratchSize + alignment, GPU_DEVICE,
-                                   "building the acceleration structure", error);
-    if (status == KILN_OK) {
-        w.info.dstAccelerationStructure = level->handle;
-        w.info.scratchData.deviceAddress = (scratch.address + alignment - 1) & ~(alignment - 1);
-        status = gpu_run_commands(a->gpu, record_build, &w, NULL, error);
-    }
+    int status;
+    KILN_TRY(create_handle(a, level, type, sizes.accelerationStructureSize, error));
+    KILN_TRY(gpu_buffer_create(a->gpu, &scratch, sizes.buildScratchSize + alignment, GPU_DEVICE,
+                               "building the acceleration structure", error));
+    w.info.dstAccelerationStructure = level->handle;
+    w.info.scratchData.deviceAddress = (scratch.address + alignment - 1) & ~(alignment - 1);
+    KILN_TRY(gpu_run_commands(a->gpu, record_build, &w, NULL, error));
+end:
     gpu_buffer_destroy(a->gpu, &scratch);
     return status;
 }

@@ -46,15 +46,16 @@ static int upload_chances(struct both_run *r, struct kiln_error *error)
     const struct kiln_emission *e = r->emission;
     const size_t size = r->b->float64 ? sizeof(double) : sizeof(float), half = (e->count * size + 7) / 8 * 8;
     unsigned char *data = NULL;
-    int status = kiln_allocate(&data, 2, half, "the lights' emission", error);
-    for (size_t i = 0; status == KILN_OK && i < 2 * e->count; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&data, 2, half, "the lights' emission", error));
+    for (size_t i = 0; i < 2 * e->count; i++) {
         const size_t light = i % e->count;
         const double wide = i < e->count ? e->chance[light] : e->up_to[light];
         const float slim = (float)wide;
         memcpy(data + (i < e->count ? 0 : half) + light * size, r->b->float64 ? (const void *)&wide : &slim, size);
     }
-    if (status == KILN_OK)
-        status = gpu_buffer_of(r->b->gpu, &r->chances, data, 2 * half, "the lights' emission", error);
+    KILN_TRY(gpu_buffer_of(r->b->gpu, &r->chances, data, 2 * half, "the lights' emission", error));
+end:
     r->shared.chances = r->chances.address;
     r->shared.up_to = r->chances.address + half;
     kiln_free(&data);
@@ -140,11 +141,12 @@ static int begin_sums(struct both_run *r, struct kiln_error *error)
 {
     const bool points = (r->method & KILN_GPU_BOTH_POINTS) != 0;
     const size_t sums = points ? sizeof(struct kiln_gpu_point_sums) : sizeof(struct kiln_gpu_path_sums);
-    int status = both_make_zeros(r, &r->counts, sizeof(struct kiln_gpu_both_counts), "counts of paths", error);
-    if (status == KILN_OK)
-        status = both_make_zeros(r, &r->sums, r->count * sums, "the sums of paths", error);
-    if (status == KILN_OK && (r->method & KILN_GPU_BOTH_SPLATS) != 0)
-        status = both_make_zeros(r, &r->film, 3 * sizeof(int64_t) * r->paths, "the film of paths of light", error);
+    int status;
+    KILN_TRY(both_make_zeros(r, &r->counts, sizeof(struct kiln_gpu_both_counts), "counts of paths", error));
+    KILN_TRY(both_make_zeros(r, &r->sums, r->count * sums, "the sums of paths", error));
+    if ((r->method & KILN_GPU_BOTH_SPLATS) != 0)
+        KILN_TRY(both_make_zeros(r, &r->film, 3 * sizeof(int64_t) * r->paths, "the film of paths of light", error));
+end:
     return status;
 }
 
@@ -158,18 +160,14 @@ int both_prepare(struct both_run *r, struct kiln_error *error)
     if (status == KILN_OK)
         status = vulkan_surfaces(b, error);
     r->push.scene = b->scene.address;
-    if (status == KILN_OK)
-        status = both_stages_create(r, error);
-    if (status == KILN_OK)
-        status = upload_chances(r, error);
-    if (status == KILN_OK)
-        status = upload_nodes(r, error);
-    if (status == KILN_OK)
-        status = make_device_buffer(r, &r->all, sizeof r->shared, "what paths share", error);
-    if (status == KILN_OK)
-        status = begin_sums(r, error);
-    if (status == KILN_OK)
-        describe(r);
+    KILN_TRY(status);
+    KILN_TRY(both_stages_create(r, error));
+    KILN_TRY(upload_chances(r, error));
+    KILN_TRY(upload_nodes(r, error));
+    KILN_TRY(make_device_buffer(r, &r->all, sizeof r->shared, "what paths share", error));
+    KILN_TRY(begin_sums(r, error));
+    describe(r);
+end:
     r->push.both = r->all.address;
     r->shared.counts = r->counts.address;
     r->shared.film = r->film.address;
@@ -257,14 +255,14 @@ int both_sort_photons(struct both_run *r, uint32_t count, struct kiln_error *err
     r->shared.begins = r->buckets.address;
     r->shared.ends = r->buckets.address + sizeof(uint32_t) * (uint64_t)buckets;
     r->shared.photons = r->photons.address;
-    if (status == KILN_OK)
-        status = both_upload(r, error);
-    if (status == KILN_OK)
-        status = both_clear(r, r->shared.ends, sizeof(uint32_t) * (uint64_t)buckets, error);
-    for (uint32_t stage = KILN_GPU_PHOTONS_COUNT; stage <= KILN_GPU_PHOTONS_PLACE && status == KILN_OK; stage++) {
+    KILN_TRY(status);
+    KILN_TRY(both_upload(r, error));
+    KILN_TRY(both_clear(r, r->shared.ends, sizeof(uint32_t) * (uint64_t)buckets, error));
+    for (uint32_t stage = KILN_GPU_PHOTONS_COUNT; stage <= KILN_GPU_PHOTONS_PLACE; stage++) {
         r->push.stage = stage;
-        status = both_run_stage(r, &r->photon, 0, stage == KILN_GPU_PHOTONS_BEGIN ? buckets : count, NULL, error);
+        KILN_TRY(both_run_stage(r, &r->photon, 0, stage == KILN_GPU_PHOTONS_BEGIN ? buckets : count, NULL, error));
     }
+end:
     return status;
 }
 

@@ -787,11 +787,13 @@ static int begin_at_points(struct both_run *r, uint64_t count, struct kiln_error
     int status = KILN_OK;
     if (r->buried && r->buried_begin.kernel == NULL) {
         r->buried_begin.pace = VULKAN_PACE_BURIED_ENDS;
-        status = vulkan_kernel_of(r->b, &point_paths_shader, true, r->method, &r->buried_begin.kernel, error);
+        KILN_TRY(vulkan_kernel_of(r->b, &point_paths_shader, true, r->method, &r->buried_begin.kernel, error));
     }
-    if (status == KILN_OK && r->buried)
-        status = both_run_stage(r, &r->buried_begin, 0, count, NULL, error);
-    return status == KILN_OK ? meet_light(r, count, links(r), merges(r), error) : status;
+    if (r->buried)
+        KILN_TRY(both_run_stage(r, &r->buried_begin, 0, count, NULL, error));
+    KILN_TRY(meet_light(r, count, links(r), merges(r), error));
+end:
+    return status;
 }
 
 /* The paths of pixels or points first .. first + count - 1, which have slots. */

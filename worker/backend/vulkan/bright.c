@@ -34,20 +34,18 @@ static int bring_clusters(struct vulkan_backend *b, const struct kiln_bright *br
 {
     uint32_t *ranges = NULL;
     double *power = NULL;
-    int status = kiln_allocate(&ranges, 2 * (size_t)bright->count, sizeof *ranges, WHAT, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&power, 2 * (size_t)bright->count, sizeof *power, WHAT, error);
-    for (uint32_t c = 0; c < bright->count && status == KILN_OK; c++) {
+    int status;
+    KILN_TRY(kiln_allocate(&ranges, 2 * (size_t)bright->count, sizeof *ranges, WHAT, error));
+    KILN_TRY(kiln_allocate(&power, 2 * (size_t)bright->count, sizeof *power, WHAT, error));
+    for (uint32_t c = 0; c < bright->count; c++) {
         ranges[2 * c] = bright->clusters[c].first;
         ranges[2 * c + 1] = bright->clusters[c].end;
         power[c] = bright->clusters[c].power;
     }
-    if (status == KILN_OK)
-        status = bring(b, VULKAN_BRIGHT_CLUSTERS, ranges, 2 * (size_t)bright->count * sizeof *ranges, error);
-    if (status == KILN_OK) {
-        put_reals(b, power + bright->count, power, bright->count);
-        status = bring(b, VULKAN_BRIGHT_CLUSTER_POWER, power + bright->count, bright->count * real_bytes(b), error);
-    }
+    KILN_TRY(bring(b, VULKAN_BRIGHT_CLUSTERS, ranges, 2 * (size_t)bright->count * sizeof *ranges, error));
+    put_reals(b, power + bright->count, power, bright->count);
+    KILN_TRY(bring(b, VULKAN_BRIGHT_CLUSTER_POWER, power + bright->count, bright->count * real_bytes(b), error));
+end:
     kiln_free(&ranges);
     kiln_free(&power);
     return status;
@@ -58,19 +56,18 @@ static int bring_points(struct vulkan_backend *b, const struct kiln_bright *brig
     const size_t count = (size_t)b->surface->point_count;
     struct kiln_gpu_bright_patch *patches = NULL;
     double *power = NULL;
-    int status = kiln_allocate(&patches, count, sizeof *patches, WHAT, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&power, count, sizeof *power, WHAT, error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&patches, count, sizeof *patches, WHAT, error));
+    KILN_TRY(kiln_allocate(&power, count, sizeof *power, WHAT, error));
+    for (size_t i = 0; i < count; i++) {
         const struct kiln_patch *p = &bright->points[i];
         patches[i] = (struct kiln_gpu_bright_patch){p->place, p->edge_s, p->edge_t, p->normal};
         const double one = (double)bright->power[i];
         put_reals(b, (char *)power + i * real_bytes(b), &one, 1);
     }
-    if (status == KILN_OK)
-        status = bring(b, VULKAN_BRIGHT_PATCHES, patches, count * sizeof *patches, error);
-    if (status == KILN_OK)
-        status = bring(b, VULKAN_BRIGHT_POWER, power, count * real_bytes(b), error);
+    KILN_TRY(bring(b, VULKAN_BRIGHT_PATCHES, patches, count * sizeof *patches, error));
+    KILN_TRY(bring(b, VULKAN_BRIGHT_POWER, power, count * real_bytes(b), error));
+end:
     kiln_free(&patches);
     kiln_free(&power);
     return status;
@@ -80,12 +77,13 @@ int vulkan_bright_prepare(struct vulkan_backend *b, const struct kiln_bright *br
 {
     const size_t bytes = (size_t)b->surface->point_count * sizeof *bright->members;
     const uint32_t members = bright->count > 0 ? bright->clusters[bright->count - 1].end : 0;
-    int status = bring_clusters(b, bright, error);
-    if (status == KILN_OK)
-        status = bring_points(b, bright, error);
-    if (status == KILN_OK)
-        status = bring(b, VULKAN_BRIGHT_MEMBERS, bright->members, members * sizeof *bright->members, error);
-    return status == KILN_OK ? bring(b, VULKAN_BRIGHT_CLUSTER_OF, bright->cluster_of, bytes, error) : status;
+    int status;
+    KILN_TRY(bring_clusters(b, bright, error));
+    KILN_TRY(bring_points(b, bright, error));
+    KILN_TRY(bring(b, VULKAN_BRIGHT_MEMBERS, bright->members, members * sizeof *bright->members, error));
+    KILN_TRY(bring(b, VULKAN_BRIGHT_CLUSTER_OF, bright->cluster_of, bytes, error));
+end:
+    return status;
 }
 
 void vulkan_bright_release(struct vulkan_backend *b)
@@ -152,11 +150,11 @@ static int begin_receivers(struct receivers *r, const struct vulkan_backend *b, 
 static int make_receivers(struct receivers *r, const struct vulkan_backend *b, const struct kiln_batch *batch,
                           const struct vulkan_chunk *chunk, struct kiln_error *error)
 {
-    int status = kiln_allocate(&r->of, r->points, sizeof *r->of, WHAT, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->number, r->bright->count + (size_t)1, sizeof *r->number, WHAT, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->all, r->points, sizeof *r->all, WHAT, error);
+    int status;
+    KILN_TRY(kiln_allocate(&r->of, r->points, sizeof *r->of, WHAT, error));
+    KILN_TRY(kiln_allocate(&r->number, r->bright->count + (size_t)1, sizeof *r->number, WHAT, error));
+    KILN_TRY(kiln_allocate(&r->all, r->points, sizeof *r->all, WHAT, error));
+end:
     if (status != KILN_OK)
         return status;
     number_receivers(r, r->bright->cluster_of + b->surface->tile_runs[chunk->tile_run_first].first.at);
@@ -210,15 +208,13 @@ int vulkan_bright_bring(struct vulkan_backend *b, const void *parameters, const 
     struct vulkan_slot *slot = &b->slots[chunk->slot];
     struct receivers r = {.bright = p->bright, .points = chunk->all.total};
     size_t bytes = 0;
-    int status = make_receivers(&r, b, batch, chunk, error);
-    if (status == KILN_OK) {
-        bytes = numbers_at(&r, b) + r.points * sizeof *r.of;
-        status = vulkan_slot_room(b, slot, bytes, WHAT, error);
-    }
-    if (status == KILN_OK) {
-        write_chunk(&r, b, p->scale, slot);
-        vulkan_record_copy(recording, &slot->guides_host, &slot->guides, bytes);
-    }
+    int status;
+    KILN_TRY(make_receivers(&r, b, batch, chunk, error));
+    bytes = numbers_at(&r, b) + r.points * sizeof *r.of;
+    KILN_TRY(vulkan_slot_room(b, slot, bytes, WHAT, error));
+    write_chunk(&r, b, p->scale, slot);
+    vulkan_record_copy(recording, &slot->guides_host, &slot->guides, bytes);
+end:
     receivers_release(&r);
     return status;
 }

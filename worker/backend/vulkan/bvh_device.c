@@ -163,16 +163,14 @@ static int make_arrays(struct bvh_device *t, struct kiln_error *error)
 {
     const struct kiln_geometry *g = t->geometry;
     int status = KILN_OK;
-    for (int i = 0; i < ARRAYS && status == KILN_OK; i++)
+    for (int i = 0; i < ARRAYS; i++)
         if (i != TASKS)
-            status = gpu_buffer_create(t->gpu, &t->arrays[i], (size_t)bytes_of(t->count, g, (enum array)i), GPU_DEVICE,
-                                       what, error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(t->gpu, &t->answer, t->arrays[STATES].size, GPU_HOST, what, error);
-    if (status == KILN_OK)
-        status = gpu_fill(t->gpu, &t->arrays[VERTICES], 0, g->vertices, t->arrays[VERTICES].size, error);
-    if (status == KILN_OK)
-        status = gpu_fill(t->gpu, &t->arrays[INDICES], 0, g->indices, t->arrays[INDICES].size, error);
+            KILN_TRY(gpu_buffer_create(t->gpu, &t->arrays[i], (size_t)bytes_of(t->count, g, (enum array)i), GPU_DEVICE,
+                                       what, error));
+    KILN_TRY(gpu_buffer_create(t->gpu, &t->answer, t->arrays[STATES].size, GPU_HOST, what, error));
+    KILN_TRY(gpu_fill(t->gpu, &t->arrays[VERTICES], 0, g->vertices, t->arrays[VERTICES].size, error));
+    KILN_TRY(gpu_fill(t->gpu, &t->arrays[INDICES], 0, g->indices, t->arrays[INDICES].size, error));
+end:
     return status;
 }
 
@@ -282,14 +280,14 @@ struct top {
 
 static int allocate_top(struct top *top, uint32_t count, struct kiln_error *error)
 {
-    int status = kiln_allocate(&top->clusters, count, sizeof *top->clusters, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&top->nodes, count, sizeof *top->nodes, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&top->shares, count, sizeof *top->shares, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&top->node_shares, count, sizeof *top->node_shares, what, error);
-    return status == KILN_OK ? kiln_allocate(&top->names, count, sizeof *top->names, what, error) : status;
+    int status;
+    KILN_TRY(kiln_allocate(&top->clusters, count, sizeof *top->clusters, what, error));
+    KILN_TRY(kiln_allocate(&top->nodes, count, sizeof *top->nodes, what, error));
+    KILN_TRY(kiln_allocate(&top->shares, count, sizeof *top->shares, what, error));
+    KILN_TRY(kiln_allocate(&top->node_shares, count, sizeof *top->node_shares, what, error));
+    KILN_TRY(kiln_allocate(&top->names, count, sizeof *top->names, what, error));
+end:
+    return status;
 }
 
 static void free_top(struct top *top)
@@ -314,20 +312,16 @@ static int build_top(struct bvh_device *t, const struct top *top, const struct k
                                  .threads = t->threads,
                                  .nodes = top->nodes,
                                  .node_shares = top->node_shares};
-    int status = gpu_download(t->gpu, &t->arrays[LEFT], 0, top->clusters, count * sizeof *top->clusters, error);
-    if (status == KILN_OK)
-        status = gpu_download(t->gpu, &t->arrays[LEFT_SHARES], 0, top->shares, count * sizeof *top->shares, error);
-    if (status == KILN_OK)
-        status =
-            gpu_download(t->gpu, &t->arrays[CLUSTERS + (int)from], 0, top->names, count * sizeof *top->names, error);
-    if (status == KILN_OK)
-        status = bvh_top_build(&work, error);
-    if (status == KILN_OK)
-        status = gpu_upload(t->gpu, &t->arrays[NODES], first * sizeof *top->nodes, top->nodes,
-                            (count - 1) * sizeof *top->nodes, error);
-    if (status == KILN_OK)
-        status = gpu_upload(t->gpu, &t->arrays[SHARES], first * sizeof *top->node_shares, top->node_shares,
-                            (count - 1) * sizeof *top->node_shares, error);
+    int status;
+    KILN_TRY(gpu_download(t->gpu, &t->arrays[LEFT], 0, top->clusters, count * sizeof *top->clusters, error));
+    KILN_TRY(gpu_download(t->gpu, &t->arrays[LEFT_SHARES], 0, top->shares, count * sizeof *top->shares, error));
+    KILN_TRY(gpu_download(t->gpu, &t->arrays[CLUSTERS + (int)from], 0, top->names, count * sizeof *top->names, error));
+    KILN_TRY(bvh_top_build(&work, error));
+    KILN_TRY(gpu_upload(t->gpu, &t->arrays[NODES], first * sizeof *top->nodes, top->nodes,
+                        (count - 1) * sizeof *top->nodes, error));
+    KILN_TRY(gpu_upload(t->gpu, &t->arrays[SHARES], first * sizeof *top->node_shares, top->node_shares,
+                        (count - 1) * sizeof *top->node_shares, error));
+end:
     return status;
 }
 
@@ -338,11 +332,11 @@ static int join_top(struct bvh_device *t, struct script *s, const struct kiln_gp
     if (left->clusters < 2)
         return KILN_OK;
     add(s, t, CLUSTER, left->clusters, (struct kiln_gpu_bvh_push){.stage = KILN_BVH_GIVE, .from = from});
-    int status = run(s, t, error);
-    if (status == KILN_OK)
-        status = allocate_top(&top, left->clusters, error);
-    if (status == KILN_OK)
-        status = build_top(t, &top, left, from, error);
+    int status;
+    KILN_TRY(run(s, t, error));
+    KILN_TRY(allocate_top(&top, left->clusters, error));
+    KILN_TRY(build_top(t, &top, left, from, error));
+end:
     free_top(&top);
     return status;
 }
@@ -353,22 +347,17 @@ static int build(struct bvh_device *t, struct kiln_error *error)
     struct script *s = NULL;
     int status = kiln_allocate(&s, 1, sizeof *s, what, error);
     describe(t);
-    if (status == KILN_OK)
-        status = make_kernels(t, error);
-    if (status == KILN_OK)
-        status = make_arrays(t, error);
-    if (status == KILN_OK)
-        status = gpu_upload(t->gpu, &t->arrays[STATES], 0, states, sizeof states, error);
-    if (status == KILN_OK)
-        status = bring_root(t, error);
-    if (status == KILN_OK)
-        status = sort(t, s, error);
+    KILN_TRY(status);
+    KILN_TRY(make_kernels(t, error));
+    KILN_TRY(make_arrays(t, error));
+    KILN_TRY(gpu_upload(t->gpu, &t->arrays[STATES], 0, states, sizeof states, error));
+    KILN_TRY(bring_root(t, error));
+    KILN_TRY(sort(t, s, error));
     struct kiln_gpu_bvh_state left;
     uint32_t from;
-    if (status == KILN_OK)
-        status = join(t, s, &left, &from, error);
-    if (status == KILN_OK)
-        status = join_top(t, s, &left, from, error);
+    KILN_TRY(join(t, s, &left, &from, error));
+    KILN_TRY(join_top(t, s, &left, from, error));
+end:
     for (int i = KEYS; i <= HISTOGRAM; i++)
         gpu_buffer_destroy(t->gpu, &t->arrays[i]);
     for (int i = CLUSTERS; i <= LEFT_SHARES; i++)
@@ -458,8 +447,8 @@ static int write_layout(struct bvh_device *t, struct script *s, const struct lev
         return status;
     t->root.layout_nodes = layout->nodes.address;
     t->root.layout_triangles = layout->triangles.address;
-    status = bring_root(t, error);
-    for (uint32_t i = 0; i + 1 < 2 * l->count && status == KILN_OK; i++) {
+    KILN_TRY(bring_root(t, error));
+    for (uint32_t i = 0; i + 1 < 2 * l->count; i++) {
         const bool up = i < l->count - 1;
         const uint32_t level = up ? l->count - 2 - i : i - (l->count - 1);
         if (level + 1 == l->count)
@@ -470,10 +459,11 @@ static int write_layout(struct bvh_device *t, struct script *s, const struct lev
                                                .stage = up ? KILN_BVH_BELOW : KILN_BVH_SETTLE};
         add(s, t, LAYOUT, push.count, push);
         if (s->count == STEPS_MOST)
-            status = run(s, t, error);
+            KILN_TRY(run(s, t, error));
     }
-    if (status == KILN_OK && s->count == STEPS_MOST)
-        status = run(s, t, error);
+    if (s->count == STEPS_MOST)
+        KILN_TRY(run(s, t, error));
+end:
     if (status != KILN_OK)
         return status;
     add(s, t, LAYOUT, (uint32_t)layout->node_count,
@@ -546,15 +536,13 @@ int bvh_device_fetch(struct bvh_device *tree, const struct bvh_params *params, s
     struct kiln_gpu_bvh_node *nodes = NULL;
     struct kiln_gpu_bvh_share *shares = NULL;
     *bvh = NULL;
-    int status = kiln_allocate(&nodes, count, sizeof *nodes, "the device's BVH", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&shares, count, sizeof *shares, "the device's BVH", error);
-    if (status == KILN_OK)
-        status = gpu_download(tree->gpu, &tree->arrays[NODES], 0, nodes, count * sizeof *nodes, error);
-    if (status == KILN_OK)
-        status = gpu_download(tree->gpu, &tree->arrays[SHARES], 0, shares, count * sizeof *shares, error);
-    if (status == KILN_OK)
-        status = bvh_create_of(bvh, tree->geometry, params, nodes, shares, error);
+    int status;
+    KILN_TRY(kiln_allocate(&nodes, count, sizeof *nodes, "the device's BVH", error));
+    KILN_TRY(kiln_allocate(&shares, count, sizeof *shares, "the device's BVH", error));
+    KILN_TRY(gpu_download(tree->gpu, &tree->arrays[NODES], 0, nodes, count * sizeof *nodes, error));
+    KILN_TRY(gpu_download(tree->gpu, &tree->arrays[SHARES], 0, shares, count * sizeof *shares, error));
+    KILN_TRY(bvh_create_of(bvh, tree->geometry, params, nodes, shares, error));
+end:
     kiln_free(&nodes);
     kiln_free(&shares);
     return status;

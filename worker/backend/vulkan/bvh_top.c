@@ -200,20 +200,17 @@ int bvh_top_build(const struct bvh_top *top, struct kiln_error *error)
     static const char what[] = "the top of the BVH";
     const int threads = top->threads != 0 ? (int)top->threads : omp_get_num_procs();
     struct work w = {.top = top};
-    int status = kiln_allocate(&w.kept, top->count, sizeof *w.kept, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w.right, top->count, sizeof *w.right, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w.second, top->count, sizeof *w.second, what, error);
-    for (int i = 0; i < 3 && status == KILN_OK; i++)
-        status = kiln_allocate(&w.order[i], top->count, sizeof *w.order[i], what, error);
-    if (status == KILN_OK)
-        status = order_all(&w, threads, error);
-    if (status == KILN_OK) {
+    int status;
+    KILN_TRY(kiln_allocate(&w.kept, top->count, sizeof *w.kept, what, error));
+    KILN_TRY(kiln_allocate(&w.right, top->count, sizeof *w.right, what, error));
+    KILN_TRY(kiln_allocate(&w.second, top->count, sizeof *w.second, what, error));
+    for (int i = 0; i < 3; i++)
+        KILN_TRY(kiln_allocate(&w.order[i], top->count, sizeof *w.order[i], what, error));
+    KILN_TRY(order_all(&w, threads, error));
 #pragma omp parallel num_threads(threads)
 #pragma omp single
-        build(&w, (struct range){0, top->count, 0, 0});
-    }
+    build(&w, (struct range){0, top->count, 0, 0});
+end:
     for (int i = 0; i < 3; i++)
         kiln_free(&w.order[i]);
     kiln_free(&w.kept);

@@ -96,14 +96,12 @@ static uint64_t points_there(const struct vulkan_backend *b)
 static int make_room(struct vulkan_backend *b, uint64_t answers, uint64_t scratch, struct kiln_error *error)
 {
     int status = KILN_OK;
-    for (int i = 0; i < GPU_SLOTS && status == KILN_OK; i++) {
-        status = vulkan_grow_buffer(b, &b->slots[i].scratch, scratch, GPU_DEVICE, "a pass's partial sums", error);
-        if (status == KILN_OK)
-            status = vulkan_grow_buffer(b, &b->slots[i].answers, answers, GPU_DEVICE, "a pass's answers", error);
-        if (status == KILN_OK)
-            status =
-                vulkan_grow_buffer(b, &b->slots[i].host, answers, GPU_HOST, "a pass's answers for the host", error);
+    for (int i = 0; i < GPU_SLOTS; i++) {
+        KILN_TRY(vulkan_grow_buffer(b, &b->slots[i].scratch, scratch, GPU_DEVICE, "a pass's partial sums", error));
+        KILN_TRY(vulkan_grow_buffer(b, &b->slots[i].answers, answers, GPU_DEVICE, "a pass's answers", error));
+        KILN_TRY(vulkan_grow_buffer(b, &b->slots[i].host, answers, GPU_HOST, "a pass's answers for the host", error));
     }
+end:
     return status;
 }
 
@@ -473,12 +471,15 @@ static int run_chunks(struct run *r, struct kiln_error *error)
 /* Runs what has not been handed over yet. */
 static int run_left(struct run *r, struct kiln_error *error)
 {
-    int status = r->pass->prepare(r->pass->context, error);
-    if (status == KILN_OK && r->pass->states) {
+    int status;
+    KILN_TRY(r->pass->prepare(r->pass->context, error));
+    if (r->pass->states) {
         vulkan_points_choose(r->b->points, r->batch, r->pass->mixed);
-        status = vulkan_points_ready(r->b->points, error);
+        KILN_TRY(vulkan_points_ready(r->b->points, error));
     }
-    return status == KILN_OK ? run_chunks(r, error) : status;
+    KILN_TRY(run_chunks(r, error));
+end:
+    return status;
 }
 
 int vulkan_run_in_chunks(struct vulkan_backend *b, const struct vulkan_chunked *pass, const struct kiln_batch *batch,

@@ -36,15 +36,15 @@ int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *er
     uint32_t *table = NULL;
     gpu_buffer_destroy(b->gpu, &b->sobol);
     b->sobol_count = 0;
-    int status = kiln_allocate(&table, (size_t)room * KILN_DIMENSIONS, sizeof *table, "the samples of a pass", error);
-    for (uint32_t d = 0; status == KILN_OK && d < KILN_DIMENSIONS; d++)
+    int status;
+    KILN_TRY(kiln_allocate(&table, (size_t)room * KILN_DIMENSIONS, sizeof *table, "the samples of a pass", error));
+    for (uint32_t d = 0; d < KILN_DIMENSIONS; d++)
         for (uint32_t k = 0; k < room; k++)
             table[(size_t)d * room + k] = kiln_sobol(k, d);
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->sobol, table, (size_t)room * KILN_DIMENSIONS * sizeof *table,
-                               "the samples of a pass", error);
-    if (status == KILN_OK)
-        b->sobol_count = room;
+    KILN_TRY(gpu_buffer_of(b->gpu, &b->sobol, table, (size_t)room * KILN_DIMENSIONS * sizeof *table,
+                           "the samples of a pass", error));
+    b->sobol_count = room;
+end:
     kiln_free(&table);
     return status;
 }

@@ -62,27 +62,28 @@ static uint64_t scene_of(const struct vulkan_backend *b)
 static int prepare_groups(struct direct *d, struct kiln_error *error)
 {
     vulkan_groups_begin(d->b);
-    int status = vulkan_kernel_of(d->b, &groups_shader, false, CLEARS, &d->clear, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &groups_shader, false, SUMS, &d->group_sums, error);
-    return status == KILN_OK ? vulkan_groups_of_lights(d->b, error) : status;
+    int status;
+    KILN_TRY(vulkan_kernel_of(d->b, &groups_shader, false, CLEARS, &d->clear, error));
+    KILN_TRY(vulkan_kernel_of(d->b, &groups_shader, false, SUMS, &d->group_sums, error));
+    KILN_TRY(vulkan_groups_of_lights(d->b, error));
+end:
+    return status;
 }
 
 static int prepare(void *context, struct kiln_error *error)
 {
     struct direct *d = context;
     /* a lone choice gets all samples, rounded up at most */
-    int status = vulkan_sobol(d->b, d->first_sample + d->most + 1, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &choose_shader, false, 0, &d->choose, error);
-    if (status == KILN_OK && d->pilots)
-        status = vulkan_kernel_of(d->b, &pilot_shader, false, 0, &d->pilot, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &direct_shader, false, d->groups > 0, &d->whole, error);
-    if (status == KILN_OK && d->precise)
-        status = vulkan_kernel_of(d->b, &direct_precise_shader, false, d->groups > 0, &d->near, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(d->b, &sums_shader, false, VULKAN_SHORT, &d->reduce, error);
+    int status;
+    KILN_TRY(vulkan_sobol(d->b, d->first_sample + d->most + 1, error));
+    KILN_TRY(vulkan_kernel_of(d->b, &choose_shader, false, 0, &d->choose, error));
+    if (d->pilots)
+        KILN_TRY(vulkan_kernel_of(d->b, &pilot_shader, false, 0, &d->pilot, error));
+    KILN_TRY(vulkan_kernel_of(d->b, &direct_shader, false, d->groups > 0, &d->whole, error));
+    if (d->precise)
+        KILN_TRY(vulkan_kernel_of(d->b, &direct_precise_shader, false, d->groups > 0, &d->near, error));
+    KILN_TRY(vulkan_kernel_of(d->b, &sums_shader, false, VULKAN_SHORT, &d->reduce, error));
+end:
     return status == KILN_OK && d->groups > 0 ? prepare_groups(d, error) : status;
 }
 

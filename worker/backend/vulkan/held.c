@@ -206,14 +206,13 @@ static int bring_answers(struct vulkan_backend *b, const struct kiln_held_part *
         return KILN_OK;
     const struct vulkan_once once = vulkan_once_begin();
     struct vulkan_held_answers made = {.key = part->key, .wanted = true};
-    int status = kiln_grow(&h->answers, &h->answer_room, h->answer_count + 1, sizeof *h->answers,
-                           "direct light on the device", error);
-    if (status == KILN_OK)
-        status =
-            gpu_buffer_of(b->gpu, &made.buffer, part->answers, (size_t)b->surface->point_count * sizeof *part->answers,
-                          "direct light on the device", error);
-    if (status == KILN_OK)
-        h->answers[h->answer_count++] = made;
+    int status;
+    KILN_TRY(kiln_grow(&h->answers, &h->answer_room, h->answer_count + 1, sizeof *h->answers,
+                       "direct light on the device", error));
+    KILN_TRY(gpu_buffer_of(b->gpu, &made.buffer, part->answers, (size_t)b->surface->point_count * sizeof *part->answers,
+                           "direct light on the device", error));
+    h->answers[h->answer_count++] = made;
+end:
     vulkan_once_end(b, once);
     return status;
 }
@@ -303,13 +302,13 @@ static int bring_light(struct vulkan_backend *b, const struct kiln_held *begin, 
 {
     const struct kiln_held_light *from = &begin->lights[light];
     const size_t points = (size_t)b->surface->point_count;
-    int status = bring_bytes(b, from->next, points * (begin->compact ? sizeof(uint32_t) : sizeof(uint64_t)),
-                             begin->compact ? COMPACT : PACKED, light, error);
-    if (status == KILN_OK)
-        status = bring_bytes(b, from->error, points * sizeof *from->error, ERRORS, light, error);
-    if (status == KILN_OK)
-        status = gpu_upload(b->gpu, &b->held.sums, 3 * points * light * sizeof *from->sum, from->sum,
-                            3 * points * sizeof *from->sum, error);
+    int status;
+    KILN_TRY(bring_bytes(b, from->next, points * (begin->compact ? sizeof(uint32_t) : sizeof(uint64_t)),
+                         begin->compact ? COMPACT : PACKED, light, error));
+    KILN_TRY(bring_bytes(b, from->error, points * sizeof *from->error, ERRORS, light, error));
+    KILN_TRY(gpu_upload(b->gpu, &b->held.sums, 3 * points * light * sizeof *from->sum, from->sum,
+                        3 * points * sizeof *from->sum, error));
+end:
     return status;
 }
 
@@ -317,22 +316,20 @@ static int bring_lights(struct vulkan_backend *b, const struct kiln_held *begin,
 {
     struct kiln_gpu_held_light lights[KILN_ROW_LIGHTS] = {{0}};
     int status = KILN_OK;
-    for (uint32_t l = 0; l < begin->count && status == KILN_OK; l++) {
+    for (uint32_t l = 0; l < begin->count; l++) {
         const struct kiln_held_light *from = &begin->lights[l];
         lights[l] = (struct kiln_gpu_held_light){.scale = (uint32_t)ilogb(from->scale),
                                                  .unit = (uint32_t)ilogb(from->unit),
                                                  .unit_squared = (uint32_t)ilogb(from->unit_squared)};
-        status = bring_albedo(b, begin, l, &lights[l].albedo, error);
+        KILN_TRY(bring_albedo(b, begin, l, &lights[l].albedo, error));
     }
-    if (status == KILN_OK)
-        status = bring_parts(b, begin, lights, error);
-    if (status == KILN_OK)
-        status = gpu_upload(b->gpu, &b->held.lights, 0, lights, begin->count * sizeof *lights, error);
-    if (status == KILN_OK)
-        status = gpu_upload(b->gpu, &b->held.root, 0, &b->held.layout, sizeof b->held.layout, error);
-    for (uint32_t l = 0; l < begin->count && status == KILN_OK; l++)
+    KILN_TRY(bring_parts(b, begin, lights, error));
+    KILN_TRY(gpu_upload(b->gpu, &b->held.lights, 0, lights, begin->count * sizeof *lights, error));
+    KILN_TRY(gpu_upload(b->gpu, &b->held.root, 0, &b->held.layout, sizeof b->held.layout, error));
+    for (uint32_t l = 0; l < begin->count; l++)
         if (!begin->lights[l].mixed)
-            status = bring_light(b, begin, l, error);
+            KILN_TRY(bring_light(b, begin, l, error));
+end:
     return status;
 }
 
@@ -349,12 +346,11 @@ static int mix(struct vulkan_backend *b, const struct kiln_held *begin, struct k
     struct vulkan_held *h = &b->held;
     struct gpu_kernel *kernel, *sums;
     const uint32_t points = (uint32_t)h->layout.points;
-    int status = vulkan_kernel_of(b, &direct_shader, false, 0, &kernel, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &vulkan_held_powers, false, 0, &sums, error);
-    if (status == KILN_OK)
-        status = begin_powers(b, begin->count, error);
-    for (uint32_t first = 0; first < points && status == KILN_OK; first += CHUNK_MOST) {
+    int status;
+    KILN_TRY(vulkan_kernel_of(b, &direct_shader, false, 0, &kernel, error));
+    KILN_TRY(vulkan_kernel_of(b, &vulkan_held_powers, false, 0, &sums, error));
+    KILN_TRY(begin_powers(b, begin->count, error));
+    for (uint32_t first = 0; first < points; first += CHUNK_MOST) {
         const uint32_t some = points - first < CHUNK_MOST ? points - first : CHUNK_MOST;
         const struct kiln_gpu_held_push push = {.scene = b->scene.address,
                                                 .held = h->root.address,
@@ -371,10 +367,10 @@ static int mix(struct vulkan_backend *b, const struct kiln_held *begin, struct k
                                           .threads_y = begin->count,
                                           .constants = &push,
                                           .constant_bytes = sizeof push}};
-        status = gpu_run(b->gpu, steps, sizeof steps / sizeof *steps, NULL, error);
+        KILN_TRY(gpu_run(b->gpu, steps, sizeof steps / sizeof *steps, NULL, error));
     }
-    if (status == KILN_OK)
-        status = gpu_download(b->gpu, &h->powers, 0, powers, powers_bytes(begin->count), error);
+    KILN_TRY(gpu_download(b->gpu, &h->powers, 0, powers, powers_bytes(begin->count), error));
+end:
     b->returned += status == KILN_OK ? powers_bytes(begin->count) : 0;
     return status;
 }
@@ -490,12 +486,12 @@ int vulkan_hold_fetch(struct kiln_backend *backend, uint32_t light, const struct
 {
     struct vulkan_backend *b = (struct vulkan_backend *)backend;
     uint16_t *const errors[] = {to->error, to->error_direct, to->error_indirect};
-    int status = run(b, FETCHED, light, error);
-    if (status == KILN_OK)
-        status = fetch_light(b, &b->held.sums, light, to->sum, error);
-    if (status == KILN_OK)
-        status = fetch_light(b, &b->held.direct, light, to->direct, error);
-    for (size_t i = 0; i < sizeof errors / sizeof *errors && status == KILN_OK; i++)
-        status = fetch_errors(b, i, errors[i], error);
+    int status;
+    KILN_TRY(run(b, FETCHED, light, error));
+    KILN_TRY(fetch_light(b, &b->held.sums, light, to->sum, error));
+    KILN_TRY(fetch_light(b, &b->held.direct, light, to->direct, error));
+    for (size_t i = 0; i < sizeof errors / sizeof *errors; i++)
+        KILN_TRY(fetch_errors(b, i, errors[i], error));
+end:
     return status == KILN_OK ? KILN_OK : vulkan_held_fail(b, status, error);
 }

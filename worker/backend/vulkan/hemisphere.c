@@ -196,19 +196,20 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
     const uint64_t room = room_of(h, chunk);
     int status = KILN_OK;
     if (pass->besides != NULL && chunk->row_first == 0)
-        status = vulkan_groups_room(h->b, chunk, error);
-    if (status == KILN_OK && pass->bring != NULL && chunk->row_first == 0)
-        status = pass->bring(h->b, pass->parameters, h->batch, chunk, room, recording, error);
-    if (status == KILN_OK && pass->shader != NULL)
-        status = record_rays(h, chunk, recording, error);
-    if (status == KILN_OK && chunk->last && pass->finish != NULL)
+        KILN_TRY(vulkan_groups_room(h->b, chunk, error));
+    if (pass->bring != NULL && chunk->row_first == 0)
+        KILN_TRY(pass->bring(h->b, pass->parameters, h->batch, chunk, room, recording, error));
+    if (pass->shader != NULL)
+        KILN_TRY(record_rays(h, chunk, recording, error));
+    if (chunk->last && pass->finish != NULL)
         pass->finish(h->b, pass->parameters, chunk, room, recording);
-    else if (status == KILN_OK && chunk->last)
+    else if (chunk->last)
         record_sums(h, chunk, recording);
-    if (status == KILN_OK && chunk->last && pass->besides != NULL) {
+    if (chunk->last && pass->besides != NULL) {
         pass->besides(h->b, pass->parameters, chunk, room, recording);
         vulkan_groups_bring(h->b, chunk, recording);
     }
+end:
     return status;
 }
 
@@ -272,21 +273,23 @@ static int prepare(void *context, struct kiln_error *error)
     struct hemisphere *h = context;
     const struct vulkan_hemisphere *pass = h->pass;
     /* a lone light gets as many samples as there are rays, rounded up at most */
-    int status = vulkan_sobol(h->b, h->batch->first_sample + h->batch->samples + (pass->counts_rays ? 1 : 0), error);
-    if (status == KILN_OK && pass->shader != NULL)
-        status = vulkan_kernel_of(h->b, pass->shader, false, pass->constant, &h->whole, error);
-    if (status == KILN_OK && pass->sums != NULL)
-        status = vulkan_kernel_of(h->b, pass->sums, false, pass->sums_constant, &h->reduce, error);
-    if (status == KILN_OK && pass->apart != NULL)
-        status = vulkan_kernel_of(h->b, pass->apart, false, 0, &h->apart, error);
-    if (status == KILN_OK && pass->apart != NULL)
-        status = vulkan_kernel_of(h->b, pass->apart_sums, false, 1, &h->apart_begin, error);
-    if (status == KILN_OK && pass->apart != NULL)
-        status = vulkan_kernel_of(h->b, pass->apart_sums, false, pass->apart_constant, &h->apart_sums, error);
-    if (status == KILN_OK && pass->prepare != NULL)
-        status = pass->prepare(h->b, pass->context, error);
-    if (status == KILN_OK && pass->between != NULL)
-        status = vulkan_kernel_of(h->b, pass->between, false, 0, &h->between, error);
+    int status;
+    KILN_TRY(vulkan_sobol(h->b, h->batch->first_sample + h->batch->samples + (pass->counts_rays ? 1 : 0), error));
+    if (pass->shader != NULL)
+        KILN_TRY(vulkan_kernel_of(h->b, pass->shader, false, pass->constant, &h->whole, error));
+    if (pass->sums != NULL)
+        KILN_TRY(vulkan_kernel_of(h->b, pass->sums, false, pass->sums_constant, &h->reduce, error));
+    if (pass->apart != NULL)
+        KILN_TRY(vulkan_kernel_of(h->b, pass->apart, false, 0, &h->apart, error));
+    if (pass->apart != NULL)
+        KILN_TRY(vulkan_kernel_of(h->b, pass->apart_sums, false, 1, &h->apart_begin, error));
+    if (pass->apart != NULL)
+        KILN_TRY(vulkan_kernel_of(h->b, pass->apart_sums, false, pass->apart_constant, &h->apart_sums, error));
+    if (pass->prepare != NULL)
+        KILN_TRY(pass->prepare(h->b, pass->context, error));
+    if (pass->between != NULL)
+        KILN_TRY(vulkan_kernel_of(h->b, pass->between, false, 0, &h->between, error));
+end:
     return status;
 }
 

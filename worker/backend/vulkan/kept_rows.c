@@ -164,12 +164,12 @@ static int make_resident(struct vulkan_backend *b, const struct kiln_rows *rows,
     *resident = NULL;
     if (bytes > gpu_memory_left(b->gpu) / 2)
         return KILN_OK;
-    int status = kiln_grow(&b->resident, &b->resident_room, b->resident_count + 1, sizeof *b->resident,
-                           "rows on the device", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&made.there, b->surface->tile_run_count, 1, "rows on the device", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &made.words, bytes, GPU_DEVICE, "kept rays", error);
+    int status;
+    KILN_TRY(kiln_grow(&b->resident, &b->resident_room, b->resident_count + 1, sizeof *b->resident,
+                       "rows on the device", error));
+    KILN_TRY(kiln_allocate(&made.there, b->surface->tile_run_count, 1, "rows on the device", error));
+    KILN_TRY(gpu_buffer_create(b->gpu, &made.words, bytes, GPU_DEVICE, "kept rays", error));
+end:
     if (status != KILN_OK) {
         kiln_free(&made.there);
         return status;
@@ -351,14 +351,15 @@ static int prepare(struct vulkan_backend *b, void *context, struct kiln_error *e
     struct rows_run *r = context;
     int status =
         vulkan_kernel_of(b, r->holds ? &replay_held_shader : &replay_shader, false, r->count, &r->gather, error);
-    if (status == KILN_OK && r->holds)
-        status = vulkan_kernel_of(b, &take_shader, false, r->count, &r->take, error);
-    if (status == KILN_OK && r->holds)
-        status = vulkan_kernel_of(b, &vulkan_held_powers, false, 0, &r->powers, error);
-    if (status == KILN_OK)
-        status = bring_lights(r, error);
-    if (status == KILN_OK && b->base.given.groups != NULL)
-        status = prepare_groups(b, r, error);
+    KILN_TRY(status);
+    if (r->holds)
+        KILN_TRY(vulkan_kernel_of(b, &take_shader, false, r->count, &r->take, error));
+    if (r->holds)
+        KILN_TRY(vulkan_kernel_of(b, &vulkan_held_powers, false, 0, &r->powers, error));
+    KILN_TRY(bring_lights(r, error));
+    if (b->base.given.groups != NULL)
+        KILN_TRY(prepare_groups(b, r, error));
+end:
     if (status != KILN_OK || r->resident == NULL)
         return status;
     status = find_resident(b, r->rows, &r->resident, error);
@@ -546,10 +547,10 @@ int vulkan_hold_step(struct kiln_backend *backend, struct kiln_rows *rows, const
     struct rows_run r = {
         .b = b, .rows = rows, .samples = batch->samples, .first = batch->first, .count = b->held.count, .holds = true};
     r.words = kiln_resident_row(rows->resident, b->surface->tile_runs[batch->first].first.at - rows->resident->first);
-    int status = vulkan_held_begin(b, step, batch->stream, error);
-    if (status == KILN_OK)
-        status = replay(&r, batch, error);
-    if (status == KILN_OK)
-        status = vulkan_held_end(b, powers, error);
+    int status;
+    KILN_TRY(vulkan_held_begin(b, step, batch->stream, error));
+    KILN_TRY(replay(&r, batch, error));
+    KILN_TRY(vulkan_held_end(b, powers, error));
+end:
     return status == KILN_OK ? KILN_OK : vulkan_held_fail(b, status, error);
 }

@@ -105,14 +105,13 @@ static int make_room(struct land_run *r, struct kiln_error *error)
     struct vulkan_backend *b = r->b;
     const size_t bytes = r->room * sizeof(struct kiln_gpu_landing);
     int status = KILN_OK;
-    for (int i = 0; i < 2 && status == KILN_OK; i++) {
-        status = vulkan_grow_buffer(b, &b->slots[i].answers, bytes, GPU_DEVICE, "light paths", error);
-        if (status == KILN_OK)
-            status = vulkan_grow_buffer(b, &b->slots[i].host, bytes, GPU_HOST, "light paths", error);
+    for (int i = 0; i < 2; i++) {
+        KILN_TRY(vulkan_grow_buffer(b, &b->slots[i].answers, bytes, GPU_DEVICE, "light paths", error));
+        KILN_TRY(vulkan_grow_buffer(b, &b->slots[i].host, bytes, GPU_HOST, "light paths", error));
     }
-    if (status == KILN_OK)
-        status = kiln_grow(&b->results, &b->result_room, r->room * sizeof *r->results, 1, "the answers of light paths",
-                           error);
+    KILN_TRY(
+        kiln_grow(&b->results, &b->result_room, r->room * sizeof *r->results, 1, "the answers of light paths", error));
+end:
     r->results = (struct kiln_land_result *)(void *)b->results;
     return status;
 }
@@ -181,12 +180,13 @@ static int follow_portion(struct land_run *r, uint32_t slot, struct kiln_error *
                                   .to = &b->slots[slot].host,
                                   .size = p->count * sizeof(struct kiln_gpu_landing)};
     double seconds;
-    int status = both_wait_for_landings(r->paths, slot, &seconds, error);
-    if (status == KILN_OK) {
-        gpu_pacer_learn(r->pacer, p->count, seconds);
-        status = both_read_counts(r->paths, &counts, error);
-    }
-    return status == KILN_OK ? gpu_submit(b->gpu, slot, &copy, 1, error) : status;
+    int status;
+    KILN_TRY(both_wait_for_landings(r->paths, slot, &seconds, error));
+    gpu_pacer_learn(r->pacer, p->count, seconds);
+    KILN_TRY(both_read_counts(r->paths, &counts, error));
+    KILN_TRY(gpu_submit(b->gpu, slot, &copy, 1, error));
+end:
+    return status;
 }
 
 /* Takes the answers of a slot, and gives them to the caller. */

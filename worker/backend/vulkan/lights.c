@@ -163,13 +163,14 @@ static int put_list(struct builder *b, const struct shape *shape,
                     const char *what, uint64_t *address, struct kiln_error *error)
 {
     unsigned char *list = NULL;
-    int status = kiln_allocate(&list, count, shape->size, what, error);
-    for (size_t i = 0; status == KILN_OK && i < count; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&list, count, shape->size, what, error));
+    for (size_t i = 0; i < count; i++)
         make(b->model, i, list + i * shape->size);
-    if (status == KILN_OK && !b->float64)
+    if (!b->float64)
         narrow(shape, list, count);
-    if (status == KILN_OK)
-        status = put_bytes(b, list, count * (b->float64 ? shape->size : shape->float_size), what, address, error);
+    KILN_TRY(put_bytes(b, list, count * (b->float64 ? shape->size : shape->float_size), what, address, error));
+end:
     kiln_free(&list);
     return status;
 }
@@ -180,11 +181,12 @@ static int put_texels(struct builder *b, uint64_t *address, struct kiln_error *e
     const struct kiln_environment *e = b->model->scene->environment;
     const size_t count = (size_t)e->width * e->height;
     float *texels = NULL;
-    int status = kiln_allocate(&texels, count, 3 * sizeof *texels, "the environment's image", error);
-    for (size_t i = 0; status == KILN_OK && i < 3 * count; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&texels, count, 3 * sizeof *texels, "the environment's image", error));
+    for (size_t i = 0; i < 3 * count; i++)
         texels[i] = e->radiance[i % 3] * b->model->scene->environment_texels[i];
-    if (status == KILN_OK)
-        status = put_bytes(b, texels, 3 * count * sizeof *texels, "the environment's image", address, error);
+    KILN_TRY(put_bytes(b, texels, 3 * count * sizeof *texels, "the environment's image", address, error));
+end:
     kiln_free(&texels);
     return status;
 }
@@ -198,14 +200,13 @@ static int put_image(struct builder *b, struct kiln_gpu_lights *layout, struct k
     layout->rotation = e->rotation;
     int status =
         put_bytes(b, b->model->marginal, e->height * sizeof(float), "the environment's rows", &layout->marginal, error);
-    if (status == KILN_OK)
-        status = put_bytes(b, b->model->conditional, texels * sizeof(float), "the environment's distribution",
-                           &layout->conditional, error);
-    if (status == KILN_OK)
-        status = put_list(b, &real_shape, make_row, 2 * (size_t)e->height + 1, "the environment's rows", &layout->rows,
-                          error);
-    if (status == KILN_OK)
-        status = put_texels(b, &layout->texels, error);
+    KILN_TRY(status);
+    KILN_TRY(put_bytes(b, b->model->conditional, texels * sizeof(float), "the environment's distribution",
+                       &layout->conditional, error));
+    KILN_TRY(
+        put_list(b, &real_shape, make_row, 2 * (size_t)e->height + 1, "the environment's rows", &layout->rows, error));
+    KILN_TRY(put_texels(b, &layout->texels, error));
+end:
     return status;
 }
 
@@ -242,17 +243,14 @@ int vulkan_lights_create(struct gpu *gpu, const struct kiln_lights *model, bool 
     lights->kinds = kinds_of(model);
     layout->area_count = (uint32_t)model->area_count;
     layout->directional_count = (uint32_t)model->directional_count;
-    int status = put_list(&b, &node_shape, make_node, model->node_count, "the light tree", &layout->nodes, error);
-    if (status == KILN_OK)
-        status =
-            put_list(&b, &area_shape, make_area, model->area_count, "the emissive triangles", &layout->areas, error);
-    if (status == KILN_OK)
-        status = put_list(&b, &point_shape, make_point, model->point_count, "the point lights", &layout->points, error);
-    if (status == KILN_OK)
-        status = put_list(&b, &directional_shape, make_directional, model->directional_count, "the directional lights",
-                          &layout->directionals, error);
-    if (status == KILN_OK)
-        status = put_environment(&b, layout, error);
+    int status;
+    KILN_TRY(put_list(&b, &node_shape, make_node, model->node_count, "the light tree", &layout->nodes, error));
+    KILN_TRY(put_list(&b, &area_shape, make_area, model->area_count, "the emissive triangles", &layout->areas, error));
+    KILN_TRY(put_list(&b, &point_shape, make_point, model->point_count, "the point lights", &layout->points, error));
+    KILN_TRY(put_list(&b, &directional_shape, make_directional, model->directional_count, "the directional lights",
+                      &layout->directionals, error));
+    KILN_TRY(put_environment(&b, layout, error));
+end:
     if (status != KILN_OK)
         vulkan_lights_destroy(gpu, lights);
     return status;

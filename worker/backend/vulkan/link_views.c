@@ -82,10 +82,12 @@ static size_t floats_of(const struct finder *f) { return f->b->params.geometry->
 static int grow(struct finding *g, struct kiln_error *error)
 {
     static const char what[] = "the rays of links";
-    int status = kiln_grow(&g->rays, &g->room, g->count + 1, sizeof *g->rays, what, error);
-    if (status == KILN_OK)
-        status = kiln_grow(&g->links, &g->room_links, g->room, sizeof *g->links, what, error);
-    return status == KILN_OK ? kiln_grow(&g->of, &g->room_of, g->room, sizeof *g->of, what, error) : status;
+    int status;
+    KILN_TRY(kiln_grow(&g->rays, &g->room, g->count + 1, sizeof *g->rays, what, error));
+    KILN_TRY(kiln_grow(&g->links, &g->room_links, g->room, sizeof *g->links, what, error));
+    KILN_TRY(kiln_grow(&g->of, &g->room_of, g->room, sizeof *g->of, what, error));
+end:
+    return status;
 }
 
 /* kiln_link_ask */
@@ -300,10 +302,10 @@ static int make_steps(struct finder *f, struct group *group, struct gpu_kernel *
     size_t some = gpu_pacer_next(&b->pacers[VULKAN_PACE_LINK_RAYS], FIRST_RAYS);
     some = some > MOST_RAYS ? MOST_RAYS : some < LEAST_RAYS ? LEAST_RAYS : some;
     group->steps = (group->ray_count + some - 1) / some;
-    int status = kiln_grow(&f->steps, &f->step_room, group->steps, sizeof *f->steps, "the rays of links", error);
-    if (status == KILN_OK)
-        status = kiln_grow(&f->pushes, &f->push_room, group->steps, sizeof *f->pushes, "the rays of links", error);
-    for (size_t i = 0; i < group->steps && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_grow(&f->steps, &f->step_room, group->steps, sizeof *f->steps, "the rays of links", error));
+    KILN_TRY(kiln_grow(&f->pushes, &f->push_room, group->steps, sizeof *f->pushes, "the rays of links", error));
+    for (size_t i = 0; i < group->steps; i++) {
         const size_t first = i * some, left = group->ray_count - first, count = left < some ? left : some;
         f->pushes[i] = (struct kiln_gpu_link_rays_push){
             .scene = b->scene.address,
@@ -320,6 +322,7 @@ static int make_steps(struct finder *f, struct group *group, struct gpu_kernel *
                                         .constants = &f->pushes[i],
                                         .constant_bytes = sizeof f->pushes[i]};
     }
+end:
     return status;
 }
 
@@ -331,15 +334,14 @@ static int launch(struct finder *f, struct group *group, struct kiln_error *erro
     group->under_way = false;
     if (group->ray_count == 0)
         return KILN_OK;
-    int status = vulkan_kernel_of(b, &rays_shader, false, 0, &kernel, error);
-    if (status == KILN_OK)
-        status = bring_places(f, error);
-    if (status == KILN_OK)
-        status = make_room(b, &b->link_rays[group->slot], group->ray_count * sizeof(struct kiln_gpu_link_ray),
-                           "the rays of links", error);
-    if (status == KILN_OK)
-        status = make_room(b, &b->link_answers[group->slot], group->ray_count * floats_of(f) * sizeof(float),
-                           "what rays meet", error);
+    int status;
+    KILN_TRY(vulkan_kernel_of(b, &rays_shader, false, 0, &kernel, error));
+    KILN_TRY(bring_places(f, error));
+    KILN_TRY(make_room(b, &b->link_rays[group->slot], group->ray_count * sizeof(struct kiln_gpu_link_ray),
+                       "the rays of links", error));
+    KILN_TRY(make_room(b, &b->link_answers[group->slot], group->ray_count * floats_of(f) * sizeof(float),
+                       "what rays meet", error));
+end:
     if (status != KILN_OK)
         return status;
     copy_rays(f, group);
@@ -454,14 +456,16 @@ int vulkan_find_links(struct vulkan_backend *b, const struct kiln_links_paramete
 {
     struct finder f = {
         .b = b, .p = parameters, .batch = batch, .gathered = gathered, .made = made, .key = key, .error = error};
-    int status = kiln_allocate(&f.wanted, batch->count, sizeof *f.wanted, "the links that are missing", error);
-    for (size_t i = 0; i < batch->count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&f.wanted, batch->count, sizeof *f.wanted, "the links that are missing", error));
+    for (size_t i = 0; i < batch->count; i++)
         if (is_wanted(&f, batch->first + i))
             f.wanted[f.count++] = batch->first + i;
-    if (status == KILN_OK && f.count > 0)
-        status = make_groups(&f, error);
-    if (status == KILN_OK && f.count > 0)
-        status = find_all(&f, error);
+    if (f.count > 0)
+        KILN_TRY(make_groups(&f, error));
+    if (f.count > 0)
+        KILN_TRY(find_all(&f, error));
+end:
     *rays += f.traced;
     finder_release(&f);
     return status;

@@ -220,14 +220,14 @@ static int bring_light(const struct links_run *r, struct kiln_error *error)
 static int prepare(void *context, struct kiln_error *error)
 {
     struct links_run *r = context;
-    int status = vulkan_kernel_of(r->b, &links_shader, false, 0, &r->kernel, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(r->b, &sums_shader, false, 0, &r->sums, error);
-    if (status == KILN_OK)
-        status = bring_nodes(r, error);
-    if (status == KILN_OK)
-        status = bring_leaves(r, error);
-    return status == KILN_OK ? bring_light(r, error) : status;
+    int status;
+    KILN_TRY(vulkan_kernel_of(r->b, &links_shader, false, 0, &r->kernel, error));
+    KILN_TRY(vulkan_kernel_of(r->b, &sums_shader, false, 0, &r->sums, error));
+    KILN_TRY(bring_nodes(r, error));
+    KILN_TRY(bring_leaves(r, error));
+    KILN_TRY(bring_light(r, error));
+end:
+    return status;
 }
 
 /* ---- a chunk's links ---- */
@@ -333,16 +333,15 @@ static int bring_chunk(const struct links_run *r, const struct vulkan_chunk *chu
 {
     struct vulkan_slot *slot = &r->b->slots[chunk->slot];
     struct kiln_gpu_link_run *runs = NULL;
-    int status = kiln_allocate(&runs, chunk->tile_run_count, sizeof *runs, WHAT, error);
-    if (status == KILN_OK)
-        status = lay_out(r, chunk, runs, layout, error);
-    if (status == KILN_OK && chunk->row_first == 0) {
-        status = vulkan_slot_room(r->b, slot, layout->bytes, "links of a chunk", error);
-        if (status == KILN_OK)
-            status = write_chunk(r, chunk, layout, runs, slot->guides_host.mapped, error);
-        if (status == KILN_OK)
-            vulkan_record_copy(recording, &slot->guides_host, &slot->guides, layout->bytes);
+    int status;
+    KILN_TRY(kiln_allocate(&runs, chunk->tile_run_count, sizeof *runs, WHAT, error));
+    KILN_TRY(lay_out(r, chunk, runs, layout, error));
+    if (chunk->row_first == 0) {
+        KILN_TRY(vulkan_slot_room(r->b, slot, layout->bytes, "links of a chunk", error));
+        KILN_TRY(write_chunk(r, chunk, layout, runs, slot->guides_host.mapped, error));
+        vulkan_record_copy(recording, &slot->guides_host, &slot->guides, layout->bytes);
     }
+end:
     kiln_free(&runs);
     return status;
 }
@@ -508,15 +507,14 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     struct links_run r = {.b = b, .p = parameters, .batch = batch, .key = vulkan_links_key(b, parameters)};
     const size_t points = (size_t)kiln_tile_runs_points(runs, runs + batch->count - 1);
     size_t room = 0;
-    int status = kiln_allocate(&r.made, batch->count, sizeof(struct kiln_kept_links *), WHAT, error);
-    if (status == KILN_OK) /* written by the threads that take answers: it need not be zero */
-        status = kiln_grow(&r.results, &room, points, sizeof *r.results, "the light of links", error);
-    if (status == KILN_OK)
-        status = gather(&r, points, error);
-    if (status == KILN_OK)
-        status = vulkan_find_links(b, r.p, batch, r.gathered, r.key, r.made, &r.rays, error);
-    if (status == KILN_OK)
-        status = add_up(&r, error);
+    int status;
+    KILN_TRY(kiln_allocate(&r.made, batch->count, sizeof(struct kiln_kept_links *), WHAT, error));
+    /* written by the threads that take answers: it need not be zero */
+    KILN_TRY(kiln_grow(&r.results, &room, points, sizeof *r.results, "the light of links", error));
+    KILN_TRY(gather(&r, points, error));
+    KILN_TRY(vulkan_find_links(b, r.p, batch, r.gathered, r.key, r.made, &r.rays, error));
+    KILN_TRY(add_up(&r, error));
+end:
     *rays += r.rays;
     release(&r);
     return status;

@@ -247,21 +247,21 @@ static int make_glosses(struct staging *s, struct vulkan_materials *m, struct ki
     const struct kiln_scene *scene = s->params->scene;
     if (!s->gloss)
         return KILN_OK;
-    int status = kiln_allocate(&s->glosses, scene->material_count, sizeof *s->glosses, "the device's gloss", error);
-    if (status == KILN_OK && scene->texcoord_gloss != NULL)
-        status = kiln_allocate(&s->gloss_places, s->coating_count, sizeof *s->gloss_places,
-                               "the texture coordinates of gloss", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->lobes, scene->material_count, sizeof *s->lobes, "the lobes of materials", error);
-    if (status == KILN_OK)
-        status = prepare_tables(s, m, error);
-    for (uint32_t i = 0; i < scene->material_count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&s->glosses, scene->material_count, sizeof *s->glosses, "the device's gloss", error));
+    if (scene->texcoord_gloss != NULL)
+        KILN_TRY(kiln_allocate(&s->gloss_places, s->coating_count, sizeof *s->gloss_places,
+                               "the texture coordinates of gloss", error));
+    KILN_TRY(kiln_allocate(&s->lobes, scene->material_count, sizeof *s->lobes, "the lobes of materials", error));
+    KILN_TRY(prepare_tables(s, m, error));
+    for (uint32_t i = 0; i < scene->material_count; i++) {
         const struct kiln_gloss *gloss = kiln_gloss_taken(scene, i);
         if (gloss != NULL) {
             fill_gloss(&s->glosses[i], gloss);
             prepare_lobes(s, m, i);
         }
     }
+end:
     return status;
 }
 
@@ -459,11 +459,11 @@ int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *p
     find_slots(&s);
     if (s.slot_count == 0)
         return KILN_OK;
-    int status = make_staging(&s, materials, error);
-    if (status == KILN_OK)
-        status = upload_texels(&s, materials, error);
-    if (status == KILN_OK)
-        status = upload_all(&s, materials, layout, error);
+    int status;
+    KILN_TRY(make_staging(&s, materials, error));
+    KILN_TRY(upload_texels(&s, materials, error));
+    KILN_TRY(upload_all(&s, materials, layout, error));
+end:
     materials->gloss = s.glosses != NULL;
     materials->varied = s.varied;
     free_staging(&s);

@@ -111,15 +111,13 @@ static int bring_nodes(const struct patches_run *r, struct kiln_error *error)
     const size_t count = (size_t)r->p->count;
     struct kiln_gpu_node_facing *facings = NULL;
     struct kiln_gpu_node_shape *shapes = NULL;
-    int status = kiln_allocate(&facings, count, sizeof *facings, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&shapes, count, sizeof *shapes, what, error);
-    if (status == KILN_OK) {
-        describe_nodes(r, facings, shapes);
-        status = bring(r->b, &r->b->node_facings, facings, count * sizeof *facings, what, error);
-    }
-    if (status == KILN_OK)
-        status = bring(r->b, &r->b->node_shapes, shapes, count * sizeof *shapes, what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&facings, count, sizeof *facings, what, error));
+    KILN_TRY(kiln_allocate(&shapes, count, sizeof *shapes, what, error));
+    describe_nodes(r, facings, shapes);
+    KILN_TRY(bring(r->b, &r->b->node_facings, facings, count * sizeof *facings, what, error));
+    KILN_TRY(bring(r->b, &r->b->node_shapes, shapes, count * sizeof *shapes, what, error));
+end:
     kiln_free(&facings);
     kiln_free(&shapes);
     return status;
@@ -163,14 +161,14 @@ static int gather(struct patches_run *r, struct kiln_error *error)
 static int prepare(void *context, struct kiln_error *error)
 {
     struct patches_run *r = context;
-    int status = vulkan_kernel_of(r->b, &pairs_shader, false, vulkan_visibility_sight(r->b, r->p), &r->pairs, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(r->b, &sums_shader, false, 0, &r->sums, error);
-    if (status == KILN_OK)
-        status = bring_points(r, error);
-    if (status == KILN_OK)
-        status = vulkan_visibility_prepare(r->b, r->p, r->batch, error);
-    return status == KILN_OK ? bring_nodes(r, error) : status;
+    int status;
+    KILN_TRY(vulkan_kernel_of(r->b, &pairs_shader, false, vulkan_visibility_sight(r->b, r->p), &r->pairs, error));
+    KILN_TRY(vulkan_kernel_of(r->b, &sums_shader, false, 0, &r->sums, error));
+    KILN_TRY(bring_points(r, error));
+    KILN_TRY(vulkan_visibility_prepare(r->b, r->p, r->batch, error));
+    KILN_TRY(bring_nodes(r, error));
+end:
+    return status;
 }
 
 /* Bytes of a point's rows in the scratch. */
@@ -295,15 +293,15 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     const struct kiln_tile_run *runs = b->surface->tile_runs + batch->first;
     struct patches_run r = {.b = b, .p = parameters, .batch = batch};
     const size_t points = (size_t)kiln_tile_runs_points(runs, runs + batch->count - 1);
-    int status = kiln_allocate(&r.gathered, points, sizeof *r.gathered, "what the rays of patches meet", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r.results, points, sizeof *r.results, "the light of patches", error);
-    if (status == KILN_OK && r.p->shot != NULL)
+    int status;
+    KILN_TRY(kiln_allocate(&r.gathered, points, sizeof *r.gathered, "what the rays of patches meet", error));
+    KILN_TRY(kiln_allocate(&r.results, points, sizeof *r.results, "the light of patches", error));
+    if (r.p->shot != NULL)
         recall(&r, points);
-    else if (status == KILN_OK)
-        status = gather(&r, error);
-    if (status == KILN_OK)
-        status = run_pairs(&r, error);
+    else
+        KILN_TRY(gather(&r, error));
+    KILN_TRY(run_pairs(&r, error));
+end:
     *rays += r.rays;
     kiln_free(&r.gathered);
     kiln_free(&r.results);

@@ -82,17 +82,14 @@ static int prepare_apart(struct path_run *r, struct kiln_error *error)
     const size_t bytes = TURNS * (sizeof(struct kiln_gpu_path_turn) + sizeof(uint32_t)) +
                          paths * (2 * sizeof(uint32_t) + sizeof(struct kiln_gpu_path_state));
     struct kiln_gpu_path_turn turns[TURNS];
-    int status = vulkan_kernel_of(b, &diffuse_shader, false, 0, &r->diffuse, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &add_shader, false, TURNS, &r->clear, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &add_shader, false, 0, &r->add, error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &r->apart, bytes, GPU_DEVICE, "paths under way", error);
-    if (status == KILN_OK) {
-        describe_turns(r, paths, turns);
-        status = gpu_upload(b->gpu, &r->apart, 0, turns, sizeof turns, error);
-    }
+    int status;
+    KILN_TRY(vulkan_kernel_of(b, &diffuse_shader, false, 0, &r->diffuse, error));
+    KILN_TRY(vulkan_kernel_of(b, &add_shader, false, TURNS, &r->clear, error));
+    KILN_TRY(vulkan_kernel_of(b, &add_shader, false, 0, &r->add, error));
+    KILN_TRY(gpu_buffer_create(b->gpu, &r->apart, bytes, GPU_DEVICE, "paths under way", error));
+    describe_turns(r, paths, turns);
+    KILN_TRY(gpu_upload(b->gpu, &r->apart, 0, turns, sizeof turns, error));
+end:
     return status;
 }
 
@@ -105,14 +102,13 @@ static int prepare(struct path_run *r, const struct kiln_path_parameters *c, con
     r->most_samples = gpu_about(b->gpu)->software ? MOST_SAMPLES_SOFTWARE : MOST_SAMPLES;
     if (batch->samples < r->most_samples)
         r->most_samples = batch->samples;
-    int status = vulkan_surfaces(b, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &path_shader, false, 0, &r->kernel, error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &r->sums, r->room * sizeof(struct kiln_gpu_path_sums), GPU_HOST,
-                                   "the sums of pixels", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->answers, r->room, sizeof *r->answers, "the answers of pixels", error);
+    int status;
+    KILN_TRY(vulkan_surfaces(b, error));
+    KILN_TRY(vulkan_kernel_of(b, &path_shader, false, 0, &r->kernel, error));
+    KILN_TRY(gpu_buffer_create(b->gpu, &r->sums, r->room * sizeof(struct kiln_gpu_path_sums), GPU_HOST,
+                               "the sums of pixels", error));
+    KILN_TRY(kiln_allocate(&r->answers, r->room, sizeof *r->answers, "the answers of pixels", error));
+end:
     r->push = (struct kiln_gpu_path_push){.scene = b->scene.address,
                                           .seed = kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32) ^ KILN_PATH_SEED),
                                           .width = c->width,

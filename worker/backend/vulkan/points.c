@@ -515,17 +515,15 @@ static int make_workspace(struct points_workspace **workspace, const struct vulk
 {
     int status = KILN_OK;
     if (*workspace == NULL) {
-        status = kiln_allocate(workspace, 1, sizeof **workspace + p->threads * sizeof(struct part_list),
-                               "what points are made in", error);
-        if (status == KILN_OK)
-            (*workspace)->threads = p->threads;
+        KILN_TRY(kiln_allocate(workspace, 1, sizeof **workspace + p->threads * sizeof(struct part_list),
+                               "what points are made in", error));
+        (*workspace)->threads = p->threads;
     }
     struct points_workspace *w = *workspace;
-    if (status == KILN_OK)
-        status = kiln_grow(&w->points, &w->point_room, block->count, sizeof *w->points, "a block of points", error);
-    if (status == KILN_OK)
-        status = kiln_grow(&w->thread_of, &w->tile_run_room, block->tile_run_count, sizeof *w->thread_of,
-                           "a block's tile runs", error);
+    KILN_TRY(kiln_grow(&w->points, &w->point_room, block->count, sizeof *w->points, "a block of points", error));
+    KILN_TRY(kiln_grow(&w->thread_of, &w->tile_run_room, block->tile_run_count, sizeof *w->thread_of,
+                       "a block's tile runs", error));
+end:
     return status;
 }
 
@@ -638,19 +636,19 @@ enum { RESERVE = 192 << 20 };
 
 static int upload(struct vulkan_points *p, struct vulkan_block *block, const struct maker *m, struct kiln_error *error)
 {
-    int status = gpu_buffer_of(p->gpu, &block->points, m->w->points, block->count * sizeof *m->w->points,
-                               "a block of points", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(p->gpu, &block->parts, m->part_count * sizeof(struct kiln_gpu_part), GPU_DEVICE,
-                                   "the parts of a block of points", error);
-    for (uint32_t t = 0; t < m->w->threads && status == KILN_OK; t++) {
+    int status;
+    KILN_TRY(gpu_buffer_of(p->gpu, &block->points, m->w->points, block->count * sizeof *m->w->points,
+                           "a block of points", error));
+    KILN_TRY(gpu_buffer_create(p->gpu, &block->parts, m->part_count * sizeof(struct kiln_gpu_part), GPU_DEVICE,
+                               "the parts of a block of points", error));
+    for (uint32_t t = 0; t < m->w->threads; t++) {
         const struct part_list *list = &m->w->lists[t];
-        status = gpu_fill(p->gpu, &block->parts, list->offset * sizeof *list->at, list->at,
-                          list->count * sizeof *list->at, error);
+        KILN_TRY(gpu_fill(p->gpu, &block->parts, list->offset * sizeof *list->at, list->at,
+                          list->count * sizeof *list->at, error));
     }
-    if (status == KILN_OK)
-        status = gpu_buffer_create(p->gpu, &block->states, block->count * sizeof(uint32_t), GPU_DEVICE,
-                                   "the states of a block of points", error);
+    KILN_TRY(gpu_buffer_create(p->gpu, &block->states, block->count * sizeof(uint32_t), GPU_DEVICE,
+                               "the states of a block of points", error));
+end:
     return status;
 }
 
@@ -658,17 +656,17 @@ static int bring(struct vulkan_points *p, struct vulkan_block *block, uint64_t s
 {
     const double start = kiln_clock_seconds();
     struct maker m;
-    int status = make_block(p, block, &m, error);
-    if (status == KILN_OK)
-        begin_ahead(p, block);
+    int status;
+    KILN_TRY(make_block(p, block, &m, error));
+    begin_ahead(p, block);
     const uint64_t words = p->surface->near_probes != NULL ? 3 : 2;
     const uint64_t wanted = block->count * (sizeof(struct kiln_gpu_point) + words * sizeof(uint32_t)) +
                             m.part_count * sizeof(struct kiln_gpu_part) + RESERVE;
-    while (status == KILN_OK && gpu_memory_left(p->gpu) < wanted &&
+    while (gpu_memory_left(p->gpu) < wanted &&
            (make_way(p, since) || (p->idle != NULL && make_way(p->idle, UINT64_MAX))))
         ;
-    if (status == KILN_OK)
-        status = upload(p, block, &m, error);
+    KILN_TRY(upload(p, block, &m, error));
+end:
     block->resident = true; /* also when only a part of it is there: release takes it back */
     p->seconds += kiln_clock_seconds() - start;
     p->brought += block->count;
@@ -724,17 +722,16 @@ static int bring_states(struct vulkan_points *p, struct vulkan_block *block, str
 {
     uint32_t *states = NULL;
     forget_lists(p, block);
-    int status = kiln_allocate(&states, block->count, sizeof *states, "the states of a block of points", error);
-    if (status == KILN_OK) {
-        find_states(p, block, states);
-        status = gpu_fill(p->gpu, &block->states, 0, states, block->count * sizeof *states, error);
-    }
-    if (status == KILN_OK)
-        status = list_points(p, block, states, KILN_GPU_STATE_BURIED, KILN_GPU_STATE_BURIED, &block->buried,
-                             &block->buried_count, &block->list, error);
-    if (status == KILN_OK && p->chosen != NULL && p->chosen->point_masks != NULL)
-        status = list_points(p, block, states, KILN_GPU_STATE_VALID, KILN_GPU_STATE_BURIED, &block->asked,
-                             &block->asked_count, &block->asked_list, error);
+    int status;
+    KILN_TRY(kiln_allocate(&states, block->count, sizeof *states, "the states of a block of points", error));
+    find_states(p, block, states);
+    KILN_TRY(gpu_fill(p->gpu, &block->states, 0, states, block->count * sizeof *states, error));
+    KILN_TRY(list_points(p, block, states, KILN_GPU_STATE_BURIED, KILN_GPU_STATE_BURIED, &block->buried,
+                         &block->buried_count, &block->list, error));
+    if (p->chosen != NULL && p->chosen->point_masks != NULL)
+        KILN_TRY(list_points(p, block, states, KILN_GPU_STATE_VALID, KILN_GPU_STATE_BURIED, &block->asked,
+                             &block->asked_count, &block->asked_list, error));
+end:
     block->states_known = status == KILN_OK;
     kiln_free(&states);
     return status;
@@ -772,11 +769,12 @@ int vulkan_points_block(struct vulkan_points *points, size_t tile_run, bool stat
     struct vulkan_block *b = &points->blocks[low];
     const uint64_t since = points->clock < in_use ? 0 : points->clock - in_use + 1;
     b->last_used = ++points->clock;
-    int status = b->resident ? KILN_OK : bring(points, b, since, error);
-    if (status == KILN_OK && states && !b->states_known)
-        status = bring_states(points, b, error);
-    if (status == KILN_OK)
-        status = bring_probes(points, b, error);
+    int status;
+    KILN_TRY(b->resident ? KILN_OK : bring(points, b, since, error));
+    if (states && !b->states_known)
+        KILN_TRY(bring_states(points, b, error));
+    KILN_TRY(bring_probes(points, b, error));
+end:
     *block = b;
     return status;
 }

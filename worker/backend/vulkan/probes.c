@@ -74,26 +74,27 @@ static int make_room(struct probes_run *r, size_t count, struct kiln_error *erro
     const uint64_t scratch = most_scratch < r->b->scratch_most ? most_scratch : r->b->scratch_most;
     const uint64_t fitting = scratch / a_probe < 1 ? 1 : scratch / a_probe;
     r->room = (uint32_t)(count < fitting ? count : fitting);
-    int status = gpu_buffer_create(gpu, &r->slices, (size_t)r->room * r->push.slice_count * SLICE_BYTES, GPU_DEVICE,
-                                   "the probes' partial sums", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(gpu, &r->positions, r->room * sizeof(struct kiln_vec3), GPU_HOST,
-                                   "the probes' positions", error);
-    if (status == KILN_OK)
-        status =
-            gpu_buffer_create(gpu, &r->results, (size_t)r->room * SLICE_BYTES, GPU_HOST, "the probes' answers", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&r->answers, r->room, sizeof *r->answers, "the probes' answers", error);
+    int status;
+    KILN_TRY(gpu_buffer_create(gpu, &r->slices, (size_t)r->room * r->push.slice_count * SLICE_BYTES, GPU_DEVICE,
+                               "the probes' partial sums", error));
+    KILN_TRY(gpu_buffer_create(gpu, &r->positions, r->room * sizeof(struct kiln_vec3), GPU_HOST,
+                               "the probes' positions", error));
+    KILN_TRY(
+        gpu_buffer_create(gpu, &r->results, (size_t)r->room * SLICE_BYTES, GPU_HOST, "the probes' answers", error));
+    KILN_TRY(kiln_allocate(&r->answers, r->room, sizeof *r->answers, "the probes' answers", error));
+end:
     return status == KILN_OK && vulkan_groups_count(r->b) > 0 ? make_group_room(r, error) : status;
 }
 
 static int prepare_groups(struct probes_run *r, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
-    int status = vulkan_kernel_of(b, &groups_shader, false, 0, &r->groups, error);
-    if (status == KILN_OK)
-        status = vulkan_groups_of_lights(b, error);
-    return status == KILN_OK ? vulkan_groups_radiosity(b, error) : status;
+    int status;
+    KILN_TRY(vulkan_kernel_of(b, &groups_shader, false, 0, &r->groups, error));
+    KILN_TRY(vulkan_groups_of_lights(b, error));
+    KILN_TRY(vulkan_groups_radiosity(b, error));
+end:
+    return status;
 }
 
 static int prepare(struct probes_run *r, const struct kiln_probe_parameters *settings, size_t count, uint32_t samples,
@@ -103,13 +104,13 @@ static int prepare(struct probes_run *r, const struct kiln_probe_parameters *set
     const struct kiln_geometry *g = b->params.geometry;
     const uint64_t seed = b->params.seed;
     const bool groups = vulkan_groups_count(b) > 0;
-    int status = vulkan_kernel_of(b, &probes_shader, false, groups, &r->trace, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &reduce_shader, false, 0, &r->reduce, error);
-    if (status == KILN_OK)
-        status = vulkan_sobol(b, samples + 1, error); /* a lone light gets all samples, rounded up at most */
-    if (status == KILN_OK && groups)
-        status = prepare_groups(r, error);
+    int status;
+    KILN_TRY(vulkan_kernel_of(b, &probes_shader, false, groups, &r->trace, error));
+    KILN_TRY(vulkan_kernel_of(b, &reduce_shader, false, 0, &r->reduce, error));
+    KILN_TRY(vulkan_sobol(b, samples + 1, error)); /* a lone light gets all samples, rounded up at most */
+    if (groups)
+        KILN_TRY(prepare_groups(r, error));
+end:
     r->push =
         (struct kiln_gpu_probes_push){.scene = b->scene.address,
                                       .sobol = b->sobol.address,

@@ -33,15 +33,14 @@ static int prepare(struct radiance_run *r, const struct kiln_radiance_parameters
     struct vulkan_backend *b = r->b;
     const uint64_t seed = b->params.seed;
     const size_t room = batch->count < MOST_ITEMS ? batch->count : MOST_ITEMS;
-    int status = vulkan_kernel_of(b, &radiance_shader, false, 0, &r->kernel, error);
-    if (status == KILN_OK)
-        status = vulkan_sobol(b, batch->samples, error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &r->positions, room * sizeof(struct kiln_vec3), GPU_HOST,
-                                   "the positions of radiance probes", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &r->results, room * sizeof(struct kiln_radiance_result), GPU_HOST,
-                                   "the answers of radiance probes", error);
+    int status;
+    KILN_TRY(vulkan_kernel_of(b, &radiance_shader, false, 0, &r->kernel, error));
+    KILN_TRY(vulkan_sobol(b, batch->samples, error));
+    KILN_TRY(gpu_buffer_create(b->gpu, &r->positions, room * sizeof(struct kiln_vec3), GPU_HOST,
+                               "the positions of radiance probes", error));
+    KILN_TRY(gpu_buffer_create(b->gpu, &r->results, room * sizeof(struct kiln_radiance_result), GPU_HOST,
+                               "the answers of radiance probes", error));
+end:
     r->push =
         (struct kiln_gpu_radiance_push){.scene = b->scene.address,
                                         .positions = r->positions.address,

@@ -117,9 +117,8 @@ static int run_block(struct reference_run *r, size_t tile_run, uint32_t from, ui
     const struct kiln_surface *s = b->surface;
     const size_t end = r->batch->first + r->batch->count;
     struct vulkan_block *block;
-    int status = vulkan_points_block(b->points, tile_run, true, 0, &block, error);
-    if (status != KILN_OK)
-        return status;
+    int status;
+    KILN_TRY(vulkan_points_block(b->points, tile_run, true, 0, &block, error));
     *next = block->tile_run_first + block->tile_run_count;
     *next = *next < end ? *next : end;
     const uint64_t first = place_of(r, tile_run),
@@ -130,9 +129,10 @@ static int run_block(struct reference_run *r, size_t tile_run, uint32_t from, ui
     r->points.states = block->states.address;
     r->points.origin = (uint32_t)(in_block - first);
     r->both.buried = block->buried_count > 0;
-    status = gpu_upload(b->gpu, &r->both.points, 0, &r->points, sizeof r->points, error);
-    for (uint32_t k = from; k < to && status == KILN_OK; k++)
-        status = run_sample(r, first, count, k, error);
+    KILN_TRY(gpu_upload(b->gpu, &r->both.points, 0, &r->points, sizeof r->points, error));
+    for (uint32_t k = from; k < to; k++)
+        KILN_TRY(run_sample(r, first, count, k, error));
+end:
     return status;
 }
 
@@ -173,10 +173,10 @@ static float error_of(const struct kiln_gpu_point_sums *s, uint32_t samples)
 static int read_sums(struct reference_run *r, struct kiln_error *error)
 {
     struct kiln_gpu_point_sums *sums = NULL;
-    int status = kiln_allocate(&sums, r->count, sizeof *sums, "the sums of paths", error);
-    if (status == KILN_OK)
-        status = gpu_download(r->both.b->gpu, &r->both.sums, 0, sums, r->count * sizeof *sums, error);
-    for (uint64_t i = 0; i < r->count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&sums, r->count, sizeof *sums, "the sums of paths", error));
+    KILN_TRY(gpu_download(r->both.b->gpu, &r->both.sums, 0, sums, r->count * sizeof *sums, error));
+    for (uint64_t i = 0; i < r->count; i++) {
         struct kiln_reference_result *to = &r->results[i];
         if (to->point.count == 0) {            /* not valid, or left out */
             r->both.rays -= r->batch->samples; /* that had no place to begin */
@@ -189,6 +189,7 @@ static int read_sums(struct reference_run *r, struct kiln_error *error)
         }
         to->point.error = error_of(&sums[i], r->batch->samples);
     }
+end:
     kiln_free(&sums);
     return status;
 }
@@ -215,11 +216,11 @@ static int prepare(struct reference_run *r, struct kiln_error *error)
     if (merges(r) && !(r->wanted->radius > 0.0))
         return kiln_fail(error, KILN_USAGE, "the reference pass: vcm merges within %g m, which must be above 0",
                          r->wanted->radius);
-    int status = vulkan_sobol(b, batch->first_sample + batch->samples, error);
-    if (status == KILN_OK)
-        status = both_prepare(&r->both, error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &r->both.points, sizeof r->points, GPU_DEVICE, "what paths share", error);
+    int status;
+    KILN_TRY(vulkan_sobol(b, batch->first_sample + batch->samples, error));
+    KILN_TRY(both_prepare(&r->both, error));
+    KILN_TRY(gpu_buffer_create(b->gpu, &r->both.points, sizeof r->points, GPU_DEVICE, "what paths share", error));
+end:
     r->both.shared.points = r->both.points.address;
     r->points = (struct kiln_gpu_both_points){.sobol = vulkan_sobol_from(b, batch->first_sample),
                                               .paths = r->both.point_paths.address,
@@ -259,17 +260,14 @@ static int run_left(struct vulkan_backend *b, const void *parameters, struct kil
     if (left->count == 0)
         return KILN_OK;
     describe(&r);
-    int status = kiln_allocate(&r.results, r.count, sizeof *r.results, "the answers of points", error);
-    if (status == KILN_OK)
-        status = count_rays(&r, &counted, error); /* first: it may make the device anew */
-    if (status == KILN_OK)
-        status = prepare(&r, error);
-    if (status == KILN_OK) {
-        vulkan_points_choose(b->points, left, false);
-        status = vulkan_points_ready(b->points, error);
-    }
-    if (status == KILN_OK)
-        status = run_samples(&r, error);
+    int status;
+    KILN_TRY(kiln_allocate(&r.results, r.count, sizeof *r.results, "the answers of points", error));
+    KILN_TRY(count_rays(&r, &counted, error)); /* first: it may make the device anew */
+    KILN_TRY(prepare(&r, error));
+    vulkan_points_choose(b->points, left, false);
+    KILN_TRY(vulkan_points_ready(b->points, error));
+    KILN_TRY(run_samples(&r, error));
+end:
     if (b->points != NULL)
         vulkan_points_choose(b->points, NULL, false);
     if (status == KILN_OK)

@@ -99,29 +99,29 @@ static int bring_points(struct run *r, struct kiln_error *error)
     const struct kiln_regression_work *w = r->work;
     const size_t most = stretch_at(r, 0), point = sizeof(struct kiln_gpu_regression_point),
                  light = w->lights * sizeof(struct kiln_gpu_regression_given);
-    int status = make_host_room(r, most * (point + light), error);
-    for (size_t first = 0, count; first < w->count && status == KILN_OK; first += count) {
+    int status;
+    KILN_TRY(make_host_room(r, most * (point + light), error));
+    for (size_t first = 0, count; first < w->count; first += count) {
         struct kiln_gpu_regression_point *points = (void *)r->b->regression_host;
         struct kiln_gpu_regression_given *given = (void *)(points + most);
         count = stretch_at(r, first);
         w->give(w->context, first, count, points, given);
-        status = gpu_fill(r->b->gpu, &r->b->regression[POINTS], first * point, points, count * point, error);
-        if (status == KILN_OK)
-            status = gpu_fill(r->b->gpu, &r->b->regression[GIVEN], first * light, given, count * light, error);
+        KILN_TRY(gpu_fill(r->b->gpu, &r->b->regression[POINTS], first * point, points, count * point, error));
+        KILN_TRY(gpu_fill(r->b->gpu, &r->b->regression[GIVEN], first * light, given, count * light, error));
     }
+end:
     return status;
 }
 
 static int bring_cells(struct run *r, struct kiln_error *error)
 {
     const struct kiln_regression_work *w = r->work;
-    int status = gpu_fill(r->b->gpu, &r->b->regression[CELLS], 0, w->cells, w->count * sizeof *w->cells, error);
-    if (status == KILN_OK)
-        status =
-            gpu_fill(r->b->gpu, &r->b->regression[FIRST], 0, w->first, (w->cell_count + 1) * sizeof *w->first, error);
-    if (status == KILN_OK)
-        status = gpu_fill(r->b->gpu, &r->b->regression[RANGES], 0, w->ranges,
-                          w->first[w->cell_count] * sizeof *w->ranges, error);
+    int status;
+    KILN_TRY(gpu_fill(r->b->gpu, &r->b->regression[CELLS], 0, w->cells, w->count * sizeof *w->cells, error));
+    KILN_TRY(gpu_fill(r->b->gpu, &r->b->regression[FIRST], 0, w->first, (w->cell_count + 1) * sizeof *w->first, error));
+    KILN_TRY(gpu_fill(r->b->gpu, &r->b->regression[RANGES], 0, w->ranges, w->first[w->cell_count] * sizeof *w->ranges,
+                      error));
+end:
     return status;
 }
 
@@ -210,26 +210,25 @@ static int sweep_all(struct run *r, struct kiln_error *error)
 {
     struct gpu_kernel *kernels[VULKAN_REGRESSION_SWEEPS];
     int status = KILN_OK;
-    for (uint32_t i = 0; i < VULKAN_REGRESSION_SWEEPS && status == KILN_OK; i++)
-        status = vulkan_kernel_of(r->b, &regression_shader, false, i, &kernels[i], error);
-    if (status == KILN_OK && is_short(r))
+    for (uint32_t i = 0; i < VULKAN_REGRESSION_SWEEPS; i++)
+        KILN_TRY(vulkan_kernel_of(r->b, &regression_shader, false, i, &kernels[i], error));
+    if (is_short(r))
         return sweep_at_once(r, kernels, error);
-    for (uint32_t i = 0; i < VULKAN_REGRESSION_SWEEPS && status == KILN_OK; i++)
-        status = sweep(r, i, kernels[i], error);
+    for (uint32_t i = 0; i < VULKAN_REGRESSION_SWEEPS; i++)
+        KILN_TRY(sweep(r, i, kernels[i], error));
+end:
     return status;
 }
 
 static int run_all(struct run *r, struct kiln_error *error)
 {
-    int status = make_room(r, error);
-    if (status == KILN_OK)
-        status = bring_points(r, error);
-    if (status == KILN_OK)
-        status = bring_cells(r, error);
-    if (status == KILN_OK)
-        status = sweep_all(r, error);
-    if (status == KILN_OK)
-        status = take_results(r, error);
+    int status;
+    KILN_TRY(make_room(r, error));
+    KILN_TRY(bring_points(r, error));
+    KILN_TRY(bring_cells(r, error));
+    KILN_TRY(sweep_all(r, error));
+    KILN_TRY(take_results(r, error));
+end:
     if (status != KILN_OK || bytes_there(r->b) > STAYS)
         vulkan_regression_release(r->b);
     return status;

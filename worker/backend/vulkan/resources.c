@@ -52,12 +52,12 @@ static int upload_surface(struct vulkan_backend *b, struct kiln_error *error)
     clear_surface(b);
     const struct kiln_surface *s = b->own;
     kiln_store_build(&store, s, b->params.geometry);
-    int status = upload_store(b, &store, error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &b->radiosity_buffer, kiln_store_count(&store) * sizeof(uint64_t),
-                                   GPU_DEVICE, "the radiosity of all points", error);
-    if (status == KILN_OK)
-        status = vulkan_points_create(&b->points, b->gpu, &b->params, s, &b->materials, error);
+    int status;
+    KILN_TRY(upload_store(b, &store, error));
+    KILN_TRY(gpu_buffer_create(b->gpu, &b->radiosity_buffer, kiln_store_count(&store) * sizeof(uint64_t), GPU_DEVICE,
+                               "the radiosity of all points", error));
+    KILN_TRY(vulkan_points_create(&b->points, b->gpu, &b->params, s, &b->materials, error));
+end:
     b->layout.object_count = s->object_count;
     b->layout.slot_last = s->bricks != NULL ? s->slot_count - 1 : 0;
     b->constants[VULKAN_HAS_DIVIDED] = s->divided_count > 0;
@@ -111,15 +111,15 @@ static int upload_probes(struct vulkan_backend *b, struct kiln_error *error)
     if (p == NULL)
         return KILN_OK;
     const size_t count = (size_t)kiln_probes_count(&p->grid);
-    int status = gpu_buffer_of(b->gpu, &b->probe_positions, p->positions, count * sizeof *p->positions,
-                               "the positions of radiance probes", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->probe_data, p->data, count * p->grid.floats * sizeof *p->data,
-                               "the radiance of probes", error);
+    int status;
+    KILN_TRY(gpu_buffer_of(b->gpu, &b->probe_positions, p->positions, count * sizeof *p->positions,
+                           "the positions of radiance probes", error));
+    KILN_TRY(gpu_buffer_of(b->gpu, &b->probe_data, p->data, count * p->grid.floats * sizeof *p->data,
+                           "the radiance of probes", error));
     const struct kiln_gpu_radiance_probes root = {
         .grid = p->grid, .positions = b->probe_positions.address, .data = b->probe_data.address};
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &b->probes_root, &root, sizeof root, "radiance probes", error);
+    KILN_TRY(gpu_buffer_of(b->gpu, &b->probes_root, &root, sizeof root, "radiance probes", error));
+end:
     return status;
 }
 

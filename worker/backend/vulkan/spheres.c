@@ -43,12 +43,13 @@ static int upload_paths(struct vulkan_backend *b, const struct kiln_aims *aims, 
                         struct kiln_error *error)
 {
     float *paths = NULL;
-    int status = kiln_allocate(&paths, aims->count, sizeof *paths, what, error);
-    for (size_t i = 0; i < aims->count && status == KILN_OK; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&paths, aims->count, sizeof *paths, what, error));
+    for (size_t i = 0; i < aims->count; i++)
         if (kiln_aims_is_left(aims, i, leaves) && aims->aims[i].flux > 0.0)
             paths[i] = (float)((double)(aims->first[i + 1] - aims->first[i]) / aims->aims[i].flux);
-    if (status == KILN_OK)
-        status = upload(b, VULKAN_SPHERES_PATHS, paths, aims->count * sizeof *paths, error);
+    KILN_TRY(upload(b, VULKAN_SPHERES_PATHS, paths, aims->count * sizeof *paths, error));
+end:
     kiln_free(&paths);
     return status;
 }
@@ -100,23 +101,20 @@ int vulkan_spheres_add(struct vulkan_backend *b, const struct kiln_aims *aims, c
 {
     const size_t count = s->count * KILN_SPHERE_SUMS;
     uint64_t *sums = NULL, *moments = NULL;
-    int status = kiln_allocate(&sums, count, sizeof *sums, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&moments, aims->count + 1, sizeof *moments, what, error);
-    if (status == KILN_OK)
-        status = gpu_download(b->gpu, &b->spheres[VULKAN_SPHERES_SUMS], 0, sums, count * sizeof *sums, error);
-    if (status == KILN_OK)
-        status = gpu_download(b->gpu, &b->spheres[VULKAN_SPHERES_MOMENTS], 0, moments,
-                              (aims->count + 1) * sizeof *moments, error);
-    if (status == KILN_OK) {
+    int status;
+    KILN_TRY(kiln_allocate(&sums, count, sizeof *sums, what, error));
+    KILN_TRY(kiln_allocate(&moments, aims->count + 1, sizeof *moments, what, error));
+    KILN_TRY(gpu_download(b->gpu, &b->spheres[VULKAN_SPHERES_SUMS], 0, sums, count * sizeof *sums, error));
+    KILN_TRY(gpu_download(b->gpu, &b->spheres[VULKAN_SPHERES_MOMENTS], 0, moments, (aims->count + 1) * sizeof *moments,
+                          error));
 #pragma omp parallel for schedule(static) num_threads((int)b->threads)
-        for (size_t i = 0; i < count; i++)
-            s->sums[i] += sums[i];
-        for (size_t i = 0; i < aims->count; i++)
-            s->moments[i] += moments[i];
-        *rays += moments[aims->count];
-        b->returned += count * sizeof *sums + (aims->count + 1) * sizeof *moments;
-    }
+    for (size_t i = 0; i < count; i++)
+        s->sums[i] += sums[i];
+    for (size_t i = 0; i < aims->count; i++)
+        s->moments[i] += moments[i];
+    *rays += moments[aims->count];
+    b->returned += count * sizeof *sums + (aims->count + 1) * sizeof *moments;
+end:
     kiln_free(&sums);
     kiln_free(&moments);
     return status;

@@ -63,9 +63,11 @@ int vulkan_surfaces(struct vulkan_backend *b, struct kiln_error *error)
     if (!b->all_materials) {
         vulkan_materials_destroy(b->gpu, &b->materials);
         b->all_materials = true;
-        status = vulkan_materials_create(b->gpu, &b->params, true, &b->materials, &b->layout.materials, error);
+        KILN_TRY(vulkan_materials_create(b->gpu, &b->params, true, &b->materials, &b->layout.materials, error));
     }
-    if (status == KILN_OK && b->path_triangles.size == 0)
-        status = upload_triangles(b, error);
-    return status == KILN_OK ? vulkan_upload_root(b, error) : status;
+    if (b->path_triangles.size == 0)
+        KILN_TRY(upload_triangles(b, error));
+    KILN_TRY(vulkan_upload_root(b, error));
+end:
+    return status;
 }

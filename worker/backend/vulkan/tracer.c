@@ -63,14 +63,13 @@ static int make_on_host(struct vulkan_backend *b, struct trees *trees, struct vu
                         struct kiln_error *error)
 {
     struct bvh_layout layout = {0};
-    int status = have_host_tree(b, trees, error);
-    if (status == KILN_OK)
-        status = bvh_layout_create(&layout, trees->host, t->traversal, error);
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &t->nodes, layout.nodes, layout.node_count * layout.node_size, "the BVH", error);
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, &t->triangles, layout.triangles,
-                               layout.triangle_count * sizeof *layout.triangles, "the BVH's triangles", error);
+    int status;
+    KILN_TRY(have_host_tree(b, trees, error));
+    KILN_TRY(bvh_layout_create(&layout, trees->host, t->traversal, error));
+    KILN_TRY(gpu_buffer_of(b->gpu, &t->nodes, layout.nodes, layout.node_count * layout.node_size, "the BVH", error));
+    KILN_TRY(gpu_buffer_of(b->gpu, &t->triangles, layout.triangles, layout.triangle_count * sizeof *layout.triangles,
+                           "the BVH's triangles", error));
+end:
     t->layout = layout_of(b, t, layout.triangle_count);
     t->tree = bvh_is_of_device(trees->host) ? VULKAN_TREE_FETCHED : VULKAN_TREE_OF_HOST;
     bvh_layout_free(&layout);

@@ -237,11 +237,11 @@ static int upload_changes(struct vulkan_backend *b, const struct kiln_visibility
 {
     const struct gpu_buffer *to = &b->visibility.changes;
     const size_t of_groups = of->groups * sizeof(uint64_t);
-    int status = gpu_upload(b->gpu, to, 0, of->columns, of_groups, error);
-    if (status == KILN_OK)
-        status = gpu_upload(b->gpu, to, of_groups, same, of_groups, error);
-    if (status == KILN_OK)
-        status = gpu_upload(b->gpu, to, 2 * of_groups, forget, b->own->tile_run_count * sizeof *forget, error);
+    int status;
+    KILN_TRY(gpu_upload(b->gpu, to, 0, of->columns, of_groups, error));
+    KILN_TRY(gpu_upload(b->gpu, to, of_groups, same, of_groups, error));
+    KILN_TRY(gpu_upload(b->gpu, to, 2 * of_groups, forget, b->own->tile_run_count * sizeof *forget, error));
+end:
     return status;
 }
 
@@ -273,22 +273,20 @@ static int forget(struct vulkan_backend *b, const struct kiln_visibility_of_step
     const bool next = of->step == v->step + 1, new_step = of->step != v->step;
     uint32_t *forgotten = NULL;
     uint64_t *same = NULL;
-    int status = kiln_allocate(&forgotten, runs, sizeof *forgotten, kept_pairs, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&same, (size_t)of->groups, sizeof *same, kept_pairs, error);
-    if (status == KILN_OK) {
-        const bool moved = note_places(b, batch, forgotten);
-        for (size_t i = 0; i < runs && new_step && !next; i++)
-            forgotten[i] = 1;
-        for (uint64_t g = 0; g < of->groups; g++)
-            same[g] = new_step ? of->same[g] : UINT64_MAX;
-        if (new_step || moved)
-            status = upload_changes(b, of, same, forgotten, error);
-        if (status == KILN_OK && (new_step || moved))
-            status = run_forget(b, of->groups, error);
-    }
-    if (status == KILN_OK)
-        v->step = of->step;
+    int status;
+    KILN_TRY(kiln_allocate(&forgotten, runs, sizeof *forgotten, kept_pairs, error));
+    KILN_TRY(kiln_allocate(&same, (size_t)of->groups, sizeof *same, kept_pairs, error));
+    const bool moved = note_places(b, batch, forgotten);
+    for (size_t i = 0; i < runs && new_step && !next; i++)
+        forgotten[i] = 1;
+    for (uint64_t g = 0; g < of->groups; g++)
+        same[g] = new_step ? of->same[g] : UINT64_MAX;
+    if (new_step || moved)
+        KILN_TRY(upload_changes(b, of, same, forgotten, error));
+    if (new_step || moved)
+        KILN_TRY(run_forget(b, of->groups, error));
+    v->step = of->step;
+end:
     kiln_free(&forgotten);
     kiln_free(&same);
     return status;
@@ -299,10 +297,12 @@ static int forget(struct vulkan_backend *b, const struct kiln_visibility_of_step
 static int make_kernels(struct vulkan_backend *b, struct kiln_error *error)
 {
     struct vulkan_visibility *v = &b->visibility;
-    int status = vulkan_kernel_of(b, &open_shader, false, 0, &v->open, error);
-    if (status == KILN_OK)
-        status = vulkan_kernel_of(b, &close_shader, false, 0, &v->close, error);
-    return status == KILN_OK ? vulkan_kernel_of(b, &store_shader, false, 0, &v->store, error) : status;
+    int status;
+    KILN_TRY(vulkan_kernel_of(b, &open_shader, false, 0, &v->open, error));
+    KILN_TRY(vulkan_kernel_of(b, &close_shader, false, 0, &v->close, error));
+    KILN_TRY(vulkan_kernel_of(b, &store_shader, false, 0, &v->store, error));
+end:
+    return status;
 }
 
 int vulkan_visibility_prepare(struct vulkan_backend *b, const struct kiln_patches_parameters *p,
@@ -325,12 +325,12 @@ int vulkan_visibility_prepare(struct vulkan_backend *b, const struct kiln_patche
                                         .runs = v->runs.address,
                                         .n = {(uint32_t)v->grid.n[0], (uint32_t)v->grid.n[1], (uint32_t)v->grid.n[2]},
                                         .groups = (uint32_t)of.groups};
-    if (status == KILN_OK)
-        status = vulkan_grow_buffer(b, &v->root, sizeof root, GPU_DEVICE, kept_pairs, error);
-    if (status == KILN_OK)
-        status = gpu_upload(b->gpu, &v->root, 0, &root, sizeof root, error);
-    if (status == KILN_OK && kept)
-        status = forget(b, &of, batch, error);
+    KILN_TRY(status);
+    KILN_TRY(vulkan_grow_buffer(b, &v->root, sizeof root, GPU_DEVICE, kept_pairs, error));
+    KILN_TRY(gpu_upload(b->gpu, &v->root, 0, &root, sizeof root, error));
+    if (kept)
+        KILN_TRY(forget(b, &of, batch, error));
+end:
     return status == KILN_OK && kept ? make_kernels(b, error) : status;
 }
 
@@ -366,15 +366,16 @@ int vulkan_visibility_count(struct vulkan_backend *b, struct kiln_visibility_cou
     const struct vulkan_visibility *v = &b->visibility;
     const size_t count = b->own->tile_run_count;
     struct kiln_gpu_sight_run *runs = NULL;
-    int status = kiln_allocate(&runs, count, sizeof *runs, kept_pairs, error);
-    if (status == KILN_OK)
-        status = gpu_download(b->gpu, &v->runs, 0, runs, count * sizeof *runs, error);
-    for (size_t i = 0; i < count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&runs, count, sizeof *runs, kept_pairs, error));
+    KILN_TRY(gpu_download(b->gpu, &v->runs, 0, runs, count * sizeof *runs, error));
+    for (size_t i = 0; i < count; i++) {
         counts->open += runs[i].open;
         counts->shut += runs[i].shut;
         counts->mixed += runs[i].mixed;
         counts->unknown += runs[i].unknown;
     }
+end:
     for (size_t i = 0; i < v->buffer_count; i++)
         counts->bytes += v->buffers[i].size;
     kiln_free(&runs);

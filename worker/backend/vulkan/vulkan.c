@@ -27,17 +27,16 @@ static int upload_scene(struct vulkan_backend *b, struct kiln_error *error)
 {
     const struct kiln_geometry *g = b->params.geometry;
     b->all_materials = b->all_materials || vulkan_materials_take_gloss(b->params.scene);
-    int status = gpu_buffer_of(b->gpu, &b->records, g->records, g->triangle_count * sizeof *g->records,
-                               "what rays need to know of triangles", error);
-    if (status == KILN_OK)
-        status =
-            vulkan_materials_create(b->gpu, &b->params, b->all_materials, &b->materials, &b->layout.materials, error);
-    if (status == KILN_OK && b->params.lights != NULL)
-        status = vulkan_lights_create(b->gpu, b->params.lights, b->float64, &b->lights, &b->layout.lights, error);
-    if (status == KILN_OK)
-        status = gpu_buffer_create(b->gpu, &b->scene, sizeof b->layout, GPU_DEVICE, "the scene", error);
-    if (status == KILN_OK && b->params.direct_lights != NULL)
-        status = upload_direct_lights(b, error);
+    int status;
+    KILN_TRY(gpu_buffer_of(b->gpu, &b->records, g->records, g->triangle_count * sizeof *g->records,
+                           "what rays need to know of triangles", error));
+    KILN_TRY(vulkan_materials_create(b->gpu, &b->params, b->all_materials, &b->materials, &b->layout.materials, error));
+    if (b->params.lights != NULL)
+        KILN_TRY(vulkan_lights_create(b->gpu, b->params.lights, b->float64, &b->lights, &b->layout.lights, error));
+    KILN_TRY(gpu_buffer_create(b->gpu, &b->scene, sizeof b->layout, GPU_DEVICE, "the scene", error));
+    if (b->params.direct_lights != NULL)
+        KILN_TRY(upload_direct_lights(b, error));
+end:
     b->layout.records = b->records.address;
     b->layout.opaque_count = (uint32_t)g->opaque_count;
     b->constants[VULKAN_HAS_ALPHA] = g->passage;
@@ -175,10 +174,12 @@ static int set_up(struct vulkan_backend *b, struct kiln_error *error)
 static int make_anew(struct vulkan_backend *b, struct kiln_error *error)
 {
     clear(b);
-    int status = start_device(b, error);
-    if (status == KILN_OK)
-        status = set_up(b, error);
-    return status == KILN_OK ? vulkan_resources_bring(b, error) : status;
+    int status;
+    KILN_TRY(start_device(b, error));
+    KILN_TRY(set_up(b, error));
+    KILN_TRY(vulkan_resources_bring(b, error));
+end:
+    return status;
 }
 
 enum { SCRATCH_PART = 16 };

@@ -34,11 +34,12 @@ static int upload_areas(struct vulkan_backend *b, const struct kiln_batch *batch
                    count = kiln_tile_runs_points(runs, runs + batch->count - 1);
     struct gpu_buffer *buffer = &b->techniques.areas;
     float *areas = NULL;
-    int status = kiln_allocate(&areas, count, sizeof *areas, "the areas of points", error);
-    for (uint64_t i = 0; status == KILN_OK && i < count; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&areas, count, sizeof *areas, "the areas of points", error));
+    for (uint64_t i = 0; i < count; i++)
         areas[i] = (float)kiln_lit_area(s, (struct kiln_own_point){first + i}, 1.0f);
-    if (status == KILN_OK)
-        status = gpu_buffer_of(b->gpu, buffer, areas, count * sizeof *areas, "the areas of points", error);
+    KILN_TRY(gpu_buffer_of(b->gpu, buffer, areas, count * sizeof *areas, "the areas of points", error));
+end:
     *address = buffer->address;
     kiln_free(&areas);
     return status;
@@ -48,11 +49,12 @@ static int prepare(struct vulkan_backend *b, void *context, struct kiln_error *e
 {
     struct weighed_run *r = context;
     vulkan_techniques_release(b);
-    int status = vulkan_surfaces(b, error);
-    if (status == KILN_OK && r->techniques->aims != NULL) /* else nothing bends light, and no chain begins */
-        status = vulkan_techniques_create(b, r->techniques->aims, r->techniques, NULL, error);
-    if (status == KILN_OK)
-        status = upload_areas(b, r->batch, &r->own[1], error);
+    int status;
+    KILN_TRY(vulkan_surfaces(b, error));
+    if (r->techniques->aims != NULL) /* else nothing bends light, and no chain begins */
+        KILN_TRY(vulkan_techniques_create(b, r->techniques->aims, r->techniques, NULL, error));
+    KILN_TRY(upload_areas(b, r->batch, &r->own[1], error));
+end:
     r->own[0] = b->techniques.both;
     return status;
 }

@@ -112,23 +112,19 @@ int kiln_assignment_create(struct kiln_assignment **assignment, const struct kil
     if (status != KILN_OK)
         return status;
     (*assignment)->count = count;
-    status =
-        kiln_allocate(&(*assignment)->owner, count, sizeof(uint32_t), "the assignment of lightmaps to ranks", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&(*assignment)->round, count, sizeof(uint32_t), "the assignment of lightmaps to ranks",
-                               error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&order, count, sizeof *order, "the assignment of lightmaps to ranks", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&heap, ranks, sizeof *heap, "the assignment of lightmaps to ranks", error);
-    if (status == KILN_OK) {
-        for (size_t i = 0; i < count; i++)
-            order[i] = (uint32_t)i;
-        qsort_r(order, count, sizeof *order, compare_sizes, (void *)(uintptr_t)lightmaps);
-        choose_bands(*assignment, lightmaps, ranks, least_in_bands);
-        assign_all(*assignment, lightmaps, order, heap, ranks, texel_budget);
-        assign_bands(*assignment, lightmaps, order, texel_budget * ranks);
-    }
+    KILN_TRY(
+        kiln_allocate(&(*assignment)->owner, count, sizeof(uint32_t), "the assignment of lightmaps to ranks", error));
+    KILN_TRY(
+        kiln_allocate(&(*assignment)->round, count, sizeof(uint32_t), "the assignment of lightmaps to ranks", error));
+    KILN_TRY(kiln_allocate(&order, count, sizeof *order, "the assignment of lightmaps to ranks", error));
+    KILN_TRY(kiln_allocate(&heap, ranks, sizeof *heap, "the assignment of lightmaps to ranks", error));
+    for (size_t i = 0; i < count; i++)
+        order[i] = (uint32_t)i;
+    qsort_r(order, count, sizeof *order, compare_sizes, (void *)(uintptr_t)lightmaps);
+    choose_bands(*assignment, lightmaps, ranks, least_in_bands);
+    assign_all(*assignment, lightmaps, order, heap, ranks, texel_budget);
+    assign_bands(*assignment, lightmaps, order, texel_budget * ranks);
+end:
     kiln_free(&order);
     kiln_free(&heap);
     if (status != KILN_OK)

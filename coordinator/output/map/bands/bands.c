@@ -205,11 +205,12 @@ int kiln_bands_halo(struct kiln_map *map, uint32_t arrays, uint32_t rows, struct
 {
     int status = KILN_OK;
     if ((arrays & KILN_BANDS_STATE) != 0)
-        status = kiln_bands_halo_of(map, map->state, sizeof *map->state, rows, error);
-    if (status == KILN_OK && (arrays & KILN_BANDS_CHART) != 0)
-        status = kiln_bands_halo_of(map, map->chart, sizeof *map->chart, rows, error);
-    for (uint32_t p = 0; status == KILN_OK && (arrays & KILN_BANDS_PLANES) != 0 && p < map->has->count; p++)
-        status = kiln_bands_halo_of(map, map->planes[p], sizeof *map->planes[p], rows, error);
+        KILN_TRY(kiln_bands_halo_of(map, map->state, sizeof *map->state, rows, error));
+    if ((arrays & KILN_BANDS_CHART) != 0)
+        KILN_TRY(kiln_bands_halo_of(map, map->chart, sizeof *map->chart, rows, error));
+    for (uint32_t p = 0; (arrays & KILN_BANDS_PLANES) != 0 && p < map->has->count; p++)
+        KILN_TRY(kiln_bands_halo_of(map, map->planes[p], sizeof *map->planes[p], rows, error));
+end:
     return status;
 }
 
@@ -294,12 +295,13 @@ static int begin_exchange(struct exchange *e, const struct kiln_map *map, const 
     const size_t ranks = map->bands->ranks;
     int status = KILN_OK;
     if (w->count > INT_MAX)
-        status = kiln_fail(error, KILN_SYSTEM, "too many texels of other bands for one message");
-    for (size_t i = 0; status == KILN_OK && i < sizeof arrays / sizeof *arrays; i++)
-        status = kiln_allocate(arrays[i], ranks, sizeof(int), "texels of other bands", error);
-    if (status == KILN_OK && (MPI_Type_contiguous(1 + (int)map->has->count, MPI_UINT32_T, &e->type) != MPI_SUCCESS ||
-                              MPI_Type_commit(&e->type) != MPI_SUCCESS))
-        status = mpi_failed(error);
+        KILN_TRY(kiln_fail(error, KILN_SYSTEM, "too many texels of other bands for one message"));
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
+        KILN_TRY(kiln_allocate(arrays[i], ranks, sizeof(int), "texels of other bands", error));
+    if (MPI_Type_contiguous(1 + (int)map->has->count, MPI_UINT32_T, &e->type) != MPI_SUCCESS ||
+        MPI_Type_commit(&e->type) != MPI_SUCCESS)
+        KILN_TRY(mpi_failed(error));
+end:
     if ((status = kiln_bands_agree(map, status, error)) != KILN_OK)
         return status;
     for (size_t i = 0; i < w->count; i++)
@@ -348,12 +350,11 @@ static int exchange(struct exchange *e, struct kiln_map *map, const struct wante
 {
     const MPI_Comm comm = map->bands->comm;
     const size_t numbers = 1 + map->has->count;
-    int status = kiln_allocate(&e->asked, e->in, sizeof *e->asked, "texels of other bands", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->in_values, e->in * numbers, sizeof *e->in_values, "texels of other bands", error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate(&e->out_values, w->count * numbers, sizeof *e->out_values, "texels of other bands", error);
+    int status;
+    KILN_TRY(kiln_allocate(&e->asked, e->in, sizeof *e->asked, "texels of other bands", error));
+    KILN_TRY(kiln_allocate(&e->in_values, e->in * numbers, sizeof *e->in_values, "texels of other bands", error));
+    KILN_TRY(kiln_allocate(&e->out_values, w->count * numbers, sizeof *e->out_values, "texels of other bands", error));
+end:
     if ((status = kiln_bands_agree(map, status, error)) != KILN_OK)
         return status;
     if (MPI_Alltoallv(w->texels, e->out_counts, e->out_starts, MPI_UINT32_T, e->asked, e->in_counts, e->in_starts,
@@ -375,11 +376,11 @@ int kiln_bands_fetch(struct kiln_map *map, const uint32_t *nearest, struct kiln_
     struct exchange e = {.type = MPI_DATATYPE_NULL};
     if (map->bands == NULL)
         return KILN_OK;
-    int status = kiln_bands_agree(map, list_wanted(map, nearest, &wanted, error), error);
-    if (status == KILN_OK)
-        status = kiln_bands_agree(map, begin_exchange(&e, map, &wanted, error), error);
-    if (status == KILN_OK)
-        status = kiln_bands_agree(map, exchange(&e, map, &wanted, error), error);
+    int status;
+    KILN_TRY(kiln_bands_agree(map, list_wanted(map, nearest, &wanted, error), error));
+    KILN_TRY(kiln_bands_agree(map, begin_exchange(&e, map, &wanted, error), error));
+    KILN_TRY(kiln_bands_agree(map, exchange(&e, map, &wanted, error), error));
+end:
     end_exchange(&e);
     kiln_free(&wanted.texels);
     return status;

@@ -88,9 +88,8 @@ static size_t size_of_group(const struct helper *h)
 
 static int create_helper(struct helper *h, int rank, struct kiln_error *error)
 {
-    int status = kiln_allocate(&h->list, h->strips->count, sizeof *h->list, "strips to pack", error);
-    if (status != KILN_OK)
-        return status;
+    int status;
+    KILN_TRY(kiln_allocate(&h->list, h->strips->count, sizeof *h->list, "strips to pack", error));
     h->count = kiln_strip_list(h->strips, (uint32_t)rank, h->list);
     for (size_t i = 0; i < h->count; i++) {
         const struct kiln_strip *strip = &h->strips->strips[h->list[i]];
@@ -98,12 +97,13 @@ static int create_helper(struct helper *h, int rank, struct kiln_error *error)
         h->room = bytes > h->room ? bytes : h->room;
     }
     h->group = size_of_group(h);
-    status = kiln_allocate(&h->slots, 2 * h->group, sizeof *h->slots, "strips to pack", error);
-    for (size_t s = 0; status == KILN_OK && s < 2 * h->group; s++) {
+    KILN_TRY(kiln_allocate(&h->slots, 2 * h->group, sizeof *h->slots, "strips to pack", error));
+    for (size_t s = 0; s < 2 * h->group; s++) {
         for (int i = 0; i < 3; i++)
             h->slots[s].requests[i] = MPI_REQUEST_NULL;
-        status = kiln_allocate(&h->slots[s].message, h->room, 1, "strips to pack", error);
+        KILN_TRY(kiln_allocate(&h->slots[s].message, h->room, 1, "strips to pack", error));
     }
+end:
     return status;
 }
 
@@ -209,15 +209,16 @@ static int pack_group(struct helper *h, size_t first, int *bytes)
  * all; only failures of MPI are returned. */
 static int help(struct helper *h, int *bytes)
 {
-    int status = expect_group(h, 0);
-    for (size_t first = 0; status == KILN_OK && first < h->count; first += h->group) {
-        status = expect_group(h, first + h->group);
-        if (status == KILN_OK)
-            status = pack_group(h, first, bytes);
+    int status;
+    KILN_TRY(expect_group(h, 0));
+    for (size_t first = 0; first < h->count; first += h->group) {
+        KILN_TRY(expect_group(h, first + h->group));
+        KILN_TRY(pack_group(h, first, bytes));
     }
-    for (size_t s = 0; status == KILN_OK && s < 2 * h->group; s++)
+    for (size_t s = 0; s < 2 * h->group; s++)
         if (MPI_Waitall(3, h->slots[s].requests, MPI_STATUSES_IGNORE) != MPI_SUCCESS)
-            status = KILN_RANK_LOST;
+            KILN_TRY(KILN_RANK_LOST);
+end:
     return status;
 }
 
@@ -270,18 +271,20 @@ static int describe_channels(const struct kiln_image *image, struct channel_word
 
 static int create_owner(struct owner *o, struct kiln_error *error)
 {
-    int status = kiln_allocate(&o->passages, o->count, sizeof *o->passages, "strips on their way", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&o->words, o->source_count, sizeof *o->words, "strips on their way", error);
-    for (size_t i = 0; status == KILN_OK && i < o->source_count; i++)
-        status = describe_channels(o->sources[i].image, &o->words[i], error);
-    for (size_t i = 0; status == KILN_OK && i < o->count; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&o->passages, o->count, sizeof *o->passages, "strips on their way", error));
+    KILN_TRY(kiln_allocate(&o->words, o->source_count, sizeof *o->words, "strips on their way", error));
+    for (size_t i = 0; i < o->source_count; i++)
+        KILN_TRY(describe_channels(o->sources[i].image, &o->words[i], error));
+    for (size_t i = 0; i < o->count; i++) {
         const size_t bytes =
             message_bytes(o->channels, values_of(&o->lightmaps[o->stream[i].object], o->stream[i].row));
         o->room = bytes > o->room ? bytes : o->room;
         o->passages[i].sent = MPI_REQUEST_NULL;
     }
-    return status == KILN_OK ? kiln_allocate(&o->spare, o->room, 1, "strips on their way", error) : status;
+    KILN_TRY(kiln_allocate(&o->spare, o->room, 1, "strips on their way", error));
+end:
+    return status;
 }
 
 /* Records the first failure. */

@@ -78,19 +78,16 @@ static double find_level(const struct work *w, uint64_t *sorted)
 static int weigh_ranks(struct work *w, struct kiln_error *error)
 {
     uint64_t *sorted = NULL;
-    int status = kiln_allocate(&w->load, w->ranks, sizeof *w->load, "the assignment of strips", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->fixed, w->ranks, sizeof *w->fixed, "the assignment of strips", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->room, w->ranks, sizeof *w->room, "the assignment of strips", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&sorted, w->ranks, sizeof *sorted, "the assignment of strips", error);
-    if (status == KILN_OK) {
-        weigh(w);
-        const double level = find_level(w, sorted);
-        for (uint32_t r = 0; r < w->ranks; r++)
-            w->room[r] = fmax(0.0, level - (double)w->fixed[r]);
-    }
+    int status;
+    KILN_TRY(kiln_allocate(&w->load, w->ranks, sizeof *w->load, "the assignment of strips", error));
+    KILN_TRY(kiln_allocate(&w->fixed, w->ranks, sizeof *w->fixed, "the assignment of strips", error));
+    KILN_TRY(kiln_allocate(&w->room, w->ranks, sizeof *w->room, "the assignment of strips", error));
+    KILN_TRY(kiln_allocate(&sorted, w->ranks, sizeof *sorted, "the assignment of strips", error));
+    weigh(w);
+    const double level = find_level(w, sorted);
+    for (uint32_t r = 0; r < w->ranks; r++)
+        w->room[r] = fmax(0.0, level - (double)w->fixed[r]);
+end:
     kiln_free(&sorted);
     return status;
 }
@@ -118,18 +115,18 @@ static int list_strips(struct kiln_strip_assignment *strips, struct work *w, str
             divided++;
             count += strips_of(&w->lightmaps[i]);
         }
-    int status = kiln_allocate(&objects, divided, sizeof *objects, "the assignment of strips", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&strips->strips, count, sizeof *strips->strips, "the assignment of strips", error);
-    for (size_t i = 0, next = 0; status == KILN_OK && i < w->assignment->count; i++)
+    int status;
+    KILN_TRY(kiln_allocate(&objects, divided, sizeof *objects, "the assignment of strips", error));
+    KILN_TRY(kiln_allocate(&strips->strips, count, sizeof *strips->strips, "the assignment of strips", error));
+    for (size_t i = 0, next = 0; i < w->assignment->count; i++)
         if (is_divided(w, i))
             objects[next++] = (uint32_t)i;
-    if (status == KILN_OK)
-        qsort_r(objects, divided, sizeof *objects, compare_objects, w);
-    for (size_t i = 0; status == KILN_OK && i < divided; i++)
+    qsort_r(objects, divided, sizeof *objects, compare_objects, w);
+    for (size_t i = 0; i < divided; i++)
         for (uint32_t s = 0; s < strips_of(&w->lightmaps[objects[i]]); s++)
             strips->strips[strips->count++] = (struct kiln_strip){
                 .object = objects[i], .row = s * KILN_EXR_ROWS, .owner = w->assignment->owner[objects[i]]};
+end:
     kiln_free(&objects);
     return status;
 }
@@ -224,13 +221,12 @@ int kiln_strip_assignment_create(struct kiln_strip_assignment **strips, const st
 {
     struct work w = {
         .lightmaps = lightmaps, .assignment = assignment, .round = round, .ranks = ranks, .least = least_texels};
-    int status = kiln_allocate(strips, 1, sizeof **strips, "the assignment of strips", error);
-    if (status == KILN_OK)
-        status = weigh_ranks(&w, error);
-    if (status == KILN_OK)
-        status = list_strips(*strips, &w, error);
-    if (status == KILN_OK)
-        status = choose_packers(*strips, &w, error);
+    int status;
+    KILN_TRY(kiln_allocate(strips, 1, sizeof **strips, "the assignment of strips", error));
+    KILN_TRY(weigh_ranks(&w, error));
+    KILN_TRY(list_strips(*strips, &w, error));
+    KILN_TRY(choose_packers(*strips, &w, error));
+end:
     kiln_free(&w.load);
     kiln_free(&w.fixed);
     kiln_free(&w.room);

@@ -300,15 +300,13 @@ static int report_all(struct work *w, struct kiln_border_report *report, struct 
         counts[0] += w->slices[t].contested;
         counts[1] += w->slices[t].foreign;
     }
-    int status = kiln_bands_fetch(w->map, w->nearest, error);
-    if (status == KILN_OK)
-        status = find_charts(w, error);
-    if (status == KILN_OK)
-        status = kiln_bands_agree(w->map, walk_all(w, measure_step, error), error);
-    if (status == KILN_OK)
-        status = kiln_bands_sum(w->map, w->rows[0], SUMS, sums, error);
-    if (status == KILN_OK)
-        status = kiln_bands_count(w->map, counts, 2, error);
+    int status;
+    KILN_TRY(kiln_bands_fetch(w->map, w->nearest, error));
+    KILN_TRY(find_charts(w, error));
+    KILN_TRY(kiln_bands_agree(w->map, walk_all(w, measure_step, error), error));
+    KILN_TRY(kiln_bands_sum(w->map, w->rows[0], SUMS, sums, error));
+    KILN_TRY(kiln_bands_count(w->map, counts, 2, error));
+end:
     if (status != KILN_OK)
         return status;
     *report = (struct kiln_border_report){counts[0], counts[1], sums[LENGTH], sums[DISTURBED]};
@@ -334,11 +332,11 @@ static int make_slices(struct work *w, struct kiln_error *error)
 static int make_work(struct work *w, struct kiln_error *error)
 {
     const struct kiln_map *map = w->map;
-    int status = make_slices(w, error);
-    if (status == KILN_OK)
-        status = kiln_map_allocate(map, &w->first, sizeof *w->first, "texels at borders of charts", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->rows, kiln_map_rows(map), sizeof *w->rows, "borders of charts", error);
+    int status;
+    KILN_TRY(make_slices(w, error));
+    KILN_TRY(kiln_map_allocate(map, &w->first, sizeof *w->first, "texels at borders of charts", error));
+    KILN_TRY(kiln_allocate(&w->rows, kiln_map_rows(map), sizeof *w->rows, "borders of charts", error));
+end:
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(static) if (kiln_map_texels(map) > KILN_IMAGE_ALONE)

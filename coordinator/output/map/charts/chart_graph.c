@@ -215,24 +215,17 @@ int kiln_chart_graph_create(struct kiln_chart_graph **graph, const struct kiln_s
     struct builder b = {
         .scene = scene, .mesh = &scene->meshes[mesh], .width = (float)width, .height = (float)height, .graph = *graph};
     const size_t triangles = (*graph)->triangle_count = b.mesh->triangle_count;
-    status = kiln_allocate(&(*graph)->chart, triangles, sizeof(uint32_t), "a mesh's charts", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&b.parent, triangles, sizeof(uint32_t), "a mesh's charts", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&b.inner, triangles, 1, "a mesh's charts", error);
-    if (status == KILN_OK)
-        status = weld_vertices(&b, error);
-    if (status == KILN_OK)
-        status = list_halves(&b, error);
-    if (status == KILN_OK) {
-        for (uint32_t i = 0; i < triangles; i++)
-            b.parent[i] = i;
-        status = join_all(&b, error);
-    }
-    if (status == KILN_OK) {
-        number_charts(&b);
-        status = list_borders(&b, error);
-    }
+    KILN_TRY(kiln_allocate(&(*graph)->chart, triangles, sizeof(uint32_t), "a mesh's charts", error));
+    KILN_TRY(kiln_allocate(&b.parent, triangles, sizeof(uint32_t), "a mesh's charts", error));
+    KILN_TRY(kiln_allocate(&b.inner, triangles, 1, "a mesh's charts", error));
+    KILN_TRY(weld_vertices(&b, error));
+    KILN_TRY(list_halves(&b, error));
+    for (uint32_t i = 0; i < triangles; i++)
+        b.parent[i] = i;
+    KILN_TRY(join_all(&b, error));
+    number_charts(&b);
+    KILN_TRY(list_borders(&b, error));
+end:
     kiln_free(&b.weld);
     kiln_free(&b.halves);
     kiln_free(&b.parent);
@@ -279,18 +272,18 @@ static void find_ends(const struct builder *b, size_t first, size_t end, uint8_t
 int kiln_mesh_ends(uint8_t **ends, const struct kiln_scene *scene, uint32_t mesh, struct kiln_error *error)
 {
     struct builder b = {.scene = scene, .mesh = &scene->meshes[mesh]};
-    int status = kiln_allocate(ends, b.mesh->triangle_count, 1, "where a mesh ends", error);
-    if (status == KILN_OK)
-        status = weld_vertices(&b, error);
-    if (status == KILN_OK)
-        status = list_halves(&b, error);
-    for (size_t first = 0, end; status == KILN_OK && first < b.half_count; first = end) {
+    int status;
+    KILN_TRY(kiln_allocate(ends, b.mesh->triangle_count, 1, "where a mesh ends", error));
+    KILN_TRY(weld_vertices(&b, error));
+    KILN_TRY(list_halves(&b, error));
+    for (size_t first = 0, end; first < b.half_count; first = end) {
         end = first + 1;
         while (end < b.half_count && b.halves[end].low == b.halves[first].low &&
                b.halves[end].high == b.halves[first].high)
             end++;
         find_ends(&b, first, end, *ends);
     }
+end:
     kiln_free(&b.weld);
     kiln_free(&b.halves);
     return status;

@@ -108,11 +108,11 @@ static void spread_around(struct layers *work, uint8_t *before)
 /* Gets known texels and values from the bands next to this one. `before`: as spread_around has it. */
 static int look_around(struct layers *work, uint8_t *before, struct kiln_error *error)
 {
-    int status = kiln_bands_halo_of(work->map, work->known, 1, 1, error);
-    if (status == KILN_OK)
-        status = kiln_bands_halo(work->map, KILN_BANDS_PLANES, 1, error);
-    if (status == KILN_OK)
-        spread_around(work, before);
+    int status;
+    KILN_TRY(kiln_bands_halo_of(work->map, work->known, 1, 1, error));
+    KILN_TRY(kiln_bands_halo(work->map, KILN_BANDS_PLANES, 1, error));
+    spread_around(work, before);
+end:
     return status;
 }
 
@@ -182,15 +182,15 @@ static int fill_charts(struct layers *work, uint8_t *before, struct kiln_error *
 {
     bool left = false;
     begin_layers(work);
-    int status = look_around(work, before, error);
-    if (status == KILN_OK)
-        status = is_left(work, &left, error);
-    while (status == KILN_OK && left) {
+    int status;
+    KILN_TRY(look_around(work, before, error));
+    KILN_TRY(is_left(work, &left, error));
+    while (left) {
         fill_layer(work);
-        status = look_around(work, before, error);
-        if (status == KILN_OK)
-            status = is_left(work, &left, error);
+        KILN_TRY(look_around(work, before, error));
+        KILN_TRY(is_left(work, &left, error));
     }
+end:
     return status;
 }
 
@@ -244,13 +244,12 @@ int kiln_map_fill(struct kiln_map *map, struct kiln_error *error)
     if (status != KILN_OK || invalid == 0)
         return status;
     struct layers work = {.map = map};
-    status = kiln_map_allocate(map, &work.known, 1, "known texels", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&work.layer, own, sizeof(uint32_t), "texels to fill", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&work.next, own, sizeof(uint32_t), "texels to fill", error);
-    if (status == KILN_OK && map->bands != NULL)
-        status = kiln_allocate(&before, 2 * (size_t)map->width, 1, "texels to fill", error);
+    KILN_TRY(kiln_map_allocate(map, &work.known, 1, "known texels", error));
+    KILN_TRY(kiln_allocate(&work.layer, own, sizeof(uint32_t), "texels to fill", error));
+    KILN_TRY(kiln_allocate(&work.next, own, sizeof(uint32_t), "texels to fill", error));
+    if (map->bands != NULL)
+        KILN_TRY(kiln_allocate(&before, 2 * (size_t)map->width, 1, "texels to fill", error));
+end:
     status = kiln_bands_agree(map, status, error);
     if (status == KILN_OK) {
         clear_filled(map);

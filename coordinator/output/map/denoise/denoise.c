@@ -150,21 +150,20 @@ static int collect_points(struct kiln_map_work *work, struct kiln_neighbour_poin
     size_t *counts = NULL;
     uint64_t anywhere = 0;
     *count = 0;
-    int status = kiln_allocate(&counts, (size_t)slices, sizeof *counts, "the points of a lightmap", error);
-    if (status == KILN_OK && texels + ghosts >= UINT32_MAX)
-        status =
+    int status;
+    KILN_TRY(kiln_allocate(&counts, (size_t)slices, sizeof *counts, "the points of a lightmap", error));
+    if (texels + ghosts >= UINT32_MAX)
+        KILN_TRY(
             kiln_fail(error, KILN_CANNOT_CREATE,
                       "a lightmap of %u x %u texels with %zu beside it is too large to denoise; use --denoise none",
-                      work->map->width, work->map->height, ghosts);
-    if (status == KILN_OK) {
-        count_slices(work, false, slices, counts);
-        anywhere = add_slices(slices, counts);
-        count_slices(work, true, slices, counts);
-        *count = add_slices(slices, counts);
-        status = kiln_allocate_bare(points, *count + ghosts, sizeof **points, "the points of a lightmap", error);
-    }
-    if (status == KILN_OK)
-        list_points(work, slices, counts, *points);
+                      work->map->width, work->map->height, ghosts));
+    count_slices(work, false, slices, counts);
+    anywhere = add_slices(slices, counts);
+    count_slices(work, true, slices, counts);
+    *count = add_slices(slices, counts);
+    KILN_TRY(kiln_allocate_bare(points, *count + ghosts, sizeof **points, "the points of a lightmap", error));
+    list_points(work, slices, counts, *points);
+end:
     kiln_free(&counts);
     if ((status = kiln_bands_agree(work->map, status, error)) == KILN_OK)
         status = kiln_bands_count(work->map, &anywhere, 1, error);
@@ -372,13 +371,12 @@ static int run_whole(struct kiln_map_work *work, struct kiln_neighbour_point **p
                      struct kiln_regression_light lights[2], struct kiln_error *error)
 {
     struct kiln_neighbour_grid *grid = NULL;
-    int status = kiln_neighbour_grid_create(&grid, points, count, error);
-    if (status == KILN_OK)
-        status = kiln_regression_run(grid, lights, light_count(work), NULL, device_for(work, count), error);
-    if (status == KILN_OK) {
-        *points = grid->points;
-        grid->points = NULL;
-    }
+    int status;
+    KILN_TRY(kiln_neighbour_grid_create(&grid, points, count, error));
+    KILN_TRY(kiln_regression_run(grid, lights, light_count(work), NULL, device_for(work, count), error));
+    *points = grid->points;
+    grid->points = NULL;
+end:
     kiln_neighbour_grid_destroy(&grid);
     return status;
 }

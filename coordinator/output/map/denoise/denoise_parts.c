@@ -239,11 +239,11 @@ static int share_cubes(struct kiln_parts_way *w, const struct kiln_bands *bands,
     size_t total = 0;
     if (MPI_Allgather(&mine, 1, MPI_INT, w->in_counts, 1, MPI_INT, bands->comm) != MPI_SUCCESS)
         return mpi_failed(error);
-    int status = (total = begin_all(w->in_counts, w->in_starts, bands->ranks)) == SIZE_MAX ? too_many(error) : KILN_OK;
-    if (status == KILN_OK)
-        status = kiln_grow(&w->all.cubes, &w->all.capacity, total, sizeof(struct cube), "parts of a lightmap", error);
-    if (status == KILN_OK)
-        status = make_type(&type, sizeof(struct cube), error);
+    int status;
+    KILN_TRY((total = begin_all(w->in_counts, w->in_starts, bands->ranks)) == SIZE_MAX ? too_many(error) : KILN_OK);
+    KILN_TRY(kiln_grow(&w->all.cubes, &w->all.capacity, total, sizeof(struct cube), "parts of a lightmap", error));
+    KILN_TRY(make_type(&type, sizeof(struct cube), error));
+end:
     if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK &&
         MPI_Allgatherv(w->here.cubes, mine, type, w->all.cubes, w->in_counts, w->in_starts, type, bands->comm) !=
             MPI_SUCCESS)
@@ -382,15 +382,15 @@ static void see_level(struct kiln_parts_way *w, const struct cube *from, int lev
  * four times as large or small: of the level above or below at most. */
 static int see(struct kiln_parts_way *w, uint32_t part, struct kiln_error *error)
 {
-    int status = kiln_allocate_bare(&w->far, w->all.count, sizeof *w->far, "parts of a lightmap", error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&w->seen, w->all.count, sizeof *w->seen, "parts of a lightmap", error);
-    for (size_t i = 0; i < w->all.count && status == KILN_OK; i++) {
+    int status;
+    KILN_TRY(kiln_allocate_bare(&w->far, w->all.count, sizeof *w->far, "parts of a lightmap", error));
+    KILN_TRY(kiln_allocate_bare(&w->seen, w->all.count, sizeof *w->seen, "parts of a lightmap", error));
+    for (size_t i = 0; i < w->all.count; i++) {
         w->far[i] = w->all.cubes[i].part == part ? 0 : KILN_PARTS_FAR;
         if (w->far[i] == 0)
             w->seen[w->seen_count++] = (uint32_t)i;
     }
-    for (uint8_t hop = 0; hop < HOPS && status == KILN_OK; hop++) {
+    for (uint8_t hop = 0; hop < HOPS; hop++) {
         const size_t end = w->seen_count;
 #pragma omp parallel for schedule(dynamic, 64)
         for (size_t i = 0; i < end; i++) {
@@ -400,6 +400,7 @@ static int see(struct kiln_parts_way *w, uint32_t part, struct kiln_error *error
                 see_level(w, from, level, reach, (uint8_t)(hop + 1));
         }
     }
+end:
     return status;
 }
 
@@ -458,11 +459,11 @@ static int find_needed(struct kiln_parts_way *w, const struct kiln_bands *bands,
 {
     const size_t count = w->here.count;
     uint32_t *seen = NULL;
-    int status = kiln_allocate(&w->first, count + 1, sizeof *w->first, "parts of a lightmap", error);
-    if (status == KILN_OK)
-        status = find_here(w, error);
-    if (status == KILN_OK)
-        status = see(w, bands->rank, error);
+    int status;
+    KILN_TRY(kiln_allocate(&w->first, count + 1, sizeof *w->first, "parts of a lightmap", error));
+    KILN_TRY(find_here(w, error));
+    KILN_TRY(see(w, bands->rank, error));
+end:
     if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK)
         status = share_seen(w, bands, &seen, error);
     if (status == KILN_OK)
@@ -593,13 +594,12 @@ static int send_records(struct kiln_parts_way *w, const struct kiln_parts_given 
 {
     const struct kiln_bands *bands = given->map->bands;
     const size_t size = record_size(given->planes);
-    int status = count_records(w, given, bands->ranks, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&w->sent_own, given->count, sizeof *w->sent_own, "parts of a lightmap", error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate_bare(&w->out, (size_t)(w->out_starts[bands->ranks - 1] + w->out_counts[bands->ranks - 1]),
-                               size, "parts of a lightmap", error);
+    int status;
+    KILN_TRY(count_records(w, given, bands->ranks, error));
+    KILN_TRY(kiln_allocate_bare(&w->sent_own, given->count, sizeof *w->sent_own, "parts of a lightmap", error));
+    KILN_TRY(kiln_allocate_bare(&w->out, (size_t)(w->out_starts[bands->ranks - 1] + w->out_counts[bands->ranks - 1]),
+                                size, "parts of a lightmap", error));
+end:
     if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK) {
         pack_records(w, given, bands->ranks);
         if (MPI_Alltoall(w->out_counts, 1, MPI_INT, w->in_counts, 1, MPI_INT, bands->comm) != MPI_SUCCESS ||
@@ -712,17 +712,15 @@ static int take_slices(struct kiln_parts *p, uint64_t *keys, struct kiln_error *
 static int take_records(struct kiln_parts *p, const struct kiln_map *map, struct kiln_error *error)
 {
     uint64_t *keys = NULL;
-    int status = kiln_allocate_bare(&p->points, p->count, sizeof *p->points, "parts of a lightmap", error);
-    for (size_t plane = 0; plane < p->planes && status == KILN_OK; plane++)
-        status = kiln_allocate_bare(&p->values[plane], p->count, sizeof(float), "parts of a lightmap", error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&p->far, p->count, sizeof *p->far, "parts of a lightmap", error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&keys, p->count, sizeof *keys, "parts of a lightmap", error);
-    if (status == KILN_OK)
-        status = take_slices(p, keys, error);
-    if (status == KILN_OK)
-        status = order_others(p, keys, kiln_map_texels(map), error);
+    int status;
+    KILN_TRY(kiln_allocate_bare(&p->points, p->count, sizeof *p->points, "parts of a lightmap", error));
+    for (size_t plane = 0; plane < p->planes; plane++)
+        KILN_TRY(kiln_allocate_bare(&p->values[plane], p->count, sizeof(float), "parts of a lightmap", error));
+    KILN_TRY(kiln_allocate_bare(&p->far, p->count, sizeof *p->far, "parts of a lightmap", error));
+    KILN_TRY(kiln_allocate_bare(&keys, p->count, sizeof *keys, "parts of a lightmap", error));
+    KILN_TRY(take_slices(p, keys, error));
+    KILN_TRY(order_others(p, keys, kiln_map_texels(map), error));
+end:
     kiln_free(&keys);
     kiln_free(&p->way->in);
     return status;

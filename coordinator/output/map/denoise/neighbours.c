@@ -173,12 +173,12 @@ static void sort_by_digit(struct sort *s, int key, int shift)
 static int sort_entries(struct sort *s, const struct kiln_neighbour_grid *g, struct kiln_error *error)
 {
     s->threads = kiln_slices(s->count);
-    int status = kiln_allocate_bare(&s->entries, s->count, sizeof *s->entries, "the order of surface points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&s->spare, s->count, sizeof *s->spare, "the order of surface points", error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate_bare(&s->places, (size_t)s->threads, sizeof *s->places, "the order of surface points", error);
+    int status;
+    KILN_TRY(kiln_allocate_bare(&s->entries, s->count, sizeof *s->entries, "the order of surface points", error));
+    KILN_TRY(kiln_allocate_bare(&s->spare, s->count, sizeof *s->spare, "the order of surface points", error));
+    KILN_TRY(
+        kiln_allocate_bare(&s->places, (size_t)s->threads, sizeof *s->places, "the order of surface points", error));
+end:
     if (status != KILN_OK)
         return status;
     make_entries(s, g);
@@ -231,12 +231,10 @@ static int make_cells(struct kiln_neighbour_grid *g, const struct sort *s, struc
     for (int t = 0; t < s->threads; t++)
         before[t + 1] += before[t];
     g->cell_count = before[s->threads];
-    status = kiln_allocate_bare(&g->cells, g->cell_count, sizeof *g->cells, "the cells of surface points", error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate_bare(&g->first, g->cell_count + 1, sizeof *g->first, "the cells of surface points", error);
-    if (status == KILN_OK)
-        list_cells(g, s, before);
+    KILN_TRY(kiln_allocate_bare(&g->cells, g->cell_count, sizeof *g->cells, "the cells of surface points", error));
+    KILN_TRY(kiln_allocate_bare(&g->first, g->cell_count + 1, sizeof *g->first, "the cells of surface points", error));
+    list_cells(g, s, before);
+end:
     kiln_free(&before);
     return status;
 }
@@ -276,13 +274,12 @@ static int reorder(struct kiln_neighbour_grid *g, const struct sort *s, struct k
 static int sort_points(struct kiln_neighbour_grid *g, struct kiln_error *error)
 {
     struct sort s = {.count = g->count};
-    int status = sort_entries(&s, g, error);
-    if (status == KILN_OK)
-        status = make_cells(g, &s, error);
-    if (status == KILN_OK)
-        status = make_levels(g, error);
-    if (status == KILN_OK)
-        status = reorder(g, &s, error);
+    int status;
+    KILN_TRY(sort_entries(&s, g, error));
+    KILN_TRY(make_cells(g, &s, error));
+    KILN_TRY(make_levels(g, error));
+    KILN_TRY(reorder(g, &s, error));
+end:
     kiln_free(&s.entries);
     kiln_free(&s.spare);
     kiln_free(&s.places);
@@ -513,17 +510,17 @@ static int join_slices(struct kiln_neighbour_ranges *r, const struct kiln_neighb
 {
     uint64_t all = 0;
     int status = KILN_OK;
-    for (int t = 0; t < slices && status == KILN_OK; t++) {
+    for (int t = 0; t < slices; t++) {
         lists[t].first = (size_t)all;
         all += lists[t].count;
         if (lists[t].status != KILN_OK)
-            status = kiln_fail(error, lists[t].status, "%s", lists[t].error.message);
+            KILN_TRY(kiln_fail(error, lists[t].status, "%s", lists[t].error.message));
     }
-    if (status == KILN_OK && all > UINT32_MAX)
-        status =
-            kiln_fail(error, KILN_SYSTEM, "%zu surface points have too many neighbours; use --denoise none", g->count);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&r->ranges, (size_t)all, sizeof *r->ranges, "the cells of surface points", error);
+    if (all > UINT32_MAX)
+        KILN_TRY(
+            kiln_fail(error, KILN_SYSTEM, "%zu surface points have too many neighbours; use --denoise none", g->count));
+    KILN_TRY(kiln_allocate_bare(&r->ranges, (size_t)all, sizeof *r->ranges, "the cells of surface points", error));
+end:
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for num_threads(slices) schedule(static)
@@ -544,22 +541,19 @@ int kiln_neighbour_ranges_list(struct kiln_neighbour_ranges *r, const struct kil
     struct range_list *lists = NULL;
     const int slices = kiln_slices(g->count);
     *r = (struct kiln_neighbour_ranges){0};
-    int status = kiln_allocate_bare(&r->cells, g->count, sizeof *r->cells, "the cells of surface points", error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate_bare(&r->first, g->cell_count + 1, sizeof *r->first, "the cells of surface points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&lists, (size_t)slices, sizeof *lists, "the cells of surface points", error);
-    if (status == KILN_OK) {
-        r->first[0] = 0;
+    int status;
+    KILN_TRY(kiln_allocate_bare(&r->cells, g->count, sizeof *r->cells, "the cells of surface points", error));
+    KILN_TRY(kiln_allocate_bare(&r->first, g->cell_count + 1, sizeof *r->first, "the cells of surface points", error));
+    KILN_TRY(kiln_allocate(&lists, (size_t)slices, sizeof *lists, "the cells of surface points", error));
+    r->first[0] = 0;
 #pragma omp parallel for num_threads(slices) schedule(static)
-        for (int t = 0; t < slices; t++) {
-            size_t begin, end;
-            kiln_slice(slices, t, g->cell_count, &begin, &end);
-            list_slice(r, g, begin, end, &lists[t]);
-        }
-        status = join_slices(r, g, lists, slices, error);
+    for (int t = 0; t < slices; t++) {
+        size_t begin, end;
+        kiln_slice(slices, t, g->cell_count, &begin, &end);
+        list_slice(r, g, begin, end, &lists[t]);
     }
+    KILN_TRY(join_slices(r, g, lists, slices, error));
+end:
     for (int t = 0; lists != NULL && t < slices; t++)
         kiln_free(&lists[t].ranges);
     kiln_free(&lists);

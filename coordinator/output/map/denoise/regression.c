@@ -749,17 +749,14 @@ static int state(const struct regression *r, size_t light, struct kiln_error *er
 
 static int run_sweeps(struct regression *r, struct kiln_error *error)
 {
-    int status = begin_estimates(r, error);
-    if (status == KILN_OK)
-        status = sweep(r, KILN_NEIGHBOUR_RADIUS, 3, fit_point, error);
-    if (status == KILN_OK)
-        status = sweep(r, kiln_neighbour_rings[WIDE], 2, pool_variance, error);
-    if (status == KILN_OK)
-        estimate_risks(r);
-    if (status == KILN_OK)
-        status = sweep(r, kiln_neighbour_rings[WIDE], 1, judge_point, error);
-    if (status == KILN_OK)
-        status = sweep(r, KILN_NEIGHBOUR_RADIUS, 0, smooth_point, error);
+    int status;
+    KILN_TRY(begin_estimates(r, error));
+    KILN_TRY(sweep(r, KILN_NEIGHBOUR_RADIUS, 3, fit_point, error));
+    KILN_TRY(sweep(r, kiln_neighbour_rings[WIDE], 2, pool_variance, error));
+    estimate_risks(r);
+    KILN_TRY(sweep(r, kiln_neighbour_rings[WIDE], 1, judge_point, error));
+    KILN_TRY(sweep(r, KILN_NEIGHBOUR_RADIUS, 0, smooth_point, error));
+end:
     return status;
 }
 

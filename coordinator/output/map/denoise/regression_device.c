@@ -141,13 +141,12 @@ static int join(struct joined *j, struct kiln_error *error)
         cells += r->work->cell_count;
         ranges += r->work->first[r->work->cell_count];
     }
-    int status = kiln_allocate_bare(&j->cells, points, sizeof *j->cells, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&j->firsts, cells + 1, sizeof *j->firsts, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&j->ranges, ranges, sizeof *j->ranges, what, error);
-    if (status == KILN_OK)
-        join_cells(j);
+    int status;
+    KILN_TRY(kiln_allocate_bare(&j->cells, points, sizeof *j->cells, what, error));
+    KILN_TRY(kiln_allocate_bare(&j->firsts, cells + 1, sizeof *j->firsts, what, error));
+    KILN_TRY(kiln_allocate_bare(&j->ranges, ranges, sizeof *j->ranges, what, error));
+    join_cells(j);
+end:
     j->work = (struct kiln_regression_work){.count = (uint32_t)points,
                                             .lights = j->first->work->lights,
                                             .cells = j->cells,

@@ -143,18 +143,19 @@ static void join_regions(struct walls *w)
 static int order_regions(struct walls *w, struct kiln_error *error)
 {
     uint32_t *largest = NULL, *next = NULL;
-    int status = kiln_allocate(&largest, w->count, sizeof *largest, "regions of a lightmap", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&next, w->count, sizeof *next, "regions of a lightmap", error);
-    for (uint32_t r = 0; r < w->count && status == KILN_OK; r++) {
+    int status;
+    KILN_TRY(kiln_allocate(&largest, w->count, sizeof *largest, "regions of a lightmap", error));
+    KILN_TRY(kiln_allocate(&next, w->count, sizeof *next, "regions of a lightmap", error));
+    for (uint32_t r = 0; r < w->count; r++) {
         const uint32_t root = kiln_sets_root(w->cluster, r);
         if (root == r || w->size[r] > w->size[largest[root]])
             largest[root] = r;
     }
-    for (uint32_t r = 0; r < w->count && status == KILN_OK; r++) {
+    for (uint32_t r = 0; r < w->count; r++) {
         const uint32_t root = kiln_sets_root(w->cluster, r);
         w->order[r] = largest[root] == r ? 0 : ++next[root];
     }
+end:
     kiln_free(&largest);
     kiln_free(&next);
     return status;
@@ -164,11 +165,11 @@ static int arrange_regions(struct walls *w, struct kiln_error *error)
 {
     const char *what = "regions of a lightmap";
     const size_t texels = (size_t)w->width * w->height;
-    int status = kiln_allocate(&w->size, w->count, sizeof *w->size, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->cluster, w->count, sizeof *w->cluster, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&w->order, w->count, sizeof *w->order, what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&w->size, w->count, sizeof *w->size, what, error));
+    KILN_TRY(kiln_allocate(&w->cluster, w->count, sizeof *w->cluster, what, error));
+    KILN_TRY(kiln_allocate(&w->order, w->count, sizeof *w->order, what, error));
+end:
     if (status != KILN_OK)
         return status;
     for (size_t i = 0; i < texels; i++)
@@ -253,13 +254,12 @@ static bool has_divided(const struct kiln_map_work *work)
 
 static int part_regions(struct walls *w, struct kiln_error *error)
 {
-    int status = kiln_map_allocate(w->work->map, &w->region, sizeof *w->region, "regions of a lightmap", error);
-    if (status == KILN_OK)
-        status = kiln_map_allocate(w->work->map, &w->claim, sizeof *w->claim, "regions of a lightmap", error);
-    if (status == KILN_OK)
-        status = find_regions(w, error);
-    if (status == KILN_OK)
-        status = arrange_regions(w, error);
+    int status;
+    KILN_TRY(kiln_map_allocate(w->work->map, &w->region, sizeof *w->region, "regions of a lightmap", error));
+    KILN_TRY(kiln_map_allocate(w->work->map, &w->claim, sizeof *w->claim, "regions of a lightmap", error));
+    KILN_TRY(find_regions(w, error));
+    KILN_TRY(arrange_regions(w, error));
+end:
     if (status == KILN_OK) {
         lift_positions(w);
         hide_all_rims(w);

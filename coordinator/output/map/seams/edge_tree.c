@@ -110,19 +110,19 @@ static int sort_edges(struct kiln_edge_tree *t, struct kiln_error *error)
 {
     struct key *keys = NULL;
     struct kiln_box all = kiln_box_empty();
-    int status = kiln_allocate(&keys, t->count, sizeof *keys, "the order of edges", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->order, t->count, sizeof *t->order, "the order of edges", error);
-    for (size_t i = 0; status == KILN_OK && i < t->count; i++) {
+    int status;
+    KILN_TRY(kiln_allocate(&keys, t->count, sizeof *keys, "the order of edges", error));
+    KILN_TRY(kiln_allocate(&t->order, t->count, sizeof *t->order, "the order of edges", error));
+    for (size_t i = 0; i < t->count; i++) {
         const struct kiln_box box = box_of(&t->edges[i]);
         kiln_box_join(&all, &box);
     }
-    for (size_t i = 0; status == KILN_OK && i < t->count; i++)
+    for (size_t i = 0; i < t->count; i++)
         keys[i] = (struct key){code_of(&t->edges[i], &all), (uint32_t)i};
-    if (status == KILN_OK)
-        qsort(keys, t->count, sizeof *keys, compare_keys);
-    for (size_t i = 0; status == KILN_OK && i < t->count; i++)
+    qsort(keys, t->count, sizeof *keys, compare_keys);
+    for (size_t i = 0; i < t->count; i++)
         t->order[i] = keys[i].edge;
+end:
     kiln_free(&keys);
     return status;
 }

@@ -121,11 +121,11 @@ static int home_of(const struct kiln_joined *j, uint32_t map, uint32_t texel)
 static int index_joints(struct kiln_joined *j, struct kiln_error *error)
 {
     const struct kiln_joints *joints = j->params.joints;
-    int status = kiln_allocate(&j->first, joints->map_count + 1, sizeof *j->first, "joints of objects", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&j->joints_of, 2 * joints->count, sizeof *j->joints_of, "joints of objects", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&j->wide, joints->map_count, 1, "joints of objects", error);
+    int status;
+    KILN_TRY(kiln_allocate(&j->first, joints->map_count + 1, sizeof *j->first, "joints of objects", error));
+    KILN_TRY(kiln_allocate(&j->joints_of, 2 * joints->count, sizeof *j->joints_of, "joints of objects", error));
+    KILN_TRY(kiln_allocate(&j->wide, joints->map_count, 1, "joints of objects", error));
+end:
     if (status != KILN_OK)
         return status;
     for (size_t m = 0; m < joints->map_count; m++)
@@ -305,10 +305,12 @@ static int hand_over(struct kiln_joined *j, const struct part *p, struct kiln_er
 /* Brings the row below a band, which samples read, with values in its margin. */
 static int bring_row(struct kiln_map *map, const uint32_t *nearest, struct kiln_error *error)
 {
-    int status = kiln_map_dilate(map, nearest, NULL, error);
-    if (status == KILN_OK)
-        status = kiln_bands_halo(map, KILN_BANDS_PLANES, 1, error);
-    return status == KILN_OK ? kiln_bands_halo_of(map, map->area, sizeof *map->area, 1, error) : status;
+    int status;
+    KILN_TRY(kiln_map_dilate(map, nearest, NULL, error));
+    KILN_TRY(kiln_bands_halo(map, KILN_BANDS_PLANES, 1, error));
+    KILN_TRY(kiln_bands_halo_of(map, map->area, sizeof *map->area, 1, error));
+end:
+    return status;
 }
 
 int kiln_joined_add(struct kiln_joined *j, uint32_t number, struct kiln_map *map, const struct kiln_chart_graph *graph,
@@ -665,22 +667,17 @@ static int make_system(const struct kiln_joined *j, const struct group *g, struc
     const size_t unknowns = g->end[TEXELS] - g->first[TEXELS], halves = g->end[HALF_SAMPLES] - g->first[HALF_SAMPLES];
     uint8_t *used = NULL;
     uint32_t *numbers = NULL;
-    int status = kiln_seam_system_create(&s->system, unknowns, halves / 2, j->plane_count, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->maps, unknowns, sizeof *s->maps, "joined seams", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->texels, unknowns, sizeof *s->texels, "joined seams", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&used, unknowns, 1, "joined seams", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&numbers, unknowns, sizeof *numbers, "joined seams", error);
-    if (status == KILN_OK) {
-        take_texels(j, g, s);
-        s->system->sample_count = 0;
-        status = add_samples(j, g, s, used, error);
-    }
-    if (status == KILN_OK)
-        leave_out_unused(s, used, numbers);
+    int status;
+    KILN_TRY(kiln_seam_system_create(&s->system, unknowns, halves / 2, j->plane_count, error));
+    KILN_TRY(kiln_allocate(&s->maps, unknowns, sizeof *s->maps, "joined seams", error));
+    KILN_TRY(kiln_allocate(&s->texels, unknowns, sizeof *s->texels, "joined seams", error));
+    KILN_TRY(kiln_allocate(&used, unknowns, 1, "joined seams", error));
+    KILN_TRY(kiln_allocate(&numbers, unknowns, sizeof *numbers, "joined seams", error));
+    take_texels(j, g, s);
+    s->system->sample_count = 0;
+    KILN_TRY(add_samples(j, g, s, used, error));
+    leave_out_unused(s, used, numbers);
+end:
     kiln_free(&used);
     kiln_free(&numbers);
     return status;
@@ -729,21 +726,18 @@ static int solve_group(struct kiln_joined *j, const struct group *g, struct reco
     struct solved s = {.group = g->number};
     if (is_wide(j, g->number))
         s.part = ((uint32_t)j->rank + ranks - g->number % ranks) % ranks;
-    int status = make_system(j, g, &s, error);
-    if (status == KILN_OK) {
-        report_differences(j, &s, false);
-        if (is_to_solve(j, s.system))
-            status = kiln_seam_system_solve(s.system, s.part, parts, error);
+    int status;
+    KILN_TRY(make_system(j, g, &s, error));
+    report_differences(j, &s, false);
+    if (is_to_solve(j, s.system))
+        KILN_TRY(kiln_seam_system_solve(s.system, s.part, parts, error));
+    KILN_TRY(add_solution(j, &s, out, error));
+    if (is_wide(j, g->number) && s.part == 0) {
+        KILN_TRY(kiln_grow(&j->solved, &j->solved_capacity, j->solved_count + 1, sizeof s, "joined seams", error));
+        j->solved[j->solved_count++] = s;
+        return KILN_OK;
     }
-    if (status == KILN_OK)
-        status = add_solution(j, &s, out, error);
-    if (status == KILN_OK && is_wide(j, g->number) && s.part == 0) {
-        status = kiln_grow(&j->solved, &j->solved_capacity, j->solved_count + 1, sizeof s, "joined seams", error);
-        if (status == KILN_OK) {
-            j->solved[j->solved_count++] = s;
-            return KILN_OK;
-        }
-    }
+end:
     drop_solved(&s);
     return status;
 }

@@ -174,7 +174,7 @@ static int find_ends(const struct search *s, struct kiln_error *error)
 {
     uint8_t *wanted = NULL;
     int status = kiln_allocate(&wanted, s->scene->mesh_count, 1, "where meshes end", error);
-    const size_t count = status == KILN_OK ? s->scene->mesh_count : 0;
+    const uint32_t count = status == KILN_OK ? (uint32_t)s->scene->mesh_count : 0;
     for (uint32_t map = 0; status == KILN_OK && map < s->surface->map_count; map++)
         if (may_touch(s, map))
             wanted[s->scene->objects[kiln_map_object(s->surface, map)].mesh] = 1;
@@ -379,11 +379,11 @@ static int make_joints(const struct search *s, struct kiln_joints *joints, struc
     uint32_t *sets = NULL;
     joints->map_count = s->surface->map_count;
     joints->count = s->found_count;
-    int status = kiln_allocate(&joints->joints, s->found_count, sizeof *joints->joints, "joints of objects", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&joints->group, joints->map_count, sizeof *joints->group, "joints of objects", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&sets, joints->map_count, sizeof *sets, "joints of objects", error);
+    int status;
+    KILN_TRY(kiln_allocate(&joints->joints, s->found_count, sizeof *joints->joints, "joints of objects", error));
+    KILN_TRY(kiln_allocate(&joints->group, joints->map_count, sizeof *joints->group, "joints of objects", error));
+    KILN_TRY(kiln_allocate(&sets, joints->map_count, sizeof *sets, "joints of objects", error));
+end:
     if (status != KILN_OK)
         return status;
     kiln_sets_begin(sets, joints->map_count);
@@ -419,23 +419,18 @@ int kiln_joints_find(struct kiln_joints **joints, const struct kiln_scene *scene
                      double extent, struct kiln_error *error)
 {
     struct search s = {.scene = scene, .surface = surface, .extent = extent};
-    int status = kiln_allocate(joints, 1, sizeof **joints, "joints of objects", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s.boxes, surface->object_count, sizeof *s.boxes, "the boxes of objects", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s.clips, surface->object_count, sizeof *s.clips, "the boxes of objects", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s.ends, scene->mesh_count, sizeof *s.ends, "where meshes end", error);
-    if (status == KILN_OK) {
-        find_boxes(&s);
-        status = find_clips(&s, error);
-    }
-    if (status == KILN_OK)
-        status = collect_edges(&s, error);
-    if (status == KILN_OK && s.edge_count > 0)
-        status = find_pairs(&s, error);
-    if (status == KILN_OK)
-        status = make_joints(&s, *joints, error);
+    int status;
+    KILN_TRY(kiln_allocate(joints, 1, sizeof **joints, "joints of objects", error));
+    KILN_TRY(kiln_allocate(&s.boxes, surface->object_count, sizeof *s.boxes, "the boxes of objects", error));
+    KILN_TRY(kiln_allocate(&s.clips, surface->object_count, sizeof *s.clips, "the boxes of objects", error));
+    KILN_TRY(kiln_allocate(&s.ends, scene->mesh_count, sizeof *s.ends, "where meshes end", error));
+    find_boxes(&s);
+    KILN_TRY(find_clips(&s, error));
+    KILN_TRY(collect_edges(&s, error));
+    if (s.edge_count > 0)
+        KILN_TRY(find_pairs(&s, error));
+    KILN_TRY(make_joints(&s, *joints, error));
+end:
     end_search(&s);
     if (status != KILN_OK)
         kiln_joints_destroy(joints);

@@ -60,20 +60,18 @@ struct solver {
 int kiln_seam_system_create(struct kiln_seam_system **system, size_t unknown_count, size_t sample_count,
                             uint32_t plane_count, struct kiln_error *error)
 {
-    int status = kiln_allocate(system, 1, sizeof **system, "a seam's system", error);
-    if (status != KILN_OK)
-        return status;
+    int status;
+    KILN_TRY(kiln_allocate(system, 1, sizeof **system, "a seam's system", error));
     struct kiln_seam_system *s = *system;
     s->unknown_count = unknown_count;
     s->sample_count = sample_count;
     s->plane_count = plane_count;
-    status = kiln_allocate(&s->samples, sample_count, sizeof *s->samples, "seam samples", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->area, unknown_count, sizeof(float), "a seam's texels", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&s->planes, plane_count, sizeof *s->planes, "a seam's planes", error);
-    for (uint32_t p = 0; status == KILN_OK && p < plane_count; p++)
-        status = kiln_allocate(&s->planes[p], unknown_count, sizeof(float), "a seam's texels", error);
+    KILN_TRY(kiln_allocate(&s->samples, sample_count, sizeof *s->samples, "seam samples", error));
+    KILN_TRY(kiln_allocate(&s->area, unknown_count, sizeof(float), "a seam's texels", error));
+    KILN_TRY(kiln_allocate(&s->planes, plane_count, sizeof *s->planes, "a seam's planes", error));
+    for (uint32_t p = 0; p < plane_count; p++)
+        KILN_TRY(kiln_allocate(&s->planes[p], unknown_count, sizeof(float), "a seam's texels", error));
+end:
     return status;
 }
 
@@ -208,15 +206,12 @@ static int list_parts(struct parts *p, const struct kiln_seam_system *s, struct 
     if (status != KILN_OK)
         return status;
     number_parts(p, s);
-    status = kiln_allocate_bare(&p->unknowns, s->unknown_count, sizeof *p->unknowns, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&p->samples, s->sample_count, sizeof *p->samples, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&p->first, p->count + 1, sizeof *p->first, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&p->first_sample, p->count + 1, sizeof *p->first_sample, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&p->order, p->count, sizeof *p->order, what, error);
+    KILN_TRY(kiln_allocate_bare(&p->unknowns, s->unknown_count, sizeof *p->unknowns, what, error));
+    KILN_TRY(kiln_allocate_bare(&p->samples, s->sample_count, sizeof *p->samples, what, error));
+    KILN_TRY(kiln_allocate(&p->first, p->count + 1, sizeof *p->first, what, error));
+    KILN_TRY(kiln_allocate(&p->first_sample, p->count + 1, sizeof *p->first_sample, what, error));
+    KILN_TRY(kiln_allocate_bare(&p->order, p->count, sizeof *p->order, what, error));
+end:
     if (status != KILN_OK)
         return status;
     list_by_parts(p->first, p->count, p->unknowns, p->part_of, s->unknown_count);
@@ -263,11 +258,11 @@ static int order_unknowns(struct solver *v, const uint32_t *unknowns, const uint
 {
     const char *what = "a seam's system";
     uint32_t *cliques = NULL;
-    int status = kiln_allocate_bare(&v->unknowns, v->unknown_count, sizeof *v->unknowns, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&v->samples, v->sample_count, sizeof *v->samples, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&cliques, v->sample_count * ENTRIES, sizeof *cliques, what, error);
+    int status;
+    KILN_TRY(kiln_allocate_bare(&v->unknowns, v->unknown_count, sizeof *v->unknowns, what, error));
+    KILN_TRY(kiln_allocate_bare(&v->samples, v->sample_count, sizeof *v->samples, what, error));
+    KILN_TRY(kiln_allocate_bare(&cliques, v->sample_count * ENTRIES, sizeof *cliques, what, error));
+end:
     if (status != KILN_OK)
         return status;
     for (size_t i = 0; i < v->unknown_count; i++)
@@ -440,21 +435,17 @@ static int allocate_lanes(struct solver *v, struct kiln_error *error)
     const char *what = "a seam's system";
     const size_t count = v->unknown_count * v->lanes;
     float **floats[] = {&v->baked, &v->low, &v->high};
-    int status = kiln_allocate(&v->row, v->sample_count * v->lanes, sizeof *v->row, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&v->change, count, sizeof *v->change, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&v->next, count, sizeof *v->next, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&v->held, count, sizeof *v->held, what, error);
-    for (size_t i = 0; status == KILN_OK && i < sizeof floats / sizeof *floats; i++)
-        status = kiln_allocate(floats[i], count, sizeof **floats[i], what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&v->pull, v->unknown_count, sizeof *v->pull, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&v->diagonal, v->unknown_count, sizeof *v->diagonal, what, error);
-    if (status == KILN_OK)
-        status = kiln_cholesky_create(&v->factor, &v->elimination, v->lanes, error);
+    int status;
+    KILN_TRY(kiln_allocate(&v->row, v->sample_count * v->lanes, sizeof *v->row, what, error));
+    KILN_TRY(kiln_allocate(&v->change, count, sizeof *v->change, what, error));
+    KILN_TRY(kiln_allocate(&v->next, count, sizeof *v->next, what, error));
+    KILN_TRY(kiln_allocate(&v->held, count, sizeof *v->held, what, error));
+    for (size_t i = 0; i < sizeof floats / sizeof *floats; i++)
+        KILN_TRY(kiln_allocate(floats[i], count, sizeof **floats[i], what, error));
+    KILN_TRY(kiln_allocate_bare(&v->pull, v->unknown_count, sizeof *v->pull, what, error));
+    KILN_TRY(kiln_allocate_bare(&v->diagonal, v->unknown_count, sizeof *v->diagonal, what, error));
+    KILN_TRY(kiln_cholesky_create(&v->factor, &v->elimination, v->lanes, error));
+end:
     return status;
 }
 
@@ -506,19 +497,15 @@ static int solve_part(const struct kiln_seam_system *s, const struct parts *p, u
                        .sample_count = p->first_sample[part + 1] - first_sample};
     if (v.sample_count == 0)
         return KILN_OK;
-    int status = order_unknowns(&v, p->unknowns + first, p->samples + first_sample, number, error);
-    if (status == KILN_OK) {
-        v.lanes = lanes_for(planes->count, kiln_elimination_entries(&v.elimination));
-        status = allocate_lanes(&v, error);
-    }
-    if (status == KILN_OK)
-        status = list_readers(&v, error);
-    if (status == KILN_OK)
-        status = make_matrix(&v, error);
-    if (status == KILN_OK) {
-        weigh_unknowns(&v, mean);
-        solve_sets(&v, planes);
-    }
+    int status;
+    KILN_TRY(order_unknowns(&v, p->unknowns + first, p->samples + first_sample, number, error));
+    v.lanes = lanes_for(planes->count, kiln_elimination_entries(&v.elimination));
+    KILN_TRY(allocate_lanes(&v, error));
+    KILN_TRY(list_readers(&v, error));
+    KILN_TRY(make_matrix(&v, error));
+    weigh_unknowns(&v, mean);
+    solve_sets(&v, planes);
+end:
     free_solver(&v);
     return status;
 }

@@ -59,17 +59,14 @@ static int solve(struct kiln_map *map, uint32_t *nearest, const struct kiln_seam
     struct kiln_seam_system *system = NULL;
     uint32_t *numbers = NULL, *texels = NULL;
     size_t unknowns = 0;
-    int status = kiln_map_allocate(map, &numbers, sizeof *numbers, "a seam's texels", error);
-    if (status == KILN_OK)
-        status = list_texels(map, samples, count, numbers, &texels, &unknowns, error);
-    if (status == KILN_OK)
-        status = kiln_seam_system_create(&system, unknowns, count, kiln_map_smooth_planes(map->has), error);
-    if (status == KILN_OK) {
-        fill_system(system, map, samples, texels, numbers);
-        status = kiln_seam_system_solve(system, 0, 1, error);
-    }
-    if (status == KILN_OK)
-        take_values(system, map, nearest, texels);
+    int status;
+    KILN_TRY(kiln_map_allocate(map, &numbers, sizeof *numbers, "a seam's texels", error));
+    KILN_TRY(list_texels(map, samples, count, numbers, &texels, &unknowns, error));
+    KILN_TRY(kiln_seam_system_create(&system, unknowns, count, kiln_map_smooth_planes(map->has), error));
+    fill_system(system, map, samples, texels, numbers);
+    KILN_TRY(kiln_seam_system_solve(system, 0, 1, error));
+    take_values(system, map, nearest, texels);
+end:
     kiln_map_free(map, &numbers, sizeof *numbers);
     kiln_free(&texels);
     kiln_seam_system_destroy(&system);
@@ -125,18 +122,16 @@ static int apply_joined(struct kiln_map_work *work, struct kiln_seam_report *rep
     if (work->map->bands != NULL)
         return apply_band(work, report, error);
     *report = (struct kiln_seam_report){0};
-    int status = kiln_map_dilate(work->map, work->nearest, NULL, error);
-    if (status == KILN_OK)
-        status = kiln_seams_sample(work->map, work->graph, work->nearest, &samples, &count, error);
-    if (status == KILN_OK)
-        status = kiln_map_mean_luminance(work->map, &report->mean, error);
-    if (status == KILN_OK) {
-        const double unit = report->mean > 0.0 ? 1.0 / report->mean : 0.0;
-        report->samples = count;
-        report->difference_before = unit * kiln_seam_difference(work->map->planes, samples, count);
-        kiln_joined_apply(work->joined, work->object, work->map, work->nearest);
-        report->difference_after = unit * kiln_seam_difference(work->map->planes, samples, count);
-    }
+    int status;
+    KILN_TRY(kiln_map_dilate(work->map, work->nearest, NULL, error));
+    KILN_TRY(kiln_seams_sample(work->map, work->graph, work->nearest, &samples, &count, error));
+    KILN_TRY(kiln_map_mean_luminance(work->map, &report->mean, error));
+    const double unit = report->mean > 0.0 ? 1.0 / report->mean : 0.0;
+    report->samples = count;
+    report->difference_before = unit * kiln_seam_difference(work->map->planes, samples, count);
+    kiln_joined_apply(work->joined, work->object, work->map, work->nearest);
+    report->difference_after = unit * kiln_seam_difference(work->map->planes, samples, count);
+end:
     kiln_free(&samples);
     return status;
 }
@@ -209,12 +204,13 @@ static int run(struct kiln_map_work *work, struct kiln_error *error)
     const bool smooth = work->params->stitch;
     const size_t groups = kiln_group_fields_first(work->result->fields);
     float *before[LIGHT] = {NULL};
-    int status = smooth && groups < work->result->fields->count ? keep_light(work, before, error) : KILN_OK;
-    if (status == KILN_OK)
-        status = work->joined != NULL ? apply_joined(work, &seams, error)
-                                      : kiln_seams_smooth(work->map, work->graph, work->nearest, smooth, &seams, error);
-    if (status == KILN_OK && before[0] != NULL)
+    int status;
+    KILN_TRY(smooth && groups < work->result->fields->count ? keep_light(work, before, error) : KILN_OK);
+    KILN_TRY(work->joined != NULL ? apply_joined(work, &seams, error)
+                                  : kiln_seams_smooth(work->map, work->graph, work->nearest, smooth, &seams, error));
+    if (before[0] != NULL)
         smooth_groups(work, groups, before);
+end:
     for (int p = 0; p < LIGHT; p++)
         kiln_free(&before[p]);
     if (status == KILN_OK) {

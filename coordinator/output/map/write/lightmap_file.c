@@ -185,13 +185,12 @@ int kiln_writer_put_files(const struct kiln_writer *w, uint32_t object, struct k
         status = write_group_file(w, object, n, image, words, error);
     if (status != KILN_OK)
         return status;
-    status = view_channels(image, w->result->fields, 0, kiln_group_fields_first(w->result->fields), &kept, error);
-    for (int k = 0; k < 2 && status == KILN_OK; k++)
+    KILN_TRY(view_channels(image, w->result->fields, 0, kiln_group_fields_first(w->result->fields), &kept, error));
+    for (int k = 0; k < 2; k++)
         kept.channels[kept.channel_count++] = *kiln_image_find(image, k == 0 ? "coverage.Y" : "validity.Y");
-    if (status == KILN_OK) {
-        qsort(kept.channels, kept.channel_count, sizeof *kept.channels, compare_channels);
-        status = put_file(w, object, words->name, &kept, words, error);
-    }
+    qsort(kept.channels, kept.channel_count, sizeof *kept.channels, compare_channels);
+    KILN_TRY(put_file(w, object, words->name, &kept, words, error));
+end:
     kiln_free(&kept.channels);
     return status;
 }

@@ -57,15 +57,13 @@ static int write_rounds(struct kiln_writer *w, const struct kiln_assignment *ass
     struct kiln_assignment others = {0};
     if (joints->count == 0 || !w->params->stitch)
         return kiln_writer_walk_rounds(w, assignment, assignment, w->ghosts, kiln_writer_write, error);
-    int status = may_keep(w, assignment, joints, &w->keeps, error);
-    if (status == KILN_OK)
-        status = kiln_writer_join(w, assignment, joints, error);
-    if (status == KILN_OK)
-        status =
-            kiln_agree(w->result->communicator, kiln_writer_choose(&others, assignment, joints, false, error), error);
-    if (status == KILN_OK)
-        status = kiln_writer_walk_rounds(w, assignment, w->keeps ? &others : assignment, w->keeps ? NULL : w->ghosts,
-                                         kiln_writer_write, error);
+    int status;
+    KILN_TRY(may_keep(w, assignment, joints, &w->keeps, error));
+    KILN_TRY(kiln_writer_join(w, assignment, joints, error));
+    KILN_TRY(kiln_agree(w->result->communicator, kiln_writer_choose(&others, assignment, joints, false, error), error));
+    KILN_TRY(kiln_writer_walk_rounds(w, assignment, w->keeps ? &others : assignment, w->keeps ? NULL : w->ghosts,
+                                     kiln_writer_write, error));
+end:
     kiln_free(&others.owner);
     return status;
 }

@@ -44,13 +44,12 @@ int kiln_writer_solve_alone(const struct kiln_writer *w, const struct kiln_assig
                                               .planes = &w->layers.planes,
                                               .measure = !w->params->stitch};
     struct kiln_joined *alone = NULL;
-    int status = kiln_writer_begin(w, object, error);
-    if (status == KILN_OK)
-        status = kiln_agree(w->result->communicator, kiln_joined_create(&alone, &params, error), error);
-    if (status == KILN_OK)
-        status = kiln_joined_add(alone, object, work->map, work->graph, work->nearest, error);
-    if (status == KILN_OK)
-        status = kiln_joined_solve(alone, error);
+    int status;
+    KILN_TRY(kiln_writer_begin(w, object, error));
+    KILN_TRY(kiln_agree(w->result->communicator, kiln_joined_create(&alone, &params, error), error));
+    KILN_TRY(kiln_joined_add(alone, object, work->map, work->graph, work->nearest, error));
+    KILN_TRY(kiln_joined_solve(alone, error));
+end:
     work->joined = alone;
     if (status == KILN_OK)
         status = kiln_map_stages_run(kiln_map_stages, work, error);

@@ -28,12 +28,14 @@ static int add_stage(const struct kiln_map_stage *stage, struct kiln_layers *lay
     for (size_t f = 0; status == KILN_OK && f < KILN_MAP_STAGE_FIELDS && stage->fields[f] != NULL; f++)
         status = kiln_layers_add_field(layers, fields, stage->fields[f], &planes[f], error);
     planes[KILN_MAP_IF_ANY] = KILN_MAP_PLANES_MAX;
-    if (status == KILN_OK && stage->if_any != NULL && kiln_field_set_find(fields, stage->if_any) < fields->count)
-        status = kiln_layers_add_field(layers, fields, stage->if_any, &planes[KILN_MAP_IF_ANY], error);
-    if (status == KILN_OK && (stage->features & KILN_MAP_POSITION) != 0)
-        status = kiln_layers_add_vector(layers, &layers->position, error);
-    if (status == KILN_OK && (stage->features & KILN_MAP_NORMAL) != 0)
-        status = kiln_layers_add_vector(layers, &layers->normal, error);
+    KILN_TRY(status);
+    if (stage->if_any != NULL && kiln_field_set_find(fields, stage->if_any) < fields->count)
+        KILN_TRY(kiln_layers_add_field(layers, fields, stage->if_any, &planes[KILN_MAP_IF_ANY], error));
+    if ((stage->features & KILN_MAP_POSITION) != 0)
+        KILN_TRY(kiln_layers_add_vector(layers, &layers->position, error));
+    if ((stage->features & KILN_MAP_NORMAL) != 0)
+        KILN_TRY(kiln_layers_add_vector(layers, &layers->normal, error));
+end:
     return status;
 }
 

@@ -111,16 +111,16 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
 {
     const size_t ranks = (size_t)e->ranks;
     int **counts[] = {&e->out_counts, &e->out_starts, &e->in_counts, &e->in_starts};
-    int status = kiln_allocate(&e->bucket_first, (size_t)e->assignment->rounds * ranks + 1, sizeof(uint64_t),
-                               "the exchange of points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->cursor, ranks, sizeof(uint64_t), "the exchange of points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&e->out, e->limit * ranks, e->record, "points to send", error);
-    if (status == KILN_OK) /* a tile run has a point at least */
-        status = kiln_allocate_bare(&e->places, e->limit * ranks, sizeof *e->places, "points to send", error);
-    for (size_t i = 0; status == KILN_OK && i < sizeof counts / sizeof *counts; i++)
-        status = kiln_allocate(counts[i], ranks, sizeof(int), "the exchange of points", error);
+    int status;
+    KILN_TRY(kiln_allocate(&e->bucket_first, (size_t)e->assignment->rounds * ranks + 1, sizeof(uint64_t),
+                           "the exchange of points", error));
+    KILN_TRY(kiln_allocate(&e->cursor, ranks, sizeof(uint64_t), "the exchange of points", error));
+    KILN_TRY(kiln_allocate_bare(&e->out, e->limit * ranks, e->record, "points to send", error));
+    /* a tile run has a point at least */
+    KILN_TRY(kiln_allocate_bare(&e->places, e->limit * ranks, sizeof *e->places, "points to send", error));
+    for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
+        KILN_TRY(kiln_allocate(counts[i], ranks, sizeof(int), "the exchange of points", error));
+end:
     return status;
 }
 

@@ -101,15 +101,15 @@ static int write_round(struct kiln_writer *w, const uint32_t *own, size_t count,
     enum { AT_ONCE = 1024 };
     int status = KILN_OK;
     if (count > 1)
-        status = run_long(w, own, count, error);
-    if (status == KILN_OK && count > 0)
-        status = kiln_publish_batch_create(&w->batch, error);
-    for (size_t first = 0; status == KILN_OK && first < count; first += AT_ONCE) {
+        KILN_TRY(run_long(w, own, count, error));
+    if (count > 0)
+        KILN_TRY(kiln_publish_batch_create(&w->batch, error));
+    for (size_t first = 0; first < count; first += AT_ONCE) {
         const size_t some = count - first < AT_ONCE ? count - first : AT_ONCE;
-        status = kiln_writer_run_some(w, own + first, some, write_object, error);
-        if (status == KILN_OK)
-            status = kiln_publish_batch_finish(w->batch, error);
+        KILN_TRY(kiln_writer_run_some(w, own + first, some, write_object, error));
+        KILN_TRY(kiln_publish_batch_finish(w->batch, error));
     }
+end:
     kiln_publish_batch_destroy(&w->batch);
     return status;
 }
@@ -136,12 +136,12 @@ static int write_bands(const struct kiln_writer *w, const struct kiln_assignment
     struct kiln_map_work *work = &w->works[object];
     struct kiln_image *image = NULL;
     struct kiln_file_words words;
-    int status = kiln_agree(comm, kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : KILN_OK, error);
-    if (status == KILN_OK)
-        status = work->joined != NULL ? kiln_writer_complete(w, object, error)
-                                      : kiln_writer_solve_alone(w, assignment, object, error);
-    if (status == KILN_OK)
-        status = kiln_agree(comm, kiln_writer_image(w, work->map, &image, error), error);
+    int status;
+    KILN_TRY(kiln_agree(comm, kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : KILN_OK, error));
+    KILN_TRY(work->joined != NULL ? kiln_writer_complete(w, object, error)
+                                  : kiln_writer_solve_alone(w, assignment, object, error));
+    KILN_TRY(kiln_agree(comm, kiln_writer_image(w, work->map, &image, error), error));
+end:
     kiln_writer_drop(w, object);
     if (status == KILN_OK)
         status = kiln_agree(comm, kiln_writer_describe(w, object, image, &words, error), error);

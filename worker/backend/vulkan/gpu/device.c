@@ -181,38 +181,29 @@ static int create_once(struct gpu **gpu, const struct gpu_choice *choice, struct
 {
     double bits = 0.0;
     *gpu = NULL;
-    int status = kiln_allocate(gpu, 1, sizeof **gpu, "a device", error);
-    if (status != KILN_OK)
-        return status;
+    int status;
+    KILN_TRY(kiln_allocate(gpu, 1, sizeof **gpu, "a device", error));
     struct gpu *g = *gpu;
     g->faults = choice->faults;
     g->memory_limit = choice->memory_limit;
     g->kernels = choice->kernels;
     g->threads = choice->threads;
     g->slice_seconds = choice->slice_seconds > 0.0 ? choice->slice_seconds : 0.1;
-    status = gpu_instance_create(g, choice->validation, &g->instance, error);
-    if (status == KILN_OK)
-        status = choose(g, choice, error);
-    if (status == KILN_OK)
-        status = gpu_guard_create(g, error);
-    if (status != KILN_OK)
-        return status;
+    KILN_TRY(gpu_instance_create(g, choice->validation, &g->instance, error));
+    KILN_TRY(choose(g, choice, error));
+    KILN_TRY(gpu_guard_create(g, error));
     choose_queue(g, &bits);
     learn_properties(g);
     gpu_kept_identify(g);
     if (bits == 0.0) /* the queue has no clock */
         g->limits.timestampPeriod = 0.0f;
-    status = create_device(g, error);
-    if (status == KILN_OK)
-        status = gpu_layouts_create(g, error);
-    if (status == KILN_OK)
-        gpu_times_create(g);
-    if (status == KILN_OK)
-        status = gpu_slots_create(g, error);
-    if (status == KILN_OK)
-        status = gpu_guard_start(g, error);
-    if (status == KILN_OK)
-        status = gpu_staging_create(g, error);
+    KILN_TRY(create_device(g, error));
+    KILN_TRY(gpu_layouts_create(g, error));
+    gpu_times_create(g);
+    KILN_TRY(gpu_slots_create(g, error));
+    KILN_TRY(gpu_guard_start(g, error));
+    KILN_TRY(gpu_staging_create(g, error));
+end:
     return status;
 }
 

@@ -151,11 +151,12 @@ int gpu_list(struct kiln_device *list, size_t room, size_t *count, struct kiln_e
     VkInstance instance = VK_NULL_HANDLE;
     struct gpu_found *found = NULL;
     *count = 0;
-    int status = gpu_instance_create(NULL, false, &instance, error);
-    if (status == KILN_OK)
-        status = gpu_find(instance, &found, count, error);
-    for (size_t i = 0; status == KILN_OK && i < *count && i < room; i++)
+    int status;
+    KILN_TRY(gpu_instance_create(NULL, false, &instance, error));
+    KILN_TRY(gpu_find(instance, &found, count, error));
+    for (size_t i = 0; i < *count && i < room; i++)
         list[i] = found[i].about;
+end:
     kiln_free(&found);
     if (instance != VK_NULL_HANDLE)
         vkDestroyInstance(instance, NULL);

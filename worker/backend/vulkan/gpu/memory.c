@@ -163,18 +163,17 @@ int gpu_buffer_create(struct gpu *gpu, struct gpu_buffer *buffer, size_t size, e
     *buffer = (struct gpu_buffer){.size = size};
     if (size == 0)
         return KILN_OK;
-    int status = kiln_allocate(&buffer->memory, 1, sizeof *buffer->memory, what, error);
-    if (status == KILN_OK)
-        /* before a driver is asked for the absurd */
-        status = check_room(gpu, memory == GPU_DEVICE ? size : 0, what, error);
-    if (status == KILN_OK)
-        status = create_vk_buffer(gpu, buffer, what, error);
-    if (status == KILN_OK)
-        status = allocate_memory(gpu, buffer, memory, what, error);
-    if (status == KILN_OK && gpu->guard != NULL)
-        status = gpu_guard_take(gpu, buffer->memory->memory, size, what, &buffer->memory->guarded, error);
-    if (status == KILN_OK)
-        status = bind_memory(gpu, buffer, memory, what, error);
+    int status;
+    KILN_TRY(kiln_allocate(&buffer->memory, 1, sizeof *buffer->memory, what, error));
+
+    /* before a driver is asked for the absurd */
+    KILN_TRY(check_room(gpu, memory == GPU_DEVICE ? size : 0, what, error));
+    KILN_TRY(create_vk_buffer(gpu, buffer, what, error));
+    KILN_TRY(allocate_memory(gpu, buffer, memory, what, error));
+    if (gpu->guard != NULL)
+        KILN_TRY(gpu_guard_take(gpu, buffer->memory->memory, size, what, &buffer->memory->guarded, error));
+    KILN_TRY(bind_memory(gpu, buffer, memory, what, error));
+end:
     if (status == KILN_OK)
         gpu->short_of_memory = false;
     else

@@ -353,12 +353,13 @@ int gpu_run(struct gpu *gpu, const struct gpu_step *steps, size_t count, double 
 int gpu_run_commands(struct gpu *gpu, gpu_record record, void *context, double *seconds, struct kiln_error *error)
 {
     const uint32_t slot = free_slot(gpu);
-    int status = gpu_slot_begin(gpu, &gpu->slots[slot], error);
-    if (status != KILN_OK)
-        return status;
+    int status;
+    KILN_TRY(gpu_slot_begin(gpu, &gpu->slots[slot], error));
     record(gpu->slots[slot].kernels.buffer, context);
-    status = gpu_slot_end(gpu, &gpu->slots[slot], error);
-    return status == KILN_OK ? gpu_wait(gpu, slot, seconds, error) : status;
+    KILN_TRY(gpu_slot_end(gpu, &gpu->slots[slot], error));
+    KILN_TRY(gpu_wait(gpu, slot, seconds, error));
+end:
+    return status;
 }
 
 void gpu_clock_read(const struct gpu *gpu, struct gpu_clock *clock)
