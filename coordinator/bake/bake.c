@@ -22,7 +22,7 @@ static int run_phases(struct kiln_bake *b, struct kiln_error *error)
 {
     int status;
     KILN_TRY(kiln_bake_prepare(b, error));
-    if (b->job->states != NULL || b->job->listen)
+    if (b->job->relighting.states != NULL || b->job->relighting.listen)
         return kiln_bake_states(b, error);
     KILN_TRY(kiln_bake_light(b, error));
     KILN_TRY(kiln_bake_volume(b, error));
@@ -46,10 +46,10 @@ static int save_early(struct kiln_bake *b, struct kiln_error *error)
         return KILN_STOPPED;
     kiln_control_why(b->control);
     if (!b->light_done)
-        return b->job->listen || b->job->states != NULL
+        return b->job->relighting.listen || b->job->relighting.states != NULL
                    ? kiln_stopped_between(b->control, error)
-                   : kiln_stopped_early(b->control, b->job->resume ? kiln_checkpoint_generation(b->checkpoint) : 0,
-                                        error);
+                   : kiln_stopped_early(
+                         b->control, b->job->checkpoints.resume ? kiln_checkpoint_generation(b->checkpoint) : 0, error);
     return kiln_bake_save(b, error);
 }
 
@@ -88,7 +88,7 @@ static int write_trace(struct kiln_bake *b, int status, struct kiln_error *error
     if (b->trace == NULL)
         return status;
     struct kiln_error own;
-    const int written = kiln_trace_write(b->trace, b->job->trace, &own);
+    const int written = kiln_trace_write(b->trace, b->job->ranks.trace, &own);
     kiln_trace_destroy(&b->trace);
     b->phases.trace = NULL;
     if (status == KILN_OK && written != KILN_OK)
@@ -105,9 +105,9 @@ static int begin(struct kiln_bake *b, struct kiln_error *error)
     b->progress =
         b->rank == 0 && job->quiet ? kiln_progress_create_silent() : kiln_progress_create(job->quiet, b->rank);
     kiln_phase(&b->phases, NULL);
-    int status = kiln_watchdog_create(&b->watchdog, b->communicator, job->watchdog,
+    int status = kiln_watchdog_create(&b->watchdog, b->communicator, job->checkpoints.watchdog,
                                       kiln_faults_halt(&job->faults, (uint32_t)b->rank), error);
-    if (status == KILN_OK && job->trace != NULL)
+    if (status == KILN_OK && job->ranks.trace != NULL)
         status = kiln_trace_create(&b->trace, b->communicator, error);
     b->phases.watchdog = b->watchdog;
     b->phases.trace = b->trace;

@@ -14,11 +14,11 @@
 
 struct kiln_bake;
 
-/* Collective over `communicator`. Bakes job->scene into the folder job->output. Every rank passes the same job, which
- * must outlive the bake. Returns the same status on all ranks: KILN_OK when all files are written; KILN_STOPPED when a
- * signal, --max-time or `kiln stop` has ended the bake, with a checkpoint of all that was computed. The exit codes of
- * other failures are in worker/base/status.h. Whatever the status, end with kiln_bake_end; *bake is NULL if memory was
- * short. */
+/* Collective over `communicator`. Bakes job->scene.file into the folder job->output. Every rank passes the same job,
+ * which must outlive the bake. Returns the same status on all ranks: KILN_OK when all files are written; KILN_STOPPED
+ * when a signal, --max-time or `kiln stop` has ended the bake, with a checkpoint of all that was computed. The exit
+ * codes of other failures are in worker/base/status.h. Whatever the status, end with kiln_bake_end; *bake is NULL if
+ * memory was short. */
 int kiln_bake_run(struct kiln_bake **bake, MPI_Comm communicator, const struct kiln_job *job, struct kiln_error *error);
 
 /* The content of run.json on rank 0, NULL elsewhere. Borrowed. Only after KILN_OK. */

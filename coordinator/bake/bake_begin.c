@@ -25,10 +25,10 @@ int kiln_bake_take_charge(struct kiln_bake *b, struct kiln_error *error)
     const struct kiln_control_params params = {.communicator = b->communicator,
                                                .directory = b->job->output,
                                                .begin = b->begin,
-                                               .max_time = b->job->max_time,
-                                               .checkpoint_every = b->job->checkpoint_every,
+                                               .max_time = b->job->checkpoints.max_time,
+                                               .checkpoint_every = b->job->checkpoints.every,
                                                .watchdog = b->watchdog,
-                                               .limit = b->job->watchdog,
+                                               .limit = b->job->checkpoints.watchdog,
                                                .no_locks = b->job->faults.no_locks,
                                                .halt = kiln_faults_halt(&b->job->faults, (uint32_t)b->rank),
                                                .signal = kiln_process_signal()};
@@ -40,12 +40,13 @@ int kiln_bake_take_charge(struct kiln_bake *b, struct kiln_error *error)
         return status;
     if (b->rank == 0)
         kiln_bake_keep_scene(b);
-    const char *local = b->job->checkpoint_local;
+    const char *local = b->job->checkpoints.local;
     kiln_control_follow(b->control, b->progress);
-    if (local != NULL && b->job->resume)
+    if (local != NULL && b->job->checkpoints.resume)
         status = kiln_checkpoint_bring_home(b->communicator, b->job->output, local, error);
     if (status == KILN_OK)
-        status = kiln_checkpoint_open(&b->checkpoint, b->communicator, b->job->output, b->job->resume, error);
+        status =
+            kiln_checkpoint_open(&b->checkpoint, b->communicator, b->job->output, b->job->checkpoints.resume, error);
     if (status == KILN_OK && local != NULL)
         status = kiln_checkpoint_write_locally(b->checkpoint, local, error);
     return status;
@@ -54,10 +55,10 @@ int kiln_bake_take_charge(struct kiln_bake *b, struct kiln_error *error)
 /* Rank 0. Checks that each lightmap can be written. */
 static int check_lightmaps(const struct kiln_bake *b, const struct kiln_prepared *p, struct kiln_error *error)
 {
-    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0,
+    const struct kiln_manifest_parts parts = {.volume = b->job->volume.samples != 0,
                                               .preview = b->job->preview,
-                                              .scene = b->job->export,
-                                              .groups = b->job->group_count};
+                                              .scene = b->job->write_scene,
+                                              .groups = b->job->scene.group_count};
     return kiln_manifest_look(b->job->output, p->scene, p->surface, &parts, error);
 }
 
@@ -78,7 +79,7 @@ static int compare_with_checkpoint(struct kiln_bake *b, const struct kiln_prepar
     int status = kiln_agree(
         b->communicator,
         b->identity != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the bake's identity"), error);
-    if (status == KILN_OK && !b->job->resume)
+    if (status == KILN_OK && !b->job->checkpoints.resume)
         kiln_checkpoint_remove(b->checkpoint);
     if (status != KILN_OK || kiln_checkpoint_generation(b->checkpoint) == 0)
         return status;
@@ -95,7 +96,7 @@ static int compare_with_checkpoint(struct kiln_bake *b, const struct kiln_prepar
                   kiln_duration_text((double)time(NULL) - written, age, sizeof age));
     if (note[0] != '\0')
         kiln_print(stderr, "kiln: note: %s\n", note);
-    if (!b->same_probes && b->job->samples_probe != 0 && kiln_checkpoint_has(b->checkpoint, "probes"))
+    if (!b->same_probes && b->job->volume.samples != 0 && kiln_checkpoint_has(b->checkpoint, "probes"))
         (void)fprintf(stderr, "kiln: note: the checkpoint's probes are of other settings (--probe-spacing, "
                               "--volume-bounds, --samples-probe): they are gathered again, "
                               "the light on surfaces is not\n");
@@ -120,12 +121,12 @@ static int check_room(const struct kiln_bake *b, const struct kiln_prepared *p, 
     kiln_field_set_choose(&fields, b->job);
     /* of transport, what the last step keeps: how many come before it the light says */
     const uint64_t points = p->surface->point_count,
-                   rows =
-                       b->job->keep_transport == KILN_KEEP_ROWS
-                           ? kiln_transport_bytes(points, b->job->samples_indirect, kiln_transport_goes_on(b->job, p))
-                       : b->job->keep_transport == KILN_KEEP_LINKS
-                           ? kiln_link_file_bytes_expected(points, b->job->patches.link_error)
-                           : 0;
+                   rows = b->job->light.keep == KILN_KEEP_ROWS
+                              ? kiln_transport_bytes(points, b->job->light.samples_indirect,
+                                                     kiln_transport_goes_on(b->job, p))
+                          : b->job->light.keep == KILN_KEEP_LINKS
+                              ? kiln_link_file_bytes_expected(points, b->job->light.patches.link_error)
+                              : 0;
     return kiln_require_space(
         b->job->output,
         kiln_h5_space(p->scene, p->surface, &fields) + (probes > 0 ? kiln_volume_space(volume) : 0) + rows, error);
@@ -135,7 +136,7 @@ static int check_room(const struct kiln_bake *b, const struct kiln_prepared *p, 
 static void settle_materials(struct kiln_bake *b, const struct kiln_scene *scene)
 {
     if (b->job != &b->settled) {
-        b->materials = (enum kiln_gloss_mode)b->job->materials;
+        b->materials = (enum kiln_gloss_mode)b->job->light.materials;
         b->settled = *b->job;
     }
     b->job = &b->settled;
@@ -146,18 +147,18 @@ static void settle_materials(struct kiln_bake *b, const struct kiln_scene *scene
 static void settle_dark(struct kiln_bake *b, const struct kiln_prepared *p)
 {
     struct kiln_job *job = &b->settled;
-    if (p->lights == NULL || !kiln_lights_are_none(p->lights) || job->relight != NULL ||
-        job->keep_transport != KILN_KEEP_NONE)
+    if (p->lights == NULL || !kiln_lights_are_none(p->lights) || job->relighting.folder != NULL ||
+        job->light.keep != KILN_KEEP_NONE)
         return;
     static char cells[] = "cells"; /* which has no step after direct light */
-    job->method = cells;
-    job->bounces = 0;
-    job->tail = false;
-    job->caustics = KILN_CAUSTICS_NONE;
-    job->radiance.range = INFINITY;
-    job->indirect_scale = job->final_scale = job->guide = 0;
-    job->samples_probe = 0;
-    job->denoise = KILN_DENOISE_NONE;
+    job->light.method = cells;
+    job->light.bounces = 0;
+    job->light.tail = false;
+    job->light.caustics = KILN_CAUSTICS_NONE;
+    job->light.radiance.range = INFINITY;
+    job->light.indirect_scale = job->light.final_scale = job->light.guide = 0;
+    job->volume.samples = 0;
+    job->lightmaps.denoise = KILN_DENOISE_NONE;
 }
 
 /* kiln_prepare_care.refuse: refuses whatever can be refused before the first ray. */
@@ -167,8 +168,8 @@ static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_
     struct kiln_volume_result volume = {0};
     settle_materials(b, p->scene);
     settle_dark(b, p);
-    int status = b->job->samples_probe != 0
-                     ? kiln_volume_grid(&volume, p->scene, b->job->probe_spacing, b->job->volume_bounds, error)
+    int status = b->job->volume.samples != 0
+                     ? kiln_volume_grid(&volume, p->scene, b->job->volume.spacing, b->job->volume.bounds, error)
                      : KILN_OK;
     if (status == KILN_OK && b->rank == 0 && p->surface != NULL)
         status = check_lightmaps(b, p, error);
@@ -189,16 +190,16 @@ static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_
 int kiln_bake_prepare(struct kiln_bake *b, struct kiln_error *error)
 {
     const char *before = kiln_identity_instruction_set(kiln_checkpoint_identity(b->checkpoint));
-    const bool pin = b->job->instruction_set == NULL && before != NULL;
+    const bool pin = b->job->machine.instruction_set == NULL && before != NULL;
     struct kiln_job job = *b->job;
     if (pin && kiln_instruction_set_common(b->communicator, before))
-        job.instruction_set = (char *)(uintptr_t)before;
+        job.machine.instruction_set = (char *)(uintptr_t)before;
     /* a checkpoint's backend, where it is to be had, gives the same bits */
     const char *backend = kiln_identity_backend(kiln_checkpoint_identity(b->checkpoint));
-    const bool chosen = job.backend == NULL || strcmp(job.backend, "auto") == 0,
-               resumes = backend != NULL && job.resume;
+    const bool chosen = job.machine.backend == NULL || strcmp(job.machine.backend, "auto") == 0,
+               resumes = backend != NULL && job.checkpoints.resume;
     if (chosen && resumes && !kiln_backend_may_use_device(backend))
-        job.backend = (char *)(uintptr_t)backend;
+        job.machine.backend = (char *)(uintptr_t)backend;
     const struct kiln_prepare_care care = {.control = b->control,
                                            .refuse = look_ahead,
                                            .context = b,

@@ -45,14 +45,15 @@ void kiln_bake_settle_scene(const struct kiln_bake *b, bool refused)
 int kiln_bake_check_folder(struct kiln_bake *b, struct kiln_error *error)
 {
     static const struct kiln_manifest_parts all = {.volume = true, .preview = true, .scene = true};
-    const struct kiln_output_name trace = {.option = "--trace",
-                                           .path = b->job->trace,
-                                           .inputs = {b->job->scene, b->job->arguments[0], b->job->environment},
-                                           .bakes = {b->job->output}};
+    const struct kiln_output_name trace = {
+        .option = "--trace",
+        .path = b->job->ranks.trace,
+        .inputs = {b->job->scene.file, b->job->arguments[0], b->job->scene.environment},
+        .bakes = {b->job->output}};
     int status = KILN_OK;
     if (b->rank == 0) {
         status = kiln_manifest_look(b->job->output, NULL, NULL, &all, error);
-        if (status == KILN_OK && b->job->trace != NULL)
+        if (status == KILN_OK && b->job->ranks.trace != NULL)
             status = kiln_output_name_check(&trace, error);
     }
     return kiln_agree(b->communicator, status, error);
@@ -62,7 +63,7 @@ static int make_lightmap_folder(struct kiln_bake *b, struct kiln_error *error)
 {
     struct kiln_folder folder;
     int status = KILN_OK;
-    if (b->rank == 0 && b->job->store == KILN_STORE_KIND_LIGHTMAP) {
+    if (b->rank == 0 && b->job->lightmaps.store == KILN_STORE_KIND_LIGHTMAP) {
         status = kiln_folder_open(&folder, b->job->output, "lightmaps", true, error);
         kiln_folder_close(&folder);
     }
@@ -73,15 +74,15 @@ static int make_lightmap_folder(struct kiln_bake *b, struct kiln_error *error)
 static int remove_stale(const struct kiln_bake *b, struct kiln_error *error)
 {
     struct kiln_pruned pruned;
-    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0,
+    const struct kiln_manifest_parts parts = {.volume = b->job->volume.samples != 0,
                                               .preview = b->job->preview,
-                                              .scene = b->job->export,
-                                              .groups = b->job->group_count,
+                                              .scene = b->job->write_scene,
+                                              .groups = b->job->scene.group_count,
                                               .more = b->transport_files,
                                               .more_count = b->transport_file_count};
     const int status =
         kiln_manifest_prune(b->job->output, b->prepared->scene, b->prepared->surface, &parts, &pruned, error);
-    if (status == KILN_OK && b->job->keep_transport == KILN_KEEP_NONE)
+    if (status == KILN_OK && b->job->light.keep == KILN_KEEP_NONE)
         (void)kiln_rmdir_below(b->job->output, "transport"); /* if that has left it empty */
     if (status == KILN_OK && pruned.removed > 0 && !b->job->quiet)
         (void)fprintf(stderr, "kiln: removed %zu file%s of the previous bake that this one does not write\n",

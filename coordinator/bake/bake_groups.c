@@ -209,7 +209,7 @@ static int check_emission(const struct kiln_bake *b, const struct rules *r, stru
     size_t i;
     json_object_foreach(r->groups, name, rules) json_array_foreach(json_object_get(rules, "materials"), i, pattern)
     {
-        bool any = b->job->relight != NULL;
+        bool any = b->job->relighting.folder != NULL;
         for (size_t n = 0; n < r->scene->material_count && !any; n++)
             any = emits(&r->scene->materials[n]) &&
                   fnmatch(json_string_value(pattern), kiln_scene_string(r->scene, r->scene->materials[n].name), 0) == 0;
@@ -217,7 +217,7 @@ static int check_emission(const struct kiln_bake *b, const struct rules *r, stru
             return kiln_fail(error, KILN_USAGE,
                              "--light-groups: %.300s: %s: the material '%.200s' emits no light; name one that does, or "
                              "leave it out",
-                             b->job->light_groups, name, json_string_value(pattern));
+                             b->job->scene.light_groups, name, json_string_value(pattern));
     }
     return KILN_OK;
 }
@@ -256,9 +256,10 @@ static const char *why_not(const struct kiln_job *job, const struct kiln_prepare
         return "--method cells alone has them: leave --method out";
     if (kiln_job_takes_gloss(job) || p->geometry->passage >= KILN_PASSAGE_TINT)
         return "they are of diffuse surfaces: give --materials diffuse, and no tinted glass";
-    if (kiln_job_has_probes(job) || job->guide > 0)
+    if (kiln_job_has_probes(job) || job->light.guide > 0)
         return "leave --tracing-range and --guide out";
-    if (kiln_job_parts(job) > 1 || job->only_visible_from != NULL || job->exchange_points == KILN_EXCHANGE_VISIBLE)
+    if (kiln_job_parts(job) > 1 || job->light.only_visible_from != NULL ||
+        job->ranks.exchange_points == KILN_EXCHANGE_VISIBLE)
         return "leave --error-map, --target-error, --only-visible-from and --exchange-points out";
     return p->surface->point_count > INT32_MAX ? "they are for up to 2^31 surface points" : NULL;
 }
@@ -270,14 +271,16 @@ static int sort(struct kiln_bake *b, struct kiln_error *error)
     const char *why = why_not(b->job, b->prepared);
     if (why != NULL)
         return kiln_fail(error, KILN_USAGE, "--light-groups: %s", why);
-    const uint32_t patches = kiln_sky_patches[b->job->sky_patches];
-    if (patches > 0 && b->job->relight == NULL && b->prepared->scene->environment->kind == KILN_ENVIRONMENT_NONE)
+    const uint32_t patches = kiln_sky_patches[b->job->scene.sky_patches];
+    if (patches > 0 && b->job->relighting.folder == NULL &&
+        b->prepared->scene->environment->kind == KILN_ENVIRONMENT_NONE)
         return kiln_fail(error, KILN_USAGE,
                          "--sky-patches: the scene has no sky; give --environment, or leave --sky-patches out");
-    struct rules r = {b->prepared->scene, json_loads(b->job->grouped != NULL ? b->job->grouped : "{}", 0, NULL),
-                      (uint32_t)b->job->group_count};
+    struct rules r = {b->prepared->scene,
+                      json_loads(b->job->scene.grouped != NULL ? b->job->scene.grouped : "{}", 0, NULL),
+                      (uint32_t)b->job->scene.group_count};
     g->count = r.count;
-    g->sky_divisions = kiln_sky_divisions[b->job->sky_patches];
+    g->sky_divisions = kiln_sky_divisions[b->job->scene.sky_patches];
     int status;
     KILN_TRY(kiln_allocate(&g->of_tree, l->area_count + l->point_count + 1, sizeof *g->of_tree, "groups", error));
     KILN_TRY(kiln_allocate(&g->of_directional, l->directional_count + 1, sizeof *g->of_directional, "groups", error));
@@ -294,7 +297,7 @@ end:
 
 int kiln_bake_groups_sort(struct kiln_bake *b, struct kiln_error *error)
 {
-    return b->job->group_count > 0 ? kiln_agree(b->communicator, sort(b, error), error) : KILN_OK;
+    return b->job->scene.group_count > 0 ? kiln_agree(b->communicator, sort(b, error), error) : KILN_OK;
 }
 
 void kiln_bake_groups_release(struct kiln_bake *b)

@@ -38,11 +38,11 @@ static void add_light_phases(struct kiln_bake *b)
 /* Collective. What the job's views need. */
 static int find_visible(struct kiln_bake *b, struct kiln_error *error)
 {
-    if (b->job->only_visible_from == NULL)
+    if (b->job->light.only_visible_from == NULL)
         return KILN_OK;
     kiln_phase(&b->phases, "views");
     kiln_progress_phase(b->progress, "views", 0);
-    const int status = kiln_visible_from_find(&b->visible, b->prepared, b->job->only_visible_from, error);
+    const int status = kiln_visible_from_find(&b->visible, b->prepared, b->job->light.only_visible_from, error);
     return kiln_bake_end_phase(b, status, error);
 }
 
@@ -53,7 +53,7 @@ static int settle_paths(struct kiln_bake *b, struct kiln_error *error)
     const struct kiln_surface *surface = b->prepared->surface;
     double texel = 0.0;
     int status = KILN_OK;
-    b->paths = b->job->paths;
+    b->paths = b->job->light.paths;
     if (b->light_settings.reference == NULL)
         return KILN_OK;
     if (b->paths.method == KILN_REFERENCE_VCM && b->paths.radius == 0.0) {
@@ -120,7 +120,7 @@ int kiln_bake_settle_light(struct kiln_bake *b, struct kiln_error *error)
 /* Collective. */
 static int expect_volume(struct kiln_bake *b, struct kiln_error *error)
 {
-    const uint32_t samples = b->job->samples_probe;
+    const uint32_t samples = b->job->volume.samples;
     const int status = samples != 0 && !b->same_probes
                            ? kiln_volume_expect(&b->light_settings, b->prepared->backend, samples, error)
                            : KILN_OK;
@@ -172,7 +172,7 @@ end:
 
 int kiln_bake_check_density(struct kiln_bake *b, struct kiln_error *error)
 {
-    if (!b->job->check_density || !(b->solution->report.energy.emitted[1] > 0.0))
+    if (!b->job->lightmaps.check_density || !(b->solution->report.energy.emitted[1] > 0.0))
         return KILN_OK;
     kiln_phase(&b->phases, "texel density");
     kiln_progress_phase(b->progress, "texel density", 0);
@@ -202,15 +202,15 @@ static int save_nothing(void *context, const struct kiln_block *blocks, size_t c
 
 static struct kiln_volume_params volume_params(struct kiln_bake *b)
 {
-    const bool of_states = b->job->states != NULL || b->job->listen;
+    const bool of_states = b->job->relighting.states != NULL || b->job->relighting.listen;
     return (struct kiln_volume_params){.communicator = b->communicator,
                                        .backend = b->prepared->backend,
                                        .scene = b->prepared->scene,
                                        .geometry = b->prepared->geometry,
                                        .radiosity = b->solution->radiosity,
-                                       .spacing = b->job->probe_spacing,
-                                       .bounds = b->job->volume_bounds,
-                                       .samples = b->job->samples_probe,
+                                       .spacing = b->job->volume.spacing,
+                                       .bounds = b->job->volume.bounds,
+                                       .samples = b->job->volume.samples,
                                        .light = &b->probe_settings,
                                        .progress = b->progress,
                                        .control = b->control,
@@ -222,7 +222,7 @@ static struct kiln_volume_params volume_params(struct kiln_bake *b)
 
 int kiln_bake_volume(struct kiln_bake *b, struct kiln_error *error)
 {
-    if (b->job->samples_probe == 0)
+    if (b->job->volume.samples == 0)
         return KILN_OK;
     kiln_phase(&b->phases, "probes");
     struct kiln_volume_params params = volume_params(b);
@@ -232,7 +232,7 @@ int kiln_bake_volume(struct kiln_bake *b, struct kiln_error *error)
         status = kiln_group_light_create(&groups, &b->light_params, b->solution, error);
     if (groups != NULL) {
         params.groups = kiln_group_light_total(groups);
-        params.group_names = b->job->group_names;
+        params.group_names = b->job->scene.group_names;
     }
     if (status == KILN_OK)
         status = kiln_volume_run(&b->volume, &params, &b->probe_rays, error);
@@ -244,7 +244,7 @@ int kiln_bake_volume(struct kiln_bake *b, struct kiln_error *error)
 int kiln_bake_save(struct kiln_bake *b, struct kiln_error *error)
 {
     const struct kiln_volume_params params = volume_params(b);
-    if (b->job->samples_probe != 0)
+    if (b->job->volume.samples != 0)
         return kiln_volume_save_all(&b->volume, &params, &b->probe_rays, error);
     return save_volume(b, NULL, 0, true, error);
 }

@@ -90,7 +90,7 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
 {
     const struct kiln_node_data *data = b->solution->node_data;
     const struct kiln_sight *sight = b->solution->sight;
-    const struct kiln_bake_result result = {.units = kiln_units_of(b->job->units, b->prepared->scene),
+    const struct kiln_bake_result result = {.units = kiln_units_of(b->job->scene.units, b->prepared->scene),
                                             .communicator = b->communicator,
                                             .scene = b->prepared->scene,
                                             .geometry = b->prepared->geometry,
@@ -104,11 +104,11 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
                                             .sight_pairs = sight != NULL ? sight->pairs : NULL,
                                             .stop = kiln_control_stop(b->control)};
     struct kiln_output_params params = {.directory = b->job->output,
-                                        .half = b->job->half,
+                                        .half = b->job->lightmaps.half,
                                         .parts = kiln_job_parts(b->job) > 1,
                                         .denoise = kiln_job_denoises(b->job),
                                         .denoise_direct = kiln_job_has_links(b->job),
-                                        .stitch = b->job->stitch,
+                                        .stitch = b->job->lightmaps.stitch,
                                         .faults = &b->job->faults,
                                         .least_divided = b->job->faults.divide_from,
                                         .only = b->only,
@@ -119,13 +119,13 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
     int status = kiln_allocate(&b->lightmaps, b->prepared->surface->map_count, sizeof *b->lightmaps,
                                "the lightmaps' report", error);
     status = kiln_agree(b->communicator, status, error);
-    if (status == KILN_OK && b->job->store == KILN_STORE_KIND_LIGHTMAP)
+    if (status == KILN_OK && b->job->lightmaps.store == KILN_STORE_KIND_LIGHTMAP)
         status = write_lightmaps(b, &result, &params, error);
     else if (status == KILN_OK)
         status = kiln_leaf_means(b->lightmaps, &result, kiln_luminance(b->emission.emitted), error);
     if (b->lightmaps != NULL)
         keep_reports(b, &before);
-    if (status == KILN_OK && b->job->vertex_light) {
+    if (status == KILN_OK && b->job->lightmaps.vertex_light) {
         kiln_phase(&b->phases, "vertices");
         kiln_progress_phase(b->progress, "vertices", 0);
         status = kiln_vertex_light_fit(&b->vertices, &result, error);
@@ -138,7 +138,7 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
         status = write_twice(b, &result, &params, write_points, error);
         kiln_points_ahead_drop(b->ahead);
     }
-    if (status == KILN_OK && b->job->samples_probe != 0) {
+    if (status == KILN_OK && b->job->volume.samples != 0) {
         kiln_phase(&b->phases, "volume.hdf");
         kiln_progress_phase(b->progress, "volume.hdf", 0);
         status = write_twice(b, &result, &params, write_volume, error);
@@ -153,10 +153,10 @@ static bool read_picture_before(const struct kiln_bake *b, struct kiln_kept_pict
     struct kiln_results *results = NULL;
     json_t *run = NULL;
     bool found = false;
-    if (b->job->relight == NULL)
+    if (b->job->relighting.folder == NULL)
         return false;
-    if (kiln_results_open(&results, b->job->relight, NULL) == KILN_OK && kiln_results_has(results, "run.json") &&
-        kiln_results_json(results, "run.json", &run, NULL) == KILN_OK)
+    if (kiln_results_open(&results, b->job->relighting.folder, NULL) == KILN_OK &&
+        kiln_results_has(results, "run.json") && kiln_results_json(results, "run.json", &run, NULL) == KILN_OK)
         found = kiln_picture_keep(json_object_get(run, "preview"), kept);
     json_decref(run);
     kiln_results_close(&results);
@@ -176,9 +176,9 @@ static int draw_picture(struct kiln_bake *b, struct kiln_error *error)
                                       kiln_preview_pixels(b->job, p->scene, (double)p->surface->point_count)};
     struct kiln_kept_picture kept;
     const bool keeps = read_picture_before(b, &kept);
-    const struct kiln_look own = {.curve = (enum kiln_tone_curve)b->job->tone_map,
-                                  .stops = b->job->exposure,
-                                  .no_metering = !b->job->auto_exposure},
+    const struct kiln_look own = {.curve = (enum kiln_tone_curve)b->job->view.tone_map,
+                                  .stops = b->job->view.exposure,
+                                  .no_metering = !b->job->view.auto_exposure},
                            look = keeps ? kept.look : own;
     if (keeps)
         kiln_picture_keep_place(&kept, &wish);
@@ -222,7 +222,7 @@ static int export_beside(const struct kiln_bake *b, struct kiln_error *error)
     uint8_t *backs = NULL;
     int status;
     KILN_TRY(kiln_path_join(path, b->job->output, "scene.glb", error));
-    if (stat(b->job->scene, &source) == 0 && stat(path, &there) == 0 && source.st_dev == there.st_dev &&
+    if (stat(b->job->scene.file, &source) == 0 && stat(path, &there) == 0 && source.st_dev == there.st_dev &&
         source.st_ino == there.st_ino)
         return kiln_fail(error, KILN_BAD_INPUT, "%s is the scene itself; kiln export writes it to another folder",
                          path);
@@ -234,8 +234,8 @@ static int export_beside(const struct kiln_bake *b, struct kiln_error *error)
         if (s->lightmaps[i].published != 0)
             backs[kiln_map_object(s, i)] = 1;
     KILN_TRY(kiln_export_beside(
-        b->job->output, b->job->scene, b->prepared->scene, backs, (const float(*)[3])b->vertices.irradiance,
-        kiln_units_of(b->job->units, b->prepared->scene)->irradiance_text, kiln_control_stop(b->control), error));
+        b->job->output, b->job->scene.file, b->prepared->scene, backs, (const float(*)[3])b->vertices.irradiance,
+        kiln_units_of(b->job->scene.units, b->prepared->scene)->irradiance_text, kiln_control_stop(b->control), error));
 end:
     kiln_free(&backs);
     return status;
@@ -246,7 +246,7 @@ end:
 static int write_scene(struct kiln_bake *b, struct kiln_error *error)
 {
     int status = KILN_OK, told = 0;
-    if (!b->job->export)
+    if (!b->job->write_scene)
         return KILN_OK;
     kiln_phase(&b->phases, "scene.glb");
     kiln_progress_phase(b->progress, "scene.glb", 0);
@@ -283,7 +283,7 @@ static int write_report(struct kiln_bake *b, struct kiln_error *error)
                                  .probe_rays = b->probe_rays,
                                  .directory = b->job->output};
     int status = kiln_run_report(&b->report, &run, error);
-    const bool of_states = b->job->states != NULL || b->job->listen; /* the same on all ranks */
+    const bool of_states = b->job->relighting.states != NULL || b->job->relighting.listen; /* the same on all ranks */
     json_t *transport = of_states ? NULL : kiln_bake_transport_json(b);
     if (status == KILN_OK && b->rank == 0 && b->state != NULL)
         (void)json_object_set(b->report, "relight", b->state);
@@ -304,10 +304,10 @@ static int write_report(struct kiln_bake *b, struct kiln_error *error)
 static int write_manifest(struct kiln_bake *b, struct kiln_error *error)
 {
     kiln_progress_phase(b->progress, "manifest", 0);
-    const struct kiln_manifest_parts parts = {.volume = b->job->samples_probe != 0,
+    const struct kiln_manifest_parts parts = {.volume = b->job->volume.samples != 0,
                                               .preview = b->job->preview,
                                               .scene = b->exported,
-                                              .groups = b->job->group_count,
+                                              .groups = b->job->scene.group_count,
                                               .more = b->transport_files,
                                               .more_count = b->transport_file_count};
     const int status =

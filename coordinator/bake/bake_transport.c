@@ -36,7 +36,7 @@ static const char *why_not(const struct kiln_job *job, const struct kiln_prepare
                "--keep-transport links";
     if (kiln_job_has_probes(job))
         return "some rays end at radiance probes: leave --tracing-range out";
-    if (job->guide > 0)
+    if (job->light.guide > 0)
         return "a guide sends rays where the light is: leave --guide out";
     if (goes_on_elsewhere(job, p))
         return "some rays go on from gloss, or are tinted, which Embree alone keeps: give --backend embree";
@@ -48,33 +48,33 @@ static const char *why_not(const struct kiln_job *job, const struct kiln_prepare
 /* Whether the job's transport is links, kept or replayed. */
 static bool is_of_links(const struct kiln_job *job)
 {
-    return job->relight != NULL ? kiln_job_has_links(job) : job->keep_transport == KILN_KEEP_LINKS;
+    return job->relighting.folder != NULL ? kiln_job_has_links(job) : job->light.keep == KILN_KEEP_LINKS;
 }
 
 static int refuse_what_cannot_be_kept(const struct kiln_job *job, const struct kiln_prepared *p,
                                       struct kiln_error *error)
 {
     const char *why = why_not(job, p);
-    if (job->relight != NULL && !is_of_links(job) && why != NULL && !goes_on_elsewhere(job, p))
+    if (job->relighting.folder != NULL && !is_of_links(job) && why != NULL && !goes_on_elsewhere(job, p))
         return kiln_fail(error, KILN_BAD_INPUT, "the transport in %.300s cannot be of the bake that it names: %s",
-                         job->relight, why);
-    if (job->keep_transport == KILN_KEEP_LINKS && !kiln_job_has_links(job))
+                         job->relighting.folder, why);
+    if (job->light.keep == KILN_KEEP_LINKS && !kiln_job_has_links(job))
         return kiln_fail(error, KILN_USAGE,
                          "--keep-transport links: this bake has none; give --method radiosity --patches links, or "
                          "--keep-transport rows");
-    if (job->keep_transport == KILN_KEEP_ROWS && why != NULL)
+    if (job->light.keep == KILN_KEEP_ROWS && why != NULL)
         return kiln_fail(error, KILN_USAGE, "--keep-transport rows: %s", why);
-    if (job->relight != NULL && !is_of_links(job) && goes_on_elsewhere(job, p))
+    if (job->relighting.folder != NULL && !is_of_links(job) && goes_on_elsewhere(job, p))
         return kiln_fail(error, KILN_USAGE,
                          "rays of %.300s go on from gloss, or are tinted, which Embree alone looks up: give --backend "
                          "embree",
-                         job->relight);
-    if ((job->states != NULL || job->listen) && is_of_links(job))
+                         job->relighting.folder);
+    if ((job->relighting.states != NULL || job->relighting.listen) && is_of_links(job))
         return kiln_fail(
             error, KILN_USAGE,
             "%s: %.300s has kept links, which serve one state at a time; leave it out, and call kiln relight "
             "for each",
-            job->listen ? "--listen" : "--states", job->relight);
+            job->relighting.listen ? "--listen" : "--states", job->relighting.folder);
     return KILN_OK;
 }
 
@@ -93,10 +93,10 @@ static int make_identity(struct kiln_bake *b, const struct kiln_prepared *p, str
 static int compare_identity(const struct kiln_bake *b, struct kiln_error *error)
 {
     json_t *index = NULL;
-    int status = kiln_transport_index_read(&index, b->job->relight, error);
+    int status = kiln_transport_index_read(&index, b->job->relighting.folder, error);
     if (status == KILN_OK)
-        status =
-            kiln_transport_compare(json_object_get(index, "identity"), b->transport_identity, b->job->relight, error);
+        status = kiln_transport_compare(json_object_get(index, "identity"), b->transport_identity,
+                                        b->job->relighting.folder, error);
     json_decref(index);
     return status;
 }
@@ -104,11 +104,11 @@ static int compare_identity(const struct kiln_bake *b, struct kiln_error *error)
 int kiln_bake_transport_check(struct kiln_bake *b, const struct kiln_prepared *p, struct kiln_error *error)
 {
     int status = KILN_OK;
-    if (b->job->keep_transport == KILN_KEEP_NONE && b->job->relight == NULL)
+    if (b->job->light.keep == KILN_KEEP_NONE && b->job->relighting.folder == NULL)
         return KILN_OK;
     KILN_TRY(refuse_what_cannot_be_kept(b->job, p, error));
     KILN_TRY(make_identity(b, p, error));
-    if (b->rank == 0 && b->job->relight != NULL)
+    if (b->rank == 0 && b->job->relighting.folder != NULL)
         KILN_TRY(compare_identity(b, error));
 end:
     return kiln_agree(b->communicator, status, error);
@@ -148,10 +148,10 @@ static int clear_folder(const struct kiln_bake *b, struct kiln_error *error)
 
 int kiln_bake_transport_begin(struct kiln_bake *b, struct kiln_error *error)
 {
-    const bool keeps = b->job->keep_transport != KILN_KEEP_NONE, replays = b->job->relight != NULL;
+    const bool keeps = b->job->light.keep != KILN_KEEP_NONE, replays = b->job->relighting.folder != NULL;
     if (!keeps && !replays)
         return KILN_OK;
-    const char *directory = replays ? b->job->relight : b->job->output;
+    const char *directory = replays ? b->job->relighting.folder : b->job->output;
     int status =
         keeps && b->rank == 0 ? kiln_folder_open(&b->transport_folder, directory, FOLDER, true, error) : KILN_OK;
     if (status == KILN_OK && keeps && b->rank == 0)
@@ -209,15 +209,16 @@ static bool add_rules(json_t *json, const char *key, const char *text)
 
 static int write_index(const struct kiln_bake *b, struct kiln_error *error)
 {
-    char *text = NULL, *scene = realpath(b->job->scene, NULL);
+    char *text = NULL, *scene = realpath(b->job->scene.file, NULL);
     size_t size = 0;
     json_t *json =
         json_pack("{s:s, s:O, s:s, s:s, s:s, s:o}", "kiln", KILN_VERSION, "identity", b->transport_identity, "scene",
-                  scene != NULL ? scene : b->job->scene, "backend", kiln_backend_name(b->prepared->backend),
+                  scene != NULL ? scene : b->job->scene.file, "backend", kiln_backend_name(b->prepared->backend),
                   "instruction set", b->prepared->instruction_set, "job", job_json(b->asked));
-    int status = add_rules(json, "changes", b->asked->changed) && add_rules(json, "light groups", b->asked->grouped)
-                     ? kiln_seal(json, JSON_INDENT(1), &text, &size, "the index of the transport", error)
-                     : kiln_fail(error, KILN_SYSTEM, "out of memory: the index of the transport");
+    int status =
+        add_rules(json, "changes", b->asked->scene.changed) && add_rules(json, "light groups", b->asked->scene.grouped)
+            ? kiln_seal(json, JSON_INDENT(1), &text, &size, "the index of the transport", error)
+            : kiln_fail(error, KILN_SYSTEM, "out of memory: the index of the transport");
     if (status == KILN_OK)
         status = kiln_publish_bytes_below(b->job->output, "transport/index", text, size, error);
     kiln_free(&text);
@@ -280,7 +281,7 @@ end:
 
 int kiln_bake_transport_write(struct kiln_bake *b, struct kiln_error *error)
 {
-    if (b->job->keep_transport == KILN_KEEP_NONE)
+    if (b->job->light.keep == KILN_KEEP_NONE)
         return KILN_OK;
     int status;
     KILN_TRY(pack_chains(b, error));
@@ -304,8 +305,8 @@ json_t *kiln_bake_transport_json(struct kiln_bake *b)
         return NULL;
     const char *keys[] = {t->of_links ? "links_kept" : "rays_kept", t->of_links ? "links_replayed" : "rays_replayed",
                           t->of_links ? "links_traced" : "rays_traced"};
-    return t->replays ? json_pack("{s:s, s:I, s:I}", "from", b->job->relight, keys[1], (json_int_t)all[1], keys[2],
-                                  (json_int_t)all[2])
+    return t->replays ? json_pack("{s:s, s:I, s:I}", "from", b->job->relighting.folder, keys[1], (json_int_t)all[1],
+                                  keys[2], (json_int_t)all[2])
                       : json_pack("{s:s, s:I}", "form", t->of_links ? "links" : "rows", keys[0], (json_int_t)all[0]);
 }
 

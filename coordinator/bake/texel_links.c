@@ -47,7 +47,8 @@ static int take_job(struct work *w, const char *directory, struct kiln_error *er
     char *arguments[] = {"kiln", "bake", "scene", "-o", (char *)(uintptr_t)directory, NULL};
     KILN_TRY(kiln_job_parse(&w->job, 5, arguments, error));
     /* which is no argument: it could be one of another kind, or a job file */
-    KILN_TRY(kiln_job_keep_text(w->job, json_string_value(json_object_get(w->index, "scene")), &w->job->scene, error));
+    KILN_TRY(
+        kiln_job_keep_text(w->job, json_string_value(json_object_get(w->index, "scene")), &w->job->scene.file, error));
     KILN_TRY(kiln_transport_options_take(w->job, w->index, directory, error));
     KILN_TRY(kiln_transport_changes_take(w->job, w->index, directory, error));
     if (!kiln_job_has_links(w->job))
@@ -93,10 +94,10 @@ static int read_links(struct work *w, struct kiln_error *error)
                                                .backend = p->backend,
                                                .settings = &settings,
                                                .replayed = &w->transport};
-    const struct kiln_step step = {.bounce = 1,
-                                   .stream = 1,
-                                   .samples =
-                                       kiln_links_samples(settings.patches->link_error, w->job->samples_indirect)};
+    const struct kiln_step step = {
+        .bounce = 1,
+        .stream = 1,
+        .samples = kiln_links_samples(settings.patches->link_error, w->job->light.samples_indirect)};
     const void *parameters = NULL;
     int status;
     KILN_TRY(kiln_allocate(&w->radiosity, (size_t)p->surface->point_count, sizeof *w->radiosity,

@@ -13,12 +13,12 @@ static int bench_rays(struct kiln_job *job, const char *scene_file, struct kiln_
     struct kiln_prepared *prepared = NULL;
     struct kiln_phases phases = {0};
     struct kiln_rays_bench result = {0};
-    if (job->backend == NULL || strcmp(job->backend, "vulkan") != 0)
-        job->threads = 1;
+    if (job->machine.backend == NULL || strcmp(job->machine.backend, "vulkan") != 0)
+        job->machine.threads = 1;
     const struct kiln_prepare_care care = {.device_first = true};
     int status;
     KILN_TRY(kiln_prepare(&prepared, MPI_COMM_SELF, job, scene_file, &phases, NULL, &care, error));
-    KILN_TRY(kiln_rays_bench(prepared, job->samples_indirect, job->repeats, &result, error));
+    KILN_TRY(kiln_rays_bench(prepared, job->light.samples_indirect, job->bench.repeats, &result, error));
     if (job->json)
         (void)printf("{\"status\":\"done\",\"rays\":%llu,\"triangles\":%zu,\"pass_mrays_per_second\":%.4f,\"tracer_"
                      "mrays_per_second\":%.4f,\"share\":%.4f,"
@@ -30,7 +30,7 @@ static int bench_rays(struct kiln_job *job, const char *scene_file, struct kiln_
                      "Mrays/s\ntracer alone %8.3f Mrays/s\n"
                      "share        %8.3f (%.3f to %.3f)\n",
                      prepared->geometry->triangle_count, (unsigned long long)prepared->surface->point_count,
-                     (unsigned long long)result.rays, job->repeats, result.info.device, result.pass_rate * 1e-6,
+                     (unsigned long long)result.rays, job->bench.repeats, result.info.device, result.pass_rate * 1e-6,
                      result.ceiling_rate * 1e-6, result.share, result.share_low, result.share_high);
 end:
     kiln_prepared_destroy(&prepared);

@@ -287,7 +287,7 @@ static json_t *report_json(const struct report *r, const struct kiln_job *job)
                                                     p->severity == WARNING ? "warning" : "information", "place",
                                                     kiln_json_string(p->place), "text", kiln_json_string(p->text)));
     }
-    return json_pack("{s:s, s:o, s:I, s:o}", "status", "done", "scene", kiln_json_string(job->scene), "warnings",
+    return json_pack("{s:s, s:o, s:I, s:o}", "status", "done", "scene", kiln_json_string(job->scene.file), "warnings",
                      warnings, "problems", list);
 }
 
@@ -301,7 +301,7 @@ static void print_report(const struct report *r, const struct kiln_job *job)
             if ((int)p->severity == severity)
                 kiln_print(stdout, "%s: %s: %s\n", severity == WARNING ? "warning" : "note", p->place, p->text);
         }
-    kiln_print(stdout, "%s: %zu warning%s, %zu note%s\n", job->scene, warnings, warnings == 1 ? "" : "s",
+    kiln_print(stdout, "%s: %zu warning%s, %zu note%s\n", job->scene.file, warnings, warnings == 1 ? "" : "s",
                r->count - warnings, r->count - warnings == 1 ? "" : "s");
 }
 

@@ -54,10 +54,10 @@ static int check_store(const struct export *e, struct kiln_error *error)
                          "an octree, /points and /irradiance of kiln.h5; bake with --vertex-light, or with --store "
                          "lightmap",
                          e->directory);
-    const char *option = e->job->atlas != 0                ? "atlas"
-                         : e->job->range > 0.0             ? "range"
-                         : e->job->format != KILN_PAGE_EXR ? "format"
-                                                           : NULL;
+    const char *option = e->job->exported.atlas != 0                ? "atlas"
+                         : e->job->exported.range > 0.0             ? "range"
+                         : e->job->exported.format != KILN_PAGE_EXR ? "format"
+                                                                    : NULL;
     return option == NULL
                ? KILN_OK
                : kiln_fail(error, KILN_USAGE, "--%s is for lightmaps, and %.512s has none: its light is at vertices",
@@ -76,9 +76,9 @@ static int read_run(struct export *e, struct kiln_error *error)
     const char *source = json_string_value(json_object_get(json_object_get(e->run, "scene"), "path"));
     if (status == KILN_OK)
         (void)snprintf(e->source, sizeof e->source, "%s",
-                       e->job->source != NULL ? e->job->source
-                       : source != NULL       ? source
-                                              : "");
+                       e->job->exported.source != NULL ? e->job->exported.source
+                       : source != NULL                ? source
+                                                       : "");
     return status == KILN_OK ? check_store(e, error) : status;
 }
 
@@ -174,9 +174,9 @@ static int write_pages(struct export *e, struct kiln_error *error)
                                              .folder = e->folder,
                                              .scene = e->scene,
                                              .has_back = e->backs,
-                                             .format = (enum kiln_page_format)e->job->format,
-                                             .range = e->job->range,
-                                             .atlas = e->job->atlas};
+                                             .format = (enum kiln_page_format)e->job->exported.format,
+                                             .range = e->job->exported.range,
+                                             .atlas = e->job->exported.atlas};
     return has_lightmaps(e)
                ? kiln_pages_write(&e->pages, &params, error)
                : kiln_allocate(&e->none, e->scene->object_count, sizeof *e->none, "the export's links", error);
@@ -197,10 +197,10 @@ static int write_all(struct export *e, struct kiln_error *error)
                                        .scene = e->scene,
                                        .output = e->output,
                                        .unit = kiln_units_of_bake(e->results)->irradiance_text,
-                                       .encoding = kiln_page_encoding((enum kiln_page_format)e->job->format),
+                                       .encoding = kiln_page_encoding((enum kiln_page_format)e->job->exported.format),
                                        .links = e->none,
                                        .light = (const float(*)[3])e->light,
-                                       .drop_baked_lights = e->job->drop_baked_lights};
+                                       .drop_baked_lights = e->job->exported.drop_baked_lights};
     if (e->pages != NULL) {
         scene.links = e->pages->links;
         scene.pages = e->pages->pages;

@@ -54,11 +54,11 @@ static int find(const char *name, const struct kiln_generator **found, struct ki
 static int check_options(const struct kiln_job *job, const struct kiln_generator *generator, struct kiln_error *error)
 {
     const char *unused = NULL;
-    if (job->triangles != 0 && (generator->takes & KILN_TAKES_TRIANGLES) == 0)
+    if (job->generated.triangles != 0 && (generator->takes & KILN_TAKES_TRIANGLES) == 0)
         unused = "--triangles";
-    if ((job->columns != 0 || job->rows != 0) && (generator->takes & KILN_TAKES_GRID) == 0)
+    if ((job->generated.columns != 0 || job->generated.rows != 0) && (generator->takes & KILN_TAKES_GRID) == 0)
         unused = "--columns or --rows";
-    if (job->albedo >= 0 && (generator->takes & KILN_TAKES_ALBEDO) == 0)
+    if (job->generated.albedo >= 0 && (generator->takes & KILN_TAKES_ALBEDO) == 0)
         unused = "--albedo";
     if (unused != NULL)
         return kiln_fail(error, KILN_USAGE, "the scene %s takes no %s; it is %s", generator->name, unused,
@@ -111,11 +111,11 @@ int kiln_command_generate(struct kiln_job *job, struct kiln_error *error)
     const struct kiln_output_name name = {.option = "--output", .path = job->output};
     KILN_TRY(kiln_output_name_check(&name, error));
     KILN_TRY(kiln_glb_create(&glb, error));
-    const struct kiln_generate_params params = {.triangles = job->triangles,
-                                                .columns = job->columns,
-                                                .rows = job->rows,
-                                                .albedo = job->albedo >= 0 ? job->albedo : 0.5,
-                                                .seed = job->seed};
+    const struct kiln_generate_params params = {.triangles = job->generated.triangles,
+                                                .columns = job->generated.columns,
+                                                .rows = job->generated.rows,
+                                                .albedo = job->generated.albedo >= 0 ? job->generated.albedo : 0.5,
+                                                .seed = job->light.seed};
     KILN_TRY(generator->build(glb, generator, &params, error));
     KILN_TRY(kiln_glb_write(glb, job->output, error));
     KILN_TRY(report(job, generator, glb, error));

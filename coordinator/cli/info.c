@@ -212,10 +212,10 @@ static json_t *info_json(const struct kiln_scene_survey *look, const struct kiln
                   "lights", (int)s->light_count, "cameras", (int)s->camera_count);
     return json_pack("{s:s, s:o, s:o, s:s, s:s, s:{s:[f, f, f], s:[f, f, f]}, s:{s:f, s:f, s:f}, s:o, s:o, s:o, s:o, "
                      "s:o, s:o, s:o, s:o, s:o, s:I, s:f}",
-                     "status", "done", "scene", kiln_json_string(job->scene), "counts", counts, "units",
-                     kiln_units_of(job->units, s)->kind, "units_because", kiln_units_reason(job->units, s), "bounds",
-                     "min", low[0], low[1], low[2], "max", high[0], high[1], high[2], "texels_per_metre", "min",
-                     look->density_min, "median", look->density_median, "max", look->density_max, "surface",
+                     "status", "done", "scene", kiln_json_string(job->scene.file), "counts", counts, "units",
+                     kiln_units_of(job->scene.units, s)->kind, "units_because", kiln_units_reason(job->scene.units, s),
+                     "bounds", "min", low[0], low[1], low[2], "max", high[0], high[1], high[2], "texels_per_metre",
+                     "min", look->density_min, "median", look->density_median, "max", look->density_max, "surface",
                      surface_json(look), "environment", environment, "meshes", meshes_json(look), "objects",
                      objects_json(look), "materials", materials_json(look), "textures", textures_json(look), "lights",
                      lights_json(look), "cameras", cameras_json(look), "notes", texts_json(look), "scene_file_bytes",
@@ -260,8 +260,8 @@ static void print_counts(const struct kiln_scene_survey *look, const struct kiln
     const struct kiln_scene *s = look->scene;
     const double *low = s->header->bounds_min, *high = s->header->bounds_max;
     const struct kiln_environment *e = s->environment;
-    const struct kiln_units *units = kiln_units_of(job->units, s);
-    kiln_print(stdout, "%s\n", job->scene);
+    const struct kiln_units *units = kiln_units_of(job->scene.units, s);
+    kiln_print(stdout, "%s\n", job->scene.file);
     (void)printf("  objects      %zu of %zu meshes\n", s->object_count, s->mesh_count);
     (void)printf("  triangles    %zu stored, %llu with instances expanded, %llu of these emit\n", s->triangle_count,
                  (unsigned long long)look->expanded, (unsigned long long)look->emissive_triangles);
@@ -276,7 +276,7 @@ static void print_counts(const struct kiln_scene_survey *look, const struct kiln
     if (e->kind == KILN_ENVIRONMENT_LATLONG)
         (void)printf(", %u x %u", e->width, e->height);
     (void)printf("\n  units        %s, %s: %s (--units says otherwise)", units->kind, units->irradiance_text,
-                 kiln_units_reason(job->units, s));
+                 kiln_units_reason(job->scene.units, s));
     (void)fputc('\n', stdout);
     print_surface(look);
 }
@@ -390,7 +390,7 @@ static void print_kinds(const struct kiln_scene_survey *look, bool all)
 static void print_texts(const struct kiln_scene_survey *look, const struct kiln_job *job)
 {
     const struct kiln_scene *s = look->scene;
-    const struct kiln_units *units = kiln_units_of(job->units, s);
+    const struct kiln_units *units = kiln_units_of(job->scene.units, s);
     if (s->camera_count > 0)
         (void)fputs("\ncameras:", stdout);
     for (size_t i = 0; i < s->camera_count; i++)
@@ -417,7 +417,7 @@ static void print_texts(const struct kiln_scene_survey *look, const struct kiln_
 int kiln_command_info(struct kiln_job *job, struct kiln_error *error)
 {
     struct kiln_scene_survey *look = NULL;
-    if (job->devices)
+    if (job->machine.devices)
         return kiln_devices_list(job, error);
     int status = kiln_scene_survey_create(&look, job, error);
     if (status == KILN_OK && job->json) {

@@ -84,22 +84,23 @@ static void print_error(int status, const struct kiln_error *error, bool json)
 static int check_scene(const struct kiln_job *job, struct kiln_error *error)
 {
     struct stat status;
-    if (job->scene == NULL)
+    if (job->scene.file == NULL)
         return KILN_OK;
-    if (stat(job->scene, &status) != 0)
-        return kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read scene %.500s", job->scene);
+    if (stat(job->scene.file, &status) != 0)
+        return kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read scene %.500s",
+                               job->scene.file);
     if (S_ISDIR(status.st_mode))
         return kiln_fail(error, KILN_BAD_INPUT, "scene %.500s is a folder; name the .glb, .gltf or .obj file in it",
-                         job->scene);
+                         job->scene.file);
     if (!S_ISREG(status.st_mode))
-        return kiln_fail(error, KILN_BAD_INPUT, "scene %.500s is not a regular file", job->scene);
-    if (access(job->scene, R_OK) != 0)
-        return kiln_fail_errno(error, 0, "cannot read scene %.500s", job->scene);
+        return kiln_fail(error, KILN_BAD_INPUT, "scene %.500s is not a regular file", job->scene.file);
+    if (access(job->scene.file, R_OK) != 0)
+        return kiln_fail_errno(error, 0, "cannot read scene %.500s", job->scene.file);
     return KILN_OK;
 }
 
 /* Whether a scene may stand in the place of the folder of a bake: path-traced views take both. */
-static bool may_be_scene(const struct kiln_job *job) { return kiln_view_is_traced(job->view_method); }
+static bool may_be_scene(const struct kiln_job *job) { return kiln_view_is_traced(job->view.method); }
 
 static int check_folder(const struct kiln_job *job, const char *folder, struct kiln_error *error)
 {
@@ -132,7 +133,7 @@ static int prepare(struct kiln_job **job, int argc, char **argv, const struct ki
     KILN_TRY(kiln_job_parse(job, argc, argv, error));
     KILN_TRY(kiln_group_fields_make(*job, error));
     if (command->folder && takes_scene(*job))
-        (*job)->scene = (*job)->arguments[0];
+        (*job)->scene.file = (*job)->arguments[0];
     else if (command->folder)
         KILN_TRY(check_folder(*job, (*job)->arguments[0], error));
     KILN_TRY(check_scene(*job, error));
@@ -340,7 +341,7 @@ static int run_watched(const struct kiln_command *command, struct kiln_job *job,
         return run(command, job, error);
     int rank;
     (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
-    int status = kiln_watchdog_create(&watchdog, MPI_COMM_WORLD, job->watchdog,
+    int status = kiln_watchdog_create(&watchdog, MPI_COMM_WORLD, job->checkpoints.watchdog,
                                       kiln_faults_halt(&job->faults, (uint32_t)rank), error);
     if (status == KILN_OK) {
         kiln_watchdog_phase(watchdog, command->name);
@@ -358,7 +359,8 @@ static int check_threads(const struct kiln_job *job, bool many, struct kiln_erro
         (void)fprintf(stderr, "kiln: error: %s%s\n", departure.who, error->message);
         _exit(KILN_SYSTEM);
     }
-    return kiln_threads_check((job->threads != 0 ? job->threads : kiln_own_cores(ranks)) + OTHER_THREADS, error);
+    return kiln_threads_check(
+        (job->machine.threads != 0 ? job->machine.threads : kiln_own_cores(ranks)) + OTHER_THREADS, error);
 }
 
 /* Runs a command with MPI. A single rank reports a wrong command line without starting MPI; of several ranks each tells
@@ -374,7 +376,7 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
     if (status == KILN_OK)
         status = check_threads(job, many, error);
     if (status == KILN_OK || many) {
-        const double limit = job != NULL ? job->watchdog : 4.0 * START_SECONDS;
+        const double limit = job != NULL ? job->checkpoints.watchdog : 4.0 * START_SECONDS;
         struct kiln_error mpi = {{0}};
         const int start = start_mpi(many, &rank, start_seconds(limit), &mpi);
         started = start != KILN_SITE;

@@ -70,7 +70,7 @@ static int set_line(struct kiln_mix_factors *f, const char *line, const char *di
 static int set_lines(struct kiln_mix_factors *f, const struct kiln_job *job, struct kiln_error *error)
 {
     int status = KILN_OK;
-    for (const char *at = job->factors; status == KILN_OK && at != NULL; at = strchr(at, '\n')) {
+    for (const char *at = job->mix.factors; status == KILN_OK && at != NULL; at = strchr(at, '\n')) {
         char line[512];
         at += *at == '\n';
         (void)snprintf(line, sizeof line, "%.*s", (int)strcspn(at, "\n"), at);

@@ -39,7 +39,7 @@ static int set_up(struct stage *s, const char *directory, const struct kiln_job 
     kiln_geometry_make_all_hittable(s->geometry);
     KILN_TRY(kiln_lights_create(&s->lights, s->scene, s->geometry, error));
     const struct kiln_backend_params params = {
-        .scene = s->scene, .geometry = s->geometry, .lights = s->lights, .threads = job->threads};
+        .scene = s->scene, .geometry = s->geometry, .lights = s->lights, .threads = job->machine.threads};
     KILN_TRY(kiln_backend_create(&s->backend, "embree", &params, error));
 end:
     return status;

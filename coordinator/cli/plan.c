@@ -24,8 +24,8 @@ static double mebibytes(uint64_t bytes) { return (double)bytes / 1048576.0; }
 
 static double node_memory(const struct kiln_job *job)
 {
-    if (job->node_memory > 0.0)
-        return job->node_memory;
+    if (job->plan.node_memory > 0.0)
+        return job->plan.node_memory;
     return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE) / 0x1p30;
 }
 
@@ -63,7 +63,7 @@ static json_t *seconds_json(const struct kiln_plan *p)
 /* Bytes of the two checkpoints that a node's folder holds, of its ranks alone; 0: there is no such folder. */
 static uint64_t node_checkpoint_bytes(const struct kiln_plan *p, const struct kiln_job *job)
 {
-    return job->checkpoint_local != NULL && p->here.nodes > 0 ? 2 * p->checkpoint_bytes / (uint64_t)p->here.nodes : 0;
+    return job->checkpoints.local != NULL && p->here.nodes > 0 ? 2 * p->checkpoint_bytes / (uint64_t)p->here.nodes : 0;
 }
 
 static json_t *disk_json(const struct kiln_plan *p, const struct kiln_job *job)
@@ -144,8 +144,8 @@ static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
     const struct kiln_surface_report *s = &p->surface;
     json_t *all =
         json_pack("{s:s, s:i, s:I, s:I, s:I, s:I, s:I, s:I, s:f, s:f, s:I, s:f, s:f, s:f}", "status", "done", "ranks",
-                  (int)job->ranks, "triangles", (json_int_t)p->triangles, "points", (json_int_t)s->points, "points_min",
-                  (json_int_t)s->points_min, "points_max", (json_int_t)s->points_max, "cells_occupied",
+                  (int)job->plan.ranks, "triangles", (json_int_t)p->triangles, "points", (json_int_t)s->points,
+                  "points_min", (json_int_t)s->points_min, "points_max", (json_int_t)s->points_max, "cells_occupied",
                   (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total, "cell_size", s->cell_size,
                   "imbalance", s->imbalance, "probes", (json_int_t)p->probes, "bytes_per_point", p->bytes_per_point,
                   "bytes_per_triangle", p->bytes_per_triangle, "exchange_bytes_per_bounce", p->exchange_bytes);
@@ -181,8 +181,8 @@ static void print_cells(const struct kiln_plan *p, const struct kiln_job *job)
                      (unsigned long long)p->visible.views, (unsigned long long)p->visible.points_reached);
     (void)printf("%llu cells of %g m, %llu of them occupied\n", (unsigned long long)p->surface.cells_total,
                  p->surface.cell_size, (unsigned long long)p->surface.cells_occupied);
-    (void)printf("%u rank%s: %.1f cells and %llu to %llu points each, imbalance %.1f %% by points\n\n", job->ranks,
-                 job->ranks == 1 ? "" : "s", (double)p->surface.cells_occupied / job->ranks,
+    (void)printf("%u rank%s: %.1f cells and %llu to %llu points each, imbalance %.1f %% by points\n\n", job->plan.ranks,
+                 job->plan.ranks == 1 ? "" : "s", (double)p->surface.cells_occupied / job->plan.ranks,
                  (unsigned long long)p->surface.points_min, (unsigned long long)p->surface.points_max,
                  100.0 * p->surface.imbalance);
 }
@@ -238,7 +238,7 @@ static void print_working_set(const struct kiln_plan *p, const struct kiln_job *
     (void)printf(
         "what rays of a rank's points may reach, which end at %g m, and the radiance probes that they may ask\n"
         "%9s%12s%12s%12s%12s%12s\n",
-        job->radiance.range, "rank", "own points", "triangles", "points", "probes", "MiB");
+        job->light.radiance.range, "rank", "own points", "triangles", "points", "probes", "MiB");
     for (uint32_t r = 0; r < w->rank_count && w->rank_count <= RANKS_TOLD; r++) {
         char name[16];
         (void)snprintf(name, sizeof name, "%u", r);
@@ -304,7 +304,7 @@ static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
     if (p->visible.views > 0)
         (void)printf("                          and what the views see %.2f\n", s->views);
     print_light(p);
-    if (job->target_error > 0.0)
+    if (job->light.target_error > 0.0)
         (void)printf(
             "                          a first round; how many more the target error takes shows in the bake\n");
     (void)printf("  exchange   %10.2f s  a rank receives %.1f MiB in each bounce\n", s->exchange,
@@ -327,10 +327,10 @@ static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
     if (p->transport_bytes > 0)
         (void)printf("      of it %.1f MiB of transport that is kept, %.2f s to write at 1 GB/s\n",
                      mebibytes(p->transport_bytes), (double)p->transport_bytes * 1e-9);
-    if (job->checkpoint_local != NULL)
+    if (job->checkpoints.local != NULL)
         (void)printf(
             "      and of each node up to %.1f MiB in '%s', from which the bake goes on while they are copied\n",
-            mebibytes(node_checkpoint_bytes(p, job)), job->checkpoint_local);
+            mebibytes(node_checkpoint_bytes(p, job)), job->checkpoints.local);
 }
 
 /* The cause that costs the last point of a curve most, as text. */
@@ -439,7 +439,7 @@ static void print_plan(const struct kiln_plan *p, const struct kiln_job *job)
     print_memory(p, job);
     print_working_set(p, job);
     print_time(p, job);
-    if (job->ranks > 1 || job->points > 0) {
+    if (job->plan.ranks > 1 || job->plan.points > 0) {
         print_curve("strong", p->strong, p->curve_count, false);
         print_curve("weak", p->weak, p->curve_count, true);
         (void)printf(

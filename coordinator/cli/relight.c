@@ -108,25 +108,26 @@ static int fill(struct kiln_job *job, const json_t *index, struct kiln_error *er
                          directory, kiln, KILN_VERSION, kiln);
     int status = kiln_transport_options_take(job, index, directory, error);
     const char *other = job->argument_count > 1 ? job->arguments[1] : NULL;
-    const bool many = job->states != NULL || job->listen; /* groups change nothing of the light of states */
+    const bool many =
+        job->relighting.states != NULL || job->relighting.listen; /* groups change nothing of the light of states */
     if (status == KILN_OK && other == NULL)
         status = kiln_transport_changes_take(job, index, directory, error);
     else if (status == KILN_OK && kiln_is_yaml(other))
-        job->changes = job->arguments[1];
+        job->scene.changes = job->arguments[1];
     if (many && !kiln_job_given(job, kiln_option_find_for("sky-patches", KILN_FOR_BAKE)))
-        job->sky_patches = KILN_SKY_WHOLE;
+        job->scene.sky_patches = KILN_SKY_WHOLE;
     KILN_TRY(status);
-    if (!many && job->light_groups == NULL)
+    if (!many && job->scene.light_groups == NULL)
         KILN_TRY(kiln_transport_groups_take(job, index, directory, error));
     if (other != NULL && !kiln_is_yaml(other))
-        job->scene = job->arguments[1];
+        job->scene.file = job->arguments[1];
     else
-        KILN_TRY(kiln_job_keep_text(job, json_string_value(json_object_get(index, "scene")), &job->scene, error));
+        KILN_TRY(kiln_job_keep_text(job, json_string_value(json_object_get(index, "scene")), &job->scene.file, error));
     KILN_TRY(kiln_job_changes_read(job, error));
     KILN_TRY(kiln_job_groups_read(job, error));
     KILN_TRY(kiln_group_fields_make(job, error));
 end:
-    job->relight = directory;
+    job->relighting.folder = directory;
     return status;
 }
 
@@ -155,7 +156,7 @@ static int relight_states(struct kiln_job *job, struct kiln_error *error)
     int rank;
     (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
     int status = kiln_bake_run(&bake, MPI_COMM_WORLD, job, error);
-    if (status == KILN_OK && job->states != NULL)
+    if (status == KILN_OK && job->relighting.states != NULL)
         status = kiln_agree(MPI_COMM_WORLD, rank == 0 ? print_states(bake, job, error) : KILN_OK, error);
     kiln_bake_end(&bake, status, error);
     return status;
@@ -170,7 +171,7 @@ int kiln_command_relight(struct kiln_job *job, struct kiln_error *error)
     KILN_TRY(kiln_agree(MPI_COMM_WORLD, fill(job, index, error), error));
 end:
     json_decref(index);
-    if (status == KILN_OK && (job->states != NULL || job->listen))
+    if (status == KILN_OK && (job->relighting.states != NULL || job->relighting.listen))
         return relight_states(job, error);
     return status == KILN_OK ? kiln_command_bake(job, error) : status;
 }

@@ -109,10 +109,10 @@ static bool is_own_matter(const char *name)
 static void add_job(struct list *list, const struct kiln_job *job)
 {
     const struct kiln_command *command = kiln_command_find(job->command);
-    if (job->scene != NULL)
-        add_scene(list, job->scene);
+    if (job->scene.file != NULL)
+        add_scene(list, job->scene.file);
     for (size_t i = command->scene ? 1 : 0; i < job->argument_count; i++)
-        if (job->arguments[i] != job->scene)
+        if (job->arguments[i] != job->scene.file)
             add(list, "the argument", job->arguments[i]);
     for (size_t i = 0; i < kiln_option_count; i++) {
         const struct kiln_option *option = &kiln_options[i];

@@ -46,7 +46,7 @@ struct bench {
 
 static int read_ranks(struct bench *b, struct kiln_error *error)
 {
-    const char *text = b->job->rank_counts;
+    const char *text = b->job->bench.rank_counts;
     for (const char *at = text; at != NULL && *at != '\0';) {
         char *end = NULL;
         const unsigned long value = strtoul(at, &end, 10);
@@ -75,7 +75,7 @@ static void make_command(const struct bench *b, const struct run *run, const cha
     kiln_child_push_number(a, "-n", "%.0f", run->ranks);
     kiln_child_push(a, b->program);
     kiln_child_push(a, "bake");
-    kiln_child_push(a, b->job->scene);
+    kiln_child_push(a, b->job->scene.file);
     kiln_child_push(a, "-o");
     kiln_child_push(a, folder);
     kiln_child_push(a, "--quiet");
@@ -187,7 +187,7 @@ static int bake_all(struct bench *b, struct kiln_error *error)
     int status = KILN_OK;
     for (size_t i = 0; i < 2 * n && status == KILN_OK; i++) {
         struct run *run = &b->runs[i];
-        *run = (struct run){.weak = i >= n, .ranks = b->ranks[i % n], .density = b->job->texels_per_metre};
+        *run = (struct run){.weak = i >= n, .ranks = b->ranks[i % n], .density = b->job->lightmaps.texels_per_metre};
         if (i == n) {
             *run = b->runs[0];
             run->weak = true;
@@ -309,10 +309,11 @@ static int prepare(struct bench *b, struct kiln_error *error)
     int status;
     KILN_TRY(read_ranks(b, error));
     if (b->job->output == NULL)
-        KILN_TRY(kiln_job_default_output(b->job, b->job->scene, "-scaling", error));
+        KILN_TRY(kiln_job_default_output(b->job, b->job->scene.file, "-scaling", error));
     KILN_TRY(kiln_child_program(b->program, error));
     KILN_TRY(kiln_bench_folder_begin(&b->folder, b->job, "scaling", error));
-    b->threads = b->job->threads != 0 ? b->job->threads : kiln_own_cores((int)b->ranks[b->rank_count - 1]);
+    b->threads =
+        b->job->machine.threads != 0 ? b->job->machine.threads : kiln_own_cores((int)b->ranks[b->rank_count - 1]);
 end:
     return status;
 }

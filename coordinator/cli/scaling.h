@@ -4,10 +4,11 @@
 
 #include "coordinator/job/job.h"
 
-/* Runs `mpirun -n R kiln bake` on job->scene (a scene or job file) for each R of job->rank_counts. Strong scaling
- * repeats the same bake. Weak scaling raises the texel density by the square root of R, so that each rank has as many
- * points as one rank of the first bake. All runs have the same number of threads per rank: --threads, or else the cores
- * of the machine divided by the largest R. Options that bake also has are passed on; the environment is inherited.
+/* Runs `mpirun -n R kiln bake` on job->scene.file (a scene or job file) for each R of job->bench.rank_counts. Strong
+ * scaling repeats the same bake. Weak scaling raises the texel density by the square root of R, so that each rank has
+ * as many points as one rank of the first bake. All runs have the same number of threads per rank: --threads, or else
+ * the cores of the machine divided by the largest R. Options that bake also has are passed on; the environment is
+ * inherited.
  *
  * Writes the bakes, scaling.csv and scaling.svg to job->output (default: the scene's name + "-scaling"), and prints a
  * table and a summary. Call it before MPI is started, from a process with one thread. SIGINT, SIGTERM and SIGHUP end

@@ -47,28 +47,29 @@ static int read_item(struct submission *s, const char *path, struct kiln_batch_i
         s->job->output != NULL ? kiln_job_parse(&job, 6, with, error) : kiln_job_parse(&job, 4, without, error);
     struct stat scene;
     KILN_TRY(status);
-    if (stat(job->scene, &scene) != 0)
-        KILN_TRY(kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read scene %.500s", job->scene));
+    if (stat(job->scene.file, &scene) != 0)
+        KILN_TRY(
+            kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read scene %.500s", job->scene.file));
     if (!S_ISREG(scene.st_mode))
-        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "scene %.500s is not a file", job->scene));
+        KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "scene %.500s is not a file", job->scene.file));
     KILN_TRY(keep_absolute(s, path, &item->job, error));
     KILN_TRY(keep_absolute(s, job->output, &item->output, error));
 end:
-    s->embree = s->embree || (status == KILN_OK && !kiln_backend_may_use_device(job->backend));
+    s->embree = s->embree || (status == KILN_OK && !kiln_backend_may_use_device(job->machine.backend));
     kiln_job_destroy(&job);
     return status;
 }
 
 static int find_array(struct submission *s, struct kiln_error *error)
 {
-    if (s->job->array == NULL)
+    if (s->job->submit.array == NULL)
         return KILN_OK;
-    const int failure = glob(s->job->array, 0, NULL, &s->found);
+    const int failure = glob(s->job->submit.array, 0, NULL, &s->found);
     s->globbed = failure == 0;
     if (failure == GLOB_NOSPACE)
         return kiln_fail(error, KILN_SYSTEM, "out of memory for the files of --array");
     return failure == 0 ? KILN_OK
-                        : kiln_fail(error, KILN_NO_INPUT, "--array: no file is called '%.500s'", s->job->array);
+                        : kiln_fail(error, KILN_NO_INPUT, "--array: no file is called '%.500s'", s->job->submit.array);
 }
 
 /* Refuses two bakes into the same folder, since each would use the other's checkpoints. */
@@ -124,21 +125,23 @@ static int describe(struct submission *s, struct kiln_error *error)
     s->batch.program = s->program;
     s->batch.mpirun = s->mpirun;
     s->batch.folder = s->folder;
-    s->batch.time = job->time_limit;
-    s->batch.partition = job->queue;
-    s->batch.account = job->account;
-    s->batch.nodes = job->nodes;
-    s->batch.gpus = job->gpus;
-    s->batch.ranks_per_node = job->ranks_per_node != 0 ? job->ranks_per_node : job->gpus != 0 ? job->gpus : 1;
-    s->batch.threads = job->threads;
-    s->batch.memory = job->memory;
-    s->batch.warning = job->warning;
-    s->batch.tries = job->tries;
-    s->batch.backend = job->gpus != 0 ? "vulkan" : NULL;
-    if (job->gpus != 0 && s->embree)
+    s->batch.time = job->submit.time_limit;
+    s->batch.partition = job->submit.queue;
+    s->batch.account = job->submit.account;
+    s->batch.nodes = job->submit.nodes;
+    s->batch.gpus = job->submit.gpus;
+    s->batch.ranks_per_node = job->submit.ranks_per_node != 0 ? job->submit.ranks_per_node
+                              : job->submit.gpus != 0         ? job->submit.gpus
+                                                              : 1;
+    s->batch.threads = job->machine.threads;
+    s->batch.memory = job->submit.memory;
+    s->batch.warning = job->submit.warning;
+    s->batch.tries = job->submit.tries;
+    s->batch.backend = job->submit.gpus != 0 ? "vulkan" : NULL;
+    if (job->submit.gpus != 0 && s->embree)
         return kiln_fail(error, KILN_USAGE, "--gpus %u, but a job file says `backend: embree`; leave one of them out",
-                         job->gpus);
-    return job->setup == NULL ? KILN_OK : keep_absolute(s, job->setup, &s->batch.setup, error);
+                         job->submit.gpus);
+    return job->submit.setup == NULL ? KILN_OK : keep_absolute(s, job->submit.setup, &s->batch.setup, error);
 }
 
 static int write_script(struct submission *s, struct kiln_error *error)
@@ -187,14 +190,14 @@ static int say_json(const struct submission *s, struct kiln_error *error)
 
 static int finish(struct submission *s, struct kiln_error *error)
 {
-    if (!s->job->dry_run) {
+    if (!s->job->submit.dry_run) {
         const int status = kiln_batch_submit(s->script, s->script_length, &s->id, error);
         if (status != KILN_OK)
             return status;
     }
     if (s->job->json)
         return say_json(s, error);
-    if (s->job->dry_run)
+    if (s->job->submit.dry_run)
         (void)fwrite(s->script, 1, s->script_length, stdout);
     else if (!s->job->quiet)
         say(s);

@@ -66,15 +66,15 @@ static int read_show(struct view *v, const char *name, struct kiln_error *error)
 /* Refuses an exposure for what is shown on a scale of its own. */
 static int check_exposure(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
-    if (v->field == NULL || v->field->meaning == KILN_FIELD_AMOUNT || job->exposure == 0.0)
+    if (v->field == NULL || v->field->meaning == KILN_FIELD_AMOUNT || job->view.exposure == 0.0)
         return KILN_OK;
     return kiln_fail(error, KILN_USAGE, "--exposure %g: '%s' is shown on a fixed scale; leave --exposure out",
-                     job->exposure, kiln_field_shown_name(v->field));
+                     job->view.exposure, kiln_field_shown_name(v->field));
 }
 
 static const char *quantity_of(const struct view *v, const struct kiln_job *job)
 {
-    const char *light = job->view_atlas != NULL ? "irradiance" : "radiance";
+    const char *light = job->view.atlas != NULL ? "irradiance" : "radiance";
     return v->show.texels ? "a checkerboard of texels" : v->field != NULL ? v->field->description : light;
 }
 
@@ -83,7 +83,7 @@ static const char *unit_of(const struct view *v, const struct kiln_job *job)
     const struct kiln_units *units =
         v->results != NULL ? kiln_units_of_bake(v->results) : kiln_units_of(KILN_UNITS_AUTO, v->scene);
     return v->field != NULL          ? kiln_field_unit(v->field, units)
-           : job->view_atlas != NULL ? units->irradiance
+           : job->view.atlas != NULL ? units->irradiance
                                      : units->radiance;
 }
 
@@ -95,7 +95,7 @@ static int open_bake(struct view *v, const char *directory, struct kiln_error *e
     return status;
 }
 
-/* Imports job->scene to a file of this process. */
+/* Imports job->scene.file to a file of this process. */
 static int import_scene(struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
     int status;
@@ -110,7 +110,7 @@ end:
 
 static int open_scene(struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
-    return job->scene != NULL ? import_scene(v, job, error) : open_bake(v, job->arguments[0], error);
+    return job->scene.file != NULL ? import_scene(v, job, error) : open_bake(v, job->arguments[0], error);
 }
 
 /* Lays the leaves of a bake that has an octree: run.json says how wide they are. */
@@ -150,10 +150,10 @@ static int open_backend(struct view *v, const struct kiln_job *job, struct kiln_
     struct kiln_backend_params params = {.scene = v->scene,
                                          .geometry = v->geometry,
                                          .lights = v->lights,
-                                         .threads = job->threads,
-                                         .instruction_set = job->instruction_set};
+                                         .threads = job->machine.threads,
+                                         .instruction_set = job->machine.instruction_set};
     kiln_devices_choose(job, 0, 1, &params);
-    return kiln_backend_create(&v->backend, job->backend, &params, error);
+    return kiln_backend_create(&v->backend, job->machine.backend, &params, error);
 }
 
 static bool was_given(const struct kiln_job *job, const char *name)
@@ -172,9 +172,9 @@ static struct kiln_view_source source_of(struct view *v, const struct kiln_job *
                                       .backend = v->backend,
                                       .texels = v->show.texels,
                                       .field = v->field,
-                                      .nearest = was_given(job, "filter") ? job->view_filter == KILN_VIEW_FILTER_NEAREST
+                                      .nearest = was_given(job, "filter") ? job->view.filter == KILN_VIEW_FILTER_NEAREST
                                                                           : v->show.squares,
-                                      .no_normal_maps = !job->normal_maps,
+                                      .no_normal_maps = !job->view.normal_maps,
                                       .maps = v->maps};
     kiln_view_made_lend(&v->made, &source);
     if (v->team != NULL)
@@ -193,8 +193,9 @@ static bool is_exposed(const struct view *v, const char *output)
 static int prepare(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
 {
     struct kiln_view_source source = source_of(v, job, directory);
-    v->look = (struct kiln_look){
-        .curve = (enum kiln_tone_curve)job->tone_map, .stops = job->exposure, .no_metering = !job->auto_exposure};
+    v->look = (struct kiln_look){.curve = (enum kiln_tone_curve)job->view.tone_map,
+                                 .stops = job->view.exposure,
+                                 .no_metering = !job->view.auto_exposure};
     v->pictures = json_array();
     int status = kiln_view_maps_create(&v->maps, &source, 0, error);
     source.maps = v->maps;
@@ -230,7 +231,7 @@ static int render(struct view *v, const struct kiln_job *job, const char *direct
 {
     const struct kiln_view_source source = source_of(v, job, directory);
     struct kiln_view_wish wish = v->shots.wishes[index];
-    wish.surfaces = job->aov;
+    wish.surfaces = job->view.aov;
     wish.filter = v->filter;
     kiln_image_destroy(&v->picture.image);
     const int status = kiln_picture_make(&source, &wish, 4, &v->look, &v->picture, error);
@@ -287,7 +288,7 @@ static int write_picture(const struct view *v, const struct kiln_job *job, const
 static int check_extension(const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
     const char *dot = strrchr(path, '.');
-    if (job->aov && dot != NULL && strcasecmp(dot, ".png") == 0)
+    if (job->view.aov && dot != NULL && strcasecmp(dot, ".png") == 0)
         return kiln_fail(error, KILN_USAGE, "--output %s: --aov adds layers, which PNG has not; write .exr", path);
     if (dot != NULL && (strcasecmp(dot, ".png") == 0 || strcasecmp(dot, ".exr") == 0))
         return KILN_OK;
@@ -343,8 +344,8 @@ static void print_work(const struct view *v, const struct kiln_job *job)
 {
     const struct kiln_view_work work = kiln_view_team_work(v->team);
     char bounces[32] = "all";
-    if (job->bounces >= 0)
-        (void)snprintf(bounces, sizeof bounces, "%lld", (long long)job->bounces);
+    if (job->light.bounces >= 0)
+        (void)snprintf(bounces, sizeof bounces, "%lld", (long long)job->light.bounces);
     (void)printf("path-traced, %u paths a pixel, %s indirect bounces; %.3g million rays in %.3g s\n", work.samples,
                  bounces, 1e-6 * (double)work.rays, work.seconds);
     if (work.radius > 0.0)
@@ -437,7 +438,7 @@ static int check_names(const struct view *v, const char *directory, struct kiln_
 
 static const char *view_method(const struct kiln_job *job)
 {
-    return kiln_options[kiln_option_find_for("method", KILN_FOR_VIEW) - kiln_options].choices[job->view_method];
+    return kiln_options[kiln_option_find_for("method", KILN_FOR_VIEW) - kiln_options].choices[job->view.method];
 }
 
 static int check_method(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
@@ -448,34 +449,34 @@ static int check_method(const struct view *v, const struct kiln_job *job, struct
                              *const of_scenes[] = {"environment", "environment-scale", "environment-rotation"},
                              *const of_files[] = {"up", "unit", "strict"};
     const char *const method = view_method(job);
-    for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && !kiln_view_is_traced(job->view_method); i++)
+    for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && !kiln_view_is_traced(job->view.method); i++)
         if (was_given(job, of_paths[i]))
             return kiln_fail(error, KILN_USAGE,
                              "--%s: the light in lightmaps is as it was baked; only --method path and its like compute "
                              "light",
                              of_paths[i]);
-    for (size_t i = 0; i < sizeof of_sums / sizeof *of_sums && job->accumulate == NULL; i++)
+    for (size_t i = 0; i < sizeof of_sums / sizeof *of_sums && job->view.accumulate == NULL; i++)
         if (was_given(job, of_sums[i]))
             return kiln_fail(error, KILN_USAGE, "--%s: nothing is kept of a view without --accumulate DIR", of_sums[i]);
-    for (size_t i = 0; i < sizeof of_scenes / sizeof *of_scenes && job->scene == NULL; i++)
+    for (size_t i = 0; i < sizeof of_scenes / sizeof *of_scenes && job->scene.file == NULL; i++)
         if (was_given(job, of_scenes[i]))
             return kiln_fail(
                 error, KILN_USAGE,
                 "--%s: a bake's surroundings are as it was baked; kiln view SCENE --method path takes others",
                 of_scenes[i]);
-    for (size_t i = 0; i < sizeof of_files / sizeof *of_files && job->scene == NULL; i++)
+    for (size_t i = 0; i < sizeof of_files / sizeof *of_files && job->scene.file == NULL; i++)
         if (was_given(job, of_files[i]))
             return kiln_fail(error, KILN_USAGE,
                              "--%s: a bake's scene has been read; kiln view SCENE --method path reads one",
                              of_files[i]);
-    if (kiln_view_is_traced(job->view_method) && (v->show.texels || v->field != NULL))
+    if (kiln_view_is_traced(job->view.method) && (v->show.texels || v->field != NULL))
         return kiln_fail(error, KILN_USAGE,
                          "--method %s --show %.100s: path tracing shows light; leave one of the two out", method,
-                         job->show);
-    if (job->merge_radius > 0.0 && job->view_method < KILN_VIEW_METHOD_vcm)
+                         job->view.show);
+    if (job->light.merge_radius > 0.0 && job->view.method < KILN_VIEW_METHOD_vcm)
         return kiln_fail(error, KILN_USAGE,
                          "--method %s --merge-radius %g: nothing is merged; leave --merge-radius out", method,
-                         job->merge_radius);
+                         job->light.merge_radius);
     return KILN_OK;
 }
 
@@ -483,7 +484,7 @@ static int check_method(const struct view *v, const struct kiln_job *job, struct
 static void warn_of_missed(struct view *v, const struct kiln_job *job)
 {
     const struct kiln_view_source source = source_of(v, job, NULL);
-    if (job->view_method == KILN_VIEW_METHOD_path && kiln_path_view_misses(v->scene, source.lights))
+    if (job->view.method == KILN_VIEW_METHOD_path && kiln_path_view_misses(v->scene, source.lights))
         (void)fprintf(stderr,
                       "kiln: note: --method path misses the light of points, spots and suns that comes by way of "
                       "mirrors and smooth glass; --method vcm or bdpt finds it\n");
@@ -493,34 +494,35 @@ static void warn_of_missed(struct view *v, const struct kiln_job *job)
 static int check_one(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
     const bool one = v->shots.kind != KILN_SHOTS_PATH && v->shots.count == 1;
-    if (one || (job->accumulate == NULL && !(job->max_time > 0.0)))
+    if (one || (job->view.accumulate == NULL && !(job->checkpoints.max_time > 0.0)))
         return KILN_OK;
     return kiln_fail(error, KILN_USAGE, "--%s is for one picture: leave --path out, or name one --camera",
-                     job->accumulate != NULL ? "accumulate" : "max-time");
+                     job->view.accumulate != NULL ? "accumulate" : "max-time");
 }
 
 /* Refuses options that contradict --sequence or --denoise. */
 static int check_filter(const struct kiln_job *job, struct kiln_error *error)
 {
-    if (job->sequence && job->path == NULL)
+    if (job->view.sequence && job->view.path == NULL)
         return kiln_fail(error, KILN_USAGE,
                          "--sequence: frames follow each other along a path; --path FILE.csv names one");
-    if (job->view_denoise != KILN_VIEW_DENOISE_NONE && (job->accumulate != NULL || job->max_time > 0.0))
+    if (job->view.denoise != KILN_VIEW_DENOISE_NONE &&
+        (job->view.accumulate != NULL || job->checkpoints.max_time > 0.0))
         return kiln_fail(error, KILN_USAGE,
                          "--denoise goes by two halves of the paths, and --%s is for paths in one piece; leave one of "
                          "the two out",
-                         job->accumulate != NULL ? "accumulate" : "max-time");
-    if ((job->sequence || job->view_denoise != KILN_VIEW_DENOISE_NONE) && job->lens_radius > 0.0)
+                         job->view.accumulate != NULL ? "accumulate" : "max-time");
+    if ((job->view.sequence || job->view.denoise != KILN_VIEW_DENOISE_NONE) && job->view.lens_radius > 0.0)
         return kiln_fail(error, KILN_USAGE,
                          "--lens-radius %g: --%s goes by what a pinhole sees; leave one of the two out",
-                         job->lens_radius, job->sequence ? "sequence" : "denoise");
+                         job->view.lens_radius, job->view.sequence ? "sequence" : "denoise");
     return KILN_OK;
 }
 
 /* Refuses views of a scene without a bake that nobody aims: an automatic view looks at the light in lightmaps. */
 static int check_aim(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
-    if (v->results != NULL || v->scene->camera_count > 0 || job->from != NULL || job->path != NULL)
+    if (v->results != NULL || v->scene->camera_count > 0 || job->view.from != NULL || job->view.path != NULL)
         return KILN_OK;
     return kiln_fail(error, KILN_USAGE,
                      "the scene has no camera: --from X,Y,Z --to X,Y,Z says where to look from (of a bake, kiln view "
@@ -534,14 +536,14 @@ static int check_atlas(const struct view *v, const struct kiln_job *job, struct 
 {
     static const char *const of_cameras[] = {"camera", "from", "to",     "field-of-view",
                                              "height", "path", "frames", "aov"};
-    if (kiln_view_is_traced(job->view_method) && (job->view_atlas != NULL || was_given(job, "filter")))
+    if (kiln_view_is_traced(job->view.method) && (job->view.atlas != NULL || was_given(job, "filter")))
         return kiln_fail(error, KILN_USAGE, "--method %s --%s: path tracing has no texels; leave one of the two out",
-                         view_method(job), job->view_atlas != NULL ? "atlas" : "filter");
-    for (size_t i = 0; i < sizeof of_cameras / sizeof *of_cameras && job->view_atlas != NULL; i++)
+                         view_method(job), job->view.atlas != NULL ? "atlas" : "filter");
+    for (size_t i = 0; i < sizeof of_cameras / sizeof *of_cameras && job->view.atlas != NULL; i++)
         if (was_given(job, of_cameras[i]))
             return kiln_fail(error, KILN_USAGE,
                              "--atlas %.100s --%s: a lightmap is seen by no camera; leave one of the two out",
-                             job->view_atlas, of_cameras[i]);
+                             job->view.atlas, of_cameras[i]);
     if (v->show.texels && was_given(job, "filter"))
         return kiln_fail(error, KILN_USAGE, "--filter: texels are shown as they are; leave --filter out");
     return KILN_OK;
@@ -550,11 +552,11 @@ static int check_atlas(const struct view *v, const struct kiln_job *job, struct 
 /* Checks options as far as possible before the scene is open. */
 static int check_options(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
-    const bool bake = job->scene == NULL;
+    const bool bake = job->scene.file == NULL;
     const struct kiln_output_name name = {
-        .option = "--output", .path = path, .inputs = {job->scene}, .bakes = {bake ? job->arguments[0] : NULL}};
+        .option = "--output", .path = path, .inputs = {job->scene.file}, .bakes = {bake ? job->arguments[0] : NULL}};
     int status;
-    KILN_TRY(read_show(v, job->show, error));
+    KILN_TRY(read_show(v, job->view.show, error));
     KILN_TRY(check_method(v, job, error));
     KILN_TRY(check_filter(job, error));
     KILN_TRY(check_atlas(v, job, error));
@@ -571,10 +573,10 @@ end:
 /* Path of the picture: --output, or else in the bake's folder, or named after the scene. */
 static int choose_output(struct kiln_job *job, char path[KILN_PATH_SIZE], struct kiln_error *error)
 {
-    if (job->output == NULL && job->scene == NULL)
+    if (job->output == NULL && job->scene.file == NULL)
         return kiln_path_join(path, job->arguments[0], "view.png", error);
     const char *given = job->output;
-    int status = given == NULL ? kiln_job_default_output(job, job->scene, "-view.png", error) : KILN_OK;
+    int status = given == NULL ? kiln_job_default_output(job, job->scene.file, "-view.png", error) : KILN_OK;
     if (status == KILN_OK && snprintf(path, KILN_PATH_SIZE, "%s", job->output) >= KILN_PATH_SIZE)
         status = kiln_fail(error, KILN_USAGE, "--output %.200s: the path is too long", job->output);
     return status;
@@ -601,7 +603,7 @@ static void close_view(struct view *v)
 static int take_materials(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
     const char *const *names = kiln_option_find_for("materials", KILN_FOR_VIEW)->choices;
-    enum kiln_gloss_mode mode = (enum kiln_gloss_mode)job->materials;
+    enum kiln_gloss_mode mode = (enum kiln_gloss_mode)job->light.materials;
     json_t *run = NULL;
     int status = KILN_OK;
     if (!was_given(job, "materials") && kiln_results_has(v->results, "run.json"))
@@ -626,7 +628,7 @@ static int draw_atlas(struct view *v, const struct kiln_job *job, const char *pa
         status = prepare(v, job, job->arguments[0], error);
     const struct kiln_view_source source = source_of(v, job, job->arguments[0]);
     if (status == KILN_OK)
-        status = kiln_atlas_make(&source, job->view_atlas, job->width, &v->look, &v->picture, error);
+        status = kiln_atlas_make(&source, job->view.atlas, job->view.width, &v->look, &v->picture, error);
     v->picture.unit = unit_of(v, job);
     describe_made(v);
     if (status == KILN_OK)
@@ -646,9 +648,9 @@ static int write_places(struct view *v, const struct kiln_job *job, const char *
     int status;
     KILN_TRY(kiln_output_name_check(&name, error));
     KILN_TRY(open_scene(v, job, error));
-    KILN_TRY(kiln_places_write(v->scene, job->view_places, path, error));
+    KILN_TRY(kiln_places_write(v->scene, job->view.places, path, error));
     if (job->json)
-        KILN_TRY(kiln_json_print(json_pack("{s:s, s:i, s:o}", "status", "done", "places", (int)job->view_places,
+        KILN_TRY(kiln_json_print(json_pack("{s:s, s:i, s:o}", "status", "done", "places", (int)job->view.places,
                                            "output", kiln_json_string(path)),
                                  error));
 end:
@@ -662,7 +664,7 @@ static int view_lightmaps(struct view *v, const struct kiln_job *job, const char
     KILN_TRY(check_options(v, job, path, error));
     KILN_TRY(open_scene(v, job, error));
     KILN_TRY(take_materials(v, job, error));
-    if (job->view_atlas != NULL)
+    if (job->view.atlas != NULL)
         return draw_atlas(v, job, path, error);
     KILN_TRY(kiln_shots_make(job, v->scene, path, &v->shots, error));
     KILN_TRY(check_names(v, job->arguments[0], error));
@@ -688,7 +690,7 @@ static int view_paths(struct view *v, const struct kiln_job *job, const char *pa
     if (status == KILN_OK)
         status = kiln_path_view_check(v->scene, error);
     if (status == KILN_OK)
-        status = kiln_scene_take_gloss(v->scene, (enum kiln_gloss_mode)job->materials, error);
+        status = kiln_scene_take_gloss(v->scene, (enum kiln_gloss_mode)job->light.materials, error);
     if (status == KILN_OK)
         status = check_aim(v, job, error);
     status = kiln_view_team_create(&v->team, job, v->scene, status, error);
@@ -698,10 +700,10 @@ static int view_paths(struct view *v, const struct kiln_job *job, const char *pa
         return status;
     KILN_TRY(kiln_shots_make(job, v->scene, path, &v->shots, error));
     KILN_TRY(check_one(v, job, error));
-    KILN_TRY(check_names(v, job->scene == NULL ? job->arguments[0] : NULL, error));
-    if (job->sequence || job->view_denoise != KILN_VIEW_DENOISE_NONE)
-        KILN_TRY(
-            kiln_view_filter_create(&v->filter, job->sequence, job->view_denoise != KILN_VIEW_DENOISE_NONE, error));
+    KILN_TRY(check_names(v, job->scene.file == NULL ? job->arguments[0] : NULL, error));
+    if (job->view.sequence || job->view.denoise != KILN_VIEW_DENOISE_NONE)
+        KILN_TRY(kiln_view_filter_create(&v->filter, job->view.sequence, job->view.denoise != KILN_VIEW_DENOISE_NONE,
+                                         error));
     warn_of_missed(v, job);
     KILN_TRY(draw_all(v, job, job->arguments[0], error));
     KILN_TRY(kiln_view_team_stopped(v->team, error));
@@ -718,11 +720,11 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
     (void)MPI_Initialized(&with_mpi);
     if (with_mpi != 0)
         (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
-    if (status == KILN_OK && job->view_places > 0 && rank == 0)
+    if (status == KILN_OK && job->view.places > 0 && rank == 0)
         status = write_places(&v, job, path, error);
-    else if (status == KILN_OK && job->view_places == 0 && kiln_view_is_traced(job->view_method))
+    else if (status == KILN_OK && job->view.places == 0 && kiln_view_is_traced(job->view.method))
         status = view_paths(&v, job, path, error);
-    else if (status == KILN_OK && job->view_places == 0 && rank == 0) /* which draws alone */
+    else if (status == KILN_OK && job->view.places == 0 && rank == 0) /* which draws alone */
         status = view_lightmaps(&v, job, path, error);
     close_view(&v);
     return status;

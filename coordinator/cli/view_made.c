@@ -16,15 +16,15 @@ int kiln_view_made_check(const struct kiln_job *job, const struct kiln_show *sho
     const bool voxels = show->kind == KILN_SHOW_VOXELS || show->kind == KILN_SHOW_VOXEL;
     if (voxels_given && !voxels && show->kind != KILN_SHOW_SEEN)
         return kiln_fail(error, KILN_USAGE, "--voxels: no grid is shown; give --show voxels, or leave --voxels out");
-    if (job->view_texel != NULL && show->kind != KILN_SHOW_LINKS && show->kind != KILN_SHOW_SEEN)
+    if (job->view.texel != NULL && show->kind != KILN_SHOW_LINKS && show->kind != KILN_SHOW_SEEN)
         return kiln_fail(error, KILN_USAGE,
                          "--texel %.100s: nothing is shown of a texel; give --show links or seen, or leave --texel out",
-                         job->view_texel);
-    if (show->kind == KILN_SHOW_VOXELS && filter_given && job->view_atlas == NULL)
+                         job->view.texel);
+    if (show->kind == KILN_SHOW_VOXELS && filter_given && job->view.atlas == NULL)
         return kiln_fail(error, KILN_USAGE,
                          "--filter: cells are shown as they are; leave --filter out, or give --show voxel, which goes "
                          "by surfaces");
-    if (show->kind == KILN_SHOW_LINKS && job->view_texel == NULL)
+    if (show->kind == KILN_SHOW_LINKS && job->view.texel == NULL)
         return kiln_fail(error, KILN_USAGE, "--show links: of which texel? Give --texel OBJECT,X,Y, such as floor,3,4");
     return KILN_OK;
 }
@@ -36,7 +36,7 @@ static int find_along(uint32_t *along, const struct kiln_job *job, struct kiln_r
                       struct kiln_error *error)
 {
     json_t *run = NULL;
-    *along = job->view_voxels;
+    *along = job->view.voxels;
     if (*along > 0)
         return KILN_OK;
     const int status = kiln_results_json(results, "run.json", &run, error);
@@ -47,7 +47,7 @@ static int find_along(uint32_t *along, const struct kiln_job *job, struct kiln_r
         return kiln_fail(error, KILN_NO_INPUT,
                          "--show %s: the bake in %.500s had no grid of voxels; give --voxels N to see one of N cells "
                          "along the scene's longest side, or bake with --method radiosity --visibility voxels",
-                         job->show, job->arguments[0]);
+                         job->view.show, job->arguments[0]);
     return status;
 }
 
@@ -60,7 +60,7 @@ static int make_voxels(struct kiln_view_made *m, const struct kiln_job *job, con
         status = kiln_voxels_create(&m->voxels, geometry, along, error);
     if (status != KILN_OK)
         return status;
-    m->boxes = show->kind == KILN_SHOW_VOXELS && job->view_atlas == NULL;
+    m->boxes = show->kind == KILN_SHOW_VOXELS && job->view.atlas == NULL;
     m->renderer = (struct kiln_view_renderer){kiln_voxel_view_render, m->voxels};
     kiln_voxel_view_key(m->voxels, m->boxes, &m->key);
     return KILN_OK;
@@ -74,7 +74,7 @@ static int make_links(struct kiln_view_made *m, const struct kiln_job *job, cons
     struct kiln_texel_links links;
     char texel[80];
     int status;
-    KILN_TRY(kiln_texel_links_find(&links, job->arguments[0], job->view_texel, error));
+    KILN_TRY(kiln_texel_links_find(&links, job->arguments[0], job->view.texel, error));
     KILN_TRY(kiln_point_rows_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error));
     KILN_TRY(kiln_point_rows_replace(m->rows, links.share, 1, links.points, error));
 end:
@@ -83,7 +83,7 @@ end:
     m->all = links.all;
     (void)snprintf(m->note, sizeof m->note,
                    "the texel %s gathers from %u nodes and %u single texels, %.4g %% of its view; orange: itself",
-                   kiln_text_plain(texel, sizeof texel, job->view_texel), m->nodes, m->single, m->all);
+                   kiln_text_plain(texel, sizeof texel, job->view.texel), m->nodes, m->single, m->all);
     kiln_texel_links_release(&links);
     return status;
 }
@@ -98,13 +98,13 @@ static int make_seen(struct kiln_view_made *m, const struct kiln_job *job, const
     struct kiln_voxels *voxels = NULL;
     char texel[sizeof s->texel], by[80];
     int status;
-    KILN_TRY(job->view_voxels > 0 ? kiln_voxels_create(&voxels, geometry, job->view_voxels, error) : KILN_OK);
-    KILN_TRY(kiln_seen_find(s, results, scene, geometry, job->view_texel, voxels, error));
+    KILN_TRY(job->view.voxels > 0 ? kiln_voxels_create(&voxels, geometry, job->view.voxels, error) : KILN_OK);
+    KILN_TRY(kiln_seen_find(s, results, scene, geometry, job->view.texel, voxels, error));
     KILN_TRY(kiln_point_rows_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error));
     KILN_TRY(kiln_point_rows_replace(m->rows, s->color, 3, s->points, error));
 end:
     kiln_seen_key(&m->key);
-    (void)snprintf(by, sizeof by, ", by %u voxels %llu, of which %llu are the same ones", job->view_voxels,
+    (void)snprintf(by, sizeof by, ", by %u voxels %llu, of which %llu are the same ones", job->view.voxels,
                    (unsigned long long)s->by_voxels, (unsigned long long)s->by_both);
     (void)snprintf(m->note, sizeof m->note, "the texel %s faces %llu texels, and sees %llu of them by rays%s",
                    kiln_text_plain(texel, sizeof texel, s->texel), (unsigned long long)s->facing,

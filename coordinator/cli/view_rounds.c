@@ -41,7 +41,7 @@ enum decision { SIGNAL, OVER, SAVE, DECISIONS };
 int kiln_view_rounds_create(struct kiln_view_rounds **rounds, const struct kiln_job *job, struct kiln_error *error)
 {
     *rounds = NULL;
-    if (job->accumulate == NULL && !(job->max_time > 0.0))
+    if (job->view.accumulate == NULL && !(job->checkpoints.max_time > 0.0))
         return KILN_OK;
     const int status =
         kiln_agree(MPI_COMM_WORLD, kiln_allocate(rounds, 1, sizeof **rounds, "the rounds of a view", error), error);
@@ -71,14 +71,14 @@ int kiln_view_rounds_stopped(const struct kiln_view_rounds *r, struct kiln_error
 {
     if (r == NULL || r->signal == 0)
         return KILN_OK;
-    return r->job->accumulate == NULL
+    return r->job->view.accumulate == NULL
                ? kiln_fail(error, KILN_STOPPED, "stopped by %s: the picture has %u of %u paths a pixel",
-                           kiln_process_signal_name(r->signal), r->samples, r->job->samples_pixel)
+                           kiln_process_signal_name(r->signal), r->samples, r->job->view.samples_pixel)
                : kiln_fail(error, KILN_STOPPED,
                            "stopped by %s: the picture has %u of %u paths a pixel, %.300s keeps %u; the same command "
                            "goes on",
-                           kiln_process_signal_name(r->signal), r->samples, r->job->samples_pixel, r->job->accumulate,
-                           r->kept);
+                           kiln_process_signal_name(r->signal), r->samples, r->job->view.samples_pixel,
+                           r->job->view.accumulate, r->kept);
 }
 
 /* ---- what is kept ---- */
@@ -131,23 +131,23 @@ static json_t *make_identity(const struct kiln_view_rounds *r, const struct kiln
 static int refuse_bake(const struct kiln_view_rounds *r, struct kiln_error *error)
 {
     return kiln_fail(error, KILN_USAGE, "--accumulate %.300s: that is the folder of a bake; name another",
-                     r->job->accumulate);
+                     r->job->view.accumulate);
 }
 
 /* Rank 0: the folder, which no other view or bake may use meanwhile. */
 static int take_folder(struct kiln_view_rounds *r, bool *had_one, struct kiln_error *error)
 {
     const struct kiln_output_folder_params params = {
-        .directory = r->job->accumulate, .kind = KILN_FOLDER_LOCKED, .no_locks = r->job->faults.no_locks};
+        .directory = r->job->view.accumulate, .kind = KILN_FOLDER_LOCKED, .no_locks = r->job->faults.no_locks};
     uint64_t generation;
     char scene[KILN_PATH_SIZE];
     int status;
-    KILN_TRY(kiln_path_join(scene, r->job->accumulate, "scene.kscene", error));
+    KILN_TRY(kiln_path_join(scene, r->job->view.accumulate, "scene.kscene", error));
     if (access(scene, F_OK) == 0)
         KILN_TRY(refuse_bake(r, error));
     KILN_TRY(kiln_output_folder_begin(&r->folder, &params, error));
 end:
-    *had_one = status == KILN_OK && kiln_checkpoint_newest(r->job->accumulate, &generation);
+    *had_one = status == KILN_OK && kiln_checkpoint_newest(r->job->view.accumulate, &generation);
     return status;
 }
 
@@ -157,15 +157,15 @@ static int check_kept(const struct kiln_view_rounds *r, bool had_one, char *note
 {
     const json_t *then = kiln_checkpoint_identity(r->checkpoint);
     note[0] = '\0';
-    if (had_one && then == NULL && r->job->resume)
+    if (had_one && then == NULL && r->job->checkpoints.resume)
         return kiln_fail(error, KILN_BAD_INPUT,
                          "--accumulate %.300s: what is kept there is damaged; --no-resume begins anew",
-                         r->job->accumulate);
+                         r->job->view.accumulate);
     if (then != NULL && json_object_get(then, "of") == NULL)
         return refuse_bake(r, error);
-    if (then == NULL || !r->job->resume)
+    if (then == NULL || !r->job->checkpoints.resume)
         return KILN_OK;
-    return kiln_identity_compare(then, r->identity, r->job->accumulate, note, note_size, error);
+    return kiln_identity_compare(then, r->identity, r->job->view.accumulate, note, note_size, error);
 }
 
 /* Reads this rank's sums, and on rank 0 the film. */
@@ -194,14 +194,14 @@ static int open_folder(struct kiln_view_rounds *r, const struct kiln_view_traced
     bool had_one = false;
     int status = kiln_agree(MPI_COMM_WORLD, r->rank == 0 ? take_folder(r, &had_one, error) : KILN_OK, error);
     if (status == KILN_OK)
-        status = kiln_checkpoint_open(&r->checkpoint, MPI_COMM_WORLD, r->job->accumulate, true, error);
+        status = kiln_checkpoint_open(&r->checkpoint, MPI_COMM_WORLD, r->job->view.accumulate, true, error);
     if (status != KILN_OK)
         return status;
     r->identity = make_identity(r, traced);
     status = check_kept(r, had_one, note, sizeof note, error);
     if (r->rank == 0 && note[0] != '\0')
         kiln_print(stderr, "kiln: note: %s\n", note);
-    if (status == KILN_OK && r->job->resume && kiln_checkpoint_generation(r->checkpoint) != 0)
+    if (status == KILN_OK && r->job->checkpoints.resume && kiln_checkpoint_generation(r->checkpoint) != 0)
         status = read_kept(r, sums, film, (size_t)c->width * c->height, error);
     return kiln_agree(MPI_COMM_WORLD, status, error);
 }
@@ -272,12 +272,12 @@ static void tell(void *context, double share)
 /* Collective. What all ranks do after a round; the next one would have `next` paths a pixel. */
 static void decide(const struct kiln_view_rounds *r, uint32_t done, uint32_t next, int decisions[DECISIONS])
 {
-    const double now = MPI_Wtime(), spent = now - r->begin, limit = r->job->max_time;
+    const double now = MPI_Wtime(), spent = now - r->begin, limit = r->job->checkpoints.max_time;
     memset(decisions, 0, DECISIONS * sizeof *decisions);
     decisions[SIGNAL] = (int)__atomic_load_n(kiln_process_signal(), __ATOMIC_RELAXED);
     if (r->rank == 0) {
         decisions[OVER] = limit > 0.0 && spent * (1.0 + (double)next / (double)(done - r->first)) > limit;
-        decisions[SAVE] = r->job->checkpoint_every > 0.0 && now - r->saved > r->job->checkpoint_every;
+        decisions[SAVE] = r->job->checkpoints.every > 0.0 && now - r->saved > r->job->checkpoints.every;
         if (r->folder != NULL)
             kiln_lock_beat(kiln_output_folder_lock(r->folder));
     }
@@ -327,7 +327,7 @@ int kiln_view_rounds_trace(struct kiln_view_rounds *r, const struct kiln_view_tr
 {
     kiln_process_catch();
     r->catches = true;
-    int status = r->job->accumulate != NULL ? open_folder(r, traced, sums, film, error) : KILN_OK;
+    int status = r->job->view.accumulate != NULL ? open_folder(r, traced, sums, film, error) : KILN_OK;
     r->begin = r->saved = MPI_Wtime();
     if (status == KILN_OK)
         status = trace_rounds(r, traced, sums, film, rays, error);

@@ -36,12 +36,13 @@ static int common(const struct kiln_job *job, struct kiln_shots *shots, struct k
     for (size_t i = 0; status == KILN_OK && i < shots->count; i++) {
         struct kiln_view_wish *wish = &shots->wishes[i];
         struct kiln_camera_frame *frame = &shots->frames[i];
-        wish->field_of_view = job->field_of_view;
-        wish->width = job->width;
-        wish->height = job->height;
-        if (job->from != NULL && (status = read_point("from", job->from, frame->from, error)) == KILN_OK)
+        wish->field_of_view = job->view.field_of_view;
+        wish->width = job->view.width;
+        wish->height = job->view.height;
+        if (job->view.from != NULL && (status = read_point("from", job->view.from, frame->from, error)) == KILN_OK)
             wish->from = frame->from;
-        if (status == KILN_OK && job->to != NULL && (status = read_point("to", job->to, frame->to, error)) == KILN_OK)
+        if (status == KILN_OK && job->view.to != NULL &&
+            (status = read_point("to", job->view.to, frame->to, error)) == KILN_OK)
             wish->to = frame->to;
     }
     return status;
@@ -69,7 +70,7 @@ static int list_cameras(const struct kiln_job *job, const struct kiln_scene *sce
                         struct kiln_error *error)
 {
     size_t count = 1, index = 0;
-    char *names = strdup(job->camera);
+    char *names = strdup(job->view.camera);
     if (names == NULL)
         return kiln_fail(error, KILN_SYSTEM, "out of memory for the names of cameras");
     for (const char *c = names; *c != '\0'; c++)
@@ -97,24 +98,24 @@ static bool is_a_camera(const struct kiln_scene *scene, const char *name)
 static int cameras(const struct kiln_job *job, const struct kiln_scene *scene, struct kiln_shots *shots,
                    struct kiln_error *error)
 {
-    if (job->camera != NULL && !is_a_camera(scene, job->camera)) {
-        const bool all = strcmp(job->camera, "all") == 0;
-        if ((all || strchr(job->camera, ',') != NULL) && job->from != NULL)
+    if (job->view.camera != NULL && !is_a_camera(scene, job->view.camera)) {
+        const bool all = strcmp(job->view.camera, "all") == 0;
+        if ((all || strchr(job->view.camera, ',') != NULL) && job->view.from != NULL)
             return kiln_fail(error, KILN_USAGE,
                              "--camera %.200s --from %.200s: all pictures would be the same; leave "
                              "one of the two out",
-                             job->camera, job->from);
+                             job->view.camera, job->view.from);
         shots->kind = KILN_SHOTS_CAMERAS;
         if (all)
             return all_cameras(job, scene, shots, error);
-        if (strchr(job->camera, ',') != NULL)
+        if (strchr(job->view.camera, ',') != NULL)
             return list_cameras(job, scene, shots, error);
     }
     shots->kind = KILN_SHOTS_ONE;
     int status;
     KILN_TRY(allocate(shots, 1, error));
-    if (job->camera != NULL)
-        KILN_TRY(kiln_view_find_camera(scene, job->camera, &shots->wishes[0].camera, error));
+    if (job->view.camera != NULL)
+        KILN_TRY(kiln_view_find_camera(scene, job->view.camera, &shots->wishes[0].camera, error));
     KILN_TRY(common(job, shots, error));
 end:
     return status;
@@ -124,7 +125,10 @@ end:
 
 static int refuse_beside_path(const struct kiln_job *job, struct kiln_error *error)
 {
-    const char *other = job->camera != NULL ? "camera" : job->from != NULL ? "from" : job->to != NULL ? "to" : NULL;
+    const char *other = job->view.camera != NULL ? "camera"
+                        : job->view.from != NULL ? "from"
+                        : job->view.to != NULL   ? "to"
+                                                 : NULL;
     if (other == NULL)
         return KILN_OK;
     return kiln_fail(error, KILN_USAGE, "--path and --%s: the path says where to look from; leave --%s out", other,
@@ -135,13 +139,13 @@ static int refuse_beside_path(const struct kiln_job *job, struct kiln_error *err
 static int frame_count(const struct kiln_job *job, const struct kiln_camera_path *path, size_t *count,
                        struct kiln_error *error)
 {
-    *count = job->frames != 0 ? job->frames : FRAMES_A_KEY * (kiln_camera_path_keys(path) - 1) + 1;
+    *count = job->view.frames != 0 ? job->view.frames : FRAMES_A_KEY * (kiln_camera_path_keys(path) - 1) + 1;
     return *count <= MOST_FRAMES
                ? KILN_OK
                : kiln_fail(
                      error, KILN_BAD_INPUT,
                      "%.500s: %zu key frames would be %zu frames, and there are at most %d; --frames N says how many",
-                     job->path, kiln_camera_path_keys(path), *count, MOST_FRAMES);
+                     job->view.path, kiln_camera_path_keys(path), *count, MOST_FRAMES);
 }
 
 static int frames(const struct kiln_job *job, struct kiln_shots *shots, struct kiln_error *error)
@@ -150,7 +154,7 @@ static int frames(const struct kiln_job *job, struct kiln_shots *shots, struct k
     size_t count = 0;
     int status;
     KILN_TRY(refuse_beside_path(job, error));
-    KILN_TRY(kiln_camera_path_read(&path, job->path, error));
+    KILN_TRY(kiln_camera_path_read(&path, job->view.path, error));
     KILN_TRY(frame_count(job, path, &count, error));
     KILN_TRY(allocate(shots, count, error));
     KILN_TRY(common(job, shots, error));
@@ -197,10 +201,10 @@ int kiln_shots_make(const struct kiln_job *job, const struct kiln_scene *scene, 
                     struct kiln_shots *shots, struct kiln_error *error)
 {
     *shots = (struct kiln_shots){.output = output};
-    if (job->path == NULL && job->frames != 0)
+    if (job->view.path == NULL && job->view.frames != 0)
         return kiln_fail(error, KILN_USAGE, "--frames %u: there is no path to divide; --path FILE.csv names one",
-                         job->frames);
-    if (job->path == NULL) {
+                         job->view.frames);
+    if (job->view.path == NULL) {
         const int status = cameras(job, scene, shots, error);
         shots->numbered = status == KILN_OK && shots->kind == KILN_SHOTS_CAMERAS && names_meet(shots, scene);
         return status;

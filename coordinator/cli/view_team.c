@@ -57,11 +57,12 @@ static int choose_instruction_set(const struct kiln_job *job, const char **chose
     for (size_t i = 0; i < sizeof sets / sizeof *sets && best == NULL; i++)
         if (kiln_instruction_set_common(MPI_COMM_WORLD, sets[i]))
             best = sets[i];
-    *chosen = job->instruction_set != NULL ? job->instruction_set : best;
-    if (job->instruction_set == NULL || kiln_instruction_set_common(MPI_COMM_WORLD, job->instruction_set))
+    *chosen = job->machine.instruction_set != NULL ? job->machine.instruction_set : best;
+    if (job->machine.instruction_set == NULL ||
+        kiln_instruction_set_common(MPI_COMM_WORLD, job->machine.instruction_set))
         return KILN_OK;
     return kiln_fail(error, KILN_NO_DEVICE, "instruction set %s is not available on every rank; all have %s",
-                     job->instruction_set, best != NULL ? best : "none");
+                     job->machine.instruction_set, best != NULL ? best : "none");
 }
 
 static int open_backend(struct kiln_view_team *t, const struct kiln_job *job, const struct kiln_scene *scene,
@@ -77,12 +78,12 @@ static int open_backend(struct kiln_view_team *t, const struct kiln_job *job, co
                                          .lights = t->lights,
                                          .threads = (uint32_t)omp_get_max_threads(),
                                          .instruction_set = instruction_set,
-                                         .seed = job->seed};
+                                         .seed = job->light.seed};
     kiln_devices_choose(job, of_node[0], of_node[1], &params);
-    const bool both_ways = kiln_view_is_bidirectional(job->view_method);
+    const bool both_ways = kiln_view_is_bidirectional(job->view.method);
     if (both_ways && params.traversal == KILN_TRAVERSE_AUTO)
         params.traversal = KILN_TRAVERSE_COMPUTE; /* of which more is known */
-    return kiln_backend_create(&t->backend, job->backend, &params, error);
+    return kiln_backend_create(&t->backend, job->machine.backend, &params, error);
 }
 
 /* Collective. This rank's number among those of its node, and theirs. */
@@ -111,17 +112,17 @@ int kiln_view_team_create(struct kiln_view_team **team, const struct kiln_job *j
     if (status == KILN_OK) {
         struct kiln_view_team *t = *team;
         learn_node(of_node);
-        omp_set_num_threads((int)(job->threads != 0 ? job->threads : kiln_own_cores(of_node[1])));
+        omp_set_num_threads((int)(job->machine.threads != 0 ? job->machine.threads : kiln_own_cores(of_node[1])));
         (void)MPI_Comm_rank(MPI_COMM_WORLD, &t->rank);
         (void)MPI_Comm_size(MPI_COMM_WORLD, &t->ranks);
         t->tells = t->rank == 0 && !job->quiet && !job->json;
-        t->bounces = job->bounces;
-        t->samples = job->samples_pixel;
-        t->path_length = job->path_length;
-        t->lens_radius = job->lens_radius;
-        t->focus_distance = job->focus_distance;
-        t->method = job->view_method;
-        t->radius = job->merge_radius;
+        t->bounces = job->light.bounces;
+        t->samples = job->view.samples_pixel;
+        t->path_length = job->view.path_length;
+        t->lens_radius = job->view.lens_radius;
+        t->focus_distance = job->view.focus_distance;
+        t->method = job->view.method;
+        t->radius = job->light.merge_radius;
         t->scene = scene;
         t->instruction_set = instruction_set;
         t->renderer = (struct kiln_view_renderer){render, t};

@@ -15,32 +15,38 @@
 #define AT(member) offsetof(struct kiln_rank_data, member)
 
 static bool has_probes(const struct kiln_job *job) { return kiln_job_has_probes(job); }
-static bool wants_error_map(const struct kiln_job *job) { return job->error_map || job->target_error > 0.0; }
-static bool wants_occlusion(const struct kiln_job *job) { return job->occlusion.distance > 0.0; }
-static bool wants_harmonics(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_SH1; }
-static bool wants_dominant(const struct kiln_job *job) { return job->directional == KILN_DIRECTIONAL_DOMINANT; }
+static bool wants_error_map(const struct kiln_job *job)
+{
+    return job->lightmaps.error_map || job->light.target_error > 0.0;
+}
+static bool wants_occlusion(const struct kiln_job *job) { return job->light.occlusion.distance > 0.0; }
+static bool wants_harmonics(const struct kiln_job *job) { return job->light.directional == KILN_DIRECTIONAL_SH1; }
+static bool wants_dominant(const struct kiln_job *job) { return job->light.directional == KILN_DIRECTIONAL_DOMINANT; }
 static bool wants_parts(const struct kiln_job *job) { return kiln_job_parts(job) > 1; }
 static bool has_adaptive_samples(const struct kiln_job *job)
 {
-    return job->schedule == KILN_SCHEDULE_LEAN || job->target_error > 0.0;
+    return job->light.schedule == KILN_SCHEDULE_LEAN || job->light.target_error > 0.0;
 }
 static bool has_late_bounces(const struct kiln_job *job)
 {
-    return job->schedule == KILN_SCHEDULE_LEAN && job->bounces < 0;
+    return job->light.schedule == KILN_SCHEDULE_LEAN && job->light.bounces < 0;
 }
-static bool has_views(const struct kiln_job *job) { return job->only_visible_from != NULL; }
-static bool has_blocks(const struct kiln_job *job) { return job->indirect_scale > 0; }
-static bool has_nodes(const struct kiln_job *job) { return job->final_scale > 0; }
-static bool keeps_nodes(const struct kiln_job *job) { return job->patches.keep_nodes; }
+static bool has_views(const struct kiln_job *job) { return job->light.only_visible_from != NULL; }
+static bool has_blocks(const struct kiln_job *job) { return job->light.indirect_scale > 0; }
+static bool has_nodes(const struct kiln_job *job) { return job->light.final_scale > 0; }
+static bool keeps_nodes(const struct kiln_job *job) { return job->light.patches.keep_nodes; }
 static bool has_caustics(const struct kiln_job *job) { return kiln_job_has_caustics(job); }
 static bool has_closing(const struct kiln_job *job)
 {
-    return kiln_job_is_radiosity(job) && job->patches.order == KILN_ORDER_UNSHOT;
+    return kiln_job_is_radiosity(job) && job->light.patches.order == KILN_ORDER_UNSHOT;
 }
-static bool has_guide(const struct kiln_job *job) { return job->guide > 0; }
-static bool receives_visible(const struct kiln_job *job) { return job->exchange_points == KILN_EXCHANGE_VISIBLE; }
-static bool has_target(const struct kiln_job *job) { return job->target_error > 0.0; }
-static bool wants_errors_apart(const struct kiln_job *job) { return job->error_map || kiln_job_denoises(job); }
+static bool has_guide(const struct kiln_job *job) { return job->light.guide > 0; }
+static bool receives_visible(const struct kiln_job *job) { return job->ranks.exchange_points == KILN_EXCHANGE_VISIBLE; }
+static bool has_target(const struct kiln_job *job) { return job->light.target_error > 0.0; }
+static bool wants_errors_apart(const struct kiln_job *job)
+{
+    return job->lightmaps.error_map || kiln_job_denoises(job);
+}
 static bool wants_caustic_error(const struct kiln_job *job)
 {
     return kiln_job_has_caustics(job) && wants_errors_apart(job);
@@ -560,10 +566,10 @@ void kiln_field_set_choose(struct kiln_field_set *set, const struct kiln_job *jo
         assert(status == KILN_OK); /* what can fail is wrong in the table itself */
         (void)status;
     }
-    for (size_t g = 0; g < job->group_count; g++)
+    for (size_t g = 0; g < job->scene.group_count; g++)
         for (int k = 0; k < KILN_GROUP_FIELDS; k++)
             set->entry[set->count++] = (struct kiln_field_entry){
-                .field = job->group_rows[g] + k, .in_lightmaps = job->group_rows[g][k].channels != NULL};
+                .field = job->scene.group_rows[g] + k, .in_lightmaps = job->scene.group_rows[g][k].channels != NULL};
 }
 
 /* ---- sizes ---- */

@@ -78,15 +78,15 @@ static void fill(struct rows *r, uint16_t group, const char *name)
 int kiln_group_fields_make(struct kiln_job *job, struct kiln_error *error)
 {
     void *room = NULL;
-    int status = kiln_job_keep_room(job, (job->group_count + 1) * sizeof *job->group_rows, &room, error);
-    job->group_rows = room;
-    for (size_t g = 0; g < job->group_count && status == KILN_OK; g++) {
+    int status = kiln_job_keep_room(job, (job->scene.group_count + 1) * sizeof *job->scene.group_rows, &room, error);
+    job->scene.group_rows = room;
+    for (size_t g = 0; g < job->scene.group_count && status == KILN_OK; g++) {
         struct rows *r = NULL;
         status = kiln_job_keep_room(job, sizeof *r, (void **)&r, error);
         if (status != KILN_OK)
             return status;
-        fill(r, (uint16_t)g, job->group_names[g]);
-        job->group_rows[g] = r->field;
+        fill(r, (uint16_t)g, job->scene.group_names[g]);
+        job->scene.group_rows[g] = r->field;
     }
     return status;
 }

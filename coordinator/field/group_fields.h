@@ -7,7 +7,7 @@
 
 enum kiln_group_field { KILN_GROUP_DIRECT, KILN_GROUP_SUM, KILN_GROUP_SOURCE, KILN_GROUP_NEXT, KILN_GROUP_FIELDS };
 
-/* Makes job->group_rows, which the job owns, of job->group_names. Not collective. KILN_SYSTEM. */
+/* Makes job->scene.group_rows, which the job owns, of job->scene.group_names. Not collective. KILN_SYSTEM. */
 int kiln_group_fields_make(struct kiln_job *job, struct kiln_error *error);
 /* The place of the first field of group 0; those of the next groups follow. set->count: the bake has no groups. */
 size_t kiln_group_fields_first(const struct kiln_field_set *set);

@@ -204,7 +204,8 @@ int kiln_job_yaml_read(struct kiln_job *job, const char *path, char **kept, stru
 
 int kiln_job_changes_read(struct kiln_job *job, struct kiln_error *error)
 {
-    return job->changes != NULL ? kiln_job_yaml_read(job, job->changes, &job->changed, error) : KILN_OK;
+    return job->scene.changes != NULL ? kiln_job_yaml_read(job, job->scene.changes, &job->scene.changed, error)
+                                      : KILN_OK;
 }
 
 static bool is_state_name(const char *name)
@@ -223,15 +224,16 @@ int kiln_job_states_read(struct kiln_job *job, struct kiln_error *error)
 {
     const char *name;
     json_t *states = NULL, *changes;
-    if (job->states == NULL)
+    if (job->relighting.states == NULL)
         return KILN_OK;
     int status;
-    KILN_TRY(kiln_job_yaml_read(job, job->states, &job->stated, error));
-    if ((states = json_loads(job->stated, 0, NULL)) == NULL)
+    KILN_TRY(kiln_job_yaml_read(job, job->relighting.states, &job->relighting.stated, error));
+    if ((states = json_loads(job->relighting.stated, 0, NULL)) == NULL)
         KILN_TRY(kiln_fail(error, KILN_SYSTEM, "out of memory: the states"));
     if (json_object_size(states) == 0)
         KILN_TRY(kiln_fail(error, KILN_BAD_INPUT,
-                           "%.500s: has no state, such as 'evening: {lights: {sun: {on: false}}}'", job->states));
+                           "%.500s: has no state, such as 'evening: {lights: {sun: {on: false}}}'",
+                           job->relighting.states));
 end:
     json_object_foreach(states, name, changes)
     {
@@ -239,11 +241,11 @@ end:
             status = kiln_fail(error, KILN_BAD_INPUT,
                                "%.500s: '%.100s' is no name of a state, which a folder has: up to 63 letters, digits, "
                                "- and _, and not lightmaps, transport, checkpoint or manifest",
-                               job->states, name);
+                               job->relighting.states, name);
         if (status == KILN_OK && !json_is_object(changes))
             status = kiln_fail(error, KILN_BAD_INPUT,
                                "%.500s: %.100s needs its changes, lights, materials and environment; {}: none",
-                               job->states, name);
+                               job->relighting.states, name);
     }
     json_decref(states);
     return status;

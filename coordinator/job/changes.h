@@ -24,12 +24,13 @@
 
 #include "coordinator/job/job.h"
 
-/* Reads the file job->changes and stores it in job->changed as JSON; nothing if there is none. KILN_BAD_INPUT, with
- * file and line, for what is not of that shape; KILN_NO_INPUT, KILN_PERMISSION or KILN_IO if it cannot be read. */
+/* Reads the file job->scene.changes and stores it in job->scene.changed as JSON; nothing if there is none.
+ * KILN_BAD_INPUT, with file and line, for what is not of that shape; KILN_NO_INPUT, KILN_PERMISSION or KILN_IO if it
+ * cannot be read. */
 int kiln_job_changes_read(struct kiln_job *job, struct kiln_error *error);
 
-/* Reads the file job->states and stores it in job->stated as JSON, name: changes; nothing if there is none. Likewise;
- * KILN_BAD_INPUT too for names that no folder can have. */
+/* Reads the file job->relighting.states and stores it in job->relighting.stated as JSON, name: changes; nothing if
+ * there is none. Likewise; KILN_BAD_INPUT too for names that no folder can have. */
 int kiln_job_states_read(struct kiln_job *job, struct kiln_error *error);
 /* Parses YAML of that shape; `path` begins its sentences. For the confined child that reads the files
  * (files/foreign_json.h), and for lines. Release *json with json_decref. */

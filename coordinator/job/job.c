@@ -34,11 +34,11 @@ static int set_defaults(struct kiln_job *job, struct kiln_error *error)
 static void set_quality(struct kiln_job *job)
 {
     for (size_t i = 0; i < kiln_quality_count; i++)
-        if (strcmp(kiln_qualities[i].name, job->quality) == 0) {
-            job->samples_direct = kiln_qualities[i].samples_direct;
-            job->samples_bounce = kiln_qualities[i].samples_bounce;
-            job->samples_indirect = kiln_qualities[i].samples_indirect;
-            job->samples_probe = kiln_qualities[i].samples_probe;
+        if (strcmp(kiln_qualities[i].name, job->light.quality) == 0) {
+            job->light.samples_direct = kiln_qualities[i].samples_direct;
+            job->light.samples_bounce = kiln_qualities[i].samples_bounce;
+            job->light.samples_indirect = kiln_qualities[i].samples_indirect;
+            job->volume.samples = kiln_qualities[i].samples_probe;
         }
 }
 
@@ -203,7 +203,7 @@ static const char *example_of(const struct kiln_command *command)
 static int check_arguments(const struct kiln_job *job, const struct kiln_command *command, struct kiln_error *error)
 {
     const size_t count = job->argument_count;
-    if (job->devices)
+    if (job->machine.devices)
         return count == 0 ? KILN_OK
                           : kiln_fail(error, KILN_USAGE, "kiln %s --devices takes no argument '%.200s'", command->name,
                                       job->arguments[0]);
@@ -235,10 +235,10 @@ static bool given(struct kiln_job *job, const char *name)
 /* Refuses judging all surfaces' light where only some is computed. */
 static int check_visible_from(const struct kiln_job *job, struct kiln_error *error)
 {
-    const char *other = job->target_error > 0.0   ? "--target-error"
-                        : kiln_job_parts(job) > 1 ? "--error-map"
-                        : job->check_density      ? "--check-density"
-                                                  : NULL;
+    const char *other = job->light.target_error > 0.0  ? "--target-error"
+                        : kiln_job_parts(job) > 1      ? "--error-map"
+                        : job->lightmaps.check_density ? "--check-density"
+                                                       : NULL;
     return other == NULL ? KILN_OK
                          : kiln_fail(error, KILN_USAGE,
                                      "--only-visible-from and %s exclude each other: surfaces that no view needs have "
@@ -249,13 +249,15 @@ static int check_visible_from(const struct kiln_job *job, struct kiln_error *err
 /* An error that is measured knows nothing of the light that is lost between nodes. */
 static int check_final_scale(const struct kiln_job *job, struct kiln_error *error)
 {
-    const char *other = job->target_error > 0.0 ? "--target-error" : kiln_job_parts(job) > 1 ? "--error-map" : NULL;
+    const char *other = job->light.target_error > 0.0 ? "--target-error"
+                        : kiln_job_parts(job) > 1     ? "--error-map"
+                                                      : NULL;
     if (other != NULL)
         return kiln_fail(error, KILN_USAGE,
                          "--final-scale and %s exclude each other: the error that mixing texels' light makes is not "
                          "measured; leave one of the two out",
                          other);
-    return job->schedule == KILN_SCHEDULE_EQUAL
+    return job->light.schedule == KILN_SCHEDULE_EQUAL
                ? kiln_fail(error, KILN_USAGE,
                            "--final-scale is for the final gather, which --schedule equal does not have; give "
                            "--schedule lean, or --final-scale 1")
@@ -266,37 +268,40 @@ static int check_final_scale(const struct kiln_job *job, struct kiln_error *erro
  * nothing to export. */
 static int settle_store(struct kiln_job *job, struct kiln_error *error)
 {
-    if (job->store == KILN_STORE_KIND_VERTEX && given(job, "vertex-light") && !job->vertex_light)
+    if (job->lightmaps.store == KILN_STORE_KIND_VERTEX && given(job, "vertex-light") && !job->lightmaps.vertex_light)
         return kiln_fail(error, KILN_USAGE, "--store vertex and --no-vertex-light exclude each other");
-    job->vertex_light = job->vertex_light || job->store == KILN_STORE_KIND_VERTEX;
+    job->lightmaps.vertex_light = job->lightmaps.vertex_light || job->lightmaps.store == KILN_STORE_KIND_VERTEX;
     const struct {
         const char *name;
         bool wanted;
-    } of_lightmaps[] = {
-        {"check-density", job->check_density},         {"denoise", job->denoise == KILN_DENOISE_REGRESSION},
-        {"export", job->export && !job->vertex_light}, {"indirect-scale", job->indirect_scale > 0},
-        {"final-scale", job->final_scale > 0},         {"guide", job->guide > 0}};
-    if (job->store == KILN_STORE_KIND_LIGHTMAP)
-        return job->leaf_size > 0.0 ? kiln_fail(error, KILN_USAGE, "--leaf-size needs --store octree or vertex")
-                                    : KILN_OK;
+    } of_lightmaps[] = {{"check-density", job->lightmaps.check_density},
+                        {"denoise", job->lightmaps.denoise == KILN_DENOISE_REGRESSION},
+                        {"export", job->write_scene && !job->lightmaps.vertex_light},
+                        {"indirect-scale", job->light.indirect_scale > 0},
+                        {"final-scale", job->light.final_scale > 0},
+                        {"guide", job->light.guide > 0}};
+    if (job->lightmaps.store == KILN_STORE_KIND_LIGHTMAP)
+        return job->lightmaps.leaf_size > 0.0
+                   ? kiln_fail(error, KILN_USAGE, "--leaf-size needs --store octree or vertex")
+                   : KILN_OK;
     for (size_t i = 0; i < sizeof of_lightmaps / sizeof *of_lightmaps; i++)
         if (given(job, of_lightmaps[i].name) && of_lightmaps[i].wanted)
             return kiln_fail(error, KILN_USAGE, "--%s needs lightmaps%s, which --store %s does not make",
                              of_lightmaps[i].name, i == 2 ? " or --vertex-light" : "",
-                             job->store == KILN_STORE_KIND_VERTEX ? "vertex" : "octree");
-    job->check_density = false;
-    job->denoise = KILN_DENOISE_NONE;
-    job->export = job->export && job->vertex_light;
+                             job->lightmaps.store == KILN_STORE_KIND_VERTEX ? "vertex" : "octree");
+    job->lightmaps.check_density = false;
+    job->lightmaps.denoise = KILN_DENOISE_NONE;
+    job->write_scene = job->write_scene && job->lightmaps.vertex_light;
     return KILN_OK;
 }
 
 static int check_guide(const struct kiln_job *job, struct kiln_error *error)
 {
-    if (job->schedule == KILN_SCHEDULE_EQUAL)
+    if (job->light.schedule == KILN_SCHEDULE_EQUAL)
         return kiln_fail(error, KILN_USAGE,
                          "--guide is for the final gather, which --schedule equal does not have; give --schedule lean, "
                          "or --guide none");
-    if (job->indirect_scale > 0 || job->final_scale > 0)
+    if (job->light.indirect_scale > 0 || job->light.final_scale > 0)
         return kiln_fail(error, KILN_USAGE,
                          "--guide learns from the rays of every texel: give --indirect-scale 1 and --final-scale 1, or "
                          "--guide none");
@@ -316,13 +321,13 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
                     {"radius-alpha", "merges nothing", "merge", KILN_CAUSTICS_MERGE, KILN_CAUSTICS_VCM},
                     {"mis", "shares nothing", "vcm", KILN_CAUSTICS_VCM, KILN_CAUSTICS_VCM}};
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths && !kiln_job_is_reference(job); i++) {
-        const int settled = job->caustics == KILN_CAUSTICS_AUTO ? KILN_CAUSTICS_VCM : job->caustics;
+        const int settled = job->light.caustics == KILN_CAUSTICS_AUTO ? KILN_CAUSTICS_VCM : job->light.caustics;
         if ((settled < of_paths[i].from || settled > of_paths[i].to) && given(job, of_paths[i].name))
             return kiln_fail(error, KILN_USAGE, "--%s: --caustics %s %s; give --caustics %s, or leave --%s out",
-                             of_paths[i].name, caustics[job->caustics], of_paths[i].what, of_paths[i].choice,
+                             of_paths[i].name, caustics[job->light.caustics], of_paths[i].what, of_paths[i].choice,
                              of_paths[i].name);
     }
-    if (job->iterations == KILN_ITERATIONS_ALL && !(job->target_error > 0.0))
+    if (job->light.iterations == KILN_ITERATIONS_ALL && !(job->light.target_error > 0.0))
         return kiln_fail(error, KILN_USAGE,
                          "--iterations all: light paths are sent until the error is small enough, and nothing says how "
                          "small; give --target-error, with --max-time where time is to end the bake, or a number of "
@@ -343,7 +348,7 @@ static int refuse_unused(const struct kiln_job *job, const struct unused_option 
         if (options[i].wanted)
             return kiln_fail(error, KILN_USAGE,
                              "--%s is for --method cells, and --method %s has no use for it: leave one of the two out",
-                             options[i].name, job->method);
+                             options[i].name, job->light.method);
     return KILN_OK;
 }
 
@@ -351,12 +356,12 @@ static int refuse_unused(const struct kiln_job *job, const struct unused_option 
 static int refuse_cells(struct kiln_job *job, struct kiln_error *error)
 {
     const struct unused_option of_cells[] = {
-        {"tail", job->tail && given(job, "tail")},
-        {"schedule", job->schedule != KILN_SCHEDULE_LEAN && given(job, "schedule")},
-        {"indirect-scale", job->indirect_scale > 0},
-        {"final-scale", job->final_scale > 0},
-        {"guide", job->guide > 0},
-        {"caustics", job->caustics != KILN_CAUSTICS_AUTO},
+        {"tail", job->light.tail && given(job, "tail")},
+        {"schedule", job->light.schedule != KILN_SCHEDULE_LEAN && given(job, "schedule")},
+        {"indirect-scale", job->light.indirect_scale > 0},
+        {"final-scale", job->light.final_scale > 0},
+        {"guide", job->light.guide > 0},
+        {"caustics", job->light.caustics != KILN_CAUSTICS_AUTO},
         {"photons", given(job, "photons")},
         {"iterations", given(job, "iterations")},
         {"radius-alpha", given(job, "radius-alpha")},
@@ -383,13 +388,14 @@ static int refuse_patches(struct kiln_job *job, struct kiln_error *error)
 /* Links, which are a tree of their own over what they gather from. */
 static int check_links(struct kiln_job *job, struct kiln_error *error)
 {
-    const struct unused_option others[] = {{"undersample", job->patches.undersample != KILN_SAMPLE_ALL},
-                                           {"subdivide", job->patches.subdivide > 0.0},
-                                           {"clamp", job->patches.clamp},
-                                           {"visibility-cache", job->patches.visibility_cache > 0.0},
-                                           {"order unshot", job->patches.order == KILN_ORDER_UNSHOT},
-                                           {"visibility voxels", job->patches.visibility == KILN_VISIBILITY_VOXELS}};
-    for (size_t i = 0; job->patches.patches == KILN_PATCHES_LINKS && i < sizeof others / sizeof *others; i++)
+    const struct unused_option others[] = {
+        {"undersample", job->light.patches.undersample != KILN_SAMPLE_ALL},
+        {"subdivide", job->light.patches.subdivide > 0.0},
+        {"clamp", job->light.patches.clamp},
+        {"visibility-cache", job->light.patches.visibility_cache > 0.0},
+        {"order unshot", job->light.patches.order == KILN_ORDER_UNSHOT},
+        {"visibility voxels", job->light.patches.visibility == KILN_VISIBILITY_VOXELS}};
+    for (size_t i = 0; job->light.patches.patches == KILN_PATCHES_LINKS && i < sizeof others / sizeof *others; i++)
         if (others[i].wanted)
             return kiln_fail(error, KILN_USAGE,
                              "--%s is for patches that all texels gather from: leave --patches links or --%s out",
@@ -403,19 +409,19 @@ static int check_gather(struct kiln_job *job, struct kiln_error *error)
     static const char *const of_pairs[] = {"undersample", "subdivide",   "sampling-window", "node-max",
                                            "clamp",       "patches",     "link-error",      "visibility-cache",
                                            "order",       "unshot-left", "visibility",      "voxels"};
-    const uint32_t directions = job->patches.directions;
-    const bool pairs = job->patches.gather == KILN_GATHER_PAIRS;
+    const uint32_t directions = job->light.patches.directions;
+    const bool pairs = job->light.patches.gather == KILN_GATHER_PAIRS;
     for (size_t i = 0; i < sizeof of_pairs / sizeof *of_pairs && !pairs; i++)
         if (given(job, of_pairs[i]))
             return kiln_fail(error, KILN_USAGE, "--%s is for pairs of patches: give --gather pairs, or leave it out",
                              of_pairs[i]);
-    if (job->patches.gather == KILN_GATHER_CIRCLES &&
-        (directions > 0 ? directions : job->samples_indirect) > KILN_CIRCLES_MOST)
+    if (job->light.patches.gather == KILN_GATHER_CIRCLES &&
+        (directions > 0 ? directions : job->light.samples_indirect) > KILN_CIRCLES_MOST)
         return kiln_fail(error, KILN_USAGE,
                          "--gather circles has %d directions at most: give --gather circles:%d, or even",
                          KILN_CIRCLES_MOST, KILN_CIRCLES_MOST);
-    if (job->patches.gather == KILN_GATHER_CIRCLES &&
-        (directions > 0 ? directions : job->samples_indirect) < KILN_CIRCLES_LEAST)
+    if (job->light.patches.gather == KILN_GATHER_CIRCLES &&
+        (directions > 0 ? directions : job->light.samples_indirect) < KILN_CIRCLES_LEAST)
         return kiln_fail(
             error, KILN_USAGE,
             "--gather circles needs %d directions: fewer have so few heights that the light is off by 2 to "
@@ -427,15 +433,16 @@ static int check_gather(struct kiln_job *job, struct kiln_error *error)
 /* Checks the options for nodes that patches gather from. */
 static int check_nodes(struct kiln_job *job, struct kiln_error *error)
 {
-    const bool samples = job->patches.undersample != KILN_SAMPLE_ALL, divides = job->patches.subdivide > 0.0;
+    const bool samples = job->light.patches.undersample != KILN_SAMPLE_ALL,
+               divides = job->light.patches.subdivide > 0.0;
     if (samples && divides)
         return kiln_fail(
             error, KILN_USAGE,
             "--undersample and --subdivide both say what stands for several texels: leave one of them out");
-    if (job->patches.keep_nodes && !samples && !divides)
+    if (job->light.patches.keep_nodes && !samples && !divides)
         return kiln_fail(error, KILN_USAGE,
                          "--keep-nodes: each texel is a node; give --undersample or --subdivide, or leave it out");
-    if ((samples || divides) && job->store != KILN_STORE_KIND_LIGHTMAP)
+    if ((samples || divides) && job->lightmaps.store != KILN_STORE_KIND_LIGHTMAP)
         return kiln_fail(error, KILN_USAGE,
                          "--%s is for texels, which lie beside each other: give --store lightmap, or leave it out",
                          samples ? "undersample" : "subdivide");
@@ -445,10 +452,10 @@ static int check_nodes(struct kiln_job *job, struct kiln_error *error)
 /* Rounds of unshot light close rows as the step before them found these to be. */
 static int check_order(struct kiln_job *job, struct kiln_error *error)
 {
-    const struct unused_option others[] = {{"undersample random", job->patches.undersample == KILN_SAMPLE_RANDOM},
-                                           {"subdivide", job->patches.subdivide > 0.0},
-                                           {"clamp", job->patches.clamp}};
-    for (size_t i = 0; job->patches.order == KILN_ORDER_UNSHOT && i < sizeof others / sizeof *others; i++)
+    const struct unused_option others[] = {{"undersample random", job->light.patches.undersample == KILN_SAMPLE_RANDOM},
+                                           {"subdivide", job->light.patches.subdivide > 0.0},
+                                           {"clamp", job->light.patches.clamp}};
+    for (size_t i = 0; job->light.patches.order == KILN_ORDER_UNSHOT && i < sizeof others / sizeof *others; i++)
         if (others[i].wanted)
             return kiln_fail(error, KILN_USAGE,
                              "--%s is not for --order unshot, whose nodes and view factors stay from round to round: "
@@ -481,17 +488,17 @@ static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
     const struct unused_option others[] = {
         {"merge-radius", given(job, "merge-radius")},
         {"samples-bounce", given(job, "samples-bounce")},
-        {"schedule lean", given(job, "schedule") && job->schedule == KILN_SCHEDULE_LEAN},
-        {"target-error", job->target_error > 0.0 && !kiln_job_has_links(job)},
-        {"error-map", job->error_map && !kiln_job_has_links(job)},
-        {"only-visible-from", job->only_visible_from != NULL},
-        {"exchange-points", job->exchange_points == KILN_EXCHANGE_VISIBLE}};
+        {"schedule lean", given(job, "schedule") && job->light.schedule == KILN_SCHEDULE_LEAN},
+        {"target-error", job->light.target_error > 0.0 && !kiln_job_has_links(job)},
+        {"error-map", job->lightmaps.error_map && !kiln_job_has_links(job)},
+        {"only-visible-from", job->light.only_visible_from != NULL},
+        {"exchange-points", job->ranks.exchange_points == KILN_EXCHANGE_VISIBLE}};
     int status = refuse_cells(job, error);
     if (status == KILN_OK)
         status = refuse_unused(job, others, sizeof others / sizeof *others, error);
     if (status != KILN_OK)
         return status;
-    if (job->materials != KILN_GLOSS_MODE_DIFFUSE && given(job, "materials"))
+    if (job->light.materials != KILN_GLOSS_MODE_DIFFUSE && given(job, "materials"))
         return kiln_fail(error, KILN_USAGE,
                          "--method radiosity knows the diffuse part of materials alone: give --materials diffuse, or "
                          "--method cells");
@@ -503,10 +510,10 @@ static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
 end:
     if (status != KILN_OK)
         return status;
-    job->diffuse_unasked = !given(job, "materials");
-    job->materials = KILN_GLOSS_MODE_DIFFUSE;
-    job->tail = false;
-    job->schedule = KILN_SCHEDULE_EQUAL;
+    job->light.diffuse_unasked = !given(job, "materials");
+    job->light.materials = KILN_GLOSS_MODE_DIFFUSE;
+    job->light.tail = false;
+    job->light.schedule = KILN_SCHEDULE_EQUAL;
     return KILN_OK;
 }
 
@@ -516,19 +523,20 @@ static int settle_reference(struct kiln_job *job, struct kiln_error *error)
     const int status = refuse_cells(job, error);
     if (status != KILN_OK)
         return status;
-    if (given(job, "merge-radius") && strcmp(job->method, "vcm") != 0)
+    if (given(job, "merge-radius") && strcmp(job->light.method, "vcm") != 0)
         return kiln_fail(error, KILN_USAGE,
                          "--merge-radius: --method %s merges nothing; give --method vcm, or leave --merge-radius out",
-                         job->method);
-    job->tail = false;
-    job->paths = (struct kiln_reference_parameters){.method = strcmp(job->method, "path") == 0   ? KILN_REFERENCE_PATH
-                                                              : strcmp(job->method, "bdpt") == 0 ? KILN_REFERENCE_BDPT
-                                                                                                 : KILN_REFERENCE_VCM,
-                                                    .radius = job->merge_radius > 0.0 ? job->merge_radius : 0.0,
-                                                    .bounces = job->bounces < 0 ? KILN_PATH_ALL_BOUNCES
-                                                                                : (uint32_t)job->bounces};
-    return strcmp(job->backend, "vulkan") == 0 ? KILN_OK
-                                               : kiln_job_keep(job, "embree", strlen("embree"), &job->backend, error);
+                         job->light.method);
+    job->light.tail = false;
+    job->light.paths = (struct kiln_reference_parameters){
+        .method = strcmp(job->light.method, "path") == 0   ? KILN_REFERENCE_PATH
+                  : strcmp(job->light.method, "bdpt") == 0 ? KILN_REFERENCE_BDPT
+                                                           : KILN_REFERENCE_VCM,
+        .radius = job->light.merge_radius > 0.0 ? job->light.merge_radius : 0.0,
+        .bounces = job->light.bounces < 0 ? KILN_PATH_ALL_BOUNCES : (uint32_t)job->light.bounces};
+    return strcmp(job->machine.backend, "vulkan") == 0
+               ? KILN_OK
+               : kiln_job_keep(job, "embree", strlen("embree"), &job->machine.backend, error);
 }
 
 /* Checks options of light against one another, and fills in what follows from them. */
@@ -542,17 +550,17 @@ static int settle_light(struct kiln_job *job, uint32_t commands, struct kiln_err
         KILN_TRY(settle_radiosity(job, error));
     else
         KILN_TRY(refuse_patches(job, error));
-    if (job->indirect_scale > 0 && job->schedule == KILN_SCHEDULE_EQUAL)
+    if (job->light.indirect_scale > 0 && job->light.schedule == KILN_SCHEDULE_EQUAL)
         KILN_TRY(kiln_fail(error, KILN_USAGE,
                            "--indirect-scale is for bounces that a final gather reads: --schedule equal has no final "
                            "gather; give --schedule lean, or --indirect-scale 1"));
-    if (job->final_scale > 0)
+    if (job->light.final_scale > 0)
         KILN_TRY(check_final_scale(job, error));
-    if (job->guide > 0)
+    if (job->light.guide > 0)
         KILN_TRY(check_guide(job, error));
-    if (job->only_visible_from != NULL)
+    if (job->light.only_visible_from != NULL)
         KILN_TRY(check_visible_from(job, error));
-    if (job->exchange_points == KILN_EXCHANGE_VISIBLE && kiln_job_has_probes(job))
+    if (job->ranks.exchange_points == KILN_EXCHANGE_VISIBLE && kiln_job_has_probes(job))
         KILN_TRY(
             kiln_fail(error, KILN_USAGE,
                       "--exchange-points visible sends what surface points see, and radiance probes see more: give "
@@ -564,9 +572,9 @@ end:
 
 int kiln_job_settle_light(struct kiln_job *job, struct kiln_error *error)
 {
-    const bool unasked = job->diffuse_unasked;
+    const bool unasked = job->light.diffuse_unasked;
     const int status = settle_light(job, KILN_FOR_BAKE, error);
-    job->diffuse_unasked = unasked;
+    job->light.diffuse_unasked = unasked;
     return status;
 }
 
@@ -591,9 +599,9 @@ static int complete(struct kiln_job *job, const struct kiln_command *command, st
     KILN_TRY(kiln_job_states_read(job, error));
     KILN_TRY(default_output(job, command, error));
     if (!given(job, "tail"))
-        job->tail = job->bounces < 0;
+        job->light.tail = job->light.bounces < 0;
     KILN_TRY(settle_light(job, command->bit, error));
-    if (job->states != NULL && job->listen)
+    if (job->relighting.states != NULL && job->relighting.listen)
         KILN_TRY(
             kiln_fail(error, KILN_USAGE, "--states and --listen exclude each other: a line of --listen is a state"));
     if (job->quiet && job->verbose)
@@ -614,7 +622,7 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
     if (status == KILN_OK)
         status = check_arguments(job, command, error);
     if (status == KILN_OK && command->bit == KILN_FOR_BENCH)
-        job->scene = job->arguments[1];
+        job->scene.file = job->arguments[1];
     const bool scene = status == KILN_OK && command->scene && job->argument_count > 0;
     const char *file = scene && kiln_is_yaml(job->arguments[0]) ? job->arguments[0] : NULL;
     if (file != NULL && !given(job, "quality"))
@@ -625,7 +633,7 @@ static int fill(struct kiln_job *job, const struct kiln_command *command, int ar
     if (file != NULL)
         status = kiln_job_file_read(job, file, error);
     else if (scene)
-        status = kiln_job_keep(job, job->arguments[0], strlen(job->arguments[0]), &job->scene, error);
+        status = kiln_job_keep(job, job->arguments[0], strlen(job->arguments[0]), &job->scene.file, error);
     if (status == KILN_OK)
         status = read_command_line(job, command, argc, argv, NULL, error);
     return status == KILN_OK ? complete(job, command, error) : status;

@@ -25,17 +25,12 @@ struct kiln_field;
 /* Unit of the lights: AUTO takes what the file says; the others override it. */
 enum kiln_units_choice { KILN_UNITS_AUTO = 0, KILN_UNITS_RADIOMETRIC = 1, KILN_UNITS_PHOTOMETRIC = 2 };
 
-/* Strings are owned by the job (or static); NULL means not given. */
-struct kiln_job {
-    /* command and arguments */
-    const char *command;
-    char **arguments;
-    size_t argument_count;
+/* Strings in a job and in its parts are owned by the job (or static); NULL means not given. */
 
-    /* scene and output */
+/* Scene, and the rules of its import. */
+struct kiln_job_scene {
     /* the first argument of bake, plan, info and check, or `scene:` of a job file, relative to that file's folder */
-    char *scene;
-    char *output; /* DIR; default: the scene's name without extension + "-bake" */
+    char *file;
     /* "none", "R,G,B" (radiance), or the path of a lat-long .hdr or .exr image; NULL: what the scene says */
     char *environment;
     double environment_scale;    /* factor on the radiance; default 1 */
@@ -48,20 +43,32 @@ struct kiln_job {
     size_t group_count;
     char **group_names;
     const struct kiln_field **group_rows;
-    int sky_patches; /* enum kiln_sky_patches: patches of the sky that are groups */
+    int sky_patches;    /* enum kiln_sky_patches: patches of the sky that are groups */
+    bool up_z;          /* an OBJ file's z points up, otherwise its y */
+    double unit;        /* m, of an OBJ file */
+    bool strict;        /* missing pictures are an error */
+    bool repack;        /* pack charts again that lie too close together */
+    bool keep_shared;   /* keep given layouts whose charts share texels */
+    char *objects;      /* settings of objects, as JSON (coordinator/job/object_settings.h); NULL: none */
+    bool trust_normals; /* normals decide which side of a triangle is its front; otherwise its winding does */
+};
 
-    /* devices and threads */
+/* Backend, devices, threads and memory. */
+struct kiln_job_machine {
     char *backend;          /* auto | embree | vulkan */
     int64_t device;         /* number in `kiln info --devices`; -1: ranks of a node take devices in turn */
+    bool devices;           /* info: list the devices; there is no scene */
     double verify_fraction; /* fraction of the tile runs that are traced again with Embree */
     double dispatch_time;   /* longest time of one GPU dispatch, ms */
     double device_memory;   /* GiB that a rank may use; 0: what is free on the device */
+    double memory_budget;   /* GiB of a host; 0: none (coordinator/bake/prepare/results_memory.h) */
     char *kernel_cache;     /* folder of compiled kernels, or "none"; NULL: the user's (files/kernel_cache.h) */
-    bool devices;           /* info: list the devices; there is no scene */
     uint32_t threads;       /* of each rank; 0: the cores that this process may use, divided by the ranks of the node */
     char *instruction_set;  /* of Embree; NULL: the best that all ranks have */
+};
 
-    /* transport */
+/* Light transport. */
+struct kiln_job_light {
     char *quality;   /* draft | preview | production | reference: preset of the sample counts */
     char *method;    /* name of an integrator (coordinator/integrate/integrators.c) */
     int64_t bounces; /* indirect bounces; -1: until little energy is left, then the tail */
@@ -79,6 +86,7 @@ struct kiln_job {
     uint32_t photons;      /* --caustics land, ...: light paths of an iteration; 0: kiln_light_photons */
     uint32_t iterations;   /* and how many iterations there are; or KILN_ITERATIONS_ALL */
     double radius_alpha;   /* --caustics merge (integrate/land/merge.h) */
+    double merge_radius;   /* m; 0: by the scene; or KILN_MERGE_RADIUS_TEXEL (merge.h). Of views, too */
     uint32_t chain_length; /* surfaces of a gather ray's chain that are met for certain (shaders/shared/chain.h) */
     char *only_visible_from; /* cameras, or a path's file: bake/light/visible_from.h; NULL: all surfaces are lit */
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
@@ -88,30 +96,16 @@ struct kiln_job {
     struct kiln_occlusion_parameters occlusion; /* distance 0: no ambient occlusion and no bent normal */
     int directional;                            /* enum kiln_directional */
     uint64_t seed;
+    int keep; /* enum kiln_keep: transport that is kept for relighting */
+};
 
-    /* texels, cells, partition */
-    int store;            /* enum kiln_store_kind */
-    double memory_budget; /* GiB of a host; 0: none (coordinator/bake/prepare/results_memory.h) */
-    double leaf_size;     /* m, of octrees; 0: 1 / texels_per_metre */
+/* Texels, and how the light at them is written. */
+struct kiln_job_lightmaps {
+    int store;        /* enum kiln_store_kind */
+    double leaf_size; /* m, of octrees; 0: 1 / texels_per_metre */
     double texels_per_metre;
-    uint32_t lightmap_size; /* 0: by density */
-    uint32_t lightmap_max;  /* texels a side */
-    bool up_z;              /* an OBJ file's z points up, otherwise its y */
-    double unit;            /* m, of an OBJ file */
-    bool strict;            /* missing pictures are an error */
-    bool repack;            /* pack charts again that lie too close together */
-    bool keep_shared;       /* keep given layouts whose charts share texels */
-    char *objects;          /* settings of objects, as JSON (coordinator/job/object_settings.h); NULL: none */
-    bool trust_normals;     /* normals decide which side of a triangle is its front; otherwise its winding does */
-    double cell_size;       /* m; 0: chosen automatically */
-    bool partition_objects; /* assign whole objects to ranks, otherwise whole cells */
-
-    /* volume */
-    double probe_spacing;   /* m; 0: chosen automatically */
-    char *volume_bounds;    /* "x,y,z,x,y,z", m: least and greatest corner; NULL: chosen automatically */
-    uint32_t samples_probe; /* rays for each probe; 0: no volume */
-
-    /* results */
+    uint32_t size;      /* texels a side; 0: by density */
+    uint32_t most;      /* texels a side, at most */
     bool half;          /* write lightmaps as half floats where no value overflows */
     bool both_sides;    /* also write lightmaps for the backs of double-sided surfaces */
     bool stitch;        /* smooth seams between charts, and between objects that touch; default true */
@@ -119,21 +113,19 @@ struct kiln_job {
     bool error_map;     /* write the standard error of each texel as a layer */
     bool vertex_light;  /* irradiance at vertices (coordinator/output/vertex_light.h) */
     bool check_density; /* whether the texels are fine enough (coordinator/bake/light/density_check.h) */
-    bool preview;       /* write preview.png; default true */
-    bool export;        /* write scene.glb; default true */
-    int keep_transport; /* enum kiln_keep */
-    /* relight: folder of a bake whose kept transport is replayed; NULL: rays are traced. The first argument */
-    const char *relight;
-    /* relight: file of states, and what stands there (job/changes.h); NULL: none. Or a change a line on standard input
-     */
-    char *states, *stated;
-    bool listen;
+};
 
-    /* checkpoints and limits, seconds; 0: none */
-    bool resume; /* continue from an existing checkpoint; default true */
-    double checkpoint_every, max_time, watchdog;
+/* Irradiance volume. */
+struct kiln_job_volume {
+    double spacing;   /* m between probes; 0: chosen automatically */
+    char *bounds;     /* "x,y,z,x,y,z", m: least and greatest corner; NULL: chosen automatically */
+    uint32_t samples; /* rays for each probe; 0: no volume */
+};
 
-    /* between ranks */
+/* Cells, and what goes between ranks. */
+struct kiln_job_ranks {
+    double cell_size;             /* m; 0: chosen automatically */
+    bool partition_objects;       /* assign whole objects to ranks, otherwise whole cells */
     uint32_t shared_memory_ranks; /* so many ranks of a host at most share memory; 0: all of them, 1: none */
     bool work_stealing;           /* ranks that are done compute points of other ranks of their host; default true */
     int rebalance;                /* enum kiln_rebalance */
@@ -141,48 +133,75 @@ struct kiln_job {
     int exchange_points;          /* enum kiln_exchange_points */
     uint64_t exchange_limit;      /* most elements in one MPI call; 0: the largest count that MPI takes */
     char *trace;                  /* file for the timeline of all ranks; NULL: none */
+};
 
-    /* messages */
-    bool json, quiet, verbose;
+/* Checkpoints and limits, seconds; 0: none. */
+struct kiln_job_checkpoints {
+    bool resume; /* continue from an existing checkpoint; default true */
+    double every, max_time, watchdog;
+    char *local; /* a folder of each node, where checkpoints are written first; NULL: none */
+};
 
-    /* view, compare, probe, generate, bench, plan */
+/* Settings of relight. */
+struct kiln_job_relighting {
+    const char *folder; /* a bake whose kept transport is replayed; NULL: rays are traced. The first argument */
+    /* file of states, and what stands there (job/changes.h); NULL: none */
+    char *states, *stated;
+    bool listen; /* a change a line on standard input */
+};
+
+/* Settings of view; pictures of other commands take exposure and size, too. */
+struct kiln_job_view {
     char *camera; /* name of a camera in the scene, names separated by commas, or "all" */
     uint32_t width, height;
-    double exposure;                     /* stops */
-    bool auto_exposure;                  /* default true */
-    int tone_map;                        /* enum kiln_tone_curve */
-    char *path;                          /* view: file of key frames */
-    uint32_t frames;                     /* view: number of frames of the path; 0: 24 for each interval, and one */
-    char *from, *to;                     /* "x,y,z", m: position and target of the eye */
-    char *show;                          /* "light", "texels", or what else coordinator/view/show.h has */
-    uint32_t view_voxels;                /* view: along the scene's longest side; 0: as the bake had */
-    char *view_texel;                    /* view: "OBJECT,X,Y", whose links are shown; NULL: none */
-    char *view_atlas;                    /* view: name of the object whose lightmap is drawn; NULL: a view */
-    int view_filter;                     /* view: enum kiln_view_filter_choice */
-    double field_of_view;                /* degrees, vertical */
-    int view_method;                     /* view: enum kiln_view_method */
-    double merge_radius;                 /* m; 0: by the scene; bake: or KILN_MERGE_RADIUS_TEXEL (merge.h) */
-    uint32_t samples_pixel;              /* view: paths of a pixel */
-    uint32_t path_length;                /* view: rays of a path at most; 0: any number */
-    char *accumulate;                    /* view: folder that keeps the sums of paths; NULL: none */
-    bool sequence;                       /* view: frames of a path are means over those before them */
-    uint32_t view_places;                /* view: no picture, but so many places to look from; 0: a picture */
-    int view_denoise;                    /* view: enum kiln_view_denoise */
-    bool aov;                            /* view: layers of what is seen besides light */
-    double lens_radius;                  /* view: m; 0: a pinhole */
-    double focus_distance;               /* view: m; 0: that of what the middle of the picture shows */
-    bool normal_maps;                    /* view: show materials' normal maps; default true */
-    uint32_t ranks;                      /* plan: number of ranks */
-    double node_memory;                  /* plan: memory of a node, GiB; 0: this machine's */
-    uint64_t triangles;                  /* generate: approximate number; 0: the scene's default */
-    uint32_t columns, rows;              /* generate rooms, lights: numbers along x and z */
-    double albedo;                       /* generate furnace; -1: not given */
-    double node_bandwidth, node_latency; /* plan: of the network, GB/s and microseconds */
-    uint64_t points;                     /* plan: surface points of the scaling curve; 0: those of the scene */
-    char *rank_counts;                   /* bench scaling: "1,2,4" */
-    uint32_t repeats;                    /* bench rays: runs of each measurement */
+    double exposure;        /* stops */
+    bool auto_exposure;     /* default true */
+    int tone_map;           /* enum kiln_tone_curve */
+    char *path;             /* file of key frames */
+    uint32_t frames;        /* number of frames of the path; 0: 24 for each interval, and one */
+    char *from, *to;        /* "x,y,z", m: position and target of the eye */
+    char *show;             /* "light", "texels", or what else coordinator/view/show.h has */
+    uint32_t voxels;        /* along the scene's longest side; 0: as the bake had */
+    char *texel;            /* "OBJECT,X,Y", whose links are shown; NULL: none */
+    char *atlas;            /* name of the object whose lightmap is drawn; NULL: a view */
+    int filter;             /* enum kiln_view_filter_choice */
+    double field_of_view;   /* degrees, vertical */
+    int method;             /* enum kiln_view_method */
+    uint32_t samples_pixel; /* paths of a pixel */
+    uint32_t path_length;   /* rays of a path at most; 0: any number */
+    char *accumulate;       /* folder that keeps the sums of paths; NULL: none */
+    bool sequence;          /* frames of a path are means over those before them */
+    uint32_t places;        /* no picture, but so many places to look from; 0: a picture */
+    int denoise;            /* enum kiln_view_denoise */
+    bool aov;               /* layers of what is seen besides light */
+    double lens_radius;     /* m; 0: a pinhole */
+    double focus_distance;  /* m; 0: that of what the middle of the picture shows */
+    bool normal_maps;       /* show materials' normal maps; default true */
+};
 
-    /* submit: what the batch job requests */
+/* Settings of plan. */
+struct kiln_job_plan {
+    uint32_t ranks;
+    double node_memory;                  /* memory of a node, GiB; 0: this machine's */
+    double node_bandwidth, node_latency; /* of the network, GB/s and microseconds */
+    uint64_t points;                     /* surface points of the scaling curve; 0: those of the scene */
+};
+
+/* Settings of generate. */
+struct kiln_job_generated {
+    uint64_t triangles;     /* approximate number; 0: the scene's default */
+    uint32_t columns, rows; /* rooms, lights: numbers along x and z */
+    double albedo;          /* furnace; -1: not given */
+};
+
+/* Settings of bench. */
+struct kiln_job_bench {
+    char *rank_counts; /* scaling: "1,2,4" */
+    uint32_t repeats;  /* rays: runs of each measurement */
+};
+
+/* Settings of submit: what the batch job requests. */
+struct kiln_job_submit {
     uint32_t nodes, gpus, ranks_per_node; /* gpus: of each node; ranks_per_node 0: one for each GPU, or one */
     double memory;                        /* GiB of each node; 0: not given */
     char *time_limit, *queue, *account;   /* Slurm's --time, --partition, --account */
@@ -190,21 +209,51 @@ struct kiln_job {
     uint32_t tries;                       /* runs in one allocation when nodes are lost */
     char *array, *setup;                  /* pattern of job files; shell script that the job reads first */
     bool dry_run;
+};
 
-    /* export */
+/* Settings of export. */
+struct kiln_job_exported {
     char *source;           /* path of the scene that was baked; NULL: the one in run.json */
     int format;             /* enum kiln_page_format */
     double range;           /* irradiance of RGBM value 1,1,1,1; 0: each page's largest value */
     uint32_t atlas;         /* largest side of a page, texels; 0: one page for each object */
     bool drop_baked_lights; /* remove lights whose light is in the lightmaps */
+};
 
-    char *factors; /* mix: what is given with --set, a line each */
+/* Settings of mix. */
+struct kiln_job_mix {
+    char *factors; /* what is given with --set, a line each */
+};
+
+struct kiln_job {
+    const char *command;
+    char **arguments;
+    size_t argument_count;
+    char *output;     /* DIR; default: the scene's name without extension + "-bake" */
+    bool preview;     /* write preview.png; default true */
+    bool write_scene; /* write scene.glb; default true */
+    bool json, quiet, verbose;
+
+    struct kiln_job_scene scene;
+    struct kiln_job_machine machine;
+    struct kiln_job_light light;
+    struct kiln_job_lightmaps lightmaps;
+    struct kiln_job_volume volume;
+    struct kiln_job_ranks ranks;
+    struct kiln_job_checkpoints checkpoints;
+
+    struct kiln_job_relighting relighting;
+    struct kiln_job_view view;
+    struct kiln_job_plan plan;
+    struct kiln_job_generated generated;
+    struct kiln_job_bench bench;
+    struct kiln_job_submit submit;
+    struct kiln_job_exported exported;
+    struct kiln_job_mix mix;
 
     struct kiln_faults faults; /* faults that tests inject, read from the environment */
-
-    bool answered;          /* the command has printed its JSON object, even if it then fails */
-    void *strings;          /* private: struct kiln_job_owned */
-    char *checkpoint_local; /* a folder of each node, where checkpoints are written first; NULL: none */
+    bool answered;             /* the command has printed its JSON object, even if it then fails */
+    void *strings;             /* private: struct kiln_job_owned */
 };
 
 /* Reads the command line (argv[1] is the command) and, if the first argument is a .yaml or .yml file, that job file.
@@ -232,7 +281,8 @@ int kiln_job_keep_room(struct kiln_job *job, size_t bytes, void **room, struct k
 /* Whether points gather by links (worker/pass/links.h), which state an error each by themselves. */
 static inline bool kiln_job_has_links(const struct kiln_job *job)
 {
-    return job->method != NULL && strcmp(job->method, "radiosity") == 0 && job->patches.patches == KILN_PATCHES_LINKS;
+    return job->light.method != NULL && strcmp(job->light.method, "radiosity") == 0 &&
+           job->light.patches.patches == KILN_PATCHES_LINKS;
 }
 
 /* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
@@ -242,42 +292,44 @@ enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be
 #define KILN_PARTS_STUDENT 1.591
 static inline uint32_t kiln_job_parts(const struct kiln_job *job)
 {
-    return (job->error_map || job->target_error > 0.0) && !kiln_job_has_links(job) ? KILN_PARTS : 1;
+    return (job->lightmaps.error_map || job->light.target_error > 0.0) && !kiln_job_has_links(job) ? KILN_PARTS : 1;
 }
 
 /* Whether light goes on from mirrors, gloss and glass, and whether a bake computes what comes from lamps by way of
  * these. Of a job that is settled (coordinator/bake/prepare/materials.h). */
 static inline bool kiln_job_takes_gloss(const struct kiln_job *job)
 {
-    return job->materials != KILN_GLOSS_MODE_DIFFUSE && job->chain_length > 0;
+    return job->light.materials != KILN_GLOSS_MODE_DIFFUSE && job->light.chain_length > 0;
 }
 static inline bool kiln_job_has_caustics(const struct kiln_job *job)
 {
-    return kiln_job_takes_gloss(job) && job->caustics > KILN_CAUSTICS_NONE;
+    return kiln_job_takes_gloss(job) && job->light.caustics > KILN_CAUSTICS_NONE;
 }
 
 /* Whether paths from surface points find the light, without radiosity (coordinator/integrate/reference). */
 static inline bool kiln_job_is_reference(const struct kiln_job *job)
 {
-    return job->method != NULL && strcmp(job->method, "cells") != 0 && strcmp(job->method, "radiosity") != 0;
+    return job->light.method != NULL && strcmp(job->light.method, "cells") != 0 &&
+           strcmp(job->light.method, "radiosity") != 0;
 }
 
 /* Whether light bounces between patches, pair by pair (coordinator/integrate/radiosity). */
 static inline bool kiln_job_is_radiosity(const struct kiln_job *job)
 {
-    return job->method != NULL && strcmp(job->method, "radiosity") == 0;
+    return job->light.method != NULL && strcmp(job->light.method, "radiosity") == 0;
 }
 
 /* Whether gather rays end at a range, and radiance probes answer for what lies behind it. */
 static inline bool kiln_job_has_probes(const struct kiln_job *job)
 {
-    return job->radiance.samples > 0 && job->radiance.range < (double)INFINITY;
+    return job->light.radiance.samples > 0 && job->light.radiance.range < (double)INFINITY;
 }
 
 static inline bool kiln_job_denoises(const struct kiln_job *job)
 {
-    return job->denoise == KILN_DENOISE_REGRESSION ||
-           (job->denoise == KILN_DENOISE_AUTO && job->quality != NULL && strcmp(job->quality, "reference") != 0);
+    return job->lightmaps.denoise == KILN_DENOISE_REGRESSION ||
+           (job->lightmaps.denoise == KILN_DENOISE_AUTO && job->light.quality != NULL &&
+            strcmp(job->light.quality, "reference") != 0);
 }
 
 /* Prints one line for each option that was given by its former name, with the present form. Not collective. */

@@ -129,7 +129,7 @@ static int store(struct kiln_job_reader *reader, const char *key, size_t key_lin
         if (text[0] == '\0')
             return kiln_fail(error, KILN_BAD_INPUT, "%.500s:%zu: scene is empty; name a scene file", reader->path,
                              line);
-        return kiln_job_keep_path(reader->job, text, reader->folder, &reader->job->scene, error);
+        return kiln_job_keep_path(reader->job, text, reader->folder, &reader->job->scene.file, error);
     }
     const bool two = kiln_option_second(option) != NULL && strchr(text, ':') != NULL;
     if (!plain && !is_text(option->kind) && !two)
@@ -179,7 +179,7 @@ static int read_events(struct kiln_job_reader *reader, struct kiln_error *error)
     KILN_TRY(kiln_job_expect(reader, YAML_DOCUMENT_END_EVENT, shape, error));
     KILN_TRY(
         kiln_job_expect(reader, YAML_STREAM_END_EVENT, "a second document begins here; a job file has one", error));
-    if (!reader->only_quality && reader->job->scene == NULL)
+    if (!reader->only_quality && reader->job->scene.file == NULL)
         KILN_TRY(
             kiln_fail(error, KILN_BAD_INPUT, "%.500s: the key 'scene' is missing; add `scene: FILE`", reader->path));
 end:

@@ -58,7 +58,7 @@ void kiln_job_group_blocks(const json_t *rules, uint32_t blocks[2])
 /* The name of the groups' source in errors. kiln relight has groups from a bake, of which it knows no file. */
 static const char *source_of(const struct kiln_job *job)
 {
-    return job->light_groups != NULL ? job->light_groups : "the bake's groups of lights";
+    return job->scene.light_groups != NULL ? job->scene.light_groups : "the bake's groups of lights";
 }
 
 static int check_group(const struct kiln_job *job, const char *name, json_t *rules, struct kiln_error *error)
@@ -101,10 +101,10 @@ static int check_group(const struct kiln_job *job, const char *name, json_t *rul
 
 static int add_name(struct kiln_job *job, const char *name, struct kiln_error *error)
 {
-    if (job->group_count == KILN_GROUPS_MAX)
+    if (job->scene.group_count == KILN_GROUPS_MAX)
         return kiln_fail(error, KILN_USAGE, "there may be %d groups of lights at most, blocks and patches among them",
                          KILN_GROUPS_MAX - 1);
-    return kiln_job_keep_text(job, name, &job->group_names[job->group_count++], error);
+    return kiln_job_keep_text(job, name, &job->scene.group_names[job->scene.group_count++], error);
 }
 
 /* The name of each block of a group, or of the group. */
@@ -128,14 +128,15 @@ static int add_groups(struct kiln_job *job, json_t *groups, struct kiln_error *e
 {
     const char *name;
     json_t *rules;
-    int status = KILN_OK, skies = job->sky_patches != KILN_SKY_WHOLE;
+    int status = KILN_OK, skies = job->scene.sky_patches != KILN_SKY_WHOLE;
     json_object_foreach(groups, name, rules)
     {
         status = check_group(job, name, rules, error);
         skies += json_is_true(json_object_get(rules, "environment"));
         if (status == KILN_OK && skies > 1)
-            status = kiln_fail(error, KILN_BAD_INPUT, "%.300s: the environment is in two groups%s", source_of(job),
-                               job->sky_patches != KILN_SKY_WHOLE ? ", for --sky-patches makes groups of it" : "");
+            status =
+                kiln_fail(error, KILN_BAD_INPUT, "%.300s: the environment is in two groups%s", source_of(job),
+                          job->scene.sky_patches != KILN_SKY_WHOLE ? ", for --sky-patches makes groups of it" : "");
         if (status == KILN_OK)
             status = add_group(job, name, rules, error);
         if (status != KILN_OK)
@@ -146,7 +147,7 @@ static int add_groups(struct kiln_job *job, json_t *groups, struct kiln_error *e
 
 static int add_patches(struct kiln_job *job, struct kiln_error *error)
 {
-    const uint32_t count = kiln_sky_patches[job->sky_patches];
+    const uint32_t count = kiln_sky_patches[job->scene.sky_patches];
     int status = KILN_OK;
     for (uint32_t i = 0; i < count && status == KILN_OK; i++) {
         char name[KILN_GROUP_NAME];
@@ -160,15 +161,15 @@ int kiln_job_groups_read(struct kiln_job *job, struct kiln_error *error)
 {
     json_t *groups = NULL;
     void *room = NULL;
-    job->group_count = 0;
-    if (job->light_groups == NULL && job->grouped == NULL && job->sky_patches == KILN_SKY_WHOLE)
+    job->scene.group_count = 0;
+    if (job->scene.light_groups == NULL && job->scene.grouped == NULL && job->scene.sky_patches == KILN_SKY_WHOLE)
         return KILN_OK;
     int status = kiln_job_keep_room(job, KILN_GROUPS_MAX * sizeof(char *), &room, error);
-    job->group_names = room;
+    job->scene.group_names = room;
     KILN_TRY(status);
-    if (job->light_groups != NULL)
-        KILN_TRY(kiln_job_yaml_read(job, job->light_groups, &job->grouped, error));
-    if (job->grouped != NULL && (groups = json_loads(job->grouped, 0, NULL)) == NULL)
+    if (job->scene.light_groups != NULL)
+        KILN_TRY(kiln_job_yaml_read(job, job->scene.light_groups, &job->scene.grouped, error));
+    if (job->scene.grouped != NULL && (groups = json_loads(job->scene.grouped, 0, NULL)) == NULL)
         KILN_TRY(kiln_fail(error, KILN_SYSTEM, "out of memory: the groups of lights"));
     KILN_TRY(add_groups(job, groups, error));
     KILN_TRY(add_patches(job, error));

@@ -15,9 +15,9 @@
 
 #include "coordinator/job/job.h"
 
-/* Reads the file job->light_groups, if there is one, and stores it in job->grouped as JSON, which may also have been
- * set before. Stores the names of all groups, in that order, then patches of the sky, then `rest`; none without groups
- * and patches. KILN_BAD_INPUT for what is not of that shape. Not collective. */
+/* Reads the file job->scene.light_groups, if there is one, and stores it in job->scene.grouped as JSON, which may also
+ * have been set before. Stores the names of all groups, in that order, then patches of the sky, then `rest`; none
+ * without groups and patches. KILN_BAD_INPUT for what is not of that shape. Not collective. */
 int kiln_job_groups_read(struct kiln_job *job, struct kiln_error *error);
 
 /* Columns and rows of a group of the file; 1 and 1 of one without blocks. */

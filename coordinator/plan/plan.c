@@ -116,7 +116,7 @@ static uint64_t result_bytes(const struct kiln_plan *plan, const struct kiln_pre
 {
     return kiln_results_memory(&(struct kiln_results_size){.scene = p->scene,
                                                            .job = job,
-                                                           .ranks = job->ranks,
+                                                           .ranks = job->plan.ranks,
                                                            .threads = p->threads,
                                                            .own = plan->here.light.points_most,
                                                            .points = (double)plan->surface.points,
@@ -156,7 +156,7 @@ static struct kiln_companion_bytes companion_bytes(const struct kiln_plan *plan,
     const struct kiln_companion_demand demand = {.settings = &settings,
                                                  .points = plan->surface.points,
                                                  .own = plan->here.light.points_most,
-                                                 .ranks = job->ranks,
+                                                 .ranks = job->plan.ranks,
                                                  .device = on_device(p),
                                                  .aims = (size_t)plan->landing.aims,
                                                  .landed = plan->landing.landed};
@@ -185,7 +185,7 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     const struct kiln_companion_bytes companions = companion_bytes(plan, p, job);
     m->light += companions.always;
     m->device += companions.device;
-    m->volume = plan->probes * (KILN_PROBE_BYTES + job->group_count * sizeof(struct kiln_probe_group)) +
+    m->volume = plan->probes * (KILN_PROBE_BYTES + job->scene.group_count * sizeof(struct kiln_probe_group)) +
                 plan->landing.probe_bytes;
     m->results = result_bytes(plan, p, job);
     m->moving = plan->here.light.repartitions > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
@@ -226,7 +226,7 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
     const double channels = (double)kiln_field_set_channels(&fields) - floats_not_lit(plan, &fields, true),
                  columns = (double)kiln_field_set_column_bytes(&fields) -
                            floats_not_lit(plan, &fields, false) * (double)sizeof(float);
-    plan->lightmap_bytes = (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->half ? 0.45 : 1.0) *
+    plan->lightmap_bytes = (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->lightmaps.half ? 0.45 : 1.0) *
                                       (denoises ? DENOISE_LIGHTMAP_DISK : 1.0) * (channels / 9.0));
     plan->h5_bytes =
         (uint64_t)(points * (H5_POINT_DISK + columns - KILN_RESULTS_COLUMNS + (denoises ? DENOISE_POINT_DISK : 0.0)));
@@ -235,17 +235,17 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
                                            OCCLUDER_DISK * (double)sizeof(struct kiln_probe_occluders)));
     plan->scene_bytes = p->scene->mapped_bytes;
     plan->preview_bytes = job->preview ? (uint64_t)(PREVIEW_DISK * kiln_preview_part(job, p->scene, points)) : 0;
-    plan->export_bytes = job->export ? kiln_export_size(p->scene) : 0;
-    for (size_t i = 0; i < plan->steps.count && job->keep_transport == KILN_KEEP_ROWS; i++)
+    plan->export_bytes = job->write_scene ? kiln_export_size(p->scene) : 0;
+    for (size_t i = 0; i < plan->steps.count && job->light.keep == KILN_KEEP_ROWS; i++)
         if (kiln_transport_keeps(&plan->steps.of[i].step))
             plan->transport_bytes += kiln_transport_bytes(plan->surface.points, plan->steps.of[i].step.samples,
                                                           kiln_transport_goes_on(job, p));
-    if (job->keep_transport == KILN_KEEP_LINKS)
-        plan->transport_bytes = kiln_link_file_bytes_expected(plan->surface.points, job->patches.link_error);
+    if (job->light.keep == KILN_KEEP_LINKS)
+        plan->transport_bytes = kiln_link_file_bytes_expected(plan->surface.points, job->light.patches.link_error);
     plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes +
                        plan->preview_bytes + plan->export_bytes + plan->transport_bytes;
     const enum kiln_caustics caustics =
-        kiln_job_has_caustics(job) ? (enum kiln_caustics)job->caustics : KILN_CAUSTICS_NONE;
+        kiln_job_has_caustics(job) ? (enum kiln_caustics)job->light.caustics : KILN_CAUSTICS_NONE;
     plan->checkpoint_bytes =
         (uint64_t)points * (kiln_field_set_saved_bytes(&fields) + kiln_landing_saved_bytes(caustics));
 }
@@ -409,7 +409,7 @@ static int probe_seconds(const struct kiln_prepared *p, const struct kiln_job *j
         positions[i] = vec3(low.x + t * size.x, low.y + (1.0f - t) * size.y, low.z + t * size.z);
     }
     const struct moment begin = moment_now();
-    const struct kiln_batch items = {.count = SAMPLE_PROBES, .positions = positions, .samples = job->samples_probe};
+    const struct kiln_batch items = {.count = SAMPLE_PROBES, .positions = positions, .samples = job->volume.samples};
     const struct kiln_probe_parameters parameters = {0};
     int status = kiln_backend_run(p->backend, &kiln_pass_probes, &parameters, &items, &rays, error);
     if (status == KILN_OK)
@@ -452,8 +452,8 @@ static double worked_seconds(const struct kiln_phases *phases, const char *name,
 /* Ranks of a node share its cores, unless their threads were said; each has a GPU of its own. */
 static double crowd(const struct kiln_prepared *p, const struct kiln_job *job)
 {
-    const uint32_t together = job->ranks_per_node > 0 ? job->ranks_per_node : 1;
-    return on_device(p) || job->threads != 0 ? 1.0 : together < job->ranks ? together : job->ranks;
+    const uint32_t together = job->submit.ranks_per_node > 0 ? job->submit.ranks_per_node : 1;
+    return on_device(p) || job->machine.threads != 0 ? 1.0 : together < job->plan.ranks ? together : job->plan.ranks;
 }
 
 /* Seconds to denoise a point, one thread. */
@@ -485,14 +485,14 @@ static double place_seconds(const struct kiln_job *job)
 static double write_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
     const double points = (double)plan->surface.points;
-    return points * (written_seconds(plan, p, job) * crowd(p, job) / job->ranks + place_seconds(job)) +
+    return points * (written_seconds(plan, p, job) * crowd(p, job) / job->plan.ranks + place_seconds(job)) +
            preview_seconds(p, job);
 }
 
 /* Bytes a point, in the exchange after a bounce, when there are so many. */
 static double bounce_bytes(const struct kiln_job *job, uint64_t points)
 {
-    return kiln_exchange_is_compact(job->exchange, points) ? COMPACT_BYTES : FULL_BYTES;
+    return kiln_exchange_is_compact(job->ranks.exchange, points) ? COMPACT_BYTES : FULL_BYTES;
 }
 
 /* Times of samples that have no phase. */
@@ -507,7 +507,7 @@ static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prep
                                   const struct kiln_phases *phases, const struct timing *timing)
 {
     struct kiln_plan_seconds *s = &plan->seconds;
-    const double together = crowd(p, job), ranks = (double)job->ranks;
+    const double together = crowd(p, job), ranks = (double)job->plan.ranks;
     s->import = phase_seconds(phases, "import");
     s->world = worked_seconds(phases, "scene and BVH", p, 1) * together;
     s->surface = worked_seconds(phases, "surface points", p, 1) * together / ranks;
@@ -654,8 +654,8 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
     struct kiln_simulation simulation = {
         .light = {.settings = settings,
                   .steps = &plan->steps,
-                  .ranks_per_node = job->ranks_per_node,
-                  .shared_memory_ranks = job->shared_memory_ranks,
+                  .ranks_per_node = job->submit.ranks_per_node,
+                  .shared_memory_ranks = job->ranks.shared_memory_ranks,
                   .cell_points = cells->points,
                   .cell_count = cells->count,
                   .tile_runs = plan->surface.tile_runs,
@@ -664,27 +664,27 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
                   .keeps_points = info.keeps_points,
                   .part_points = info.part_points,
                   .moved_bytes = surface + (double)kiln_field_set_point_bytes(&fields, KILN_FIELD_RESULT),
-                  .bandwidth = job->node_bandwidth * 1e9,
-                  .latency = job->node_latency * 1e-6},
-        .density = job->points > 0 ? (double)job->points / points : 1.0,
+                  .bandwidth = job->plan.node_bandwidth * 1e9,
+                  .latency = job->plan.node_latency * 1e-6},
+        .density = job->plan.points > 0 ? (double)job->plan.points / points : 1.0,
         .once = START_SECONDS + s->import + s->world + s->emission + preview_seconds(p, job),
-        .find_a_point = s->surface * job->ranks / points,
+        .find_a_point = s->surface * job->plan.ranks / points,
         .map_a_point = MAP_POINT_SECONDS * together,
         .map_bytes = MAP_ENTRY_BYTES * (double)(p->surface->tile_count + p->surface->split_count) / points,
         .shared_a_point =
             s->validity / fmax(1.0, (double)plan->surface.points_max) + together * written_seconds(plan, p, job),
         .shared = (timing->probe * (double)plan->probes + plan->landing.probes + timing->views) * together,
         .seen_a_texel = kiln_job_denoises(job)
-                            ? denoise_seconds(p, job) / p->threads + TEXEL_BYTES / (job->node_bandwidth * 1e9)
+                            ? denoise_seconds(p, job) / p->threads + TEXEL_BYTES / (job->plan.node_bandwidth * 1e9)
                             : 0.0,
         .largest_map = (double)kiln_largest_lightmap(p->scene),
         .alone_a_point = place_seconds(job),
-        .radiosity_bytes = bounce_bytes(job, job->points > 0 ? job->points : plan->surface.points),
+        .radiosity_bytes = bounce_bytes(job, job->plan.points > 0 ? job->plan.points : plan->surface.points),
         .exchanges = plan->bounces + 1,
         .saved_bytes = (double)plan->checkpoint_bytes / points,
         .saved_bandwidth = SAVE_BANDWIDTH,
-        .save_every = job->checkpoint_every,
-        .copied_byte = job->checkpoint_local != NULL ? together * COPY_BYTE_SECONDS / p->threads : 0.0};
+        .save_every = job->checkpoints.every,
+        .copied_byte = job->checkpoints.local != NULL ? together * COPY_BYTE_SECONDS / p->threads : 0.0};
     for (uint32_t k = 0; k < KILN_COST_KINDS_MAX; k++)
         simulation.light.cell_cost[k] = cells->cost[k];
     return simulation;
@@ -703,11 +703,12 @@ static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const
         const double density = simulation.density, bytes = simulation.radiosity_bytes;
         simulation.density = 1.0;
         simulation.radiosity_bytes = bounce_bytes(job, plan->surface.points);
-        status = kiln_simulate(&simulation, job->ranks, 1.0, &plan->here, error);
+        status = kiln_simulate(&simulation, job->plan.ranks, 1.0, &plan->here, error);
         simulation.density = density;
         simulation.radiosity_bytes = bytes;
         if (status == KILN_OK)
-            status = kiln_simulate_curves(&simulation, job->ranks, plan->strong, plan->weak, &plan->curve_count, error);
+            status =
+                kiln_simulate_curves(&simulation, job->plan.ranks, plan->strong, plan->weak, &plan->curve_count, error);
     }
     free_cells(&cells);
     return status;
@@ -810,50 +811,50 @@ static int find_visible(struct kiln_plan *plan, const struct kiln_prepared *p, c
                         struct timing *timing, struct kiln_error *error)
 {
     const double start = MPI_Wtime();
-    if (job->only_visible_from == NULL)
+    if (job->light.only_visible_from == NULL)
         return KILN_OK;
-    const int status = kiln_visible_from_find(&plan->visible, p, job->only_visible_from, error);
+    const int status = kiln_visible_from_find(&plan->visible, p, job->light.only_visible_from, error);
     timing->views = MPI_Wtime() - start;
     return status;
 }
 
 static uint32_t typical_bounces(const struct kiln_job *job)
 {
-    if (job->patches.order == KILN_ORDER_UNSHOT)
+    if (job->light.patches.order == KILN_ORDER_UNSHOT)
         return TYPICAL_UNSHOT;
-    return job->schedule == KILN_SCHEDULE_EQUAL ? TYPICAL_EQUAL : TYPICAL_BOUNCES;
+    return job->light.schedule == KILN_SCHEDULE_EQUAL ? TYPICAL_EQUAL : TYPICAL_BOUNCES;
 }
 
 int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job,
                    const struct kiln_phases *phases, struct kiln_error *error)
 {
     *plan = (struct kiln_plan){.triangles = prepared->geometry->triangle_count,
-                               .bounces = job->bounces < 0 ? typical_bounces(job) : (uint32_t)job->bounces};
+                               .bounces = job->light.bounces < 0 ? typical_bounces(job) : (uint32_t)job->light.bounces};
     known_memory(plan, prepared);
     measure_program(plan, prepared, job);
     struct kiln_surface *rank_surface = NULL;
     const struct kiln_surface_params params = {
         .scene = prepared->scene,
         .geometry = prepared->geometry,
-        .cell_size = job->cell_size,
-        .partition = job->partition_objects ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS,
-        .whole_tiles = job->indirect_scale > 0 || job->final_scale > 0 || job->guide > 0,
-        .both_sides = job->both_sides,
-        .ranks = job->ranks,
+        .cell_size = job->ranks.cell_size,
+        .partition = job->ranks.partition_objects ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS,
+        .whole_tiles = job->light.indirect_scale > 0 || job->light.final_scale > 0 || job->light.guide > 0,
+        .both_sides = job->lightmaps.both_sides,
+        .ranks = job->plan.ranks,
         .threads = prepared->threads};
     int status = kiln_surface_build(&rank_surface, &params, &plan->surface, error);
     struct kiln_volume_result volume = {0};
     struct timing timing = {0};
-    if (status == KILN_OK && job->samples_probe > 0)
-        status = kiln_volume_grid(&volume, prepared->scene, job->probe_spacing, job->volume_bounds, error);
+    if (status == KILN_OK && job->volume.samples > 0)
+        status = kiln_volume_grid(&volume, prepared->scene, job->volume.spacing, job->volume.bounds, error);
     const struct kiln_integrate_settings settings = kiln_light_settings(job, prepared->lights, plan->surface.points);
     KILN_TRY(status);
     KILN_TRY(kiln_planned_steps_make(&plan->steps, &settings, typical_bounces(job), error));
     plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
     KILN_TRY(find_visible(plan, prepared, job, &timing, error));
     KILN_TRY(trace_samples(plan, prepared, job, &settings, &timing, error));
-    KILN_TRY(kiln_plan_landing_measure(&plan->landing, prepared, &settings, &volume, job->samples_probe,
-                                       plan->surface.points, job->ranks, error));
+    KILN_TRY(kiln_plan_landing_measure(&plan->landing, prepared, &settings, &volume, job->volume.samples,
+                                       plan->surface.points, job->plan.ranks, error));
     plan_disk(plan, prepared, job);
     plan_before_and_after(plan, prepared, job, phases, &timing);
     KILN_TRY(simulate(plan, prepared, job, &timing, error));

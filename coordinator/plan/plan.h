@@ -77,17 +77,17 @@ struct kiln_plan {
     struct kiln_plan_sample samples[KILN_PLAN_SAMPLES];
     size_t sample_count;
     double calibration_seconds;
-    struct kiln_scaled here; /* the bake itself, on job->ranks ranks; efficiencies are 0 */
-    /* how the bake would scale up to job->ranks, and the cells that this is reckoned from */
+    struct kiln_scaled here; /* the bake itself, on job->plan.ranks ranks; efficiencies are 0 */
+    /* how the bake would scale up to job->plan.ranks, and the cells that this is reckoned from */
     struct kiln_scaled strong[KILN_CURVE_MAX], weak[KILN_CURVE_MAX];
     size_t curve_count;
 };
 
 /* Not collective (prepared on MPI_COMM_SELF, with `phases` as it took them). Builds the surface points of one of
- * job->ranks ranks for their sizes, and traces a sample of the surface points for the times (20 s at most), with the
- * backend and the threads that a rank of this machine has. With --only-visible-from, points that no view needs lose
- * their validity, as in the bake. job->points, when not 0, stands for how many surface points the scaling curves begin
- * with. */
+ * job->plan.ranks ranks for their sizes, and traces a sample of the surface points for the times (20 s at most), with
+ * the backend and the threads that a rank of this machine has. With --only-visible-from, points that no view needs lose
+ * their validity, as in the bake. job->plan.points, when not 0, stands for how many surface points the scaling curves
+ * begin with. */
 int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job,
                    const struct kiln_phases *phases, struct kiln_error *error);
 void kiln_plan_release(struct kiln_plan *plan);

@@ -245,12 +245,12 @@ int kiln_working_set_find(struct kiln_working_set *set, const struct kiln_prepar
     if (!kiln_job_has_probes(job))
         return KILN_OK;
     int status;
-    KILN_TRY(kiln_probe_grid_make(&grid, &job->radiance, prepared->geometry, error));
+    KILN_TRY(kiln_probe_grid_make(&grid, &job->light.radiance, prepared->geometry, error));
     KILN_TRY(make_voxels(&v, prepared, error));
-    KILN_TRY(kiln_allocate(&begins, (size_t)job->ranks + 1, sizeof *begins, "the ranks' ranges", error));
-    KILN_TRY(find_begins(prepared->surface, job->ranks, begins, error));
-    KILN_TRY(kiln_allocate(&set->ranks, job->ranks, sizeof *set->ranks, "the ranks' working sets", error));
-    set->rank_count = job->ranks;
+    KILN_TRY(kiln_allocate(&begins, (size_t)job->plan.ranks + 1, sizeof *begins, "the ranks' ranges", error));
+    KILN_TRY(find_begins(prepared->surface, job->plan.ranks, begins, error));
+    KILN_TRY(kiln_allocate(&set->ranks, job->plan.ranks, sizeof *set->ranks, "the ranks' working sets", error));
+    set->rank_count = job->plan.ranks;
     set->probes = kiln_probes_count(&grid);
     set->probe_bytes = set->probes * probe_bytes(&grid);
     set->bytes_all = (uint64_t)(triangle_bytes * (double)prepared->geometry->triangle_count) +

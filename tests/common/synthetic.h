@@ -250,7 +250,7 @@ static inline int synthetic_create(struct synthetic *s, uint32_t width, uint32_t
         return status;
     synthetic_surface(s);
     synthetic_share(s, rank, ranks);
-    kiln_field_set_choose(&s->fields, &(struct kiln_job){.error_map = true});
+    kiln_field_set_choose(&s->fields, &(struct kiln_job){.lightmaps.error_map = true});
     s->data = (struct kiln_rank_data){.surface = s->surface,
                                       .direct = s->direct,
                                       .sum = s->indirect,

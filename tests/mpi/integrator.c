@@ -311,7 +311,7 @@ static int bake(const struct world *w, const struct kiln_integrator *integrator,
                                                      .samples_direct = SAMPLES,
                                                      .samples_indirect = SAMPLES,
                                                      .work_stealing = true};
-    const struct kiln_job job = {.ranks = RANKS}; /* asks for no more fields than all bakes have */
+    const struct kiln_job job = {.plan.ranks = RANKS}; /* asks for no more fields than all bakes have */
     struct kiln_field_set fields;
     kiln_field_set_choose(&fields, &job);
     int status = kiln_field_set_add(&fields, &samples_field, false, error);

@@ -61,22 +61,22 @@ static void test_what_a_job_asks_for(void **state)
                                      .mesh_count = 1,
                                      .objects = &object,
                                      .object_count = 1};
-    struct kiln_job job = {.bounces = 3,
-                           .schedule = KILN_SCHEDULE_EQUAL,
-                           .samples_direct = 10,
-                           .samples_indirect = 100,
-                           .samples_bounce = 8};
+    struct kiln_job job = {.light.bounces = 3,
+                           .light.schedule = KILN_SCHEDULE_EQUAL,
+                           .light.samples_direct = 10,
+                           .light.samples_indirect = 100,
+                           .light.samples_bounce = 8};
     const struct kiln_backend_question equal = kiln_backend_ask(&job, &scene, 4, 2);
     assert_true(equal.triangles == 12 && equal.threads == 4 && equal.ranks == 2 && equal.points == 3750);
     assert_true(equal.rays == 3750.0 * (5.0 + 300.0));
-    job.schedule = KILN_SCHEDULE_LEAN;
+    job.light.schedule = KILN_SCHEDULE_LEAN;
     assert_true(kiln_backend_ask(&job, &scene, 4, 2).rays == 3750.0 * (5.0 + 5.0 * 8.0 + 100.0));
-    job.indirect_scale = 1;
-    job.final_scale = 2;
+    job.light.indirect_scale = 1;
+    job.light.final_scale = 2;
     assert_true(kiln_backend_ask(&job, &scene, 4, 2).rays == 3750.0 * (5.0 + 5.0 * 2.0 + 6.25));
-    job.bounces = 0;
-    job.samples_probe = 7;
-    job.probe_spacing = 0.5;
+    job.light.bounces = 0;
+    job.volume.samples = 7;
+    job.volume.spacing = 0.5;
     assert_true(kiln_backend_ask(&job, &scene, 4, 2).rays == 3750.0 * 5.0 + 8.0 * 7.0);
 }
 

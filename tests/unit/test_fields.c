@@ -15,7 +15,7 @@
 #include "coordinator/run/checkpoint.h"
 #include "worker/scene/radiosity.h"
 
-static const struct kiln_job with_errors = {.error_map = true}, without = {.error_map = false};
+static const struct kiln_job with_errors = {.lightmaps.error_map = true}, without = {.lightmaps.error_map = false};
 
 static void rows_fit(void **state)
 {

@@ -217,23 +217,25 @@ static void test_defaults(void **state)
     struct kiln_job *job = NULL;
     assert_int_equal(parse(&job, 2, "bake", "some/where/room.v2.glb"), KILN_OK);
     assert_string_equal(job->command, "bake");
-    assert_string_equal(job->scene, "some/where/room.v2.glb");
+    assert_string_equal(job->scene.file, "some/where/room.v2.glb");
     assert_string_equal(job->output, "room.v2-bake");
-    assert_string_equal(job->backend, "auto");
-    assert_string_equal(job->method, "cells");
-    assert_string_equal(job->quality, "preview");
-    assert_null(job->environment);
-    assert_null(job->instruction_set);
-    assert_true(job->device == -1 && job->dispatch_time == 100.0 && job->device_memory == 0 &&
-                job->verify_fraction == 0);
-    assert_true(job->environment_scale == 1.0 && job->threads == 0 && job->bounces == -1 && job->tail);
-    assert_true(job->stitch && job->preview && !job->half && !job->error_map && !job->json);
-    assert_true(job->samples_direct == 64 && job->samples_bounce == 8 && job->samples_indirect == 128 &&
-                job->samples_probe == 64);
-    assert_true(job->lightmap_max == 4096 && job->lightmap_size == 0 && job->texels_per_metre == 0 &&
-                job->cell_size == 0);
-    assert_int_equal(job->schedule, KILN_SCHEDULE_LEAN);
-    assert_false(job->partition_objects);
+    assert_string_equal(job->machine.backend, "auto");
+    assert_string_equal(job->light.method, "cells");
+    assert_string_equal(job->light.quality, "preview");
+    assert_null(job->scene.environment);
+    assert_null(job->machine.instruction_set);
+    assert_true(job->machine.device == -1 && job->machine.dispatch_time == 100.0 && job->machine.device_memory == 0 &&
+                job->machine.verify_fraction == 0);
+    assert_true(job->scene.environment_scale == 1.0 && job->machine.threads == 0 && job->light.bounces == -1 &&
+                job->light.tail);
+    assert_true(job->lightmaps.stitch && job->preview && !job->lightmaps.half && !job->lightmaps.error_map &&
+                !job->json);
+    assert_true(job->light.samples_direct == 64 && job->light.samples_bounce == 8 &&
+                job->light.samples_indirect == 128 && job->volume.samples == 64);
+    assert_true(job->lightmaps.most == 4096 && job->lightmaps.size == 0 && job->lightmaps.texels_per_metre == 0 &&
+                job->ranks.cell_size == 0);
+    assert_int_equal(job->light.schedule, KILN_SCHEDULE_LEAN);
+    assert_false(job->ranks.partition_objects);
     kiln_job_destroy(&job);
     kiln_job_destroy(&job); /* NULL is accepted */
     assert_null(job);
@@ -247,34 +249,36 @@ static void test_forms(void **state)
                            "out", "--seed", "18446744073709551615", "--cell-size", "1.5e-3", "--partition", "objects",
                            "--schedule=equal", "--error-map=true", "--preview=false", "--samples-direct", "1e3"),
                      KILN_OK);
-    assert_true(job->threads == 3 && job->bounces == 4 && !job->stitch && job->half && job->seed == UINT64_MAX);
-    assert_true(job->cell_size == 1.5e-3 && job->partition_objects && job->schedule == KILN_SCHEDULE_EQUAL);
-    assert_true(job->error_map && !job->preview && job->samples_direct == 1000);
-    assert_false(job->tail); /* a number of bounces was given */
+    assert_true(job->machine.threads == 3 && job->light.bounces == 4 && !job->lightmaps.stitch && job->lightmaps.half &&
+                job->light.seed == UINT64_MAX);
+    assert_true(job->ranks.cell_size == 1.5e-3 && job->ranks.partition_objects &&
+                job->light.schedule == KILN_SCHEDULE_EQUAL);
+    assert_true(job->lightmaps.error_map && !job->preview && job->light.samples_direct == 1000);
+    assert_false(job->light.tail); /* a number of bounces was given */
     assert_string_equal(job->output, "out");
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 6, "bake", "a.glb", "--bounces", "4", "--tail", "--threads=auto"), KILN_OK);
-    assert_true(job->tail && job->threads == 0);
+    assert_true(job->light.tail && job->machine.threads == 0);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 4, "bake", "a.glb", "--bounces", "all"), KILN_OK);
-    assert_true(job->tail && job->bounces == -1);
+    assert_true(job->light.tail && job->light.bounces == -1);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 5, "probe", "dir", "-1", "-.5", "2"), KILN_OK);
     assert_int_equal(job->argument_count, 4);
     assert_string_equal(job->arguments[2], "-.5");
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 2, "info", "--devices"), KILN_OK); /* the one command line without the scene */
-    assert_true(job->devices && job->scene == NULL && job->argument_count == 0);
+    assert_true(job->machine.devices && job->scene.file == NULL && job->argument_count == 0);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 3, "info", "--devices", "a.glb"), KILN_USAGE);
     assert_int_equal(parse(&job, 12, "bake", "a.glb", "--backend", "vulkan", "--device", "2", "--dispatch-time", "12.5",
                            "--device-memory", "0.25", "--verify-fraction", "0.01"),
                      KILN_OK);
-    assert_true(job->device == 2 && job->dispatch_time == 12.5 && job->device_memory == 0.25 &&
-                job->verify_fraction == 0.01);
+    assert_true(job->machine.device == 2 && job->machine.dispatch_time == 12.5 && job->machine.device_memory == 0.25 &&
+                job->machine.verify_fraction == 0.01);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 3, "info", "--", "--odd.glb"), KILN_OK);
-    assert_string_equal(job->scene, "--odd.glb");
+    assert_string_equal(job->scene.file, "--odd.glb");
     kiln_job_destroy(&job);
 }
 
@@ -283,7 +287,8 @@ static void test_quality_gives_way(void **state)
     (void)state;
     struct kiln_job *job = NULL;
     assert_int_equal(parse(&job, 6, "bake", "a.glb", "--samples-bounce", "5", "--quality", "reference"), KILN_OK);
-    assert_true(job->samples_direct == 1024 && job->samples_bounce == 5 && job->samples_indirect == 4096);
+    assert_true(job->light.samples_direct == 1024 && job->light.samples_bounce == 5 &&
+                job->light.samples_indirect == 4096);
     kiln_job_destroy(&job);
 }
 
@@ -308,18 +313,19 @@ static void test_order(void **state)
     struct kiln_job *job = NULL;
     assert_int_equal(parse(&job, 2, "bake", path), KILN_OK);
     (void)snprintf(expected, sizeof expected, "%s/sub/a.glb", folder);
-    assert_string_equal(job->scene, expected);
+    assert_string_equal(job->scene.file, expected);
     (void)snprintf(expected, sizeof expected, "%s/sky.hdr", folder);
-    assert_string_equal(job->environment, expected);
+    assert_string_equal(job->scene.environment, expected);
     assert_string_equal(job->output, "/absolute");
-    assert_true(job->samples_direct == 5 && job->samples_bounce == 4 && job->seed == 9 && !job->stitch && job->tail);
+    assert_true(job->light.samples_direct == 5 && job->light.samples_bounce == 4 && job->light.seed == 9 &&
+                !job->lightmaps.stitch && job->light.tail);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 9, "bake", path, "--quality", "production", "--seed", "1", "-o", "here", "--stitch"),
                      KILN_OK);
-    assert_true(job->samples_direct == 5 && job->samples_bounce == 16 && job->samples_probe == 256 && job->seed == 1 &&
-                job->stitch);
+    assert_true(job->light.samples_direct == 5 && job->light.samples_bounce == 16 && job->volume.samples == 256 &&
+                job->light.seed == 1 && job->lightmaps.stitch);
     assert_string_equal(job->output, "here");
-    assert_string_equal(job->quality, "production");
+    assert_string_equal(job->light.quality, "production");
     kiln_job_destroy(&job);
     write_job(path, "scene: a.glb\nquality: high\n");
     assert_int_equal(parse(&job, 2, "bake", path), KILN_BAD_INPUT);
@@ -348,7 +354,8 @@ static void test_former_names(void **state)
     struct kiln_job *job = NULL;
     assert_int_equal(parse(&job, 6, "bake", "a.glb", "--no-give-away", "--share-ranks=2", "--verify-share", "0.5"),
                      KILN_OK);
-    assert_true(!job->work_stealing && job->shared_memory_ranks == 2 && job->verify_fraction == 0.5);
+    assert_true(!job->ranks.work_stealing && job->ranks.shared_memory_ranks == 2 &&
+                job->machine.verify_fraction == 0.5);
     char *text = renamed_text(job);
     assert_non_null(strstr(text, "the option give-away is now called work-stealing"));
     assert_non_null(strstr(text, "the option share-ranks is now called shared-memory-ranks"));
@@ -356,7 +363,7 @@ static void test_former_names(void **state)
     free(text);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 3, "bake", "a.glb", "--no-work-stealing"), KILN_OK);
-    assert_false(job->work_stealing);
+    assert_false(job->ranks.work_stealing);
     assert_string_equal(text = renamed_text(job), "");
     free(text);
     kiln_job_destroy(&job);
@@ -366,7 +373,7 @@ static void test_former_names(void **state)
     (void)snprintf(path, sizeof path, "%s/job.yaml", folder);
     write_job(path, "scene: a.glb\ngive-away: false\n");
     assert_int_equal(parse(&job, 2, "bake", path), KILN_OK);
-    assert_false(job->work_stealing);
+    assert_false(job->ranks.work_stealing);
     assert_non_null(strstr(text = renamed_text(job), "give-away is now called work-stealing"));
     free(text);
     kiln_job_destroy(&job);
@@ -398,7 +405,7 @@ static void test_second_values(void **state)
         assert_int_equal(parse(&job, count, "bake", "a.glb", "--method", "radiosity", lines[i][0], lines[i][1],
                                lines[i][2], lines[i][3]),
                          KILN_OK);
-        assert_int_equal(job->patches.window, windows[i]);
+        assert_int_equal(job->light.patches.window, windows[i]);
         char room[KILN_OPTION_TEXT];
         const bool given = i != 2;
         const char *text = kiln_option_argument(job, kiln_option_find("undersample"), room);
@@ -463,9 +470,9 @@ static void test_merge_radius(void **state)
             parse(&job, 6, "bake", "a.glb", "--method", cases[i].method, "--merge-radius", cases[i].radius),
             cases[i].status);
         if (cases[i].status == KILN_OK) {
-            assert_true(job->paths.radius == cases[i].taken);
+            assert_true(job->light.paths.radius == cases[i].taken);
             kiln_materials_settle(job, &diffuse);
-            assert_true(job->merge_radius == cases[i].taken && job->radius_alpha == 0.0);
+            assert_true(job->light.merge_radius == cases[i].taken && job->light.radius_alpha == 0.0);
         } else {
             assert_non_null(strstr(error.message, "merges nothing"));
             assert_non_null(strstr(error.message, i < 5 ? "give --method vcm" : "give --caustics merge"));

@@ -120,7 +120,7 @@ static void planes_only_for_those_that_read_them(void **state)
     struct kiln_output_params params = {.stitch = false};
     const struct kiln_map_stage *const some[] = {&plain, &skipped, &guided, &guided, NULL}, *const bad[] = {&lost,
                                                                                                             NULL};
-    kiln_field_set_choose(&fields, &(struct kiln_job){.error_map = false});
+    kiln_field_set_choose(&fields, &(struct kiln_job){.lightmaps.error_map = false});
     assert_int_equal(kiln_layers_make(&layers, &fields, &error), KILN_OK);
     assert_int_equal(kiln_map_stages_layers(kiln_map_stages, &params, &layers, &fields, &error), KILN_OK);
     assert_int_equal(kiln_map_stages_layers(some, &params, &layers, &fields, &error), KILN_OK);
@@ -148,7 +148,7 @@ static float find_shared(float shared)
     const struct kiln_output_params params = {.parts = true};
     const struct kiln_map_stage *const stages[] = {&kiln_map_stage_mean_error, NULL};
     uint64_t random = 1;
-    kiln_field_set_choose(&fields, &(struct kiln_job){.error_map = true});
+    kiln_field_set_choose(&fields, &(struct kiln_job){.lightmaps.error_map = true});
     const struct kiln_bake_result result = {.fields = &fields};
     struct kiln_map_work work = {.result = &result, .params = &params, .layers = &layers, .report = &report};
     assert_int_equal(kiln_layers_make(&layers, &fields, NULL), KILN_OK);

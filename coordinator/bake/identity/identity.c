@@ -138,11 +138,11 @@ json_t *kiln_identity_make(const struct kiln_job *job, const struct kiln_prepare
         (void)json_object_set_new(sources, kiln_scene_string(scene, scene->sources[i].path),
                                   kiln_hash_json(scene->sources[i].hash));
     uint64_t views[2];
-    if (job->only_visible_from != NULL && kiln_visible_from_hash(job->only_visible_from, views))
+    if (job->light.only_visible_from != NULL && kiln_visible_from_hash(job->light.only_visible_from, views))
         (void)json_object_set_new(fields, "camera path", kiln_hash_json(views));
-    if (job->grouped != NULL) /* what the file says, wherever it lies */
-        (void)json_object_set_new(fields, "light groups", json_string(job->grouped));
-    if (job->caustics_tried) /* what was asked for by name always comes */
+    if (job->scene.grouped != NULL) /* what the file says, wherever it lies */
+        (void)json_object_set_new(fields, "light groups", json_string(job->scene.grouped));
+    if (job->light.caustics_tried) /* what was asked for by name always comes */
         (void)json_object_set_new(fields, "caustics tried", json_string("yes"));
     (void)json_object_set_new(fields, "scene content", kiln_hash_json(scene->header->content_hash));
     (void)json_object_set_new(fields, VERSION, json_string(KILN_VERSION));

@@ -217,12 +217,13 @@ json_t *kiln_transport_identity(const struct kiln_job *job, const struct kiln_pr
     json_t *objects = objects_json(p->scene, p->geometry);
     return objects == NULL
                ? NULL
-               : json_pack("{s:I, s:I, s:I, s:I, s:[f,f,f], s:f, s:s, s:s, s:o}", "seed", (json_int_t)job->seed,
-                           "chain_length", (json_int_t)(p->scene->taken != NULL ? job->chain_length : 0), "points",
-                           (json_int_t)p->surface->point_count, "cells", (json_int_t)p->surface_report.cells_total,
-                           "centre", centre[0], centre[1], centre[2], "cell_size", p->surface_report.cell_size, "store",
+               : json_pack("{s:I, s:I, s:I, s:I, s:[f,f,f], s:f, s:s, s:s, s:o}", "seed", (json_int_t)job->light.seed,
+                           "chain_length", (json_int_t)(p->scene->taken != NULL ? job->light.chain_length : 0),
+                           "points", (json_int_t)p->surface->point_count, "cells",
+                           (json_int_t)p->surface_report.cells_total, "centre", centre[0], centre[1], centre[2],
+                           "cell_size", p->surface_report.cell_size, "store",
                            p->surface->bricks != NULL ? "octree" : "lightmap", "partition",
-                           job->partition_objects ? "objects" : "cells", "objects", objects);
+                           job->ranks.partition_objects ? "objects" : "cells", "objects", objects);
 }
 
 uint64_t kiln_transport_key(const json_t *identity)
@@ -366,8 +367,9 @@ int kiln_transport_changes_take(struct kiln_job *job, const json_t *index, const
     const json_t *changes = json_object_get(index, "changes");
     const int status = refuse_file(json_object_get(index, "job"), "changes", directory,
                                    "give it after the folder, or the scene without changes", error);
-    return status != KILN_OK || changes == NULL ? status
-                                                : take_rules(job, changes, directory, "changes", &job->changed, error);
+    return status != KILN_OK || changes == NULL
+               ? status
+               : take_rules(job, changes, directory, "changes", &job->scene.changed, error);
 }
 
 int kiln_transport_groups_take(struct kiln_job *job, const json_t *index, const char *directory,
@@ -378,7 +380,7 @@ int kiln_transport_groups_take(struct kiln_job *job, const json_t *index, const 
         refuse_file(json_object_get(index, "job"), "light-groups", directory, "give --light-groups FILE", error);
     return status != KILN_OK || groups == NULL
                ? status
-               : take_rules(job, groups, directory, "groups of lights", &job->grouped, error);
+               : take_rules(job, groups, directory, "groups of lights", &job->scene.grouped, error);
 }
 
 /* ---- comparison ---- */

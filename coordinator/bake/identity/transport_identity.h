@@ -28,7 +28,7 @@ int kiln_transport_index_read(json_t **index, const char *directory, struct kiln
 int kiln_transport_options_take(struct kiln_job *job, const json_t *index, const char *directory,
                                 struct kiln_error *error);
 
-/* Takes the changes of that bake's scene into job->changed, and its groups of lights into job->grouped. */
+/* Takes the changes of that bake's scene into job->scene.changed, and its groups of lights into job->scene.grouped. */
 int kiln_transport_changes_take(struct kiln_job *job, const json_t *index, const char *directory,
                                 struct kiln_error *error);
 int kiln_transport_groups_take(struct kiln_job *job, const json_t *index, const char *directory,

@@ -147,13 +147,13 @@ static int solve(struct kiln_density_check *check, const struct kiln_prepared *c
     struct kiln_job plain = *job; /* asks for no fields but light */
     struct kiln_field_set fields;
     struct kiln_solution *solved = NULL;
-    plain.error_map = false;
-    plain.group_count = 0;
-    plain.target_error = 0.0;
-    plain.indirect_scale = plain.final_scale = 0;
-    plain.denoise = KILN_DENOISE_NONE;
-    plain.occlusion.distance = 0.0;
-    plain.directional = KILN_DIRECTIONAL_NONE;
+    plain.lightmaps.error_map = false;
+    plain.scene.group_count = 0;
+    plain.light.target_error = 0.0;
+    plain.light.indirect_scale = plain.light.final_scale = 0;
+    plain.lightmaps.denoise = KILN_DENOISE_NONE;
+    plain.light.occlusion.distance = 0.0;
+    plain.light.directional = KILN_DIRECTIONAL_NONE;
     kiln_field_set_choose(&fields, &plain);
     struct kiln_integrate_params params = *of_bake;
     params.beside = NULL;

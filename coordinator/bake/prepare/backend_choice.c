@@ -20,13 +20,14 @@ static const double COVERED = 0.75, LIT = 0.5; /* of a lightmap's texels lie on 
 /* Rays of a point. A lean bake's first bounce has three times as many, late ones fewer: about ten times in all. */
 static double rays_of_a_point(const struct kiln_job *job)
 {
-    const double bounces = job->bounces < 0 ? TYPICAL_BOUNCES : (double)job->bounces,
-                 direct = LIT * job->samples_direct;
-    if (job->schedule == KILN_SCHEDULE_EQUAL || kiln_job_is_reference(job))
-        return direct + bounces * job->samples_indirect;
+    const double bounces = job->light.bounces < 0 ? TYPICAL_BOUNCES : (double)job->light.bounces,
+                 direct = LIT * job->light.samples_direct;
+    if (job->light.schedule == KILN_SCHEDULE_EQUAL || kiln_job_is_reference(job))
+        return direct + bounces * job->light.samples_indirect;
     const double lean = fmin(TYPICAL_LEAN, bounces > 0.0 ? FIRST_BOUNCE + bounces - 1.0 : 0.0);
-    const double blocks = ldexp(1.0, -2 * job->indirect_scale), nodes = ldexp(1.0, -2 * job->final_scale);
-    return direct + lean * job->samples_bounce * blocks + (bounces > 0.0 ? job->samples_indirect * nodes : 0.0);
+    const double blocks = ldexp(1.0, -2 * job->light.indirect_scale), nodes = ldexp(1.0, -2 * job->light.final_scale);
+    return direct + lean * job->light.samples_bounce * blocks +
+           (bounces > 0.0 ? job->light.samples_indirect * nodes : 0.0);
 }
 
 struct kiln_backend_question kiln_backend_ask(const struct kiln_job *job, const struct kiln_scene *scene,
@@ -41,13 +42,13 @@ struct kiln_backend_question kiln_backend_ask(const struct kiln_job *job, const 
         texels += (double)scene->objects[i].lightmap_width * (double)scene->objects[i].lightmap_height;
     }
     const double points = COVERED * texels;
-    const double each = kiln_job_is_radiosity(job) && job->patches.patches != KILN_PATCHES_LINKS
+    const double each = kiln_job_is_radiosity(job) && job->light.patches.patches != KILN_PATCHES_LINKS
                             ? 0.5 * points /* pairs */
                             : rays_of_a_point(job);
     double rays = points * each;
-    if (job->samples_probe > 0 &&
-        kiln_volume_grid(&volume, scene, job->probe_spacing, job->volume_bounds, &ignored) == KILN_OK)
-        rays += (double)(volume.size[0] * volume.size[1] * volume.size[2]) * job->samples_probe;
+    if (job->volume.samples > 0 &&
+        kiln_volume_grid(&volume, scene, job->volume.spacing, job->volume.bounds, &ignored) == KILN_OK)
+        rays += (double)(volume.size[0] * volume.size[1] * volume.size[2]) * job->volume.samples;
     return (struct kiln_backend_question){
         .triangles = triangles, .points = (uint64_t)points, .rays = rays, .threads = threads, .ranks = ranks};
 }

@@ -6,15 +6,15 @@
 
 void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ranks, struct kiln_backend_params *params)
 {
-    params->device = (uint32_t)(job->device + 1);
+    params->device = (uint32_t)(job->machine.device + 1);
     params->local_rank = (uint32_t)node_rank;
     params->local_ranks = (uint32_t)node_ranks;
     params->traversal = job->faults.traversal;
-    params->slice_seconds = job->dispatch_time * 1e-3;
-    params->device_memory = (uint64_t)(job->device_memory * 0x1p30);
+    params->slice_seconds = job->machine.dispatch_time * 1e-3;
+    params->device_memory = (uint64_t)(job->machine.device_memory * 0x1p30);
     /* a backend that was named with --backend is used, or fails; only `auto` falls back */
-    params->goes_on = job->backend == NULL || strcmp(job->backend, "auto") == 0;
-    params->verify_fraction = job->verify_fraction;
-    params->kernels = kiln_kernel_cache(job->kernel_cache);
+    params->goes_on = job->machine.backend == NULL || strcmp(job->machine.backend, "auto") == 0;
+    params->verify_fraction = job->machine.verify_fraction;
+    params->kernels = kiln_kernel_cache(job->machine.kernel_cache);
     params->faults = job->faults.device;
 }

@@ -5,8 +5,8 @@
 #include "coordinator/import/import.h"
 #include "coordinator/job/job.h"
 
-/* Parameters for the import of job->scene to the file `output`. Strings are borrowed, from the job too. `stop` may be
- * NULL: nothing asks to stop. */
+/* Parameters for the import of job->scene.file to the file `output`. Strings are borrowed, from the job too. `stop` may
+ * be NULL: nothing asks to stop. */
 struct kiln_import_params kiln_job_import_params(const struct kiln_job *job, const char *output,
                                                  const struct kiln_stop *stop);
 

@@ -12,37 +12,38 @@ static bool is_tried(const struct kiln_job *job)
     bool given = false;
     for (size_t i = 0; i < sizeof of_paths / sizeof *of_paths; i++)
         given = given || kiln_job_given(job, kiln_option_find_for(of_paths[i], KILN_FOR_BAKE));
-    return !given && job->materials == KILN_GLOSS_MODE_AUTO && job->keep_transport == KILN_KEEP_NONE &&
-           job->relight == NULL && job->states == NULL && !job->listen && job->grouped == NULL;
+    return !given && job->light.materials == KILN_GLOSS_MODE_AUTO && job->light.keep == KILN_KEEP_NONE &&
+           job->relighting.folder == NULL && job->relighting.states == NULL && !job->relighting.listen &&
+           job->scene.grouped == NULL;
 }
 
 void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
 {
     if (scene->taken == NULL)
-        job->materials = KILN_GLOSS_MODE_DIFFUSE;
+        job->light.materials = KILN_GLOSS_MODE_DIFFUSE;
     if (!kiln_job_takes_gloss(job)) {
-        job->caustics = KILN_CAUSTICS_NONE;
-        job->chain_length = 0; /* there are no chains */
+        job->light.caustics = KILN_CAUSTICS_NONE;
+        job->light.chain_length = 0; /* there are no chains */
     } else if (kiln_job_is_reference(job)) {
-        job->caustics = KILN_CAUSTICS_NONE; /* in a step of its own: the paths find them */
-    } else if (job->caustics == KILN_CAUSTICS_AUTO) {
-        job->caustics = KILN_CAUSTICS_VCM;
-        job->caustics_tried = is_tried(job);
+        job->light.caustics = KILN_CAUSTICS_NONE; /* in a step of its own: the paths find them */
+    } else if (job->light.caustics == KILN_CAUSTICS_AUTO) {
+        job->light.caustics = KILN_CAUSTICS_VCM;
+        job->light.caustics_tried = is_tried(job);
     }
-    if (job->caustics != KILN_CAUSTICS_VCM)
-        job->mis = KILN_MIS_BALANCE; /* nothing shares */
-    if (job->caustics < KILN_CAUSTICS_LAND)
-        job->photons = job->iterations = 0; /* there are no light paths */
-    if (job->caustics < KILN_CAUSTICS_MERGE) {
-        job->merge_radius = job->paths.radius; /* 0 but for --method vcm: nothing else merges */
-        job->radius_alpha = 0.0;
+    if (job->light.caustics != KILN_CAUSTICS_VCM)
+        job->light.mis = KILN_MIS_BALANCE; /* nothing shares */
+    if (job->light.caustics < KILN_CAUSTICS_LAND)
+        job->light.photons = job->light.iterations = 0; /* there are no light paths */
+    if (job->light.caustics < KILN_CAUSTICS_MERGE) {
+        job->light.merge_radius = job->light.paths.radius; /* 0 but for --method vcm: nothing else merges */
+        job->light.radius_alpha = 0.0;
     }
 }
 
 int kiln_materials_check(const struct kiln_job *job, const struct kiln_scene *scene, struct kiln_error *error)
 {
     uint32_t count = 0, first = 0;
-    for (uint32_t i = 0; i < scene->material_count && job->diffuse_unasked; i++) {
+    for (uint32_t i = 0; i < scene->material_count && job->light.diffuse_unasked; i++) {
         const struct kiln_gloss *gloss = kiln_gloss_find(scene, i);
         if (kiln_gloss_needed(&scene->materials[i], gloss, KILN_GLOSS_MODE_AUTO))
             first = count++ == 0 ? i : first;
@@ -54,7 +55,7 @@ int kiln_materials_check(const struct kiln_job *job, const struct kiln_scene *sc
         error, KILN_USAGE,
         "--method %s knows the diffuse part of materials alone, and %u of the scene's %s mirrors, gloss or "
         "glass ('%s': %s): give --materials diffuse to leave that light out, or --method cells",
-        job->method, count, count == 1 ? "materials has" : "materials have", kiln_scene_string(scene, m->name),
+        job->light.method, count, count == 1 ? "materials has" : "materials have", kiln_scene_string(scene, m->name),
         kiln_gloss_kind_name(kiln_gloss_kind(m, kiln_gloss_find(scene, first))));
 }
 
@@ -113,30 +114,31 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
     }
     (void)json_object_set_new(json, "kinds", kinds);
     (void)json_object_set_new(json, "caustics",
-                              json_string(kiln_job_is_reference(job) ? job->method
+                              json_string(kiln_job_is_reference(job) ? job->light.method
                                           : trial.left_out           ? caustics[KILN_CAUSTICS_NONE]
-                                                                     : caustics[job->caustics]));
+                                                                     : caustics[job->light.caustics]));
     if (trial.tried)
         (void)json_object_set_new(json, "tried",
                                   json_pack("{s:b, s:f, s:f}", "left_out", trial.left_out, "brings", trial.brings,
                                             "error_of_the_rest", trial.rest));
-    if (job->caustics == KILN_CAUSTICS_VCM)
-        (void)json_object_set_new(json, "mis", json_string(rules[job->mis]));
-    if (job->caustics >= KILN_CAUSTICS_LAND && lacking_receivers(scene) > 0)
+    if (job->light.caustics == KILN_CAUSTICS_VCM)
+        (void)json_object_set_new(json, "mis", json_string(rules[job->light.mis]));
+    if (job->light.caustics >= KILN_CAUSTICS_LAND && lacking_receivers(scene) > 0)
         (void)json_object_set_new(json, "receivers_gather", json_integer(lacking_receivers(scene)));
-    if (job->caustics >= KILN_CAUSTICS_LAND) {
+    if (job->light.caustics >= KILN_CAUSTICS_LAND) {
         (void)json_object_set_new(json, "photons", json_integer((json_int_t)landing->photons));
         (void)json_object_set_new(json, "aims", json_integer((json_int_t)landing->aims));
         if (landing->rays > 0)
             (void)json_object_set_new(json, "rays", json_integer(landing->rays));
         (void)json_object_set_new(json, "iterations",
-                                  job->iterations == KILN_ITERATIONS_ALL ? json_string("all")
-                                                                         : json_integer((json_int_t)job->iterations));
+                                  job->light.iterations == KILN_ITERATIONS_ALL
+                                      ? json_string("all")
+                                      : json_integer((json_int_t)job->light.iterations));
     }
     if (landing->on_host != 0)
         (void)json_object_set_new(json, "on_host", on_host_json(landing->on_host));
-    if (job->caustics >= KILN_CAUSTICS_MERGE)
+    if (job->light.caustics >= KILN_CAUSTICS_MERGE)
         (void)json_object_set_new(json, "merge_radius", json_real(landing->radius));
-    (void)json_object_set_new(json, "chain_length", json_integer((json_int_t)job->chain_length));
+    (void)json_object_set_new(json, "chain_length", json_integer((json_int_t)job->light.chain_length));
     return json;
 }

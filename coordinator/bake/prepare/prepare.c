@@ -95,9 +95,9 @@ static int learn_about_ranks(struct kiln_prepared *p, const struct kiln_job *job
     (void)MPI_Comm_rank(node, &p->node_rank);
     (void)MPI_Comm_size(node, &p->node_ranks);
     (void)MPI_Comm_free(&node);
-    p->threads = job->threads != 0 ? job->threads : kiln_own_cores(p->node_ranks);
+    p->threads = job->machine.threads != 0 ? job->machine.threads : kiln_own_cores(p->node_ranks);
     omp_set_num_threads((int)p->threads); /* for parallel loops without a thread count */
-    return kiln_node_create(&p->node, p->communicator, job->shared_memory_ranks, error);
+    return kiln_node_create(&p->node, p->communicator, job->ranks.shared_memory_ranks, error);
 }
 
 static const struct kiln_prepare_care careless = {0};
@@ -178,20 +178,20 @@ static const char *choose_backend(struct kiln_prepared *p, const struct kiln_job
 {
     uint64_t threads = p->threads;
     (void)MPI_Allreduce(MPI_IN_PLACE, &threads, 1, MPI_UINT64_T, MPI_SUM, p->communicator);
-    p->choice = (struct kiln_backend_choice){.asked = (job->backend == NULL || strcmp(job->backend, "auto") == 0) &&
-                                                      !care->device_first,
-                                             .question = kiln_backend_ask(job, p->scene, threads, (uint32_t)p->ranks)};
+    p->choice = (struct kiln_backend_choice){
+        .asked = (job->machine.backend == NULL || strcmp(job->machine.backend, "auto") == 0) && !care->device_first,
+        .question = kiln_backend_ask(job, p->scene, threads, (uint32_t)p->ranks)};
     kiln_backend_predict(&p->choice);
     if (p->choice.asked && p->choice.processors)
         return "embree";
-    return job->backend != NULL ? job->backend : "auto";
+    return job->machine.backend != NULL ? job->machine.backend : "auto";
 }
 
 /* Passes that run for certain, whatever the scene is: bit KILN_PASS_INDEX_... */
 static uint32_t passes_of(const struct kiln_job *job)
 {
-    const bool gathers = job->bounces != 0 && !kiln_job_is_reference(job) && !kiln_job_is_radiosity(job);
-    return 1u << KILN_PASS_INDEX_validity | (uint32_t)(job->samples_direct > 0) << KILN_PASS_INDEX_direct |
+    const bool gathers = job->light.bounces != 0 && !kiln_job_is_reference(job) && !kiln_job_is_radiosity(job);
+    return 1u << KILN_PASS_INDEX_validity | (uint32_t)(job->light.samples_direct > 0) << KILN_PASS_INDEX_direct |
            (uint32_t)gathers << KILN_PASS_INDEX_gather;
 }
 
@@ -201,8 +201,8 @@ static struct kiln_backend_params device_params(const struct kiln_prepared *p, c
 {
     struct kiln_backend_params params = {.threads = p->threads,
                                          .instruction_set = p->instruction_set,
-                                         .seed = job->seed,
-                                         .chain_length = job->chain_length,
+                                         .seed = job->light.seed,
+                                         .chain_length = job->light.chain_length,
                                          .rays = p->choice.question.rays / (double)p->ranks,
                                          .passes = passes_of(job),
                                          .regresses = kiln_job_denoises(job),
@@ -289,14 +289,15 @@ static bool builds_beside(const char *backend, const struct kiln_prepare_care *c
 static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care,
                          struct kiln_error *error)
 {
-    if (job->store != KILN_STORE_KIND_LIGHTMAP)
-        p->leaf_size = job->leaf_size > 0.0 ? job->leaf_size : 1.0 / (double)p->scene->header->texels_per_metre;
+    if (job->lightmaps.store != KILN_STORE_KIND_LIGHTMAP)
+        p->leaf_size = job->lightmaps.leaf_size > 0.0 ? job->lightmaps.leaf_size
+                                                      : 1.0 / (double)p->scene->header->texels_per_metre;
     const char *backend = choose_backend(p, job, care);
     begin_device(p, job, backend, care);
     int status = go_on(p, care, share_geometry(p, error), error);
     if (status == KILN_OK)
         status = kiln_lights_create(&p->lights, p->scene, p->geometry, error);
-    if (status == KILN_OK && job->patches.lights == KILN_LIGHTS_PATCHES)
+    if (status == KILN_OK && job->light.patches.lights == KILN_LIGHTS_PATCHES)
         status = kiln_lights_create_without_areas(&p->direct_lights, p->scene, p->geometry, error);
     if (status == KILN_OK) {
         struct kiln_backend_params params = device_params(p, job, care);
@@ -316,7 +317,7 @@ static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, co
 static int build_world(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file,
                        const struct kiln_prepare_care *care, struct kiln_error *error)
 {
-    int status = agree_on_instruction_set(p, job->instruction_set, error);
+    int status = agree_on_instruction_set(p, job->machine.instruction_set, error);
     if (status == KILN_OK)
         status = kiln_scene_open(&p->scene, scene_file, error);
     status = go_on(p, care, status, error);
@@ -329,7 +330,7 @@ static int build_world(struct kiln_prepared *p, const struct kiln_job *job, cons
             kiln_agree(p->communicator, kiln_points_memory_check(p->scene, job, p->ranks, p->node_ranks, error), error);
     if (status == KILN_OK)
         status = kiln_agree(p->communicator,
-                            kiln_scene_take_gloss(p->scene, (enum kiln_gloss_mode)job->materials, error), error);
+                            kiln_scene_take_gloss(p->scene, (enum kiln_gloss_mode)job->light.materials, error), error);
     if (status == KILN_OK)
         status = refuse(p, care, error);
     return status == KILN_OK ? build_backend(p, job, care, error) : status;
@@ -401,10 +402,10 @@ static int find_surface(const struct kiln_prepared *p, const struct kiln_job *jo
     const struct kiln_surface_params params = {
         .scene = p->scene,
         .geometry = p->geometry,
-        .cell_size = job->cell_size,
-        .partition = job->partition_objects ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS,
-        .whole_tiles = job->indirect_scale > 0 || job->final_scale > 0 || job->guide > 0,
-        .both_sides = job->both_sides,
+        .cell_size = job->ranks.cell_size,
+        .partition = job->ranks.partition_objects ? KILN_PARTITION_OBJECTS : KILN_PARTITION_CELLS,
+        .whole_tiles = job->light.indirect_scale > 0 || job->light.final_scale > 0 || job->light.guide > 0,
+        .both_sides = job->lightmaps.both_sides,
         .rank = (uint32_t)p->rank,
         .ranks = (uint32_t)p->ranks,
         .exchange = p->ranks > 1 ? exchange : NULL,

@@ -9,8 +9,9 @@ static const double PIXELS_FULL = 960.0 * 800.0; /* the height is by the camera:
 
 uint64_t kiln_preview_pixels(const struct kiln_job *j, const struct kiln_scene *scene, double points)
 {
-    const uint64_t bounces = j->bounces < 0 ? ENDLESS_BOUNCES : (uint64_t)j->bounces,
-                   rays = OTHER_RAYS + j->samples_direct + j->samples_indirect + bounces * j->samples_bounce,
+    const uint64_t bounces = j->light.bounces < 0 ? ENDLESS_BOUNCES : (uint64_t)j->light.bounces,
+                   rays = OTHER_RAYS + j->light.samples_direct + j->light.samples_indirect +
+                          bounces * j->light.samples_bounce,
                    pixels = (uint64_t)points * rays / (scene->taken != NULL ? RAYS_A_PIXEL_GLOSS : RAYS_A_PIXEL);
     return pixels > PIXELS_LEAST ? pixels : PIXELS_LEAST;
 }

@@ -66,7 +66,8 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
     const double points_a_texel = size->texels > 0.0 ? size->points / size->texels : 1.0;
     /* not all lightmaps under way are denoised at the same time: measured memory is that of one or two a thread */
     const double denoised = denoises ? fmin(at_once, 1.5 * size->threads * largest) * points_a_texel : 0.0;
-    const double of_groups = 24.0 * (double)size->job->group_count; /* bytes of a texel, and as many again denoised */
+    const double of_groups =
+        24.0 * (double)size->job->scene.group_count; /* bytes of a texel, and as many again denoised */
     const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (DENOISE_WORK + of_groups) * denoised +
                              (size->ranks > 1.0 ? 2.0 : 1.0) * (RECORD_BYTES + planes) * rows;
     const double preview = size->job->preview ? preview_bytes(size->job, size->scene, size->points) +
@@ -107,11 +108,11 @@ static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *j
     double now = ((double)kiln_process_memory(KILN_MEMORY_SHARE) + KILN_PASS_BYTES) * p->node_ranks;
     (void)MPI_Allreduce(MPI_IN_PLACE, &now, 1, MPI_DOUBLE, MPI_MAX, p->communicator);
     /* the radiosity of groups, which each rank has of all points */
-    const double groups = (double)(p->node_ranks - 1) * (double)job->group_count * 8.0 * (double)s->point_count;
+    const double groups = (double)(p->node_ranks - 1) * (double)job->scene.group_count * 8.0 * (double)s->point_count;
     const double fixed = job->preview ? preview_bytes(job, p->scene, (double)s->point_count)
                                       : (double)KILN_POINTS_AHEAD_ROOM; /* of the results */
     *growing = light + groups + fmax(results - fixed, 0.0) + point * (double)of_host;
-    const double probe = (double)(KILN_PROBE_BYTES + job->group_count * sizeof(struct kiln_probe_group));
+    const double probe = (double)(KILN_PROBE_BYTES + job->scene.group_count * sizeof(struct kiln_probe_group));
     return now + light + groups + results + (double)probes / p->ranks * p->node_ranks * probe;
 }
 
@@ -127,11 +128,11 @@ static double points_of(const struct kiln_scene *scene, size_t index)
 int kiln_points_memory_check(const struct kiln_scene *scene, const struct kiln_job *job, int ranks, int node_ranks,
                              struct kiln_error *error)
 {
-    const bool given = job->memory_budget > 0.0;
-    const double budget = given ? job->memory_budget * 0x1p30 : memory_of_host();
+    const bool given = job->machine.memory_budget > 0.0;
+    const double budget = given ? job->machine.memory_budget * 0x1p30 : memory_of_host();
     double points = 0.0;
     size_t largest = 0;
-    for (size_t i = 0; i < scene->object_count && job->store == KILN_STORE_KIND_LIGHTMAP; i++) {
+    for (size_t i = 0; i < scene->object_count && job->lightmaps.store == KILN_STORE_KIND_LIGHTMAP; i++) {
         points += points_of(scene, i);
         largest = points_of(scene, i) > points_of(scene, largest) ? i : largest;
     }
@@ -150,8 +151,8 @@ int kiln_points_memory_check(const struct kiln_scene *scene, const struct kiln_j
 int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct kiln_job *job, uint64_t probes,
                              struct kiln_error *error)
 {
-    const bool by_groups = job->group_count > 0 && !(job->memory_budget > 0.0);
-    const double budget = by_groups ? memory_of_host() : job->memory_budget * 0x1p30,
+    const bool by_groups = job->scene.group_count > 0 && !(job->machine.memory_budget > 0.0);
+    const double budget = by_groups ? memory_of_host() : job->machine.memory_budget * 0x1p30,
                  density = (double)prepared->scene->header->texels_per_metre;
     double growing = 0.0;
     if (!(budget > 0.0) || prepared->surface == NULL)
@@ -164,16 +165,16 @@ int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct 
                          "the bake would take about %.2f GiB on a host, which has %.2f: it tells %zu groups of lights "
                          "apart, each for %.2f million surface points; use fewer groups or patches of the sky, fewer "
                          "--texels-per-metre than %.3g, or more hosts",
-                         needed / 0x1p30, budget / 0x1p30, job->group_count,
+                         needed / 0x1p30, budget / 0x1p30, job->scene.group_count,
                          1e-6 * (double)prepared->surface->point_count, density);
     if (!(left > 0.0))
         return kiln_fail(
             error, KILN_USAGE,
             "the bake would take about %.2f GiB on a host, of which the scene and its BVH alone take %.2f; "
             "--memory-budget is %.2f: give it more, or use fewer ranks a host",
-            needed / 0x1p30, (needed - growing) / 0x1p30, job->memory_budget);
+            needed / 0x1p30, (needed - growing) / 0x1p30, job->machine.memory_budget);
     return kiln_fail(error, KILN_USAGE,
                      "the bake would take about %.2f GiB on a host, and --memory-budget is %.2f: with "
                      "--texels-per-metre %.3g in place of %.3g it would fit; so would a share of it on more hosts",
-                     needed / 0x1p30, job->memory_budget, density * sqrt(SURE * left / growing), density);
+                     needed / 0x1p30, job->machine.memory_budget, density * sqrt(SURE * left / growing), density);
 }

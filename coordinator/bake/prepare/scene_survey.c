@@ -130,17 +130,17 @@ static int find_points(struct kiln_scene_survey *survey, const struct kiln_job *
         const struct kiln_backend_params params = {.scene = survey->scene,
                                                    .geometry = geometry,
                                                    .lights = lights,
-                                                   .threads = job->threads,
-                                                   .instruction_set = job->instruction_set,
-                                                   .seed = job->seed};
+                                                   .threads = job->machine.threads,
+                                                   .instruction_set = job->machine.instruction_set,
+                                                   .seed = job->light.seed};
         status = kiln_backend_create(&backend, "embree", &params, error); /* too little work to start a GPU for it */
     }
     if (status == KILN_OK) {
         const struct kiln_surface_params params = {.scene = survey->scene,
                                                    .geometry = geometry,
-                                                   .cell_size = job->cell_size,
+                                                   .cell_size = job->ranks.cell_size,
                                                    .ranks = 1,
-                                                   .threads = job->threads};
+                                                   .threads = job->machine.threads};
         status = kiln_surface_build(&surface, &params, &survey->surface, error);
     }
     if (status == KILN_OK)

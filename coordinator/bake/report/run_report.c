@@ -66,19 +66,19 @@ static json_t *rgb_json(const double rgb[3]) { return json_pack("[f,f,f]", rgb[0
 /* Settings of the quantities besides light that the bake has. */
 static void add_quantities(json_t *settings, const struct kiln_job *job)
 {
-    const double distance = job->occlusion.distance;
+    const double distance = job->light.occlusion.distance;
     if (distance > 0.0)
         json_object_set_new(settings, "ambient_occlusion",
                             isfinite(distance) ? json_real(distance) : json_string("inf"));
-    if (job->directional != KILN_DIRECTIONAL_NONE)
+    if (job->light.directional != KILN_DIRECTIONAL_NONE)
         json_object_set_new(settings, "directional",
-                            json_string(job->directional == KILN_DIRECTIONAL_SH1 ? "sh1" : "dominant"));
+                            json_string(job->light.directional == KILN_DIRECTIONAL_SH1 ? "sh1" : "dominant"));
 }
 
 /* Settings of the radiance probes, where gather rays end at a range. */
 static void add_range(json_t *settings, const struct kiln_job *job)
 {
-    const struct kiln_radiance_settings *r = &job->radiance;
+    const struct kiln_radiance_settings *r = &job->light.radiance;
     static const char *const bases[] = {"sh", "octahedral", "cubemap"};
     if (!kiln_job_has_probes(job))
         return;
@@ -90,7 +90,7 @@ static void add_range(json_t *settings, const struct kiln_job *job)
 /* Adds the settings of gathering from patches. */
 static void add_patches(json_t *settings, const struct kiln_job *job)
 {
-    const struct kiln_patch_settings *p = &job->patches;
+    const struct kiln_patch_settings *p = &job->light.patches;
     static const char *const undersample[] = {"none", "stride", "random", "mipmap"};
     if (!kiln_job_is_radiosity(job))
         return;
@@ -98,7 +98,7 @@ static void add_patches(json_t *settings, const struct kiln_job *job)
     json_object_set_new(settings, "gather", json_string(gather[p->gather]));
     if (p->gather != KILN_GATHER_PAIRS)
         json_object_set_new(settings, "directions",
-                            json_integer(p->directions > 0 ? p->directions : job->samples_indirect));
+                            json_integer(p->directions > 0 ? p->directions : job->light.samples_indirect));
     json_object_set_new(settings, "lights", json_string(p->lights == KILN_LIGHTS_PATCHES ? "patches" : "sampled"));
     json_object_set_new(settings, "patches", json_string(p->patches == KILN_PATCHES_LINKS ? "links" : "all"));
     if (p->patches == KILN_PATCHES_LINKS)
@@ -124,24 +124,25 @@ static void add_patches(json_t *settings, const struct kiln_job *job)
 static json_t *settings_json(const struct kiln_job *job)
 {
     json_t *settings = json_pack(
-        "{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I, s:s}", "method", job->method != NULL ? job->method : "cells",
-        "bounces", (json_int_t)job->bounces, "tail",
-        job->tail || (job->bounces < 0 && !kiln_job_is_reference(job) && !kiln_job_is_radiosity(job)), "schedule",
-        job->schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal", "samples_direct", (int)job->samples_direct,
-        "samples_bounce", (int)job->samples_bounce, "samples_indirect", (int)job->samples_indirect, "samples_probe",
-        (int)job->samples_probe, "seed", (json_int_t)job->seed, "exchange",
-        job->exchange == KILN_EXCHANGE_FULL      ? "full"
-        : job->exchange == KILN_EXCHANGE_COMPACT ? "compact"
-                                                 : "auto");
-    if (job->indirect_scale > 0)
-        json_object_set_new(settings, "indirect_scale", json_integer((json_int_t)1 << job->indirect_scale));
-    if (job->final_scale > 0)
-        json_object_set_new(settings, "final_scale", json_integer((json_int_t)1 << job->final_scale));
-    if (job->guide > 0)
+        "{s:s, s:I, s:b, s:s, s:i, s:i, s:i, s:i, s:I, s:s}", "method",
+        job->light.method != NULL ? job->light.method : "cells", "bounces", (json_int_t)job->light.bounces, "tail",
+        job->light.tail || (job->light.bounces < 0 && !kiln_job_is_reference(job) && !kiln_job_is_radiosity(job)),
+        "schedule", job->light.schedule == KILN_SCHEDULE_LEAN ? "lean" : "equal", "samples_direct",
+        (int)job->light.samples_direct, "samples_bounce", (int)job->light.samples_bounce, "samples_indirect",
+        (int)job->light.samples_indirect, "samples_probe", (int)job->volume.samples, "seed",
+        (json_int_t)job->light.seed, "exchange",
+        job->ranks.exchange == KILN_EXCHANGE_FULL      ? "full"
+        : job->ranks.exchange == KILN_EXCHANGE_COMPACT ? "compact"
+                                                       : "auto");
+    if (job->light.indirect_scale > 0)
+        json_object_set_new(settings, "indirect_scale", json_integer((json_int_t)1 << job->light.indirect_scale));
+    if (job->light.final_scale > 0)
+        json_object_set_new(settings, "final_scale", json_integer((json_int_t)1 << job->light.final_scale));
+    if (job->light.guide > 0)
         json_object_set_new(settings, "guide", json_string("auto"));
     if (kiln_job_takes_gloss(job))
         json_object_set_new(settings, "materials",
-                            json_string(job->materials == KILN_GLOSS_MODE_AUTO ? "auto" : "full"));
+                            json_string(job->light.materials == KILN_GLOSS_MODE_AUTO ? "auto" : "full"));
     add_quantities(settings, job);
     add_range(settings, job);
     add_patches(settings, job);
@@ -441,7 +442,7 @@ static uint64_t points_above(const struct kiln_run *run, const uint16_t *error, 
                 square += relative * relative;
                 valid++;
             }
-        if (square > (double)valid * run->job->target_error * run->job->target_error)
+        if (square > (double)valid * run->job->light.target_error * run->job->light.target_error)
             above += valid;
     }
     return above;
@@ -458,7 +459,7 @@ static void add_target_of_links(const struct kiln_run *run, double mean, double 
     for (int i = 0; i < 3; i++)
         above[i] = points_above(run, errors[i], mean);
     (void)MPI_Allreduce(MPI_IN_PLACE, above, 3, MPI_UINT64_T, MPI_SUM, run->prepared->communicator);
-    (void)json_object_set_new(json, "target", json_real(run->job->target_error));
+    (void)json_object_set_new(json, "target", json_real(run->job->light.target_error));
     for (int i = 0; i < 3; i++)
         if (errors[i] != NULL)
             (void)json_object_set_new(json, keys[i], json_real(points > 0.0 ? (double)above[i] / points : 0.0));
@@ -471,9 +472,9 @@ static void add_target(const struct kiln_run *run, json_t *json)
     size_t last = steps->count;
     while (last > 0 && steps->of[last - 1].step.quantity != NULL)
         last--;
-    if (!(run->job->target_error > 0.0) || last == 0)
+    if (!(run->job->light.target_error > 0.0) || last == 0)
         return;
-    (void)json_object_set_new(json, "target", json_real(run->job->target_error));
+    (void)json_object_set_new(json, "target", json_real(run->job->light.target_error));
     (void)json_object_set_new(json, "above_target", json_real(steps->of[last - 1].unfinished));
     (void)json_object_set_new(json, "rounds",
                               json_integer((json_int_t)(steps->of[last - 1].step.part / KILN_PARTS + 1)));
@@ -496,7 +497,7 @@ static json_t *error_json(const struct kiln_run *run)
     const double mean = sums[2] > 0.0 ? sums[1] / sums[2] : 0.0, rms = sums[2] > 0.0 ? sqrt(sums[0] / sums[2]) : 0.0;
     json_t *json = json_pack("{s:f, s:f, s:f}", "mean_irradiance", mean, "rms_standard_error", rms, "mean_relative",
                              mean > 0.0 ? rms / mean : 0.0);
-    if (run->job->target_error > 0.0 && kiln_job_has_links(run->job))
+    if (run->job->light.target_error > 0.0 && kiln_job_has_links(run->job))
         add_target_of_links(run, mean, sums[2], json);
     else
         add_target(run, json);
@@ -533,9 +534,9 @@ static json_t *density_json(const struct kiln_run *run)
     const struct kiln_density_check *d = run->density;
     if (!d->done)
         return json_pack("{s:b, s:s}", "checked", 0, "because",
-                         d->wanted                 ? d->because.message
-                         : run->job->check_density ? "there is no light"
-                                                   : "--check-density asks for it");
+                         d->wanted                           ? d->because.message
+                         : run->job->lightmaps.check_density ? "there is no light"
+                                                             : "--check-density asks for it");
     return json_pack("{s:b, s:f, s:I, s:f, s:o}", "checked", 1, "seconds", d->seconds, "points", (json_int_t)d->points,
                      "threshold", KILN_DENSITY_MOST, "objects", moved_json(run));
 }
@@ -557,11 +558,12 @@ static void add_back(const struct kiln_run *run, size_t object, const char *name
 /* The groups of lights, in the order of their layers; of patches of the sky where they are, away from the scene, sr. */
 static json_t *groups_json(const struct kiln_job *job)
 {
-    const uint32_t patches = kiln_sky_patches[job->sky_patches], divisions = kiln_sky_divisions[job->sky_patches];
-    const size_t first = patches > 0 ? job->group_count - 2 - patches : job->group_count;
+    const uint32_t patches = kiln_sky_patches[job->scene.sky_patches],
+                   divisions = kiln_sky_divisions[job->scene.sky_patches];
+    const size_t first = patches > 0 ? job->scene.group_count - 2 - patches : job->scene.group_count;
     json_t *array = json_array();
-    for (size_t g = 0; g < job->group_count; g++) {
-        json_t *group = json_pack("{s:s}", "name", job->group_names[g]);
+    for (size_t g = 0; g < job->scene.group_count; g++) {
+        json_t *group = json_pack("{s:s}", "name", job->scene.group_names[g]);
         double steradians;
         if (g >= first && g < first + patches) {
             const struct kiln_dvec3 d = kiln_sky_patch_middle((uint32_t)(g - first), divisions, &steradians);
@@ -595,7 +597,7 @@ static json_t *objects_json(const struct kiln_run *run)
             "mean", r->mean, "relative_error", r->error);
         if (kiln_job_parts(run->job) > 1)
             json_object_set_new(object, "mean_error", json_real(r->mean_error));
-        if (run->job->vertex_light)
+        if (run->job->lightmaps.vertex_light)
             json_object_set_new(object, "vertex_error", json_real((double)run->vertices->error[i]));
         if (run->density->done) {
             json_object_set_new(object, "mean_at_half_density", json_real(run->density->objects[i].coarse));
@@ -675,7 +677,7 @@ static json_t *balance_json(const struct kiln_run *run, const uint64_t *values)
         json_pack("{s:b, s:o, s:o}", "on", run->solution->report.steals_work, "from_rank",
                   ranks_json(run, values, RANK_STOLEN_FROM), "by_rank", ranks_json(run, values, RANK_STOLEN_BY));
     return json_pack("{s:s, s:f, s:I, s:I, s:f, s:o, s:o, s:o}", "partition",
-                     run->job->partition_objects ? "objects" : "cells", "point_imbalance", s->imbalance,
+                     run->job->ranks.partition_objects ? "objects" : "cells", "point_imbalance", s->imbalance,
                      "cells_occupied", (json_int_t)s->cells_occupied, "cells_total", (json_int_t)s->cells_total,
                      "cell_size", s->cell_size, "points_per_rank", per_rank, "stolen_points", stolen, "trial",
                      trial_json(&run->solution->report));
@@ -734,7 +736,7 @@ static json_int_t total(const uint64_t *values, int ranks, int what)
 /* Points in solid matter, without those that are left out because no view needs them. */
 static json_t *invalid_json(const struct kiln_run *run, const uint64_t *values)
 {
-    if (run->job->only_visible_from == NULL)
+    if (run->job->light.only_visible_from == NULL)
         return json_integer(total(values, run->prepared->ranks, RANK_INVALID));
     return json_integer((json_int_t)(run->prepared->surface_report.points - run->visible->points));
 }
@@ -908,9 +910,9 @@ static json_t *backend_json(const struct kiln_prepared *p, const uint64_t *value
 
 static json_t *units_json(const struct kiln_run *run)
 {
-    const struct kiln_units *units = kiln_units_of(run->job->units, run->prepared->scene);
+    const struct kiln_units *units = kiln_units_of(run->job->scene.units, run->prepared->scene);
     return json_pack("{s:s, s:s, s:s, s:s}", "kind", units->kind, "irradiance", units->irradiance, "radiance",
-                     units->radiance, "because", kiln_units_reason(run->job->units, run->prepared->scene));
+                     units->radiance, "because", kiln_units_reason(run->job->scene.units, run->prepared->scene));
 }
 
 /* The whitest of a mesh's materials. */
@@ -948,8 +950,8 @@ static json_t *found_scene_json(const struct kiln_run *run)
     json_object_set_new(scene, "lit", json_boolean(!kiln_lights_are_none(p->lights)));
     if (p->enclosed_count > 0)
         json_object_set_new(scene, "enclosed_lights", json_integer((json_int_t)p->enclosed_count));
-    json_object_set_new(scene, "file", kiln_json_string(run->job->scene));
-    char *path = realpath(run->job->scene, NULL); /* kiln export looks for the scene there */
+    json_object_set_new(scene, "file", kiln_json_string(run->job->scene.file));
+    char *path = realpath(run->job->scene.file, NULL); /* kiln export looks for the scene there */
     if (path != NULL)
         json_object_set_new(scene, "path", kiln_json_string(path));
     free(path);
@@ -1009,7 +1011,7 @@ static void add_steps(json_t *root, const struct kiln_run *run, const struct gat
 static void add_points(json_t *root, const struct kiln_run *run, json_t *error_reached, const uint64_t *values)
 {
     const struct kiln_prepared *p = run->prepared;
-    json_t *energy = energy_json(&run->solution->report.energy, kiln_units_of(run->job->units, p->scene));
+    json_t *energy = energy_json(&run->solution->report.energy, kiln_units_of(run->job->scene.units, p->scene));
     json_object_set_new(root, "energy", energy);
     json_object_set_new(root, "error", error_reached);
     json_object_set_new(
@@ -1019,12 +1021,12 @@ static void add_points(json_t *root, const struct kiln_run *run, json_t *error_r
                   (json_int_t)p->surface_report.shared_texels, "divided", (json_int_t)p->surface->divided_count, "area",
                   p->surface_report.area, "geometry_area", p->surface_report.geometry_area, "doubled_area",
                   p->geometry->doubled_area, "worst_object_area_error", p->surface_report.worst_object_area_error));
-    if (run->job->only_visible_from != NULL) {
+    if (run->job->light.only_visible_from != NULL) {
         /* the lamps light surfaces that have no points now */
         json_object_set_new(energy, "residual", json_null());
         json_object_set_new(energy, "relative_residual", json_null());
         json_object_set_new(root, "visible_from",
-                            json_pack("{s:s, s:I, s:I, s:I, s:I}", "given", run->job->only_visible_from, "views",
+                            json_pack("{s:s, s:I, s:I, s:I, s:I}", "given", run->job->light.only_visible_from, "views",
                                       (json_int_t)run->visible->views, "valid", (json_int_t)run->visible->points,
                                       "seen", (json_int_t)run->visible->points_seen, "reached",
                                       (json_int_t)run->visible->points_reached));
@@ -1038,7 +1040,7 @@ static void add_ranks(json_t *root, const struct kiln_run *run, json_t *mpi, con
     json_object_set_new(root, "store", store_json(p));
     json_object_set_new(root, "balance", balance_json(run, values));
     json_object_set_new(root, "memory", memory_json(run, values));
-    if (kiln_job_is_radiosity(run->job) && run->job->patches.visibility_cache > 0.0)
+    if (kiln_job_is_radiosity(run->job) && run->job->light.patches.visibility_cache > 0.0)
         json_object_set_new(root, "visibility_cache", visibility_json(values, p->ranks));
     if (total(values, p->ranks, RANK_LINKS) > 0)
         json_object_set_new(root, "links",
@@ -1055,13 +1057,13 @@ static void add_files(json_t *root, const struct kiln_run *run, const uint64_t *
 {
     if (run->volume->size[0] != 0)
         json_object_set_new(root, "volume", volume_json(run, values));
-    if (run->job->vertex_light)
+    if (run->job->lightmaps.vertex_light)
         json_object_set_new(root, "vertices",
                             json_pack("{s:I}", "count", (json_int_t)run->vertices->first[run->vertices->object_count]));
-    if (run->job->group_count > 0)
+    if (run->job->scene.group_count > 0)
         json_object_set_new(root, "light_groups", groups_json(run->job));
-    if (run->job->grouped != NULL)
-        json_object_set_new(root, "light_group_rules", json_loads(run->job->grouped, 0, NULL));
+    if (run->job->scene.grouped != NULL)
+        json_object_set_new(root, "light_group_rules", json_loads(run->job->scene.grouped, 0, NULL));
     json_object_set_new(root, "objects", objects_json(run));
     json_object_set_new(root, "borders", borders_json(run));
     json_object_set_new(root, "denoise", denoise_json(run));

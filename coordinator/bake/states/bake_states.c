@@ -101,13 +101,13 @@ static const char *why_not(const struct kiln_job *job)
 {
     if (kiln_job_is_radiosity(job) || kiln_job_is_reference(job))
         return "they read kept rows: of a bake that has kept links one state is relit at a time, without these";
-    if (job->target_error > 0.0)
+    if (job->light.target_error > 0.0)
         return "leave --target-error out, whose samples hang on the light";
-    if (job->exchange_points == KILN_EXCHANGE_VISIBLE || job->only_visible_from != NULL)
+    if (job->ranks.exchange_points == KILN_EXCHANGE_VISIBLE || job->light.only_visible_from != NULL)
         return "leave --exchange-points and --only-visible-from out";
-    if (job->group_count > 0)
+    if (job->scene.group_count > 0)
         return "leave --light-groups out";
-    if (job->check_density)
+    if (job->lightmaps.check_density)
         return "leave --check-density out";
     return NULL;
 }
@@ -123,7 +123,7 @@ static int check_folder(const struct kiln_bake *b, const char *output, const cha
         status = kiln_check_below(output, name, true, error);
     if (status != KILN_OK)
         return status;
-    if (stat(folder, &one) != 0 || stat(b->job->relight, &other) != 0 || one.st_dev != other.st_dev ||
+    if (stat(folder, &one) != 0 || stat(b->job->relighting.folder, &other) != 0 || one.st_dev != other.st_dev ||
         one.st_ino != other.st_ino)
         return KILN_OK;
     return kiln_fail(error, KILN_USAGE, "%.500s is the folder of the bake that is relit: give another name or -o",
@@ -325,7 +325,8 @@ static int solve(struct engine *e, size_t count, struct kiln_error *error)
     kiln_backend_info(e->b->prepared->backend, &before);
     for (size_t i = 0; i < count; i++)
         of[i] = e->ones[i].state;
-    if (status == KILN_OK && e->b->job->directional != KILN_DIRECTIONAL_NONE) /* one at a time: it asks the lights */
+    if (status == KILN_OK &&
+        e->b->job->light.directional != KILN_DIRECTIONAL_NONE) /* one at a time: it asks the lights */
         status = kiln_state_scene_use(e->b->prepared, &e->ones[0].scene, error);
     if (status == KILN_OK)
         status = kiln_states_solve(e->states, of, count, error);
@@ -382,9 +383,9 @@ static json_t *state_json(const struct engine *e, size_t place)
     size_t parts = 0;
     const bool same = !e->whole && kiln_state_lights_same(e->lights, place, &parts);
     const char *direct = e->whole ? "traced" : same ? "as baked" : "parts, scaled";
-    return json_pack("{s:s, s:s, s:s, s:i, s:s, s:f, s:f}", "from", e->b->job->relight, "state", one->name,
+    return json_pack("{s:s, s:s, s:s, s:i, s:s, s:f, s:f}", "from", e->b->job->relighting.folder, "state", one->name,
                      "direct_light", direct, "parts", (int)parts, "volume",
-                     e->b->job->samples_probe > 0 ? "traced" : "none", "solve_seconds", one->solve.seconds,
+                     e->b->job->volume.samples > 0 ? "traced" : "none", "solve_seconds", one->solve.seconds,
                      "solve_processor_seconds", one->solve.processor);
 }
 
@@ -513,10 +514,11 @@ static int summarize(struct engine *e, struct kiln_error *error)
     (void)MPI_Reduce(counts, all, 3, MPI_UINT64_T, MPI_SUM, 0, e->b->communicator);
     forget(e->b);
     if (e->b->rank == 0) {
-        e->b->report = json_pack("{s:s, s:f, s:f, s:I, s:I, s:I, s:I, s:O}", "from", e->b->job->relight, "load_seconds",
-                                 e->load.seconds, "load_processor_seconds", e->load.processor, "rays_read",
-                                 (json_int_t)all[0], "rays_traced", (json_int_t)all[1], "direct_light_traced",
-                                 (json_int_t)traced, "resident_bytes", (json_int_t)all[2], "states", e->summary);
+        e->b->report =
+            json_pack("{s:s, s:f, s:f, s:I, s:I, s:I, s:I, s:O}", "from", e->b->job->relighting.folder, "load_seconds",
+                      e->load.seconds, "load_processor_seconds", e->load.processor, "rays_read", (json_int_t)all[0],
+                      "rays_traced", (json_int_t)all[1], "direct_light_traced", (json_int_t)traced, "resident_bytes",
+                      (json_int_t)all[2], "states", e->summary);
         char *text = json_dumps(e->b->report, JSON_INDENT(2));
         status = text == NULL ? kiln_fail(error, KILN_SYSTEM, "out of memory: states.json")
                               : kiln_publish_bytes_below(e->output, "states.json", text, strlen(text), error);
@@ -527,7 +529,7 @@ static int summarize(struct engine *e, struct kiln_error *error)
 
 static int run_states(struct engine *e, struct kiln_error *error)
 {
-    json_t *states = json_loads(e->b->job->stated, 0, NULL);
+    json_t *states = json_loads(e->b->job->relighting.stated, 0, NULL);
     e->summary = json_array();
     const int status = kiln_agree(
         e->b->communicator,
@@ -770,12 +772,12 @@ static int listen_to_input(struct engine *e, struct kiln_error *error)
 
 static size_t width_of(const struct kiln_job *job)
 {
-    json_t *states = job->stated != NULL ? json_loads(job->stated, 0, NULL) : NULL;
+    json_t *states = job->relighting.stated != NULL ? json_loads(job->relighting.stated, 0, NULL) : NULL;
     const size_t count = json_object_size(states);
     json_decref(states);
-    return count < 1 || job->directional != KILN_DIRECTIONAL_NONE ? 1
-           : count < KILN_STATES_MOST                             ? count
-                                                                  : KILN_STATES_MOST;
+    return count < 1 || job->light.directional != KILN_DIRECTIONAL_NONE ? 1
+           : count < KILN_STATES_MOST                                   ? count
+                                                                        : KILN_STATES_MOST;
 }
 
 int kiln_bake_states(struct kiln_bake *b, struct kiln_error *error)
@@ -795,7 +797,7 @@ int kiln_bake_states(struct kiln_bake *b, struct kiln_error *error)
     kiln_progress_phase(b->progress, "relight", 0);
     status = create(e, error);
     if (status == KILN_OK)
-        status = b->job->listen ? listen_to_input(e, error) : run_states(e, error);
+        status = b->job->relighting.listen ? listen_to_input(e, error) : run_states(e, error);
     b->only = NULL;
     destroy(e);
     b->settled.output = (char *)(uintptr_t)b->asked->output;
