@@ -61,7 +61,7 @@ void share_of(Row r, uint i, uint samples, out uint begin, out uint end)
     end = first + (last - first) * (slice + 1u) / r.slices;
 }
 
-/* Plain sums over the samples of a choice. */
+/* Sums over the samples of one choice of lights (struct kiln_light_choice), not yet divided by their number. */
 struct Sums {
     real3 incident, irradiance;
     real luminance, square; /* of irradiance: sum, and sum of squares */

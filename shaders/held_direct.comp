@@ -1,7 +1,9 @@
-/* Direct light of light that stays on the device, as a weighted sum of what is known of its parts, and what becomes of
- * it: what kiln relight --states gives the integrator "cells" (coordinator/bake/states/state_lights.c), and this makes
- * of it (coordinator/integrate/cells/take.c), with the same bits. Thread (x, y): point push.first + x under light y,
- * where that is mixed. */
+/* Direct light under several lights at once, for a bake whose light stays on the device (kiln relight --states). Thread
+ * (x, y) is for point push.first + x under light y. It adds up the kept direct light of the light's parts, scaled by
+ * colour. It then takes the sum over as a step of the integrator "cells": irradiance, errors, the radiosity that is
+ * gathered next, and sums of power. The results have the bits of the host's code,
+ * coordinator/bake/states/state_lights.c and coordinator/integrate/cells/take.c. Lights whose direct light the host has
+ * made are skipped. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

@@ -161,7 +161,8 @@ ivec2 find_range(uint axis, float begin, float end)
     return ivec2(vec2(max(all.x, ceil(min(a, b) - reach)), min(all.y, floor(max(a, b) + reach))));
 }
 
-/* Those of number i along the axis `along`. */
+/* Crosses the spheres of one slab of the grid: those of probes whose number along the axis `along` is i. [begin, end],
+ * m: the part of the way that is in the grid. */
 void cross_slab(uint along, int i, float begin, float end)
 {
     const float reach = SPHERES.reach[along];

@@ -1,6 +1,7 @@
-/* Paths of light of the bidirectional pass (worker/pass/bidirectional.h). By stages, thread x for the path in its slot:
- * it begins at a lamp; it arrives where its ray has come to, keeps its vertex there if that is not of mirrors alone,
- * and goes on. Vertices are kept in any order among all paths; each names the one before it. */
+/* Light paths of the bidirectional pass (worker/pass/bidirectional.h), one surface a stage. Thread x advances the path
+ * in its slot. The first stage starts the path at a lamp. Each later stage takes it to the surface that its ray has
+ * met, keeps a vertex there unless the surface has mirrors alone, and draws the way on. Vertices of all paths lie in
+ * one list, in any order; each names the vertex before it on its path. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

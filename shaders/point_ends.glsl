@@ -18,7 +18,8 @@ Scatter point_scatter(kiln_gpu_eye_vertex eye, vec3 i)
     return Scatter(vec3(1.0), vec3(0.0), max(0.0, dot(eye.from, i)) * KILN_INVERSE_PI, 0.0, 1.0, cosine, 1.0, cosine);
 }
 
-/* How much light from i counts for at the point, per W/m2 across i. */
+/* Weights of light that comes to the point from direction i, per W/m2 on a plane across i. x: for the irradiance about
+ * the shading normal. y: for the incident light, about the geometric normal and as far as the material takes it up. */
 vec2 point_counts_from(uint slot, kiln_gpu_eye_vertex eye, vec3 i)
 {
     const float shading = dot(POINT_PATH(slot).shading, i);

@@ -1,9 +1,10 @@
-/* Radiance probes: thread (x, y) takes slice `slice_first` + y of the samples of probe x. A slice is a run of rays over
- * the whole sphere for what surfaces send, and as long a run of shadow rays to the lights, whose samples are counted
- * through choice after choice; the last slice has what is left of these. A constant sky is met by the rays over the
- * sphere. Directions, random numbers and estimators are those of worker/backend/embree/probes.c; probes_reduce.comp
- * adds up the slices. Where groups of lights are told apart (GROUPED), what each ray finds is kept for
- * probes_groups.comp. */
+/* The probe pass on a device (worker/pass/probes.h): light that arrives at the probes of an irradiance volume. Thread
+ * (x, y) takes slice `slice_first` + y of the samples of probe x. A slice has a run of rays over the whole sphere,
+ * which meet surfaces and a constant sky. It has a run of light samples of the same length, by shadow rays to the other
+ * lights. Light samples are numbered from one choice of lights to the next (light_samples.glsl); the last slice takes
+ * all that are left. Directions, random numbers and estimators are those of worker/backend/embree/probes.c.
+ * probes_reduce.comp adds up the slices. With GROUPED, each ray's find is kept for probes_groups.comp, which tells
+ * groups of lights apart. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

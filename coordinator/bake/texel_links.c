@@ -109,7 +109,7 @@ end:
     return status;
 }
 
-/* ---- the texel ---- */
+/* ---- the texel whose links are listed ---- */
 
 static int find_point(const struct kiln_prepared *p, const char *texel, uint64_t *point, struct kiln_error *error)
 {

@@ -73,7 +73,9 @@ end:
     return status;
 }
 
-/* sqrt(sum of squares / 3 A) / (sum of light / 3 A); equal images are read with rounding. */
+/* Error of a layer: root mean square of the differences over the mean light of the reference, sqrt(squares / 3 A) /
+ * (light / 3 A) with A the area. 0 if all bits are equal: lightmaps are read with rounding, which would show as an
+ * error. */
 static double error_of(const struct pair *p, int layer)
 {
     return p->differing > 0.0 ? sqrt(3.0 * p->sums.area * p->sums.squares[layer]) / p->sums.reference : 0.0;

@@ -119,7 +119,8 @@ static int check_folder(const struct kiln_job *job, const char *folder, struct k
         folder);
 }
 
-/* Whether the argument of a command that takes the folder of a bake is a scene in its place. */
+/* Whether the command's argument is a scene file, given in the place of a bake's folder. Only path-traced views take
+ * one. */
 static bool takes_scene(const struct kiln_job *job)
 {
     struct stat status;

@@ -121,7 +121,9 @@ static size_t name_files(const struct mix *m, char **names)
     return count;
 }
 
-/* Collective. Before the files are written, or after. */
+/* Manages the manifest of the mixture's folder, in two calls. Before the files are written (`after` false), rank 0
+ * checks that they can be, and removes outdated files and the old manifest. Afterwards all ranks write the new
+ * manifest. Collective. */
 static int with_manifest(const struct mix *m, bool after, struct kiln_error *error)
 {
     char **names = NULL;

@@ -66,7 +66,8 @@ static int read_ranks(struct bench *b, struct kiln_error *error)
 
 /* ---- a bake ---- */
 
-/* A density of 0 leaves it to the scene and the options. */
+/* Makes the command line of one bake under mpirun. A density of 0 is not passed on: the scene and the options then
+ * choose the texel density. */
 static void make_command(const struct bench *b, const struct run *run, const char *folder, struct kiln_child *a)
 {
     static const char *const own[] = {"output", "threads", "texels-per-metre", "resume",

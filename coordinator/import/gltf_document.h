@@ -216,8 +216,8 @@ void gltf_read_gloss(struct gltf *g, struct gltf_place place, const json_t *json
  * from the front. */
 void gltf_triangle(unsigned mode, const struct gltf_accessor *indices, size_t k, uint32_t corner[3]);
 
-/* The builder's mesh for a glTF mesh in a pose; KILN_NONE if it has no triangles. A mesh without a pose of its own is
- * appended on first use, another one each time. */
+/* The builder's mesh for a glTF mesh in a pose; KILN_NONE if it has no triangles. Nodes with the mesh's common pose
+ * share one, which is made on first use. A node with a pose of its own (gltf_pose_is_own) gets a new one. */
 struct gltf_pose;
 uint32_t gltf_mesh(struct gltf *g, uint32_t index, const struct gltf_pose *pose);
 /* The accessor of an attribute; NULL: absent. A failure unless its elements have `low` to `high` components and, if

@@ -8,7 +8,8 @@
 
 enum { EXTENSIONS_MOST = 64, NAME_LENGTH = 80, PLACES = 12, LIST_LENGTH = 256 };
 
-/* The top-level arrays in which an extension may stand, as a sentence counts their elements; last: elsewhere. */
+/* Top-level arrays of a glTF document in which extensions may stand. `one`, `several`: their elements' names, for
+ * sentences that count them. The last row is for anywhere else. */
 static const struct {
     const char *key, *one, *several;
 } places[PLACES] = {{"nodes", "node", "nodes"},

@@ -71,7 +71,8 @@ bool kiln_images_have_room(struct kiln_images *images, uint64_t texels)
     return true;
 }
 
-/* Checks the image's size against the limits and, unless it is planned, adds its texels to the scene's. */
+/* Checks an image's size against the limits of one image and of all images of the scene. Adds its texels to the scene's
+ * sum, unless `planned`: then kiln_image_plan has done so already. */
 static int check_limits(struct kiln_images *images, const struct kiln_image_format *format,
                         const struct kiln_image_bytes *bytes, const struct kiln_image_shape *shape, bool planned,
                         struct kiln_error *error)

@@ -26,8 +26,9 @@ enum { KILN_IMAGE_SIDE_MAX = 16384, KILN_ENVIRONMENT_SIDE_MAX = 65536 };
 #define KILN_TEXTURE_TEXELS_PER_BYTE ((uint64_t)64) /* of the scene's files */
 #define KILN_STB_TEXELS_PER_BYTE ((uint64_t)16)     /* of the image itself */
 #define KILN_STB_BYTES_PER_TEXEL ((uint64_t)17)     /* at most, while one is decoded */
-/* Texels of an environment: as many as an eighth of the memory holds, or as its bytes earn, but at most MAX of these.
- */
+/* Limits of an environment's texels. An environment is accepted if it keeps one of two. The first is what an eighth of
+ * the memory holds, at BYTES_PER_TEXEL each. The second is FREE texels and PER_BYTE more for each byte of its file, but
+ * MAX at most. */
 #define KILN_ENVIRONMENT_BYTES_PER_TEXEL ((uint64_t)12)
 #define KILN_ENVIRONMENT_TEXELS_FREE ((uint64_t)1 << 23)
 #define KILN_ENVIRONMENT_TEXELS_PER_BYTE ((uint64_t)8)

@@ -46,8 +46,8 @@ static const uint64_t LEAST_PROGRAM_BYTES = 24ull << 20;
 /* Denoising: seconds of one thread a point. Smooth lightmaps pack better, and of the two errors in kiln.h5 half of the
  * bits are zero. */
 static const double DENOISE_POINT_SECONDS = 18e-6;
-/* what is left to the host where a device denoises: Sponza on an H100, 1.05 s of 16 threads for 3 M points, of which a
- * half is one thread's work */
+/* Denoising where a device does it: seconds of one thread a point, for the part that stays with the host. Measured with
+ * Sponza on an H100: 1.05 s of 16 threads for 3 M points. Half of that time is work of a single thread. */
 static const double DENOISE_BESIDE_DEVICE_SECONDS = 5.6e-6;
 static const double DENOISE_LIGHTMAP_DISK = 0.87, DENOISE_POINT_DISK = -4.0;
 
@@ -135,7 +135,8 @@ static void known_memory(struct kiln_plan *plan, const struct kiln_prepared *p)
     m->bvh = on_device(p) ? 0 : (uint64_t)(BVH_BYTES * (double)g->triangle_count);
 }
 
-/* Before the surface points of a rank are built: what is resident now and has no name yet is the program's. */
+/* Measures the memory of the program itself: all that is resident now, less the data that the plan counts by name. To
+ * be called before the surface points of a rank are built, which would count too. */
 static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
     struct kiln_plan_memory *m = &plan->memory;

@@ -19,7 +19,7 @@
 
 #include "shaders/shared/real.h"
 
-/* dVCM, dVC and dVM of the report. */
+/* Sums that a subpath carries: dVCM, dVC and dVM of Georgiev's technical report (2012). */
 struct kiln_path_sums {
     kiln_real vcm, vc, vm;
 };

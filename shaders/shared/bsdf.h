@@ -179,8 +179,9 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_choose(KILN_STRUCT kiln_bsd
 
 /* ---- values and densities ---- */
 
-/* Light that facets give back is drawn with density mu / (mu^2 + (2 alpha)^2), mu the cosine, about as it is spread:
- * what facets lose falls with (alpha / mu)^2. */
+/* Density for drawing light that facets spread after reflecting it several times (kiln_bsdf_given_back). It is
+ * proportional to mu / (mu^2 + (2 alpha)^2), mu the cosine. That is close to how the light is spread, since the part
+ * that facets lose falls with (alpha / mu)^2. */
 KILN_FUNCTION float kiln_bsdf_spread_norm(float alpha) { return float_log(1.0f + 0.25f / (alpha * alpha)); }
 KILN_FUNCTION float kiln_bsdf_spread_density(float alpha, float mu)
 {
@@ -213,8 +214,10 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_facets(KILN_VECTOR o, KILN_V
     return s;
 }
 
-/* Returns what kiln_bsdf_split_at lacks of the light from behind that a coat sends into the mirror direction
- * (kiln_bsdf_mirrored). There the coat's share is that of the cosine to the facet. */
+/* Correction of the reflection of kiln_bsdf_split_at, for light from behind that a coat over rough glass sends back
+ * into the mirror direction. kiln_bsdf_split_at takes the coat's albedo at the cosine to the facet. kiln_bsdf_mirrored
+ * takes it at the cosines to the surface. Returns the difference; o, i, h are cosines to the surface, `cosine` is that
+ * to the facet. */
 KILN_FUNCTION KILN_VECTOR kiln_bsdf_returned(KILN_STRUCT kiln_bsdf_lobes l, float o, float i, float h, float cosine)
 {
     const KILN_VECTOR eta = kiln_bsdf_eta(l.p, false);

@@ -43,7 +43,7 @@ struct kiln_store_array {
 };
 /* All of them: KILN_STORE_ARRAYS, in the order of struct kiln_gpu_store. */
 void kiln_store_arrays(const struct kiln_store *store, struct kiln_store_array *arrays);
-/* Their sum: the same on all ranks, and once on each node. */
+/* Bytes of all arrays that the way reads. The arrays are the same on all ranks, and are there once on each node. */
 uint64_t kiln_store_bytes(const struct kiln_store *store);
 
 /* ---- find ---- */

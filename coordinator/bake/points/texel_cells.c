@@ -88,7 +88,7 @@ static struct kiln_texel_cell make_cell(const struct kiln_texel_cells *cells, co
     return cell;
 }
 
-/* Whether a line has cells on both sides. */
+/* Whether a line divides the texel, that is, has cells on both sides. Bit `line` of a cell's code is its side. */
 static bool cuts(const struct kiln_texel_cells *cells, uint32_t line)
 {
     uint32_t sides = 0;

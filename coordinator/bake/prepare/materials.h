@@ -9,10 +9,11 @@
 #include "coordinator/job/job.h"
 #include "worker/scene/gloss.h"
 
-/* Settles the options for a scene whose gloss is taken as the job says (kiln_scene_take_gloss): "auto" becomes what it
- * stands for, and in a scene of which nothing is taken they become those of a diffuse bake. So two bakes of the same
- * light have the same options, and fields and steps that nothing needs are left out. Changes nothing when called
- * again. Whether caustics that are left to kiln come a first round of light paths says, with the light. */
+/* Settles the options about materials for a scene whose gloss has been taken as the job says (kiln_scene_take_gloss).
+ * Options that are "auto" become a definite choice. In a scene of which no gloss is taken, they become those of a
+ * diffuse bake. So two bakes of the same light have the same options, and fields and steps that nothing needs are left
+ * out. One decision comes later: where caustics are left to kiln, a first round of light paths says whether they are
+ * worth computing. A second call changes nothing. */
 void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene);
 
 /* Refuses a scene with materials that are more than diffuse, where the method knows the diffuse part alone and nobody

@@ -504,7 +504,8 @@ static json_t *error_json(const struct kiln_run *run)
     return json;
 }
 
-/* The objects that double texel density would move, the worst first. */
+/* Lists the objects whose mean light would change by more than KILN_DENSITY_MOST at double texel density, those with
+ * the largest change first. */
 static json_t *moved_json(const struct kiln_run *run)
 {
     const struct kiln_density_check *d = run->density;

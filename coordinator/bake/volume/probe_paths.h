@@ -38,11 +38,12 @@ struct kiln_probe_paths_params {
     void *context;
 };
 
-/* The lamps of which light paths bring what sharp lobes send on: KILN_LEAVES_... (shaders/shared/streams.h). 0: there
- * are no such paths. Points and images always; surfaces that emit where `samples` rays of a probe would meet so few of
- * them that an eighth of their light is noise, or more: by the emitting areas and fluxes of objects, and the scene's
- * diagonal. Light of wide lamps stays the rays', which are not biased. The same on all ranks; not collective.
- * KILN_SYSTEM. */
+/* Sets `leaves` to the kinds of lamps (KILN_LEAVES_... of shaders/shared/streams.h) whose light by sharp lobes comes to
+ * probes by light paths. Other lamps are left to the rays of probes, which are not biased. 0: there are no light paths.
+ * Points, spots, directional lights and images of the sky are always among the kinds. Surfaces that emit are, if the
+ * `samples` rays of a probe would meet them so rarely that the error of their light is above an eighth of it. That is
+ * estimated from the emitting areas and fluxes of objects and the scene's diagonal. The same on all ranks; not
+ * collective. KILN_SYSTEM. */
 int kiln_probe_paths_leaves(const struct kiln_integrate_settings *settings, const struct kiln_lights *lights,
                             uint32_t samples, uint32_t *leaves, struct kiln_error *error);
 

@@ -152,7 +152,8 @@ static inline void pack_next(const struct kiln_taking *t, const struct kiln_rank
         data->next[own.at] = kiln_radiosity_pack(radiosity, kiln_packing_hash(f, bit, t->step->stream + t->rounding));
 }
 
-/* Area, albedo and what was sent, as the ledger wants them. */
+/* A point's entry for the ledger, which sums up the powers of a step: the point's area, its albedo and the radiosity
+ * that it sent. */
 static struct kiln_ledger_point ledger_point(const struct kiln_surface *surface, struct kiln_own_point own,
                                              const struct kiln_point_mean *r, const float albedo[3], const float *sent)
 {
@@ -187,7 +188,7 @@ static void tally(const struct kiln_taking *t, const struct kiln_surface *surfac
         kiln_tally_note(run, &point, r);
 }
 
-/* Whether some of the answers lack what glass or gloss has taken. */
+/* Whether any of the answers has lost light to glass or gloss on its way. */
 static bool any_tinted(const struct kiln_point_result *results, uint32_t count)
 {
     bool any = false;

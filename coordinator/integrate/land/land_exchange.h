@@ -72,7 +72,7 @@ static inline const struct kiln_landing_record *kiln_landing_of(const struct kil
         __builtin_prefetch(&list->records[list->which[i + AHEAD]]);
     return &list->records[list->which[i]];
 }
-/* Fetches the sum of a landing after number `i`: these lie farther from each other yet. */
+/* Prefetches the sum of a landing some places after number `i`. Sums lie even farther apart in memory than records. */
 static inline void kiln_landing_fetch_sum(const struct kiln_landing_list *list, size_t i,
                                           const struct kiln_landing_sum *sums)
 {

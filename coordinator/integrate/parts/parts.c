@@ -7,7 +7,7 @@
 #include "coordinator/integrate/parts/rounds.h"
 #include "coordinator/integrate/companion.h"
 
-/* ---- which steps ---- */
+/* ---- the sequence of steps, and each part's share of their samples ---- */
 
 size_t kiln_part_first(const struct kiln_step_report *reports, size_t count)
 {
@@ -165,7 +165,7 @@ int kiln_part_end(const struct kiln_integrate_params *p, struct kiln_solution *s
     return status;
 }
 
-/* ---- the companion ---- */
+/* ---- parts as a companion of integration steps (coordinator/integrate/companion.h) ---- */
 
 static bool parts_wanted(const struct kiln_integrate_params *params) { return params->settings->parts > 1; }
 

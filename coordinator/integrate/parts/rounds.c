@@ -98,7 +98,7 @@ static uint32_t level_needed(uint32_t level, double square)
     return needed;
 }
 
-/* Points that are not finished by the level they need. */
+/* Numbers of unfinished points, by the level at which they are expected to be finished. */
 struct needs {
     uint64_t points[LEVELS];
 };

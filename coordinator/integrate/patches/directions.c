@@ -8,7 +8,7 @@
 #include "worker/sampling/keys.h"
 #include "worker/scene/radiosity.h"
 
-/* Texels of a cluster: as bits of a tile are in Morton order, so many that follow each other are a square. */
+/* Texels of a cluster: a square of 4 x 4. A tile's bits are in Morton order, so each aligned run of 16 is a square. */
 enum { CLUSTER = 16 };
 #define FLAT 0.9999f /* least cosine between normals of what is flat */
 

@@ -1,4 +1,5 @@
-/* Which radiance probes a surface point sees: the points' words near_probes (worker/scene/surface.h). */
+/* Visibility of radiance probes: finds which of the probes around a surface point the point sees. The result is a word
+ * of bits a point, near_probes of worker/scene/surface.h. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PROBES_RADIANCE_SIGHT_H
 #define KILN_COORDINATOR_INTEGRATE_PROBES_RADIANCE_SIGHT_H
 

@@ -442,7 +442,7 @@ void kiln_blocks_draw(struct kiln_blocks_draw *draw, const struct kiln_surface *
         draw->answer[k] = chosen[block[k]];
 }
 
-/* ---- the companion ---- */
+/* ---- blocks as a companion of integration steps (coordinator/integrate/companion.h) ---- */
 
 static bool blocks_wanted(const struct kiln_integrate_params *params) { return params->settings->indirect_scale > 1; }
 

@@ -1,4 +1,5 @@
-/* Shared functions of the backend: how Embree wants the processor's arithmetic, and a thread's clock. */
+/* Shared functions of the Embree backend: switching the processor to the floating-point mode that Embree wants and
+ * back, and reading a thread's processor time. */
 #include <time.h>
 #ifdef __SSE__
 #    include <xmmintrin.h>

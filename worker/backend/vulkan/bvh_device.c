@@ -136,7 +136,7 @@ static int run(struct script *s, const struct bvh_device *t, struct kiln_error *
     return status;
 }
 
-/* Runs what is there and has the states on the host. */
+/* Runs the steps that the script has, and then copies the states from the device to t->answer on the host. */
 static int run_and_ask(struct script *s, const struct bvh_device *t, struct kiln_error *error)
 {
     assert(s->count < STEPS_MOST);

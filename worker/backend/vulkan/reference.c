@@ -85,7 +85,9 @@ static int run_sample(struct reference_run *r, uint64_t first, uint64_t count, u
     return status;
 }
 
-/* The paths of light that all points' paths of quarter q may be merged with: as reference.c of the other backend. */
+/* Prepares quarter q of the samples. With vcm it traces and sorts the paths of light that the paths of all points in
+ * this quarter may be merged with, as trace_quarter of worker/backend/embree/reference_paths.c does. Their rays are not
+ * counted. */
 static int begin_quarter(struct reference_run *r, uint32_t q, struct kiln_error *error)
 {
     struct both_run *both = &r->both;

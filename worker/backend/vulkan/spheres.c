@@ -15,7 +15,8 @@ static const char what[] = "the spheres of probes";
 _Static_assert(KILN_GPU_SPHERE_SUMS == KILN_SPHERE_SUMS, "whole numbers of a sphere");
 _Static_assert(sizeof(struct kiln_sphere) == 4 * sizeof(float), "as kernels read it");
 
-/* How far from their places in the grid spheres are, along each axis. */
+/* Reach of the spheres along each axis, in spacings: the largest distance from a probe's place in the grid to the far
+ * side of its sphere. It has a margin for rounding on the device. */
 static struct kiln_vec3 find_reach(const struct kiln_probe_spheres *s)
 {
     double reach[3] = {0.0, 0.0, 0.0};

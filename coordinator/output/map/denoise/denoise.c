@@ -474,7 +474,8 @@ static int run_part(struct kiln_map_work *work, struct kiln_parts *parts, uint64
     return status;
 }
 
-/* Collective. Denoises a map in bands, of which each rank has a part in space. `total`: the points of all ranks. */
+/* Denoises a lightmap that ranks hold in bands of rows. For this, its points are divided anew: each rank denoises those
+ * of one part of space and sends them back (denoise_parts.h). `total`: the points of all ranks. Collective. */
 static int run_in_parts(struct kiln_map_work *work, const struct kiln_neighbour_point *points, size_t count,
                         uint64_t total, struct kiln_regression_light lights[2], struct kiln_error *error)
 {

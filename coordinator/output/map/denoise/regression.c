@@ -799,7 +799,8 @@ static void take_results(void *context, size_t first, size_t count, const struct
         }
 }
 
-/* The same by a device, if it can. */
+/* Runs all sweeps on the device, in the place of run_sweeps. *done: whether it did. There may be no device, or other
+ * light (most_others) that it does not take. */
 static int run_on_device(struct regression *r, struct kiln_regression_device *device, bool *done,
                          struct kiln_error *error)
 {

@@ -226,7 +226,8 @@ static void serve(struct kiln_regression_device *d)
     (void)pthread_cond_broadcast(&d->changed);
 }
 
-/* Without memory for them the work is handed over point by point. */
+/* Makes the request's arrays, and fills those that go to the device. A request has none if it has more than TOGETHER
+ * points, or if memory is short. It then goes to the device alone, which asks for its points by work->give. */
 static void make_arrays(struct request *r)
 {
     static const char what[] = "denoising on a device";

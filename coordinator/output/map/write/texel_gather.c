@@ -116,7 +116,7 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
                            "the exchange of points", error));
     KILN_TRY(kiln_allocate(&e->cursor, ranks, sizeof(uint64_t), "the exchange of points", error));
     KILN_TRY(kiln_allocate_bare(&e->out, e->limit * ranks, e->record, "points to send", error));
-    /* a tile run has a point at least */
+    /* one place for each shipment; `limit` of a rank are enough, for each shipment has a record at least */
     KILN_TRY(kiln_allocate_bare(&e->places, e->limit * ranks, sizeof *e->places, "points to send", error));
     for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
         KILN_TRY(kiln_allocate(counts[i], ranks, sizeof(int), "the exchange of points", error));
