@@ -18,8 +18,7 @@ enum {
     SAMPLE_BYTES = 1 << 16
 }; /* samples of a file and bytes of a sample; a file of up to 4 MiB is read completely */
 
-static const char *const own_matters[] = {"threads",       "device",       "device-memory",
-                                          "dispatch-time", "kernel-cache", "verbose"};
+static const char *const own_matters[] = {"threads", "device", "device-memory", "kernel-cache", "verbose"};
 
 /* A list of names and values in turn, each ending with a zero byte. */
 struct list {
@@ -122,6 +121,9 @@ static void add_job(struct list *list, const struct kiln_job *job)
         (void)snprintf(name, sizeof name, "--%s", option->name);
         add(list, name, kiln_option_text(job, option, room));
     }
+    char limit[24];
+    (void)snprintf(limit, sizeof limit, "%llu", (unsigned long long)job->faults.exchange_limit);
+    add(list, "KILN_EXCHANGE_LIMIT", limit);
 }
 
 static void add_build(struct list *list)

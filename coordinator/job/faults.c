@@ -60,6 +60,30 @@ static int read_division(struct kiln_faults *faults, const char *text, struct ki
     return KILN_OK;
 }
 
+static int read_limit(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    int end = 0;
+    if (sscanf(text, "%" SCNu64 "%n", &faults->exchange_limit, &end) != 1 || text[end] != '\0' ||
+        faults->exchange_limit == 0 || faults->exchange_limit > 1ull << 31)
+        return kiln_fail(error, KILN_USAGE,
+                         "KILN_EXCHANGE_LIMIT is '%.100s'; it is a number of elements, 1 to 2147483648: give one, or "
+                         "unset it",
+                         text);
+    return KILN_OK;
+}
+
+static int read_dispatch(struct kiln_faults *faults, const char *text, struct kiln_error *error)
+{
+    int end = 0;
+    if (sscanf(text, "%lf%n", &faults->dispatch_time, &end) != 1 || text[end] != '\0' ||
+        !(faults->dispatch_time >= 1.0 && faults->dispatch_time <= 60000.0))
+        return kiln_fail(error, KILN_USAGE,
+                         "KILN_DISPATCH_TIME is '%.100s'; it is a time in milliseconds, 1 to 60000: give one, or unset "
+                         "it",
+                         text);
+    return KILN_OK;
+}
+
 static int read_locks(struct kiln_faults *faults, const char *text, struct kiln_error *error)
 {
     faults->no_locks = strcmp(text, "none") == 0;
@@ -151,11 +175,12 @@ int kiln_faults_read(struct kiln_faults *faults, struct kiln_error *error)
         const char *name;
         int (*read)(struct kiln_faults *faults, const char *text, struct kiln_error *error);
     } variables[] = {
-        {"KILN_SLOW_RANK", read_slowness},   {"KILN_HALT_RANK", read_halt},     {"KILN_FAILING_PACKER", read_packer},
-        {"KILN_LOCKS", read_locks},          {"KILN_GPU_FAULT", read_device},   {"KILN_VULKAN_GUARD", read_guard},
-        {"KILN_PROBES", read_probes},        {"KILN_SIGHT", read_sight},        {"KILN_DIVIDE_FROM", read_division},
-        {"KILN_KERNEL_MAKERS", read_makers}, {"KILN_TREE", read_tree},          {"KILN_HOLD", read_hold},
-        {"KILN_DOUBLES", read_doubles},      {"KILN_TRAVERSAL", read_traversal}};
+        {"KILN_SLOW_RANK", read_slowness},    {"KILN_HALT_RANK", read_halt},      {"KILN_FAILING_PACKER", read_packer},
+        {"KILN_LOCKS", read_locks},           {"KILN_GPU_FAULT", read_device},    {"KILN_VULKAN_GUARD", read_guard},
+        {"KILN_PROBES", read_probes},         {"KILN_SIGHT", read_sight},         {"KILN_DIVIDE_FROM", read_division},
+        {"KILN_KERNEL_MAKERS", read_makers},  {"KILN_TREE", read_tree},           {"KILN_HOLD", read_hold},
+        {"KILN_DOUBLES", read_doubles},       {"KILN_TRAVERSAL", read_traversal}, {"KILN_EXCHANGE_LIMIT", read_limit},
+        {"KILN_DISPATCH_TIME", read_dispatch}};
     int status = KILN_OK;
     *faults = (struct kiln_faults){0};
     for (size_t i = 0; status == KILN_OK && i < sizeof variables / sizeof *variables; i++) {

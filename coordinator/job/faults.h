@@ -31,6 +31,11 @@ struct kiln_faults {
     /* KILN_DIVIDE_FROM=TEXELS. Lightmaps of so many texels and more are in bands if they are large among the others, or
      * packed by several ranks; 0: as struct kiln_output_params has it. */
     uint64_t divide_from;
+    /* KILN_EXCHANGE_LIMIT=ELEMENTS, 1 to 2^31, the same on every rank: the most in one call of MPI; 0: the largest
+     * count that MPI takes. */
+    uint64_t exchange_limit;
+    /* KILN_DISPATCH_TIME=MILLISECONDS, 1 to 60,000: the longest that one dispatch of a device may take; 0: 100. */
+    double dispatch_time;
     /* KILN_SIGHT=none. The visibility grid is empty, so that everything that rays meet was not expected. */
     bool no_sight;
     /* KILN_LOCKS=none. The lock of a bake's folder behaves as on a file system without locks. */

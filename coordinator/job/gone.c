@@ -10,6 +10,8 @@
 static const struct kiln_gone_option gone[] = {
     {"connections", NULL, "0", "0.2.0", "leave it out: more light paths (--photons) lower the noise more"},
     {"traversal", NULL, "auto", "0.2.0", "leave it out: kiln measures the ways of a GPU, and takes the quicker one"},
+    {"dispatch-time", NULL, "100", "0.2.0", "leave it out: kiln gives a GPU work of a tenth of a second at a time"},
+    {"exchange-limit", NULL, "auto", "0.2.0", "leave it out: kiln divides messages that MPI cannot count"},
     {"mis", "variance", NULL, "0.2.0", NO_BETTER},
     {"mis", "correlation", NULL, "0.2.0", NO_BETTER},
     {"mis", "optimal", NULL, "0.2.0", NO_BETTER}};

@@ -59,7 +59,6 @@ struct kiln_job_machine {
     int64_t device;         /* number in `kiln info --devices`; -1: ranks of a node take devices in turn */
     bool devices;           /* info: list the devices; there is no scene */
     double verify_fraction; /* fraction of the tile runs that are traced again with Embree */
-    double dispatch_time;   /* longest time of one GPU dispatch, ms */
     double device_memory;   /* GiB that a rank may use; 0: what is free on the device */
     double memory_budget;   /* GiB of a host; 0: none (coordinator/bake/prepare/results_memory.h) */
     char *kernel_cache;     /* folder of compiled kernels, or "none"; NULL: the user's (files/kernel_cache.h) */
@@ -131,7 +130,6 @@ struct kiln_job_ranks {
     int rebalance;                /* enum kiln_rebalance */
     int exchange;                 /* enum kiln_exchange_form */
     int exchange_points;          /* enum kiln_exchange_points */
-    uint64_t exchange_limit;      /* most elements in one MPI call; 0: the largest count that MPI takes */
     char *trace;                  /* file for the timeline of all ranks; NULL: none */
 };
 

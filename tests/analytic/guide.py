@@ -110,16 +110,16 @@ def check_device(kiln, checks, ways):
     if not checks.baked(first):
         return
     for ranks, more, fault in ways:
-        kiln.environment['KILN_GPU_FAULT'] = fault
-        bake = lit_through_gap(kiln, '--guide', 'auto', *more, ranks=ranks, **few)
+        with kiln.under(**fault):
+            bake = lit_through_gap(kiln, '--guide', 'auto', *more, ranks=ranks, **few)
         if not checks.baked(bake):
             continue
         checks.that(same_result.points(bake) == same_result.points(first),
                     'guided, %d ranks, %s, %s: other bits' % (ranks, ' '.join(map(str, more)), fault), bake.process)
         found = bake.run['backend']
-        checks.that((found['recoveries'] > 0) == bool(fault) and (found['verified_texels'] > 0) == (not ranks),
-                    'recovered %d times, %d texels compared' % (found['recoveries'], found['verified_texels']),
-                    bake.process)
+        checks.that((found['recoveries'] > 0) == ('KILN_GPU_FAULT' in fault) and
+                    (found['verified_texels'] > 0) == (not ranks), 'recovered %d times, %d texels compared' %
+                    (found['recoveries'], found['verified_texels']), bake.process)
 
 
 def main():
@@ -129,7 +129,8 @@ def main():
     table = harness.Table(('scene', 28), ('sum', 10), ('rms or worst', 14))
     check_gap(kiln, checks, table)
     if kiln.backend == 'vulkan':
-        on_ranks, lost = (3, ('--dispatch-time', 1), ''), (0, ('--verify-fraction', 1), 'lost:200')
+        on_ranks = 3, (), {'KILN_DISPATCH_TIME': 1}
+        lost = 0, ('--verify-fraction', 1), {'KILN_GPU_FAULT': 'lost:200'}
         check_device(kiln, checks, [lost] if arguments.few else [on_ranks, lost])
         checks.end()
         return

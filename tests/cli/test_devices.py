@@ -66,7 +66,7 @@ class Devices(unittest.TestCase):
 
     def test_arguments(self):
         for arguments in (["info", "--devices", self.scene], ["bake", self.scene, "--verify-fraction", "1.5"],
-                          ["bake", self.scene, "--dispatch-time", "0"], ["bake", self.scene, "--device", "-2"]):
+                          ["bake", self.scene, "--device", "-2"]):
             self.assertEqual(kiln(*arguments).code, 64, arguments)
 
 

@@ -4,6 +4,7 @@ Every test is a program, `test.py --kiln PATH`, whose exit code is 0 (passed), 1
 sentence). It runs under /usr/bin/python3 with numpy and h5py. A failed check prints the command that repeats it.
 """
 import argparse
+import contextlib
 import hashlib
 import json
 import os
@@ -237,6 +238,17 @@ class Kiln:
     def samples(self, count):
         """What is left of a sample count: never below 16, where it was above."""
         return min(count, max(16, count // self.thin))
+
+    @contextlib.contextmanager
+    def under(self, **variables):
+        """Runs within it have variables of the environment besides: coordinator/job/faults.h."""
+        before = dict(self.environment)
+        self.environment.update({name: str(value) for name, value in variables.items()})
+        try:
+            yield
+        finally:
+            self.environment.clear()
+            self.environment.update(before)
 
     def command(self, *arguments, ranks=0, timeout=600):
         return run(under_mpi(ranks) + [self.path, *map(str, arguments)], timeout, self.environment)

@@ -73,17 +73,17 @@ def try_cuts(checks, kiln, scene):
     table = harness.Table(('ranks', 6), ('a node', 7), ('by', 8), ('exchange', 9), ('rebalance', 9), ('seconds', 8),
                           ('points a rank', 36), ('result', 10))
     first = {}
-    for ranks, node, partition, form, limit, when in ((1, 'all', 'cells', 'auto', 'auto', 'always'),
-                                                      (3, 'all', 'cells', 'auto', 'auto', 'always'),
+    for ranks, node, partition, form, limit, when in ((1, 'all', 'cells', 'auto', '', 'always'),
+                                                      (3, 'all', 'cells', 'auto', '', 'always'),
                                                       (5, 2, 'objects', 'auto', 77, 'always'),
-                                                      (2, 1, 'cells', 'auto', 'auto', 'auto'),
-                                                      (2, 1, 'cells', 'auto', 'auto', 'never'),
-                                                      (1, 'all', 'cells', 'compact', 'auto', 'auto'),
-                                                      (4, 2, 'cells', 'compact', 'auto', 'always')):
+                                                      (2, 1, 'cells', 'auto', '', 'auto'),
+                                                      (2, 1, 'cells', 'auto', '', 'never'),
+                                                      (1, 'all', 'cells', 'compact', '', 'auto'),
+                                                      (4, 2, 'cells', 'compact', '', 'always')):
         slow(1, 20 if ranks == 2 else 5)
-        bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', node, '--partition', partition, '--exchange', form,
-                         '--exchange-limit', limit, '--rebalance', when,
-                         ranks=ranks, timeout=120)
+        with kiln.under(KILN_EXCHANGE_LIMIT=limit):
+            bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', node, '--partition', partition, '--exchange', form,
+                             '--rebalance', when, ranks=ranks, timeout=120)
         if not checks.baked(bake):
             continue
         what = '%d ranks, %s a node, by %s, exchange %s, rebalance %s' % (ranks, node, partition, form, when)

@@ -22,12 +22,12 @@ SMALL = ('--lightmap-size', 32, '--samples-direct', 8, '--samples-bounce', 4, '-
          '--samples-probe', 16, '--threads', 1)
 
 
-# Ranks, ranks a node, limit of a message, form. Left out but for --full: what differs from a neighbour in one value
-# only.
-LAYOUTS = ((1, 'all', 'auto', 'compact'), (4, 'all', 'auto', 'compact'), (5, 2, 100, 'compact'),
+# Ranks, ranks a node, limit of a message ('': none), form. Left out but for --full: what differs from a neighbour in
+# one value only.
+LAYOUTS = ((1, 'all', '', 'compact'), (4, 'all', '', 'compact'), (5, 2, 100, 'compact'),
            (7, 3, 1000, 'compact'),
-           (3, 1, 7, 'compact'), (1, 'all', 'auto', 'full'), (5, 2, 'auto', 'full'))
-MORE_LAYOUTS = ((4, 2, 'auto', 'compact'), (5, 2, 'auto', 'compact'), (8, 1, 'auto', 'compact'), (4, 1, 333, 'full'))
+           (3, 1, 7, 'compact'), (1, 'all', '', 'full'), (5, 2, '', 'full'))
+MORE_LAYOUTS = ((4, 2, '', 'compact'), (5, 2, '', 'compact'), (8, 1, '', 'compact'), (4, 1, 333, 'full'))
 
 
 def try_layouts(checks, kiln, scene, layouts):
@@ -35,8 +35,8 @@ def try_layouts(checks, kiln, scene, layouts):
                           ('sent between nodes', 19), ('result', 10))
     first = {}
     for ranks, node, limit, form in layouts:
-        bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', node, '--exchange-limit', limit, '--exchange', form,
-                         ranks=ranks, timeout=120)
+        with kiln.under(KILN_EXCHANGE_LIMIT=limit):
+            bake = kiln.bake(scene, *SMALL, '--shared-memory-ranks', node, '--exchange', form, ranks=ranks, timeout=120)
         if checks.baked(bake):
             result, sent = Result(bake), bake.run['mpi']['received_between_nodes']
             found = differences(first.setdefault(form, result), result)

@@ -19,11 +19,12 @@ DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data")
 RHO = 0.5
 
 
-def run(*arguments, code=0, ranks=0):
+def run(*arguments, code=0, ranks=0, environment=None):
     start = ["mpirun", "-n", str(ranks)] if ranks else []
     if arguments[0] == "view" and "--backend" not in arguments:
         arguments += ("--backend", "embree")  # which does not load Vulkan's drivers to find no GPU
-    done = subprocess.run([*start, KILN, *arguments], capture_output=True, text=True)
+    done = subprocess.run([*start, KILN, *arguments], capture_output=True, text=True,
+                          env={**os.environ, **(environment or {})})
     assert done.returncode == code, f"kiln {' '.join(arguments)}: exit {done.returncode}, wanted {code}\n{done.stderr}"
     return done
 
@@ -108,7 +109,8 @@ class Paths(unittest.TestCase):
             one, other = (self.pixels(scene, *size, "--backend", backend) for backend in ("embree", "vulkan"))
             self.assertLess(np.sqrt(((one - other) ** 2).mean()) / one.mean(), 1e-3, scene)
         # dispatches of any length
-        paths = [self.view(self.cornell, f"{ms}.exr", *size, "--backend", "vulkan", "--dispatch-time", ms)
+        paths = [self.view(self.cornell, f"{ms}.exr", *size, "--backend", "vulkan",
+                           environment={"KILN_DISPATCH_TIME": ms})
                  for ms in ("1", "1000")]
         np.testing.assert_array_equal(*map(exr.rgb, paths))
 

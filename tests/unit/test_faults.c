@@ -12,7 +12,7 @@
 
 static const char *const names[] = {"KILN_SLOW_RANK", "KILN_HALT_RANK",    "KILN_FAILING_PACKER", "KILN_LOCKS",
                                     "KILN_GPU_FAULT", "KILN_VULKAN_GUARD", "KILN_DIVIDE_FROM",    "KILN_HOLD",
-                                    "KILN_DOUBLES",   "KILN_TRAVERSAL"};
+                                    "KILN_DOUBLES",   "KILN_TRAVERSAL",    "KILN_EXCHANGE_LIMIT", "KILN_DISPATCH_TIME"};
 
 static int clear(void **state)
 {
@@ -37,8 +37,8 @@ static void none(void **state)
 
 static void all(void **state)
 {
-    static const char *const values[] = {"1:4.5",  "2:MPI's end", "3",         "none", "lost:3:5",
-                                         "before", "64",          "/tmp/held", "none", "eight"};
+    static const char *const values[] = {"1:4.5", "2:MPI's end", "3",    "none",  "lost:3:5",   "before",
+                                         "64",    "/tmp/held",   "none", "eight", "2147483648", "12.5"};
     struct kiln_faults faults;
     (void)state;
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
@@ -54,6 +54,7 @@ static void all(void **state)
     assert_true(faults.divide_from == 64);
     assert_string_equal(faults.hold, "/tmp/held");
     assert_true(faults.device.floats);
+    assert_true(faults.exchange_limit == 1ull << 31 && faults.dispatch_time == 12.5);
     assert_int_equal(faults.traversal, KILN_TRAVERSE_EIGHT);
     assert_true(faults.device.kind == KILN_DEVICE_FAULT_LOST && faults.device.at == 3 && faults.device.every == 5);
     assert_true(faults.device.guard == KILN_GUARD_BEFORE);
@@ -72,7 +73,9 @@ static void refused(void **state)
     } cases[] = {{0, "slow"},      {0, "1:0.5"},        {0, "1:2x"},    {0, "1:nan"},  {1, "1"},
                  {1, "1:"},        {1, "one:a"},        {2, "two"},     {2, "2x"},     {3, "some"},
                  {4, "lost"},      {4, "lost:"},        {4, "lost:0"},  {4, "slow:3"}, {4, "memory:3:"},
-                 {4, "memory:3x"}, {4, "memory:3:4:5"}, {5, "between"}, {6, "0"},      {6, "64x"}};
+                 {4, "memory:3x"}, {4, "memory:3:4:5"}, {5, "between"}, {6, "0"},      {6, "64x"},
+                 {10, "0"},        {10, "2147483649"},  {10, "-1"},     {10, "auto"},  {11, "0.5"},
+                 {11, "60001"},    {11, "nan"},         {11, "5ms"}};
     (void)state;
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct kiln_faults faults;

@@ -224,8 +224,7 @@ static void test_defaults(void **state)
     assert_string_equal(job->light.quality, "preview");
     assert_null(job->scene.environment);
     assert_null(job->machine.instruction_set);
-    assert_true(job->machine.device == -1 && job->machine.dispatch_time == 100.0 && job->machine.device_memory == 0 &&
-                job->machine.verify_fraction == 0);
+    assert_true(job->machine.device == -1 && job->machine.device_memory == 0 && job->machine.verify_fraction == 0);
     assert_true(job->scene.environment_scale == 1.0 && job->machine.threads == 0 && job->light.bounces == -1 &&
                 job->light.tail);
     assert_true(job->lightmaps.stitch && job->preview && !job->lightmaps.half && !job->lightmaps.error_map &&
@@ -271,11 +270,10 @@ static void test_forms(void **state)
     assert_true(job->machine.devices && job->scene.file == NULL && job->argument_count == 0);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 3, "info", "--devices", "a.glb"), KILN_USAGE);
-    assert_int_equal(parse(&job, 12, "bake", "a.glb", "--backend", "vulkan", "--device", "2", "--dispatch-time", "12.5",
-                           "--device-memory", "0.25", "--verify-fraction", "0.01"),
+    assert_int_equal(parse(&job, 10, "bake", "a.glb", "--backend", "vulkan", "--device", "2", "--device-memory", "0.25",
+                           "--verify-fraction", "0.01"),
                      KILN_OK);
-    assert_true(job->machine.device == 2 && job->machine.dispatch_time == 12.5 && job->machine.device_memory == 0.25 &&
-                job->machine.verify_fraction == 0.01);
+    assert_true(job->machine.device == 2 && job->machine.device_memory == 0.25 && job->machine.verify_fraction == 0.01);
     kiln_job_destroy(&job);
     assert_int_equal(parse(&job, 3, "info", "--", "--odd.glb"), KILN_OK);
     assert_string_equal(job->scene.file, "--odd.glb");

@@ -20,7 +20,7 @@ import png  # noqa: E402
 OPTIONS = ('--texels-per-metre', 3, '--samples-direct', 16, '--samples-bounce', 16, '--samples-indirect', 64,
            '--samples-probe', 32, '--probe-spacing', 1, '--materials', 'diffuse', '--no-export', '--denoise', 'none',
            '--bounces', 2)
-SMALL = ('--dispatch-time', 1, '--device-memory', 0.26)
+SMALL, SHORT = ('--device-memory', 0.26), {'KILN_DISPATCH_TIME': 1}  # options and variables
 
 
 def room(path):
@@ -92,17 +92,17 @@ def check_near(checks, found, wanted, process):
 
 
 def check_ways(checks, kiln, scene, groups, wanted):
-    for what, ranks, options, fault in (('three ranks, small chunks', 3, SMALL, None),
+    for what, ranks, options, fault in (('three ranks, small chunks', 3, SMALL, SHORT),
                                         ('rays that are kept, a lost device', 0, ('--keep-transport', 'rows'),
-                                         'lost:150')):
-        kiln.environment.update({'KILN_GPU_FAULT': fault} if fault else {})
-        bake = kiln.bake(scene, *OPTIONS, *groups, *options, ranks=ranks)
-        kiln.environment.pop('KILN_GPU_FAULT', None)
+                                         {'KILN_GPU_FAULT': 'lost:150'})):
+        with kiln.under(**fault):
+            bake = kiln.bake(scene, *OPTIONS, *groups, *options, ranks=ranks)
         if checks.baked(bake):
             off = other_bits(read(bake), wanted)
             checks.that(not off, '%s: other bits: %s' % (what, off[:4]), bake.process)
-            checks.that(fault is None or bake.run['backend']['recoveries'] > 0, '%s: not lost' % what, bake.process)
-    kept = kiln.bake(scene, *OPTIONS, *SMALL, '--keep-transport', 'rows')
+            checks.that(fault is SHORT or bake.run['backend']['recoveries'] > 0, '%s: not lost' % what, bake.process)
+    with kiln.under(**SHORT):
+        kept = kiln.bake(scene, *OPTIONS, *SMALL, '--keep-transport', 'rows')
     if not checks.baked(kept):
         return
     folder = os.path.join(kiln.scratch, 'relit')

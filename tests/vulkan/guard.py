@@ -29,9 +29,9 @@ GLASS = 'glass.glb'  # made when wanted
 WATER = 'cornell_water.glb'
 GROUPS = 'groups.yaml'
 CASES = (  # scene, options of all its bakes, guarded bakes: guard, ranks, more options and variables
-    ('two_rooms.glb', ('--texels-per-metre', 2), (('after', 0, ()), ('after', 2, ('--dispatch-time', 1)))),
+    ('two_rooms.glb', ('--texels-per-metre', 2), (('after', 0, ()), ('after', 2, ('KILN_DISPATCH_TIME=1',)))),
     ('two_rooms.glb', ('--texels-per-metre', 2, '--guide', 'auto', '--bounces', 3),
-     (('after', 0, ('--dispatch-time', 1)), ('before', 0, ()))),
+     (('after', 0, ('KILN_DISPATCH_TIME=1',)), ('before', 0, ()))),
     ('cornell.glb', ('--texels-per-metre', 3),
      (('before', 0, ('KILN_TRAVERSAL=four',)), ('after', 0, ('--verify-fraction', 0.2)))),
     ('penumbra_alphamask.glb', ('--lightmap-max', 16, '--environment', SKY), (('after', 0, ('KILN_TRAVERSAL=four',)),)),

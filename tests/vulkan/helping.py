@@ -12,7 +12,7 @@ import harness  # noqa: E402
 from same_bits import bits  # noqa: E402
 
 OPTIONS = ('--texels-per-metre', 4, '--samples-direct', 64, '--samples-bounce', 8, '--samples-indirect', 32,
-           '--bounces', 1, '--samples-probe', 0, '--threads', 1, '--cell-size', 1, '--dispatch-time', 5)
+           '--bounces', 1, '--samples-probe', 0, '--threads', 1, '--cell-size', 1)
 WAYS = (  # name, ranks, options, environment
     ('2 ranks', 2, (), {}),
     ('3 ranks, kept rays, lost', 3, ('--keep-transport', 'rows'), {'KILN_GPU_FAULT': 'lost:150'}),
@@ -55,6 +55,7 @@ def main():
         p.add_argument('--full', action='store_true', help='all of it')
     arguments, kiln = harness.start(__doc__, add)
     kiln.backend = 'vulkan'
+    kiln.environment['KILN_DISPATCH_TIME'] = '5'
     kiln.environment['KILN_VULKAN_VALIDATION'] = os.environ.get('KILN_VULKAN_VALIDATION', '1')
     checks = harness.Checks()
     scene = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')

@@ -14,15 +14,15 @@ import harness  # noqa: E402
 
 OPTIONS = ('--samples-direct', 64, '--samples-bounce', 4, '--samples-indirect', 24, '--samples-probe', 16)
 WAYS = (  # name, ranks, options, environment: what --full does on every scene
-    ('dispatches of 1 ms', 0, ('--dispatch-time', 1), {}),
-    ('dispatches of 1 s', 0, ('--dispatch-time', 1000), {}),
+    ('dispatches of 1 ms', 0, (), {'KILN_DISPATCH_TIME': '1'}),
+    ('dispatches of 1 s', 0, (), {'KILN_DISPATCH_TIME': '1000'}),
     ('verified', 0, ('--verify-fraction', 0.2), {}),
     ('little memory', 0, ('--device-memory', 0.26), {}),
     ('four-wide BVH', 0, (), {'KILN_TRAVERSAL': 'four'}),
     ('four-wide BVH built on the device', 0, (), {'KILN_TRAVERSAL': 'four', 'KILN_TREE': 'device'}),
     ('eight-wide BVH built on the device', 0, (), {'KILN_TREE': 'device'}),
     ('2 ranks', 2, (), {}),
-    ('3 ranks, dispatches of 2 ms', 3, ('--dispatch-time', 2), {}),
+    ('3 ranks, dispatches of 2 ms', 3, (), {'KILN_DISPATCH_TIME': '2'}),
     ('lost', 0, (), {'KILN_GPU_FAULT': 'lost:150'}),
     ('lost later', 0, (), {'KILN_GPU_FAULT': 'lost:300'}),
     ('short of memory', 0, (), {'KILN_GPU_FAULT': 'memory:120'}),
@@ -31,11 +31,11 @@ WAYS = (  # name, ranks, options, environment: what --full does on every scene
 # as it likes; on a software device it takes four seconds to compile kernels and hardly any to bake.
 CORNELL, LIGHTS, SIDES = 'cornell', 'lights', 'sides'
 SOME = (
-    (SIDES, '1 ms, four-wide BVH, short of memory', 0, ('--dispatch-time', 1),
-     {'KILN_GPU_FAULT': 'memory:120', 'KILN_TRAVERSAL': 'four'}),
+    (SIDES, '1 ms, four-wide BVH, short of memory', 0, (),
+     {'KILN_DISPATCH_TIME': '1', 'KILN_GPU_FAULT': 'memory:120', 'KILN_TRAVERSAL': 'four'}),
     (SIDES, 'verified, little memory, four-wide BVH built on the device', 0,
      ('--verify-fraction', 0.2, '--device-memory', 0.26), {'KILN_TREE': 'device', 'KILN_TRAVERSAL': 'four'}),
-    (SIDES, '2 ranks, lost, dispatches of 1 ms', 2, ('--dispatch-time', 1), {'KILN_GPU_FAULT': 'lost:150'}),
+    (SIDES, '2 ranks, lost, dispatches of 1 ms', 2, (), {'KILN_DISPATCH_TIME': '1', 'KILN_GPU_FAULT': 'lost:150'}),
 )
 
 

@@ -85,13 +85,13 @@ static const char *const probing[] = {"probe-spacing", "volume-bounds", "samples
 static const char *const other[] = {
     "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "denoise", "check-density",
     "preview", "exposure", "auto-exposure", "tone-map", "json", "quiet", "verbose", "resume", "checkpoint-every",
-    "max-time", "watchdog", "device", "devices", "dispatch-time", "device-memory", "memory-budget", "kernel-cache",
-    "checkpoint-local", "strict",
+    "max-time", "watchdog", "device", "devices", "device-memory", "memory-budget", "kernel-cache", "checkpoint-local",
+    "strict",
     /* what is kept of pairs is what tracing finds */
     "visibility-cache",
     /* units give the numbers a name and change none of them */
-    "verify-fraction", "trace", "shared-memory-ranks", "work-stealing", "rebalance", "exchange-points",
-    "exchange-limit", "units", "light-groups", "export", "vertex-light", "keep-transport",
+    "verify-fraction", "trace", "shared-memory-ranks", "work-stealing", "rebalance", "exchange-points", "units",
+    "light-groups", "export", "vertex-light", "keep-transport",
     /* what it changes is in the scene's content */
     "changes"};
 

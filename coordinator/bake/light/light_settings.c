@@ -59,6 +59,6 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, c
         .whole_objects = job->ranks.partition_objects,
         .probes = job->volume.samples > 0,
         .visible_only = job->ranks.exchange_points == KILN_EXCHANGE_VISIBLE,
-        .exchange_limit = job->ranks.exchange_limit,
+        .exchange_limit = job->faults.exchange_limit,
         .faults = job->faults};
 }

@@ -10,7 +10,7 @@ void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ran
     params->local_rank = (uint32_t)node_rank;
     params->local_ranks = (uint32_t)node_ranks;
     params->traversal = job->faults.traversal;
-    params->slice_seconds = job->machine.dispatch_time * 1e-3;
+    params->slice_seconds = job->faults.dispatch_time * 1e-3;
     params->device_memory = (uint64_t)(job->machine.device_memory * 0x1p30);
     /* a backend that was named with --backend is used, or fails; only `auto` falls back */
     params->goes_on = job->machine.backend == NULL || strcmp(job->machine.backend, "auto") == 0;
