@@ -1,5 +1,7 @@
 #include "coordinator/integrate/companion.h"
 
+#include "worker/base/memory.h"
+
 const struct kiln_companion *kiln_companion_answering(const struct kiln_companion *const *table,
                                                       const struct kiln_step *step)
 {
@@ -9,16 +11,12 @@ const struct kiln_companion *kiln_companion_answering(const struct kiln_companio
     return NULL;
 }
 
-bool kiln_companions_select(const struct kiln_companion *const *table, const struct kiln_step *step, bool *few)
+bool kiln_companions_select(const struct kiln_companion *const *table, const struct kiln_step *step)
 {
-    bool any = false;
-    *few = false;
     for (size_t i = 0; table != NULL && table[i] != NULL; i++)
-        if (table[i]->select != NULL && kiln_companion_is_with(table, i, step)) {
-            any = true;
-            *few = *few || table[i]->has_few;
-        }
-    return any;
+        if (table[i]->select != NULL && kiln_companion_is_with(table, i, step))
+            return true;
+    return false;
 }
 
 int kiln_companions_find(const struct kiln_companion *const *table, const struct kiln_integrate_params *params,
@@ -63,9 +61,24 @@ struct kiln_selection kiln_companions_selection(const struct kiln_companion *con
                                                 const struct kiln_step *step, const struct kiln_rank_data *data,
                                                 size_t tile_run)
 {
-    struct kiln_selection selection = {.gathers = UINT64_MAX};
-    for (size_t i = 0; table != NULL && table[i] != NULL && selection.gathers != 0; i++)
+    struct kiln_selection selection = {.computed = UINT64_MAX};
+    for (size_t i = 0; table != NULL && table[i] != NULL && selection.computed != 0; i++)
         if (table[i]->select != NULL && kiln_companion_is_with(table, i, step))
             table[i]->select(settings, step, data, tile_run, &selection);
     return selection;
+}
+
+int kiln_companions_choose(const struct kiln_companion *const *table, const struct kiln_integrate_settings *settings,
+                           const struct kiln_step *step, const struct kiln_rank_data *data, struct kiln_batch *batch,
+                           struct kiln_selection **selections, size_t *room, struct kiln_error *error)
+{
+    int status = KILN_OK;
+    if (!kiln_companions_select(table, step))
+        return KILN_OK;
+    KILN_TRY(kiln_grow(selections, room, batch->count, sizeof **selections, "the points of a batch", error));
+    for (size_t i = 0; i < batch->count; i++)
+        (*selections)[i] = kiln_companions_selection(table, settings, step, data, batch->first + i);
+    batch->selections = *selections;
+end:
+    return status;
 }

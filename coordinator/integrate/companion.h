@@ -44,11 +44,6 @@ struct kiln_companion_site {
     bool plans; /* for `kiln plan`: there are only params, without data of points */
 };
 
-/* Points of one tile run, a bit each: those that gather in the step, and those of them that take fewer samples. */
-struct kiln_selection {
-    uint64_t gathers, few;
-};
-
 /* A job's demand, by which memory is planned. */
 struct kiln_companion_demand {
     const struct kiln_integrate_settings *settings;
@@ -73,7 +68,6 @@ struct kiln_companion {
     /* Batches of own tile runs are cut before they are handed to a backend: it may not claim parts of them as it comes
      * to them, and points are not tried before the first step. */
     bool whole_batches;
-    bool has_few; /* `select` tells points that take fewer samples from others */
 
     /* Whether a bake has it. */
     bool (*wanted)(const struct kiln_integrate_params *params);
@@ -159,8 +153,8 @@ static inline bool kiln_companion_is_with(const struct kiln_companion *const *ta
 /* The companion that answers a step in the place of its pass; NULL: none does. */
 const struct kiln_companion *kiln_companion_answering(const struct kiln_companion *const *table,
                                                       const struct kiln_step *step);
-/* Whether some companion of the step selects points; *few: and some of few samples. */
-bool kiln_companions_select(const struct kiln_companion *const *table, const struct kiln_step *step, bool *few);
+/* Whether some companion of the step selects points. */
+bool kiln_companions_select(const struct kiln_companion *const *table, const struct kiln_step *step);
 /* Fills in the fields by which the companions select points. Not collective. */
 int kiln_companions_find(const struct kiln_companion *const *table, const struct kiln_integrate_params *params,
                          const struct kiln_rank_data *data, struct kiln_error *error);
@@ -171,10 +165,15 @@ double kiln_companions_share(const struct kiln_companion *const *table, const st
 /* The memory that the companions of the table need. */
 struct kiln_companion_bytes kiln_companions_demand(const struct kiln_companion *const *table,
                                                    const struct kiln_companion_demand *demand);
-/* The points of a tile run that gather in a step. */
+/* The points of a tile run that are computed in a step. */
 struct kiln_selection kiln_companions_selection(const struct kiln_companion *const *table,
                                                 const struct kiln_integrate_settings *settings,
                                                 const struct kiln_step *step, const struct kiln_rank_data *data,
                                                 size_t tile_run);
+/* Fills in the selections of a batch of tile runs of `data`, where some companion of the step selects points. They
+ * stand in *selections, with room for *room: zero at first, then grown as kiln_grow has it. KILN_SYSTEM. */
+int kiln_companions_choose(const struct kiln_companion *const *table, const struct kiln_integrate_settings *settings,
+                           const struct kiln_step *step, const struct kiln_rank_data *data, struct kiln_batch *batch,
+                           struct kiln_selection **selections, size_t *room, struct kiln_error *error);
 
 #endif

@@ -284,21 +284,6 @@ struct calibration {
     struct kiln_rank_data data;          /* of all points: the fields by which companions select */
 };
 
-/* The points of a batch's tile runs that gather: as many as the batch has, then likewise those of them that take few
- * samples; to be freed. */
-static int draw_points(const struct calibration *c, const struct kiln_step *step, const struct kiln_batch *batch,
-                       uint64_t **masks, struct kiln_error *error)
-{
-    const int status = kiln_allocate(masks, 2 * batch->count, sizeof **masks, "a sample's points", error);
-    for (size_t i = 0; status == KILN_OK && i < batch->count; i++) {
-        const struct kiln_selection selection =
-            kiln_companions_selection(kiln_companions, c->params.settings, step, &c->data, batch->first + i);
-        (*masks)[i] = selection.gathers;
-        (*masks)[batch->count + i] = selection.few;
-    }
-    return status;
-}
-
 static int take_sample(const struct kiln_planned_steps *steps, const struct calibration *c, size_t first, size_t count,
                        struct kiln_plan_sample *sample, struct kiln_error *error)
 {
@@ -306,6 +291,8 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct cali
     const struct kiln_tile_run *tile_runs = p->surface->tile_runs;
     const size_t rest = p->surface->tile_run_count - first;
     int status = KILN_OK;
+    struct kiln_selection *selections = NULL;
+    size_t room = 0;
     *sample = (struct kiln_plan_sample){.first = tile_runs[first].first.at};
     for (uint32_t k = 0; k < steps->kind_count && status == KILN_OK; k++) {
         const size_t wanted = is_cheap(steps, k) ? CHEAP_TILE_RUNS * count : count;
@@ -313,19 +300,15 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct cali
                                    .count = wanted < rest ? wanted : rest,
                                    .stream = steps->kinds[k].stream,
                                    .samples = steps->kinds[k].samples};
-        uint64_t *masks = NULL;
         const struct kiln_step step = {.stream = batch.stream, .with = steps->kinds[k].with};
-        bool few;
-        if (kiln_companions_select(kiln_companions, &step, &few))
-            status = draw_points(c, &step, &batch, &masks, error);
-        batch.point_masks = masks;
-        batch.few_masks = masks != NULL ? masks + batch.count : NULL;
+        status = kiln_companions_choose(kiln_companions, c->params.settings, &step, &c->data, &batch, &selections,
+                                        &room, error);
         sample->points[k] = kiln_tile_runs_points(&tile_runs[first], &tile_runs[first + batch.count - 1]);
         if (status == KILN_OK && !steps->kinds[k].answered)
             status = sample_step(p, &batch, &steps->kinds[k], &sample->seconds[k], error);
         sample->seconds[k] *= kiln_companions_share(kiln_companions, &step); /* timed with all patches */
-        kiln_free(&masks);
     }
+    kiln_free(&selections);
     return status;
 }
 

@@ -200,7 +200,7 @@ static void halve(const struct kiln_integrate_settings *settings, const struct k
     (void)settings;
     (void)step;
     (void)data;
-    selection->gathers = tile_run % 2 == 0 ? selection->gathers : 0;
+    selection->computed = tile_run % 2 == 0 ? selection->computed : 0;
 }
 
 static const struct kiln_companion half = {.name = "half", .by_step = true, .wanted = visitor_wanted, .select = halve};
@@ -212,16 +212,15 @@ static int check_visits(uint64_t points)
 {
     uint64_t taken = visits.points;
     struct kiln_step step = {.with = 0};
-    bool few;
     int failures = visits.created != 1 || visits.settled != 1 || visits.before != 2 || visits.complete != 2 ||
                    visits.after != 2 || visits.ended != 1 || visits.destroyed != 1;
     (void)MPI_Allreduce(MPI_IN_PLACE, &taken, 1, MPI_UINT64_T, MPI_SUM, MPI_COMM_WORLD);
     failures += taken != 2 * points;
-    failures += kiln_companions_select(companions, &step, &few);
+    failures += kiln_companions_select(companions, &step);
     step.with = 1;
-    failures += !kiln_companions_select(companions, &step, &few) || few;
-    failures += kiln_companions_selection(companions, NULL, &step, NULL, 0).gathers != UINT64_MAX;
-    failures += kiln_companions_selection(companions, NULL, &step, NULL, 1).gathers != 0;
+    failures += !kiln_companions_select(companions, &step);
+    failures += kiln_companions_selection(companions, NULL, &step, NULL, 0).computed != UINT64_MAX;
+    failures += kiln_companions_selection(companions, NULL, &step, NULL, 1).computed != 0;
     if (failures != 0)
         (void)fprintf(stderr, "a companion was asked %u %u %u %u %u %u %u times, for %llu of 2 x %llu points\n",
                       visits.created, visits.settled, visits.before, visits.complete, visits.after, visits.ended,

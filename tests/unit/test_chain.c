@@ -349,11 +349,12 @@ static void run_masked(const struct world *w, const struct kiln_pass *pass, cons
         struct kept all = {malloc(KILN_TILE_TEXELS * pass->result_bytes), 0, 0};
         points = w->surface->tile_runs[i].count;
         all.bytes = points * pass->result_bytes;
+        const struct kiln_selection chosen = {.computed = masks != NULL ? masks[i] : UINT64_MAX};
         const struct kiln_batch batch = {.first = i,
                                          .count = 1,
                                          .stream = pass->has_streams ? 1 : 0,
                                          .samples = 12,
-                                         .point_masks = masks != NULL ? &masks[i] : NULL,
+                                         .selections = masks != NULL ? &chosen : NULL,
                                          .take = keep,
                                          .context = &all};
         assert_int_equal(kiln_backend_run(w->backend, pass, parameters, &batch, &rays, &error), KILN_OK);

@@ -318,25 +318,26 @@ static void points_may_be_left_out(struct kiln_backend *backend, const struct wo
 {
     struct kiln_batch all;
     struct kept some = keeper(w, pass, &all), every = keeper(w, pass, &all);
-    uint64_t *masks = calloc(all.count, sizeof *masks), asked = 0, lit = 0, points = 0;
+    struct kiln_selection *chosen = calloc(all.count, sizeof *chosen);
+    uint64_t asked = 0, lit = 0, points = 0;
     static const char zeros[256];
     for (size_t i = 0; i < all.count; i++)
-        masks[i] = mask_of(i);
+        chosen[i].computed = mask_of(i);
     all.samples = 9;
     const uint64_t every_ray = run(backend, pass, all, &every);
-    all.point_masks = masks;
+    all.selections = chosen;
     const uint64_t rays = run(backend, pass, all, &some);
     for (size_t i = 0; i < all.count; i++)
         for (uint64_t k = 0; k < every.offset[i + 1] - every.offset[i]; k++, points++) {
             const size_t at = (every.offset[i] + k) * pass->result_bytes;
-            const bool is_asked = (masks[i] >> k & 1u) != 0;
+            const bool is_asked = (chosen[i].computed >> k & 1u) != 0;
             const char *expected = is_asked ? every.results + at : zeros;
             assert_memory_equal(some.results + at, expected, pass->result_bytes);
             asked += is_asked;
             lit += is_asked && memcmp(every.results + at, zeros, pass->result_bytes) != 0;
         }
     assert_true(lit > 20 && asked < points / 2 && rays > 0 && rays < every_ray * 2 / 3);
-    free(masks);
+    free(chosen);
     drop(&some);
     drop(&every);
 }
@@ -347,29 +348,30 @@ static void points_may_take_fewer(struct kiln_backend *backend, const struct wor
     enum { SAMPLES = 24 };
     struct kiln_batch all;
     struct kept mixed = keeper(w, pass, &all), many = keeper(w, pass, &all), few = keeper(w, pass, &all);
-    uint64_t *masks = calloc(2 * all.count, sizeof *masks), differ = 0;
-    all.point_masks = masks;
+    struct kiln_selection *chosen = calloc(2 * all.count, sizeof *chosen), *of_few = chosen + all.count;
+    uint64_t differ = 0;
     for (size_t i = 0; i < all.count; i++) {
-        masks[i] = mask_of(i);
-        masks[all.count + i] = i % 3 == 0 ? 0x0101010101010102ull : i % 3 == 1 ? UINT64_MAX : 0;
+        chosen[i].computed = of_few[i].computed = mask_of(i);
+        of_few[i].few = i % 3 == 0 ? 0x0101010101010102ull : i % 3 == 1 ? UINT64_MAX : 0;
     }
     all.samples = SAMPLES;
+    all.selections = chosen;
     const uint64_t many_rays = run(backend, pass, all, &many);
-    all.few_masks = masks + all.count;
+    all.selections = of_few;
     const uint64_t rays = run(backend, pass, all, &mixed);
-    all.few_masks = NULL;
+    all.selections = chosen;
     all.samples = kiln_batch_few(SAMPLES);
     const uint64_t few_rays = run(backend, pass, all, &few);
     for (size_t i = 0; i < all.count; i++)
         for (uint64_t k = 0; k < many.offset[i + 1] - many.offset[i]; k++) {
             const size_t at = (many.offset[i] + k) * pass->result_bytes;
-            const bool is_few = (masks[all.count + i] >> k & 1u) != 0;
+            const bool is_few = (of_few[i].few >> k & 1u) != 0;
             const char *expected = is_few ? few.results + at : many.results + at;
             assert_memory_equal(mixed.results + at, expected, pass->result_bytes);
             differ += is_few && memcmp(many.results + at, expected, pass->result_bytes) != 0;
         }
     assert_true(kiln_batch_few(SAMPLES) == 3 && differ > 10 && rays < many_rays && rays > few_rays);
-    free(masks);
+    free(chosen);
     drop(&mixed);
     drop(&many);
     drop(&few);
@@ -632,7 +634,7 @@ static void wrong_calls_are_refused(void **state)
     struct kiln_error error;
     struct kiln_backend *backend = NULL;
     uint64_t rays = 0;
-    const uint64_t mask = 1;
+    const struct kiln_selection chosen = {.computed = 1};
     build(&w);
     const struct kiln_backend_params params = {
         .scene = &w.fixture->scene, .geometry = w.geometry, .lights = w.lights, .threads = 1};
@@ -663,13 +665,10 @@ static void wrong_calls_are_refused(void **state)
         all.positions = all.positions != NULL ? NULL : w.positions;
         assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);
         all.positions = all.positions != NULL ? NULL : w.positions;
-        all.point_masks = &mask;
+        all.selections = &chosen;
         if (!pass->is_masked)
             assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);
-        all.point_masks = NULL;
-        all.few_masks = &mask;
-        assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);
-        all.few_masks = NULL;
+        all.selections = NULL;
         all.stream = pass->has_streams ? all.stream : 1;
         if (!pass->has_streams)
             assert_int_equal(kiln_backend_run(backend, pass, parameters[i], &all, &rays, &error), KILN_BUG);

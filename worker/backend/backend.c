@@ -136,8 +136,7 @@ static bool is_well_formed(const struct kiln_backend *backend, const struct kiln
     return (parameters != NULL) == (pass->parameter_bytes > 0) && (batch->positions != NULL) == positions &&
            (!surface || backend->surface != NULL) && (!pass->reads_radiosity || backend->given.radiosity != NULL) &&
            (pass->has_streams || batch->stream == 0) && (pass->is_divisible || batch->first_sample == 0) &&
-           (pass->is_masked || batch->point_masks == NULL) &&
-           (batch->few_masks == NULL || (surface && batch->samples > 0 && batch->point_masks != NULL)) &&
+           (batch->selections == NULL || (pass->is_masked && (batch->samples > 0 || !kiln_batch_has_few(batch)))) &&
            (batch->samples_each != NULL ? pass->is_sampled : (batch->samples > 0) == pass->is_sampled);
 }
 
@@ -208,8 +207,8 @@ static int run_mixed(struct kiln_backend *backend, const struct kiln_pass *pass,
 static bool is_claimed(const struct kiln_backend *backend, const struct kiln_pass *pass, const struct kiln_batch *batch)
 {
     const bool mixed = (backend->api->mixed >> pass->index & 1u) != 0;
-    return (backend->api->claims >> pass->index & 1u) != 0 && backend->given.rows == NULL && batch->few_masks == NULL &&
-           (batch->samples_each == NULL || mixed);
+    return (backend->api->claims >> pass->index & 1u) != 0 && backend->given.rows == NULL &&
+           !kiln_batch_has_few(batch) && (batch->samples_each == NULL || mixed);
 }
 
 /* Claims the batch as a whole. */
@@ -234,7 +233,7 @@ int kiln_backend_run(struct kiln_backend *backend, const struct kiln_pass *pass,
                          "this is a bug of kiln: report it",
                          pass->name);
     backend->ran[pass->index] = true;
-    if (batch->few_masks != NULL)
+    if (kiln_batch_has_few(batch))
         return kiln_backend_run_few(backend, pass, parameters, batch, rays, error);
     if (batch->samples_each == NULL)
         return backend->api->run(backend, pass, parameters, batch, rays, error);

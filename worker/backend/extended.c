@@ -111,7 +111,7 @@ int kiln_backend_replay(struct kiln_backend *backend, struct kiln_rows *rows, co
     struct kiln_backend *b = kiln_backend_innermost(backend);
     if (batch->count == 0 || count == 0)
         return KILN_OK;
-    assert(kiln_backend_replays(backend) && batch->few_masks == NULL && count <= KILN_ROW_LIGHTS);
+    assert(kiln_backend_replays(backend) && !kiln_batch_has_few(batch) && count <= KILN_ROW_LIGHTS);
     return extras_of(b)->replay != NULL ? extras_of(b)->replay(b, rows, lights, count, batch, error)
                                         : gone("kept rays that lie in memory are", error);
 }
@@ -131,7 +131,7 @@ int kiln_backend_hold_step(struct kiln_backend *backend, struct kiln_rows *rows,
                            const struct kiln_held_step *step, struct kiln_held_power *powers, struct kiln_error *error)
 {
     struct kiln_backend *b = kiln_backend_innermost(backend);
-    assert(batch->take == NULL && batch->point_masks == NULL && batch->first == 0 &&
+    assert(batch->take == NULL && batch->selections == NULL && batch->first == 0 &&
            batch->count == backend->surface->tile_run_count);
     return extras_of(b)->hold_step != NULL ? extras_of(b)->hold_step(b, rows, batch, step, powers, error)
                                            : gone("light that stayed there is", error);

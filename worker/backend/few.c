@@ -11,9 +11,9 @@ struct few_run {
     const struct kiln_surface *surface;
     size_t bytes; /* of a result */
     /* one an item of the batch */
-    uint64_t *points, *others; /* those that take fewer samples, and those that do not */
-    uint32_t *samples;         /* of `points`; 0: it has none */
-    size_t *place;             /* where its results begin in `kept`; and the end */
+    struct kiln_selection *points, *others; /* those that take fewer samples, and those that do not */
+    uint32_t *samples;                      /* of `points`; 0: it has none */
+    size_t *place;                          /* where its results begin in `kept`; and the end */
     char *kept;
     struct kiln_groups *groups; /* whose light is found besides; NULL: none */
     size_t group_floats;        /* of a point */
@@ -53,11 +53,12 @@ static int divide(struct few_run *r, struct kiln_error *error)
     for (size_t i = 0; i < batch->count; i++) {
         const uint32_t count = r->surface->tile_runs[batch->first + i].count;
         const uint64_t all = count < KILN_TILE_TEXELS ? (1ull << count) - 1 : UINT64_MAX;
-        const uint64_t asked = kiln_batch_leaves_out(batch, batch->first + i) ? 0 : all & batch->point_masks[i];
-        r->points[i] = asked & batch->few_masks[i];
-        r->others[i] = asked & ~batch->few_masks[i];
-        r->place[i + 1] = r->place[i] + (size_t)__builtin_popcountll(r->points[i]);
-        if (r->points[i] != 0)
+        const struct kiln_selection *chosen = &batch->selections[i];
+        const uint64_t asked = kiln_batch_leaves_out(batch, batch->first + i) ? 0 : all & chosen->computed;
+        r->points[i].computed = asked & chosen->few;
+        r->others[i].computed = asked & ~chosen->few;
+        r->place[i + 1] = r->place[i] + (size_t)__builtin_popcountll(r->points[i].computed);
+        if (r->points[i].computed != 0)
             r->samples[i] = kiln_batch_few(batch->samples_each != NULL ? batch->samples_each[i] : batch->samples);
     }
     const int status =
@@ -92,8 +93,8 @@ static int keep(void *context, size_t first, size_t count, const void *results, 
         const size_t item = first + i - r->batch->first;
         const char *of_run = (const char *)results + (runs[i].first.at - runs[0].first.at) * r->bytes;
         char *to = r->kept + r->place[item] * r->bytes;
-        move_groups(r, &runs[i], r->points[item], r->place[item], false);
-        for (uint64_t rest = r->points[item]; rest != 0; rest &= rest - 1, to += r->bytes)
+        move_groups(r, &runs[i], r->points[item].computed, r->place[item], false);
+        for (uint64_t rest = r->points[item].computed; rest != 0; rest &= rest - 1, to += r->bytes)
             memcpy(to, of_run + (size_t)__builtin_ctzll(rest) * r->bytes, r->bytes);
     }
     return KILN_OK;
@@ -115,8 +116,8 @@ static int put_together(void *context, size_t first, size_t count, const void *r
     const char *from = r->kept + r->place[begin] * r->bytes;
     for (size_t i = 0; i < count; i++) {
         char *of_run = r->whole + (runs[i].first.at - runs[0].first.at) * r->bytes;
-        move_groups(r, &runs[i], r->points[begin + i], r->place[begin + i], true);
-        for (uint64_t rest = r->points[begin + i]; rest != 0; rest &= rest - 1, from += r->bytes)
+        move_groups(r, &runs[i], r->points[begin + i].computed, r->place[begin + i], true);
+        for (uint64_t rest = r->points[begin + i].computed; rest != 0; rest &= rest - 1, from += r->bytes)
             memcpy(of_run + (size_t)__builtin_ctzll(rest) * r->bytes, from, r->bytes);
     }
     return r->batch->take(r->batch->context, first, count, r->whole, error);
@@ -126,13 +127,12 @@ static int run_both(struct few_run *r, struct kiln_backend *backend, const struc
                     const void *parameters, uint64_t *rays, struct kiln_error *error)
 {
     struct kiln_batch few = *r->batch, rest = *r->batch;
-    few.few_masks = rest.few_masks = NULL;
-    few.point_masks = r->points;
+    few.selections = r->points;
     few.samples = 0;
     few.samples_each = r->samples;
     few.first_sample = (uint32_t)((uint64_t)few.first_sample * kiln_batch_few(r->batch->samples) / r->batch->samples);
     few.take = keep;
-    rest.point_masks = r->others;
+    rest.selections = r->others;
     rest.take = put_together;
     few.context = rest.context = r;
     const int status =

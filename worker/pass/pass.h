@@ -78,7 +78,7 @@ struct kiln_pass {
     bool is_sampled;        /* it takes kiln_batch.samples; else it has a number of its own, and 0 is given */
     bool has_streams;       /* it tells streams apart; else kiln_batch.stream is 0 */
     bool is_divisible;      /* it takes kiln_batch.first_sample; else that is 0 */
-    bool is_masked;         /* it takes kiln_batch.point_masks; else that is NULL */
+    bool is_masked;         /* it takes kiln_batch.selections; else that is NULL */
     bool reads_radiosity;   /* kiln_backend_set_radiosity must come before it */
     /* In which channels a result lacks radiosity that was absent (worker/scene/radiosity.h): bit 0 red, 1 green, 2
      * blue; 0: none. NULL: the pass does not tell; all radiosity must be there. */
@@ -124,6 +124,12 @@ struct kiln_claims {
     void *context;
 };
 
+/* Points of one tile run: bit k stands for its k-th. */
+struct kiln_selection {
+    uint64_t computed;
+    uint64_t few; /* those of them that have fewer samples than the others (kiln_batch_few) */
+};
+
 /* A range of items and what is done with them. Any length: a backend cuts it up as suits its device. */
 struct kiln_batch {
     size_t first, count; /* items. Tile runs: of the backend's surface. Positions: of all that there are; random numbers
@@ -140,13 +146,10 @@ struct kiln_batch {
      * items have its number of samples. Unless the backend takes any numbers for the pass, kiln_backend_run runs the
      * batch once for each number, and leaves the other items out: a few different numbers run faster. */
     const uint32_t *samples_each;
-    /* NULL: all points of a tile run are computed. Else `count` masks, one a tile run: bit k says that its k-th point
-     * is. Such a point's result is the same bits as without masks; the others' results are all zeros, as those of
-     * points that are not valid. */
-    const uint64_t *point_masks;
-    /* NULL, or with point_masks `count` masks, one a tile run: its points of these have fewer samples than the others
-     * (kiln_batch_few), and the same bits as in a batch of that many. */
-    const uint64_t *few_masks;
+    /* NULL: all points of a tile run are computed. Else `count`, one a tile run. The result of a computed point is the
+     * same bits as without; of one of few samples, as in a batch of that many. The others' results are all zeros, as
+     * those of points that are not valid. */
+    const struct kiln_selection *selections;
     bool may_lack; /* some radiosity is absent: who takes the results looks at them (kiln_pass.lacks) */
     const struct kiln_claims *claims; /* NULL: all items are computed */
     kiln_take_results take;           /* NULL: results are dropped */
@@ -161,10 +164,19 @@ static inline bool kiln_batch_leaves_out(const struct kiln_batch *batch, size_t 
 /* The points of a tile run that are computed: bit k says that its k-th is. */
 static inline uint64_t kiln_batch_points(const struct kiln_batch *batch, size_t item)
 {
-    return batch->point_masks != NULL ? batch->point_masks[item - batch->first] : UINT64_MAX;
+    return batch->selections != NULL ? batch->selections[item - batch->first].computed : UINT64_MAX;
 }
 
-/* The samples of the points of few_masks where others have `samples`: an eighth, two at least. */
+/* Whether some computed points have fewer samples than others. */
+static inline bool kiln_batch_has_few(const struct kiln_batch *batch)
+{
+    size_t i = 0;
+    while (batch->selections != NULL && i < batch->count && batch->selections[i].few == 0)
+        i++;
+    return batch->selections != NULL && i < batch->count;
+}
+
+/* The samples of points of few samples where others have `samples`: an eighth, two at least. */
 static inline uint32_t kiln_batch_few(uint32_t samples)
 {
     return samples >= 16 ? samples / 8 : samples < 2 ? samples : 2;
@@ -190,10 +202,8 @@ static inline struct kiln_batch kiln_batch_part(const struct kiln_batch *batch, 
         part.positions = batch->positions + (first - batch->first);
     if (batch->samples_each != NULL)
         part.samples_each = batch->samples_each + (first - batch->first);
-    if (batch->point_masks != NULL)
-        part.point_masks = batch->point_masks + (first - batch->first);
-    if (batch->few_masks != NULL)
-        part.few_masks = batch->few_masks + (first - batch->first);
+    if (batch->selections != NULL)
+        part.selections = batch->selections + (first - batch->first);
     return part;
 }
 

@@ -416,7 +416,7 @@ static int replay_stretch(const struct kiln_states *st, const struct flock *floc
     struct kiln_backend *backend = st->params->backend;
     struct kiln_rows *rows = kiln_resident_for_backend(st->resident, flock->rows);
     int status = kiln_batches_choose(&batches, flock->of[0]->solution->own, &batch, error);
-    const size_t at_once = batch.few_masks != NULL ? 1 : KILN_ROW_LIGHTS;
+    const size_t at_once = kiln_batch_has_few(&batch) ? 1 : KILN_ROW_LIGHTS;
     for (size_t i = 0; i < flock->count && status == KILN_OK; i += at_once) {
         const uint64_t *lights[KILN_ROW_LIGHTS];
         uint64_t rays = 0;
@@ -424,7 +424,7 @@ static int replay_stretch(const struct kiln_states *st, const struct flock *floc
         batch.context = &shared;
         for (size_t l = 0; l < shared.count; l++)
             lights[l] = shared.of[l]->solution->radiosity;
-        if (batch.few_masks == NULL) {
+        if (!kiln_batch_has_few(&batch)) {
             status = kiln_backend_replay(backend, rows, lights, shared.count, &batch, error);
             continue;
         }

@@ -218,22 +218,8 @@ int kiln_batches_choose(struct kiln_batches *b, const struct kiln_rank_data *dat
                         struct kiln_error *error)
 {
     b->data = data;
-    bool few;
-    if (!kiln_companions_select(b->params->companions, &b->report->step, &few))
-        return KILN_OK;
-    const int status =
-        kiln_grow(&b->masks, &b->mask_room, 2 * batch->count, sizeof *b->masks, "the points of a batch", error);
-    if (status != KILN_OK)
-        return status;
-    for (size_t i = 0; i < batch->count; i++) {
-        const struct kiln_selection selection = kiln_companions_selection(b->params->companions, b->params->settings,
-                                                                          &b->report->step, data, batch->first + i);
-        b->masks[i] = selection.gathers;
-        b->masks[batch->count + i] = selection.few;
-    }
-    batch->point_masks = b->masks;
-    batch->few_masks = few ? b->masks + batch->count : NULL;
-    return KILN_OK;
+    return kiln_companions_choose(b->params->companions, b->params->settings, &b->report->step, data, batch,
+                                  &b->selections, &b->selection_room, error);
 }
 
 /* Number of the next `count` tile runs that a device claims where others may help. */
@@ -335,9 +321,8 @@ static bool is_claimed(const struct kiln_batches *b)
     const struct kiln_step *step = &b->report->step;
     struct kiln_backend_info info;
     kiln_backend_info(b->params->backend, &info);
-    bool few;
     return kiln_backend_claims(&info, step->pass, step->samples_field != NULL) && !is_answered(b) &&
-           !kiln_companions_select(b->params->companions, step, &few) && !b->company->whole_batches;
+           !kiln_companions_select(b->params->companions, step) && !b->company->whole_batches;
 }
 
 static int run_own(struct kiln_batches *b, double *seconds, struct kiln_error *error)
@@ -499,4 +484,4 @@ int kiln_batches_run(struct kiln_batches *b, enum kiln_event *event, struct kiln
                : KILN_OK;
 }
 
-void kiln_batches_release(struct kiln_batches *batches) { kiln_free(&batches->masks); }
+void kiln_batches_release(struct kiln_batches *batches) { kiln_free(&batches->selections); }

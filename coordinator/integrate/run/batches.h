@@ -33,8 +33,8 @@ struct kiln_batches {
     const struct kiln_rank_data *data; /* whose tile runs */
     uint64_t points;                   /* taken so far */
     double taken;                      /* work of these: points, or as many of the mean samples */
-    uint64_t *masks; /* of a step that leaves points out, with room for mask_room; after them those of few samples */
-    size_t mask_room;
+    struct kiln_selection *selections; /* of a step that leaves points out, with room for selection_room */
+    size_t selection_room;
     bool claims;    /* it has all that is left, and claims its tile runs one part after the other */
     size_t claimed; /* own tile runs of it so far */
     double begun;   /* when */
@@ -49,8 +49,8 @@ void kiln_batches_begin(struct kiln_batches *batches, struct kiln_step_report *r
  * KILN_EVENT_FAIL. */
 int kiln_batches_run(struct kiln_batches *batches, enum kiln_event *event, struct kiln_error *error);
 
-/* Fills in which points of the batch's tile runs, which are of `data`, the step under way computes: its masks, which
- * are valid until the next call of any of these. KILN_SYSTEM. */
+/* Fills in which points of the batch's tile runs, which are of `data`, the step under way computes: its selections,
+ * which are valid until the next call of any of these. KILN_SYSTEM. */
 int kiln_batches_choose(struct kiln_batches *batches, const struct kiln_rank_data *data, struct kiln_batch *batch,
                         struct kiln_error *error);
 

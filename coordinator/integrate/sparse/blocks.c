@@ -459,13 +459,12 @@ static void select_points(const struct kiln_integrate_settings *settings, const 
     struct kiln_blocks_draw draw;
     kiln_blocks_draw(&draw, &data->surface, run, data->block + kiln_own_of_global(&data->surface, run->first).at,
                      settings->indirect_scale, settings->seed, step);
-    selection->gathers &= draw.gathers;
+    selection->computed &= draw.gathers;
     selection->few |= draw.few & draw.gathers;
 }
 
 const struct kiln_companion kiln_companion_blocks = {.name = "blocks",
                                                      .by_step = true,
-                                                     .has_few = true,
                                                      .wanted = blocks_wanted,
                                                      .field = "block",
                                                      .find = find,

@@ -253,7 +253,7 @@ static void select_points(const struct kiln_integrate_settings *settings, const 
     const struct kiln_tile_run *run = &data->surface.tile_runs[tile_run];
     (void)settings;
     (void)step;
-    selection->gathers &=
+    selection->computed &=
         kiln_nodes_of(&data->surface, run, data->mixture + kiln_own_of_global(&data->surface, run->first).at);
 }
 

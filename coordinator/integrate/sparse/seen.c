@@ -18,7 +18,7 @@ static void select_points(const struct kiln_integrate_settings *settings, const 
     (void)settings;
     (void)step;
     if (data->seen[tile_run] == 0)
-        selection->gathers = 0;
+        selection->computed = 0;
 }
 
 const struct kiln_companion kiln_companion_seen = {

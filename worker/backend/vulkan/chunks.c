@@ -205,7 +205,7 @@ static bool take_tile_run(struct run *r, uint64_t points, struct flight *flight)
     const struct kiln_batch *batch = r->batch;
     const uint32_t count = r->b->surface->tile_runs[r->next].count;
     const uint32_t asked =
-        batch->point_masks != NULL ? (uint32_t)__builtin_popcountll(kiln_batch_points(batch, r->next)) : count;
+        batch->selections != NULL ? (uint32_t)__builtin_popcountll(kiln_batch_points(batch, r->next)) : count;
     const double share = batch->samples_each == NULL
                              ? 1.0
                              : (double)batch->samples_each[r->next - batch->first] / (double)batch->samples,
@@ -305,7 +305,7 @@ static void describe(const struct run *r, const struct vulkan_block *block, cons
                                          .total = flight->total};
     chunk->buried = chunk->all;
     name_points(&chunk->buried, &block->list, block->buried, r->pass->states ? block->buried_count : 0);
-    if (r->batch->point_masks != NULL) /* threads for the points that are computed alone */
+    if (r->batch->selections != NULL) /* threads for the points that are computed alone */
         name_points(&chunk->all, &block->asked_list, block->asked, block->asked_count);
 }
 

@@ -162,7 +162,7 @@ void vulkan_points_choose(struct vulkan_points *points, const struct kiln_batch 
 {
     forget_states_of(points, points->chosen);
     points->mixed = mixed;
-    points->chosen = batch != NULL && (batch->samples_each != NULL || batch->point_masks != NULL) ? batch : NULL;
+    points->chosen = batch != NULL && (batch->samples_each != NULL || batch->selections != NULL) ? batch : NULL;
     forget_states_of(points, points->chosen);
 }
 
@@ -728,7 +728,7 @@ static int bring_states(struct vulkan_points *p, struct vulkan_block *block, str
     KILN_TRY(gpu_fill(p->gpu, &block->states, 0, states, block->count * sizeof *states, error));
     KILN_TRY(list_points(p, block, states, KILN_GPU_STATE_BURIED, KILN_GPU_STATE_BURIED, &block->buried,
                          &block->buried_count, &block->list, error));
-    if (p->chosen != NULL && p->chosen->point_masks != NULL)
+    if (p->chosen != NULL && p->chosen->selections != NULL)
         KILN_TRY(list_points(p, block, states, KILN_GPU_STATE_VALID, KILN_GPU_STATE_BURIED, &block->asked,
                              &block->asked_count, &block->asked_list, error));
 end:

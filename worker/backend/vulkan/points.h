@@ -17,7 +17,7 @@ struct vulkan_block {
     /* partly buried points, index within the block, ascending; the device's `list` holds the same */
     uint32_t *buried;
     uint32_t buried_count;
-    /* the points that are computed, likewise, of a batch with point_masks; else none */
+    /* the points that are computed, likewise, of a batch with selections; else none */
     struct gpu_buffer asked_list;
     uint32_t *asked;
     uint32_t asked_count;
