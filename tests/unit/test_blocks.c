@@ -118,16 +118,17 @@ static void each_has_its_turn(void **state)
             size[block[k]]++;
         for (uint32_t bounce = 0; bounce < 16; bounce++) {
             const struct kiln_step step = {.stream = bounce};
-            struct kiln_blocks_draw draw, again;
+            struct kiln_sparse draw, again;
             kiln_blocks_draw(&draw, w.surface, run, block, 4, 5, &step);
             kiln_blocks_draw(&again, w.surface, run, block, 4, 5, &step);
-            assert_true(draw.gathers == again.gathers);
+            assert_true(draw.selection.computed == again.selection.computed);
             for (uint32_t k = 0; k < run->count; k++) {
-                assert_int_equal(block[draw.answer[k]], block[k]);
-                assert_true((draw.gathers >> draw.answer[k] & 1u) != 0);
-                turns[k] += (uint32_t)(draw.gathers >> k & 1u);
-                assert_true((draw.few >> k & 1u) == ((draw.gathers >> k & 1u) != 0 && size[block[k]] <= 4));
-                few += draw.few >> k & 1u;
+                assert_int_equal(block[draw.mixture[k].place[0]], block[k]);
+                assert_true((draw.selection.computed >> draw.mixture[k].place[0] & 1u) != 0);
+                turns[k] += (uint32_t)(draw.selection.computed >> k & 1u);
+                assert_true((draw.selection.few >> k & 1u) ==
+                            ((draw.selection.computed >> k & 1u) != 0 && size[block[k]] <= 4));
+                few += draw.selection.few >> k & 1u;
             }
         }
         for (uint32_t k = 0; k < run->count; k++)
@@ -178,17 +179,15 @@ static void points_mix_nodes(void **state)
         assert_int_equal(kiln_nodes_find(w.surface, w.backend, 1, scale, mixtures, NULL), KILN_OK);
         for (size_t f = 0; f < w.surface->tile_run_count; f++) {
             const struct kiln_tile_run *run = &w.surface->tile_runs[f];
-            const uint64_t own = kiln_own_of_global(w.surface, run->first).at,
-                           nodes = kiln_nodes_of(w.surface, run, mixtures + own);
+            struct kiln_sparse drawn;
+            kiln_nodes_draw(&drawn, w.surface, run, mixtures + kiln_own_of_global(w.surface, run->first).at);
+            const uint64_t nodes = drawn.selection.computed;
             if (run->map != 0)
                 continue;
             if (run->tile % 4 != 2)
                 assert_int_equal(__builtin_popcountll(nodes), KILN_TILE_TEXELS / (scale * scale));
-            for (uint32_t k = 0; k < run->count; k++) {
-                struct kiln_mixture m;
-                kiln_mixture_unpack(mixtures[own + k], &m);
-                look_at_mixture(run, k, &m, nodes);
-            }
+            for (uint32_t k = 0; k < run->count; k++)
+                look_at_mixture(run, k, &drawn.mixture[k], nodes);
         }
         free(mixtures);
     }

@@ -4,10 +4,9 @@
 #include <string.h>
 
 #include "coordinator/integrate/companion.h"
-#include "coordinator/integrate/sparse/blocks.h"
 #include "coordinator/integrate/cells/adapt.h"
 #include "coordinator/integrate/cells/cells.h"
-#include "coordinator/integrate/sparse/nodes.h"
+#include "coordinator/integrate/sparse/sparse.h"
 #include "coordinator/integrate/packing.h"
 #include "coordinator/integrate/parts/parts.h"
 #include "worker/pass/guided.h"
@@ -214,9 +213,10 @@ static struct kiln_point_mean combined(const struct kiln_rank_data *data, struct
     return both;
 }
 
-/* ---- blocks ---- */
+/* ---- sparse steps ---- */
 
-/* A block's answer, and what its points come to: m2, and m2 times albedo and times what was sent. */
+/* A computed point's answer, and what the points that mix it come to, by their shares: m2, and m2 times albedo and
+ * times what was sent. */
 struct block {
     struct kiln_point_mean mean;
     double area, albedo[3], sent[3];
@@ -236,7 +236,7 @@ static inline void add_to_block(const struct kiln_taking *t, const struct kiln_s
     }
 }
 
-/* A block's points in the tally as one: they have one answer. */
+/* These points in the tally as one: they have one answer. */
 static void tally_block(const struct kiln_taking *t, const struct block *block, struct kiln_tally *sums,
                         struct kiln_tile_run_tally *tile_run)
 {
@@ -251,49 +251,14 @@ static void tally_block(const struct kiln_taking *t, const struct block *block, 
         kiln_tally_add(&point, &block->mean, t->unit, sums, tile_run);
 }
 
-/* A bounce in which one point of each block has gathered. */
-static void take_blocks(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
-                        const struct kiln_point_result *results, bool counts, struct kiln_tally *sums,
-                        struct kiln_tile_run_tally *tile_run)
+/* Mixes answers of computed points. Their errors may be alike, for they may share directions: they are added as if they
+ * were the same. */
+static struct kiln_point_mean mixed(const struct kiln_mixture *m, const struct block *blocks)
 {
-    const uint32_t tile = tile_hash(t, f);
-    struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
-    struct kiln_blocks_draw draw;
-    struct block blocks[KILN_TILE_TEXELS]; /* at the place of the point that has gathered */
-    kiln_blocks_draw(&draw, &data->surface, f, data->block + own.at, t->settings->indirect_scale, t->settings->seed,
-                     t->step);
-    for (uint64_t rest = draw.gathers; rest != 0; rest &= rest - 1) {
-        const int k = __builtin_ctzll(rest);
-        blocks[k] = (struct block){.mean = kiln_point_mean(&results[k])};
-    }
-    const struct kiln_point_mean none = {.count = 0};
-    uint32_t k = 0;
-    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, k++) {
-        const bool valid = (draw.gathers >> draw.answer[k] & 1u) != 0;
-        struct block *block = &blocks[draw.answer[k]];
-        const struct kiln_point_mean *mean = valid ? &block->mean : &none;
-        float albedo[3], radiosity[3];
-        kiln_point_albedo(&data->surface, own, albedo);
-        for (int c = 0; c < 3; c++)
-            radiosity[c] = albedo[c] * mean->incident[c];
-        if (valid && counts)
-            add_to_block(t, &data->surface, own, albedo, 1.0, block);
-        kiln_cells_enter(t, data, own, mean, radiosity, false);
-        pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest), radiosity);
-    }
-    for (uint64_t rest = counts ? draw.gathers : 0; rest != 0; rest &= rest - 1)
-        tally_block(t, &blocks[__builtin_ctzll(rest)], sums, tile_run);
-}
-
-/* ---- nodes ---- */
-
-/* Mixes the answers of a point's nodes. The errors of nodes that share directions may be alike: they are added as if
- * they were the same. */
-static struct kiln_point_mean mixed(const struct kiln_mixture *m, const struct block *nodes)
-{
-    struct kiln_point_mean mean = {.present = nodes[m->place[0]].mean.present, .count = nodes[m->place[0]].mean.count};
+    struct kiln_point_mean mean = {.present = blocks[m->place[0]].mean.present,
+                                   .count = blocks[m->place[0]].mean.count};
     for (uint32_t i = 0; i < m->count; i++) {
-        const struct kiln_point_mean *from = &nodes[m->place[i]].mean;
+        const struct kiln_point_mean *from = &blocks[m->place[i]].mean;
         const float weight = (float)m->weight[i];
         for (int c = 0; c < 3; c++) {
             mean.irradiance[c] += weight * from->irradiance[c];
@@ -304,32 +269,32 @@ static struct kiln_point_mean mixed(const struct kiln_mixture *m, const struct b
     return mean;
 }
 
-/* A final gather in which nodes have gathered. */
-static void take_nodes(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
-                       const struct kiln_point_result *results, bool counts, struct kiln_tally *sums,
-                       struct kiln_tile_run_tally *tile_run)
+/* A step in which some points have gathered, and the others mix the answers of these. */
+static void take_sparse(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
+                        const struct kiln_point_result *results, bool counts, struct kiln_tally *sums,
+                        struct kiln_tile_run_tally *tile_run)
 {
     const uint32_t tile = tile_hash(t, f);
+    const bool changes = kiln_part_changes(data, f, t->step->part);
     struct kiln_own_point own = kiln_own_of_global(&data->surface, f->first);
-    const uint64_t *mixtures = data->mixture + own.at, nodes = kiln_nodes_of(&data->surface, f, mixtures);
-    struct block blocks[KILN_TILE_TEXELS]; /* at the places of nodes */
+    struct kiln_sparse sparse;
+    struct block blocks[KILN_TILE_TEXELS]; /* at the places of computed points */
+    kiln_sparse_find(&sparse, t->settings, t->step, data, (size_t)(f - data->surface.tile_runs));
     for (uint32_t k = 0; k < f->count; k++)
         blocks[k] = (struct block){.mean = kiln_point_mean(&results[k])};
-    uint32_t k = 0;
-    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, k++) {
-        struct kiln_mixture mixture;
+    const struct kiln_mixture *mixture = sparse.mixture;
+    for (uint64_t rest = f->mask; rest != 0; rest &= rest - 1, own.at++, mixture++) {
+        const struct kiln_point_mean mean = mixed(mixture, blocks);
         float albedo[3], radiosity[3];
-        kiln_mixture_unpack(mixtures[k], &mixture);
-        const struct kiln_point_mean mean = mixed(&mixture, blocks);
         kiln_point_albedo(&data->surface, own, albedo);
         for (int c = 0; c < 3; c++)
             radiosity[c] = albedo[c] * mean.incident[c];
-        for (uint32_t i = 0; counts && i < mixture.count; i++)
-            add_to_block(t, &data->surface, own, albedo, mixture.weight[i], &blocks[mixture.place[i]]);
-        kiln_cells_enter(t, data, own, &mean, radiosity, kiln_part_changes(data, f, t->step->part));
+        for (uint32_t i = 0; counts && i < mixture->count; i++)
+            add_to_block(t, &data->surface, own, albedo, mixture->weight[i], &blocks[mixture->place[i]]);
+        kiln_cells_enter(t, data, own, &mean, radiosity, changes);
         pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest), radiosity);
     }
-    for (uint64_t rest = counts ? nodes : 0; rest != 0; rest &= rest - 1)
+    for (uint64_t rest = counts ? sparse.selection.computed : 0; rest != 0; rest &= rest - 1)
         tally_block(t, &blocks[__builtin_ctzll(rest)], sums, tile_run);
 }
 
@@ -412,15 +377,10 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
     /* what no ray meets takes no light from the scene */
     const bool counts = sums != NULL && (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags &
                                          KILN_OBJECT_RECEIVER_ONLY) == 0;
-    if (kiln_step_has(t->step, KILN_WITH(blocks))) {
-        take_blocks(t, data, f, results, counts, sums, tile_run);
-        return;
-    }
-    if (kiln_step_has(t->step, KILN_WITH(nodes))) {
-        take_nodes(t, data, f, results, counts, sums, tile_run);
-        return;
-    }
-    take_points(t, data, f, results, second ? &share : NULL, counts, sums, tile_run);
+    if (kiln_step_is_sparse(t->step))
+        take_sparse(t, data, f, results, counts, sums, tile_run);
+    else
+        take_points(t, data, f, results, second ? &share : NULL, counts, sums, tile_run);
 }
 
 void kiln_cells_pack_sum(const struct kiln_rank_data *own_data)

@@ -1,5 +1,4 @@
 #include "coordinator/integrate/sparse/blocks.h"
-#include "coordinator/integrate/companion.h"
 
 #include <math.h>
 #include <string.h>
@@ -413,15 +412,15 @@ static uint32_t turn_of(const struct kiln_tile_run *run, uint32_t first, uint32_
     return (uint32_t)((uint64_t)(start + kiln_reverse_bits(step->stream)) * count >> 32);
 }
 
-void kiln_blocks_draw(struct kiln_blocks_draw *draw, const struct kiln_surface *surface,
-                      const struct kiln_tile_run *run, const uint16_t *block, uint32_t scale, uint64_t seed,
-                      const struct kiln_step *step)
+void kiln_blocks_draw(struct kiln_sparse *sparse, const struct kiln_surface *surface, const struct kiln_tile_run *run,
+                      const uint16_t *block, uint32_t scale, uint64_t seed, const struct kiln_step *step)
 {
     const uint32_t small = scale * scale / SMALL_PART;
     const struct kiln_own_point own = kiln_own_of_global(surface, run->first);
     uint8_t count[KILN_TILE_TEXELS] = {0}, chosen[KILN_TILE_TEXELS] = {0}, turn[KILN_TILE_TEXELS] = {0};
     uint32_t k = 0;
-    draw->gathers = draw->few = 0;
+    struct kiln_selection *selection = &sparse->selection;
+    *selection = (struct kiln_selection){0};
     for (k = 0; k < run->count; k++)
         count[block[k]]++;
     k = 0;
@@ -432,40 +431,12 @@ void kiln_blocks_draw(struct kiln_blocks_draw *draw, const struct kiln_surface *
         if (turn[first]-- == 0) {
             chosen[first] = (uint8_t)k;
             if (kiln_point_valid(surface, (struct kiln_own_point){own.at + k}))
-                draw->gathers |= 1ull << k;
+                selection->computed |= 1ull << k;
             if (count[first] <= small)
-                draw->few |= 1ull << k;
+                selection->few |= 1ull << k;
         }
     }
-    draw->few &= draw->gathers;
+    selection->few &= selection->computed;
     for (k = 0; k < run->count; k++)
-        draw->answer[k] = chosen[block[k]];
+        sparse->mixture[k] = (struct kiln_mixture){1, {chosen[block[k]]}, {1.0}};
 }
-
-/* ---- blocks as a companion of integration steps (coordinator/integrate/companion.h) ---- */
-
-static bool blocks_wanted(const struct kiln_integrate_params *params) { return params->settings->indirect_scale > 1; }
-
-static int find(const struct kiln_integrate_params *params, const struct kiln_rank_data *data, struct kiln_error *error)
-{
-    return kiln_blocks_find(&data->surface, params->backend, params->threads, params->settings->indirect_scale,
-                            data->block, NULL, error);
-}
-
-static void select_points(const struct kiln_integrate_settings *settings, const struct kiln_step *step,
-                          const struct kiln_rank_data *data, size_t tile_run, struct kiln_selection *selection)
-{
-    const struct kiln_tile_run *run = &data->surface.tile_runs[tile_run];
-    struct kiln_blocks_draw draw;
-    kiln_blocks_draw(&draw, &data->surface, run, data->block + kiln_own_of_global(&data->surface, run->first).at,
-                     settings->indirect_scale, settings->seed, step);
-    selection->computed &= draw.gathers;
-    selection->few |= draw.few & draw.gathers;
-}
-
-const struct kiln_companion kiln_companion_blocks = {.name = "blocks",
-                                                     .by_step = true,
-                                                     .wanted = blocks_wanted,
-                                                     .field = "block",
-                                                     .find = find,
-                                                     .select = select_points};

@@ -25,8 +25,7 @@
 #ifndef KILN_COORDINATOR_INTEGRATE_SPARSE_BLOCKS_H
 #define KILN_COORDINATOR_INTEGRATE_SPARSE_BLOCKS_H
 
-#include "coordinator/integrate/step.h"
-#include "worker/backend/backend.h"
+#include "coordinator/integrate/sparse/sparse.h"
 
 /* Finds the blocks of all points of the surface: block[i] is the place, within its tile run, of the first point of the
  * block that own point i is of. `links`: NULL, or 1 an own point; that of a block's first point says which blocks of
@@ -40,15 +39,9 @@ int kiln_blocks_find(const struct kiln_surface *surface, struct kiln_backend *ba
  * that of the tile run's first point. */
 void kiln_block_corners(const struct kiln_tile_run *tile_run, const uint16_t *block, uint8_t corner[KILN_TILE_TEXELS]);
 
-/* Which points of a tile run gather in a step. */
-struct kiln_blocks_draw {
-    uint64_t gathers;                 /* bit k: its k-th point does; none that is not valid */
-    uint64_t few;                     /* likewise of these, those whose block is small */
-    uint8_t answer[KILN_TILE_TEXELS]; /* of its k-th point: the place of the point whose answer it takes */
-};
-
-/* `block` is that of the tile run's first point; `scale` as for kiln_blocks_find. Pure. */
-void kiln_blocks_draw(struct kiln_blocks_draw *draw, const struct kiln_surface *surface,
+/* Which points of a tile run gather in a step, and whose answer each takes. `block` is that of the tile run's first
+ * point; `scale` as for kiln_blocks_find. Pure. */
+void kiln_blocks_draw(struct kiln_sparse *sparse, const struct kiln_surface *surface,
                       const struct kiln_tile_run *tile_run, const uint16_t *block, uint32_t scale, uint64_t seed,
                       const struct kiln_step *step);
 

@@ -3,7 +3,6 @@
 #include <math.h>
 
 #include "coordinator/integrate/sparse/blocks.h"
-#include "coordinator/integrate/companion.h"
 #include "worker/base/memory.h"
 
 /* A packed mixture has 16 bits a node: its place and its weight, in steps that add up to WEIGHTS. */
@@ -15,7 +14,7 @@ static const double RIDGE = 1e-3;
 
 static uint64_t pack(const struct kiln_mixture *m)
 {
-    uint32_t steps[KILN_NODES_OF_POINT] = {0}, sum = 0, most = 0;
+    uint32_t steps[KILN_MIXED_MOST] = {0}, sum = 0, most = 0;
     uint64_t packed = 0;
     for (uint32_t i = 0; i < m->count; i++) {
         steps[i] = (uint32_t)(m->weight[i] * WEIGHTS);
@@ -28,7 +27,7 @@ static uint64_t pack(const struct kiln_mixture *m)
     return packed;
 }
 
-void kiln_mixture_unpack(uint64_t packed, struct kiln_mixture *mixture)
+static void unpack(uint64_t packed, struct kiln_mixture *mixture)
 {
     mixture->count = 0;
     for (; packed != 0; packed >>= NODE_BITS) {
@@ -42,14 +41,16 @@ void kiln_mixture_unpack(uint64_t packed, struct kiln_mixture *mixture)
 
 static uint64_t alone(uint32_t place) { return place | (uint64_t)WEIGHTS << PLACE_BITS; }
 
-uint64_t kiln_nodes_of(const struct kiln_surface *surface, const struct kiln_tile_run *run, const uint64_t *mixtures)
+void kiln_nodes_draw(struct kiln_sparse *sparse, const struct kiln_surface *surface, const struct kiln_tile_run *run,
+                     const uint64_t *mixtures)
 {
     struct kiln_own_point own = kiln_own_of_global(surface, run->first);
-    uint64_t nodes = 0;
-    for (uint32_t k = 0; k < run->count; k++, own.at++)
+    sparse->selection = (struct kiln_selection){0};
+    for (uint32_t k = 0; k < run->count; k++, own.at++) {
+        unpack(mixtures[k], &sparse->mixture[k]);
         if (mixtures[k] == alone(k) && kiln_point_valid(surface, own))
-            nodes |= 1ull << k;
-    return nodes;
+            sparse->selection.computed |= 1ull << k;
+    }
 }
 
 /* ---- mixtures ---- */
@@ -141,11 +142,11 @@ static void choose(const struct tile *t, uint32_t p, struct kiln_mixture *m)
     m->count = 0;
     for (; nodes != 0; nodes &= nodes - 1) {
         const uint8_t node = (uint8_t)__builtin_ctzll(nodes);
-        uint32_t i = m->count < KILN_NODES_OF_POINT ? m->count++ : KILN_NODES_OF_POINT;
+        uint32_t i = m->count < KILN_MIXED_MOST ? m->count++ : KILN_MIXED_MOST;
         for (; i > 0 && away(t, m->place[i - 1], p) > away(t, node, p); i--)
-            if (i < KILN_NODES_OF_POINT)
+            if (i < KILN_MIXED_MOST)
                 m->place[i] = m->place[i - 1];
-        if (i < KILN_NODES_OF_POINT)
+        if (i < KILN_MIXED_MOST)
             m->place[i] = node;
     }
 }
@@ -155,7 +156,7 @@ static void choose(const struct tile *t, uint32_t p, struct kiln_mixture *m)
 static void weigh(const struct tile *t, uint32_t p, struct kiln_mixture *m)
 {
     double x = 0.0, y = 0.0, xx = RIDGE, xy = 0.0, yy = RIDGE;
-    double weight[KILN_NODES_OF_POINT], dx[KILN_NODES_OF_POINT], dy[KILN_NODES_OF_POINT];
+    double weight[KILN_MIXED_MOST], dx[KILN_MIXED_MOST], dy[KILN_MIXED_MOST];
     for (uint32_t i = 0; i < m->count; i++) {
         weight[i] = 1.0 / away(t, m->place[i], p);
         dx[i] = (double)(t->at[m->place[i]][0] - t->at[p][0]);
@@ -236,30 +237,3 @@ int kiln_nodes_find(const struct kiln_surface *surface, struct kiln_backend *bac
     kiln_free(&block);
     return status;
 }
-
-/* ---- the companion ---- */
-
-static bool nodes_wanted(const struct kiln_integrate_params *params) { return params->settings->final_scale > 1; }
-
-static int find(const struct kiln_integrate_params *params, const struct kiln_rank_data *data, struct kiln_error *error)
-{
-    return kiln_nodes_find(&data->surface, params->backend, params->threads, params->settings->final_scale,
-                           data->mixture, error);
-}
-
-static void select_points(const struct kiln_integrate_settings *settings, const struct kiln_step *step,
-                          const struct kiln_rank_data *data, size_t tile_run, struct kiln_selection *selection)
-{
-    const struct kiln_tile_run *run = &data->surface.tile_runs[tile_run];
-    (void)settings;
-    (void)step;
-    selection->computed &=
-        kiln_nodes_of(&data->surface, run, data->mixture + kiln_own_of_global(&data->surface, run->first).at);
-}
-
-const struct kiln_companion kiln_companion_nodes = {.name = "nodes",
-                                                    .by_step = true,
-                                                    .wanted = nodes_wanted,
-                                                    .field = "mixture",
-                                                    .find = find,
-                                                    .select = select_points};

@@ -19,26 +19,16 @@
 #ifndef KILN_COORDINATOR_INTEGRATE_SPARSE_NODES_H
 #define KILN_COORDINATOR_INTEGRATE_SPARSE_NODES_H
 
-#include "worker/backend/backend.h"
-
-enum { KILN_NODES_OF_POINT = 4 };
-
-/* Nodes that a point mixes: places within its tile run, with weights of sum 1. */
-struct kiln_mixture {
-    uint32_t count;
-    uint8_t place[KILN_NODES_OF_POINT];
-    double weight[KILN_NODES_OF_POINT];
-};
+#include "coordinator/integrate/sparse/sparse.h"
 
 /* The mixtures of all points of the surface, packed: 1 own point each. `scale`: a power of two, 2 to KILN_TILE_SIDE
  * / 2. `backend` as for kiln_blocks_find. Not collective. KILN_SYSTEM, KILN_NO_DEVICE. */
 int kiln_nodes_find(const struct kiln_surface *surface, struct kiln_backend *backend, uint32_t threads, uint32_t scale,
                     uint64_t *mixtures, struct kiln_error *error);
 
-void kiln_mixture_unpack(uint64_t packed, struct kiln_mixture *mixture);
-
-/* Which points of a tile run are nodes, and valid: bit k says that its k-th is. `mixtures`: of its first point on. */
-uint64_t kiln_nodes_of(const struct kiln_surface *surface, const struct kiln_tile_run *tile_run,
-                       const uint64_t *mixtures);
+/* Which points of a tile run gather: its nodes that are valid; and what each mixes. `mixtures`: of its first point on.
+ * Pure. */
+void kiln_nodes_draw(struct kiln_sparse *sparse, const struct kiln_surface *surface,
+                     const struct kiln_tile_run *tile_run, const uint64_t *mixtures);
 
 #endif
