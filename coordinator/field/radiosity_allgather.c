@@ -201,7 +201,7 @@ static int tell_lanes(struct kiln_radiosity_allgather *x, struct kiln_error *err
     int status = KILN_OK;
     for (size_t i = 0; i < x->lane_count && status == KILN_OK; i++) {
         struct lane *lane = &x->lanes[i];
-        status = kiln_reach_tell(x->reach, lane->communicator, lane->ranges, &lane->asked, error);
+        status = kiln_reach_tell(x->reach, lane->communicator, x->params.limit, lane->ranges, &lane->asked, error);
     }
     return kiln_agree(x->params.communicator, status, error);
 }

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/exchange.h"
 #include "worker/base/memory.h"
 
 int kiln_reach_create(struct kiln_reach **reach, const uint64_t *first, uint64_t count, struct kiln_error *error)
@@ -56,69 +57,33 @@ void kiln_reach_replace(uint8_t *states, uint64_t count, enum kiln_reach_state f
 
 /* ---- telling ---- */
 
-/* The members of a lane, and how much each tells and is told. */
-struct telling {
-    int members;
-    int *sent, *sent_at, *told, *told_at;
-};
-
-static void telling_release(struct telling *t)
-{
-    kiln_free(&t->sent);
-    kiln_free(&t->sent_at);
-    kiln_free(&t->told);
-    kiln_free(&t->told_at);
-}
-
-static int telling_create(struct telling *t, int members, struct kiln_error *error)
-{
-    const size_t count = (size_t)members;
-    int **arrays[] = {&t->sent, &t->sent_at, &t->told, &t->told_at};
-    int status = KILN_OK;
-    t->members = members;
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays && status == KILN_OK; i++)
-        status = kiln_allocate(arrays[i], count, sizeof **arrays, "what nodes want of each other", error);
-    return status;
-}
-
 /* Each member is sent the states of its units, which are a part of all; and sends those of this rank's. */
-static void set_counts(const struct kiln_reach *r, const uint64_t *ranges, uint64_t own, struct telling *t)
+static void set_counts(const struct kiln_reach *r, const uint64_t *ranges, uint64_t own, struct kiln_exchange *e)
 {
-    for (int m = 0; m < t->members; m++) {
+    for (int m = 0; m < e->ranks; m++) {
         const struct kiln_reach_units theirs = kiln_reach_units(r, ranges[2 * m], ranges[2 * m + 1]);
-        t->sent[m] = (int)(theirs.end - theirs.begin);
-        t->sent_at[m] = (int)theirs.begin;
-        t->told[m] = (int)own;
-        t->told_at[m] = (int)((uint64_t)m * own);
+        e->sent[m] = theirs.end - theirs.begin;
+        e->sent_at[m] = theirs.begin;
+        e->got[m] = own;
+        e->got_at[m] = (uint64_t)m * own;
     }
 }
 
-int kiln_reach_tell(const struct kiln_reach *r, MPI_Comm lane, const uint64_t *ranges, struct kiln_reach_asked *asked,
-                    struct kiln_error *error)
+int kiln_reach_tell(const struct kiln_reach *r, MPI_Comm lane, uint64_t limit, const uint64_t *ranges,
+                    struct kiln_reach_asked *asked, struct kiln_error *error)
 {
-    struct telling t = {0};
-    int self, members;
-    (void)MPI_Comm_rank(lane, &self);
-    (void)MPI_Comm_size(lane, &members);
+    const char *what = "what nodes want of each other";
+    struct kiln_exchange e;
     kiln_free(&asked->states);
-    asked->units = kiln_reach_units(r, ranges[2 * self], ranges[2 * self + 1]);
-    const uint64_t own = asked->units.end - asked->units.begin;
     int status;
-    KILN_TRY(telling_create(&t, members, error));
-    if (r->count > INT32_MAX || own * (uint64_t)members > INT32_MAX)
-        KILN_TRY(kiln_fail(error, KILN_SYSTEM,
-                           "%llu patches are too many to keep count of what nodes see: give --exchange-points all",
-                           (unsigned long long)r->count));
-    KILN_TRY(kiln_allocate(&asked->states, (size_t)own * (size_t)members, sizeof *asked->states,
-                           "what nodes want of each other", error));
+    KILN_TRY(kiln_exchange_create(&e, lane, limit, what, error));
+    asked->units = kiln_reach_units(r, ranges[2 * e.rank], ranges[2 * e.rank + 1]);
+    const uint64_t own = asked->units.end - asked->units.begin;
+    set_counts(r, ranges, own, &e);
+    status = kiln_allocate(&asked->states, own * (uint64_t)e.ranks, sizeof *asked->states, what, error);
+    status = kiln_exchange_send(&e, status, sizeof *asked->states, r->states, asked->states, error);
 end:
-    status = kiln_agree(lane, status, error);
-    if (status == KILN_OK) {
-        set_counts(r, ranges, own, &t);
-        (void)MPI_Alltoallv(r->states, t.sent, t.sent_at, MPI_UINT8_T, asked->states, t.told, t.told_at, MPI_UINT8_T,
-                            lane);
-    }
-    telling_release(&t);
+    kiln_exchange_release(&e);
     return status;
 }
 

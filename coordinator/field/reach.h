@@ -37,9 +37,9 @@ struct kiln_reach_asked {
 int kiln_reach_create(struct kiln_reach **reach, const uint64_t *first, uint64_t count, struct kiln_error *error);
 void kiln_reach_destroy(struct kiln_reach **reach);
 
-/* Collective on the lane: its members tell each other what they want. `ranges`: of each member its first point and
- * number of points. Frees what `asked` had. KILN_SYSTEM on all members. */
-int kiln_reach_tell(const struct kiln_reach *reach, MPI_Comm lane, const uint64_t *ranges,
+/* Collective on the lane: its members tell each other what they want. `limit`: of a message (mpi/exchange.h). `ranges`:
+ * of each member its first point and number of points. Frees what `asked` had. KILN_SYSTEM on all members. */
+int kiln_reach_tell(const struct kiln_reach *reach, MPI_Comm lane, uint64_t limit, const uint64_t *ranges,
                     struct kiln_reach_asked *asked, struct kiln_error *error);
 
 /* Makes a type of MPI of the values of the points [begin, end) whose unit's state is in `mask` (bits 1 << state), in an

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/exchange.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 #include "worker/scene/footprint.h"
@@ -278,21 +279,17 @@ static void sort_pairs(struct kiln_sight *s)
 /* Who is told what, in the order of ranks. A rank is told pairs in ascending order, as differences to the one before, 7
  * bits a byte, the lowest first; the highest bit of a byte says that more follow. */
 struct mirror {
-    int ranks;
-    uint64_t *bounds;                   /* ranks + 1: first point of each rank */
-    uint64_t *last;                     /* the pair that each rank was told last */
-    int *sent, *sent_at, *got, *got_at; /* bytes */
-    uint8_t *out, *in;                  /* out NULL: bytes are only counted */
+    struct kiln_exchange exchange; /* of bytes */
+    uint64_t *bounds;              /* ranks + 1: first point of each rank */
+    uint64_t *last;                /* the pair that each rank was told last */
+    uint8_t *out, *in;             /* out NULL: bytes are only counted */
 };
 
 static void mirror_release(struct mirror *m)
 {
     kiln_free(&m->bounds);
     kiln_free(&m->last);
-    kiln_free(&m->sent);
-    kiln_free(&m->sent_at);
-    kiln_free(&m->got);
-    kiln_free(&m->got_at);
+    kiln_exchange_release(&m->exchange);
     kiln_free(&m->out);
     kiln_free(&m->in);
 }
@@ -302,13 +299,11 @@ static int mirror_create(struct mirror *m, const struct kiln_integrate_params *p
 {
     const char *what = "the visibility grid";
     const size_t ranks = (size_t)p->ranks;
-    int **arrays[] = {&m->sent, &m->sent_at, &m->got, &m->got_at};
-    int status = kiln_allocate(&m->bounds, ranks + 1, sizeof *m->bounds, what, error);
-    m->ranks = p->ranks;
+    int status = kiln_exchange_create(&m->exchange, p->communicator, p->settings->exchange_limit, what, error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&m->bounds, ranks + 1, sizeof *m->bounds, what, error);
     if (status == KILN_OK)
         status = kiln_allocate(&m->last, ranks, sizeof *m->last, what, error);
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays && status == KILN_OK; i++)
-        status = kiln_allocate(arrays[i], ranks, sizeof **arrays, what, error);
     status = kiln_agree(p->communicator, status, error);
     if (status != KILN_OK)
         return status;
@@ -319,12 +314,13 @@ static int mirror_create(struct mirror *m, const struct kiln_integrate_params *p
 
 static void put(struct mirror *m, int rank, uint64_t pair)
 {
+    struct kiln_exchange *e = &m->exchange;
     uint64_t rest = pair - m->last[rank];
     m->last[rank] = pair;
     do {
         if (m->out != NULL)
-            m->out[m->sent_at[rank] + m->sent[rank]] = (uint8_t)(rest & 127u) | (rest > 127u ? 128u : 0u);
-        m->sent[rank]++;
+            m->out[e->sent_at[rank] + e->sent[rank]] = (uint8_t)(rest & 127u) | (rest > 127u ? 128u : 0u);
+        e->sent[rank]++;
         rest >>= 7;
     } while (rest > 0);
 }
@@ -333,7 +329,8 @@ static void put(struct mirror *m, int rank, uint64_t pair)
 static void tell(const struct kiln_sight *s, struct mirror *m, int own, uint64_t pair)
 {
     const uint64_t begin = s->first[pair >> 32], end = s->first[(pair >> 32) + 1];
-    int low = 0, high = m->ranks;
+    const int ranks = m->exchange.ranks;
+    int low = 0, high = ranks;
     while (low + 1 < high) { /* the last rank that begins at or before it */
         const int middle = low + (high - low) / 2;
         if (m->bounds[middle] <= begin)
@@ -341,48 +338,37 @@ static void tell(const struct kiln_sight *s, struct mirror *m, int own, uint64_t
         else
             high = middle;
     }
-    for (int r = low; r < m->ranks && m->bounds[r] < end; r++)
+    for (int r = low; r < ranks && m->bounds[r] < end; r++)
         if (r != own && m->bounds[r + 1] > begin)
             put(m, r, pair);
 }
 
 static void tell_all(const struct kiln_sight *s, struct mirror *m, int own)
 {
-    memset(m->last, 0, (size_t)m->ranks * sizeof *m->last);
-    memset(m->sent, 0, (size_t)m->ranks * sizeof *m->sent);
+    memset(m->last, 0, (size_t)m->exchange.ranks * sizeof *m->last);
+    memset(m->exchange.sent, 0, (size_t)m->exchange.ranks * sizeof *m->exchange.sent);
     for (size_t i = 0; i < s->pair_count; i++)
         tell(s, m, own, s->pairs[i]);
 }
 
-/* Collective. Counts both ways, and makes room. */
-static int make_room(const struct kiln_integrate_params *p, struct mirror *m, struct kiln_error *error)
+/* Collective. Tells all pairs, and receives those of others. */
+static int tell_each_other(struct look *l, struct mirror *m, struct kiln_error *error)
 {
-    uint64_t sent = 0, got = 0;
-    (void)MPI_Alltoall(m->sent, 1, MPI_INT, m->got, 1, MPI_INT, p->communicator);
-    for (int r = 0; r < m->ranks; r++) {
-        m->sent_at[r] = (int)sent;
-        m->got_at[r] = (int)got;
-        sent += (uint64_t)m->sent[r];
-        got += (uint64_t)m->got[r];
-    }
-    int status;
-    KILN_TRY(sent > INT32_MAX || got > INT32_MAX
-                 ? kiln_fail(error, KILN_SYSTEM,
-                             "the visibility grid is too large: a rank has %llu bytes of pairs of cells; give "
-                             "larger cells with --cell-size, more ranks, or --exchange-points all",
-                             (unsigned long long)(sent > got ? sent : got))
-                 : KILN_OK);
-    KILN_TRY(kiln_allocate(&m->out, (size_t)sent, sizeof *m->out, "the visibility grid", error));
-    KILN_TRY(kiln_allocate(&m->in, (size_t)got, sizeof *m->in, "the visibility grid", error));
-end:
-    return kiln_agree(p->communicator, status, error);
+    struct kiln_sight *s = l->sight;
+    tell_all(s, m, l->params->rank);
+    kiln_exchange_lay_out(&m->exchange);
+    const int status = kiln_allocate(&m->out, m->exchange.sent_all, sizeof *m->out, "the visibility grid", error);
+    if (status == KILN_OK)
+        tell_all(s, m, l->params->rank);
+    s->sent += m->exchange.sent_all;
+    return kiln_exchange_all(&m->exchange, status, sizeof *m->out, m->out, &m->in, error);
 }
 
 /* Adds what a rank has told. */
 static int hear(struct look *l, const struct mirror *m, int rank, struct kiln_error *error)
 {
     int status = KILN_OK;
-    const uint8_t *at = m->in + m->got_at[rank], *end = at + m->got[rank];
+    const uint8_t *at = m->in + m->exchange.got_at[rank], *end = at + m->exchange.got[rank];
     for (uint64_t pair = 0; at < end && status == KILN_OK;) {
         uint64_t more = 0;
         uint32_t shift = 0;
@@ -412,16 +398,8 @@ static int mirror(struct look *l, struct kiln_error *error)
     struct mirror m = {0};
     int status = mirror_create(&m, p, error);
     turn_pairs(s);
-    if (status == KILN_OK) {
-        tell_all(s, &m, p->rank);
-        status = make_room(p, &m, error);
-    }
-    if (status == KILN_OK) {
-        tell_all(s, &m, p->rank);
-        (void)MPI_Alltoallv(m.out, m.sent, m.sent_at, MPI_UINT8_T, m.in, m.got, m.got_at, MPI_UINT8_T, p->communicator);
-        for (int r = 0; r < m.ranks; r++)
-            s->sent += (uint64_t)m.sent[r];
-    }
+    if (status == KILN_OK)
+        status = tell_each_other(l, &m, error);
     const size_t own = s->pair_count;
     for (size_t i = 0; i < own && status == KILN_OK; i++) {
         const uint64_t seen = s->pairs[i] >> 32, by = s->pairs[i] & UINT32_MAX;
@@ -429,7 +407,7 @@ static int mirror(struct look *l, struct kiln_error *error)
         if (s->first[seen] >= end || s->first[seen + 1] <= begin)
             s->pairs[i] = by << 32 | seen; /* the other way round it belongs to others */
     }
-    for (int r = 0; r < m.ranks && status == KILN_OK; r++)
+    for (int r = 0; r < m.exchange.ranks && status == KILN_OK; r++)
         status = hear(l, &m, r, error);
     mirror_release(&m);
     return kiln_agree(p->communicator, status, error);
