@@ -151,7 +151,7 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
         find_lit(l);
     if (status == KILN_OK)
         status = kiln_land_exchange_create(&l->exchange, l->params->communicator, l->params->node, own->first.at,
-                                           own->count, most_of_block(l), error);
+                                           own->count, most_of_block(l), l->params->settings->exchange_limit, error);
     l->landing_weights = (struct kiln_landing_weights){
         .mis = l->techniques.mis, .rays = (double)kiln_landing_own_rays(l), .area = l->lit};
     l->solution->report.landing.rays = kiln_landing_gathers(l) ? kiln_landing_own_rays(l) : 0;

@@ -66,16 +66,16 @@ static void number_stretches(struct kiln_land_exchange *e, bool shared)
 }
 
 int kiln_land_exchange_create(struct kiln_land_exchange *e, MPI_Comm communicator, struct kiln_node_memory *node,
-                              uint64_t first, uint64_t count, uint64_t paths, struct kiln_error *error)
+                              uint64_t first, uint64_t count, uint64_t paths, uint64_t limit, struct kiln_error *error)
 {
     *e = (struct kiln_land_exchange){.communicator = communicator, .threads = 1};
     (void)MPI_Comm_rank(communicator, &e->rank);
     (void)MPI_Comm_size(communicator, &e->ranks);
-    int status = kiln_allocate(&e->first, (size_t)e->ranks + 1, sizeof *e->first, "the ranks' points", error);
+    int status = kiln_exchange_create(&e->exchange, communicator, limit, "the landings of light paths", error);
+    if (status == KILN_OK)
+        status = kiln_allocate(&e->first, (size_t)e->ranks + 1, sizeof *e->first, "the ranks' points", error);
     if (status == KILN_OK)
         status = kiln_allocate(&e->stretch, (size_t)e->ranks + 1, sizeof *e->stretch, "the ranks' points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&e->counts, 4 * (size_t)e->ranks, sizeof *e->counts, "the ranks' landings", error);
     if (status == KILN_OK && count > UINT32_MAX)
         status = kiln_fail(error, KILN_USAGE,
                            "light paths land on %llu surface points of a rank, which may have %u at most: bake on more "
@@ -101,7 +101,7 @@ void kiln_land_exchange_release(struct kiln_land_exchange *e)
     kiln_node_parts_destroy(&e->parts);
     kiln_free(&e->first);
     kiln_free(&e->stretch);
-    kiln_free(&e->counts);
+    kiln_exchange_release(&e->exchange);
     kiln_free(&e->bin_of);
     kiln_free(&e->sent);
     kiln_bins_release(&e->sorted);
@@ -148,15 +148,14 @@ struct kiln_landing_record *kiln_land_exchange_put(struct kiln_land_exchange *e,
 /* Not collective. Puts the records side by side that go to a rank, and fills in how many they are. */
 static int sort_by_rank(struct kiln_land_exchange *e, struct kiln_error *error)
 {
-    int *sent = e->counts, *sent_from = sent + e->ranks;
     int status = kiln_bins_sort(&e->sorted, e->bin_of, e->count, (size_t)e->ranks, e->threads, error);
     if (status == KILN_OK)
         status = kiln_grow(&e->sent, &e->sent_room, e->count, sizeof *e->sent, "the landings of light paths", error);
     if (status != KILN_OK)
         return status;
     for (int r = 0; r < e->ranks; r++) {
-        sent_from[r] = (int)e->sorted.begin[r];
-        sent[r] = (int)e->sorted.begin[r + 1] - sent_from[r];
+        e->exchange.sent_at[r] = e->sorted.begin[r];
+        e->exchange.sent[r] = e->sorted.begin[r + 1] - e->sorted.begin[r];
     }
 #pragma omp parallel for num_threads((int)e->threads) schedule(static) if (e->count > FEW)
     for (size_t i = 0; i < e->count; i++)
@@ -167,27 +166,14 @@ static int sort_by_rank(struct kiln_land_exchange *e, struct kiln_error *error)
 /* Collective. The records become those on own points. */
 static int exchange(struct kiln_land_exchange *e, struct kiln_error *error)
 {
-    int *sent = e->counts, *sent_from = sent + e->ranks, *got = sent_from + e->ranks, *got_at = got + e->ranks;
-    MPI_Datatype type;
-    size_t all = 0;
-    int status = kiln_agree(e->communicator, sort_by_rank(e, error), error);
+    int status = kiln_exchange_count(&e->exchange, sort_by_rank(e, error), error);
     if (status != KILN_OK)
         return status;
-    (void)MPI_Alltoall(sent, 1, MPI_INT, got, 1, MPI_INT, e->communicator);
-    for (int r = 0; r < e->ranks; r++) {
-        got_at[r] = (int)all;
-        all += (size_t)got[r];
-    }
     e->count = 0;
-    status = kiln_agree(e->communicator, kiln_land_exchange_grow(e, all, error), error);
-    if (status != KILN_OK)
-        return status;
-    e->count = all;
-    (void)MPI_Type_contiguous((int)sizeof *e->records, MPI_BYTE, &type);
-    (void)MPI_Type_commit(&type);
-    (void)MPI_Alltoallv(e->sent, sent, sent_from, type, e->records, got, got_at, type, e->communicator);
-    (void)MPI_Type_free(&type);
-    return KILN_OK;
+    status = kiln_land_exchange_grow(e, e->exchange.got_all, error);
+    status = kiln_exchange_send(&e->exchange, status, sizeof *e->records, e->sent, e->records, error);
+    e->count = status == KILN_OK ? e->exchange.got_all : 0;
+    return status;
 }
 
 /* ---- onto points ---- */

@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "coordinator/integrate/land/bins.h"
+#include "coordinator/mpi/exchange.h"
 #include "coordinator/mpi/node_memory.h"
 #include "worker/base/status.h"
 #include "worker/pass/caustic_weights.h"
@@ -42,7 +43,7 @@ struct kiln_land_exchange {
     int rank, ranks;
     uint64_t *first;                     /* ranks + 1 */
     uint64_t *stretch;                   /* ranks + 1: number of the first stretch of a rank's points among all */
-    int *counts;                         /* 4 x ranks: records sent to each rank, their places, and the same received */
+    struct kiln_exchange exchange;       /* of records that are sent */
     struct kiln_node_memory *node;       /* of all ranks, */
     struct kiln_node_parts *parts;       /* and their parts in their order; NULL: records are sent */
     struct kiln_landing_record *records; /* of the block, in the order of their paths; lie in the own part */
@@ -86,10 +87,10 @@ typedef void (*kiln_take_landings)(void *context, const struct kiln_landing_list
 
 /* Collective. This rank has the points [first, first + count), ranks in order; a block has `paths` at most, of which
  * each rank has an equal part. `node`: of which the rank is; where all ranks are of it they share memory for their
- * records, unless there is none. NULL: they do not. KILN_SYSTEM; KILN_USAGE on all ranks where one has 2^32 points or
- * more. Release with kiln_land_exchange_release, in any case. */
+ * records, unless there is none. NULL: they do not. `limit`: of a message (mpi/exchange.h). KILN_SYSTEM; KILN_USAGE on
+ * all ranks where one has 2^32 points or more. Release with kiln_land_exchange_release, in any case. */
 int kiln_land_exchange_create(struct kiln_land_exchange *exchange, MPI_Comm communicator, struct kiln_node_memory *node,
-                              uint64_t first, uint64_t count, uint64_t paths, struct kiln_error *error);
+                              uint64_t first, uint64_t count, uint64_t paths, uint64_t limit, struct kiln_error *error);
 void kiln_land_exchange_release(struct kiln_land_exchange *exchange);
 
 /* Makes room for so many records more; in a block no more than this rank's part has paths. KILN_SYSTEM. */

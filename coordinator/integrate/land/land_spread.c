@@ -86,7 +86,8 @@ static int begin_merging(struct kiln_landing *l, struct kiln_error *error)
                                              .surface = &l->solution->own->surface,
                                              .lit = l->lit,
                                              .widest = widest,
-                                             .threads = p->threads};
+                                             .threads = p->threads,
+                                             .limit = p->settings->exchange_limit};
     if (status == KILN_OK)
         status = kiln_merge_create(&l->merge, &params, error);
     kiln_free(&widest);

@@ -8,6 +8,7 @@
 #include "coordinator/integrate/energy.h"
 #include "coordinator/integrate/land/merge_near.h"
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/exchange.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 #include "worker/scene/footprint.h"
@@ -52,11 +53,9 @@ struct kiln_merge {
     struct weights *weights, *next; /* next: of own points */
     bool fitted;                    /* places are as wide as their radius is, which has been fitted */
     struct kiln_merge_grid *grid;   /* of `places` */
-    /* the exchange: own points that each rank gets, one rank after the other, and their numbers and places; the same
-     * of what comes */
-    uint32_t *sent;
+    struct kiln_exchange exchange;  /* of records of points; own ones stay where they are */
+    uint32_t *sent;                 /* own points that each rank gets, one rank after the other */
     size_t sent_count;
-    int *counts;           /* 4 x ranks */
     struct flux *outgoing; /* or weights */
 };
 
@@ -80,7 +79,7 @@ void kiln_merge_destroy(struct kiln_merge **merge)
         return;
     forget_others(m);
     kiln_free(&m->own);
-    kiln_free(&m->counts);
+    kiln_exchange_release(&m->exchange);
     kiln_free(merge);
 }
 
@@ -179,36 +178,49 @@ static int list_sent(struct kiln_merge *m, struct box *boxes, struct kiln_error 
                 return status;
             m->sent[m->sent_count++] = (uint32_t)i;
         }
-        m->counts[r] = (int)(m->sent_count - before);
-        m->counts[m->ranks + r] = (int)before;
+        m->exchange.sent[r] = m->sent_count - before;
+        m->exchange.sent_at[r] = before;
     }
     return KILN_OK;
 }
 
-/* Collective. Sends records of `size` bytes of the listed own points to other ranks; what comes goes around the own
- * ones. */
-static void exchange(const struct kiln_merge *m, size_t size, const void *outgoing, void *all)
+/* Collective. How many points come from each rank, and where among all they go: around the own ones. */
+static int count_received(struct kiln_merge *m, int status, struct kiln_error *error)
 {
-    const int *sent = m->counts, *got = sent + 2 * m->ranks;
-    MPI_Datatype type;
-    (void)MPI_Type_contiguous((int)size, MPI_BYTE, &type);
-    (void)MPI_Type_commit(&type);
-    (void)MPI_Alltoallv(outgoing, sent, sent + m->ranks, type, all, got, got + m->ranks, type, m->communicator);
-    (void)MPI_Type_free(&type);
+    status = kiln_exchange_count(&m->exchange, status, error);
+    if (status != KILN_OK)
+        return status;
+    m->own_first = m->exchange.got_at[m->rank];
+    m->count = m->exchange.got_all + m->own_count;
+    for (int r = m->rank + 1; r < m->ranks; r++)
+        m->exchange.got_at[r] += m->own_count;
+    return KILN_OK;
 }
 
-/* Collective. How many points come from each rank, and where among all they go. */
-static void count_received(struct kiln_merge *m)
+/* Lists what goes to other ranks. `boxes`: of all ranks. */
+static int pack_places(struct kiln_merge *m, struct box *boxes, struct kiln_merge_place **outgoing,
+                       struct kiln_error *error)
 {
-    int *got = m->counts + 2 * m->ranks, *places = got + m->ranks;
-    (void)MPI_Alltoall(m->counts, 1, MPI_INT, got, 1, MPI_INT, m->communicator);
-    m->count = 0;
-    for (int r = 0; r < m->ranks; r++) {
-        places[r] = (int)m->count;
-        if (r == m->rank)
-            m->own_first = m->count;
-        m->count += r == m->rank ? m->own_count : (size_t)got[r];
-    }
+    int status;
+    KILN_TRY(list_sent(m, boxes, error));
+    KILN_TRY(kiln_allocate(outgoing, m->sent_count, sizeof **outgoing, "points for other ranks", error));
+    KILN_TRY(kiln_allocate(&m->outgoing, m->sent_count, sizeof *m->outgoing, "light for other ranks", error));
+    for (size_t i = 0; i < m->sent_count; i++)
+        (*outgoing)[i] = m->own[m->sent[i]];
+end:
+    return status;
+}
+
+static int make_room(struct kiln_merge *m, struct kiln_error *error)
+{
+    int status;
+    KILN_TRY(kiln_allocate(&m->places, m->count, sizeof *m->places, "the points that are merged", error));
+    KILN_TRY(kiln_allocate(&m->fluxes, m->count, sizeof *m->fluxes, "the light that is merged", error));
+    KILN_TRY(kiln_allocate(&m->weights, m->count, sizeof *m->weights, "the weights of points", error));
+    KILN_TRY(kiln_allocate(&m->next, m->own_count, sizeof *m->next, "the weights of points", error));
+    memcpy(m->places + m->own_first, m->own, m->own_count * sizeof *m->own);
+end:
+    return status;
 }
 
 /* Collective. Own points and those of other ranks near them. */
@@ -217,35 +229,14 @@ static int gather_places(struct kiln_merge *m, struct kiln_error *error)
     struct kiln_merge_place *outgoing = NULL;
     struct box *boxes = NULL;
     int status = kiln_allocate(&boxes, (size_t)m->ranks * BOXES, sizeof *boxes, "the boxes of ranks", error);
-    status = kiln_agree(m->communicator, status, error);
-    if (status == KILN_OK) {
-        find_boxes(m->own, m->own_count, boxes + (size_t)m->rank * BOXES);
-        (void)MPI_Allgather(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, boxes, (int)(BOXES * sizeof *boxes), MPI_BYTE,
-                            m->communicator);
-        status = list_sent(m, boxes, error);
-        if (status == KILN_OK)
-            status = kiln_allocate(&outgoing, m->sent_count, sizeof *outgoing, "points for other ranks", error);
-        if (status == KILN_OK)
-            status = kiln_allocate(&m->outgoing, m->sent_count, sizeof *m->outgoing, "light for other ranks", error);
-        status = kiln_agree(m->communicator, status, error);
-    }
-    if (status == KILN_OK) {
-        count_received(m);
-        status = kiln_allocate(&m->places, m->count, sizeof *m->places, "the points that are merged", error);
-        if (status == KILN_OK)
-            status = kiln_allocate(&m->fluxes, m->count, sizeof *m->fluxes, "the light that is merged", error);
-        if (status == KILN_OK)
-            status = kiln_allocate(&m->weights, m->count, sizeof *m->weights, "the weights of points", error);
-        if (status == KILN_OK)
-            status = kiln_allocate(&m->next, m->own_count, sizeof *m->next, "the weights of points", error);
-        status = kiln_agree(m->communicator, status, error);
-    }
-    if (status == KILN_OK) {
-        for (size_t i = 0; i < m->sent_count; i++)
-            outgoing[i] = m->own[m->sent[i]];
-        memcpy(m->places + m->own_first, m->own, m->own_count * sizeof *m->own);
-        exchange(m, sizeof *outgoing, outgoing, m->places);
-    }
+    KILN_TRY(kiln_agree(m->communicator, status, error));
+    find_boxes(m->own, m->own_count, boxes + (size_t)m->rank * BOXES);
+    (void)MPI_Allgather(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, boxes, (int)(BOXES * sizeof *boxes), MPI_BYTE,
+                        m->communicator);
+    KILN_TRY(count_received(m, pack_places(m, boxes, &outgoing, error), error));
+    status = make_room(m, error);
+    status = kiln_exchange_send(&m->exchange, status, sizeof *outgoing, outgoing, m->places, error);
+end:
     kiln_free(&outgoing);
     kiln_free(&boxes);
     return status;
@@ -253,22 +244,19 @@ static int gather_places(struct kiln_merge *m, struct kiln_error *error)
 
 int kiln_merge_create(struct kiln_merge **merge, const struct kiln_merge_params *p, struct kiln_error *error)
 {
+    const char *what = "the points that are merged";
     struct kiln_merge *m = NULL;
     int status = kiln_allocate(&m, 1, sizeof *m, "the merging of light", error);
     *merge = m;
-    if (status == KILN_OK) {
-        *m =
-            (struct kiln_merge){.communicator = p->communicator, .threads = p->threads, .own_count = p->surface->count};
-        (void)MPI_Comm_rank(p->communicator, &m->rank);
-        (void)MPI_Comm_size(p->communicator, &m->ranks);
-        status = kiln_allocate(&m->counts, 4 * (size_t)m->ranks, sizeof *m->counts, "the ranks' points", error);
-    }
-    if (status == KILN_OK)
-        status = kiln_allocate(&m->own, m->own_count, sizeof *m->own, "the points that are merged", error);
-    status = kiln_agree(p->communicator, status, error);
-    if (status == KILN_OK)
-        find_places(p, m->own);
-    else
+    KILN_TRY(kiln_agree(p->communicator, status, error));
+    *m = (struct kiln_merge){.communicator = p->communicator, .threads = p->threads, .own_count = p->surface->count};
+    (void)MPI_Comm_rank(p->communicator, &m->rank);
+    (void)MPI_Comm_size(p->communicator, &m->ranks);
+    KILN_TRY(kiln_exchange_create(&m->exchange, p->communicator, p->limit, what, error));
+    KILN_TRY(kiln_agree(p->communicator, kiln_allocate(&m->own, m->own_count, sizeof *m->own, what, error), error));
+    find_places(p, m->own);
+end:
+    if (status != KILN_OK)
         kiln_merge_destroy(merge);
     return status;
 }
@@ -346,14 +334,14 @@ static void sum_weights(const struct kiln_merge *m, size_t at, float radius, con
     *next = (struct weights){own->s, (float)((double)own->s * all), own->s_half, (float)((double)own->s_half * half)};
 }
 
-/* Collective. Own weights become `next`, and those of other ranks' points theirs. */
-static void take_weights(struct kiln_merge *m)
+/* Collective. Own weights become `next`, and those of other ranks' points theirs. `status` is agreed on before. */
+static int take_weights(struct kiln_merge *m, int status, struct kiln_error *error)
 {
     struct weights *outgoing = (struct weights *)(void *)m->outgoing;
     memcpy(m->weights + m->own_first, m->next, m->own_count * sizeof *m->next);
     for (size_t i = 0; i < m->sent_count; i++)
         outgoing[i] = m->next[m->sent[i]];
-    exchange(m, sizeof *outgoing, outgoing, m->weights);
+    return kiln_exchange_send(&m->exchange, status, sizeof *outgoing, outgoing, m->weights, error);
 }
 
 /* Collective. */
@@ -372,9 +360,7 @@ static int find_weights(struct kiln_merge *m, float radius, int balancings, stru
             w->s = w->c > 0.0f ? w->s / sqrtf(w->c) : 0.0f;
             w->s_half = w->c_half > 0.0f ? w->s_half / sqrtf(w->c_half) : 0.0f;
         }
-        status = kiln_agree(m->communicator, status, error);
-        if (status == KILN_OK)
-            take_weights(m);
+        status = take_weights(m, status, error);
     }
     return status;
 }
@@ -420,7 +406,7 @@ static void collect(const struct kiln_merge *m, size_t at, float radius, const s
 }
 
 /* Collective. What landed at own points, and at those of other ranks. */
-static void take_fluxes(struct kiln_merge *m, const struct kiln_landing_sum *landed)
+static int take_fluxes(struct kiln_merge *m, const struct kiln_landing_sum *landed, struct kiln_error *error)
 {
 #pragma omp parallel for num_threads((int)m->threads) schedule(static)
     for (size_t i = 0; i < m->own_count; i++) {
@@ -434,7 +420,7 @@ static void take_fluxes(struct kiln_merge *m, const struct kiln_landing_sum *lan
     }
     for (size_t i = 0; i < m->sent_count; i++)
         m->outgoing[i] = m->fluxes[m->own_first + m->sent[i]];
-    exchange(m, sizeof *m->outgoing, m->outgoing, m->fluxes);
+    return kiln_exchange_send(&m->exchange, KILN_OK, sizeof *m->outgoing, m->outgoing, m->fluxes, error);
 }
 
 /* Collective. */
@@ -442,12 +428,12 @@ static int spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, d
                   struct kiln_merged *merged, struct kiln_error *error)
 {
     const float now = fminf((float)radius, m->radius);
-    int status = find_weights(m, now, balancings, error);
-    if (status != KILN_OK)
-        return status;
-    take_fluxes(m, landed);
-    status = for_all(m, now, collect, merged, error);
-    return kiln_agree(m->communicator, status, error);
+    int status;
+    KILN_TRY(find_weights(m, now, balancings, error));
+    KILN_TRY(take_fluxes(m, landed, error));
+    KILN_TRY(kiln_agree(m->communicator, for_all(m, now, collect, merged, error), error));
+end:
+    return status;
 }
 
 int kiln_merge_spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, double radius,
@@ -536,13 +522,16 @@ static void fit_point(const struct kiln_merge *m, size_t at, float largest, cons
     fit->radii[at - m->own_first] = radii[choose_step(rings, fit->landings)];
 }
 
-/* Collective. Makes all points as wide as their radius is. `radii`: of all, of which own ones are known. */
-static int take_radii(struct kiln_merge *m, float *radii, struct kiln_error *error)
+/* Collective. Makes all points as wide as their radius is. `radii`: of all, of which own ones are known where `status`
+ * is KILN_OK. */
+static int take_radii(struct kiln_merge *m, int status, float *radii, struct kiln_error *error)
 {
     float *outgoing = (float *)(void *)m->outgoing;
     for (size_t i = 0; i < m->sent_count; i++)
         outgoing[i] = radii[m->own_first + m->sent[i]];
-    exchange(m, sizeof *outgoing, outgoing, radii);
+    status = kiln_exchange_send(&m->exchange, status, sizeof *outgoing, outgoing, radii, error);
+    if (status != KILN_OK)
+        return status;
     for (size_t i = 0; i < m->count; i++)
         m->places[i].widest = radii[i];
     m->fitted = true;
@@ -559,14 +548,12 @@ int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, 
     int status = m->fitted ? kiln_merge_set_radius(m, (double)m->radius, error) : KILN_OK;
     if (status == KILN_OK)
         status = kiln_allocate(&radii, m->count, sizeof *radii, "the radii of points", error);
-    status = kiln_agree(m->communicator, status, error);
-    if (status == KILN_OK) {
-        fit.radii = radii + m->own_first;
-        take_fluxes(m, landed);
-        status = for_all(m, m->radius, fit_point, &fit, error);
-        const int taken = take_radii(m, radii, error);
-        status = kiln_agree(m->communicator, status == KILN_OK ? taken : status, error);
-    }
+    KILN_TRY(kiln_agree(m->communicator, status, error));
+    fit.radii = radii + m->own_first;
+    KILN_TRY(take_fluxes(m, landed, error));
+    status = for_all(m, m->radius, fit_point, &fit, error);
+    KILN_TRY(kiln_agree(m->communicator, take_radii(m, status, radii, error), error));
+end:
     kiln_free(&radii);
     return status;
 }

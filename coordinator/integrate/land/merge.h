@@ -56,6 +56,7 @@ struct kiln_merge_params {
     /* m, a lightmap: how far light of its points is spread at most, alike on all ranks; NULL: as far as the radius */
     const float *widest;
     uint32_t threads;
+    uint64_t limit; /* of a message (mpi/exchange.h) */
 };
 
 /* Collective. Has no radius yet. KILN_SYSTEM. Copies what it needs. Destroy with kiln_merge_destroy, which is not
