@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/exchange.h"
 #include "worker/base/memory.h"
 
 enum { ROUND_BYTES = 32 << 20 };
@@ -123,84 +124,23 @@ static int allgather(void *context, int status, const void *own, size_t count, s
 
 /* ---- exchange between pairs of ranks ---- */
 
-struct pair_messages {
-    uint64_t *sent, *received; /* number of records to and from each rank */
-    int ranks;
-    char *arrived; /* received records, in the order of ranks */
-    uint64_t total;
-    MPI_Request *requests;
-    size_t request_count;
-};
-
-/* Number of messages for the records that one rank sends to another. */
-static size_t messages(uint64_t records, size_t at_once) { return (size_t)((records + at_once - 1) / at_once); }
-
-static int plan_pair_messages(struct pair_messages *p, const struct kiln_surface_meeting *m, const size_t *counts,
-                              size_t size, struct kiln_error *error)
-{
-    const char *what = "the records that ranks exchange about the surface";
-    size_t needed = 0;
-    (void)MPI_Comm_size(m->communicator, &p->ranks);
-    const size_t ranks = (size_t)p->ranks;
-    int status = kiln_allocate(&p->sent, ranks, sizeof *p->sent, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&p->received, ranks, sizeof *p->received, what, error);
-    status = kiln_agree(m->communicator, status, error);
-    if (status != KILN_OK)
-        return status;
-    for (size_t i = 0; i < ranks; i++)
-        p->sent[i] = counts[i];
-    (void)MPI_Alltoall(p->sent, 1, MPI_UINT64_T, p->received, 1, MPI_UINT64_T, m->communicator);
-    for (size_t i = 0; i < ranks; i++) {
-        p->total += p->received[i];
-        needed += messages(p->sent[i], records_at_once(m, size)) + messages(p->received[i], records_at_once(m, size));
-    }
-    status = kiln_allocate(&p->arrived, p->total, size, what, error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&p->requests, needed, sizeof(MPI_Request), what, error);
-    return kiln_agree(m->communicator, status, error);
-}
-
-/* Starts to receive or, with `out`, to send the records between this rank and each other one. Messages between two
- * ranks keep their order. */
-static void start(struct pair_messages *p, const struct kiln_surface_meeting *m, const uint64_t *counts, size_t size,
-                  const char *out)
-{
-    const size_t at_once = records_at_once(m, size);
-    size_t place = 0;
-    for (int r = 0; r < p->ranks; r++) {
-        for (uint64_t done = 0; done < counts[r];) {
-            const uint64_t piece = counts[r] - done < at_once ? counts[r] - done : at_once;
-            MPI_Request *request = &p->requests[p->request_count++];
-            if (out == NULL)
-                (void)MPI_Irecv(p->arrived + place, (int)(piece * size), MPI_BYTE, r, 0, m->communicator, request);
-            else
-                (void)MPI_Isend(out + place, (int)(piece * size), MPI_BYTE, r, 0, m->communicator, request);
-            done += piece;
-            place += piece * size;
-        }
-    }
-}
-
 static int alltoall(void *context, int status, const void *own, const size_t *counts, size_t size,
                     kiln_surface_taker take, void *taker, struct kiln_error *error)
 {
     const struct kiln_surface_meeting *m = context;
-    struct pair_messages p = {0};
-    status = kiln_agree(m->communicator, status, error);
-    if (status == KILN_OK)
-        status = plan_pair_messages(&p, m, counts, size, error);
-    if (status == KILN_OK) {
-        start(&p, m, p.received, size, NULL);
-        start(&p, m, p.sent, size, own);
-        for (size_t i = 0; i < p.request_count; i++)
-            (void)MPI_Wait(&p.requests[i], MPI_STATUS_IGNORE);
-        take(taker, p.arrived, p.total);
-    }
-    kiln_free(&p.sent);
-    kiln_free(&p.received);
-    kiln_free(&p.arrived);
-    kiln_free(&p.requests);
+    struct kiln_exchange e = {0};
+    char *arrived = NULL;
+    KILN_TRY(kiln_agree(m->communicator, status, error));
+    KILN_TRY(kiln_exchange_create(&e, m->communicator, records_at_once(m, size),
+                                  "the records that ranks exchange about the surface", error));
+    for (int r = 0; r < e.ranks; r++)
+        e.sent[r] = counts[r];
+    kiln_exchange_lay_out(&e);
+    KILN_TRY(kiln_exchange_all(&e, KILN_OK, size, own, &arrived, error));
+    take(taker, arrived, e.got_all);
+end:
+    kiln_exchange_release(&e);
+    kiln_free(&arrived);
     return status;
 }
 
