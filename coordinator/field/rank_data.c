@@ -350,13 +350,13 @@ static int redistribute_life(struct kiln_node_data *d, const struct redistributi
 {
     struct kiln_node_parts *parts = d->parts[life];
     d->parts[life] = NULL;
-    const int status = kiln_agree(r->communicator, make_somewhere(d, life, error), error);
+    int status = kiln_agree(r->communicator, make_somewhere(d, life, error), error);
     for (size_t i = 0; i < d->fields.count && status == KILN_OK; i++) {
         const struct kiln_field *field = d->fields.entry[i].field;
         if (field->life == life && field->length == KILN_FIELD_EACH)
-            kiln_redistribute(r->communicator, r->before->of[field->domain], r->after->of[field->domain],
-                              kiln_field_size(field), r->limit, kiln_rank_field(old, &d->fields, i),
-                              kiln_rank_field(&d->data[d->own], &d->fields, i));
+            status = kiln_redistribute(r->communicator, r->before->of[field->domain], r->after->of[field->domain],
+                                       kiln_field_size(field), r->limit, kiln_rank_field(old, &d->fields, i),
+                                       kiln_rank_field(&d->data[d->own], &d->fields, i), error);
     }
     if (parts != NULL)
         kiln_node_parts_destroy(&parts);

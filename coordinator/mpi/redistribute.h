@@ -9,11 +9,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "worker/base/status.h"
+
 /* Collective over `communicator`. Rank r has its range by the bounds `before` at `from` and receives its range by the
  * bounds `after` at `to`, which must not overlap `from`. An element has `size` bytes. A message has at most `limit`
- * elements (0: the largest count that MPI takes), so ranges may be longer than INT_MAX. Only ranks whose old and new
- * ranges intersect exchange messages. */
-void kiln_redistribute(MPI_Comm communicator, const uint64_t *before, const uint64_t *after, size_t size,
-                       uint64_t limit, const void *from, void *to);
+ * elements (exchange.h), so ranges may be longer than INT_MAX. Only ranks whose old and new ranges intersect exchange
+ * messages. KILN_SYSTEM on all ranks. */
+int kiln_redistribute(MPI_Comm communicator, const uint64_t *before, const uint64_t *after, size_t size, uint64_t limit,
+                      const void *from, void *to, struct kiln_error *error);
 
 #endif

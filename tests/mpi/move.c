@@ -26,7 +26,8 @@ static int try_cuts(int rank, const uint64_t *before, const uint64_t *after, uin
     memset(to, 0xff, sizeof to);
     for (uint64_t i = before[rank]; i < before[rank + 1]; i++)
         from[i - before[rank]] = element_of(i);
-    kiln_redistribute(MPI_COMM_WORLD, before, after, sizeof *from, limit, from, to);
+    if (kiln_redistribute(MPI_COMM_WORLD, before, after, sizeof *from, limit, from, to, NULL) != KILN_OK)
+        return 1;
     for (uint64_t i = after[rank]; i < after[rank + 1]; i++) {
         const struct element wanted = element_of(i);
         if (memcmp(&to[i - after[rank]], &wanted, sizeof wanted) != 0) {
