@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/exchange.h"
 #include "coordinator/output/exr_strips.h"
 #include "coordinator/output/image.h"
 #include "worker/base/memory.h"
@@ -279,59 +280,6 @@ static int list_wanted(const struct kiln_map *map, const uint32_t *nearest, stru
     return status;
 }
 
-/* Counts and places of messages to and from each rank. */
-struct exchange {
-    int *out_counts, *out_starts, *in_counts, *in_starts;
-    size_t in;
-    uint32_t *asked;                  /* texels that other ranks want */
-    uint32_t *out_values, *in_values; /* their chart and planes, and those of what is wanted: as bits */
-    MPI_Datatype type;
-};
-
-static int begin_exchange(struct exchange *e, const struct kiln_map *map, const struct wanted *w,
-                          struct kiln_error *error)
-{
-    int **arrays[] = {&e->out_counts, &e->out_starts, &e->in_counts, &e->in_starts};
-    const size_t ranks = map->bands->ranks;
-    int status = KILN_OK;
-    if (w->count > INT_MAX)
-        KILN_TRY(kiln_fail(error, KILN_SYSTEM, "too many texels of other bands for one message"));
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
-        KILN_TRY(kiln_allocate(arrays[i], ranks, sizeof(int), "texels of other bands", error));
-    if (MPI_Type_contiguous(1 + (int)map->has->count, MPI_UINT32_T, &e->type) != MPI_SUCCESS ||
-        MPI_Type_commit(&e->type) != MPI_SUCCESS)
-        KILN_TRY(mpi_failed(error));
-end:
-    if ((status = kiln_bands_agree(map, status, error)) != KILN_OK)
-        return status;
-    for (size_t i = 0; i < w->count; i++)
-        e->out_counts[kiln_bands_rank(map->height, map->bands->ranks, w->texels[i] / map->width)]++;
-    if (MPI_Alltoall(e->out_counts, 1, MPI_INT, e->in_counts, 1, MPI_INT, map->bands->comm) != MPI_SUCCESS)
-        return mpi_failed(error);
-    for (size_t r = 0, out = 0; r < ranks; r++) {
-        e->out_starts[r] = (int)out;
-        e->in_starts[r] = (int)e->in;
-        out += (size_t)e->out_counts[r];
-        e->in += (size_t)e->in_counts[r];
-    }
-    if (e->in > INT_MAX)
-        return kiln_fail(error, KILN_SYSTEM, "too many texels of a band are wanted by others for one message");
-    return KILN_OK;
-}
-
-static void end_exchange(struct exchange *e)
-{
-    if (e->type != MPI_DATATYPE_NULL)
-        (void)MPI_Type_free(&e->type);
-    kiln_free(&e->out_counts);
-    kiln_free(&e->out_starts);
-    kiln_free(&e->in_counts);
-    kiln_free(&e->in_starts);
-    kiln_free(&e->asked);
-    kiln_free(&e->out_values);
-    kiln_free(&e->in_values);
-}
-
 static void pack_texel(const struct kiln_map *map, uint32_t texel, uint32_t *values)
 {
     values[0] = map->chart[texel];
@@ -346,42 +294,44 @@ static void take_texel(struct kiln_map *map, uint32_t texel, const uint32_t *val
         memcpy(&map->planes[p][texel], &values[1 + p], sizeof *values);
 }
 
-static int exchange(struct exchange *e, struct kiln_map *map, const struct wanted *w, struct kiln_error *error)
+/* Collective. Asks the ranks that have them for the texels, and takes their answers. */
+static int ask(struct kiln_exchange *e, struct kiln_map *map, const struct wanted *w, struct kiln_error *error)
 {
-    const MPI_Comm comm = map->bands->comm;
     const size_t numbers = 1 + map->has->count;
-    int status;
-    KILN_TRY(kiln_allocate(&e->asked, e->in, sizeof *e->asked, "texels of other bands", error));
-    KILN_TRY(kiln_allocate(&e->in_values, e->in * numbers, sizeof *e->in_values, "texels of other bands", error));
-    KILN_TRY(kiln_allocate(&e->out_values, w->count * numbers, sizeof *e->out_values, "texels of other bands", error));
-end:
-    if ((status = kiln_bands_agree(map, status, error)) != KILN_OK)
-        return status;
-    if (MPI_Alltoallv(w->texels, e->out_counts, e->out_starts, MPI_UINT32_T, e->asked, e->in_counts, e->in_starts,
-                      MPI_UINT32_T, comm) != MPI_SUCCESS)
-        return mpi_failed(error);
-    for (size_t i = 0; i < e->in; i++)
-        pack_texel(map, e->asked[i], e->in_values + i * numbers);
-    if (MPI_Alltoallv(e->in_values, e->in_counts, e->in_starts, e->type, e->out_values, e->out_counts, e->out_starts,
-                      e->type, comm) != MPI_SUCCESS)
-        return mpi_failed(error);
+    uint32_t *asked = NULL, *answers = NULL, *values = NULL; /* chart and planes: as bits */
     for (size_t i = 0; i < w->count; i++)
-        take_texel(map, w->texels[i], e->out_values + i * numbers);
-    return KILN_OK;
+        e->sent[kiln_bands_rank(map->height, map->bands->ranks, w->texels[i] / map->width)]++;
+    kiln_exchange_lay_out(e);
+    int status;
+    KILN_TRY(kiln_exchange_all(e, KILN_OK, sizeof *asked, w->texels, &asked, error));
+    status = kiln_allocate(&answers, e->got_all * numbers, sizeof *answers, e->what, error);
+    for (size_t i = 0; i < e->got_all && status == KILN_OK; i++)
+        pack_texel(map, asked[i], answers + i * numbers);
+    if (status == KILN_OK)
+        status = kiln_allocate(&values, w->count * numbers, sizeof *values, e->what, error);
+    kiln_exchange_turn(e);
+    KILN_TRY(kiln_exchange_send(e, status, numbers * sizeof *values, answers, values, error));
+    for (size_t i = 0; i < w->count; i++)
+        take_texel(map, w->texels[i], values + i * numbers);
+end:
+    kiln_free(&asked);
+    kiln_free(&answers);
+    kiln_free(&values);
+    return status;
 }
 
 int kiln_bands_fetch(struct kiln_map *map, const uint32_t *nearest, struct kiln_error *error)
 {
     struct wanted wanted = {0};
-    struct exchange e = {.type = MPI_DATATYPE_NULL};
+    struct kiln_exchange e = {0};
     if (map->bands == NULL)
         return KILN_OK;
     int status;
     KILN_TRY(kiln_bands_agree(map, list_wanted(map, nearest, &wanted, error), error));
-    KILN_TRY(kiln_bands_agree(map, begin_exchange(&e, map, &wanted, error), error));
-    KILN_TRY(kiln_bands_agree(map, exchange(&e, map, &wanted, error), error));
+    KILN_TRY(kiln_exchange_create(&e, map->bands->comm, 0, "texels of other bands", error));
+    KILN_TRY(ask(&e, map, &wanted, error));
 end:
-    end_exchange(&e);
+    kiln_exchange_release(&e);
     kiln_free(&wanted.texels);
     return status;
 }

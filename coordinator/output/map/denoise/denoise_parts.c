@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/exchange.h"
 #include "coordinator/output/map/bands/bands.h"
 #include "coordinator/output/map/bands/slices.h"
 #include "worker/base/memory.h"
@@ -54,8 +55,8 @@ struct kiln_parts_way {
     int slices;         /* of own points */
     size_t (*sent)[2];  /* of each slice and rank: records, and own ones; then where its next ones go */
     unsigned char *out, *in;
-    int *out_counts, *out_starts, *in_counts, *in_starts;
-    int *own_out, *own_out_starts, *own_in, *own_in_starts; /* of these, own ones */
+    int *counts, *starts;                 /* of what each rank shares with all */
+    struct kiln_exchange everything, own; /* records that are sent; those of them that are own where they come */
 };
 
 static int mpi_failed(struct kiln_error *error)
@@ -237,16 +238,15 @@ static int share_cubes(struct kiln_parts_way *w, const struct kiln_bands *bands,
     const int mine = w->here.count < INT_MAX ? (int)w->here.count : -1;
     MPI_Datatype type = MPI_DATATYPE_NULL;
     size_t total = 0;
-    if (MPI_Allgather(&mine, 1, MPI_INT, w->in_counts, 1, MPI_INT, bands->comm) != MPI_SUCCESS)
+    if (MPI_Allgather(&mine, 1, MPI_INT, w->counts, 1, MPI_INT, bands->comm) != MPI_SUCCESS)
         return mpi_failed(error);
     int status;
-    KILN_TRY((total = begin_all(w->in_counts, w->in_starts, bands->ranks)) == SIZE_MAX ? too_many(error) : KILN_OK);
+    KILN_TRY((total = begin_all(w->counts, w->starts, bands->ranks)) == SIZE_MAX ? too_many(error) : KILN_OK);
     KILN_TRY(kiln_grow(&w->all.cubes, &w->all.capacity, total, sizeof(struct cube), "parts of a lightmap", error));
     KILN_TRY(make_type(&type, sizeof(struct cube), error));
 end:
     if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK &&
-        MPI_Allgatherv(w->here.cubes, mine, type, w->all.cubes, w->in_counts, w->in_starts, type, bands->comm) !=
-            MPI_SUCCESS)
+        MPI_Allgatherv(w->here.cubes, mine, type, w->all.cubes, w->counts, w->starts, type, bands->comm) != MPI_SUCCESS)
         status = mpi_failed(error);
     if (type != MPI_DATATYPE_NULL)
         (void)MPI_Type_free(&type);
@@ -410,13 +410,13 @@ static int share_seen(struct kiln_parts_way *w, const struct kiln_bands *bands, 
 {
     const int mine = w->seen_count < INT_MAX ? (int)w->seen_count : -1;
     size_t total = 0;
-    if (MPI_Allgather(&mine, 1, MPI_INT, w->in_counts, 1, MPI_INT, bands->comm) != MPI_SUCCESS)
+    if (MPI_Allgather(&mine, 1, MPI_INT, w->counts, 1, MPI_INT, bands->comm) != MPI_SUCCESS)
         return mpi_failed(error);
-    int status = (total = begin_all(w->in_counts, w->in_starts, bands->ranks)) == SIZE_MAX ? too_many(error) : KILN_OK;
+    int status = (total = begin_all(w->counts, w->starts, bands->ranks)) == SIZE_MAX ? too_many(error) : KILN_OK;
     if (status == KILN_OK)
         status = kiln_allocate_bare(seen, total, sizeof **seen, "parts of a lightmap", error);
     if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK &&
-        MPI_Allgatherv(w->seen, mine, MPI_UINT32_T, *seen, w->in_counts, w->in_starts, MPI_UINT32_T, bands->comm) !=
+        MPI_Allgatherv(w->seen, mine, MPI_UINT32_T, *seen, w->counts, w->starts, MPI_UINT32_T, bands->comm) !=
             MPI_SUCCESS)
         status = mpi_failed(error);
     return status;
@@ -428,8 +428,8 @@ static void visit_needed(struct kiln_parts_way *w, const uint32_t *seen, uint32_
 {
     for (int others = 0; others < 2; others++)
         for (uint32_t part = 0; part < ranks; part++)
-            for (int i = 0; i < w->in_counts[part]; i++) {
-                const uint32_t cube = seen[w->in_starts[part] + i], here = w->here_of[cube];
+            for (int i = 0; i < w->counts[part]; i++) {
+                const uint32_t cube = seen[w->starts[part] + i], here = w->here_of[cube];
                 if ((w->all.cubes[cube].part != part) == (others == 1) && here != KILN_NONE)
                     visit(w, here, part);
             }
@@ -521,13 +521,11 @@ static int count_records(struct kiln_parts_way *w, const struct kiln_parts_given
                 *at = next[k];
                 next[k] += here;
             }
-        if (next[0] > INT_MAX)
-            return too_many(error);
-        w->out_counts[r] = (int)(next[0] - before[0]);
-        w->own_out[r] = (int)(next[1] - before[1]);
+        w->everything.sent[r] = next[0] - before[0];
+        w->own.sent[r] = next[1] - before[1];
     }
-    (void)begin_all(w->own_out, w->own_out_starts, ranks);
-    (void)begin_all(w->out_counts, w->out_starts, ranks);
+    kiln_exchange_lay_out(&w->everything);
+    kiln_exchange_lay_out(&w->own);
     return KILN_OK;
 }
 
@@ -565,54 +563,33 @@ static void pack_records(struct kiln_parts_way *w, const struct kiln_parts_given
     kiln_free(&w->sent);
 }
 
-/* Collective. Sends to each rank so many elements of `size` bytes; what a rank has for itself its threads copy. */
-static int exchange(const struct kiln_bands *bands, size_t size, const void *out, int *out_counts,
-                    const int *out_starts, void *in, int *in_counts, const int *in_starts, struct kiln_error *error)
+/* Not collective. Lays down the records to send. */
+static int lay_down(struct kiln_parts_way *w, const struct kiln_parts_given *given, struct kiln_error *error)
 {
-    enum { AT_ONCE = 1 << 12 };
-    const size_t own = (size_t)out_counts[bands->rank];
-    const unsigned char *from = (const unsigned char *)out + (size_t)out_starts[bands->rank] * size;
-    unsigned char *to = (unsigned char *)in + (size_t)in_starts[bands->rank] * size;
-    MPI_Datatype type = MPI_DATATYPE_NULL;
-    int status = kiln_agree(bands->comm, make_type(&type, size, error), error);
-    out_counts[bands->rank] = in_counts[bands->rank] = 0;
-    if (status == KILN_OK &&
-        MPI_Alltoallv(out, out_counts, out_starts, type, in, in_counts, in_starts, type, bands->comm) != MPI_SUCCESS)
-        status = mpi_failed(error);
-    out_counts[bands->rank] = in_counts[bands->rank] = (int)own;
-    if (type != MPI_DATATYPE_NULL)
-        (void)MPI_Type_free(&type);
-#pragma omp parallel for schedule(static)
-    for (size_t i = 0; i < own; i += AT_ONCE)
-        memcpy(to + i * size, from + i * size, (own - i < AT_ONCE ? own - i : AT_ONCE) * size);
+    const char *what = "parts of a lightmap";
+    const uint32_t ranks = given->map->bands->ranks;
+    int status;
+    KILN_TRY(count_records(w, given, ranks, error));
+    KILN_TRY(kiln_allocate_bare(&w->sent_own, given->count, sizeof *w->sent_own, what, error));
+    KILN_TRY(kiln_allocate_bare(&w->out, w->everything.sent_all, record_size(given->planes), what, error));
+    pack_records(w, given, ranks);
+end:
     return status;
 }
 
-/* Collective. Sends all records. *total: those that come. */
-static int send_records(struct kiln_parts_way *w, const struct kiln_parts_given *given, size_t *total,
-                        struct kiln_error *error)
+/* Collective. Sends all records. */
+static int send_records(struct kiln_parts_way *w, const struct kiln_parts_given *given, struct kiln_error *error)
 {
-    const struct kiln_bands *bands = given->map->bands;
     const size_t size = record_size(given->planes);
     int status;
-    KILN_TRY(count_records(w, given, bands->ranks, error));
-    KILN_TRY(kiln_allocate_bare(&w->sent_own, given->count, sizeof *w->sent_own, "parts of a lightmap", error));
-    KILN_TRY(kiln_allocate_bare(&w->out, (size_t)(w->out_starts[bands->ranks - 1] + w->out_counts[bands->ranks - 1]),
-                                size, "parts of a lightmap", error));
+    KILN_TRY(kiln_exchange_count(&w->own, lay_down(w, given, error), error));
+    KILN_TRY(kiln_exchange_count(&w->everything, KILN_OK, error));
+    status = w->everything.got_all > INT_MAX /* they get numbers of 32 bits */
+                 ? too_many(error)
+                 : kiln_allocate_bare(&w->in, w->everything.got_all, size, "parts of a lightmap", error);
+    KILN_TRY(kiln_exchange_send(&w->everything, status, size, w->out, w->in, error));
+    kiln_exchange_turn(&w->own); /* their values come back */
 end:
-    if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK) {
-        pack_records(w, given, bands->ranks);
-        if (MPI_Alltoall(w->out_counts, 1, MPI_INT, w->in_counts, 1, MPI_INT, bands->comm) != MPI_SUCCESS ||
-            MPI_Alltoall(w->own_out, 1, MPI_INT, w->own_in, 1, MPI_INT, bands->comm) != MPI_SUCCESS)
-            status = mpi_failed(error);
-    }
-    if (status == KILN_OK && (*total = begin_all(w->in_counts, w->in_starts, bands->ranks)) == SIZE_MAX)
-        status = too_many(error);
-    (void)begin_all(w->own_in, w->own_in_starts, bands->ranks);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&w->in, *total, size, "parts of a lightmap", error);
-    if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK)
-        status = exchange(bands, size, w->out, w->out_counts, w->out_starts, w->in, w->in_counts, w->in_starts, error);
     kiln_free(&w->out);
     return status;
 }
@@ -738,8 +715,7 @@ static int allocate_way(struct kiln_parts *p, const struct kiln_parts_given *giv
         return status;
     w = p->way;
     p->planes = given->planes;
-    int **counts[] = {&w->out_counts, &w->out_starts,     &w->in_counts, &w->in_starts,
-                      &w->own_out,    &w->own_out_starts, &w->own_in,    &w->own_in_starts};
+    int **counts[] = {&w->counts, &w->starts};
     for (size_t i = 0; status == KILN_OK && i < sizeof counts / sizeof *counts; i++)
         status = kiln_allocate(counts[i], given->map->bands->ranks, sizeof(int), "parts of a lightmap", error);
     w->slices = kiln_slices(given->count);
@@ -772,15 +748,16 @@ int kiln_parts_create(struct kiln_parts **parts, const struct kiln_parts_given *
     int status = kiln_allocate(parts, 1, sizeof **parts, "parts of a lightmap", error);
     if (status == KILN_OK)
         status = allocate_way(*parts, given, error);
-    if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK)
-        status = divide((*parts)->way, given, error);
-    if (status == KILN_OK)
-        status = send_records((*parts)->way, given, &(*parts)->count, error);
-    if (status == KILN_OK) {
-        for (uint32_t r = 0; r < bands->ranks; r++)
-            (*parts)->own += (size_t)(*parts)->way->own_in[r];
-        status = kiln_agree(bands->comm, take_records(*parts, given->map, error), error);
-    }
+    KILN_TRY(kiln_agree(bands->comm, status, error));
+    struct kiln_parts_way *w = (*parts)->way;
+    KILN_TRY(kiln_exchange_create(&w->everything, bands->comm, 0, "points of parts of a lightmap", error));
+    KILN_TRY(kiln_exchange_create(&w->own, bands->comm, 0, "points of parts of a lightmap", error));
+    KILN_TRY(divide(w, given, error));
+    KILN_TRY(send_records(w, given, error));
+    (*parts)->count = w->everything.got_all;
+    (*parts)->own = w->own.sent_all;
+    KILN_TRY(kiln_agree(bands->comm, take_records(*parts, given->map, error), error));
+end:
     if (status != KILN_OK)
         kiln_parts_destroy(parts);
     return status;
@@ -788,7 +765,6 @@ int kiln_parts_create(struct kiln_parts **parts, const struct kiln_parts_given *
 
 int kiln_parts_give_back(const struct kiln_parts *p, const struct kiln_parts_given *given, struct kiln_error *error)
 {
-    const struct kiln_bands *bands = given->map->bands;
     struct kiln_parts_way *w = p->way;
     float *out = NULL, *in = NULL;
     int status = kiln_allocate_bare(&out, p->own, p->planes * sizeof *out, "parts of a lightmap", error);
@@ -798,9 +774,7 @@ int kiln_parts_give_back(const struct kiln_parts *p, const struct kiln_parts_giv
     for (size_t i = 0; i < (status == KILN_OK ? p->own : 0); i++)
         for (size_t plane = 0; plane < p->planes; plane++)
             out[i * p->planes + plane] = p->values[plane][i];
-    if ((status = kiln_agree(bands->comm, status, error)) == KILN_OK)
-        status = exchange(bands, p->planes * sizeof *out, out, w->own_in, w->own_in_starts, in, w->own_out,
-                          w->own_out_starts, error);
+    status = kiln_exchange_send(&w->own, status, p->planes * sizeof *out, out, in, error);
 #pragma omp parallel for schedule(static) if (status == KILN_OK)
     for (size_t i = 0; i < (status == KILN_OK ? given->count : 0); i++)
         for (size_t plane = 0; plane < p->planes; plane++)
@@ -817,10 +791,10 @@ void kiln_parts_destroy(struct kiln_parts **parts)
         return;
     struct kiln_parts_way *w = p->way;
     if (w != NULL) {
-        int **counts[] = {&w->out_counts, &w->out_starts,     &w->in_counts, &w->in_starts,
-                          &w->own_out,    &w->own_out_starts, &w->own_in,    &w->own_in_starts};
-        for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
-            kiln_free(counts[i]);
+        kiln_exchange_release(&w->everything);
+        kiln_exchange_release(&w->own);
+        kiln_free(&w->counts);
+        kiln_free(&w->starts);
         kiln_free(&w->here.cubes);
         kiln_free(&w->all.cubes);
         kiln_free(&w->cube_of);

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/exchange.h"
 #include "coordinator/output/map/bands/bands.h"
 #include "coordinator/output/map/charts/dilate.h"
 #include "coordinator/output/map/seams/seam_samples.h"
@@ -343,105 +344,6 @@ static uint32_t map_of(enum kind kind, const void *record)
     return kind == TEXELS ? ((const struct texel *)record)->map : ((const struct half_sample *)record)->map;
 }
 
-/* The counts and places of messages to or from each rank. */
-struct travel {
-    int ranks, *out_counts, *out_starts, *in_counts, *in_starts;
-    int *targets; /* of each record; -1: none */
-    unsigned char *sorted;
-    MPI_Datatype type;
-};
-
-/* Sorts records by the rank that they go to, in their order. */
-static int sort_out(struct travel *t, const struct records *records, struct kiln_error *error)
-{
-    int status = records->count < INT_MAX
-                     ? KILN_OK
-                     : kiln_fail(error, KILN_SYSTEM,
-                                 "%zu texels of this rank lie at seams of objects that touch, too many for one "
-                                 "message; use more ranks or --no-stitch",
-                                 records->count);
-    if (status == KILN_OK)
-        status = kiln_allocate(&t->sorted, records->count, records->size, "joined seams", error);
-    if (status != KILN_OK)
-        return status;
-    for (size_t i = 0; i < records->count; i++)
-        if (t->targets[i] >= 0)
-            t->out_counts[t->targets[i]]++;
-    for (int r = 1; r < t->ranks; r++)
-        t->out_starts[r] = t->out_starts[r - 1] + t->out_counts[r - 1];
-    for (size_t i = 0; i < records->count; i++) {
-        if (t->targets[i] < 0)
-            continue;
-        const int to = t->out_starts[t->targets[i]]++;
-        memcpy(t->sorted + (size_t)to * records->size, record_at(records, i), records->size);
-    }
-    for (int r = 0; r < t->ranks; r++)
-        t->out_starts[r] -= t->out_counts[r];
-    return KILN_OK;
-}
-
-static int begin_travel(struct travel *t, const struct kiln_joined *j, size_t count, size_t size,
-                        struct kiln_error *error)
-{
-    int **arrays[] = {&t->out_counts, &t->out_starts, &t->in_counts, &t->in_starts};
-    t->type = MPI_DATATYPE_NULL;
-    if (MPI_Comm_size(j->params.communicator, &t->ranks) != MPI_SUCCESS ||
-        MPI_Type_contiguous((int)size, MPI_BYTE, &t->type) != MPI_SUCCESS || MPI_Type_commit(&t->type) != MPI_SUCCESS)
-        return kiln_fail(error, KILN_SITE, "MPI refused a datatype of %zu bytes", size);
-    int status = kiln_allocate(&t->targets, count, sizeof *t->targets, "joined seams", error);
-    for (size_t i = 0; status == KILN_OK && i < sizeof arrays / sizeof *arrays; i++)
-        status = kiln_allocate(arrays[i], (size_t)t->ranks, sizeof(int), "joined seams", error);
-    return status;
-}
-
-static void end_travel(struct travel *t)
-{
-    if (t->type != MPI_DATATYPE_NULL)
-        (void)MPI_Type_free(&t->type);
-    kiln_free(&t->out_counts);
-    kiln_free(&t->out_starts);
-    kiln_free(&t->in_counts);
-    kiln_free(&t->in_starts);
-    kiln_free(&t->targets);
-    kiln_free(&t->sorted);
-}
-
-/* Makes room for what comes, after what has come before. */
-static int expect(struct travel *t, struct records *records, size_t *total, struct kiln_error *error)
-{
-    *total = 0;
-    for (int r = 0; r < t->ranks; r++) {
-        t->in_starts[r] = (int)*total;
-        *total += (size_t)t->in_counts[r];
-        if (*total > INT_MAX)
-            return kiln_fail(error, KILN_SYSTEM,
-                             "too many texels at seams of objects that touch come to one rank; use --no-stitch");
-    }
-    return make_room(records, *total, error);
-}
-
-/* Collective. Sends each record to its target, and adds those that come to `in`. The targets have been set if `status`
- * is KILN_OK. */
-static int send_records(const struct kiln_joined *j, struct travel *t, const struct records *records,
-                        struct records *in, int status, struct kiln_error *error)
-{
-    const MPI_Comm comm = j->params.communicator;
-    size_t total = 0;
-    if (status == KILN_OK)
-        status = sort_out(t, records, error);
-    if ((status = kiln_agree(comm, status, error)) != KILN_OK)
-        return status;
-    if (MPI_Alltoall(t->out_counts, 1, MPI_INT, t->in_counts, 1, MPI_INT, comm) != MPI_SUCCESS)
-        return kiln_fail(error, KILN_RANK_LOST, "MPI failed in MPI_Alltoall while seams of objects were joined");
-    if ((status = kiln_agree(comm, expect(t, in, &total, error), error)) != KILN_OK)
-        return status;
-    if (MPI_Alltoallv(t->sorted, t->out_counts, t->out_starts, t->type, record_at(in, in->count), t->in_counts,
-                      t->in_starts, t->type, comm) != MPI_SUCCESS)
-        return kiln_fail(error, KILN_RANK_LOST, "MPI failed in MPI_Alltoallv while seams of objects were joined");
-    in->count += total;
-    return KILN_OK;
-}
-
 /* Where records go: to the ranks that have the texels, or to those that solve a part of their group. */
 #define HOME UINT32_MAX
 #define REPORT (UINT32_MAX - 1) /* to the first part, if the group has a map in bands */
@@ -456,16 +358,46 @@ static int target_of(const struct kiln_joined *j, enum kind kind, const void *re
     return part < parts_of(j, group) ? solver_of(j, group, part) : -1;
 }
 
+/* Sorts records by the rank that they go to, in their order. targets: of each record its rank; -1: none. */
+static int sort_out(struct kiln_exchange *e, const struct records *records, const int *targets, unsigned char **sorted,
+                    struct kiln_error *error)
+{
+    for (size_t i = 0; i < records->count; i++)
+        if (targets[i] >= 0)
+            e->sent[targets[i]]++;
+    kiln_exchange_lay_out(e);
+    const int status = kiln_allocate_bare(sorted, e->sent_all, records->size, "joined seams", error);
+    for (size_t i = 0; i < records->count && status == KILN_OK; i++)
+        if (targets[i] >= 0)
+            memcpy(*sorted + e->sent_at[targets[i]]++ * records->size, record_at(records, i), records->size);
+    kiln_exchange_lay_out(e);
+    return status;
+}
+
 /* Collective. Sends records to one kind of rank, where they are added to `in`. */
 static int travel(const struct kiln_joined *j, enum kind kind, const struct records *records, uint32_t part,
                   struct records *in, struct kiln_error *error)
 {
-    struct travel t = {0};
-    int status = begin_travel(&t, j, records->count, records->size, error);
-    for (size_t i = 0; status == KILN_OK && i < records->count; i++)
-        t.targets[i] = target_of(j, kind, record_at(records, i), part);
-    status = send_records(j, &t, records, in, status, error);
-    end_travel(&t);
+    struct kiln_exchange e;
+    unsigned char *sorted = NULL;
+    int *targets = NULL, status;
+    KILN_TRY(kiln_exchange_create(&e, j->params.communicator, 0, "texels at seams of objects that touch", error));
+    status = kiln_allocate(&targets, records->count, sizeof *targets, "joined seams", error);
+    for (size_t i = 0; i < records->count && status == KILN_OK; i++)
+        targets[i] = target_of(j, kind, record_at(records, i), part);
+    if (status == KILN_OK)
+        status = sort_out(&e, records, targets, &sorted, error);
+    KILN_TRY(kiln_exchange_count(&e, status, error));
+    status = e.got_all > INT_MAX /* they get numbers of 32 bits */
+                 ? kiln_fail(error, KILN_SYSTEM,
+                             "too many texels at seams of objects that touch come to one rank; use --no-stitch")
+                 : make_room(in, e.got_all, error);
+    KILN_TRY(kiln_exchange_send(&e, status, records->size, sorted, record_at(in, in->count), error));
+    in->count += e.got_all;
+end:
+    kiln_exchange_release(&e);
+    kiln_free(&targets);
+    kiln_free(&sorted);
     return status;
 }
 

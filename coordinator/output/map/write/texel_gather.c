@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
+#include "coordinator/mpi/exchange.h"
 #include "coordinator/output/map/bands/bands.h"
 #include "coordinator/output/points.h"
 #include "worker/base/memory.h"
@@ -36,8 +37,8 @@ struct kiln_texel_gather {
     uint8_t *out, *in;    /* records */
     struct place *places; /* of the pass at hand, one a shipment */
     size_t in_capacity;
-    int *out_counts, *out_starts, *in_counts, *in_starts;
-    MPI_Datatype type;
+    struct kiln_exchange exchange; /* of records for other ranks; own ones lie where they would be sent from */
+    size_t own;
 };
 
 enum { TILE_ROWS = 8 };
@@ -110,7 +111,6 @@ static int sort_tile_runs(struct kiln_texel_gather *e, struct kiln_error *error)
 static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *error)
 {
     const size_t ranks = (size_t)e->ranks;
-    int **counts[] = {&e->out_counts, &e->out_starts, &e->in_counts, &e->in_starts};
     int status;
     KILN_TRY(kiln_allocate(&e->bucket_first, (size_t)e->assignment->rounds * ranks + 1, sizeof(uint64_t),
                            "the exchange of points", error));
@@ -118,8 +118,6 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
     KILN_TRY(kiln_allocate_bare(&e->out, e->limit * ranks, e->record, "points to send", error));
     /* one place for each shipment; `limit` of a rank are enough, for each shipment has a record at least */
     KILN_TRY(kiln_allocate_bare(&e->places, e->limit * ranks, sizeof *e->places, "points to send", error));
-    for (size_t i = 0; i < sizeof counts / sizeof *counts; i++)
-        KILN_TRY(kiln_allocate(counts[i], ranks, sizeof(int), "the exchange of points", error));
 end:
     return status;
 }
@@ -128,30 +126,26 @@ int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kil
                              const struct kiln_assignment *assignment, const struct kiln_layers *layers,
                              const struct kiln_ghosts *ghosts, size_t records_per_pass, struct kiln_error *error)
 {
-    int status = kiln_allocate(gather, 1, sizeof **gather, "the exchange of points", error);
-    if (status == KILN_OK) {
-        struct kiln_texel_gather *e = *gather;
-        e->result = result;
-        e->assignment = assignment;
-        e->layers = layers;
-        e->ghosts = ghosts;
-        e->record = sizeof(struct kiln_texel_record) + layers->planes.count * sizeof(float);
-        e->type = MPI_DATATYPE_NULL;
-        if (MPI_Comm_rank(result->communicator, &e->rank) != MPI_SUCCESS ||
-            MPI_Comm_size(result->communicator, &e->ranks) != MPI_SUCCESS ||
-            MPI_Type_contiguous((int)e->record, MPI_BYTE, &e->type) != MPI_SUCCESS ||
-            MPI_Type_commit(&e->type) != MPI_SUCCESS)
-            status = kiln_fail(error, KILN_SITE, "MPI refused a datatype of %zu bytes", e->record);
-        const size_t total = records_per_pass == 0 ? (size_t)1 << 18 : records_per_pass;
-        e->limit = total / (size_t)(e->ranks > 0 ? e->ranks : 1);
-        if (e->limit < KILN_TILE_TEXELS)
-            e->limit = KILN_TILE_TEXELS;
-        if (status == KILN_OK)
-            status = allocate_exchange(e, error);
-    }
+    struct kiln_texel_gather *e = NULL;
+    int status = kiln_allocate(&e, 1, sizeof *e, "the exchange of points", error);
+    *gather = e;
+    KILN_TRY(kiln_agree(result->communicator, status, error));
+    KILN_TRY(kiln_exchange_create(&e->exchange, result->communicator, 0, "points for lightmaps", error));
+    e->result = result;
+    e->assignment = assignment;
+    e->layers = layers;
+    e->ghosts = ghosts;
+    e->record = sizeof(struct kiln_texel_record) + layers->planes.count * sizeof(float);
+    e->rank = e->exchange.rank;
+    e->ranks = e->exchange.ranks;
+    e->limit = (records_per_pass == 0 ? (size_t)1 << 18 : records_per_pass) / (size_t)e->ranks;
+    if (e->limit < KILN_TILE_TEXELS)
+        e->limit = KILN_TILE_TEXELS;
+    status = allocate_exchange(e, error);
     if (status == KILN_OK)
-        status = sort_tile_runs(*gather, error);
-    status = kiln_agree(result->communicator, status, error);
+        status = sort_tile_runs(e, error);
+    KILN_TRY(kiln_agree(result->communicator, status, error));
+end:
     if (status != KILN_OK)
         kiln_texel_gather_destroy(gather);
     return status;
@@ -162,18 +156,13 @@ void kiln_texel_gather_destroy(struct kiln_texel_gather **gather)
     struct kiln_texel_gather *e = *gather;
     if (e == NULL)
         return;
-    if (e->type != MPI_DATATYPE_NULL)
-        (void)MPI_Type_free(&e->type);
+    kiln_exchange_release(&e->exchange);
     kiln_free(&e->bucket_first);
     kiln_free(&e->cursor);
     kiln_free(&e->order);
     kiln_free(&e->out);
     kiln_free(&e->places);
     kiln_free(&e->in);
-    kiln_free(&e->out_counts);
-    kiln_free(&e->out_starts);
-    kiln_free(&e->in_counts);
-    kiln_free(&e->in_starts);
     kiln_free(gather);
 }
 
@@ -242,7 +231,7 @@ static size_t plan_pass(struct kiln_texel_gather *e, uint32_t round, int *more)
     *more = 0;
     for (int rank = 0; rank < e->ranks; rank++) {
         const uint64_t end = e->bucket_first[(size_t)round * (size_t)e->ranks + (size_t)rank + 1];
-        e->out_starts[rank] = (int)total;
+        e->exchange.sent_at[rank] = total;
         size_t packed = 0;
         for (; e->cursor[rank] < end; e->cursor[rank]++) {
             const struct shipment shipment = e->order[e->cursor[rank]];
@@ -253,9 +242,11 @@ static size_t plan_pass(struct kiln_texel_gather *e, uint32_t round, int *more)
             packed += points;
         }
         *more = *more || e->cursor[rank] < end;
-        e->out_counts[rank] = (int)packed;
+        e->exchange.sent[rank] = packed;
         total += packed;
     }
+    e->own = e->exchange.sent[e->rank];
+    e->exchange.sent[e->rank] = 0;
     return count;
 }
 
@@ -275,12 +266,6 @@ static int pack_pass(struct kiln_texel_gather *e, uint32_t round, int *more, str
     return status;
 }
 
-static int mpi_failed(const char *what, struct kiln_error *error)
-{
-    return kiln_fail(error, KILN_RANK_LOST, "MPI failed in %s while points were sent to the ranks that write them",
-                     what);
-}
-
 /* Makes room for so many records to come, in place of those of the pass before. */
 static int make_room(struct kiln_texel_gather *e, size_t records, struct kiln_error *error)
 {
@@ -293,54 +278,42 @@ static int make_room(struct kiln_texel_gather *e, size_t records, struct kiln_er
     return status;
 }
 
-/* Sends what is for other ranks. */
-static int travel(struct kiln_texel_gather *e, int *received, struct kiln_error *error)
-{
-    const MPI_Comm comm = e->result->communicator;
-    e->out_counts[e->rank] = 0;
-    if (MPI_Alltoall(e->out_counts, 1, MPI_INT, e->in_counts, 1, MPI_INT, comm) != MPI_SUCCESS)
-        return mpi_failed("MPI_Alltoall", error);
-    *received = 0;
-    for (int r = 0; r < e->ranks; r++) { /* at most limit x ranks records, far below 2^31 */
-        e->in_starts[r] = *received;
-        *received += e->in_counts[r];
-    }
-    const int status = kiln_agree(comm, make_room(e, (size_t)*received, error), error);
-    if (status != KILN_OK)
-        return status;
-    if (MPI_Alltoallv(e->out, e->out_counts, e->out_starts, e->type, e->in, e->in_counts, e->in_starts, e->type,
-                      comm) != MPI_SUCCESS)
-        return mpi_failed("MPI_Alltoallv", error);
-    return KILN_OK;
-}
-
-static void put_all(const struct kiln_texel_gather *e, const uint8_t *records, int count,
+static void put_all(const struct kiln_texel_gather *e, const uint8_t *records, size_t count,
                     void (*put)(void *, const struct kiln_texel_record *), void *context)
 {
 #pragma omp parallel for schedule(static)
-    for (int i = 0; i < count; i++)
-        put(context, (const void *)(records + (size_t)i * e->record));
+    for (size_t i = 0; i < count; i++)
+        put(context, (const void *)(records + i * e->record));
+}
+
+/* Collective. Sends records for other ranks; puts own ones meanwhile, then those that have come. */
+static int pass(struct kiln_texel_gather *e, int status, void (*put)(void *, const struct kiln_texel_record *),
+                void *context, struct kiln_error *error)
+{
+    struct kiln_exchange *x = &e->exchange;
+    KILN_TRY(kiln_exchange_count(x, status, error));
+    status = make_room(e, x->got_all, error);
+    KILN_TRY(kiln_exchange_begin(x, status, e->record, e->out, e->in, error));
+    put_all(e, e->out + x->sent_at[e->rank] * e->record, e->own, put, context);
+    KILN_TRY(kiln_exchange_end(x, KILN_OK, error));
+    put_all(e, e->in, x->got_all, put, context);
+end:
+    return status;
 }
 
 int kiln_texel_gather_round(struct kiln_texel_gather *e, uint32_t round,
                             void (*put)(void *, const struct kiln_texel_record *), void *context,
                             struct kiln_error *error)
 {
-    const MPI_Comm comm = e->result->communicator;
     for (int r = 0; r < e->ranks; r++)
         e->cursor[r] = e->bucket_first[(size_t)round * (size_t)e->ranks + (size_t)r];
     for (int more = 1; more != 0;) {
-        int mine = 0, received = 0;
-        int status = kiln_agree(comm, pack_pass(e, round, &mine, error), error);
+        int mine = 0;
+        const int status = pass(e, pack_pass(e, round, &mine, error), put, context, error);
         if (status != KILN_OK)
             return status;
-        put_all(e, e->out + (size_t)e->out_starts[e->rank] * e->record, e->out_counts[e->rank], put, context);
-        status = travel(e, &received, error);
-        if (status != KILN_OK)
-            return status;
-        put_all(e, e->in, received, put, context);
-        if (MPI_Allreduce(&mine, &more, 1, MPI_INT, MPI_MAX, comm) != MPI_SUCCESS)
-            return mpi_failed("MPI_Allreduce", error);
+        if (MPI_Allreduce(&mine, &more, 1, MPI_INT, MPI_MAX, e->result->communicator) != MPI_SUCCESS)
+            return kiln_fail(error, KILN_RANK_LOST, "MPI failed while points were sent to the ranks that write them");
     }
     return KILN_OK;
 }
