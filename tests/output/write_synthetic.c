@@ -49,10 +49,7 @@ TIMED(Allreduce, (const void *from, void *to, int count, MPI_Datatype type, MPI_
 TIMED(Alltoall,
       (const void *from, int count, MPI_Datatype type, void *to, int counts, MPI_Datatype types, MPI_Comm comm),
       (from, count, type, to, counts, types, comm))
-TIMED(Alltoallv,
-      (const void *from, const int *counts, const int *starts, MPI_Datatype type, void *to, const int *ins,
-       const int *in_starts, MPI_Datatype types, MPI_Comm comm),
-      (from, counts, starts, type, to, ins, in_starts, types, comm))
+TIMED(Waitall, (int count, MPI_Request requests[], MPI_Status statuses[]), (count, requests, statuses))
 TIMED(Allgatherv,
       (const void *from, int count, MPI_Datatype type, void *to, const int *counts, const int *starts,
        MPI_Datatype types, MPI_Comm comm),
