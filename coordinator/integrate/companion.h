@@ -116,6 +116,9 @@ struct kiln_companion {
     /* Adds to the sums of `count` own points, in each of its lights, `factor` times the radiosity of the last step. */
     void (*extend)(const void *self, struct kiln_own_point first, uint64_t count, const float factor[3]);
 
+    /* All light is computed: changes what the energy ledger is to be closed with. The same on all ranks. */
+    void (*close)(const struct kiln_companion_site *site, struct kiln_energy_closing *closing);
+
     /* Collective. Before and after points move to other ranks: bounds[r] will be the first point of rank r, and
      * bounds[ranks] the number of all. */
     int (*before_move)(void *self, const struct kiln_companion_site *site, const uint64_t *bounds,

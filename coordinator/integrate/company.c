@@ -173,6 +173,13 @@ void kiln_company_extend(const struct kiln_company *c, struct kiln_own_point fir
             c->table[i]->extend(c->of[i].self, first, count, factor);
 }
 
+void kiln_company_close(const struct kiln_company *c, struct kiln_energy_closing *closing)
+{
+    for (size_t i = 0, count = count_of(c); i < count; i++)
+        if (is_there(c, i, NULL) && c->table[i]->close != NULL)
+            c->table[i]->close(&c->site, closing);
+}
+
 size_t kiln_company_blocks(struct kiln_company *c, struct kiln_block *blocks)
 {
     size_t filled = 0;

@@ -47,6 +47,8 @@ void kiln_company_each_light(const struct kiln_company *company, void (*change)(
 void kiln_company_extend(const struct kiln_company *company, struct kiln_own_point first, uint64_t count,
                          const float factor[3]);
 
+void kiln_company_close(const struct kiln_company *company, struct kiln_energy_closing *closing);
+
 /* Fills in the blocks of all, at most KILN_COMPANY_BLOCKS, and returns how many. */
 enum { KILN_COMPANY_BLOCKS = 2 * KILN_COMPANION_BLOCKS };
 size_t kiln_company_blocks(struct kiln_company *company, struct kiln_block *blocks);

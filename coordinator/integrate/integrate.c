@@ -73,15 +73,16 @@ static void choose_scale(struct kiln_lockstep *l)
 
 /* ---- running ---- */
 
-/* Paths from surface points find of caustics what gather rays do; and all where they are merged with paths of light. */
-static enum kiln_caustics caustics_found(const struct kiln_integrate_settings *settings,
-                                         const struct kiln_step_reports *steps)
+/* The balance of the steps, with what the integrator and the companions know of it. */
+static void close_energy(struct kiln_lockstep *l)
 {
-    if (kiln_caustics_found(steps).left_out)
-        return KILN_CAUSTICS_NONE;
-    if (settings->reference == NULL)
-        return settings->caustics;
-    return settings->reference->method == KILN_REFERENCE_VCM ? KILN_CAUSTICS_LAND : KILN_CAUSTICS_GATHER;
+    const struct kiln_integrate_settings *settings = l->params->settings;
+    struct kiln_integrate_report *report = &l->solution->report;
+    struct kiln_energy_closing closing = {.caustics = settings->caustics, .albedo_scale = 1.0};
+    if (settings->integrator->close != NULL)
+        settings->integrator->close(settings, &closing);
+    kiln_company_close(&l->company, &closing);
+    kiln_energy_close(&report->energy, &report->steps, l->params->emission, &closing);
 }
 
 /* Collective. All steps; then what is made of them. */
@@ -110,9 +111,7 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
     kiln_radiosity_allgather_unlimit(solution->allgather);
     if (p->settings->probes)
         kiln_exchange_total_radiosity(&l->exchange, kiln_solution_step(solution));
-    kiln_energy_close(&solution->report.energy, &solution->report.steps, p->emission,
-                      caustics_found(p->settings, &solution->report.steps),
-                      p->settings->patches != NULL ? p->settings->patches->albedo_scale : 1.0);
+    close_energy(l);
     status = kiln_company_end(&l->company, error);
     solution->report.received = kiln_radiosity_allgather_received(solution->allgather);
     solution->report.whole = kiln_radiosity_allgather_whole(solution->allgather);

@@ -336,11 +336,11 @@ static double find_lost(const struct kiln_energy *e, const struct kiln_emission_
 }
 
 void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *steps,
-                       const struct kiln_emission_result *emission, enum kiln_caustics caustics, double albedo_scale)
+                       const struct kiln_emission_result *emission, const struct kiln_energy_closing *closing)
 {
     double variance = 0.0, residual[3];
     uint32_t parts = 1;
-    open_energy(e, emission, caustics);
+    open_energy(e, emission, closing->caustics);
     for (size_t i = 0; i < steps->count; i++)
         if (steps->of[i].step.counted && steps->of[i].step.part + 1 > parts)
             parts = steps->of[i].step.part + 1;
@@ -348,7 +348,7 @@ void kiln_energy_close(struct kiln_energy *e, const struct kiln_step_reports *st
     for (size_t i = 0; i < steps->count; i++) {
         if (!steps->of[i].step.counted)
             continue;
-        add_step(e, &steps->of[i].energy, share, albedo_scale);
+        add_step(e, &steps->of[i].energy, share, closing->albedo_scale);
         variance += share * share * steps->of[i].energy.variance;
     }
     for (int c = 0; c < 3; c++)

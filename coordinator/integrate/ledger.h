@@ -95,10 +95,17 @@ void kiln_ledger_add_tile_run(struct kiln_ledger *ledger, const struct kiln_surf
 int kiln_ledger_end_step(struct kiln_ledger *ledger, MPI_Comm communicator, struct kiln_step_energy *energy,
                          struct kiln_error *error);
 
+/* What is to be known of a bake besides its steps, so that its ledger can be closed. The integrator and the companions
+ * change what they know better: `close` of each. */
+struct kiln_energy_closing {
+    enum kiln_caustics caustics; /* that the steps have found; at first those of the settings */
+    double
+        albedo_scale; /* of what a point sends, the part that gathers read, at first 1; the rest counts as absorbed */
+};
+
 /* The balance of a whole bake: emitted light against where the counted steps found it; and what of it has met no
- * diffuse surface before, traced from the lights against found. `albedo_scale`: of what a point sends, the part that
- * gathers read (--albedo-scale, else 1); the rest counts as absorbed. */
+ * diffuse surface before, traced from the lights against found. */
 void kiln_energy_close(struct kiln_energy *energy, const struct kiln_step_reports *steps,
-                       const struct kiln_emission_result *emission, enum kiln_caustics caustics, double albedo_scale);
+                       const struct kiln_emission_result *emission, const struct kiln_energy_closing *closing);
 
 #endif

@@ -51,6 +51,13 @@ static uint64_t saved_bytes(const struct kiln_integrate_settings *settings)
     return kiln_landing_saved_bytes(settings->caustics);
 }
 
+/* A first round may have left all paths out. */
+static void close_energy(const struct kiln_companion_site *site, struct kiln_energy_closing *closing)
+{
+    if (kiln_caustics_found(&site->solution->report.steps).left_out)
+        closing->caustics = KILN_CAUSTICS_NONE;
+}
+
 static void demand(const struct kiln_companion_demand *d, struct kiln_companion_bytes *bytes)
 {
     if (d->settings->caustics >= KILN_CAUSTICS_LAND)
@@ -67,4 +74,5 @@ const struct kiln_companion kiln_companion_landing = {.name = "landing",
                                                       .answer = answer,
                                                       .blocks = blocks,
                                                       .saved_bytes = saved_bytes,
+                                                      .close = close_energy,
                                                       .demand = demand};

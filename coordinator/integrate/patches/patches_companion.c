@@ -64,6 +64,12 @@ static double weight(const struct kiln_step *step)
     return step->pass == &kiln_pass_patches ? step->samples / ((double)step->samples + (double)patches->count) : 1.0;
 }
 
+/* Points send a part of what they reflect. */
+static void close_energy(const struct kiln_companion_site *site, struct kiln_energy_closing *closing)
+{
+    closing->albedo_scale = site->params->settings->patches->albedo_scale;
+}
+
 static void demand(const struct kiln_companion_demand *d, struct kiln_companion_bytes *bytes)
 {
     if (d->settings->patches == NULL)
@@ -81,6 +87,7 @@ const struct kiln_companion kiln_companion_patches = {.name = "patches",
                                                       .parameters = parameters,
                                                       .complete = complete,
                                                       .weight = weight,
+                                                      .close = close_energy,
                                                       .demand = demand};
 
 /* ---- senders: a part of the patches sends in the step ---- */

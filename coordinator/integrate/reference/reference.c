@@ -101,6 +101,12 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
                                           : KILN_OK;
 }
 
+/* Paths from surface points find of caustics what gather rays do; and all where they are merged with paths of light. */
+static void close_energy(const struct kiln_integrate_settings *settings, struct kiln_energy_closing *closing)
+{
+    closing->caustics = settings->reference->method == KILN_REFERENCE_VCM ? KILN_CAUSTICS_LAND : KILN_CAUSTICS_GATHER;
+}
+
 #define INTEGRATOR(method)                                                                                             \
     const struct kiln_integrator kiln_integrator_##method = {.name = #method,                                          \
                                                              .roles = roles,                                           \
@@ -108,7 +114,8 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
                                                              .next = next,                                             \
                                                              .begin_step = begin_step,                                 \
                                                              .take = take,                                             \
-                                                             .end_step = end_step};
+                                                             .end_step = end_step,                                     \
+                                                             .close = close_energy};
 INTEGRATOR(path)
 INTEGRATOR(bdpt)
 INTEGRATOR(vcm)

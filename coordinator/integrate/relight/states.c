@@ -184,7 +184,8 @@ static void end_state(struct kiln_state_slot *s)
     kiln_radiosity_allgather_abandon(s->solution->allgather);
     if (s->state.settings->probes)
         kiln_exchange_total_radiosity(&s->exchange, kiln_solution_step(s->solution));
-    kiln_energy_close(&report->energy, &report->steps, s->state.emission, KILN_CAUSTICS_NONE, 1.0);
+    kiln_energy_close(&report->energy, &report->steps, s->state.emission,
+                      &(struct kiln_energy_closing){.caustics = KILN_CAUSTICS_NONE, .albedo_scale = 1.0});
 }
 
 /* ---- a step ---- */
