@@ -38,7 +38,7 @@ static json_t *memory_json(const struct kiln_plan_memory *m)
                      (json_int_t)m->scene, "geometry", (json_int_t)m->geometry, "bvh", (json_int_t)m->bvh,
                      "surface_all", (json_int_t)m->surface_all, "surface_own", (json_int_t)m->surface_own, "transport",
                      (json_int_t)m->light, "volume", (json_int_t)m->volume, "results", (json_int_t)m->results, "moving",
-                     (json_int_t)m->moving, "landing", (json_int_t)m->landing, "total", (json_int_t)m->total, "device",
+                     (json_int_t)m->moving, "landing", (json_int_t)m->in_step, "total", (json_int_t)m->total, "device",
                      (json_int_t)m->device);
 }
 
@@ -131,14 +131,6 @@ static json_t *working_set_json(const struct kiln_working_set *w)
         "radiance_probes", (json_int_t)w->probes, "radiance_probe_bytes", (json_int_t)w->probe_bytes, "ranks", ranks);
 }
 
-static json_t *landing_json(const struct kiln_plan_landing *l)
-{
-    return json_pack("{s:I, s:i, s:I, s:f, s:f, s:f, s:f, s:f, s:f}", "photons", (json_int_t)l->photons, "iterations",
-                     (int)l->iterations, "aims", (json_int_t)l->aims, "landed", l->landed, "seconds_a_path", l->path,
-                     "seconds_of_one_rank", l->seconds, "bytes_sent_an_iteration", l->bytes_sent,
-                     "seconds_a_point_gathered", l->gathered, "seconds_of_one_rank_for_probes", l->probes);
-}
-
 static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
 {
     const struct kiln_surface_report *s = &p->surface;
@@ -159,8 +151,8 @@ static json_t *plan_json(const struct kiln_plan *p, const struct kiln_job *job)
     json_decref(more);
     if (all != NULL && p->working_set.probes > 0)
         (void)json_object_set_new(all, "working_set", working_set_json(&p->working_set));
-    if (all != NULL && p->landing.photons > 0)
-        (void)json_object_set_new(all, "landing", landing_json(&p->landing));
+    if (all != NULL)
+        kiln_companions_tell_measured(kiln_companions, p->companions, all);
     if (all != NULL && p->visible.views > 0)
         (void)json_object_set_new(all, "visible_from",
                                   json_pack("{s:I, s:I, s:I, s:I}", "views", (json_int_t)p->visible.views, "valid",
@@ -204,7 +196,7 @@ static void print_memory(const struct kiln_plan *p, const struct kiln_job *job)
                 {"probes", m->volume},
                 {"writing results", m->results},
                 {"repartitioning, before these", m->moving},
-                {"light paths, before these", m->landing},
+                {"light paths, before these", m->in_step},
                 {"a rank in total", m->total},
                 {"of its GPU", m->device}};
     (void)printf("memory of the fullest rank, MiB\n");
@@ -309,10 +301,9 @@ static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
             "                          a first round; how many more the target error takes shows in the bake\n");
     (void)printf("  exchange   %10.2f s  a rank receives %.1f MiB in each bounce\n", s->exchange,
                  p->exchange_bytes / 1048576.0);
-    if (p->landing.photons > 0)
-        (void)printf("                          %llu light paths in each of %u iterations; a rank sends %.1f MiB in "
-                     "each\n",
-                     (unsigned long long)p->landing.photons, p->landing.iterations, p->landing.bytes_sent / 1048576.0);
+    for (size_t i = 0; i < KILN_COMPANIONS; i++)
+        if (p->companions[i].text[0] != '\0')
+            (void)printf("                          %s\n", p->companions[i].text);
     if (p->here.ranks > 1)
         print_balance(&p->here.light);
     if (s->save > 0.0)

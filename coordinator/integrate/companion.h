@@ -3,8 +3,8 @@
  * One struct of functions for each; the table of all is companions.c, one folder for each (or for a few that belong
  * together) holds its code.
  *
- * The lockstep runner, its batches, checkpoints, the moving of points between ranks, and `kiln plan` walk the table and
- * know no companion by name. A new one is a folder, its line in the list below, and its row.
+ * The lockstep runner, its batches, checkpoints, the moving of points between ranks, the energy ledger, run.json, the
+ * identity of a bake and `kiln plan` walk the table. A new one is a folder, its line in the list below, and its row.
  *
  * A companion with `by_step` accompanies the steps whose `with` names it (KILN_WITH), which the integrator says; any
  * other accompanies all steps of a bake that wants it, and sees from the step what is to do. */
@@ -12,6 +12,7 @@
 #define KILN_COORDINATOR_INTEGRATE_COMPANION_H
 
 #include "coordinator/integrate/integrate.h"
+#include "coordinator/job/job.h"
 #include "worker/backend/backend.h"
 
 /* The names of all companions, in the order in which they are asked: each is a struct kiln_companion_NAME. */
@@ -50,14 +51,68 @@ struct kiln_companion_demand {
     uint64_t points; /* of all ranks */
     double own;      /* of the rank that has most */
     uint32_t ranks;
-    bool device;   /* a device computes */
-    size_t aims;   /* of light paths (land/land.h) */
-    double landed; /* share of these that land beside points */
+    bool device;        /* a device computes */
+    uint64_t triangles; /* of the scene */
+    uint64_t host_bvh;  /* bytes of a BVH that the host makes of it beside a device; 0: it has one anyway */
+    /* of the companion that is asked; all zeros: it has measured nothing */
+    const struct kiln_companion_measured *measured;
+};
+
+/* Input for measuring a companion, for `kiln plan`: a process that has all points. Borrowed. */
+struct kiln_companion_sample {
+    const struct kiln_integrate_params *params; /* of one rank */
+    uint64_t points;                            /* of all ranks */
+    uint32_t ranks;                             /* that the plan is for */
+    double probe_seconds; /* s of one rank, for light paths of the irradiance volume (bake/volume/probe_paths.h) */
+};
+
+enum { KILN_COMPANION_TEXT = 160 };
+
+/* Findings for `kiln plan`. All zeros: none. */
+struct kiln_companion_measured {
+    double seconds; /* of one rank that answers a step for all points */
+    /* fields that are 0, and take no disk, at this share of the points; ended by NULL; NULL: none */
+    const char *const *dark;
+    double dark_share;
+    json_t *json;                   /* what `kiln plan --json` says of it, under its name; NULL: nothing */
+    char text[KILN_COMPANION_TEXT]; /* a line beside the time of the exchange; empty: none */
+    void *own;                      /* of kiln_allocate: what it wants to know again when it is asked for its demand */
+};
+
+/* Input for the size of the files that a bake keeps beside its results. */
+struct kiln_companion_kept {
+    const struct kiln_job *job;
+    uint64_t points;
+    bool goes_on; /* rays from mirrors, gloss and glass, or they are tinted */
 };
 
 /* Memory of a rank, bytes: from begin to end of the light; within a step that it accompanies; on the device. */
 struct kiln_companion_bytes {
     uint64_t always, in_step, device;
+};
+
+/* Objects of run.json that companions add to, in the order in which they are filled in. */
+enum kiln_report_place {
+    KILN_REPORT_SETTINGS,  /* `job`, of which kiln.h5 has a copy: told has nothing but the job */
+    KILN_REPORT_MATERIALS, /* `materials`, where some are more than diffuse */
+    KILN_REPORT_STEP,      /* of a step, in `bounces` or `quantities` */
+    KILN_REPORT_LIGHT,     /* the whole report, after `tail` */
+    KILN_REPORT_ERROR,     /* `error` */
+    KILN_REPORT_RANKS,     /* the whole report, after `memory` */
+    KILN_REPORT_MPI,       /* `mpi` */
+    KILN_REPORT_FILES,     /* the whole report, after `volume` */
+    KILN_REPORT_PLACES
+};
+
+enum { KILN_COMPANION_COUNTS = 12 }; /* of a rank, that a companion has for the report, at most */
+
+/* Input for the report of a bake. Borrowed; NULL where it is of another place of the report. */
+struct kiln_companion_told {
+    const struct kiln_job *job;
+    const struct kiln_scene *scene;
+    const struct kiln_solution *solution;
+    const struct kiln_step_report *step; /* KILN_REPORT_STEP */
+    const uint64_t *counts;              /* of all ranks: KILN_COMPANION_COUNTS of the companion that is asked */
 };
 
 /* Functions may be NULL where nothing is to be done. `self` is what `create` has made, else NULL. Those that are
@@ -68,6 +123,12 @@ struct kiln_companion {
     /* Batches of own tile runs are cut before they are handed to a backend: it may not claim parts of them as it comes
      * to them, and points are not tried before the first step. */
     bool whole_batches;
+
+    /* Options of bake that its light hangs on, which are a part of a bake's identity (bake/identity/identity.h), and
+     * such that change no light; each list is ended by NULL, and may be NULL. Identities keep their order from version
+     * to version: the former follow option `identity_after`, which no companion has; NULL: they come last. */
+    const char *const *identity, *const *no_identity;
+    const char *identity_after;
 
     /* Whether a bake has it. */
     bool (*wanted)(const struct kiln_integrate_params *params);
@@ -133,6 +194,22 @@ struct kiln_companion {
     /* Whether a report that was read from a checkpoint can be one. */
     bool (*is_sane)(const struct kiln_step_report *report);
 
+    /* Row in the table of phases of what it traces beside the steps, and seconds of it that were for a step. */
+    const char *phase;
+    double (*beside)(const struct kiln_step_report *report);
+    /* Adds to the fields of the identity what options alone do not say. */
+    void (*identify)(const struct kiln_job *job, json_t *fields);
+    /* Counts of this rank for the report, which are added up over all. */
+    void (*count)(const struct kiln_solution *solution, uint64_t counts[KILN_COMPANION_COUNTS]);
+    /* Adds its part to run.json, at each of the places. Asked of bakes that do not want it, too: adds nothing then. */
+    void (*report[KILN_REPORT_PLACES])(const struct kiln_companion_told *told, json_t *json);
+
+    /* For `kiln plan`, of a companion that is wanted: tries some of what it will do. Not collective. */
+    int (*measure)(const struct kiln_companion_sample *sample, struct kiln_companion_measured *measured,
+                   struct kiln_error *error);
+    /* For `kiln plan`: bytes of the files that it keeps beside the results for a step; `step` NULL: for all together.
+     */
+    uint64_t (*files)(const struct kiln_companion_kept *kept, const struct kiln_step *step);
     /* For `kiln plan`: adds the memory of a rank. */
     void (*demand)(const struct kiln_companion_demand *demand, struct kiln_companion_bytes *bytes);
     /* Share of a step's time that it takes of what the same step takes without the companion. */
@@ -165,9 +242,35 @@ int kiln_companions_find(const struct kiln_companion *const *table, const struct
 bool kiln_companions_are_sane(const struct kiln_companion *const *table, const struct kiln_step_report *report);
 /* The share of its time that a step takes of what it takes without its companions. */
 double kiln_companions_share(const struct kiln_companion *const *table, const struct kiln_step *step);
-/* The memory that the companions of the table need. */
+/* Fills in the counts of this rank, KILN_COMPANION_COUNTS for each companion of the table. */
+void kiln_companions_count(const struct kiln_companion *const *table, const struct kiln_solution *solution,
+                           uint64_t *counts);
+/* Adds what the companions of the table tell at a place of the report. `counts`: of all; NULL: of none. */
+void kiln_companions_report(const struct kiln_companion *const *table, enum kiln_report_place place,
+                            const struct kiln_companion_told *told, const uint64_t *counts, json_t *json);
+/* Has the companions of the table measured, each at its place. Release with kiln_companions_forget, in any case. */
+int kiln_companions_measure(const struct kiln_companion *const *table, const struct kiln_companion_sample *sample,
+                            struct kiln_companion_measured *measured, struct kiln_error *error);
+void kiln_companions_forget(const struct kiln_companion *const *table, struct kiln_companion_measured *measured);
+/* Adds what the companions of the table say of what was measured, each by its name. */
+void kiln_companions_tell_measured(const struct kiln_companion *const *table,
+                                   const struct kiln_companion_measured *measured, json_t *json);
+/* Seconds of one rank for a step whose pass is not run, for all points. */
+double kiln_companions_seconds(const struct kiln_companion *const *table,
+                               const struct kiln_companion_measured *measured, const struct kiln_step *step);
+/* The share of the points at which a field is 0 by a companion's doing. */
+double kiln_companions_dark(const struct kiln_companion *const *table, const struct kiln_companion_measured *measured,
+                            const char *field);
+/* The memory that the companions of the table need, by what was measured of them. */
 struct kiln_companion_bytes kiln_companions_demand(const struct kiln_companion *const *table,
+                                                   const struct kiln_companion_measured *measured,
                                                    const struct kiln_companion_demand *demand);
+/* Bytes of the files that are kept beside the results for a step; NULL: for all steps together. */
+uint64_t kiln_companions_files(const struct kiln_companion *const *table, const struct kiln_companion_kept *kept,
+                               const struct kiln_step *step);
+/* Bytes of a point in the checkpoint of a step that has all the companions that a bake wants. */
+uint64_t kiln_companions_saved_bytes(const struct kiln_companion *const *table,
+                                     const struct kiln_integrate_params *params);
 /* The points of a tile run that are computed in a step. */
 struct kiln_selection kiln_companions_selection(const struct kiln_companion *const *table,
                                                 const struct kiln_integrate_settings *settings,

@@ -67,7 +67,8 @@ struct kiln_integrator {
     /* Begins a step in the place of begin_step where a device may do it with light that it holds (worker/pass/held.h),
      * and says how; false: it may not, and nothing has changed. NULL: it never may. */
     bool (*hold)(struct kiln_integration *integration, const struct kiln_step *step, struct kiln_held_step *how);
-    /* What its steps have found, where that is not what the settings say of all integrators. NULL: it is. */
+    /* Changes what the energy ledger is closed with, where its steps find other light than the settings say. NULL: they
+     * do not. */
     void (*close)(const struct kiln_integrate_settings *settings, struct kiln_energy_closing *closing);
 };
 

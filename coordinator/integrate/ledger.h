@@ -95,7 +95,7 @@ void kiln_ledger_add_tile_run(struct kiln_ledger *ledger, const struct kiln_surf
 int kiln_ledger_end_step(struct kiln_ledger *ledger, MPI_Comm communicator, struct kiln_step_energy *energy,
                          struct kiln_error *error);
 
-/* What is to be known of a bake besides its steps, so that its ledger can be closed. The integrator and the companions
+/* Knowledge of a bake besides its steps, so that its ledger can be closed. The integrator and the companions
  * change what they know better: `close` of each. */
 struct kiln_energy_closing {
     enum kiln_caustics caustics; /* that the steps have found; at first those of the settings */

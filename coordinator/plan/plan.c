@@ -4,16 +4,12 @@
 #include <string.h>
 #include <time.h>
 
-#include "coordinator/integrate/relight/transport.h"
 #include "coordinator/field/field.h"
 #include "coordinator/integrate/companion.h"
-#include "coordinator/integrate/patches/link_file.h"
-#include "coordinator/integrate/patches/patches.h"
 #include "coordinator/integrate/energy.h"
 #include "coordinator/run/process.h"
 #include "coordinator/run/process_memory.h"
 #include "coordinator/integrate/integrate.h"
-#include "coordinator/integrate/land/land.h"
 #include "coordinator/bake/light/light_settings.h"
 #include "coordinator/bake/volume/occluders.h"
 #include "coordinator/bake/prepare/preview_size.h"
@@ -148,7 +144,7 @@ static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *
     m->program = KILN_PASS_BYTES + (resident > named + LEAST_PROGRAM_BYTES ? resident - named : LEAST_PROGRAM_BYTES);
 }
 
-/* Memory for the bake's companions; while paths land, a device's host has a BVH, and each triangle a target. */
+/* Memory for the bake's companions. */
 static struct kiln_companion_bytes companion_bytes(const struct kiln_plan *plan, const struct kiln_prepared *p,
                                                    const struct kiln_job *job)
 {
@@ -159,14 +155,9 @@ static struct kiln_companion_bytes companion_bytes(const struct kiln_plan *plan,
                                                  .own = plan->here.light.points_most,
                                                  .ranks = job->plan.ranks,
                                                  .device = on_device(p),
-                                                 .aims = (size_t)plan->landing.aims,
-                                                 .landed = plan->landing.landed};
-    struct kiln_companion_bytes bytes = kiln_companions_demand(kiln_companions, &demand);
-    if (plan->landing.photons > 0)
-        bytes.in_step += (uint64_t)bvh + sizeof(uint32_t) * (uint64_t)p->geometry->triangle_count;
-    else
-        bytes.in_step = 0;
-    return bytes;
+                                                 .triangles = p->geometry->triangle_count,
+                                                 .host_bvh = (uint64_t)bvh};
+    return kiln_companions_demand(kiln_companions, plan->companions, &demand);
 }
 
 static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_surface *rank_surface,
@@ -187,12 +178,12 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
     m->light += companions.always;
     m->device += companions.device;
     m->volume = plan->probes * (KILN_PROBE_BYTES + job->scene.group_count * sizeof(struct kiln_probe_group)) +
-                plan->landing.probe_bytes;
+                plan->probe_paths.bytes;
     m->results = result_bytes(plan, p, job);
     m->moving = plan->here.light.repartitions > 0 ? (uint64_t)(fmax(own, results) * plan->here.light.points_most) : 0;
-    m->landing = companions.in_step;
-    const uint64_t early = m->moving > m->landing ? m->moving : m->landing,
-                   last = m->volume + m->results; /* there is none of these while points move, or light lands */
+    m->in_step = companions.in_step;
+    const uint64_t early = m->moving > m->in_step ? m->moving : m->in_step,
+                   last = m->volume + m->results; /* there is none of these while points move, or in a step of light */
     m->total = m->program + m->scene + m->textures + m->geometry + m->bvh + m->surface_all + m->surface_own + m->light +
                (last > early ? last : early);
     if (plan->surface.points > 0)
@@ -204,17 +195,15 @@ static void plan_memory(struct kiln_plan *plan, const struct kiln_prepared *p, c
         plan->bytes_per_triangle = (double)(m->scene + m->geometry) / (double)p->geometry->triangle_count;
 }
 
-/* Floats of a point that are 0 and take no disk: those of light that lands, at points where none does, as a mean over
- * all points. */
-static double floats_not_lit(const struct kiln_plan *plan, const struct kiln_field_set *fields, bool in_lightmaps)
+/* Floats of a point that are 0 and take no disk, as a mean over all points. */
+static double dark_floats(const struct kiln_plan *plan, const struct kiln_field_set *fields, bool in_lightmaps)
 {
-    static const char *const names[] = {"caustic", "error_caustic"};
     double floats = 0.0;
-    for (size_t i = 0; i < sizeof names / sizeof *names && plan->landing.photons > 0; i++) {
-        const size_t at = kiln_field_set_find(fields, names[i]);
-        const bool published = at < fields->count && (in_lightmaps ? fields->entry[at].in_lightmaps
-                                                                   : fields->entry[at].field->dataset != NULL);
-        floats += published ? (1.0 - plan->landing.covered) * fields->entry[at].field->components : 0.0;
+    for (size_t i = 0; i < fields->count; i++) {
+        const struct kiln_field *field = fields->entry[i].field;
+        const bool published = in_lightmaps ? fields->entry[i].in_lightmaps : field->dataset != NULL;
+        floats +=
+            published ? kiln_companions_dark(kiln_companions, plan->companions, field->name) * field->components : 0.0;
     }
     return floats;
 }
@@ -224,9 +213,9 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
     const double points = (double)plan->surface.points;
     const struct kiln_field_set fields = fields_of(job);
     const bool denoises = kiln_job_denoises(job);
-    const double channels = (double)kiln_field_set_channels(&fields) - floats_not_lit(plan, &fields, true),
+    const double channels = (double)kiln_field_set_channels(&fields) - dark_floats(plan, &fields, true),
                  columns = (double)kiln_field_set_column_bytes(&fields) -
-                           floats_not_lit(plan, &fields, false) * (double)sizeof(float);
+                           dark_floats(plan, &fields, false) * (double)sizeof(float);
     plan->lightmap_bytes = (uint64_t)(points * LIGHTMAP_POINT_DISK * (job->lightmaps.half ? 0.45 : 1.0) *
                                       (denoises ? DENOISE_LIGHTMAP_DISK : 1.0) * (channels / 9.0));
     plan->h5_bytes =
@@ -237,18 +226,17 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
     plan->scene_bytes = p->scene->mapped_bytes;
     plan->preview_bytes = job->preview ? (uint64_t)(PREVIEW_DISK * kiln_preview_part(job, p->scene, points)) : 0;
     plan->export_bytes = job->write_scene ? kiln_export_size(p->scene) : 0;
-    for (size_t i = 0; i < plan->steps.count && job->light.keep == KILN_KEEP_ROWS; i++)
-        if (kiln_transport_keeps(&plan->steps.of[i].step))
-            plan->transport_bytes += kiln_transport_bytes(plan->surface.points, plan->steps.of[i].step.samples,
-                                                          kiln_transport_goes_on(job, p));
-    if (job->light.keep == KILN_KEEP_LINKS)
-        plan->transport_bytes = kiln_link_file_bytes_expected(plan->surface.points, job->light.patches.link_error);
+    const struct kiln_companion_kept kept = {
+        .job = job, .points = plan->surface.points, .goes_on = kiln_transport_goes_on(job, p)};
+    plan->transport_bytes = kiln_companions_files(kiln_companions, &kept, NULL);
+    for (size_t i = 0; i < plan->steps.count; i++)
+        plan->transport_bytes += kiln_companions_files(kiln_companions, &kept, &plan->steps.of[i].step);
     plan->disk_bytes = plan->lightmap_bytes + plan->h5_bytes + plan->volume_bytes + plan->scene_bytes +
                        plan->preview_bytes + plan->export_bytes + plan->transport_bytes;
-    const enum kiln_caustics caustics =
-        kiln_job_has_caustics(job) ? (enum kiln_caustics)job->light.caustics : KILN_CAUSTICS_NONE;
-    plan->checkpoint_bytes =
-        (uint64_t)points * (kiln_field_set_saved_bytes(&fields) + kiln_landing_saved_bytes(caustics));
+    const struct kiln_integrate_settings settings = kiln_light_settings(job, p->lights, plan->surface.points);
+    const struct kiln_integrate_params params = {.settings = &settings};
+    plan->checkpoint_bytes = (uint64_t)points * (kiln_field_set_saved_bytes(&fields) +
+                                                 kiln_companions_saved_bytes(kiln_companions, &params));
 }
 
 /* ---- calibration ---- */
@@ -500,7 +488,7 @@ static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prep
                       (double)plan->surface.points;
     s->emission = timing->emission * together / fmin(ranks, KILN_EMISSION_GROUPS);
     s->views = timing->views * together / ranks;
-    s->probes = (timing->probe * ceil((double)plan->probes / ranks) + plan->landing.probes / ranks) * together;
+    s->probes = (timing->probe * ceil((double)plan->probes / ranks) + plan->probe_paths.seconds / ranks) * together;
     if (ranks > 1.0)
         plan->exchange_bytes =
             bounce_bytes(job, plan->surface.points) * ((double)plan->surface.points - (double)plan->surface.points_max);
@@ -568,6 +556,15 @@ static void free_cells(struct cells *cells)
         kiln_free(&cells->cost[l]);
 }
 
+/* Seconds of a point in a step of a kind, of a rank with all the cores that it gets; in a stretch of `count` points. */
+static double kind_seconds(const struct kiln_plan *plan, uint64_t first, uint64_t count, uint32_t kind)
+{
+    const struct kiln_step step = {.with = plan->steps.kinds[kind].with};
+    return plan->steps.kinds[kind].answered
+               ? kiln_companions_seconds(kiln_companions, plan->companions, &step) / (double)plan->surface.points
+               : cost_in(plan, first, count, kind);
+}
+
 static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
                       struct cells *cells, struct kiln_error *error)
 {
@@ -582,10 +579,7 @@ static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *
         const uint64_t first = in_cells ? s->cell_first[i] : s->tile_runs[i].first.at;
         cells->points[i] = in_cells ? s->cell_first[i + 1] - first : s->tile_runs[i].count;
         for (uint32_t l = 0; l < plan->steps.kind_count; l++)
-            cells->cost[l][i] =
-                crowd(p, job) * ((plan->steps.kinds[l].answered ? plan->landing.seconds / (double)plan->surface.points
-                                                                : cost_in(plan, first, cells->points[i], l)) +
-                                 take_seconds(p));
+            cells->cost[l][i] = crowd(p, job) * (kind_seconds(plan, first, cells->points[i], l) + take_seconds(p));
     }
 end:
     return status;
@@ -657,7 +651,7 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
         .map_bytes = MAP_ENTRY_BYTES * (double)(p->surface->tile_count + p->surface->split_count) / points,
         .shared_a_point =
             s->validity / fmax(1.0, (double)plan->surface.points_max) + together * written_seconds(plan, p, job),
-        .shared = (timing->probe * (double)plan->probes + plan->landing.probes + timing->views) * together,
+        .shared = (timing->probe * (double)plan->probes + plan->probe_paths.seconds + timing->views) * together,
         .seen_a_texel = kiln_job_denoises(job)
                             ? denoise_seconds(p, job) / p->threads + TEXEL_BYTES / (job->plan.node_bandwidth * 1e9)
                             : 0.0,
@@ -790,6 +784,29 @@ end:
     return status;
 }
 
+/* Traces some light paths for probes, and has the companions measured. */
+static int measure_companions(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                              const struct kiln_integrate_settings *settings, const struct kiln_volume_result *volume,
+                              struct kiln_error *error)
+{
+    const struct kiln_probe_paths_params paths = {
+        .backend = p->backend, .scene = p->scene, .settings = settings, .samples = job->volume.samples};
+    const struct kiln_integrate_params params = {.communicator = MPI_COMM_SELF,
+                                                 .ranks = 1,
+                                                 .settings = settings,
+                                                 .backend = p->backend,
+                                                 .surface = p->surface,
+                                                 .threads = p->threads};
+    struct kiln_companion_sample sample = {.params = &params, .points = plan->surface.points, .ranks = job->plan.ranks};
+    int status;
+    KILN_TRY(kiln_probe_paths_measure(&plan->probe_paths, &paths, volume, plan->surface.points, p->threads,
+                                      job->plan.ranks, error));
+    sample.probe_seconds = plan->probe_paths.seconds;
+    KILN_TRY(kiln_companions_measure(kiln_companions, &sample, plan->companions, error));
+end:
+    return status;
+}
+
 /* Finds surfaces that the job's views need. */
 static int find_visible(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
                         struct timing *timing, struct kiln_error *error)
@@ -837,8 +854,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
     KILN_TRY(find_visible(plan, prepared, job, &timing, error));
     KILN_TRY(trace_samples(plan, prepared, job, &settings, &timing, error));
-    KILN_TRY(kiln_plan_landing_measure(&plan->landing, prepared, &settings, &volume, job->volume.samples,
-                                       plan->surface.points, job->plan.ranks, error));
+    KILN_TRY(measure_companions(plan, prepared, job, &settings, &volume, error));
     plan_disk(plan, prepared, job);
     plan_before_and_after(plan, prepared, job, phases, &timing);
     KILN_TRY(simulate(plan, prepared, job, &timing, error));
@@ -853,6 +869,7 @@ end:
 void kiln_plan_release(struct kiln_plan *plan)
 {
     kiln_planned_steps_release(&plan->steps);
+    kiln_companions_forget(kiln_companions, plan->companions);
     kiln_working_set_release(&plan->working_set);
     kiln_visible_from_release(&plan->visible);
 }

@@ -2,10 +2,11 @@
 #ifndef KILN_COORDINATOR_PLAN_PLAN_H
 #define KILN_COORDINATOR_PLAN_PLAN_H
 
-#include "coordinator/plan/landing.h"
 #include "coordinator/plan/working_set.h"
 #include "coordinator/bake/prepare/prepare.h"
 #include "coordinator/bake/light/visible_from.h"
+#include "coordinator/bake/volume/probe_paths.h"
+#include "coordinator/integrate/companion.h"
 #include "coordinator/plan/simulate.h"
 
 /* Bytes of the fullest rank, by purpose. */
@@ -23,8 +24,8 @@ struct kiln_plan_memory {
     uint64_t results;     /* while files are written, and the preview is drawn: the most of these */
     /* while points go to other ranks, which is before there are probes and results: surface or results once more */
     uint64_t moving;
-    uint64_t landing; /* while light paths land: sums, records, and beside a device the host's BVH */
-    uint64_t total;   /* without `device`; with the largest of `moving`, `landing` and what comes later */
+    uint64_t in_step; /* while a step goes on, of the companions that accompany it: sums, records, a BVH of the host */
+    uint64_t total;   /* without `device`; with the largest of `moving`, `in_step` and what comes later */
     uint64_t device;  /* of the GPU: with the points of this process, that is, all of them */
 };
 
@@ -72,7 +73,8 @@ struct kiln_plan {
     double exchange_bytes;            /* that a rank receives in each bounce */
     uint32_t bounces;                 /* assumed */
     struct kiln_visible_from visible; /* what the job's views need: numbers of points */
-    struct kiln_plan_landing landing;
+    struct kiln_companion_measured companions[KILN_COMPANIONS]; /* each at its place */
+    struct kiln_probe_paths_cost probe_paths;
     struct kiln_working_set working_set; /* where gather rays end at a range */
     struct kiln_plan_sample samples[KILN_PLAN_SAMPLES];
     size_t sample_count;

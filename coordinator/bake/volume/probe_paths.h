@@ -68,6 +68,18 @@ int kiln_probe_paths_add(const struct kiln_probe_paths_params *params, struct ki
 /* Bytes that a rank needs for the paths to so many probes, but for a BVH; `device`: one traces them. */
 uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks, bool device);
 
+/* Cost of the paths, as a few of them have it: for kiln plan. */
+struct kiln_probe_paths_cost {
+    double seconds; /* of one rank that traces all of them */
+    uint64_t bytes; /* of each rank */
+};
+/* Traces some paths, as the first iteration would, through a chunk of spheres about the probes of the grid; of a
+ * surface with so many points, on a process with so many threads. All zeros where there are none. `params`: of a
+ * backend, a scene, settings and rays of a probe. Not collective. KILN_SYSTEM. */
+int kiln_probe_paths_measure(struct kiln_probe_paths_cost *cost, const struct kiln_probe_paths_params *params,
+                             const struct kiln_volume_result *grid, uint64_t points, uint32_t threads, uint32_t ranks,
+                             struct kiln_error *error);
+
 /* Spheres about unmoved probes, as many as a chunk has, with room for their sums, to try paths with: for kiln plan.
  * `host`: kiln_landing_host, or the backend where there is none. Release with kiln_probe_spheres_release, in any case.
  * KILN_SYSTEM. */

@@ -2,6 +2,8 @@
 
 #include "coordinator/integrate/companion.h"
 #include "coordinator/integrate/land/land.h"
+#include "coordinator/integrate/land/land_plan.h"
+#include "coordinator/integrate/land/land_report.h"
 
 static_assert((int)KILN_LANDING_BLOCKS <= (int)KILN_COMPANION_BLOCKS, "a checkpoint has room for landings");
 
@@ -58,21 +60,30 @@ static void close_energy(const struct kiln_companion_site *site, struct kiln_ene
         closing->caustics = KILN_CAUSTICS_NONE;
 }
 
-static void demand(const struct kiln_companion_demand *d, struct kiln_companion_bytes *bytes)
+/* Caustics that were asked for by name always come. */
+static void identify(const struct kiln_job *job, json_t *fields)
 {
-    if (d->settings->caustics >= KILN_CAUSTICS_LAND)
-        bytes->in_step += kiln_landing_bytes(d->settings, d->aims, d->own, d->ranks, d->landed);
+    if (job->light.caustics_tried)
+        (void)json_object_set_new(fields, "caustics tried", json_string("yes"));
 }
 
-const struct kiln_companion kiln_companion_landing = {.name = "landing",
-                                                      .by_step = true,
-                                                      .wanted = landing_wanted,
-                                                      .create = create,
-                                                      .destroy = destroy,
-                                                      .before_step = before_step,
-                                                      .complete = complete,
-                                                      .answer = answer,
-                                                      .blocks = blocks,
-                                                      .saved_bytes = saved_bytes,
-                                                      .close = close_energy,
-                                                      .demand = demand};
+static const char *const identity[] = {"mis", "photons", "iterations", "merge-radius", "radius-alpha", NULL};
+
+const struct kiln_companion kiln_companion_landing = {
+    .name = "landing",
+    .by_step = true,
+    .identity = identity,
+    .identity_after = "caustics",
+    .wanted = landing_wanted,
+    .create = create,
+    .destroy = destroy,
+    .before_step = before_step,
+    .complete = complete,
+    .answer = answer,
+    .blocks = blocks,
+    .saved_bytes = saved_bytes,
+    .close = close_energy,
+    .identify = identify,
+    .report = {[KILN_REPORT_MATERIALS] = kiln_landing_report_materials, [KILN_REPORT_STEP] = kiln_landing_report_step},
+    .measure = kiln_landing_measure,
+    .demand = kiln_landing_demand};

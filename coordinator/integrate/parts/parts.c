@@ -178,5 +178,28 @@ static int after_step(void *self, const struct kiln_companion_site *site, double
 
 static bool is_sane(const struct kiln_step_report *report) { return kiln_round_is_sane(&report->round); }
 
-const struct kiln_companion kiln_companion_parts = {
-    .name = "parts", .wanted = parts_wanted, .after_step = after_step, .is_sane = is_sane};
+/* The outcome of --target-error: after the last round of parts. */
+static void report(const struct kiln_companion_told *told, json_t *json)
+{
+    const struct kiln_step_reports *steps = &told->solution->report.steps;
+    const double target = told->job->light.target_error;
+    size_t last = steps->count;
+    while (last > 0 && steps->of[last - 1].step.quantity != NULL)
+        last--;
+    if (!(target > 0.0) || kiln_job_parts(told->job) == 1 || last == 0)
+        return;
+    (void)json_object_set_new(json, "target", json_real(target));
+    (void)json_object_set_new(json, "above_target", json_real(steps->of[last - 1].unfinished));
+    (void)json_object_set_new(json, "rounds",
+                              json_integer((json_int_t)(steps->of[last - 1].step.part / KILN_PARTS + 1)));
+}
+
+static const char *const identity[] = {"error-map", "target-error", NULL};
+
+const struct kiln_companion kiln_companion_parts = {.name = "parts",
+                                                    .identity = identity,
+                                                    .identity_after = "exchange",
+                                                    .wanted = parts_wanted,
+                                                    .after_step = after_step,
+                                                    .is_sane = is_sane,
+                                                    .report = {[KILN_REPORT_ERROR] = report}};

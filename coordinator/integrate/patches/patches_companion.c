@@ -1,5 +1,7 @@
 #include "coordinator/integrate/companion.h"
+#include "coordinator/integrate/patches/link_file.h"
 #include "coordinator/integrate/patches/patches.h"
+#include "coordinator/integrate/patches/patches_report.h"
 #include "coordinator/integrate/patches/senders.h"
 #include "coordinator/integrate/relight/transport.h"
 
@@ -79,16 +81,36 @@ static void demand(const struct kiln_companion_demand *d, struct kiln_companion_
         bytes->device += kiln_patches_device_bytes(d->settings->patches, (uint64_t)d->own, d->points);
 }
 
-const struct kiln_companion kiln_companion_patches = {.name = "patches",
-                                                      .wanted = patches_wanted,
-                                                      .create = create,
-                                                      .destroy = destroy,
-                                                      .makes = makes,
-                                                      .parameters = parameters,
-                                                      .complete = complete,
-                                                      .weight = weight,
-                                                      .close = close_energy,
-                                                      .demand = demand};
+static uint64_t files(const struct kiln_companion_kept *kept, const struct kiln_step *step)
+{
+    const bool keeps = kept->job->light.keep == KILN_KEEP_LINKS && step == NULL;
+    return keeps ? kiln_link_file_bytes_expected(kept->points, kept->job->light.patches.link_error) : 0;
+}
+
+static const char *const identity[] = {"lights",     "undersample", "sampling-window", "subdivide",   "node-max",
+                                       "keep-nodes", "clamp",       "albedo-scale",    "patches",     "link-error",
+                                       "visibility", "voxels",      "order",           "unshot-left", "gather",
+                                       "directions", NULL};
+/* Pairs are kept as tracing finds them. */
+static const char *const no_identity[] = {"visibility-cache", NULL};
+
+const struct kiln_companion kiln_companion_patches = {
+    .name = "patches",
+    .identity = identity,
+    .no_identity = no_identity,
+    .identity_after = "method",
+    .wanted = patches_wanted,
+    .create = create,
+    .destroy = destroy,
+    .makes = makes,
+    .parameters = parameters,
+    .complete = complete,
+    .weight = weight,
+    .close = close_energy,
+    .count = kiln_patches_count,
+    .report = {[KILN_REPORT_SETTINGS] = kiln_patches_report_settings, [KILN_REPORT_RANKS] = kiln_patches_report_ranks},
+    .files = files,
+    .demand = demand};
 
 /* ---- senders: a part of the patches sends in the step ---- */
 

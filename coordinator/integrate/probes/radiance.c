@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coordinator/run/control.h"
+#include "coordinator/integrate/probes/radiance_report.h"
 #include "coordinator/integrate/probes/radiance_grid.h"
 #include "coordinator/integrate/probes/radiance_sight.h"
 #include "coordinator/mpi/agree.h"
@@ -414,9 +415,20 @@ static int end(void *self, const struct kiln_companion_site *site, struct kiln_e
     return KILN_OK;
 }
 
+static double beside(const struct kiln_step_report *report) { return report->probe_seconds; }
+
+static const char *const identity[] = {"tracing-range",      "radiance-probe-spacing", "probe-basis", "probe-side",
+                                       "distant-projection", "samples-radiance-probe", NULL};
+
 const struct kiln_companion kiln_companion_probes = {.name = "probes",
+                                                     .identity = identity,
                                                      .wanted = probes_wanted,
                                                      .create = create,
                                                      .destroy = destroy,
                                                      .before_step = before_step,
-                                                     .end = end};
+                                                     .end = end,
+                                                     .phase = "radiance probes",
+                                                     .beside = beside,
+                                                     .report = {[KILN_REPORT_SETTINGS] = kiln_radiance_report_settings,
+                                                                [KILN_REPORT_STEP] = kiln_radiance_report_step,
+                                                                [KILN_REPORT_LIGHT] = kiln_radiance_report_light}};

@@ -64,9 +64,39 @@ static int after_move(void *self, const struct kiln_companion_site *site, struct
     return status == KILN_OK ? kiln_sight_want(sight, site->params, site->solution->allgather, true, error) : status;
 }
 
+/* ---- what is told of it ---- */
+
+enum { PAIRS, SENT, WHOLE, AGAIN }; /* counts of a rank */
+
+static void count(const struct kiln_solution *s, uint64_t counts[KILN_COMPANION_COUNTS])
+{
+    counts[PAIRS] = s->sight != NULL ? s->sight->pair_count : 0;
+    counts[SENT] = s->sight != NULL ? s->sight->sent : 0;
+    counts[WHOLE] = s->report.whole;
+    counts[AGAIN] = s->report.computed_again;
+}
+
+static void report(const struct kiln_companion_told *told, json_t *json)
+{
+    const struct kiln_sight *sight = told->solution->sight;
+    const uint64_t *counts = told->counts;
+    if (sight != NULL)
+        (void)json_object_set_new(json, "visible",
+                                  json_pack("{s:I, s:I, s:I, s:f, s:I, s:I}", "patches", (json_int_t)sight->units,
+                                            "pairs", (json_int_t)counts[PAIRS], "grid_bytes_sent",
+                                            (json_int_t)counts[SENT], "grid_seconds", sight->seconds,
+                                            "received_between_nodes_of_all", (json_int_t)counts[WHOLE],
+                                            "points_computed_again", (json_int_t)counts[AGAIN]));
+}
+
+static const char *const no_identity[] = {"exchange-points", NULL};
+
 const struct kiln_companion kiln_companion_reach = {.name = "reach",
+                                                    .no_identity = no_identity,
                                                     .wanted = reach_wanted,
                                                     .settle = settle,
                                                     .complete = complete,
                                                     .before_move = before_move,
-                                                    .after_move = after_move};
+                                                    .after_move = after_move,
+                                                    .count = count,
+                                                    .report = {[KILN_REPORT_MPI] = report}};

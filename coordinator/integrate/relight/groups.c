@@ -9,6 +9,7 @@
 #include "worker/backend/extended.h"
 #include "worker/base/memory.h"
 #include "worker/light/light_groups.h"
+#include "worker/light/sky_patches.h"
 #include "worker/pass/groups.h"
 #include "worker/scene/radiosity.h"
 
@@ -260,11 +261,53 @@ static void extend(const void *self, struct kiln_own_point first, uint64_t count
     kiln_group_light_extend(self, first, count, factor);
 }
 
+/* The groups of lights, in the order of their layers; of patches of the sky where they are, away from the scene, sr. */
+static json_t *groups_json(const struct kiln_job *job)
+{
+    const uint32_t patches = kiln_sky_patches[job->scene.sky_patches],
+                   divisions = kiln_sky_divisions[job->scene.sky_patches];
+    const size_t first = patches > 0 ? job->scene.group_count - 2 - patches : job->scene.group_count;
+    json_t *array = json_array();
+    for (size_t g = 0; g < job->scene.group_count; g++) {
+        json_t *group = json_pack("{s:s}", "name", job->scene.group_names[g]);
+        double steradians;
+        if (g >= first && g < first + patches) {
+            const struct kiln_dvec3 d = kiln_sky_patch_middle((uint32_t)(g - first), divisions, &steradians);
+            (void)json_object_set_new(group, "direction", json_pack("[f, f, f]", d.x, d.y, d.z));
+            (void)json_object_set_new(group, "steradians", json_real(steradians));
+        }
+        (void)json_array_append_new(array, group);
+    }
+    return array;
+}
+
+static void report(const struct kiln_companion_told *told, json_t *json)
+{
+    if (told->job->scene.group_count > 0)
+        (void)json_object_set_new(json, "light_groups", groups_json(told->job));
+    if (told->job->scene.grouped != NULL)
+        (void)json_object_set_new(json, "light_group_rules", json_loads(told->job->scene.grouped, 0, NULL));
+}
+
+/* The groups are what the file says, wherever it lies. */
+static void identify(const struct kiln_job *job, json_t *fields)
+{
+    if (job->scene.grouped != NULL)
+        (void)json_object_set_new(fields, "light groups", json_string(job->scene.grouped));
+}
+
+static const char *const identity[] = {"sky-patches", NULL};
+static const char *const no_identity[] = {"light-groups", NULL};
+
 const struct kiln_companion kiln_companion_groups = {.name = "groups",
+                                                     .identity = identity,
+                                                     .no_identity = no_identity,
                                                      .wanted = groups_wanted,
                                                      .settle = settle,
                                                      .destroy = destroy,
                                                      .take = take,
                                                      .exchange = exchange,
                                                      .each_light = each_light,
-                                                     .extend = extend};
+                                                     .extend = extend,
+                                                     .identify = identify,
+                                                     .report = {[KILN_REPORT_FILES] = report}};

@@ -52,10 +52,20 @@ static int complete(void *self, const struct kiln_companion_site *site, struct k
     return kiln_agree(p->communicator, kiln_transport_end(p->transport, p->backend, error), error);
 }
 
+static uint64_t files(const struct kiln_companion_kept *kept, const struct kiln_step *step)
+{
+    const bool keeps = kept->job->light.keep == KILN_KEEP_ROWS && step != NULL && kiln_transport_keeps(step);
+    return keeps ? kiln_transport_bytes(kept->points, step->samples, kept->goes_on) : 0;
+}
+
+static const char *const no_identity[] = {"keep-transport", NULL};
+
 const struct kiln_companion kiln_companion_kept = {.name = "kept",
                                                    .whole_batches = true,
+                                                   .no_identity = no_identity,
                                                    .wanted = kept_wanted,
                                                    .create = create,
                                                    .destroy = destroy,
                                                    .before_step = before_step,
-                                                   .complete = complete};
+                                                   .complete = complete,
+                                                   .files = files};
