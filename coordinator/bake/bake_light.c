@@ -14,6 +14,15 @@ static bool has_step(const struct kiln_step_reports *steps, uint32_t role)
     return i < steps->count;
 }
 
+/* Adds the time that companions took beside a step to their phases; NULL: adds the phases. */
+static void add_companion_phases(struct kiln_bake *b, const struct kiln_step_report *step)
+{
+    for (size_t i = 0; kiln_companions[i] != NULL; i++)
+        if (kiln_companions[i]->phase != NULL && kiln_companions[i]->wanted(&b->light_params))
+            kiln_phase_add(&b->phases, kiln_companions[i]->phase,
+                           step != NULL ? kiln_companions[i]->beside(step) : 0.0);
+}
+
 /* Adds the times of the steps to the phases of their roles. */
 static void add_light_phases(struct kiln_bake *b)
 {
@@ -22,16 +31,14 @@ static void add_light_phases(struct kiln_bake *b)
     for (uint32_t r = 0; r < roles->count; r++)
         if (!roles->of[r]->optional || has_step(&report->steps, r))
             kiln_phase_add(&b->phases, roles->of[r]->phase, 0.0);
-    if (report->radiance.probes > 0)
-        kiln_phase_add(&b->phases, "radiance probes", 0.0);
+    add_companion_phases(b, NULL);
     kiln_phase_add(&b->phases, "exchange", 0.0);
     kiln_phase_add(&b->phases, "waiting", report->waiting_seconds);
     for (size_t i = 0; i < report->steps.count; i++) {
         const struct kiln_step_report *step = &report->steps.of[i];
         kiln_phase_add(&b->phases, roles->of[step->step.role]->phase, step->seconds);
         kiln_phase_add(&b->phases, "exchange", step->exchange_seconds);
-        if (report->radiance.probes > 0)
-            kiln_phase_add(&b->phases, "radiance probes", step->probe_seconds);
+        add_companion_phases(b, step);
     }
 }
 

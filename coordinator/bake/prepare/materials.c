@@ -1,8 +1,8 @@
 #include "coordinator/bake/prepare/materials.h"
 
+#include "coordinator/integrate/companion.h"
 #include "coordinator/job/options.h"
 #include "worker/pass/caustic_weights.h"
-#include "worker/pass/pass.h"
 
 /* Whether a first round of light paths says whether caustics come (coordinator/integrate/land/land_trial.h): where all
  * of it is left to kiln, and nobody asks for the parts that light is put together from again. */
@@ -67,33 +67,12 @@ static const char *why_none(enum kiln_gloss_mode asked)
                : "the scene has no metal, glass with a body, clear coat, or reflection of roughness below 0.5";
 }
 
-/* Objects that light paths do not meet, in a scene of lamps that rays do not meet. */
-static json_int_t lacking_receivers(const struct kiln_scene *scene)
-{
-    json_int_t count = 0;
-    for (size_t i = 0; i < scene->object_count && scene->light_count > 0; i++)
-        count += (scene->objects[i].flags & KILN_OBJECT_RECEIVER_ONLY) != 0;
-    return count;
-}
-
-/* Lists the passes that the host has traced for the device. */
-static json_t *on_host_json(uint32_t passes)
-{
-    json_t *list = json_array();
-    for (int i = 0; i < KILN_PASS_COUNT; i++)
-        if ((passes >> i & 1u) != 0)
-            (void)json_array_append_new(list, json_string(kiln_passes[i]->what));
-    return list;
-}
-
 json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode asked, const struct kiln_scene *scene,
-                            const struct kiln_integrate_report *report)
+                            const struct kiln_solution *solution)
 {
-    const struct kiln_landing_report *landing = &report->landing;
-    const struct kiln_caustic_trial trial = kiln_caustics_found(&report->steps);
+    const struct kiln_caustic_trial trial = kiln_caustics_found(&solution->report.steps);
     static const char *const modes[] = {"auto", "diffuse", "full"};
     static const char *const caustics[] = {"auto", "none", "gather", "land", "merge", "vcm"};
-    static const char *const rules[] = {"balance", "power", "uniform"};
     json_int_t of[KILN_GLOSS_KINDS] = {0}, taken = 0;
     json_t *json = json_pack("{s:s}", "mode", modes[asked]), *kinds = json_object();
     for (uint32_t i = 0; i < scene->material_count; i++) {
@@ -117,28 +96,8 @@ json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode ask
                               json_string(kiln_job_is_reference(job) ? job->light.method
                                           : trial.left_out           ? caustics[KILN_CAUSTICS_NONE]
                                                                      : caustics[job->light.caustics]));
-    if (trial.tried)
-        (void)json_object_set_new(json, "tried",
-                                  json_pack("{s:b, s:f, s:f}", "left_out", trial.left_out, "brings", trial.brings,
-                                            "error_of_the_rest", trial.rest));
-    if (job->light.caustics == KILN_CAUSTICS_VCM)
-        (void)json_object_set_new(json, "mis", json_string(rules[job->light.mis]));
-    if (job->light.caustics >= KILN_CAUSTICS_LAND && lacking_receivers(scene) > 0)
-        (void)json_object_set_new(json, "receivers_gather", json_integer(lacking_receivers(scene)));
-    if (job->light.caustics >= KILN_CAUSTICS_LAND) {
-        (void)json_object_set_new(json, "photons", json_integer((json_int_t)landing->photons));
-        (void)json_object_set_new(json, "aims", json_integer((json_int_t)landing->aims));
-        if (landing->rays > 0)
-            (void)json_object_set_new(json, "rays", json_integer(landing->rays));
-        (void)json_object_set_new(json, "iterations",
-                                  job->light.iterations == KILN_ITERATIONS_ALL
-                                      ? json_string("all")
-                                      : json_integer((json_int_t)job->light.iterations));
-    }
-    if (landing->on_host != 0)
-        (void)json_object_set_new(json, "on_host", on_host_json(landing->on_host));
-    if (job->light.caustics >= KILN_CAUSTICS_MERGE)
-        (void)json_object_set_new(json, "merge_radius", json_real(landing->radius));
+    kiln_companions_report(kiln_companions, KILN_REPORT_MATERIALS,
+                           &(struct kiln_companion_told){.job = job, .scene = scene, .solution = solution}, NULL, json);
     (void)json_object_set_new(json, "chain_length", json_integer((json_int_t)job->light.chain_length));
     return json;
 }

@@ -24,6 +24,6 @@ int kiln_materials_check(const struct kiln_job *job, const struct kiln_scene *sc
  * is; of light paths, what was traced, and what a first round of them has found. `asked`: --materials as given; `job`
  * is settled. New reference. */
 json_t *kiln_materials_json(const struct kiln_job *job, enum kiln_gloss_mode asked, const struct kiln_scene *scene,
-                            const struct kiln_integrate_report *report);
+                            const struct kiln_solution *solution);
 
 #endif

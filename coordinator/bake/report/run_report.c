@@ -14,13 +14,11 @@
 #include "coordinator/bake/report/run_table.h"
 #include "coordinator/import/import.h"
 #include "coordinator/integrate/companion.h"
-#include "coordinator/integrate/reach/sight.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/files/json.h"
 #include "coordinator/files/checksummed_json.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
-#include "worker/light/sky_patches.h"
 #include "worker/base/text.h"
 
 static const double DOUBLED = 1e-3; /* of all surface: so much of it that is there twice is told */
@@ -37,19 +35,6 @@ enum {
     RANK_PSS,
     RANK_SHARED,
     RANK_RECEIVED,
-    RANK_WHOLE,
-    RANK_AGAIN,
-    RANK_GRID_PAIRS,
-    RANK_GRID_SENT,
-    RANK_PAIRS_BYTES,
-    RANK_PAIRS_ASKED,
-    RANK_PAIRS_KNOWN,
-    RANK_PAIRS_OPEN, /* tile pairs */
-    RANK_PAIRS_SHUT,
-    RANK_PAIRS_MIXED,
-    RANK_PAIRS_UNKNOWN,
-    RANK_LINKS,
-    RANK_LINK_BYTES,
     RANK_STOLEN_FROM,
     RANK_STOLEN_BY,
     RANK_RECOVERIES,
@@ -73,51 +58,6 @@ static void add_quantities(json_t *settings, const struct kiln_job *job)
     if (job->light.directional != KILN_DIRECTIONAL_NONE)
         json_object_set_new(settings, "directional",
                             json_string(job->light.directional == KILN_DIRECTIONAL_SH1 ? "sh1" : "dominant"));
-}
-
-/* Settings of the radiance probes, where gather rays end at a range. */
-static void add_range(json_t *settings, const struct kiln_job *job)
-{
-    const struct kiln_radiance_settings *r = &job->light.radiance;
-    static const char *const bases[] = {"sh", "octahedral", "cubemap"};
-    if (!kiln_job_has_probes(job))
-        return;
-    json_object_set_new(settings, "tracing_range", json_real(r->range));
-    json_object_set_new(settings, "probe_basis", json_string(bases[r->basis]));
-    json_object_set_new(settings, "distant_projection", json_string(r->approximate ? "approximate" : "exact"));
-}
-
-/* Adds the settings of gathering from patches. */
-static void add_patches(json_t *settings, const struct kiln_job *job)
-{
-    const struct kiln_patch_settings *p = &job->light.patches;
-    static const char *const undersample[] = {"none", "stride", "random", "mipmap"};
-    if (!kiln_job_is_radiosity(job))
-        return;
-    static const char *const gather[] = {"pairs", "cosine", "even", "circles", "mixed"};
-    json_object_set_new(settings, "gather", json_string(gather[p->gather]));
-    if (p->gather != KILN_GATHER_PAIRS)
-        json_object_set_new(settings, "directions",
-                            json_integer(p->directions > 0 ? p->directions : job->light.samples_indirect));
-    json_object_set_new(settings, "lights", json_string(p->lights == KILN_LIGHTS_PATCHES ? "patches" : "sampled"));
-    json_object_set_new(settings, "patches", json_string(p->patches == KILN_PATCHES_LINKS ? "links" : "all"));
-    if (p->patches == KILN_PATCHES_LINKS)
-        json_object_set_new(settings, "link_error", json_real(p->link_error));
-    static const char *const visibility[] = {"rays", "voxels"};
-    json_object_set_new(settings, "visibility", json_string(visibility[p->visibility]));
-    if (p->visibility != KILN_VISIBILITY_RAYS)
-        json_object_set_new(settings, "voxels", json_integer(p->voxels));
-    json_object_set_new(settings, "order", json_string(p->order == KILN_ORDER_UNSHOT ? "unshot" : "lockstep"));
-    if (p->order == KILN_ORDER_UNSHOT)
-        json_object_set_new(settings, "unshot_left", json_real(p->unshot_left));
-    json_object_set_new(settings, "undersample", json_string(undersample[p->undersample]));
-    if (p->undersample != KILN_SAMPLE_ALL)
-        json_object_set_new(settings, "sampling_window", json_integer((json_int_t)1 << p->window));
-    json_object_set_new(settings, "subdivide", json_real(p->subdivide));
-    if (p->subdivide > 0.0)
-        json_object_set_new(settings, "node_max", json_integer((json_int_t)1 << p->node_max));
-    json_object_set_new(settings, "clamp", json_boolean(p->clamp));
-    json_object_set_new(settings, "albedo_scale", json_real(p->albedo_scale));
 }
 
 /* Settings that affect the result. */
@@ -144,8 +84,8 @@ static json_t *settings_json(const struct kiln_job *job)
         json_object_set_new(settings, "materials",
                             json_string(job->light.materials == KILN_GLOSS_MODE_AUTO ? "auto" : "full"));
     add_quantities(settings, job);
-    add_range(settings, job);
-    add_patches(settings, job);
+    kiln_companions_report(kiln_companions, KILN_REPORT_SETTINGS, &(struct kiln_companion_told){.job = job}, NULL,
+                           settings);
     return settings;
 }
 
@@ -256,17 +196,6 @@ static uint64_t count_invalid(const struct kiln_surface *surface)
     return invalid;
 }
 
-static void own_visibility(const struct kiln_visibility_counts *c, uint64_t values[RANK_VALUES])
-{
-    values[RANK_PAIRS_BYTES] = c->bytes;
-    values[RANK_PAIRS_ASKED] = c->asked;
-    values[RANK_PAIRS_KNOWN] = c->answered;
-    values[RANK_PAIRS_OPEN] = c->open;
-    values[RANK_PAIRS_SHUT] = c->shut;
-    values[RANK_PAIRS_MIXED] = c->mixed;
-    values[RANK_PAIRS_UNKNOWN] = c->unknown;
-}
-
 static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
 {
     const struct kiln_integrate_report *t = &run->solution->report;
@@ -279,15 +208,6 @@ static void own_values(const struct kiln_run *run, uint64_t values[RANK_VALUES])
     values[RANK_PSS] = kiln_process_memory(KILN_MEMORY_SHARE);
     values[RANK_SHARED] = kiln_node_rank(run->prepared->node) == 0 ? kiln_node_bytes(run->prepared->node) : 0;
     values[RANK_RECEIVED] = t->received;
-    values[RANK_WHOLE] = t->whole;
-    values[RANK_AGAIN] = t->computed_again;
-    own_visibility(&t->visibility, values);
-    values[RANK_LINKS] = t->links;
-    values[RANK_LINK_BYTES] = t->link_bytes;
-    if (run->solution->sight != NULL) {
-        values[RANK_GRID_PAIRS] = run->solution->sight->pair_count;
-        values[RANK_GRID_SENT] = run->solution->sight->sent;
-    }
     struct kiln_backend_info info;
     kiln_backend_info(run->prepared->backend, &info);
     values[RANK_RECOVERIES] = info.recoveries;
@@ -322,8 +242,19 @@ struct gathered {
     double *phases;   /* rank 0: KILN_PHASES_MAX for each rank */
     uint64_t *stolen; /* for each step the number of points that another rank than their own computed, over all ranks */
     uint64_t *rays;   /* of each step; on rank 0 for each rank */
+    /* of the companions, on rank 0 of all ranks */
+    uint64_t counts[KILN_COMPANIONS * KILN_COMPANION_COUNTS];
     int ranks;
 };
+
+/* Adds what the companions tell. */
+static void add_companions(json_t *json, const struct kiln_run *run, enum kiln_report_place place,
+                           const struct gathered *g, const struct kiln_step_report *step)
+{
+    const struct kiln_companion_told told = {
+        .job = run->job, .scene = run->prepared->scene, .solution = run->solution, .step = step};
+    kiln_companions_report(kiln_companions, place, &told, g != NULL ? g->counts : NULL, json);
+}
 
 /* Lists each rank's rays in step i, of its own points and of others'. */
 static json_t *step_rays_json(const struct kiln_integrate_report *t, const struct gathered *g, size_t i)
@@ -335,8 +266,9 @@ static json_t *step_rays_json(const struct kiln_integrate_report *t, const struc
 }
 
 /* The steps of light, or those of the quantities besides. */
-static json_t *steps_json(const struct kiln_integrate_report *t, const struct gathered *g, bool quantities)
+static json_t *steps_json(const struct kiln_run *run, const struct gathered *g, bool quantities)
 {
+    const struct kiln_integrate_report *t = &run->solution->report;
     json_t *array = json_array();
     for (size_t i = 0; i < t->steps.count; i++) {
         const struct kiln_step_report *p = &t->steps.of[i];
@@ -349,27 +281,10 @@ static json_t *steps_json(const struct kiln_integrate_report *t, const struct ga
                                  kiln_luminance(p->energy.incident), "incident", rgb_json(p->energy.incident),
                                  "reflected", rgb_json(p->energy.reflected), "stolen_points", (json_int_t)g->stolen[i],
                                  "rays_per_rank", step_rays_json(t, g, i), "rebalance", rebalance_json(&p->balance));
-        if (kiln_step_has(&p->step, KILN_WITH(landing)))
-            (void)json_object_set_new(step, "iterations", json_integer((json_int_t)p->step.iterations));
-        if (t->radiance.probes > 0 && p->probe_seconds > 0.0) {
-            (void)json_object_set_new(step, "probe_rays", json_integer((json_int_t)p->probe_rays));
-            (void)json_object_set_new(step, "probe_seconds", json_real(p->probe_seconds));
-        }
+        add_companions(step, run, KILN_REPORT_STEP, g, p);
         json_array_append_new(array, step);
     }
     return array;
-}
-
-/* The radiance probes. A bake of which only files were missing does not know which of them were moved. */
-static json_t *radiance_json(const struct kiln_radiance_report *r)
-{
-    json_t *json = json_pack("{s:f, s:I, s:I, s:i, s:i, s:I, s:b}", "spacing", r->spacing, "probes",
-                             (json_int_t)r->probes, "bytes", (json_int_t)r->bytes, "side", (int)r->side, "samples",
-                             (int)r->samples, "rays", (json_int_t)r->rays, "biased", true);
-    if (r->placed)
-        (void)json_object_update_new(json, json_pack("{s:I, s:I, s:I}", "moved", (json_int_t)r->moved, "off",
-                                                     (json_int_t)r->off, "points_without", (json_int_t)r->alone));
-    return json;
 }
 
 /* Light that has met no diffuse surface before, as traced from the lights and as found by points. */
@@ -465,21 +380,6 @@ static void add_target_of_links(const struct kiln_run *run, double mean, double 
             (void)json_object_set_new(json, keys[i], json_real(points > 0.0 ? (double)above[i] / points : 0.0));
 }
 
-/* Adds the outcome of --target-error: after the last round of parts. */
-static void add_target(const struct kiln_run *run, json_t *json)
-{
-    const struct kiln_step_reports *steps = &run->solution->report.steps;
-    size_t last = steps->count;
-    while (last > 0 && steps->of[last - 1].step.quantity != NULL)
-        last--;
-    if (!(run->job->light.target_error > 0.0) || last == 0)
-        return;
-    (void)json_object_set_new(json, "target", json_real(run->job->light.target_error));
-    (void)json_object_set_new(json, "above_target", json_real(steps->of[last - 1].unfinished));
-    (void)json_object_set_new(json, "rounds",
-                              json_integer((json_int_t)(steps->of[last - 1].step.part / KILN_PARTS + 1)));
-}
-
 /* Collective. Means over all points of the irradiance and of its standard error, luminance. */
 static json_t *error_json(const struct kiln_run *run)
 {
@@ -499,8 +399,7 @@ static json_t *error_json(const struct kiln_run *run)
                              mean > 0.0 ? rms / mean : 0.0);
     if (run->job->light.target_error > 0.0 && kiln_job_has_links(run->job))
         add_target_of_links(run, mean, sums[2], json);
-    else
-        add_target(run, json);
+    add_companions(json, run, KILN_REPORT_ERROR, NULL, NULL);
     return json;
 }
 
@@ -554,26 +453,6 @@ static void add_back(const struct kiln_run *run, size_t object, const char *name
     (void)json_object_set_new(json, "lightmap_back", json_string(path));
     (void)json_object_set_new(json, "valid_back", json_integer((json_int_t)run->lightmaps[map].valid));
     (void)json_object_set_new(json, "filled_back", json_integer((json_int_t)run->lightmaps[map].filled));
-}
-
-/* The groups of lights, in the order of their layers; of patches of the sky where they are, away from the scene, sr. */
-static json_t *groups_json(const struct kiln_job *job)
-{
-    const uint32_t patches = kiln_sky_patches[job->scene.sky_patches],
-                   divisions = kiln_sky_divisions[job->scene.sky_patches];
-    const size_t first = patches > 0 ? job->scene.group_count - 2 - patches : job->scene.group_count;
-    json_t *array = json_array();
-    for (size_t g = 0; g < job->scene.group_count; g++) {
-        json_t *group = json_pack("{s:s}", "name", job->scene.group_names[g]);
-        double steradians;
-        if (g >= first && g < first + patches) {
-            const struct kiln_dvec3 d = kiln_sky_patch_middle((uint32_t)(g - first), divisions, &steradians);
-            (void)json_object_set_new(group, "direction", json_pack("[f, f, f]", d.x, d.y, d.z));
-            (void)json_object_set_new(group, "steradians", json_real(steradians));
-        }
-        (void)json_array_append_new(array, group);
-    }
-    return array;
 }
 
 static json_t *objects_json(const struct kiln_run *run)
@@ -786,30 +665,6 @@ static json_t *volume_json(const struct kiln_run *run, const uint64_t *values)
     return json;
 }
 
-/* Effect of sending nodes the radiosity of what they see. */
-static json_t *visible_json(const struct kiln_run *run, const uint64_t *values)
-{
-    const int ranks = run->prepared->ranks;
-    const struct kiln_sight *sight = run->solution->sight;
-    return json_pack("{s:I, s:I, s:I, s:f, s:I, s:I}", "patches", (json_int_t)sight->units, "pairs",
-                     total(values, ranks, RANK_GRID_PAIRS), "grid_bytes_sent", total(values, ranks, RANK_GRID_SENT),
-                     "grid_seconds", sight->seconds, "received_between_nodes_of_all", total(values, ranks, RANK_WHOLE),
-                     "points_computed_again", total(values, ranks, RANK_AGAIN));
-}
-
-/* Effect of the visibility that patches kept. Shares of the tile pairs with any pair that face each other: kept; kept
- * without a bit a pair (open, shut). And of all pairs those that no ray was traced for. */
-static json_t *visibility_json(const uint64_t *values, int ranks)
-{
-    const double open = (double)total(values, ranks, RANK_PAIRS_OPEN),
-                 shut = (double)total(values, ranks, RANK_PAIRS_SHUT),
-                 kept = open + shut + (double)total(values, ranks, RANK_PAIRS_MIXED),
-                 all = fmax(1.0, kept + (double)total(values, ranks, RANK_PAIRS_UNKNOWN));
-    return json_pack("{s:I, s:f, s:f, s:f, s:I, s:I}", "bytes", total(values, ranks, RANK_PAIRS_BYTES), "cached",
-                     kept / all, "open", open / all, "shut", shut / all, "pairs",
-                     total(values, ranks, RANK_PAIRS_ASKED), "rays_saved", total(values, ranks, RANK_PAIRS_KNOWN));
-}
-
 /* Numbers of rays, of the steps by role and of the probes; *sum receives their total. */
 static json_t *rays_json(const struct kiln_roles *roles, const uint64_t *values, int ranks, double *sum)
 {
@@ -824,18 +679,28 @@ static json_t *rays_json(const struct kiln_roles *roles, const uint64_t *values,
     return rays;
 }
 
+/* Seconds that the slowest rank spent in a phase; NULL: none. */
+static double phase_seconds(const json_t *phases, const char *name)
+{
+    double sum = 0.0;
+    size_t index;
+    const json_t *phase;
+    json_array_foreach(phases, index, phase)
+    {
+        if (name != NULL && strcmp(json_string_value(json_object_get(phase, "name")), name) == 0)
+            sum += json_real_value(json_object_get(json_object_get(phase, "seconds"), "max"));
+    }
+    return sum;
+}
+
 /* Seconds that the slowest rank spent in the phases that trace rays. */
 static double tracing_seconds(const struct kiln_roles *roles, const json_t *phases)
 {
-    double sum = 0.0;
-    for (uint32_t r = 0; r <= roles->count + 1; r++) {
-        const char *name = r < roles->count ? roles->of[r]->phase : r == roles->count ? "probes" : "radiance probes";
-        size_t index;
-        const json_t *phase;
-        json_array_foreach(phases, index,
-                           phase) if (strcmp(json_string_value(json_object_get(phase, "name")), name) == 0) sum +=
-            json_real_value(json_object_get(json_object_get(phase, "seconds"), "max"));
-    }
+    double sum = phase_seconds(phases, "probes");
+    for (uint32_t r = 0; r < roles->count; r++)
+        sum += phase_seconds(phases, roles->of[r]->phase);
+    for (size_t i = 0; kiln_companions[i] != NULL; i++)
+        sum += phase_seconds(phases, kiln_companions[i]->phase);
     return sum;
 }
 
@@ -972,7 +837,7 @@ static void add_run(json_t *root, const struct kiln_run *run, json_t *phases, co
     json_object_set_new(root, "output", kiln_json_string(run->directory));
     json_object_set_new(root, "scene", found_scene_json(run));
     json_object_set_new(root, "job", settings_json(run->job));
-    json_object_set_new(root, "materials", kiln_materials_json(run->job, run->materials, p->scene, t));
+    json_object_set_new(root, "materials", kiln_materials_json(run->job, run->materials, p->scene, run->solution));
     json_object_set_new(root, "units", units_json(run));
     json_object_set_new(root, "backend", backend_json(p, values));
     json_object_set_new(root, "ranks", json_integer(p->ranks));
@@ -989,8 +854,8 @@ static void add_run(json_t *root, const struct kiln_run *run, json_t *phases, co
 static void add_steps(json_t *root, const struct kiln_run *run, const struct gathered *g)
 {
     const struct kiln_integrate_report *t = &run->solution->report;
-    json_object_set_new(root, "bounces", steps_json(t, g, false));
-    json_t *quantities = steps_json(t, g, true);
+    json_object_set_new(root, "bounces", steps_json(run, g, false));
+    json_t *quantities = steps_json(run, g, true);
     if (json_array_size(quantities) > 0)
         json_object_set(root, "quantities", quantities);
     json_decref(quantities);
@@ -1004,8 +869,7 @@ static void add_steps(json_t *root, const struct kiln_run *run, const struct gat
         json_object_set_new(json_object_get(root, "tail"), "pocket", pocket_json(run));
     if (t->landing.radius > 0.0 && kiln_job_is_reference(run->job))
         json_object_set_new(root, "merge_radius", json_real(t->landing.radius));
-    if (kiln_job_has_probes(run->job))
-        json_object_set_new(root, "radiance_probes", radiance_json(&t->radiance));
+    add_companions(root, run, KILN_REPORT_LIGHT, g, NULL);
 }
 
 /* Energy, errors and surface points. */
@@ -1035,36 +899,28 @@ static void add_points(json_t *root, const struct kiln_run *run, json_t *error_r
 }
 
 /* Adds points, memory, work and messages of the ranks. */
-static void add_ranks(json_t *root, const struct kiln_run *run, json_t *mpi, const uint64_t *values)
+static void add_ranks(json_t *root, const struct kiln_run *run, json_t *mpi, const struct gathered *g)
 {
+    const uint64_t *values = g->values;
     const struct kiln_prepared *p = run->prepared;
     json_object_set_new(root, "store", store_json(p));
     json_object_set_new(root, "balance", balance_json(run, values));
     json_object_set_new(root, "memory", memory_json(run, values));
-    if (kiln_job_is_radiosity(run->job) && run->job->light.patches.visibility_cache > 0.0)
-        json_object_set_new(root, "visibility_cache", visibility_json(values, p->ranks));
-    if (total(values, p->ranks, RANK_LINKS) > 0)
-        json_object_set_new(root, "links",
-                            json_pack("{s:I, s:I}", "count", total(values, p->ranks, RANK_LINKS), "bytes",
-                                      total(values, p->ranks, RANK_LINK_BYTES)));
+    add_companions(root, run, KILN_REPORT_RANKS, g, NULL);
     json_object_set_new(mpi, "received_between_nodes", json_integer(total(values, p->ranks, RANK_RECEIVED)));
-    if (run->solution->sight != NULL)
-        json_object_set_new(mpi, "visible", visible_json(run, values));
+    add_companions(mpi, run, KILN_REPORT_MPI, g, NULL);
     json_object_set_new(root, "mpi", mpi);
 }
 
 /* The files, and what is measured of them. */
-static void add_files(json_t *root, const struct kiln_run *run, const uint64_t *values)
+static void add_files(json_t *root, const struct kiln_run *run, const struct gathered *g)
 {
     if (run->volume->size[0] != 0)
-        json_object_set_new(root, "volume", volume_json(run, values));
+        json_object_set_new(root, "volume", volume_json(run, g->values));
     if (run->job->lightmaps.vertex_light)
         json_object_set_new(root, "vertices",
                             json_pack("{s:I}", "count", (json_int_t)run->vertices->first[run->vertices->object_count]));
-    if (run->job->scene.group_count > 0)
-        json_object_set_new(root, "light_groups", groups_json(run->job));
-    if (run->job->scene.grouped != NULL)
-        json_object_set_new(root, "light_group_rules", json_loads(run->job->scene.grouped, 0, NULL));
+    add_companions(root, run, KILN_REPORT_FILES, g, NULL);
     json_object_set_new(root, "objects", objects_json(run));
     json_object_set_new(root, "borders", borders_json(run));
     json_object_set_new(root, "denoise", denoise_json(run));
@@ -1078,8 +934,8 @@ static json_t *report_on_root(const struct kiln_run *run, json_t *phases, json_t
     add_run(root, run, phases, g->values);
     add_steps(root, run, g);
     add_points(root, run, error_reached, g->values);
-    add_ranks(root, run, mpi, g->values);
-    add_files(root, run, g->values);
+    add_ranks(root, run, mpi, g);
+    add_files(root, run, g);
     return root;
 }
 
@@ -1108,6 +964,9 @@ static void gather(const struct kiln_run *run, struct gathered *g)
     uint64_t own[RANK_VALUES] = {0};
     own_values(run, own);
     (void)MPI_Gather(own, RANK_VALUES, MPI_UINT64_T, g->values, RANK_VALUES, MPI_UINT64_T, 0, p->communicator);
+    kiln_companions_count(kiln_companions, run->solution, g->counts);
+    (void)MPI_Reduce(p->rank == 0 ? MPI_IN_PLACE : g->counts, g->counts, (int)(sizeof g->counts / sizeof *g->counts),
+                     MPI_UINT64_T, MPI_SUM, 0, p->communicator);
     for (size_t i = 0; i < t->steps.count; i++) {
         g->stolen[i] = t->steps.of[i].given;
         g->rays[i] = t->steps.of[i].rays;
