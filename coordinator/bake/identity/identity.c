@@ -7,32 +7,18 @@
 #include "coordinator/job/gone.h"
 #include "coordinator/job/options.h"
 #include "coordinator/files/checksummed_json.h"
+#include "coordinator/integrate/companion.h"
 #include "worker/base/text.h"
 #include "worker/base/version.h"
 
 #define VERSION "kiln" /* the key of the version that made the identity */
 
-/* Options of bake that affect the light on the surfaces, or the order of the points in a checkpoint. */
+/* Options of bake that affect the light on the surfaces, or the order of the points in a checkpoint. Companions have
+ * more (integrate/companion.h). */
 static const char *const counting[] = {"environment",
                                        "environment-scale",
                                        "environment-rotation",
                                        "method",
-                                       "lights",
-                                       "undersample",
-                                       "sampling-window",
-                                       "subdivide",
-                                       "node-max",
-                                       "keep-nodes",
-                                       "clamp",
-                                       "albedo-scale",
-                                       "patches",
-                                       "link-error",
-                                       "visibility",
-                                       "voxels",
-                                       "order",
-                                       "unshot-left",
-                                       "gather",
-                                       "directions",
                                        "bounces",
                                        "tail",
                                        "schedule",
@@ -44,11 +30,6 @@ static const char *const counting[] = {"environment",
                                        "guide",
                                        "materials",
                                        "caustics",
-                                       "mis",
-                                       "photons",
-                                       "iterations",
-                                       "merge-radius",
-                                       "radius-alpha",
                                        "chain-length",
                                        "only-visible-from",
                                        "seed",
@@ -69,17 +50,9 @@ static const char *const counting[] = {"environment",
                                        "cell-size",
                                        "partition",
                                        "exchange",
-                                       "error-map",
-                                       "target-error",
-                                       "tracing-range",
-                                       "radiance-probe-spacing",
-                                       "probe-basis",
-                                       "probe-side",
-                                       "distant-projection",
-                                       "samples-radiance-probe",
-                                       "sky-patches"};
+                                       NULL};
 /* Options that affect only the probes. */
-static const char *const probing[] = {"probe-spacing", "volume-bounds", "samples-probe"};
+static const char *const probing[] = {"probe-spacing", "volume-bounds", "samples-probe", NULL};
 /* Options that affect neither: devices, speed, limits, messages and output files. --quality is covered by the sample
  * counts that it sets. */
 static const char *const other[] = {
@@ -87,17 +60,14 @@ static const char *const other[] = {
     "preview", "exposure", "auto-exposure", "tone-map", "json", "quiet", "verbose", "resume", "checkpoint-every",
     "max-time", "watchdog", "device", "devices", "device-memory", "memory-budget", "kernel-cache", "checkpoint-local",
     "strict",
-    /* what is kept of pairs is what tracing finds */
-    "visibility-cache",
     /* units give the numbers a name and change none of them */
-    "verify-fraction", "trace", "shared-memory-ranks", "work-stealing", "rebalance", "exchange-points", "units",
-    "light-groups", "export", "vertex-light", "keep-transport",
+    "verify-fraction", "trace", "shared-memory-ranks", "work-stealing", "rebalance", "units", "export", "vertex-light",
     /* what it changes is in the scene's content */
-    "changes"};
+    "changes", NULL};
 
-static bool is_among(const char *name, const char *const *list, size_t count)
+static bool is_among(const char *name, const char *const *list)
 {
-    for (size_t i = 0; i < count; i++)
+    for (size_t i = 0; list != NULL && list[i] != NULL; i++)
         if (strcmp(list[i], name) == 0)
             return true;
     return false;
@@ -105,10 +75,13 @@ static bool is_among(const char *name, const char *const *list, size_t count)
 
 bool kiln_identity_counts(const char *name, bool *known)
 {
-    const bool counts = is_among(name, counting, sizeof counting / sizeof *counting);
-    const bool probes = is_among(name, probing, sizeof probing / sizeof *probing);
-    *known = counts || probes || is_among(name, other, sizeof other / sizeof *other);
-    return counts || probes;
+    bool counts = is_among(name, counting) || is_among(name, probing), idle = is_among(name, other);
+    for (size_t i = 0; kiln_companions[i] != NULL; i++) {
+        counts = counts || is_among(name, kiln_companions[i]->identity);
+        idle = idle || is_among(name, kiln_companions[i]->no_identity);
+    }
+    *known = counts || idle;
+    return counts;
 }
 
 static json_t *value_json(const struct kiln_job *job, const struct kiln_option *option)
@@ -118,32 +91,51 @@ static json_t *value_json(const struct kiln_job *job, const struct kiln_option *
     return json != NULL ? json : json_string("not UTF-8");
 }
 
-static json_t *values_json(const struct kiln_job *job, const char *const *names, size_t count)
+/* The list may be NULL. */
+static void add_values(json_t *values, const struct kiln_job *job, const char *const *names)
 {
-    json_t *values = json_object();
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; names != NULL && names[i] != NULL; i++) {
         const struct kiln_option *option = kiln_option_find_for(names[i], KILN_FOR_BAKE);
         if (option != NULL)
             (void)json_object_set_new(values, names[i], value_json(job, option));
     }
-    return values;
+}
+
+/* Adds the options of the companions that come after option `after`; NULL: after all others. */
+static void add_companions(json_t *values, const struct kiln_job *job, const char *after)
+{
+    for (size_t i = 0; kiln_companions[i] != NULL; i++) {
+        const char *own = kiln_companions[i]->identity_after;
+        if (own == after || (own != NULL && after != NULL && strcmp(own, after) == 0))
+            add_values(values, job, kiln_companions[i]->identity);
+    }
+}
+
+static json_t *fields_json(const struct kiln_job *job)
+{
+    json_t *fields = json_object();
+    for (size_t i = 0; counting[i] != NULL; i++) {
+        add_values(fields, job, (const char *const[]){counting[i], NULL});
+        add_companions(fields, job, counting[i]);
+    }
+    add_companions(fields, job, NULL);
+    return fields;
 }
 
 json_t *kiln_identity_make(const struct kiln_job *job, const struct kiln_prepared *prepared)
 {
     const struct kiln_scene *scene = prepared->scene;
-    json_t *fields = values_json(job, counting, sizeof counting / sizeof *counting), *sources = json_object();
-    json_t *probes = values_json(job, probing, sizeof probing / sizeof *probing);
+    json_t *fields = fields_json(job), *sources = json_object(), *probes = json_object();
+    add_values(probes, job, probing);
     for (size_t i = 0; i < scene->source_count; i++)
         (void)json_object_set_new(sources, kiln_scene_string(scene, scene->sources[i].path),
                                   kiln_hash_json(scene->sources[i].hash));
     uint64_t views[2];
     if (job->light.only_visible_from != NULL && kiln_visible_from_hash(job->light.only_visible_from, views))
         (void)json_object_set_new(fields, "camera path", kiln_hash_json(views));
-    if (job->scene.grouped != NULL) /* what the file says, wherever it lies */
-        (void)json_object_set_new(fields, "light groups", json_string(job->scene.grouped));
-    if (job->light.caustics_tried) /* what was asked for by name always comes */
-        (void)json_object_set_new(fields, "caustics tried", json_string("yes"));
+    for (size_t i = 0; kiln_companions[i] != NULL; i++)
+        if (kiln_companions[i]->identify != NULL)
+            kiln_companions[i]->identify(job, fields);
     (void)json_object_set_new(fields, "scene content", kiln_hash_json(scene->header->content_hash));
     (void)json_object_set_new(fields, VERSION, json_string(KILN_VERSION));
     return json_pack("{s:o, s:o, s:o, s:{s:s, s:s}}", "fields", fields, "probes", probes, "sources", sources, "machine",

@@ -23,8 +23,8 @@ bool kiln_identity_same_probes(const json_t *then, const json_t *now);
 const char *kiln_identity_backend(const json_t *identity);
 const char *kiln_identity_instruction_set(const json_t *identity);
 
-/* Whether the option `name` affects the light or the probes. *known: the option is on one of the lists in identity.c; a
- * test checks that every option of bake is. */
+/* Whether the option `name` affects the light or the probes. *known: the option is on one of the lists in identity.c
+ * or of a companion; a test checks that every option of bake is. */
 bool kiln_identity_counts(const char *name, bool *known);
 
 #endif
