@@ -3,12 +3,16 @@
  * field says for each tile run. The integrator "cells" must find the same bits by its equal schedule.
  *
  * Beside both goes a companion that the runner does not know either: it is asked once before and once after each step,
- * takes the answers of each point once a step, and leaves every second tile run out of the steps that name it. */
+ * takes the answers of each point once a step, and leaves every second tile run out of the steps that name it. The
+ * table of companions is this one's in all of the program, so that what plans, reports and tells bakes apart walks it,
+ * and shows what they have to say. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
+#include "coordinator/bake/identity/identity.h"
+#include "coordinator/bake/report/run_report.h"
 #include "coordinator/files/foreign_json.h"
 #include "coordinator/integrate/companion.h"
 #include "coordinator/integrate/packing.h"
@@ -108,7 +112,7 @@ static const struct kiln_integrator pair = {.name = "pair",
 
 /* How often each was asked; points on this rank, by whoever took them. */
 struct visits {
-    uint32_t created, settled, before, complete, after, ended, destroyed;
+    uint32_t created, settled, before, complete, after, closed, ended, destroyed;
     uint64_t points;
 };
 static struct visits visits;
@@ -183,16 +187,82 @@ static void visitor_take(const void *self, const struct kiln_taking *taking, con
     (void)__atomic_fetch_add(&visits.points, tile_run->count, __ATOMIC_RELAXED);
 }
 
-static const struct kiln_companion visitor = {.name = "visitor",
-                                              .wanted = visitor_wanted,
-                                              .create = visitor_create,
-                                              .destroy = visitor_destroy,
-                                              .settle = visitor_settle,
-                                              .before_step = visitor_before,
-                                              .complete = visitor_complete,
-                                              .after_step = visitor_after,
-                                              .end = visitor_end,
-                                              .take = visitor_take};
+/* ---- what the companion says of itself ---- */
+
+/* Sees that the ledger would take all light that points reflect as sent. */
+static void visitor_close(const struct kiln_companion_site *site, struct kiln_energy_closing *closing)
+{
+    (void)site;
+    visits.closed += closing->albedo_scale == 1.0;
+}
+
+static void visitor_identify(const struct kiln_job *job, json_t *fields)
+{
+    (void)job;
+    (void)json_object_set_new(fields, "visits", json_string("of all points"));
+}
+
+static void visitor_count(const struct kiln_solution *solution, uint64_t counts[KILN_COMPANION_COUNTS])
+{
+    counts[1] = solution->own->surface.count;
+}
+
+static void visitor_settings(const struct kiln_companion_told *told, json_t *json)
+{
+    (void)json_object_set_new(json, "visits_asked", json_integer(told->job->plan.ranks));
+}
+
+static void visitor_ranks(const struct kiln_companion_told *told, json_t *json)
+{
+    (void)json_object_set_new(json, "visits", json_integer((json_int_t)told->counts[1]));
+}
+
+static int visitor_measure(const struct kiln_companion_sample *sample, struct kiln_companion_measured *measured,
+                           struct kiln_error *error)
+{
+    static const char *const dark[] = {"direct", NULL};
+    (void)error;
+    measured->seconds = 2.0 * (double)sample->points;
+    measured->dark = dark;
+    measured->dark_share = 0.25;
+    measured->json = json_pack("{s:i}", "ranks", (int)sample->ranks);
+    return KILN_OK;
+}
+
+/* A byte for each second that was measured. */
+static void visitor_demand(const struct kiln_companion_demand *demand, struct kiln_companion_bytes *bytes)
+{
+    bytes->in_step += (uint64_t)demand->measured->seconds;
+}
+
+static uint64_t visitor_saved(const struct kiln_integrate_settings *settings)
+{
+    (void)settings;
+    return 3;
+}
+
+static const char *const visitor_identity[] = {"seed", NULL}, *const visitor_no_identity[] = {"no such option", NULL};
+
+static const struct kiln_companion visitor = {
+    .name = "visitor",
+    .identity = visitor_identity,
+    .no_identity = visitor_no_identity,
+    .close = visitor_close,
+    .identify = visitor_identify,
+    .count = visitor_count,
+    .report = {[KILN_REPORT_SETTINGS] = visitor_settings, [KILN_REPORT_RANKS] = visitor_ranks},
+    .measure = visitor_measure,
+    .demand = visitor_demand,
+    .saved_bytes = visitor_saved,
+    .wanted = visitor_wanted,
+    .create = visitor_create,
+    .destroy = visitor_destroy,
+    .settle = visitor_settle,
+    .before_step = visitor_before,
+    .complete = visitor_complete,
+    .after_step = visitor_after,
+    .end = visitor_end,
+    .take = visitor_take};
 
 static void halve(const struct kiln_integrate_settings *settings, const struct kiln_step *step,
                   const struct kiln_rank_data *data, size_t tile_run, struct kiln_selection *selection)
@@ -205,7 +275,9 @@ static void halve(const struct kiln_integrate_settings *settings, const struct k
 
 static const struct kiln_companion half = {.name = "half", .by_step = true, .wanted = visitor_wanted, .select = halve};
 
-static const struct kiln_companion *const companions[] = {&half, &visitor, NULL};
+/* In the place of kiln's own table. */
+const struct kiln_companion *const kiln_companions[] = {&half, &visitor, NULL};
+enum { HALF, VISITOR, TABLE };
 
 /* Checks the visits of a bake with two steps and so many points on all ranks. */
 static int check_visits(uint64_t points)
@@ -213,18 +285,78 @@ static int check_visits(uint64_t points)
     uint64_t taken = visits.points;
     struct kiln_step step = {.with = 0};
     int failures = visits.created != 1 || visits.settled != 1 || visits.before != 2 || visits.complete != 2 ||
-                   visits.after != 2 || visits.ended != 1 || visits.destroyed != 1;
+                   visits.after != 2 || visits.closed != 1 || visits.ended != 1 || visits.destroyed != 1;
     (void)MPI_Allreduce(MPI_IN_PLACE, &taken, 1, MPI_UINT64_T, MPI_SUM, MPI_COMM_WORLD);
     failures += taken != 2 * points;
-    failures += kiln_companions_select(companions, &step);
+    failures += kiln_companions_select(kiln_companions, &step);
     step.with = 1;
-    failures += !kiln_companions_select(companions, &step);
-    failures += kiln_companions_selection(companions, NULL, &step, NULL, 0).computed != UINT64_MAX;
-    failures += kiln_companions_selection(companions, NULL, &step, NULL, 1).computed != 0;
+    failures += !kiln_companions_select(kiln_companions, &step);
+    failures += kiln_companions_selection(kiln_companions, NULL, &step, NULL, 0).computed != UINT64_MAX;
+    failures += kiln_companions_selection(kiln_companions, NULL, &step, NULL, 1).computed != 0;
     if (failures != 0)
         (void)fprintf(stderr, "a companion was asked %u %u %u %u %u %u %u times, for %llu of 2 x %llu points\n",
                       visits.created, visits.settled, visits.before, visits.complete, visits.after, visits.ended,
                       visits.destroyed, (unsigned long long)taken, (unsigned long long)points);
+    return failures;
+}
+
+/* Checks what `kiln plan` would say of a bake of so many points. */
+static int check_plan(const struct kiln_integrate_params *params, uint64_t points)
+{
+    const struct kiln_companion_sample sample = {.params = params, .points = points, .ranks = RANKS};
+    const struct kiln_companion_demand demand = {.settings = params->settings, .points = points, .ranks = RANKS};
+    struct kiln_companion_measured measured[TABLE];
+    struct kiln_error error = {""};
+    json_t *told = json_object(), *wanted = json_pack("{s:{s:i}}", "visitor", "ranks", RANKS);
+    int failures = kiln_companions_measure(kiln_companions, &sample, measured, &error) != KILN_OK;
+    kiln_companions_tell_measured(kiln_companions, measured, told);
+    failures += json_equal(told, wanted) == 0;
+    failures += kiln_companions_demand(kiln_companions, measured, &demand).in_step != 2 * points;
+    failures += kiln_companions_saved_bytes(kiln_companions, params) != 3;
+    failures += kiln_companions_dark(kiln_companions, measured, "direct") != 0.25;
+    failures += kiln_companions_dark(kiln_companions, measured, "indirect") != 0.0;
+    kiln_companions_forget(kiln_companions, measured);
+    failures += measured[VISITOR].json != NULL;
+    json_decref(told);
+    json_decref(wanted);
+    return failures;
+}
+
+/* Checks what run.json would say: on rank 0, of the counts of all ranks. */
+static int check_report(const struct kiln_solution *solution, const struct kiln_job *job, int rank)
+{
+    const struct kiln_companion_told told = {.job = job, .solution = solution};
+    uint64_t counts[TABLE * KILN_COMPANION_COUNTS] = {0};
+    json_t *json = json_object(),
+           *wanted = json_pack("{s:I}", "visits", (json_int_t)solution->own->surface.point_count);
+    kiln_companions_count(kiln_companions, solution, counts);
+    (void)MPI_Allreduce(MPI_IN_PLACE, counts, TABLE * KILN_COMPANION_COUNTS, MPI_UINT64_T, MPI_SUM, MPI_COMM_WORLD);
+    kiln_companions_report(kiln_companions, KILN_REPORT_RANKS, &told, counts, json);
+    const int failures = rank == 0 && json_equal(json, wanted) == 0;
+    json_decref(json);
+    json_decref(wanted);
+    return failures;
+}
+
+static bool has_text(const json_t *json, const char *key, const char *text)
+{
+    const char *value = json_string_value(json_object_get(json, key));
+    return value != NULL && strcmp(value, text) == 0;
+}
+
+/* Checks the identity of a bake, and the settings that kiln.h5 has. */
+static int check_identity(const struct kiln_prepared *prepared, const struct kiln_job *job)
+{
+    bool known[2];
+    const bool counts = kiln_identity_counts("seed", &known[0]),
+               others = kiln_identity_counts("no such option", &known[1]);
+    json_t *identity = kiln_identity_make(job, prepared);
+    char *provenance = kiln_provenance(job, prepared);
+    int failures = !counts || others || !known[0] || !known[1];
+    failures += !has_text(json_object_get(identity, "fields"), "visits", "of all points");
+    failures += provenance == NULL || strstr(provenance, "\"visits_asked\":2") == NULL;
+    free(provenance);
+    json_decref(identity);
     return failures;
 }
 
@@ -285,6 +417,7 @@ struct found {
     float *light;
     struct kiln_step_energy energy[2];
     size_t steps;
+    int failures; /* of what the companions say of themselves */
 };
 
 static int keep(struct found *found, const struct kiln_solution *solution)
@@ -299,6 +432,23 @@ static int keep(struct found *found, const struct kiln_solution *solution)
     for (size_t i = 0; i < 2 && i < found->steps; i++)
         found->energy[i] = solution->report.steps.of[i].energy;
     return KILN_OK;
+}
+
+static int check_told(const struct world *w, const struct kiln_integrate_params *params,
+                      const struct kiln_solution *solution, const struct kiln_job *job)
+{
+    struct kiln_prepared prepared = {.scene = &w->fixture->scene,
+                                     .geometry = w->geometry,
+                                     .lights = w->lights,
+                                     .backend = params->backend,
+                                     .surface = params->surface,
+                                     .instruction_set = "any"};
+    const int plan = check_plan(params, params->surface->point_count), report = check_report(solution, job, w->rank),
+              identity = check_identity(&prepared, job);
+    if (plan + report + identity > 0)
+        (void)fprintf(stderr, "a companion does not show: %d in the plan, %d in the report, %d in the identity\n", plan,
+                      report, identity);
+    return plan + report + identity;
 }
 
 static int bake(const struct world *w, const struct kiln_integrator *integrator, struct found *found,
@@ -327,7 +477,7 @@ static int bake(const struct world *w, const struct kiln_integrator *integrator,
                                            .area = 48.0,
                                            .control = w->control,
                                            .checkpoint = w->checkpoint,
-                                           .companions = companions,
+                                           .companions = kiln_companions,
                                            .threads = 1};
     struct kiln_emission_result emission;
     struct kiln_surface_report report;
@@ -348,6 +498,8 @@ static int bake(const struct world *w, const struct kiln_integrator *integrator,
         status = kiln_integrate(&solution, &params, error);
     if (status == KILN_OK)
         status = keep(found, solution);
+    if (status == KILN_OK)
+        found->failures = check_told(w, &params, solution, &job);
     kiln_solution_destroy(&solution);
     kiln_backend_destroy(&params.backend);
     kiln_surface_destroy(&params.surface);
@@ -404,7 +556,8 @@ int main(int argc, char **argv)
         status = bake(&w, kiln_integrator_find("cells"), &cells, &error);
     if (status != KILN_OK)
         (void)fprintf(stderr, "%s\n", error.message);
-    const int failures = status == KILN_OK ? compare(&own, &cells) + check_visits(cells.points) : 1;
+    const int failures =
+        status == KILN_OK ? compare(&own, &cells) + check_visits(cells.points) + own.failures + cells.failures : 1;
     free(own.light);
     free(cells.light);
     free_world(&w);
