@@ -7,15 +7,14 @@ standard errors, which the spread over texels confirms.
 """
 import math
 import os
-import struct
 import sys
-import zlib
 
 import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
 import glb  # noqa: E402
 import harness  # noqa: E402
+import png  # noqa: E402
 from closed_forms import lambert  # noqa: E402
 from probes import Volume  # noqa: E402
 
@@ -25,20 +24,11 @@ EXACT = 2e-6
 UP = np.array([0.0, 1.0, 0.0])
 
 
-def png(rgba):
-    """An image of 8 bits a channel, RGBA."""
-    height, width = rgba.shape[:2]
-    rows = b''.join(b'\0' + rgba[y].astype(np.uint8).tobytes() for y in range(height))
-    chunk = lambda kind, data: struct.pack('>I', len(data)) + kind + data + struct.pack('>I', zlib.crc32(kind + data))
-    return b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', struct.pack('>IIBBBBB', width, height, 8, 6, 0, 0, 0)) + chunk(
-        b'IDAT', zlib.compress(rows)) + chunk(b'IEND', b'')
-
-
 def texture(scene, rgba):
     """Number of a new texture, nearest filter, with this image."""
     while len(scene.blob) % 4:
         scene.blob.append(0)
-    data = png(rgba)
+    data = png.encoded(rgba)
     scene.document['bufferViews'].append({'buffer': 0, 'byteOffset': len(scene.blob), 'byteLength': len(data)})
     scene.blob += data
     images, samplers, textures = (scene.document.setdefault(k, []) for k in ('images', 'samplers', 'textures'))

@@ -1,9 +1,11 @@
 """What the command line tests share: running kiln and taking its answer apart."""
 import os
 import subprocess
+import sys
 import time
 
-KILN = os.environ["KILN"]
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
+from program import KILN, InOwnFolder, run_json  # noqa: E402, F401
 
 
 class Answer:

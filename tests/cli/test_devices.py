@@ -2,24 +2,22 @@
 played."""
 import json
 import os
-import tempfile
 import unittest
 
-from kiln_cli import kiln
+from kiln_cli import InOwnFolder, kiln, run_json
 
 NO_DRIVER = ["env", "VK_DRIVER_FILES=/nonexistent", "VK_ICD_FILENAMES=/nonexistent"]
 FAST = ["--quality", "draft", "--texels-per-metre", "4", "--samples-probe", "0", "--quiet"]
 
 
-class Devices(unittest.TestCase):
+class Devices(InOwnFolder):
     def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.addCleanup(self.folder.cleanup)
-        self.scene = os.path.join(self.folder.name, "cornell.glb")
+        super().setUp()
+        self.scene = os.path.join(self.folder, "cornell.glb")
         self.assertEqual(kiln("generate", "cornell", "-o", self.scene).code, 0)
 
     def bake(self, *options, prefix=()):
-        return kiln("bake", self.scene, "-o", os.path.join(self.folder.name, "out"), *FAST, *options, prefix=prefix)
+        return kiln("bake", self.scene, "-o", os.path.join(self.folder, "out"), *FAST, *options, prefix=prefix)
 
     def test_list(self):
         answer = kiln("info", "--devices", "--json")
@@ -56,8 +54,7 @@ class Devices(unittest.TestCase):
         if any(device["fit"] and not device["software"] for device in listed["vulkan"]):
             self.skipTest("there is a GPU here")
         self.assertEqual(self.bake("--backend", "auto").code, 0)
-        with open(os.path.join(self.folder.name, "out", "run.json"), encoding="utf-8") as file:
-            backend = json.load(file)["backend"]
+        backend = run_json(os.path.join(self.folder, "out"))["backend"]
         self.assertEqual(backend["name"], "embree")
         self.assertEqual(sorted(backend["kernels"]), ["direct", "gather", "validity"])
         self.assertEqual(backend["because"]["let_through"], "none")

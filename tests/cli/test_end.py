@@ -6,7 +6,7 @@ import subprocess
 import tempfile
 import unittest
 
-from kiln_cli import KILN, kiln
+from kiln_cli import KILN, kiln, run_json
 
 RANKS = ["mpirun", "--bind-to", "none", "-n"]
 SMALL = ["--backend", "embree", "--quality", "draft", "--lightmap-size", "24", "--bounces", "1", "--threads", "1"]
@@ -32,8 +32,7 @@ class End(unittest.TestCase):
             path = os.path.join(self.folder, f"again{attempt}") if attempt > 0 else self.out
             if attempt > 0:
                 kiln("bake", self.scene, "-o", path, *SMALL, prefix=[*RANKS, "2"], timeout=120)
-            with open(os.path.join(path, "run.json")) as file:
-                report = json.load(file)
+            report = run_json(path)
             whole, missing = report["seconds"], []
             for rank in range(2):
                 late = 0.1 if rank > 0 else 0  # s: ranks do not start at the same moment

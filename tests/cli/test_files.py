@@ -1,19 +1,16 @@
 """How files are read: --up, --unit and --strict, on the command line, in job files and in --help."""
 import json
 import os
-import tempfile
 import unittest
 
-from kiln_cli import kiln
+from kiln_cli import InOwnFolder, kiln
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 2 3\nf 1 2 3\n"
 
 
-class Files(unittest.TestCase):
+class Files(InOwnFolder):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = folder.name
+        super().setUp()
         self.write("a.obj", TRIANGLE)
 
     def write(self, name, text):

@@ -2,12 +2,11 @@
 import json
 import os
 import struct
-import tempfile
 import unittest
 
 import numpy
 
-from kiln_cli import kiln
+from kiln_cli import InOwnFolder, kiln
 
 
 def read_glb(path):
@@ -44,16 +43,15 @@ def covered_twice(corners, size=256):
     return int((count > 1).sum())
 
 
-class Generate(unittest.TestCase):
+class Generate(InOwnFolder):
     def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.addCleanup(self.folder.cleanup)
+        super().setUp()
         listed = json.loads(kiln("generate", "--json").out)
         self.assertEqual(listed["status"], "done")
         self.names = [scene["name"] for scene in listed["scenes"]]
 
     def make(self, name, *options, file="scene.glb"):
-        path = os.path.join(self.folder.name, file)
+        path = os.path.join(self.folder, file)
         answer = kiln("generate", name, "-o", path, "--json", *options)
         self.assertEqual(answer.code, 0, answer.err)
         self.assertEqual(json.loads(answer.out)["status"], "done")
@@ -256,7 +254,7 @@ class Generate(unittest.TestCase):
             self.assertNotEqual(first, file.read())
 
     def test_refusals(self):
-        path = os.path.join(self.folder.name, "x.glb")
+        path = os.path.join(self.folder, "x.glb")
         for code, pattern, arguments in (
                 (64, r"'corneel'; the nearest one is 'cornell' .*furnace, city", ["corneel", "-o", path]),
                 (64, r"say where the scene goes", ["cornell"]),
@@ -268,11 +266,11 @@ class Generate(unittest.TestCase):
                 (64, r"28.00 GB .* 4.29 GB", ["cornell-statue", "-o", path, "--triangles", "1000000000"]),
                 (73, r"'/proc/x.glb' cannot be created", ["cornell", "-o", "/proc/x.glb"]),
                 (73, r"missing/x.glb' cannot be created",
-                 ["cornell", "-o", os.path.join(self.folder.name, "missing/x.glb")])):
+                 ["cornell", "-o", os.path.join(self.folder, "missing/x.glb")])):
             answer = kiln("generate", *arguments)
             self.assertEqual(answer.code, code, answer.err)
             self.assertRegex(answer.sentence(), pattern)
-            self.assertEqual(os.listdir(self.folder.name), [])
+            self.assertEqual(os.listdir(self.folder), [])
 
 
 if __name__ == "__main__":

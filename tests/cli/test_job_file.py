@@ -1,21 +1,16 @@
 """Job files: errors name file and line, and nothing a file holds costs much time or memory."""
 import os
-import tempfile
 import unittest
 
-from kiln_cli import kiln
+from kiln_cli import InOwnFolder, kiln
 
 
-class JobFile(unittest.TestCase):
-    def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.addCleanup(self.folder.cleanup)
-
+class JobFile(InOwnFolder):
     def answer(self, text, *arguments):
-        path = os.path.join(self.folder.name, "job.yaml")
+        path = os.path.join(self.folder, "job.yaml")
         with open(path, "wb") as file:
             file.write(text if isinstance(text, bytes) else text.encode())
-        answer = kiln("bake", "job.yaml", *arguments, folder=self.folder.name)
+        answer = kiln("bake", "job.yaml", *arguments, folder=self.folder)
         self.assertLess(answer.seconds, 5)
         return answer
 
@@ -63,19 +58,19 @@ class JobFile(unittest.TestCase):
         self.refused(r"too many for a job file", b"#" * (1 << 20) + b"\n")
 
     def test_things_that_are_no_files(self):
-        os.mkdir(os.path.join(self.folder.name, "folder.yaml"))
-        os.symlink("/dev/zero", os.path.join(self.folder.name, "zero.yaml"))
-        os.mkfifo(os.path.join(self.folder.name, "pipe.yaml"))
+        os.mkdir(os.path.join(self.folder, "folder.yaml"))
+        os.symlink("/dev/zero", os.path.join(self.folder, "zero.yaml"))
+        os.mkfifo(os.path.join(self.folder, "pipe.yaml"))
         for name in ("folder.yaml", "zero.yaml", "pipe.yaml"):
-            answer = kiln("bake", name, folder=self.folder.name, timeout=5)
+            answer = kiln("bake", name, folder=self.folder, timeout=5)
             self.assertEqual(answer.code, 65)
             self.assertRegex(answer.sentence(), f"^'{name}' is not a plain file")
 
     def test_paths_are_relative_to_the_job_file(self):
-        os.mkdir(os.path.join(self.folder.name, "deep"))
-        with open(os.path.join(self.folder.name, "deep", "job.yaml"), "w") as file:
+        os.mkdir(os.path.join(self.folder, "deep"))
+        with open(os.path.join(self.folder, "deep", "job.yaml"), "w") as file:
             file.write("scene: sub/a.glb\n")
-        answer = kiln("bake", "deep/job.yaml", folder=self.folder.name)
+        answer = kiln("bake", "deep/job.yaml", folder=self.folder)
         self.assertEqual(answer.code, 66)
         self.assertIn(" deep/sub/a.glb: ", answer.sentence())
 

@@ -1,6 +1,5 @@
 """--memory-budget: a bake that would take more is refused before the first ray, with a texel density that fits; at that
 density it is done, and takes about what was said."""
-import json
 import os
 import re
 import subprocess
@@ -10,6 +9,7 @@ import unittest
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import harness  # noqa: E402
+from reading import run_json  # noqa: E402
 
 KILN = os.environ["KILN"]
 CORNELL = os.path.join(harness.REPOSITORY, "jobs", "cornell.glb")
@@ -51,8 +51,7 @@ class Budget(unittest.TestCase):
             self.assertLess(min(peaks), 0.15 * 1.1, peaks)
 
     def peak(self, folder):
-        with open(os.path.join(folder, "run.json")) as f:
-            return max(json.load(f)["memory"]["peak_per_rank"]) / 2**30
+        return max(run_json(folder)["memory"]["peak_per_rank"]) / 2**30
 
     def test_no_room_at_all(self):
         with tempfile.TemporaryDirectory() as scratch:

@@ -3,10 +3,9 @@ that denoises, materials of MTL files."""
 import json
 import os
 import sys
-import tempfile
 import unittest
 
-from kiln_cli import kiln
+from kiln_cli import InOwnFolder, kiln, run_json
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
@@ -32,10 +31,7 @@ def box(scene, name, low, high, material, inward=False, without=()):
             scene.quad(f"{name}{i}", side if inward else side[::-1], material)
 
 
-class Told(unittest.TestCase):
-    def setUp(self):
-        self.folder = self.enterContext(tempfile.TemporaryDirectory())
-
+class Told(InOwnFolder):
     def at(self, name):
         return os.path.join(self.folder, name)
 
@@ -47,8 +43,7 @@ class Told(unittest.TestCase):
     def bake(self, path, *options):
         answer = kiln("bake", path, "-o", self.at("out"), *QUICK, *options, timeout=120)
         self.assertEqual(answer.code, 0, answer.err)
-        with open(self.at("out/run.json")) as file:
-            return answer, json.load(file)
+        return answer, run_json(self.at("out"))
 
     def problems(self, path):
         found = json.loads(kiln("check", path, "--json").out)["problems"]

@@ -5,23 +5,22 @@ import os
 import tempfile
 import unittest
 
-from kiln_cli import COMMANDS, kiln, quickest
+from kiln_cli import InOwnFolder, COMMANDS, kiln, quickest
 
 
-class Usage(unittest.TestCase):
+class Usage(InOwnFolder):
     def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.addCleanup(self.folder.cleanup)
-        self.scene = os.path.join(self.folder.name, "scene.glb")
+        super().setUp()
+        self.scene = os.path.join(self.folder, "scene.glb")
         with open(self.scene, "wb") as file:
             file.write(b"not a scene")
 
     def refused(self, code, pattern, *arguments):
-        answer = kiln(*arguments, folder=self.folder.name)
+        answer = kiln(*arguments, folder=self.folder)
         self.assertEqual(answer.code, code, answer.err)
         self.assertRegex(answer.sentence(), pattern)
         self.assertEqual(answer.out, "")
-        self.assertEqual(os.listdir(self.folder.name), ["scene.glb"], "nothing is written")
+        self.assertEqual(os.listdir(self.folder), ["scene.glb"], "nothing is written")
         return answer
 
     def test_unknown_names_bring_the_nearest(self):
@@ -123,12 +122,12 @@ class Usage(unittest.TestCase):
             self.assertEqual(object["status"], "error")
             self.assertEqual(object["code"], answer.code)
             self.assertEqual(object["message"], answer.sentence())
-        answer = kiln("bake", b"\xff.glb".decode("utf-8", "surrogateescape"), "--json", folder=self.folder.name)
+        answer = kiln("bake", b"\xff.glb".decode("utf-8", "surrogateescape"), "--json", folder=self.folder)
         self.assertEqual(json.loads(answer.out)["code"], 66)
 
     def test_under_mpirun_the_sentence_comes_once(self):
         for arguments in (["bake", "missing.glb"], ["info", "missing.glb"], ["bakee"]):
-            answer = kiln(*arguments, prefix=["mpirun", "-n", "3"], folder=self.folder.name)
+            answer = kiln(*arguments, prefix=["mpirun", "-n", "3"], folder=self.folder)
             self.assertEqual(answer.code, 64 if arguments == ["bakee"] else 66)
             answer.sentence()
 

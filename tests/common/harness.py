@@ -20,6 +20,8 @@ import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import exr  # noqa: E402
+from ranks import MPI_ENVIRONMENT, under_mpi  # noqa: E402
+from reading import run_json  # noqa: E402
 
 REPOSITORY = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 DATA = os.path.join(REPOSITORY, 'tests', 'data')
@@ -30,17 +32,6 @@ BAD_INPUT = 65
 NO_DEVICE = 69
 VALIDATION = 'Vulkan validation'  # begins the lines in which kiln passes on what Vulkan's validation layer says
 FALLBACK = 'going on with Embree'  # ends the warning that a device has failed for good
-
-# Open MPI as the tests need it: more ranks than cores, as root in a container, without the one-sided transport that
-# crashes.
-MPI_ENVIRONMENT = {
-    'OMPI_ALLOW_RUN_AS_ROOT': '1',
-    'OMPI_ALLOW_RUN_AS_ROOT_CONFIRM': '1',
-    'OMPI_MCA_rmaps_base_oversubscribe': '1',
-    'OMPI_MCA_mpi_yield_when_idle': '1',
-    'OMPI_MCA_osc': 'sm,pt2pt',
-    'OMPI_MCA_btl': 'self,vader,tcp',
-}
 
 
 def skip(sentence):
@@ -193,8 +184,7 @@ class Bake:
     @property
     def run(self):
         if self._run is None:
-            with open(os.path.join(self.directory, 'run.json')) as f:
-                self._run = json.load(f)
+            self._run = run_json(self.directory)
         return self._run
 
     @property
@@ -218,10 +208,6 @@ class Bake:
 
     def remove(self):
         shutil.rmtree(self.directory, ignore_errors=True)
-
-
-def under_mpi(ranks):
-    return ['mpirun', '--bind-to', 'none', '-n', str(ranks)] if ranks else []
 
 
 class Kiln:

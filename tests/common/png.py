@@ -38,16 +38,22 @@ def _unfilter(kind, line, above):
     return row
 
 
-def data_uri(pixels):
-    """A PNG of 8-bit RGB or RGBA, as a data URI."""
-    pixels = np.asarray(pixels, np.uint8)
-    height, width, channels = pixels.shape
-
+def of(width, height, channels, packed):
+    """The bytes of a PNG of 8-bit RGB or RGBA, of its rows as zlib packs them."""
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
-    rows = b"".join(b"\0" + row.tobytes() for row in pixels)
-    kind = 2 if channels == 3 else 6
-    data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, kind, 0, 0, 0)) + chunk(
-        b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
-    return "data:image/png;base64," + base64.b64encode(data).decode()
+    head = struct.pack(">IIBBBBB", width, height, 8, 2 if channels == 3 else 6, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", packed) + chunk(b"IEND", b"")
+
+
+def encoded(pixels):
+    """The bytes of a PNG of 8-bit RGB or RGBA, (height, width, 3 or 4)."""
+    pixels = np.asarray(pixels, np.uint8)
+    height, width, channels = pixels.shape
+    return of(width, height, channels, zlib.compress(b"".join(b"\0" + row.tobytes() for row in pixels)))
+
+
+def data_uri(pixels):
+    """The same as a data URI."""
+    return "data:image/png;base64," + base64.b64encode(encoded(pixels)).decode()

@@ -1,21 +1,17 @@
 """Bakes whose transport is kept, and relit: for the tests of kiln relight."""
-import json
 import os
-import subprocess
 
 import h5py
 
 import harness
-
-KILN = os.environ["KILN"]
+import program
+from reading import content, run_json
 
 
 def kiln(*arguments, ranks=1, slowness=1, lines=None):
-    command = [KILN, *map(str, arguments)]
-    if ranks > 1:
-        command = ["mpirun", "-n", str(ranks), *command]
-    return subprocess.run(command, capture_output=True, text=True, input=lines,
-                          env={**os.environ, **harness.MPI_ENVIRONMENT, "KILN_SLOW_RANK": "0:%d" % slowness})
+    """Runs kiln to its end, which may be any; `slowness`: of rank 0."""
+    return program.kiln(*arguments, code=None, ranks=ranks if ranks > 1 else 0, lines=lines,
+                        environment={"KILN_SLOW_RANK": "0:%d" % slowness})
 
 
 def done(*arguments, ranks=1, lines=None):
@@ -45,8 +41,7 @@ def light(folder):
             file.visititems(lambda key, item: found.update({name + "/" + key: item[()].tobytes()})
                             if isinstance(item, h5py.Dataset) and "provenance" not in key else None)
     for name in os.listdir(os.path.join(folder, "lightmaps")):
-        with open(os.path.join(folder, "lightmaps", name), "rb") as file:
-            found[name] = file.read()
+        found[name] = content(os.path.join(folder, "lightmaps", name))
     return found
 
 
@@ -57,12 +52,11 @@ def same(one, other, what):
 
 
 def rays(folder):
-    with open(os.path.join(folder, "run.json")) as file:
-        relight = json.load(file)["relight"]
+    relight = run_json(folder)["relight"]
     return relight["rays_replayed"], relight["rays_traced"]
 
 
 def kept_files(folder):
     """The bytes of what is kept, by name; not the index, which names where it was kept."""
     folder = os.path.join(folder, "transport")
-    return {name: open(os.path.join(folder, name), "rb").read() for name in os.listdir(folder) if name != "index"}
+    return {name: content(os.path.join(folder, name)) for name in os.listdir(folder) if name != "index"}

@@ -10,7 +10,9 @@ import tempfile
 import time
 import unittest
 
-KILN = os.environ["KILN"]
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
+from program import KILN, run_json  # noqa: E402, F401
+
 REPOSITORY = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 SHARED = os.path.normpath(os.path.join(REPOSITORY, "..", "shared", "scenes"))
 SANITIZED = "ASAN_OPTIONS" in os.environ  # AddressSanitizer takes memory and time of its own

@@ -1,5 +1,4 @@
 """Conditions of public bug reports (../shared/scenes/own/cases): each gives its right value, on both backends."""
-import json
 import math
 import os
 
@@ -25,8 +24,7 @@ class Cases(importing.Case):
             if backend == "vulkan" and answer.code == 69:
                 continue  # no device
             self.assertEqual(answer.code, 0, answer.err)
-            with open(os.path.join(out, "run.json")) as file:
-                yield json.load(file), out, answer.err
+            yield importing.run_json(out), out, answer.err
 
     def object(self, run, name):
         (found,) = [o for o in run["objects"] if o["name"] == name]
@@ -105,8 +103,7 @@ class Cases(importing.Case):
         answer = importing.kiln("bake", case("inglass_tir.glb"), "-o", out, "--lightmap-size", 8, "--samples-probe", 0,
                                 "--no-preview", "--bounces", 0, "--samples-direct", 64, "--backend", "embree")
         self.assertEqual(answer.code, 0, answer.err)
-        with open(os.path.join(out, "run.json")) as file:
-            energy = json.load(file)["energy"]
+        energy = importing.run_json(out)["energy"]
         kept = math.sqrt(1 - (0.35 / (1.5 * 0.3)) ** 2)
         for found, share in (("absorbed", 1 - kept), ("gloss", kept)):
             self.assertAlmostEqual(energy[found][0], 4 * math.pi * share,

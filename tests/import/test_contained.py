@@ -1,16 +1,10 @@
 """Nothing outside the scene's folder is opened, and nothing that is no regular file, whatever a scene names."""
 import os
-import struct
-import zlib
 
 import importing
+import png
 
-
-def png():
-    chunk = lambda kind, data: struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 1, 1, 8, 2, 0, 0, 0)) + chunk(
-        b"IDAT", zlib.compress(b"\0\x80\x80\x80")) + \
-        chunk(b"IEND", b"")
+GREY = png.encoded([[(128, 128, 128)]])
 
 
 def textured(uri):
@@ -23,7 +17,7 @@ class Contained(importing.Case):
         self.outside = self.folder()
         self.inside = os.path.join(self.outside, "scene")
         os.mkdir(self.inside)
-        importing.write(self.outside, "secret.png", png())
+        importing.write(self.outside, "secret.png", GREY)
         importing.write(self.outside, "secret.bin", importing.QUAD)
 
     def scene(self, uri, name="scene.gltf"):
@@ -31,7 +25,7 @@ class Contained(importing.Case):
 
     def test_what_lies_in_the_folder_is_read(self):
         os.mkdir(os.path.join(self.inside, "deep"))
-        importing.write(self.inside, "deep/a b.png", png())
+        importing.write(self.inside, "deep/a b.png", GREY)
         os.symlink("deep/a b.png", os.path.join(self.inside, "link.png"))
         for uri in ("deep/a%20b.png", "./deep/a%20b.png", "link.png"):
             with self.subTest(uri):
@@ -100,7 +94,7 @@ class Contained(importing.Case):
 
     def test_a_link_the_user_names_himself(self):
         """The folder is that of the real file, so its neighbours are found and the link's are not."""
-        importing.write(self.inside, "near.png", png())
+        importing.write(self.inside, "near.png", GREY)
         path = os.path.join(self.outside, "link.gltf")
         os.symlink(self.scene("near.png"), path)
         self.assertEqual(self.accepted(path)["counts"]["textures"], 1)

@@ -2,9 +2,7 @@
 names of nodes above, MSFT_lod, extras, OBJ; levels side by side, and those whose finer ones are excluded, are baked."""
 import json
 import os
-import subprocess
 import sys
-import tempfile
 import unittest
 
 import h5py
@@ -12,29 +10,21 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
+from program import InOwnFolder, kiln, run_json  # noqa: E402
 
-KILN = os.environ["KILN"]
 REPOSITORY = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 CASE = os.path.normpath(os.path.join(REPOSITORY, "..", "shared", "scenes", "own", "cases", "c5_lods.glb"))
 
 
-class Lods(unittest.TestCase):
+class Lods(InOwnFolder):
     def setUp(self):
-        self.folder = tempfile.TemporaryDirectory(prefix="kiln-lods-")
-        self.path = os.path.join(self.folder.name, "scene.glb")
-
-    def tearDown(self):
-        self.folder.cleanup()
-
-    def kiln(self, *arguments, status=0):
-        run = subprocess.run([KILN, *arguments], capture_output=True, text=True)
-        self.assertEqual(run.returncode, status, run.stderr)
-        return run.stdout
+        super().setUp()
+        self.path = os.path.join(self.folder, "scene.glb")
 
     def info(self, scene, *options):
         """Names of the objects, and what is said of levels."""
         path = scene if isinstance(scene, str) else scene.write(self.path)
-        report = json.loads(self.kiln("info", path, "--json", *options))
+        report = json.loads(kiln("info", path, "--json", *options).stdout)
         said = [n for n in report["notes"] if "levels of detail" in n["text"]]
         self.assertTrue(all(n["severity"] == "warning" for n in said))
         return [o["name"] for o in report["objects"]], " ".join(n["text"] for n in said)
@@ -94,7 +84,7 @@ class Lods(unittest.TestCase):
         scene = self.balls("ball", "rough")
         scene.used.add("MSFT_lod")
         scene.document["nodes"][1]["extensions"] = {"MSFT_lod": {"ids": [7]}}
-        self.kiln("info", scene.write(self.path), status=65)
+        kiln("info", scene.write(self.path), code=65)
 
     def test_extras(self):
         for key in ("lod", "LOD", "lod_level", "lodLevel"):
@@ -110,7 +100,7 @@ class Lods(unittest.TestCase):
         self.check(scene, ["ball_LOD0", "ball_LOD2"], ["ball_LOD1"], "--objects", '{"ball_LOD2": {exclude: false}}')
 
     def test_obj(self):
-        path = os.path.join(self.folder.name, "scene.obj")
+        path = os.path.join(self.folder, "scene.obj")
         with open(path, "w") as file:
             for k in range(3):
                 corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
@@ -128,12 +118,11 @@ class Lods(unittest.TestCase):
         if not os.path.exists(CASE):
             self.skipTest("../shared/scenes/own/cases is not here")
         for level, rule in ((0, "{}"), (1, '{"*LOD0": {exclude: true}}'), (2, '{"*LOD[01]": {exclude: true}}')):
-            folder = os.path.join(self.folder.name, "bake%d" % level)
-            self.kiln("bake", CASE, "-o", folder, "--objects", rule, "--bounces", "0", "--samples-probe", "0",
-                      "--no-preview", "--no-export", "--denoise", "none", "--quiet", "--lightmap-size", "32",
-                      "--backend", "embree")
-            with open(os.path.join(folder, "run.json")) as file:
-                names = [o["name"] for o in json.load(file)["objects"]]
+            folder = os.path.join(self.folder, "bake%d" % level)
+            kiln("bake", CASE, "-o", folder, "--objects", rule, "--bounces", "0", "--samples-probe", "0",
+                 "--no-preview", "--no-export", "--denoise", "none", "--quiet", "--lightmap-size", "32",
+                 "--backend", "embree")
+            names = [o["name"] for o in run_json(folder)["objects"]]
             self.assertEqual(names, ["floor", "ball_LOD%d" % level])
             with h5py.File(os.path.join(folder, "kiln.h5")) as file:
                 ball = (file["points/object"][...] == 1) & (file["points/valid"][...] != 0)

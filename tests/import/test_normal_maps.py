@@ -5,19 +5,7 @@ import struct
 import zlib
 
 import importing
-
-
-def chunk(kind, data):
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-
-def png(*pixels):
-    """A row of 8-bit RGB pixels, as a data URI."""
-    row = b"\0" + bytes(c for pixel in pixels for c in pixel)
-    data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", len(pixels), 1, 8, 2, 0, 0, 0)) + chunk(
-        b"IDAT", zlib.compress(row)) + chunk(b"IEND", b"")
-    return "data:image/png;base64," + base64.b64encode(data).decode()
-
+import png
 
 FLAT, LEANING, INWARD, GREY = (128, 128, 255), (163, 128, 250), (128, 128, 20), (180, 180, 180)
 TEXCOORDS = struct.pack("<8f", 0, 0, 1, 0, 1, 1, 0, 1)
@@ -36,7 +24,7 @@ def scene(normal, image=None, coordinates=True, **more):
     if coordinates:
         primitive["attributes"]["TEXCOORD_0"] = 2
     tree["materials"] = [{"normalTexture": normal}]
-    tree["images"] = [{"uri": image or png(FLAT, LEANING)}]
+    tree["images"] = [{"uri": image or png.data_uri([[FLAT, LEANING]])}]
     tree["textures"] = [{"source": 0}]
     tree.update(more)
     return tree
@@ -57,8 +45,8 @@ class NormalMaps(importing.Case):
 
     def test_left_out(self):
         """No normal map by its texels, or no coordinates for it: a warning, and the bake goes on without."""
-        for name, image, words in (("inward", png(INWARD, INWARD, FLAT), "into the surface"),
-                                   ("grey", png(GREY, (200, 200, 200)), "grey")):
+        for name, image, words in (("inward", png.data_uri([[INWARD, INWARD, FLAT]]), "into the surface"),
+                                   ("grey", png.data_uri([[GREY, (200, 200, 200)]]), "grey")):
             answer = self.accepted(self.check(name, {"index": 0}, image))
             self.assertFalse(answer["materials"][0]["normal_map"])
             self.assertEqual(len(self.warnings(answer)), 1)
@@ -82,14 +70,14 @@ class NormalMaps(importing.Case):
     def test_without_its_picture(self):
         """A bake needs none: a normal map whose picture is missing, broken or too large stops nothing, and is said."""
         row = zlib.compress(b"\0" + bytes(3 * 16384))  # the header promises more rows than there are bytes for
-        big = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 16384, 16384, 8, 2, 0, 0, 0)) + chunk(
-            b"IDAT", row) + chunk(b"IEND", b"")
+        big = png.of(16384, 16384, 3, row)
         for name, image, more, words in (
                 ("missing", "nothing.png", {}, ["images[0].uri", "nothing.png", "missing"]),
                 ("text", "data:image/png;base64,aGVsbG8gd29ybGQh", {},
                  ["materials[0].normalTexture", "images[0]", "PNG"]),
-                ("cut", png(FLAT)[:-40], {}, ["materials[0].normalTexture", "images[0]"]),
-                ("source", png(FLAT), {"textures": [{}]}, ["materials[0].normalTexture", "textures[0].source"]),
+                ("cut", png.data_uri([[FLAT]])[:-40], {}, ["materials[0].normalTexture", "images[0]"]),
+                ("source", png.data_uri([[FLAT]]), {"textures": [{}]},
+                 ["materials[0].normalTexture", "textures[0].source"]),
                 ("big", "data:image/png;base64," + base64.b64encode(big).decode(), {}, ["images[0]", "16384"])):
             with self.subTest(name):
                 path = self.check(name, {"index": 0}, image, **more)
@@ -103,8 +91,7 @@ class NormalMaps(importing.Case):
     def test_often(self):
         """An image's texels are looked at once, however many materials and textures have it."""
         row = b"\0" + bytes((128, 128, 255)) * 4000
-        data = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 4000, 4000, 8, 2, 0, 0, 0)) + chunk(
-            b"IDAT", zlib.compress(row * 4000)) + chunk(b"IEND", b"")
+        data = png.of(4000, 4000, 3, zlib.compress(row * 4000))
         tree = scene({"index": 0}, "data:image/png;base64," + base64.b64encode(data).decode())
         tree["textures"] = [{"source": 0}] * 1000
         tree["materials"] = [{"normalTexture": {"index": i % 1000}} for i in range(10000)]

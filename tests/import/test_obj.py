@@ -1,19 +1,16 @@
 """OBJ and MTL files: what comes out of each statement, what is refused, and what is large."""
 import os
 import struct
-import zlib
 
 import importing
+import png
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 
 
-def png(width, height, rgb=(255, 0, 0)):
+def picture(width, height, rgb=(255, 0, 0)):
     """The last column has another colour: an image of one becomes a factor of its material."""
-    chunk = lambda kind, data: struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) +
-            chunk(b"IDAT", zlib.compress((b"\0" + bytes(rgb) * (width - 1) + bytes(rgb[::-1])) * height)) +
-            chunk(b"IEND", b""))
+    return png.encoded([[rgb] * (width - 1) + [rgb[::-1]]] * height)
 
 
 def tga(width, height):
@@ -109,10 +106,10 @@ class Obj(importing.Case):
         self.assertEqual([m["name"] for m in report["materials"]], ["DefaultMaterial", "a", "b", "c", "d"])
 
     def test_maps(self):
-        importing.write(self.place, "a b.png", png(4, 2))
+        importing.write(self.place, "a b.png", picture(4, 2))
         importing.write(self.place, "t.tga", tga(3, 5))
         os.mkdir(os.path.join(self.place, "sub"))
-        importing.write(os.path.join(self.place, "sub"), "c.png", png(2, 2))
+        importing.write(os.path.join(self.place, "sub"), "c.png", picture(2, 2))
         importing.write(os.path.join(self.place, "sub"), "s.mtl", b"newmtl s\nmap_Kd c.png\n")
         mtl = ("newmtl a\nmap_Kd -s 2 2 2 -o 0.5 0 -clamp on -mm 0 1 -bm 1 a b.png\nmap_Ke a b.png\nnewmtl b\nmap_kd "
                ".\\a b.png\nmap_d a b.png\n"
@@ -224,7 +221,7 @@ class Obj(importing.Case):
                                 ("comments", "#\n" * (10 * many) + square + "f 1 2 3\n", None),
                                 ("continuations", square + "f 1 2 " + "\\\n" * many + "3\n", None)):
             with self.subTest(name):
-                importing.write(self.place, "p.png", png(64, 64))
+                importing.write(self.place, "p.png", picture(64, 64))
                 answer = importing.info(self.scene(text, mtl), "--lightmap-size", "16")
                 self.assertEqual(answer.code, 0, answer.err)
                 self.assertLess(answer.seconds, 6 * importing.QUICK)

@@ -1,12 +1,9 @@
 """Settings of single objects, in a node's extras and in jobs: what they do to lightmaps and to light."""
-import json
 import os
-import struct
 import sys
-import unittest
 
 import importing
-from importing import kiln, info
+from importing import kiln, run_json
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
@@ -135,8 +132,7 @@ class Objects(importing.Case):
         if backend == "vulkan" and answer.code == 69:
             self.skipTest("no device for Vulkan: " + (answer.sentence() or ""))
         self.assertEqual(answer.code, 0, answer.err)
-        with open(os.path.join(out, "run.json")) as file:
-            run = json.load(file)
+        run = run_json(out)
         means = {}
         for entry in run["objects"]:
             if entry["lightmap"] is not None:

@@ -9,7 +9,6 @@ it would read if the chart stood alone: a texel of which the chart holds the mos
 that of the nearest texel of which it does (of several at the same distance any one's will do). Nothing here is kiln's:
 layouts are clipped against texels anew, from scene.kscene, and values come from the EXR files.
 """
-import json
 import os
 import sys
 
@@ -17,6 +16,7 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
+from reading import run_json  # noqa: E402
 
 SECTIONS = {"strings": 0, "meshes": 4, "objects": 5, "positions": 10, "lightmap": 14, "triangles": 16}
 MESH = np.dtype([("name", "<u4"), ("flags", "<u4"), ("vertex_first", "<u8"), ("vertex_count", "<u8"),
@@ -245,8 +245,7 @@ def measure(positions, uv, corners, values):
 def measure_bake(folder):
     """[(name, width, height, measure)] of all objects that have a lightmap."""
     scene = Scene(os.path.join(folder, "scene.kscene"))
-    with open(os.path.join(folder, "run.json")) as file:
-        files = {o["name"]: o.get("lightmap") for o in json.load(file)["objects"]}
+    files = {o["name"]: o.get("lightmap") for o in run_json(folder)["objects"]}
     found = []
     for item in scene.objects:
         name = scene.name(item)

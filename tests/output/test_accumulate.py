@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 import unittest
 
@@ -16,36 +15,27 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
 import price  # noqa: E402
+from program import KILN, InOneFolder, kiln  # noqa: E402
 
-KILN = os.environ["KILN"]
 SMALL = ("--width", "24", "--height", "20", "--materials", "auto", "--backend", "embree")
 LONG = ("--width", "120", "--height", "90", "--backend", "embree", "--method", "path")
 STOPPED, BAD_INPUT, USAGE = 75, 65, 64
 
 
-def run(*arguments, code=0, ranks=0):
-    start = ["mpirun", "-n", str(ranks)] if ranks else []
-    done = subprocess.run([*start, KILN, *arguments], capture_output=True, text=True)
-    assert done.returncode == code, f"kiln {' '.join(arguments)}: exit {done.returncode}, wanted {code}\n{done.stderr}"
-    return done
-
-
-class Accumulate(unittest.TestCase):
+class Accumulate(InOneFolder):
     @classmethod
     def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(temporary.cleanup)
-        cls.folder = temporary.name
+        super().setUpClass()
         cls.scene = os.path.join(cls.folder, "spheres.glb")
-        run("generate", "cornell-spheres", "-o", cls.scene, "--quiet")
+        kiln("generate", "cornell-spheres", "-o", cls.scene, "--quiet")
 
     def setUp(self):
         self.sums, self.out = (os.path.join(self.folder, name) for name in ("sums", "view.exr"))
         shutil.rmtree(self.sums, ignore_errors=True)
 
     def view(self, samples, *options, sums=None, **more):
-        run("view", self.scene, "--samples-pixel", str(samples), "--accumulate", sums or self.sums, "-o", self.out,
-            "--quiet", *options, **more)
+        kiln("view", self.scene, "--samples-pixel", str(samples), "--accumulate", sums or self.sums, "-o", self.out,
+             "--quiet", *options, **more)
         return exr.rgb(self.out)
 
     def at_once(self, samples, *options):
@@ -66,7 +56,7 @@ class Accumulate(unittest.TestCase):
             # there are more already: those of whole rounds
             np.testing.assert_array_equal(self.view(3, *options), self.at_once(24, *options), method)
             plain = os.path.join(self.folder, "plain.exr")
-            run("view", self.scene, "--samples-pixel", "29", "-o", plain, "--quiet", *options)
+            kiln("view", self.scene, "--samples-pixel", "29", "-o", plain, "--quiet", *options)
             self.assertLess(np.abs(exr.rgb(plain) - whole).max(), 1e-5 * whole.max(), method)
 
     def test_signals(self):
@@ -81,13 +71,13 @@ class Accumulate(unittest.TestCase):
         shutil.rmtree(self.sums, ignore_errors=True)
         command = [KILN, "view", self.scene, *LONG, "--samples-pixel", "100000", "--accumulate", self.sums, "-o",
                    self.out, "--json"]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as kiln:
-            while not os.path.exists(os.path.join(self.sums, ".kiln.lock")) and kiln.poll() is None:
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            while not os.path.exists(os.path.join(self.sums, ".kiln.lock")) and process.poll() is None:
                 time.sleep(0.05)
             time.sleep(0.7)
-            kiln.send_signal(number)
-            said = json.loads(kiln.communicate()[0])
-        self.assertEqual((kiln.returncode, said["status"]), (STOPPED, "stopped"))
+            process.send_signal(number)
+            said = json.loads(process.communicate()[0])
+        self.assertEqual((process.returncode, said["status"]), (STOPPED, "stopped"))
         words = said["message"].split()
         samples = int(words[words.index("has") + 1])
         self.assertTrue(0 < samples < 100000 and signal.Signals(number).name + ":" in words, said)
@@ -101,13 +91,13 @@ class Accumulate(unittest.TestCase):
                    "--quiet", "--checkpoint-every", "0.01"]
         for seconds in (0.0, 0.1):
             before = set(glob.glob(os.path.join(self.sums, "checkpoint", "gen-*")))
-            with subprocess.Popen(command) as kiln:
+            with subprocess.Popen(command) as process:
                 while not set(glob.glob(os.path.join(self.sums, "checkpoint", "gen-*"))) - before:
-                    self.assertIsNone(kiln.poll())
+                    self.assertIsNone(process.poll())
                     time.sleep(0.005)
                 time.sleep(seconds)
-                kiln.kill()
-            self.assertEqual(kiln.returncode, -signal.SIGKILL)
+                process.kill()
+            self.assertEqual(process.returncode, -signal.SIGKILL)
         self.assertTrue(glob.glob(os.path.join(self.sums, "checkpoint", "gen-*")))
         np.testing.assert_array_equal(self.view(100, *LONG), self.at_once(100, *LONG))
 
@@ -129,8 +119,8 @@ class Accumulate(unittest.TestCase):
                 shutil.rmtree(kept, ignore_errors=True)
                 shutil.copytree(self.sums, kept)
                 np.testing.assert_array_equal(self.view(24, *options, sums=kept), self.at_once(24, *options))
-        said = run("view", self.scene, "--samples-pixel", "24", "--accumulate", self.sums, "-o", self.out, *options,
-                   code=BAD_INPUT).stderr
+        said = kiln("view", self.scene, "--samples-pixel", "24", "--accumulate", self.sums, "-o", self.out, *options,
+                    code=BAD_INPUT).stderr
         self.assertIn("damaged", said)
         np.testing.assert_array_equal(self.view(24, *options, "--no-resume"), self.at_once(24, *options))
 
@@ -143,24 +133,24 @@ class Accumulate(unittest.TestCase):
                              (("--lens-radius", "0.1"), "lens-radius"), (("--materials", "diffuse"), "materials"),
                              (("--environment", "1,1,1"), "scene content"), (("--width", "25"), "width"),
                              (("--method", "bdpt"), "method")):
-            said = run("view", self.scene, "--accumulate", self.sums, "-o", self.out, *options, *other,
-                       code=BAD_INPUT).stderr
+            said = kiln("view", self.scene, "--accumulate", self.sums, "-o", self.out, *options, *other,
+                        code=BAD_INPUT).stderr
             self.assertIn("\n  " + words, said)
         out = ("-o", self.out)
         bake = os.path.join(self.folder, "bake")
-        run("bake", self.scene, "-o", bake, "--lightmap-size", "4", "--quality", "draft", "--samples-probe", "0",
-            "--bounces", "0", "--no-preview", "--no-export", "--backend", "embree", "--quiet")
+        kiln("bake", self.scene, "-o", bake, "--lightmap-size", "4", "--quality", "draft", "--samples-probe", "0",
+             "--bounces", "0", "--no-preview", "--no-export", "--backend", "embree", "--quiet")
         several = ("--method", "path", "--camera", "camera,camera")
         for arguments, words in (((*several, "--accumulate", self.sums), "one picture"),
                                  ((*several, "--max-time", "1"), "one picture"),
                                  (("--method", "path", "--no-resume"), "--accumulate DIR"),
                                  (("--method", "path", "--accumulate", bake), "the folder of a bake")):
-            self.assertIn(words, run("view", self.scene, *arguments, *out, code=USAGE).stderr)
+            self.assertIn(words, kiln("view", self.scene, *arguments, *out, code=USAGE).stderr)
 
     def test_time(self):
         """The time is kept, and the picture is that of as many paths."""
-        said = json.loads(run("view", self.scene, *LONG, "--samples-pixel", "100000", "--max-time", "1.5", "-o",
-                              self.out, "--json").stdout)
+        said = json.loads(kiln("view", self.scene, *LONG, "--samples-pixel", "100000", "--max-time", "1.5", "-o",
+                               self.out, "--json").stdout)
         self.assertEqual(said["status"], "done")
         self.assertTrue(0 < said["samples"] < 100000 and said["seconds"] < 3.0, said)
         timed = exr.rgb(self.out)

@@ -2,9 +2,7 @@
 number of ranks and threads, both backends."""
 import json
 import os
-import subprocess
 import sys
-import tempfile
 import unittest
 
 import numpy as np
@@ -13,41 +11,31 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import exr  # noqa: E402
 import glb  # noqa: E402
 import price  # noqa: E402
+from program import InOneFolder, kiln_on_host as kiln  # noqa: E402
 
-KILN = os.environ["KILN"]
 DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data")
 SIZE = ("--width", "32", "--height", "32")
 SEEDS = 6
 MERGE, RADIUS = ("vcm", "vcm-single", "ppm", "sppm"), "0.02"
 
 
-def run(*arguments, code=0, ranks=0):
-    start = ["mpirun", "-n", str(ranks)] if ranks else []
-    if arguments[0] == "view" and "--backend" not in arguments:
-        arguments += ("--backend", "embree")  # which does not load Vulkan's drivers to find no GPU
-    done = subprocess.run([*start, KILN, *arguments], capture_output=True, text=True)
-    assert done.returncode == code, f"kiln {' '.join(arguments)}: exit {done.returncode}, wanted {code}\n{done.stderr}"
-    return done
-
-
-class Bidirectional(unittest.TestCase):
+class Bidirectional(InOneFolder):
     @classmethod
     def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(temporary.cleanup)
-        cls.folder, cls.known = temporary.name, {}
+        super().setUpClass()
+        cls.known = {}
 
     def scene(self, name):
         path = os.path.join(self.folder, name + ".glb")
         if not os.path.exists(path):
-            run("generate", name, "-o", path, "--quiet")
+            kiln("generate", name, "-o", path, "--quiet")
         return path
 
     def view(self, scene, method, *options, **more):
         path = os.path.join(self.folder, "view.exr")
         if method in MERGE and "--merge-radius" not in options:
             options = (*options, "--merge-radius", RADIUS)
-        run("view", scene, "--method", method, "-o", path, "--quiet", *options, **more)
+        kiln("view", scene, "--method", method, "-o", path, "--quiet", *options, **more)
         return exr.rgb(path)
 
     def by_path(self, scene, *options):
@@ -106,9 +94,9 @@ class Bidirectional(unittest.TestCase):
             file.write(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % (rows, columns) + texels.tobytes())
         for sky in (image, "0.5,0.7,1"):
             bake = os.path.join(self.folder, "bake" + str(sky == image))
-            run("bake", self.scene("cornell"), "-o", bake, "--texels-per-metre", "2", "--quality", "draft", "--bounces",
-                "0", "--samples-probe", "0", "--denoise", "none", "--no-preview", "--no-export", "--quiet",
-                "--environment", sky)
+            kiln("bake", self.scene("cornell"), "-o", bake, "--texels-per-metre", "2", "--quality", "draft",
+                 "--bounces", "0", "--samples-probe", "0", "--denoise", "none", "--no-preview", "--no-export",
+                 "--quiet", "--environment", sky)
             self.agree(bake, ("bdpt", "vcm") if sky == image else ("bdpt",), 8, "--bounces", "1")
 
     def through_pane(self, ways):
@@ -149,17 +137,17 @@ class Bidirectional(unittest.TestCase):
         self.assertLess(abs(vcm[0] - sppm[0]), 5 * np.hypot(vcm[1], sppm[1]) + 0.02 * vcm[0])
         self.assertGreater(vcm[0], 1.5 * path[0])
         for method, materials, said in (("path", "auto", True), ("path", "diffuse", False), ("vcm", "auto", False)):
-            told = run("view", scene, "--method", method, "--materials", materials, "--samples-pixel", "1", *SIZE, "-o",
-                       os.path.join(self.folder, "view.exr")).stderr
+            told = kiln("view", scene, "--method", method, "--materials", materials, "--samples-pixel", "1", *SIZE,
+                        "-o", os.path.join(self.folder, "view.exr")).stderr
             self.assertEqual("--method vcm or bdpt finds it" in told, said, (method, materials, told))
-        lamp = run("view", self.scene("cornell-spheres"), "--method", "path", "--materials", "auto", *SIZE,
-                   "--samples-pixel", "1", "-o", os.path.join(self.folder, "view.exr")).stderr
+        lamp = kiln("view", self.scene("cornell-spheres"), "--method", "path", "--materials", "auto", *SIZE,
+                    "--samples-pixel", "1", "-o", os.path.join(self.folder, "view.exr")).stderr
         self.assertNotIn("finds it", lamp)
 
     def test_length(self):
         """A closed box that emits 1 and reflects half of it: 1 + 1/2 + 1/4 for paths of three rays."""
         furnace = os.path.join(self.folder, "furnace.glb")
-        run("generate", "furnace", "--albedo", "0.5", "-o", furnace, "--quiet")
+        kiln("generate", "furnace", "--albedo", "0.5", "-o", furnace, "--quiet")
         for method in ("light", "bdpt", "vcm", "vcm-single", "ppm", "sppm"):
             for length in (1, 2, 3):
                 image = self.view(furnace, method, "--from=0.1,0.2,0.1", "--to=0.9,0.3,0.2", "--bounces", "all",
@@ -204,8 +192,8 @@ class Bidirectional(unittest.TestCase):
         """Small pictures have few paths of light: the automatic radius has some of them around each place."""
         path, light = os.path.join(self.folder, "radius.exr"), []
         for method, samples, *radius in (("vcm", "64"), ("sppm", "16"), ("sppm", "16", "--merge-radius", "0.0143")):
-            run("view", self.scene("cornell-spheres"), "--method", method, "--samples-pixel", samples, *SIZE,
-                "--materials", "auto", "-o", path, "--quiet", *radius)
+            kiln("view", self.scene("cornell-spheres"), "--method", method, "--samples-pixel", samples, *SIZE,
+                 "--materials", "auto", "-o", path, "--quiet", *radius)
             light.append(exr.rgb(path))
         auto, narrow = (((image - light[0]) ** 2).mean() for image in light[1:])
         self.assertLess(auto, narrow / 4)
@@ -223,9 +211,9 @@ class Bidirectional(unittest.TestCase):
                                            ("sppm", 64, ("--from=0,0,0",), 3 * wide / 64),
                                            ("sppm", 64, ("--from=0,0,-1",), 2 * wide / 64),
                                            ("sppm", 16, ("--from=0,0,0",), 3 * wide / 32)):
-            said = run("view", path, "--method", method, *view, "--to=0,0,-3", "--field-of-view", "40", "--width",
-                       str(size), "--height", str(size), "--samples-pixel", "1", "--json", "-o",
-                       os.path.join(self.folder, "view.exr")).stdout
+            said = kiln("view", path, "--method", method, *view, "--to=0,0,-3", "--field-of-view", "40", "--width",
+                        str(size), "--height", str(size), "--samples-pixel", "1", "--json", "-o",
+                        os.path.join(self.folder, "view.exr")).stdout
             self.assertLess(abs(json.loads(said)["merge_radius"] / wanted - 1), 0.045, (method, size, view))
 
     @price.long
@@ -260,7 +248,7 @@ class Bidirectional(unittest.TestCase):
         self.assertLess(abs(other.mean() / one.mean() - 1), 2e-3, (scene, method))
 
     def needs_device(self):
-        if not any(d["fit"] for d in json.loads(run("info", "--devices", "--json").stdout)["vulkan"]):
+        if not any(d["fit"] for d in json.loads(kiln("info", "--devices", "--json").stdout)["vulkan"]):
             self.skipTest("no Vulkan device")
 
     def test_vulkan(self):
@@ -293,7 +281,7 @@ class Bidirectional(unittest.TestCase):
                                (("--method", "path", "--merge-radius", "1"), "nothing is merged"),
                                (("--method", "vcm", "--merge-radius", "0"), "merge-radius"),
                                (("--method", "vcm", "--show", "texels"), "--method vcm --show texels")):
-            said = run("view", self.scene("cornell"), *options, *out, code=64).stderr
+            said = kiln("view", self.scene("cornell"), *options, *out, code=64).stderr
             self.assertIn(words, said)
 
 

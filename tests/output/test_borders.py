@@ -7,7 +7,6 @@ anew.
 import json
 import os
 import re
-import subprocess
 import sys
 import tempfile
 
@@ -17,24 +16,17 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import chart_borders  # noqa: E402
 import exr  # noqa: E402
+from program import kiln, run_json  # noqa: E402
 
-KILN = os.environ["KILN"]
 REPOSITORY = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 SHARED = os.path.normpath(os.path.join(REPOSITORY, "..", "shared", "scenes"))
 FEW = ("--quality", "draft", "--samples-direct", "16", "--samples-bounce", "4", "--samples-indirect", "64",
        "--samples-probe", "0")
 
 
-def kiln(*arguments):
-    run = subprocess.run([KILN, *arguments], capture_output=True, text=True)
-    assert run.returncode == 0, f"kiln {' '.join(arguments)}: exit {run.returncode}\n{run.stderr}"
-    return run
-
-
 def bake(folder, scene, *options):
     run = kiln("bake", scene, "-o", folder, "--no-preview", *FEW, *options)
-    with open(os.path.join(folder, "run.json")) as file:
-        return run.stdout + run.stderr, json.load(file)
+    return run.stdout + run.stderr, run_json(folder)
 
 
 def measure(folder, most):

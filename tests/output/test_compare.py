@@ -1,7 +1,6 @@
 """kiln compare against its definitions (coordinator/view/compare.h) computed again with numpy, on generated files."""
 import json
 import os
-import subprocess
 import sys
 import tempfile
 
@@ -11,18 +10,11 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
 import glb  # noqa: E402
-
-KILN = os.environ["KILN"]
-
-
-def kiln(*arguments):
-    return subprocess.run([KILN, *arguments], capture_output=True, text=True)
+from program import kiln  # noqa: E402
 
 
 def compare(a, b, *more):
-    run = kiln("compare", a, b, "--json", *more)
-    assert run.returncode == 0, run.stderr
-    return json.loads(run.stdout)
+    return json.loads(kiln("compare", a, b, "--json", *more).stdout)
 
 
 def windows(x, y, used):
@@ -165,8 +157,7 @@ def masked_folders(rng, folder):
     with open(picture, "rb") as file:
         assert file.read(8) == b"\x89PNG\r\n\x1a\n"
     os.remove(os.path.join(folder, "B", "lightmaps", "wall.exr"))
-    run = kiln("compare", os.path.join(folder, "A"), os.path.join(folder, "B"))
-    assert run.returncode == 65 and "wall.exr" in run.stderr, run
+    assert "wall.exr" in kiln("compare", os.path.join(folder, "A"), os.path.join(folder, "B"), code=65).stderr
 
 
 def refusals(rng, folder):
@@ -176,14 +167,13 @@ def refusals(rng, folder):
     for arguments, code, words in ((("compare", small, large), 65, "8 x 8"), (("compare", small, folder), 64, "folder"),
                                    (("compare", small, os.path.join(folder, "none.exr")), 66, "none.exr"),
                                    (("compare", small, __file__), 65, "test_compare.py")):
-        run = kiln(*arguments)
-        assert run.returncode == code and words in run.stderr, f"kiln {' '.join(arguments)}: {run}"
+        run = kiln(*arguments, code=code)
+        assert words in run.stderr, run
 
 
 def bake(scene, folder, *options):
-    run = kiln("bake", scene, "-o", folder, "--samples-probe", "0", "--no-preview", "--quiet", "--backend", "embree",
-               *options)
-    assert run.returncode == 0, run.stderr
+    kiln("bake", scene, "-o", folder, "--samples-probe", "0", "--no-preview", "--quiet", "--backend", "embree",
+         *options)
     return folder
 
 
@@ -191,7 +181,7 @@ def densities(rng, folder):
     """Two densities of one scene: at surface positions, by area. Computed again from the surface points of A (kiln.h5)
     and B's lightmap at the same object and coordinate."""
     scene = os.path.join(folder, "cornell.glb")
-    assert kiln("generate", "cornell", "-o", scene, "--quiet").returncode == 0
+    kiln("generate", "cornell", "-o", scene, "--quiet")
     coarse = bake(scene, os.path.join(folder, "coarse"), "--texels-per-metre", "6", "--quality", "draft",
                   "--shared-texels", "keep")
     fine = bake(scene, os.path.join(folder, "fine"), "--texels-per-metre", "14", "--quality", "draft",
@@ -235,7 +225,7 @@ def densities(rng, folder):
     assert same["sampled"] is False and same["identical"]
     text = kiln("compare", coarse, fine)
     assert "spread over the surfaces" in text.stdout and "dssim" not in text.stdout, text.stdout
-    assert kiln("compare", coarse, fine, "-o", os.path.join(folder, "no.png")).returncode == 64
+    kiln("compare", coarse, fine, "-o", os.path.join(folder, "no.png"), code=64)
     # kiln's own layouts differ with the density: still the same places
     plain = glb.Scene()
     plain.load(scene)
@@ -253,8 +243,7 @@ def densities(rng, folder):
     plain.document["nodes"][0]["translation"] = [0.25, 0, 0]
     moved = bake(plain.write(os.path.join(folder, "moved.glb")), os.path.join(folder, "moved"), "--texels-per-metre",
                  "5", "--quality", "draft")
-    run = kiln("compare", moved, fine)
-    assert run.returncode == 65 and "not in the same place" in run.stderr, run.stderr
+    assert "not in the same place" in kiln("compare", moved, fine, code=65).stderr
 
 
 with tempfile.TemporaryDirectory() as temporary:

@@ -4,7 +4,6 @@ lit."""
 import json
 import os
 import sys
-import tempfile
 import unittest
 
 import numpy as np
@@ -12,22 +11,18 @@ import numpy as np
 sys.path[:0] = [os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", name) for name in ("common", "cli")]
 import glb  # noqa: E402
 import png  # noqa: E402
-from kiln_cli import kiln  # noqa: E402
+from kiln_cli import InOwnFolder, kiln, run_json  # noqa: E402
 
 FEW = ["--backend", "embree", "--quality", "draft", "--bounces", "1", "--threads", "1", "--samples-probe", "0",
        "--no-export", "--texels-per-metre", "4"]
 
 
-class Dark(unittest.TestCase):
-    def setUp(self):
-        self.folder = self.enterContext(tempfile.TemporaryDirectory())
-
+class Dark(InOwnFolder):
     def at(self, name):
         return os.path.join(self.folder, name)
 
     def run_json(self, name):
-        with open(self.at(name + "/run.json")) as file:
-            return json.load(file)
+        return run_json(self.at(name))
 
     def brightness(self, name):
         return float(np.mean(png.read(self.at(name + "/preview.png"))))

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import struct
-import subprocess
 import sys
 import tempfile
 import zlib
@@ -16,18 +15,11 @@ import exported  # noqa: E402
 import exr  # noqa: E402
 import glb  # noqa: E402
 import gltf_file  # noqa: E402
+from program import kiln, run_json  # noqa: E402
 
-KILN = os.environ["KILN"]
 DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data")
 QUICK = ("--samples-direct", "1", "--samples-bounce", "1", "--samples-indirect", "1", "--bounces", "0",
          "--samples-probe", "0", "--no-preview", "--quiet")
-
-
-def kiln(*arguments, code=0, prefix=()):
-    run = subprocess.run([*prefix, KILN, *map(str, arguments)], capture_output=True, text=True)
-    said = f"kiln {' '.join(map(str, arguments))}: exit {run.returncode}, wanted {code}\n{run.stderr}"
-    assert run.returncode == code, said
-    return run
 
 
 def bake(scene, folder, *options, prefix=()):
@@ -45,12 +37,11 @@ def check(folder, scene, links):
     assert "files" in kiln("verify", folder).stdout
     with open(os.path.join(folder, "manifest")) as manifest:
         assert '"scene.glb"' in manifest.read()
-    with open(os.path.join(folder, "run.json")) as run:
-        for o in json.load(run)["objects"]:
-            link = file.json["nodes"][o["node"]]["extensions"]["KILN_lightmap"]
-            link = link["instances"][o["instance"]] if "instances" in link else link
-            assert (o["node"], o["mesh"], o["lightmap"]) == (link["source"]["node"], link["source"]["mesh"],
-                                                             link["file"])
+    for o in run_json(folder)["objects"]:
+        link = file.json["nodes"][o["node"]]["extensions"]["KILN_lightmap"]
+        link = link["instances"][o["instance"]] if "instances" in link else link
+        assert (o["node"], o["mesh"], o["lightmap"]) == (link["source"]["node"], link["source"]["mesh"],
+                                                         link["file"])
     return file
 
 

@@ -9,16 +9,15 @@ import json
 import os
 import shutil
 import struct
-import subprocess
 import sys
 import tempfile
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import harness  # noqa: E402
 import sealing  # noqa: E402
+from program import kiln  # noqa: E402
 from relit import light, same  # noqa: E402
 
-KILN = os.environ["KILN"]
 SMALL = ["--lightmap-size", "8", "--samples-direct", "4", "--samples-indirect", "4", "--bounces",
          "2", "--samples-probe", "2", "--probe-spacing", "3", "--no-check-density", "--no-preview", "--no-export",
          "--backend", "embree"]
@@ -30,22 +29,13 @@ GROUPS = "lamps: {materials: [light]}\n"
 CHANGES = "materials: {light: {emission-scale: 3}}\n"
 
 
-def kiln(*arguments):
-    try:
-        return subprocess.run([KILN, *map(str, arguments), "--quiet"], capture_output=True, text=True, errors="replace",
-                              stdin=subprocess.DEVNULL, timeout=SOON)
-    except subprocess.TimeoutExpired:
-        raise AssertionError("kiln hangs: %s" % (arguments,))
-
-
-def done(*arguments):
-    run = kiln(*arguments)
-    assert run.returncode == 0, (arguments, run.returncode, run.stderr)
+def done(*arguments, code=0):
+    return kiln(*arguments, "--quiet", code=code, timeout=SOON)
 
 
 def refused(words, *arguments, status=harness.BAD_INPUT):
-    run = kiln(*arguments)
-    assert run.returncode == status and words in run.stderr, (arguments, run.returncode, run.stderr)
+    run = done(*arguments, code=status)
+    assert words in run.stderr, (arguments, run.stderr)
 
 
 class Folder:

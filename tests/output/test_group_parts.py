@@ -1,6 +1,5 @@
 """Groups that are parts of a light: patches of the sky (--sky-patches) bring what closed forms say, blocks of a screen
 what such screens alone do; they add up to the bake, and any number of ranks gives the same bits. What is refused."""
-import json
 import math
 import os
 import sys
@@ -15,7 +14,7 @@ sys.path.insert(0, HERE)
 import glb  # noqa: E402
 import png  # noqa: E402
 import test_light_groups as groups_of  # noqa: E402
-from kiln_cli import kiln  # noqa: E402
+from kiln_cli import kiln, run_json  # noqa: E402
 from test_light_groups import SCENE, SMALL  # noqa: E402
 
 
@@ -34,8 +33,7 @@ class GroupParts(unittest.TestCase):
     def test_sky_patches(self):
         scene, options = self.meadow(), ('--environment', '1,2,3', '--sky-patches', '145', '--samples-direct', 256)
         found = self.bake('sky', *options, scene=scene)
-        with open(os.path.join(self.folder, 'sky/run.json'), encoding='utf-8') as file:
-            groups = json.load(file)['light_groups']
+        groups = run_json(os.path.join(self.folder, 'sky'))['light_groups']
         self.assertEqual([group['name'] for group in groups[:2] + groups[-3:]],
                          ['sky.000', 'sky.001', 'sky.144', 'sky.ground', 'rest'])
         total = found['irradiance/total'].astype(float)
@@ -121,8 +119,7 @@ class GroupParts(unittest.TestCase):
         answer = kiln('relight', os.path.join(self.folder, 'rows'), '--sky-patches', 145, '--quiet', '-o', out)
         self.assertEqual(answer.code, 0, answer.err)
         self.same(self.read(out), wanted, 'relit')
-        with open(os.path.join(out, 'run.json'), encoding='utf-8') as run:
-            self.assertEqual(json.load(run)['relight']['rays_traced'], 0)
+        self.assertEqual(run_json(out)['relight']['rays_traced'], 0)
 
     def test_too_many(self):
         """2,307 groups on some million points take more memory than a host has."""

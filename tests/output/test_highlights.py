@@ -1,8 +1,6 @@
 """kiln view over lightmaps: highlights of lamps, points and suns on rough metal, against those of path tracing."""
 import os
-import subprocess
 import sys
-import tempfile
 import unittest
 
 import numpy as np
@@ -12,15 +10,10 @@ import exr  # noqa: E402
 import glb  # noqa: E402
 import price  # noqa: E402
 from glb import gloss  # noqa: E402
+from program import InOneFolder, kiln  # noqa: E402
 
-KILN = os.environ["KILN"]
 LOOK = ("--from=0,1.2,2.2", "--to=0,0,-0.2", "--field-of-view", "60", "--width", "64", "--height", "48", "--quiet",
         "--backend", "embree")
-
-
-def kiln(*arguments):
-    run = subprocess.run([KILN, *arguments], capture_output=True, text=True)
-    assert run.returncode == 0, f"kiln {' '.join(arguments)}: exit {run.returncode}\n{run.stderr}"
 
 
 def point(scene):
@@ -46,13 +39,7 @@ def pane(scene):
         scene.quad(f"pane{height}", [(-2, height, 0), (2, height, 0), (2, height, -2), (-2, height, -2)], tinted)
 
 
-class Highlights(unittest.TestCase):
-    @classmethod
-    def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(temporary.cleanup)
-        cls.folder = temporary.name
-
+class Highlights(InOneFolder):
     def views(self, name, make, *surroundings):
         """What lightmaps and paths show of boards of metal, one of them brushed, one behind a clear coat."""
         scene = glb.Scene()

@@ -1,9 +1,7 @@
 """--caustics land and vcm: light paths bring what gather rays find, alone and shared with these; the same bits on any
 ranks; errors as large as they say."""
 import itertools
-import json
 import os
-import subprocess
 import sys
 import tempfile
 import unittest
@@ -14,8 +12,8 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
 import price  # noqa: E402
+from program import InOneFolder, kiln, run_json  # noqa: E402
 
-KILN = os.environ["KILN"]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 SMALL = ("--backend", "embree", "--texels-per-metre", "2", "--materials", "auto", "--samples-probe", "0", "--denoise",
          "none", "--samples-direct", "4", "--samples-bounce", "2", "--samples-indirect", "4", "--no-preview", "--quiet")
@@ -24,22 +22,17 @@ VCM = ("--caustics", "vcm", "--photons", "20000", "--iterations", "3", "--sample
 WAYS = {"land": LAND, "vcm": VCM}
 
 
-class Land(unittest.TestCase):
+class Land(InOneFolder):
     @classmethod
     def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(temporary.cleanup)
-        cls.folder = temporary.name
+        super().setUpClass()
         cls.scene = os.path.join(cls.folder, "spheres.glb")
-        subprocess.run([KILN, "generate", "cornell-spheres", "-o", cls.scene, "--quiet"], check=True)
+        kiln("generate", "cornell-spheres", "-o", cls.scene, "--quiet")
 
     def bake(self, name, *options, ranks=0, code=0, scene=None):
         """The folder of the bake; or what it says where it ends with another code."""
         folder = os.path.join(tempfile.mkdtemp(dir=self.folder), name)
-        start = ["mpirun", "-n", str(ranks)] if ranks else []
-        command = [*start, KILN, "bake", scene or self.scene, "-o", folder, *SMALL, *options]
-        done = subprocess.run(command, capture_output=True, text=True)
-        self.assertEqual(done.returncode, code, done.stderr)
+        done = kiln("bake", scene or self.scene, "-o", folder, *SMALL, *options, ranks=ranks, code=code)
         return folder if code == 0 else done.stderr
 
     @staticmethod
@@ -82,7 +75,7 @@ class Land(unittest.TestCase):
     def test_faint_gloss_as_gathered(self):
         """All surfaces are glossy, and the lamp stands within the spheres of some of them."""
         scene = os.path.join(self.folder, "cornell.glb")
-        subprocess.run([KILN, "generate", "cornell", "-o", scene, "--quiet"], check=True)
+        kiln("generate", "cornell", "-o", scene, "--quiet")
         self.check_as_gathered(scene, ["floor", "left_red", "ceiling", "tall_block"], ("--materials", "full"), 0.2,
                                WAYS)
 
@@ -119,13 +112,10 @@ class Land(unittest.TestCase):
         self.assertTrue(1.6 < ratio < 2.4, ratio)
 
     def test_report(self):
-        with open(os.path.join(self.bake("report", *LAND, "--bounces", "0"), "run.json"), encoding="utf-8") as file:
-            materials = json.load(file)["materials"]
+        materials = run_json(self.bake("report", *LAND, "--bounces", "0"))["materials"]
         self.assertEqual([materials[name] for name in ("caustics", "photons", "iterations")], ["land", 40000, 3])
         self.assertNotIn("mis", materials)
-        with open(os.path.join(self.bake("shared", *VCM, "--bounces", "0", "--mis", "power"), "run.json"),
-                  encoding="utf-8") as file:
-            report = json.load(file)
+        report = run_json(self.bake("shared", *VCM, "--bounces", "0", "--mis", "power"))
         self.assertEqual([report["materials"][name] for name in ("caustics", "mis", "photons")],
                          ["vcm", "power", 20000])
         self.assertEqual(report["energy"]["unfound"], [0.0, 0.0, 0.0])
@@ -133,8 +123,7 @@ class Land(unittest.TestCase):
 
     def first_light(self, name, caustics, scene=None):
         folder = self.bake(name, *caustics, "--bounces", "0", "--samples-direct", "64", scene=scene)
-        with open(os.path.join(folder, "run.json"), encoding="utf-8") as file:
-            return json.load(file)["energy"]["first_light"]
+        return run_json(folder)["energy"]["first_light"]
 
     def check_first_light(self, light, least):
         error, traced = light["error"], LUMINANCE @ light["traced"]
@@ -146,7 +135,7 @@ class Land(unittest.TestCase):
         """Light that has met no diffuse surface is as much in texels as the lamps send there, by tracing that shares no
         code with the passes; a beam far narrower than a texel too, which glass splits and mirrors."""
         prism = os.path.join(self.folder, "prism.glb")
-        subprocess.run([KILN, "generate", "prism", "-o", prism, "--quiet"], check=True)
+        kiln("generate", "prism", "-o", prism, "--quiet")
         for name, caustics in WAYS.items():
             of = {scene: self.first_light(name, caustics, scene) for scene in (None, prism)}
             self.check_first_light(of[None]["direct"], 0.02)
@@ -165,8 +154,7 @@ class Land(unittest.TestCase):
         folders = [self.bake("all", *more, "all", ranks=ranks) for ranks in (0, 3)] + [self.bake("some", *more, "16")]
         reports = []
         for folder in folders:
-            with open(os.path.join(folder, "run.json"), encoding="utf-8") as file:
-                reports.append(json.load(file))
+            reports.append(run_json(folder))
         self.assertEqual([report["materials"]["iterations"] for report in reports], ["all", "all", 16])
         grown, _, same = [[step for step in report["bounces"] if "iterations" in step] for report in reports]
         for step in grown:
@@ -206,8 +194,7 @@ class Land(unittest.TestCase):
         few = ("--caustics", "vcm", "--photons", "64", "--iterations", "1", "--samples-indirect", "64", "--bounces",
                "0")
         folder = self.bake("one", *few, scene=self.mirror_scene())
-        with open(os.path.join(folder, "run.json"), encoding="utf-8") as file:
-            energy = json.load(file)["energy"]
+        energy = run_json(folder)["energy"]
         self.assertLess(abs(energy["residual"]), max(1e-6, 5.0 * energy["error"]))
         with h5py.File(os.path.join(folder, "kiln.h5")) as file:
             floor = file["points/object"][...] == list(file["objects/name"][...]).index(b"floor")

@@ -1,16 +1,14 @@
 """kiln bake --light-groups: groups add up to the bake and do not change it; each is as a bake with its lights alone
 is; any number of ranks gives the same bits; names that the scene does not have are refused."""
 import os
-import shutil
 import sys
-import tempfile
 import unittest
 
 import h5py
 import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '../cli'))
-from kiln_cli import kiln  # noqa: E402
+from kiln_cli import InOwnFolder, kiln  # noqa: E402
 
 SCENE = os.path.join(os.path.dirname(os.path.abspath(__file__)), '../data/punctual_zoo.glb')
 SMALL = ('--lightmap-max', 32, '--quality', 'draft', '--samples-probe', 0, '--backend', 'embree', '--threads', 1,
@@ -18,11 +16,7 @@ SMALL = ('--lightmap-max', 32, '--quality', 'draft', '--samples-probe', 0, '--ba
 GROUPS = 'sun: {lights: [sun]}\npoints: {lights: ["pt*"]}\n'
 
 
-class LightGroups(unittest.TestCase):
-    def setUp(self):
-        self.folder = tempfile.mkdtemp()
-        self.addCleanup(shutil.rmtree, self.folder)
-
+class LightGroups(InOwnFolder):
     def write(self, name, text):
         path = os.path.join(self.folder, name)
         with open(path, 'w', encoding='utf-8') as file:

@@ -3,7 +3,6 @@ import json
 import math
 import os
 import sys
-import tempfile
 import unittest
 
 import h5py
@@ -14,7 +13,8 @@ import exr  # noqa: E402
 import glb  # noqa: E402
 import harness  # noqa: E402
 import price  # noqa: E402
-from test_mirrors import WHITE, ball, gloss, run  # noqa: E402
+from program import InOneFolder, kiln, run_json  # noqa: E402
+from test_mirrors import WHITE, ball, gloss  # noqa: E402
 
 FEW = ("--backend", "embree", "--quiet", "--no-export", "--no-preview", "--samples-probe", "0")
 
@@ -33,23 +33,16 @@ def channels(folder, entry):
     return exr.read(os.path.join(folder, entry["lightmap"]))[0]
 
 
-def report(folder):
-    with open(os.path.join(folder, "run.json")) as file:
-        return json.load(file)
-
-
-class Materials(unittest.TestCase):
+class Materials(InOneFolder):
     @classmethod
     def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(temporary.cleanup)
-        cls.folder = temporary.name
+        super().setUpClass()
         for name in ("cornell-spheres", "cornell-water", "cornell", "mirrors"):
-            run("generate", name, "-o", os.path.join(cls.folder, name + ".glb"), "--quiet")
+            kiln("generate", name, "-o", os.path.join(cls.folder, name + ".glb"), "--quiet")
 
     def bake(self, scene, name, *options, **more):
         folder = os.path.join(self.folder, name)
-        run("bake", os.path.join(self.folder, scene + ".glb"), "-o", folder, *FEW, *options, **more)
+        kiln("bake", os.path.join(self.folder, scene + ".glb"), "-o", folder, *FEW, *options, **more)
         return folder
 
     def test_furnace(self):
@@ -65,9 +58,9 @@ class Materials(unittest.TestCase):
         folder = self.bake("furnace", "furnace", "--materials", "auto", "--texels-per-metre", "2", "--samples-direct",
                            "512", "--samples-bounce", "64", "--samples-indirect", "256", "--denoise", "none",
                            "--samples-probe", "128", "--probe-spacing", "1.1", "--directional", "sh1")
-        text, closed = harness.energy(report(folder))
+        text, closed = harness.energy(run_json(folder))
         self.assertTrue(closed, text)
-        for entry in report(folder)["objects"]:
+        for entry in run_json(folder)["objects"]:
             layers = channels(folder, entry)
             there = layers["validity.Y"] == 1
             mean = layers["G"][there].mean() / (2 * math.pi) - 1
@@ -90,29 +83,29 @@ class Materials(unittest.TestCase):
         folder = self.bake("cornell-spheres", "layers", *options, *few)
         self.assertTrue(np.array_equal(light(folder), light(folder, "direct") + light(folder, "indirect") +
                                        light(folder, "caustic")))
-        said = report(folder)["materials"]
+        said = run_json(folder)["materials"]
         self.assertEqual((said["mode"], said["taken"], said["caustics"]), ("auto", 2, "vcm"))
         self.assertEqual(said["kinds"], {"metal": 1, "volume glass": 1})
         self.assertTrue(any("caustic.R" in channels(folder, entry)
-                            for entry in report(folder)["objects"]))
+                            for entry in run_json(folder)["objects"]))
         without = self.bake("cornell-spheres", "without", *options, "--caustics", "none")
         self.assertNotIn("caustic", fields(without))
         self.assertLess(light(without, "indirect").mean(), 0.97 * light(folder, "indirect").mean())
         for each in (folder, without):
-            text, closed = harness.energy(report(each))
+            text, closed = harness.energy(run_json(each))
             self.assertTrue(closed, text)
-        self.assertEqual(report(folder)["energy"]["unfound"], [0.0] * 3)
-        self.assertGreater(report(without)["energy"]["unfound"][0], 1.0)
+        self.assertEqual(run_json(folder)["energy"]["unfound"], [0.0] * 3)
+        self.assertGreater(run_json(without)["energy"]["unfound"][0], 1.0)
         clean = self.bake("cornell-spheres", "denoised", *options, *few, "--denoise", "regression",
                           "--no-stitch")
-        for entry in report(folder)["objects"]:
+        for entry in run_json(folder)["objects"]:
             before, after = channels(folder, entry), channels(clean, entry)
             there = before["validity.Y"] == 1
             self.assertTrue(np.array_equal(before["caustic.G"][there], after["caustic.G"][there]), entry["name"])
         self.assertTrue(np.array_equal(light(clean, "error_caustic") > 0, light(clean, "caustic").max(1) > 0))
-        run("verify", folder, "--quiet")
-        run("view", folder, "--show", "caustic", "-o", os.path.join(self.folder, "caustic.png"), "--from=0,1,3",
-            "--to=0,1,0", "--width", "32", "--height", "32", "--quiet")
+        kiln("verify", folder, "--quiet")
+        kiln("view", folder, "--show", "caustic", "-o", os.path.join(self.folder, "caustic.png"), "--from=0,1,3",
+             "--to=0,1,0", "--width", "32", "--height", "32", "--quiet")
 
     def test_view(self):
         """A view shows what mirrors and glass show of the lightmaps: the light of bidirectional paths, in blocks of
@@ -124,7 +117,7 @@ class Materials(unittest.TestCase):
         for more in ((), ("--method", "bdpt", "--bounces", "3", "--samples-pixel", "64",
                           "--backend", "embree"), ("--materials", "diffuse")):
             path = os.path.join(self.folder, f"view{len(pictures)}.exr")
-            run("view", folder, "-o", path, *size, *more)
+            kiln("view", folder, "-o", path, *size, *more)
             pictures.append(exr.rgb(path))
         # medians, for the noise of paths that find the lamp by a mirror is rare and bright
         blocks = [np.median(p.reshape(8, 8, 8, 8, 3), (1, 3)).mean(-1) for p in pictures]
@@ -143,7 +136,7 @@ class Materials(unittest.TestCase):
                            "4", "--denoise", "none")
         with h5py.File(os.path.join(folder, "kiln.h5"), "r") as file:
             self.assertTrue(file["points/valid"][:].all())
-        text, closed = harness.energy(report(folder))
+        text, closed = harness.energy(run_json(folder))
         self.assertTrue(closed, text)
 
     @price.long
@@ -155,7 +148,7 @@ class Materials(unittest.TestCase):
         glb.box(scene, "block", (-1.3, 0, -1.3), (1.3, 1, 1.3), gloss(scene, "glass", **glb.GLASS))
         scene.light("lamp", {"type": "point", "intensity": 30.0}, translation=[0.2, 2.0, 0.1])
         scene.write(os.path.join(self.folder, "block.glb"))
-        told = report(self.bake("block", "block", "--materials", "auto", "--texels-per-metre", "2", "--bounces", "0",
+        told = run_json(self.bake("block", "block", "--materials", "auto", "--texels-per-metre", "2", "--bounces", "0",
                                 "--caustics", "none", "--samples-direct", "4", "--samples-probe", "4",
                                 "--probe-spacing", "0.4"))
         probes = told["volume"]["probes"]
@@ -167,10 +160,10 @@ class Materials(unittest.TestCase):
         """No gather ray meets a point by a mirror: its light that way is told as unfound, and the ledger closes."""
         folder = self.bake("mirrors", "mirrors", "--materials", "auto", "--caustics", "gather",
                            "--texels-per-metre", "4", "--quality", "draft")
-        text, closed = harness.energy(report(folder))
+        text, closed = harness.energy(run_json(folder))
         self.assertTrue(closed, text)
-        self.assertGreater(report(folder)["energy"]["unfound"][1], 0.2 * report(folder)["energy"]["emitted"][1])
-        self.assertTrue(any("left out" in note for note in report(folder)["notes"]))
+        self.assertGreater(run_json(folder)["energy"]["unfound"][1], 0.2 * run_json(folder)["energy"]["emitted"][1])
+        self.assertTrue(any("left out" in note for note in run_json(folder)["notes"]))
 
     def test_same_bits(self):
         """On any number of ranks, in rounds; by hand also by the other schedule and in parts."""
@@ -192,18 +185,18 @@ class Materials(unittest.TestCase):
         bakes = [self.bake("cornell", mode, *materials, *options)
                  for mode, materials in (("auto", ()), ("diffuse", ("--materials", "diffuse")))]
         self.assertEqual(*(fields(folder) for folder in bakes))
-        self.assertEqual(*(len(report(folder)["bounces"]) for folder in bakes))
-        said = report(bakes[0])["materials"]
+        self.assertEqual(*(len(run_json(folder)["bounces"]) for folder in bakes))
+        said = run_json(bakes[0])["materials"]
         self.assertEqual(said["taken"], 0)
         self.assertIn("no metal", said["why"])
-        plans = [json.loads(run("plan", os.path.join(self.folder, "cornell.glb"), "--materials", mode, "--json",
-                                *options).stdout) for mode in ("auto", "diffuse")]
+        plans = [json.loads(kiln("plan", os.path.join(self.folder, "cornell.glb"), "--materials", mode, "--json",
+                                 *options).stdout) for mode in ("auto", "diffuse")]
         self.assertEqual(*(plan["disk_bytes"]["kiln_h5"] for plan in plans))
 
     def test_refusals(self):
         scene = os.path.join(self.folder, "cornell-spheres.glb")
         for words in (("--materials", "shiny"), ("--caustics", "all"), ("--chain-length", "0")):
-            self.assertIn(words[0], run("bake", scene, *words, code=64).stderr)
+            self.assertIn(words[0], kiln("bake", scene, *words, code=64).stderr)
 
 
 if __name__ == "__main__":

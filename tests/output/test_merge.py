@@ -1,9 +1,6 @@
 """--caustics merge, vcm: light that lands counts nearby: flux stays, edges are not darkened, errors are as said."""
-import json
 import os
-import subprocess
 import sys
-import tempfile
 import unittest
 
 import h5py
@@ -12,8 +9,8 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
 import price  # noqa: E402
+from program import InOneFolder, kiln, run_json  # noqa: E402
 
-KILN = os.environ["KILN"]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 SMALL = ("--backend", "embree", "--materials", "auto", "--samples-probe", "0", "--denoise", "none", "--bounces", "0",
          "--samples-direct", "4", "--samples-bounce", "2", "--samples-indirect", "4", "--no-preview", "--quiet")
@@ -35,25 +32,21 @@ def corner(path):
     return scene.write(path)
 
 
-class Merge(unittest.TestCase):
+class Merge(InOneFolder):
     best = None
 
     @classmethod
     def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(temporary.cleanup)
-        cls.folder, cls.number = temporary.name, 0
+        super().setUpClass()
+        cls.number = 0
         cls.spheres = os.path.join(cls.folder, "spheres.glb")
-        subprocess.run([KILN, "generate", "cornell-spheres", "-o", cls.spheres, "--quiet"], check=True)
+        kiln("generate", "cornell-spheres", "-o", cls.spheres, "--quiet")
 
     def bake(self, scene, *options, ranks=0, code=0):
         """The folder of the bake; or what it says where it ends with another code."""
         Merge.number += 1
         folder = os.path.join(self.folder, "bake%d" % Merge.number)
-        start = ["mpirun", "-n", str(ranks)] if ranks else []
-        done = subprocess.run([*start, KILN, "bake", scene, "-o", folder, *SMALL, *options], capture_output=True,
-                              text=True)
-        self.assertEqual(done.returncode, code, done.stderr)
+        done = kiln("bake", scene, "-o", folder, *SMALL, *options, ranks=ranks, code=code)
         return folder if code == 0 else done.stderr
 
     def many_paths(self, *fine):
@@ -88,8 +81,7 @@ class Merge(unittest.TestCase):
 
     @staticmethod
     def report(folder):
-        with open(os.path.join(folder, "run.json"), encoding="utf-8") as file:
-            return json.load(file)
+        return run_json(folder)
 
     def test_edges(self):
         """The closed form: the mirror brings the wall what the sun does, in the middle, at edges and in corners."""
@@ -154,7 +146,7 @@ class Merge(unittest.TestCase):
     def test_receivers_are_told_of(self):
         """Where lamps have no extent such objects lack what only light paths find, and a note says so."""
         scene = os.path.join(self.folder, "prism.glb")
-        subprocess.run([KILN, "generate", "prism", "-o", scene, "--quiet"], check=True)
+        kiln("generate", "prism", "-o", scene, "--quiet")
         for options, told in (((), False), (("--objects", "{right: {role: receiver-only}}"), True)):
             report = self.report(self.bake(scene, *SPHERES, "--caustics", "land", *options))
             self.assertEqual("receivers_gather" in report["materials"], told)
@@ -218,8 +210,8 @@ class Merge(unittest.TestCase):
             for other in others:
                 for name in first:
                     self.assertTrue(np.array_equal(first[name], other[name]), name)
-        with open(os.path.join(self.folder, "bake%d" % Merge.number, "run.json"), encoding="utf-8") as file:
-            self.assertGreater(json.load(file)["materials"]["merge_radius"], 0.1)
+        report = run_json(os.path.join(self.folder, "bake%d" % Merge.number))
+        self.assertGreater(report["materials"]["merge_radius"], 0.1)
 
     @price.long
     def test_gain(self):

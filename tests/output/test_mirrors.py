@@ -2,9 +2,7 @@
 import json
 import math
 import os
-import subprocess
 import sys
-import tempfile
 import unittest
 
 import numpy as np
@@ -15,18 +13,9 @@ import glb  # noqa: E402
 import price  # noqa: E402
 import png  # noqa: E402
 from glb import GLASS, ball, gloss  # noqa: E402
+from program import InOneFolder, kiln_on_host as kiln  # noqa: E402
 
-KILN = os.environ["KILN"]
 FRESNEL = 0.04  # of an index of 1.5 at normal incidence
-
-
-def run(*arguments, code=0, ranks=0):
-    start = ["mpirun", "-n", str(ranks)] if ranks else []
-    if arguments[0] == "view" and "--backend" not in arguments:
-        arguments += ("--backend", "embree")  # which does not load Vulkan's drivers to find no GPU
-    done = subprocess.run([*start, KILN, *arguments], capture_output=True, text=True)
-    assert done.returncode == code, f"kiln {' '.join(arguments)}: exit {done.returncode}, wanted {code}\n{done.stderr}"
-    return done
 
 
 WHITE = (("mirror", {"metallic": 1.0}), ("rough metal", {"metallic": 1.0, "roughness": 0.5}),
@@ -48,16 +37,10 @@ MORE = (("brushed", {"color": (0.9, 0.6, 0.3), "metallic": 1.0, "roughness": 0.3
         ("matt", {"color": (0.5, 0.5, 0.5), "roughness": 1.0}))
 
 
-class Mirrors(unittest.TestCase):
-    @classmethod
-    def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(temporary.cleanup)
-        cls.folder = temporary.name
-
+class Mirrors(InOneFolder):
     def view(self, scene, *options, name="pixels.exr", **more):
         path = os.path.join(self.folder, name)
-        run("view", scene, "--method", "path", "-o", path, "--quiet", *options, **more)
+        kiln("view", scene, "--method", "path", "-o", path, "--quiet", *options, **more)
         return path
 
     def scene(self, make):
@@ -155,7 +138,7 @@ class Mirrors(unittest.TestCase):
     def test_on_gpus(self):
         """The same paths on both backends, but for rounding: pixels are the same to a thousandth but where a path is
         near to another way, and the mean is. A software device takes minutes to make the kernel."""
-        if not any(d["fit"] for d in json.loads(run("info", "--devices", "--json").stdout)["vulkan"]):
+        if not any(d["fit"] for d in json.loads(kiln("info", "--devices", "--json").stdout)["vulkan"]):
             self.skipTest("no Vulkan device")
         small = ("--width", "40", "--height", "30", "--samples-pixel", "4", "--materials", "full", "--bounces", "2")
         room = (self.scene(self.room), "--from=0,0,7.5", "--to=0,0,0", "--field-of-view", "55")
@@ -171,7 +154,7 @@ class Mirrors(unittest.TestCase):
         by_mirror = exr.rgb(self.view(path, "--from=0,1,1", "--to=0,1,-1", "--materials", "full", "--bounces", "0",
                                       *small))
         self.assertGreater(by_mirror.mean(), 0.03, "light of a lamp on a wall, seen in a mirror, without a bounce")
-        run("generate", "cornell", "-o", cornell, "--quiet")
+        kiln("generate", "cornell", "-o", cornell, "--quiet")
         files = [self.view(cornell, "--materials", materials, *small, name=materials + ".exr")
                  for materials in ("auto", "diffuse")]
         with open(files[0], "rb") as a, open(files[1], "rb") as b:
@@ -190,8 +173,8 @@ class Mirrors(unittest.TestCase):
 
     def test_words(self):
         scene = os.path.join(self.folder, "room.glb")
-        run("generate", "cornell", "-o", scene, "--quiet")
-        told = run("view", scene, "--method", "path", "--materials", "shiny", code=64)
+        kiln("generate", "cornell", "-o", scene, "--quiet")
+        told = kiln("view", scene, "--method", "path", "--materials", "shiny", code=64)
         self.assertIn("auto, diffuse, full", told.stderr.replace(" or ", ", "))
 
 

@@ -1,7 +1,6 @@
 """kiln mix: with 1 for all groups it writes the bake's lightmaps, bit for bit; with other factors the sum of the
 groups' layers, which is as a bake of those lights alone; on any number of ranks the same bytes. Views show what
 shines with its factor. What it refuses."""
-import json
 import os
 import shutil
 import sys
@@ -16,7 +15,7 @@ sys.path.insert(0, os.path.join(HERE, '../common'))
 import exr  # noqa: E402
 import glb  # noqa: E402
 import png  # noqa: E402
-from kiln_cli import kiln  # noqa: E402
+from kiln_cli import kiln, run_json  # noqa: E402
 
 SCENE = os.path.join(HERE, '../data/punctual_zoo.glb')
 SMALL = ('--lightmap-max', 32, '--quality', 'draft', '--samples-probe', 0, '--backend', 'embree', '--threads', 1,
@@ -125,8 +124,7 @@ class Mix(unittest.TestCase):
             answer = kiln('mix', self.path('shown'), *(word for factor in factors for word in ('--set', factor)), '-o',
                           self.path('shown_mix'))
             self.assertEqual((answer.code, 'NOTE views show Screen' in answer.out), (0, bool(told)), answer.err)
-            with open(self.path('shown_mix/run.json'), encoding='utf-8') as file:
-                self.assertEqual(json.load(file)['mix']['shown_as_baked'], told)
+            self.assertEqual(run_json(self.path('shown_mix'))['mix']['shown_as_baked'], told)
             view = self.path('shown.exr')
             self.assertEqual(kiln('view', self.path('shown_mix'), '--from', '1,1,4', '--to', '1,1,0', '--width', 64,
                                   '--height', 64, '-o', view, timeout=60).code, 0)

@@ -7,9 +7,7 @@ looked at from above. The truth is what a slope's own lightmap holds."""
 import json
 import os
 import struct
-import subprocess
 import sys
-import tempfile
 import unittest
 
 import numpy as np
@@ -18,22 +16,16 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import exr  # noqa: E402
 import glb  # noqa: E402
 import png  # noqa: E402
+from program import InOwnFolder, kiln  # noqa: E402
 
-KILN = os.environ["KILN"]
 SIN, COS = 0.28, 0.96
 SLOPES = 8
 DRAFT = ("--quality", "draft", "--samples-probe", "0", "--no-preview", "--quiet", "--bounces", "0")
 Y0, Y1 = 0.28209479177387814, 0.4886025119029199
 
 
-def kiln(*arguments, code=0):
-    run = subprocess.run([KILN, *arguments], capture_output=True, text=True)
-    assert run.returncode == code, f"kiln {' '.join(arguments)}: exit {run.returncode}, wanted {code}\n{run.stderr}"
-    return run.stdout
-
-
 def has_directional():
-    return "--directional" in kiln("bake", "--help")
+    return "--directional" in kiln("bake", "--help").stdout
 
 
 def code(x, y, z):
@@ -145,11 +137,9 @@ def stripes(bake, *arguments):
     return image.mean((0, 2)) * np.pi / 0.5
 
 
-class NormalMaps(unittest.TestCase):
+class NormalMaps(InOwnFolder):
     def setUp(self):
-        holder = tempfile.TemporaryDirectory(prefix="kiln-normal-")
-        self.addCleanup(holder.cleanup)
-        self.folder = holder.name
+        super().setUp()
 
     def bake(self, name, make, *more, **settings):
         scene, bake = os.path.join(self.folder, name + ".glb"), os.path.join(self.folder, name)
@@ -197,15 +187,15 @@ class ClosedForms(NormalMaps):
         bake = self.bake("sun", flat_scene, light=sun)
         even = np.full((SLOPES, 3), 3 * SUN[1])
         self.close(stripes(bake), even, 1e-3)  # without directions the view is that of the flat square
-        answer = json.loads(kiln("view", bake, "--width", "64", "--json"))
+        answer = json.loads(kiln("view", bake, "--width", "64", "--json").stdout)
         self.assertEqual((answer["normal_map_share"], answer["flat_share"]), (0, 1))
-        self.assertIn("--directional", kiln("view", bake, "--width", "64"))
+        self.assertIn("--directional", kiln("view", bake, "--width", "64").stdout)
         rewrite(bake, lambda channels: add_sh(channels, lamp_sh(SUN, 3)))
         wanted = even * np.array([[self.factor(LEFT)], [self.factor(RIGHT)]] * (SLOPES // 2))
         self.close(stripes(bake), wanted, 4e-3)  # 0 is not an 8-bit code: 128 is 0.004
-        answer = json.loads(kiln("view", bake, "--width", "64", "--json"))
+        answer = json.loads(kiln("view", bake, "--width", "64", "--json").stdout)
         self.assertEqual((answer["normal_map_share"], answer["flat_share"]), (1, 0))
-        self.assertNotIn("--directional", kiln("view", bake, "--width", "64"))
+        self.assertNotIn("--directional", kiln("view", bake, "--width", "64").stdout)
         self.close(stripes(bake, "--no-normal-maps"), even, 1e-3)
         # colours have each their own factor: red and blue are lit from everywhere
         rewrite(bake, lambda channels: add_sh(channels, np.outer(lamp_sh(SUN, 3), (0, 1, 0)) + np.outer(

@@ -4,11 +4,9 @@ are refused."""
 import glob
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 import unittest
 
@@ -17,19 +15,12 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import harness  # noqa: E402
+from program import KILN, InOneFolder, content, kiln, run_json  # noqa: E402
 
-KILN = os.environ["KILN"]
 CORNELL = os.path.join(harness.REPOSITORY, "jobs", "cornell.glb")
 LEAF = 0.21
 LIGHT = ("--samples-direct", "64", "--samples-bounce", "16", "--samples-indirect", "64", "--bounces", "2", "--denoise",
          "none", "--samples-probe", "0", "--backend", "embree", "--threads", "1", "--quiet")
-
-
-def run(*arguments, status=0, faults=None):
-    done = subprocess.run([KILN, *map(str, arguments)], capture_output=True, text=True,
-                          env={**os.environ, **harness.MPI_ENVIRONMENT, **(faults or {})})
-    assert done.returncode == status, f"{' '.join(map(str, arguments))}: exit {done.returncode}\n{done.stderr}"
-    return done.stderr
 
 
 def light_of(bake):
@@ -44,14 +35,8 @@ def children_of(process):
         return [int(child) for child in f.read().split()]
 
 
-def report_of(bake):
-    with open(os.path.join(bake, "run.json")) as f:
-        return json.load(f)
-
-
 def json_of(path):
-    with open(path, "rb") as f:
-        data = f.read()
+    data = content(path)
     return json.loads(data[20:20 + int.from_bytes(data[12:16], "little")])
 
 
@@ -60,49 +45,43 @@ def rgb(path):
     return np.stack([channels[c] for c in "RGB"], -1).astype(np.float64)
 
 
-class Octree(unittest.TestCase):
+class Octree(InOneFolder):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.mkdtemp(prefix="kiln-octree-")
+        super().setUpClass()
         cls.bakes = {}
         for store, more in (("lightmap", ("--texels-per-metre", 1 / LEAF, "--no-preview")),
                             ("octree", ("--leaf-size", LEAF))):
             cls.bakes[store] = os.path.join(cls.folder, store)
-            run("bake", CORNELL, "-o", cls.bakes[store], "--store", store, "--vertex-light", *more, *LIGHT)
-
-    @classmethod
-    def tearDownClass(cls):
-        shutil.rmtree(cls.folder, ignore_errors=True)
+            kiln("bake", CORNELL, "-o", cls.bakes[store], "--store", store, "--vertex-light", *more, *LIGHT)
 
     def test_store_vertex(self):
         """--store vertex: an octree's light, fitted to the vertices."""
         folder = os.path.join(self.folder, "vertex")
-        run("bake", CORNELL, "-o", folder, "--store", "vertex", "--leaf-size", LEAF, "--no-preview", *LIGHT)
+        kiln("bake", CORNELL, "-o", folder, "--store", "vertex", "--leaf-size", LEAF, "--no-preview", *LIGHT)
         with h5py.File(os.path.join(folder, "kiln.h5"), "r") as f, \
                 h5py.File(os.path.join(self.bakes["octree"], "kiln.h5"), "r") as octree:
             self.assertTrue(np.array_equal(f["vertices/irradiance"][...], octree["vertices/irradiance"][...]))
         mesh = json_of(os.path.join(folder, "scene.glb"))["meshes"][-1]
         self.assertIn("COLOR_1", mesh["primitives"][0]["attributes"])
-        self.assertIn("exclude each other", run("bake", CORNELL, "-o", folder, "--store", "vertex", "--no-vertex-light",
-                                                status=64))
+        refused = kiln("bake", CORNELL, "-o", folder, "--store", "vertex", "--no-vertex-light", code=64)
+        self.assertIn("exclude each other", refused.stderr)
 
     def test_files(self):
         names = set(os.listdir(self.bakes["octree"]))
         self.assertEqual(names, {"kiln.h5", "manifest", "preview.png", "run.json", "scene.glb", "scene.kscene"})
-        run("verify", self.bakes["octree"])
-        with open(os.path.join(self.bakes["octree"], "run.json")) as f:
-            report = json.load(f)
+        kiln("verify", self.bakes["octree"])
+        report = run_json(self.bakes["octree"])
         self.assertEqual(report["store"]["kind"], "octree")
         self.assertEqual(report["store"]["leaf_size"], LEAF)
         self.assertTrue(all(o["lightmap"] is None for o in report["objects"]))
         page = os.path.join(self.folder, "report.html")
-        run("report", self.bakes["octree"], "-o", page, "--quiet")
+        kiln("report", self.bakes["octree"], "-o", page, "--quiet")
         with open(page) as f:
             text = f.read()
         self.assertNotIn("<h2>Lightmaps", text)
         self.assertIn("leaves/m", text)
-        look = subprocess.run([KILN, "info", os.path.join(self.bakes["octree"], "scene.kscene")], capture_output=True,
-                              text=True)
+        look = kiln("info", os.path.join(self.bakes["octree"], "scene.kscene"), code=None)
         self.assertIn("octrees", look.stdout)
 
     def test_leaves(self):
@@ -123,15 +102,15 @@ class Octree(unittest.TestCase):
         pictures = []
         for store, bake in self.bakes.items():
             pictures.append(os.path.join(self.folder, store + ".exr"))
-            run("view", bake, "-o", pictures[-1], "--width", 96, "--quiet", "--threads", 1)
+            kiln("view", bake, "-o", pictures[-1], "--width", 96, "--quiet", "--threads", 1)
         a, b = map(rgb, pictures)
         self.assertLess(abs(b.mean() / a.mean() - 1), 0.01)
         self.assertLess(np.sqrt(((a - b) ** 2).mean()) / a.mean(), 0.05)
         self.assertTrue(((a > 0) == (b > 0)).all(), "no place is without light")
         shown = os.path.join(self.folder, "direct.exr")
-        run("view", self.bakes["octree"], "-o", shown, "--width", 96, "--quiet", "--threads", 1, "--show", "direct")
+        kiln("view", self.bakes["octree"], "-o", shown, "--width", 96, "--quiet", "--threads", 1, "--show", "direct")
         self.assertGreater(rgb(shown).max(), 0)
-        error = run("view", self.bakes["octree"], "-o", shown, "--quiet", "--show", "sh", status=66)
+        error = kiln("view", self.bakes["octree"], "-o", shown, "--quiet", "--show", "sh", code=66).stderr
         self.assertIn("has no dataset", error)
 
     def test_vertices(self):
@@ -150,35 +129,35 @@ class Octree(unittest.TestCase):
         self.assertTrue(any("COLOR_1" in p["attributes"] for m in scene["meshes"] for p in m["primitives"]))
         self.assertNotIn(".exr", json.dumps(scene))
         there = os.path.join(self.folder, "there", "scene.glb")
-        run("export", self.bakes["octree"], "-o", there, "--quiet")
+        kiln("export", self.bakes["octree"], "-o", there, "--quiet")
         with open(there, "rb") as f, open(os.path.join(self.bakes["octree"], "scene.glb"), "rb") as g:
             self.assertEqual(f.read(), g.read())
-        self.assertIn("has none", run("export", self.bakes["octree"], "-o", there, "--atlas", 512, status=64))
+        self.assertIn("has none", kiln("export", self.bakes["octree"], "-o", there, "--atlas", 512, code=64).stderr)
 
     def test_some_views(self):
         """What the camera sees has light, as with lightmaps, and its view is that of the whole bake."""
         folder, shares, pictures = os.path.join(self.folder, "some"), [], []
         for store, size in (("lightmap", ("--texels-per-metre", 1 / LEAF)), ("octree", ("--leaf-size", LEAF))):
-            run("bake", CORNELL, "-o", folder, "--store", store, *size, *LIGHT, "--no-preview", "--only-visible-from",
-                "all")
+            kiln("bake", CORNELL, "-o", folder, "--store", store, *size, *LIGHT, "--no-preview", "--only-visible-from",
+                 "all")
             with h5py.File(os.path.join(folder, "kiln.h5"), "r") as f:
                 shares.append((f["irradiance/total"][...].sum(1) > 0).mean())
         self.assertGreater(shares[1], 0.5)
         self.assertLess(shares[1], shares[0] + 0.05)  # bricks are smaller than tiles
         for bake in (folder, self.bakes["octree"]):
             pictures.append(os.path.join(self.folder, "some.exr"))
-            run("view", bake, "-o", pictures[-1], "--width", 96, "--quiet", "--threads", 1)
+            kiln("view", bake, "-o", pictures[-1], "--width", 96, "--quiet", "--threads", 1)
             pictures[-1] = rgb(pictures[-1])
         self.assertLess(abs(pictures[0].mean() / pictures[1].mean() - 1), 0.02)
 
     def test_means(self):
         """run.json has each object's mean and error by its leaves, which are near those by lightmaps."""
-        objects, lightmaps = (report_of(self.bakes[store])["objects"] for store in ("octree", "lightmap"))
+        objects, lightmaps = (run_json(self.bakes[store])["objects"] for store in ("octree", "lightmap"))
         with h5py.File(os.path.join(self.bakes["octree"], "kiln.h5"), "r") as f:
             light, error = f["irradiance/total"][...] @ (0.2126, 0.7152, 0.0722), f["irradiance/error"][...]
             area, thing, valid = f["points/area"][...], f["points/object"][...], f["points/valid"][...] > 0
             ends, off = f["vertices/first"][...], f["vertices/error"][...]
-        self.assertEqual(report_of(self.bakes["octree"])["vertices"]["count"], ends[-1])
+        self.assertEqual(run_json(self.bakes["octree"])["vertices"]["count"], ends[-1])
         for i, (a, b) in enumerate(zip(objects, lightmaps)):
             own = valid & (thing == i)
             mean = np.average(light[own], weights=area[own])
@@ -192,12 +171,10 @@ class Octree(unittest.TestCase):
     def test_compare(self):
         """Octrees with the same leaves are compared leaf by leaf; others, and lightmaps, where they are read."""
         def compare(a, b):
-            done = subprocess.run([KILN, "compare", a, b, "--json"], capture_output=True, text=True)
-            self.assertEqual(done.returncode, 0, done.stderr)
-            return json.loads(done.stdout)
+            return json.loads(kiln("compare", a, b, "--json").stdout)
         folders = [os.path.join(self.folder, name) for name in ("seed", "wide")]
         for folder, more in zip(folders, (("--leaf-size", LEAF, "--seed", 7), ("--leaf-size", 2 * LEAF))):
-            run("bake", CORNELL, "-o", folder, "--store", "octree", "--no-preview", *more, *LIGHT)
+            kiln("bake", CORNELL, "-o", folder, "--store", "octree", "--no-preview", *more, *LIGHT)
         rows = []
         for bake in (self.bakes["octree"], folders[0]):
             with h5py.File(os.path.join(bake, "kiln.h5"), "r") as f:
@@ -205,7 +182,7 @@ class Octree(unittest.TestCase):
                 area, thing, valid = f["points/area"][...], f["points/object"][...], f["points/valid"][...] > 0
         found = compare(self.bakes["octree"], folders[0])
         self.assertFalse(found["identical"])
-        for i, o in enumerate(report_of(folders[0])["objects"]):
+        for i, o in enumerate(run_json(folders[0])["objects"]):
             own = valid & (thing == i)
             rmse = np.sqrt(np.average(((rows[0] - rows[1])[own] ** 2).mean(1), weights=area[own]))
             self.assertLess(abs(found["objects"][o["name"]]["rmse"] / rmse - 1), 0.05)
@@ -235,14 +212,14 @@ class Octree(unittest.TestCase):
                 del environment["KILN_SLOW_RANK"]
             done = subprocess.run(start, env=environment, capture_output=True, text=True)
             self.assertEqual(done.returncode, 0, done.stderr)
-            self.assertEqual(report_of(folder)["restarts"] > 0, kill)
+            self.assertEqual(run_json(folder)["restarts"] > 0, kill)
             self.assertEqual(light_of(folder), light_of(self.bakes["octree"]))
 
     def test_goes_on(self):
         folder = os.path.join(self.folder, "stopped")
         command = ("bake", CORNELL, "-o", folder, "--store", "octree", "--leaf-size", LEAF, "--vertex-light", *LIGHT)
-        run(*command, "--max-time", 1, "--checkpoint-every", 0.1, status=75, faults={"KILN_SLOW_RANK": "0:100"})
-        run(*command)
+        kiln(*command, "--max-time", 1, "--checkpoint-every", 0.1, code=75, environment={"KILN_SLOW_RANK": "0:100"})
+        kiln(*command)
         with h5py.File(os.path.join(folder, "kiln.h5"), "r") as f, \
                 h5py.File(os.path.join(self.bakes["octree"], "kiln.h5"), "r") as g:
             self.assertEqual(f["irradiance/total"][...].tobytes(), g["irradiance/total"][...].tobytes())
@@ -252,9 +229,9 @@ class Octree(unittest.TestCase):
                               (("--store", "octree", "--export"), "--vertex-light"),
                               (("--store", "octree", "--denoise", "regression"), "needs lightmaps"),
                               (("--store", "octree", "--check-density"), "needs lightmaps")):
-            self.assertIn(what, run("bake", CORNELL, "-o", os.path.join(self.folder, "no"), *options, status=64))
-        error = run("bake", CORNELL, "-o", os.path.join(self.folder, "no"), "--store", "octree", "--leaf-size", 1e-9,
-                    status=65)
+            self.assertIn(what, kiln("bake", CORNELL, "-o", os.path.join(self.folder, "no"), *options, code=64).stderr)
+        error = kiln("bake", CORNELL, "-o", os.path.join(self.folder, "no"), "--store", "octree", "--leaf-size", 1e-9,
+                     code=65).stderr
         self.assertIn("--leaf-size", error)
 
 

@@ -1,9 +1,7 @@
 """kiln view --method path: closed forms, the light of a bake, both backends, the same bits on any number of ranks."""
 import json
 import os
-import subprocess
 import sys
-import tempfile
 import unittest
 
 import numpy as np
@@ -13,20 +11,10 @@ import exr  # noqa: E402
 import glb  # noqa: E402
 import png  # noqa: E402
 import price  # noqa: E402
+from program import InOneFolder, kiln_on_host as kiln  # noqa: E402
 
-KILN = os.environ["KILN"]
 DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data")
 RHO = 0.5
-
-
-def run(*arguments, code=0, ranks=0, environment=None):
-    start = ["mpirun", "-n", str(ranks)] if ranks else []
-    if arguments[0] == "view" and "--backend" not in arguments:
-        arguments += ("--backend", "embree")  # which does not load Vulkan's drivers to find no GPU
-    done = subprocess.run([*start, KILN, *arguments], capture_output=True, text=True,
-                          env={**os.environ, **(environment or {})})
-    assert done.returncode == code, f"kiln {' '.join(arguments)}: exit {done.returncode}, wanted {code}\n{done.stderr}"
-    return done
 
 
 def blocks(image, seen, side=8):
@@ -36,25 +24,23 @@ def blocks(image, seen, side=8):
     return light.reshape(height // side, side, width // side, side).sum((1, 3))
 
 
-class Paths(unittest.TestCase):
+class Paths(InOneFolder):
     @classmethod
     def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(temporary.cleanup)
-        cls.folder = temporary.name
+        super().setUpClass()
         cls.furnace, cls.cornell = (os.path.join(cls.folder, name) for name in ("furnace.glb", "cornell.glb"))
-        run("generate", "furnace", "--albedo", str(RHO), "-o", cls.furnace, "--quiet")
-        run("generate", "cornell", "-o", cls.cornell, "--quiet")
+        kiln("generate", "furnace", "--albedo", str(RHO), "-o", cls.furnace, "--quiet")
+        kiln("generate", "cornell", "-o", cls.cornell, "--quiet")
         cls.bake = os.path.join(cls.folder, "bake")
-        run("bake", cls.cornell, "-o", cls.bake, "--texels-per-metre", "12", "--quality", "preview", "--bounces", "2",
-            "--samples-indirect", "512", "--samples-probe", "0", "--denoise", "none", "--no-preview", "--no-export",
-            "--quiet")
-        devices = json.loads(run("info", "--devices", "--json").stdout)["vulkan"]
+        kiln("bake", cls.cornell, "-o", cls.bake, "--texels-per-metre", "12", "--quality", "preview", "--bounces", "2",
+             "--samples-indirect", "512", "--samples-probe", "0", "--denoise", "none", "--no-preview", "--no-export",
+             "--quiet")
+        devices = json.loads(kiln("info", "--devices", "--json").stdout)["vulkan"]
         cls.backends = ["embree"] + ["vulkan"] * any(d["fit"] for d in devices)
 
     def view(self, scene, name, *options, **more):
         path = os.path.join(self.folder, name)
-        run("view", scene, "--method", "path", "-o", path, "--quiet", *options, **more)
+        kiln("view", scene, "--method", "path", "-o", path, "--quiet", *options, **more)
         return path
 
     def pixels(self, scene, *options):
@@ -90,7 +76,7 @@ class Paths(unittest.TestCase):
         seen."""
         size = ("--width", "64", "--height", "64")
         baked = os.path.join(self.folder, "baked.exr")
-        run("view", self.bake, "-o", baked, "--quiet", *size)
+        kiln("view", self.bake, "-o", baked, "--quiet", *size)
         baked, traced, short = exr.rgb(baked), *(self.pixels(self.bake, "--bounces", n, "--samples-pixel", "128", *size)
                                                  for n in ("2", "1"))
         seen = (baked.max(-1) < 0.6) & (traced.max(-1) < 0.6)
@@ -120,7 +106,7 @@ class Paths(unittest.TestCase):
         if "vulkan" not in self.backends:
             self.skipTest("no Vulkan device")
         spheres = os.path.join(self.folder, "spheres.glb")
-        run("generate", "cornell-spheres", "-o", spheres, "--quiet")
+        kiln("generate", "cornell-spheres", "-o", spheres, "--quiet")
         one, other = (self.pixels(spheres, "--width", "24", "--height", "18", "--samples-pixel", "4", "--materials",
                                   "auto", "--path-length", "3", "--backend", backend)
                       for backend in ("embree", "vulkan"))
@@ -151,8 +137,8 @@ class Paths(unittest.TestCase):
                 self.assertLess(abs(np.sqrt(moment / wanted) - 1), 0.03, (backend, lens))
             # 4 pixels at the pinhole's, which its paths meet with chance 1/40 or so
             self.assertLess(abs(light[1] / light[0] - 1), 0.2, light)
-        run("view", self.bake, "--lens-radius", "0.1", "-o", os.path.join(self.folder, "no.exr"), code=64)
-        run("view", self.bake, "--path-length", "2", "-o", os.path.join(self.folder, "no.exr"), code=64)
+        kiln("view", self.bake, "--lens-radius", "0.1", "-o", os.path.join(self.folder, "no.exr"), code=64)
+        kiln("view", self.bake, "--path-length", "2", "-o", os.path.join(self.folder, "no.exr"), code=64)
 
     def test_surfaces(self):
         """--aov: colour, emission, normal, place and depth of a slanted quad, seen from the front and from the back;
@@ -185,9 +171,9 @@ class Paths(unittest.TestCase):
             sky = exr.rgb(self.view(path, "sky.exr", *aim, *size))
             self.assertGreater((sky[outside] == (1, 2, 3)).mean(), 0.95)  # not at the edges
         baked = os.path.join(self.folder, "baked.exr")
-        run("view", self.bake, "--aov", "--width", "32", "--height", "24", "-o", baked, "--quiet")
+        kiln("view", self.bake, "--aov", "--width", "32", "--height", "24", "-o", baked, "--quiet")
         self.assertTrue({"albedo.R", "normal.Z", "Z"} <= set(exr.read(baked).channels))
-        run("view", self.bake, "--aov", "-o", os.path.join(self.folder, "no.png"), code=64)
+        kiln("view", self.bake, "--aov", "-o", os.path.join(self.folder, "no.png"), code=64)
 
     def test_ranks(self):
         """The same bits over any number of ranks and threads, of one picture and of frames with one exposure."""
@@ -217,8 +203,8 @@ class Paths(unittest.TestCase):
         errors = [np.sqrt(((self.pixels(self.bake, *size, "--samples-pixel", n) - best)[seen] ** 2).mean())
                   for n in ("4", "64")]
         self.assertLess(errors[1], errors[0] / 3, errors)
-        said = json.loads(run("view", self.bake, "--method", "path", "--samples-pixel", "2", *size, "-o",
-                              os.path.join(self.folder, "said.exr"), "--json").stdout)
+        said = json.loads(kiln("view", self.bake, "--method", "path", "--samples-pixel", "2", *size, "-o",
+                               os.path.join(self.folder, "said.exr"), "--json").stdout)
         self.assertGreater(said["rays"], 2 * 32 * 32)
         self.assertGreater(said["seconds"], 0)
 
@@ -236,7 +222,7 @@ class Paths(unittest.TestCase):
                 ((os.path.join(self.folder, "absent.glb"), "--method", "path"), 66, "cannot read scene"),
                 ((self.cornell,), 66, "is a file")):
             for ranks in (0, 2) if "path" in arguments else (0,):
-                said = run("view", *arguments, *out, code=code, ranks=ranks).stderr
+                said = kiln("view", *arguments, *out, code=code, ranks=ranks).stderr
                 self.assertIn(words, said)
         self.assertFalse(os.path.exists(out[1]))
 

@@ -1,7 +1,6 @@
 """preview.png of a mirror has one ray a pixel where that suffices: what is seen there, leaning bars before
 the sky, is what kiln view shows with sixteen times as many as it has else."""
 import os
-import subprocess
 import sys
 import tempfile
 
@@ -10,8 +9,8 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
 import png  # noqa: E402
+from program import kiln  # noqa: E402
 
-KILN = os.environ["KILN"]
 PLAIN = ["--no-auto-exposure", "--tone-map", "none", "--quiet"]
 
 
@@ -33,13 +32,11 @@ def write_scene(path):
 
 with tempfile.TemporaryDirectory() as folder:
     bake, picture = os.path.join(folder, "bake"), os.path.join(folder, "view.png")
-    subprocess.run([KILN, "bake", write_scene(os.path.join(folder, "scene.glb")), "-o", bake, "--texels-per-metre", "2",
-                    "--quality", "draft", "--bounces", "0", "--samples-probe", "0", "--materials", "full", *PLAIN],
-                   check=True)
+    kiln("bake", write_scene(os.path.join(folder, "scene.glb")), "-o", bake, "--texels-per-metre", "2",
+         "--quality", "draft", "--bounces", "0", "--samples-probe", "0", "--materials", "full", *PLAIN)
     few = png.read(os.path.join(bake, "preview.png")).astype(float)
     height, width = few.shape[:2]
-    subprocess.run([KILN, "view", bake, "-o", picture, "--width", str(width), "--height", str(height), *PLAIN],
-                   check=True)
+    kiln("view", bake, "-o", picture, "--width", str(width), "--height", str(height), *PLAIN)
     off = np.abs(few - png.read(picture).astype(float))[..., :3].max(-1)
     rms = np.sqrt((off ** 2).mean())
     print("%u x %u, off by %.3f of 255 rms, %.0f at most" % (width, height, rms, off.max()))

@@ -3,7 +3,6 @@ cut spheres, what is left to gather rays, a furnace, and the same bits on any ra
 import json
 import math
 import os
-import subprocess
 import sys
 import tempfile
 import unittest
@@ -14,8 +13,8 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
 import price  # noqa: E402
+from program import InOneFolder, kiln, run_json  # noqa: E402
 
-KILN = os.environ["KILN"]
 # the scenes are cubes of 2 m: 3 x 3 x 3 probes, the middle one at the origin, with spheres of 1/3 m
 SMALL = ("--backend", "embree", "--materials", "auto", "--lightmap-size", "4", "--bounces", "0", "--samples-direct",
          "4", "--samples-probe", "64", "--probe-spacing", "%.9f" % (2 / 3), "--denoise", "none", "--no-preview",
@@ -57,21 +56,12 @@ def sun(scene, angle=0.0, strength=3.0):
                 rotation=[-half * c, -half * s, half * s, half * c])
 
 
-class ProbePaths(unittest.TestCase):
-    @classmethod
-    def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(temporary.cleanup)
-        cls.folder = temporary.name
-
+class ProbePaths(InOneFolder):
     def bake(self, scene, *options, ranks=0):
         """The folder of a bake of a scene, or of a scene's file."""
         folder = tempfile.mkdtemp(dir=self.folder)
         path = scene if isinstance(scene, str) else scene.write(os.path.join(folder, "scene.glb"))
-        command = [*(["mpirun", "-n", str(ranks)] if ranks else []), KILN, "bake", path, "-o",
-                   os.path.join(folder, "bake"), *SMALL, *options]
-        done = subprocess.run(command, capture_output=True, text=True)
-        self.assertEqual(done.returncode, 0, done.stderr)
+        kiln("bake", path, "-o", os.path.join(folder, "bake"), *SMALL, *options, ranks=ranks)
         return os.path.join(folder, "bake")
 
     @staticmethod
@@ -209,15 +199,14 @@ class ProbePaths(unittest.TestCase):
                 np.testing.assert_array_equal(found[name], data, err_msg=name)
         rays = []
         for folder in (alone, self.bake(path, "--caustics", "gather", "--probe-spacing", "0.25")):
-            with open(os.path.join(folder, "run.json")) as file:
-                rays.append(json.load(file)["rays"]["probes"])
+            rays.append(run_json(folder)["rays"]["probes"])
         self.assertGreater(rays[0], rays[1] + 4 * 5001)
 
     @price.long
     def test_device(self):
         """A device traces the paths itself, and brings what Embree does but for rounding; the same bits on any ranks. A
         software device takes minutes to make the kernels."""
-        listed = subprocess.run([KILN, "info", "--devices", "--json"], capture_output=True, text=True)
+        listed = kiln("info", "--devices", "--json")
         if not any(d["fit"] for d in json.loads(listed.stdout)["vulkan"]):
             self.skipTest("no Vulkan device")
         scene = glb.Scene()
@@ -237,8 +226,7 @@ class ProbePaths(unittest.TestCase):
         for axis in AXES:
             a, b = (volume["irradiance_" + axis][..., 1] for volume in (expected, found))
             self.assertLess(float(abs(a - b).max()), 1e-3 * float(a.max()), axis)
-        with open(os.path.join(one, "run.json")) as file:
-            self.assertEqual(json.load(file)["volume"]["light_paths"], {"traced": 4 * 5001, "on_host": 0})
+        self.assertEqual(run_json(one)["volume"]["light_paths"], {"traced": 4 * 5001, "on_host": 0})
 
 
 if __name__ == "__main__":

@@ -2,9 +2,7 @@
 same bits on any ranks; a ledger that closes; what they refuse."""
 import json
 import os
-import subprocess
 import sys
-import tempfile
 import unittest
 
 import h5py
@@ -13,34 +11,26 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
 import price  # noqa: E402
+from program import InOneFolder, kiln, run_json  # noqa: E402
 
-KILN = os.environ["KILN"]
 DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data")
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 SMALL = ("--samples-probe", "0", "--denoise", "none", "--no-preview", "--no-export", "--quiet", "--backend", "embree")
 COARSE = ("--texels-per-metre", "2", "--samples-direct", "16")
 
 
-class Reference(unittest.TestCase):
-    @classmethod
-    def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(temporary.cleanup)
-        cls.folder = temporary.name
-
+class Reference(InOneFolder):
     def scene(self, name):
         path = os.path.join(self.folder, name + ".glb")
         if not os.path.exists(path):
-            subprocess.run([KILN, "generate", name, "-o", path, "--quiet"], check=True)
+            kiln("generate", name, "-o", path, "--quiet")
         return path
 
     def bake(self, scene, method, *options, ranks=0, code=0):
         """The folder of the bake; or what it says where it ends with another code."""
         folder = os.path.join(self.folder, "bake")
-        start = ["mpirun", "-n", str(ranks)] if ranks else []
-        done = subprocess.run([*start, KILN, "bake", scene, "-o", folder, "--no-resume", *SMALL, *options, "--method",
-                               method], capture_output=True, text=True)
-        self.assertEqual(done.returncode, code, done.stderr)
+        done = kiln("bake", scene, "-o", folder, "--no-resume", *SMALL, *options, "--method", method, ranks=ranks,
+                    code=code)
         return folder if code == 0 else done.stderr
 
     @staticmethod
@@ -165,8 +155,7 @@ class Reference(unittest.TestCase):
 
         def merged(*more):
             folder = self.bake(self.scene("cornell"), "vcm", *options, *more)
-            with open(os.path.join(folder, "run.json"), encoding="utf-8") as file:
-                return self.light(folder), json.load(file)["merge_radius"]
+            return self.light(folder), run_json(folder)["merge_radius"]
 
         by_kiln, radius = merged()
         for light, found in ((by_kiln, radius), merged(*floor)):
@@ -185,8 +174,7 @@ class Reference(unittest.TestCase):
             for method in ("path", "bdpt") if price.full else methods:
                 folder = self.bake(self.scene("cornell-spheres"), method, *COARSE, "--samples-indirect", "256",
                                    "--materials", "auto", *options)
-                with open(os.path.join(folder, "run.json"), encoding="utf-8") as file:
-                    energy = json.load(file)["energy"]
+                energy = run_json(folder)["energy"]
                 self.assertLess(abs(energy["residual"]), 5 * energy["error"], (method, options))
                 self.assertLess(energy["relative_residual"], 0.01, (method, options))
                 if options[1] == "all":

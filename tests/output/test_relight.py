@@ -17,6 +17,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import glb  # noqa: E402
 import harness  # noqa: E402
 import png  # noqa: E402
+from reading import run_json  # noqa: E402
 from relit import done, kept_files, kiln, light, rays, refused, refused_damaged, same  # noqa: E402
 
 OPTIONS = ["--texels-per-metre", "6", "--backend", "embree", "--samples-direct", "32", "--samples-bounce", "16",
@@ -87,8 +88,7 @@ with tempfile.TemporaryDirectory() as top:
     done("bake", scene, *OPTIONS, *KEEP, "-o", at("three"), ranks=3)
     kept = kept_files(at("kept"))
     assert len(kept) > 3 and kept == kept_files(at("three")), "rows of three ranks differ"
-    with open(os.path.join(at("kept"), "run.json")) as file:
-        report = json.load(file)
+    report = run_json(at("kept"))
     counted = sum(report["rays"][kind] for kind in ("bounces", "final"))
     assert report["transport"]["rays_kept"] == counted, (report["transport"], counted)
 

@@ -17,6 +17,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import glb  # noqa: E402
 import harness  # noqa: E402
 import sealing  # noqa: E402
+from reading import run_json  # noqa: E402
 from relit import done, kept_files, kiln, light, rays, refused, refused_damaged, same  # noqa: E402
 
 OPTIONS = ["--texels-per-metre", "2", "--backend", "embree", "--samples-direct", "8", "--samples-bounce", "8",
@@ -96,8 +97,7 @@ with tempfile.TemporaryDirectory() as top:
     assert run.returncode == 0, run.stderr
     assert kept_files(at("stopped")) == kept, "chains of a bake that was stopped differ"
 
-    with open(os.path.join(at("kept"), "run.json")) as file:
-        counted = json.load(file)["transport"]["rays_kept"]
+    counted = run_json(at("kept"))["transport"]["rays_kept"]
     done("relight", at("kept"), "-o", at("nothing"))
     same(at("plain"), at("nothing"), "nothing changed")
     assert rays(at("nothing")) == (counted, 0), (rays(at("nothing")), counted)

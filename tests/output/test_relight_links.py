@@ -18,6 +18,7 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
 import harness  # noqa: E402
+from reading import run_json  # noqa: E402
 from relit import kiln, refused, refused_damaged  # noqa: E402
 
 PLAIN = ["--texels-per-metre", "5", "--backend", "embree", "--samples-direct", "128", "--samples-indirect", "64",
@@ -66,8 +67,7 @@ class Bake:
 
     def __init__(self, folder):
         self.folder = folder
-        with open(os.path.join(folder, "run.json")) as file:
-            self.run = json.load(file)
+        self.run = run_json(folder)
         with h5py.File(os.path.join(folder, "kiln.h5"), "r") as file:
             get = lambda name: file[name][...].astype(np.float64)
             texel = file["points/texel"][...].reshape(-1, 2)

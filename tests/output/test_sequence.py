@@ -1,8 +1,6 @@
 """kiln view --sequence and --denoise bmfr: what frames take over, light that must stay, less noise, the same bits."""
 import os
-import subprocess
 import sys
-import tempfile
 import unittest
 
 import numpy as np
@@ -10,27 +8,18 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
 import glb  # noqa: E402
+from program import InOneFolder, kiln  # noqa: E402
 
-KILN = os.environ["KILN"]
 AIM = ("2.8,2.7,-7", "2.8,2.5,0")
 BMFR = ("--denoise", "bmfr")
 
 
-def run(*arguments, code=0, ranks=0):
-    start = ["mpirun", "-n", str(ranks)] if ranks else []
-    done = subprocess.run([*start, KILN, *arguments], capture_output=True, text=True)
-    assert done.returncode == code, f"kiln {' '.join(arguments)}: exit {done.returncode}, wanted {code}\n{done.stderr}"
-    return done
-
-
-class Sequences(unittest.TestCase):
+class Sequences(InOneFolder):
     @classmethod
     def setUpClass(cls):
-        temporary = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(temporary.cleanup)
-        cls.folder = temporary.name
+        super().setUpClass()
         cls.cornell = os.path.join(cls.folder, "cornell.glb")
-        run("generate", "cornell", "-o", cls.cornell, "--quiet")
+        kiln("generate", "cornell", "-o", cls.cornell, "--quiet")
 
     def table(self, name, *keys):
         path = os.path.join(self.folder, name)
@@ -40,8 +29,8 @@ class Sequences(unittest.TestCase):
 
     def view(self, name, *options, scene=None, method="path", **more):
         path = os.path.join(self.folder, name)
-        run("view", scene or self.cornell, "--method", method, "--backend", "embree", "-o", path, "--quiet", *options,
-            **more)
+        kiln("view", scene or self.cornell, "--method", method, "--backend", "embree", "-o", path, "--quiet", *options,
+             **more)
         return path
 
     def frames(self, name, keys, count, *options, **more):
@@ -114,7 +103,7 @@ class Sequences(unittest.TestCase):
         """In a mirror the filter goes by what is seen there: of a path a pixel less than 0.45 of the error is left; by
         the mirror's own surface 0.7."""
         scene = os.path.join(self.folder, "spheres.glb")
-        run("generate", "cornell-spheres", "-o", scene, "--quiet")
+        kiln("generate", "cornell-spheres", "-o", scene, "--quiet")
         aim = ("--from=2.4,1.6,0.6", "--to=1.9,1,2.6", "--width", "72", "--height", "72")
         best = exr.rgb(self.view("mirrored.exr", *aim, "--samples-pixel", "192", "--seed", "5", scene=scene))
         clean = exr.rgb(self.view("clean.exr", *aim, "--samples-pixel", "1", *BMFR, scene=scene))
@@ -170,7 +159,7 @@ class Sequences(unittest.TestCase):
                                  ((*aim, *out, *BMFR, "--max-time", "1"), "two halves of the paths"),
                                  ((*aim, *out, *BMFR, "--lens-radius", "0.1"), "what a pinhole sees"),
                                  (("--path", keys, *out, "--sequence", "--lens-radius", "0.1"), "what a pinhole sees")):
-            self.assertIn(words, run("view", self.cornell, *arguments, code=64).stderr)
+            self.assertIn(words, kiln("view", self.cornell, *arguments, code=64).stderr)
         self.assertFalse(os.path.exists(out[1]))
 
 

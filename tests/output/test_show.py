@@ -12,20 +12,14 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
 import png  # noqa: E402
+from program import KILN, kiln  # noqa: E402
 
-KILN = os.environ["KILN"]
 SCENE = os.path.join("jobs", "cornell.glb")
 FEW = ("--quality", "draft", "--samples-direct", "8", "--samples-indirect", "8", "--bounces", "1", "--samples-probe",
        "0", "--no-export", "--no-preview", "--quiet", "--threads", "1")
 NAMES = ("position", "normal", "albedo", "area", "error")
 STOPS = np.array([(68, 1, 84), (71, 45, 123), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128),
                   (94, 201, 98), (173, 220, 48), (253, 231, 37)], float)
-
-
-def kiln(*arguments, code=0):
-    run = subprocess.run([KILN, *map(str, arguments)], capture_output=True, text=True)
-    assert run.returncode == code, f"kiln {arguments}: exit {run.returncode}, wanted {code}\n{run.stderr}"
-    return run
 
 
 def shown(bake, *arguments):

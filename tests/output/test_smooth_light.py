@@ -1,10 +1,7 @@
 """Smooth direct light on coarse texels is published as it was gathered, to its noise; a bake with a target error has
 the layer of errors, and the means of objects lie within two of theirs."""
-import json
 import os
-import subprocess
 import sys
-import tempfile
 import unittest
 
 import h5py
@@ -12,22 +9,16 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import harness  # noqa: E402
+from program import InOwnFolder, kiln, run_json  # noqa: E402
 
-KILN = os.environ["KILN"]
 ANALYTIC = os.path.join(harness.SHARED, "own", "analytic")
 COMMON = ("--backend", "embree", "--samples-probe", "0", "--no-preview", "--no-export", "--quiet", "--no-resume")
 
 
-class SmoothLight(unittest.TestCase):
-    def setUp(self):
-        temporary = tempfile.TemporaryDirectory()
-        self.addCleanup(temporary.cleanup)
-        self.folder = temporary.name
-
+class SmoothLight(InOwnFolder):
     def bake(self, scene, *options):
-        subprocess.run([KILN, "bake", scene, "-o", self.folder, *COMMON, *options], check=True)
-        with open(os.path.join(self.folder, "run.json"), encoding="utf-8") as file:
-            return json.load(file)
+        kiln("bake", scene, "-o", self.folder, *COMMON, *options)
+        return run_json(self.folder)
 
     def published(self, entry):
         """Luminance and stated error of a lightmap."""

@@ -1,20 +1,11 @@
 """A re-bake removes what it makes stale: what kiln wrote, and nothing else."""
-import json
 import os
-import subprocess
 import sys
 import tempfile
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
-
-KILN = os.environ["KILN"]
-
-
-def kiln(*arguments, code=0):
-    run = subprocess.run([KILN, *arguments], capture_output=True, text=True)
-    assert run.returncode == code, f"kiln {' '.join(arguments)}: exit {run.returncode}, wanted {code}\n{run.stderr}"
-    return run
+from program import kiln  # noqa: E402
 
 
 def room(path, names):

@@ -9,7 +9,6 @@ What scales lights agrees with fresh bakes of the edited scene, by another seed,
 refused."""
 import json
 import os
-import subprocess
 import sys
 import tempfile
 
@@ -19,8 +18,9 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
 import harness  # noqa: E402
+from program import content, run_json  # noqa: E402
+from relit import kiln  # noqa: E402
 
-KILN = os.environ["KILN"]
 OPTIONS = ["--texels-per-metre", "4", "--backend", "embree", "--samples-direct", "64", "--samples-bounce", "16",
            "--samples-indirect", "64", "--samples-probe", "8", "--probe-spacing", "2", "--materials", "diffuse"]
 KEEP = ["--keep-transport", "rows"]
@@ -62,14 +62,6 @@ def rooms(path, moved=False):
     return scene.write(path)
 
 
-def kiln(*arguments, ranks=1, lines=None):
-    command = [KILN, *map(str, arguments)]
-    if ranks > 1:
-        command = ["mpirun", "-n", str(ranks), *command]
-    return subprocess.run(command, capture_output=True, text=True, input=lines,
-                          env={**os.environ, **harness.MPI_ENVIRONMENT})
-
-
 def done(*arguments, ranks=1, lines=None, threads=1):
     run = kiln(*arguments, "--quiet", "--no-preview", "--no-export", "--threads", threads, ranks=ranks, lines=lines)
     assert run.returncode == 0, f"{' '.join(map(str, arguments))}: exit {run.returncode}\n{run.stderr}"
@@ -84,8 +76,7 @@ def light(folder):
             file.visititems(lambda key, item: found.update({name + "/" + key: item[()].tobytes()})
                             if isinstance(item, h5py.Dataset) and "provenance" not in key else None)
     for name in os.listdir(os.path.join(folder, "lightmaps")):
-        with open(os.path.join(folder, "lightmaps", name), "rb") as file:
-            found[name] = file.read()
+        found[name] = content(os.path.join(folder, "lightmaps", name))
     return found
 
 
@@ -134,8 +125,7 @@ with tempfile.TemporaryDirectory() as top:
     with open(at("many", "states.json")) as report:
         told = json.load(report)
     assert [s["state"] for s in told["states"]] == list(STATES) and told["rays_traced"] * 5 < told["rays_read"], told
-    with open(at("many", "dim", "run.json")) as report:
-        relight = json.load(report)["relight"]
+    relight = run_json(at("many", "dim"))["relight"]
     assert relight["state"] == "dim" and relight["direct_light"] == "parts, scaled" and relight["volume"] == "traced"
 
     few = file("few.yaml", {"all": STATES["all"]})

@@ -1,7 +1,6 @@
 """W/m2 or lux: what the file says, or as asked, in every output."""
 import json
 import os
-import subprocess
 import sys
 import tempfile
 
@@ -10,14 +9,7 @@ import h5py
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
 import glb  # noqa: E402
-
-KILN = os.environ["KILN"]
-
-
-def kiln(*arguments):
-    run = subprocess.run([KILN, *arguments], capture_output=True, text=True)
-    assert run.returncode == 0, f"kiln {' '.join(arguments)}: exit {run.returncode}\n{run.stderr}"
-    return run.stdout
+from program import kiln, run_json  # noqa: E402
 
 
 def scene(path, generator="tests", lamp=True, extras=None, emission=(0, 0, 0)):
@@ -35,7 +27,7 @@ BLENDER = "Khronos glTF Blender I/O v4.2.60"
 
 with tempfile.TemporaryDirectory() as folder:
     def units(*options, **words):
-        found = json.loads(kiln("info", scene(os.path.join(folder, "scene.glb"), **words), "--json", *options))
+        found = json.loads(kiln("info", scene(os.path.join(folder, "scene.glb"), **words), "--json", *options).stdout)
         return found["units"], found["units_because"], " ".join(n["text"] for n in found["notes"])
 
     assert units()[:2] == ("radiometric", "the file does not say")
@@ -66,13 +58,13 @@ with tempfile.TemporaryDirectory() as folder:
         with h5py.File(os.path.join(out, "volume.hdf")) as file:
             for name in ("irradiance_sh", "irradiance_posx", "irradiance_negz"):
                 assert file["VTKHDF/PointData"][name].attrs["units"].decode() == irradiance, name
-        with open(os.path.join(out, "run.json")) as file:
-            run = json.load(file)
+        run = run_json(out)
         assert run["units"]["irradiance"] == irradiance and run["units"]["radiance"] == radiance and run["energy"][
             "units"] == flux, run["units"]
-        assert json.loads(kiln("probe", out, "0.5", "0.5", "0.5", "0", "1", "0", "--json"))["units"] == irradiance
-        assert kiln("probe", out, "0.5", "0.5", "0.5", "0", "1", "0").split("\n")[0].endswith(text)
-        assert f" {text} (reference)" in kiln("compare", out, out)
+        place = ("0.5", "0.5", "0.5", "0", "1", "0")
+        assert json.loads(kiln("probe", out, *place, "--json").stdout)["units"] == irradiance
+        assert kiln("probe", out, *place).stdout.split("\n")[0].endswith(text)
+        assert f" {text} (reference)" in kiln("compare", out, out).stdout
         view = os.path.join(out, "view.exr")
         kiln("view", out, "-o", view, "--width", "16")
         assert exr.read(view).attributes["kiln:units"] == radiance

@@ -7,7 +7,6 @@ object's own, though two objects share a mesh."""
 import json
 import math
 import os
-import subprocess
 import sys
 import tempfile
 
@@ -16,19 +15,14 @@ import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
-import harness  # noqa: E402
+from program import kiln  # noqa: E402
 
-KILN = os.environ["KILN"]
 SIDE = 8  # of the floor, in squares
 
 
-def bake(scene, folder, *options, ranks=1):
-    command = [KILN, "bake", scene, "-o", folder, "--vertex-light", "--samples-probe", "0", "--no-preview", "--quiet",
-               "--backend", "embree", "--threads", "1", *options]
-    if ranks > 1:
-        command = ["mpirun", "-n", str(ranks), *command]
-    run = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **harness.MPI_ENVIRONMENT})
-    assert run.returncode == 0, f"{' '.join(command)}: exit {run.returncode}\n{run.stderr}"
+def bake(scene, folder, *options, ranks=0):
+    kiln("bake", scene, "-o", folder, "--vertex-light", "--samples-probe", "0", "--no-preview", "--quiet",
+         "--backend", "embree", "--threads", "1", *options, ranks=ranks)
     with h5py.File(os.path.join(folder, "kiln.h5"), "r") as file:
         return {name: file[name][...] for name in ("vertices/position", "vertices/irradiance", "vertices/first",
                                                    "vertices/error", "points/position", "points/area",
@@ -138,8 +132,7 @@ with tempfile.TemporaryDirectory() as folder:
             assert np.allclose(places[tuple(place)], rgb, rtol=1e-6), (name, place, rgb)
     # what kiln export writes afterwards, with the lightmaps on one page
     there = os.path.join(folder, "there", "scene.glb")
-    subprocess.run([KILN, "export", os.path.join(folder, "floor"), "-o", there, "--atlas", "512", "--quiet"],
-                   check=True)
+    kiln("export", os.path.join(folder, "floor"), "-o", there, "--atlas", "512", "--quiet")
     later = exported(there)
     assert set(later) == set(written) and all(np.array_equal(later[name][1], written[name][1]) for name in written)
 

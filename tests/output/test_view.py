@@ -16,15 +16,9 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
 import glb  # noqa: E402
+from program import KILN, kiln, run_json  # noqa: E402
 
-KILN = os.environ["KILN"]
 DRAFT = ("--quality", "draft", "--samples-probe", "0", "--quiet")
-
-
-def kiln(*arguments, code=0):
-    run = subprocess.run([KILN, *arguments], capture_output=True, text=True)
-    assert run.returncode == code, f"kiln {' '.join(arguments)}: exit {run.returncode}, wanted {code}\n{run.stderr}"
-    return run
 
 
 def radiance(bake, *arguments):
@@ -127,8 +121,7 @@ class Page(html.parser.HTMLParser):
 def report(bake, folder):
     kiln("report", bake)
     page = Page(os.path.join(bake, "report.html"))
-    with open(os.path.join(bake, "run.json")) as file:
-        run = json.load(file)
+    run = run_json(bake)
     assert len(page.images) == len(run["objects"]) and all(i.startswith(b"\x89PNG") for i in page.images)
     assert page.rects >= len(run["phases"]) + len(run["bounces"])
     for word in ("final gather", "absorbed", "texels, ", " a metre", "standard error", run["objects"][0]["name"]):
@@ -190,8 +183,7 @@ def brighter(document):
 
 
 def preview_of(bake):
-    with open(os.path.join(bake, "run.json")) as file:
-        run = json.load(file)
+    run = run_json(bake)
     with open(os.path.join(bake, "preview.png"), "rb") as file:
         return run["preview"], file.read()
 

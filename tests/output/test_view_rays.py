@@ -1,37 +1,25 @@
 """kiln view gives a pixel few rays where they suffice: a picture of a textured floor with boxes and red glass is what
 the mean over pixels of a larger picture is, at edges and in the texture, near by and far away."""
-import base64
 import os
-import struct
-import subprocess
 import sys
 import tempfile
-import zlib
 
 import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
 import glb  # noqa: E402
+import png  # noqa: E402
+from program import kiln  # noqa: E402
 
-KILN = os.environ["KILN"]
 WIDTH, HEIGHT, TIMES = 160, 120, 6
-
-
-def png(pixels):
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-    rows = b"".join(b"\0" + row.tobytes() for row in pixels)
-    head = struct.pack(">IIBBBBB", pixels.shape[1], pixels.shape[0], 8, 2, 0, 0, 0)
-    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows)) +
-            chunk(b"IEND", b""))
 
 
 def write_scene(path):
     scene = glb.Scene()
     scene.environment((1, 1, 1))
     pixels = np.random.default_rng(1).integers(40, 255, (64, 64, 3)).astype(np.uint8)
-    scene.document["images"] = [{"uri": "data:image/png;base64," + base64.b64encode(png(pixels)).decode()}]
+    scene.document["images"] = [{"uri": png.data_uri(pixels)}]
     scene.document["textures"] = [{"source": 0}]
     floor, grey = scene.material("floor", (0.8, 0.8, 0.8)), scene.material("grey", (0.2, 0.3, 0.6))
     scene.document["materials"][floor]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
@@ -49,15 +37,15 @@ def write_scene(path):
 
 def view(bake, times):
     path = os.path.join(bake, "view.exr")
-    subprocess.run([KILN, "view", bake, "-o", path, "--from=0.3,1.5,4.4", "--to=0,0.3,0", "--width",
-                    str(times * WIDTH), "--height", str(times * HEIGHT), "--quiet"], check=True)
+    kiln("view", bake, "-o", path, "--from=0.3,1.5,4.4", "--to=0,0.3,0", "--width",
+         str(times * WIDTH), "--height", str(times * HEIGHT), "--quiet")
     return exr.rgb(path).astype(float)
 
 
 with tempfile.TemporaryDirectory() as folder:
-    subprocess.run([KILN, "bake", write_scene(os.path.join(folder, "scene.glb")), "-o", os.path.join(folder, "bake"),
-                    "--texels-per-metre", "2", "--quality", "draft", "--bounces", "0", "--samples-probe", "0",
-                    "--no-preview", "--quiet", "--materials", "diffuse"], check=True)
+    kiln("bake", write_scene(os.path.join(folder, "scene.glb")), "-o", os.path.join(folder, "bake"),
+         "--texels-per-metre", "2", "--quality", "draft", "--bounces", "0", "--samples-probe", "0",
+         "--no-preview", "--quiet", "--materials", "diffuse")
     bake = os.path.join(folder, "bake")
     image, wide = view(bake, 1), view(bake, TIMES)
     mean = wide.reshape(HEIGHT, TIMES, WIDTH, TIMES, 3).mean((1, 3))

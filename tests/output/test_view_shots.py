@@ -2,9 +2,7 @@
 import json
 import math
 import os
-import subprocess
 import sys
-import tempfile
 import unittest
 
 import numpy as np
@@ -13,23 +11,10 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import exr  # noqa: E402
 import glb  # noqa: E402
 import png  # noqa: E402
+from program import InOneFolder, content, kiln_on_host as kiln  # noqa: E402
 
-KILN = os.environ["KILN"]
 SMALL = ("--width", "48", "--height", "36", "--quiet")
 KEYS = ((0.1, 0.25, 0.5, 0.3, 0.3, 0.0, 70), (0.3, 0.3, 0.4, 0.3, 0.2, 0.0, 60), (0.4, 0.2, 0.5, 0.1, 0.3, 0.1, 45))
-
-
-def kiln(*arguments, code=0):
-    if arguments[0] == "view" and "--backend" not in arguments:
-        arguments += ("--backend", "embree")  # which does not load Vulkan's drivers to find no GPU
-    run = subprocess.run([KILN, *arguments], capture_output=True, text=True)
-    assert run.returncode == code, f"kiln {' '.join(arguments)}: exit {run.returncode}, wanted {code}\n{run.stderr}"
-    return run
-
-
-def read(path):
-    with open(path, "rb") as file:
-        return file.read()
 
 
 def srgb(linear):
@@ -41,12 +26,10 @@ def aims(key):
     return ("--from=%r,%r,%r" % key[:3], "--to=%r,%r,%r" % key[3:6], "--field-of-view", "%r" % key[6])
 
 
-class Shots(unittest.TestCase):
+class Shots(InOneFolder):
     @classmethod
     def setUpClass(cls):
-        cls.temporary = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(cls.temporary.cleanup)
-        cls.folder = cls.temporary.name
+        super().setUpClass()
         plain, scene = (os.path.join(cls.folder, name) for name in ("plain.glb", "scene.glb"))
         kiln("generate", "cornell", "-o", plain, "--quiet")
         cameras = glb.Scene()
@@ -91,7 +74,7 @@ class Shots(unittest.TestCase):
         for curve in ("filmic", "reinhard", "aces", "none"):
             plain = self.view("plain.png", "--tone-map", curve, "--no-auto-exposure", "--exposure", "-1.5")[0]
             pictures[curve] = png.read(plain).astype(float)
-            self.assertIn(f"exposure -1.5 stops, not automatic; tone map {curve}".encode(), read(plain))
+            self.assertIn(f"exposure -1.5 stops, not automatic; tone map {curve}".encode(), content(plain))
         exposed = linear * 2 ** -1.5
         self.assertLessEqual(np.abs(pictures["none"] - 255 * srgb(exposed)).max(), 0.51)
         luminance = exposed @ (0.2126, 0.7152, 0.0722)
@@ -102,13 +85,13 @@ class Shots(unittest.TestCase):
         size = ("--width", "96")
         default, named = (self.view(name, *size, *more)[0]
                           for name, more in (("default.png", ()), ("named.png", ("--tone-map", "filmic"))))
-        self.assertEqual(read(default), read(named))
-        self.assertIn(b"tone map filmic", read(os.path.join(self.bake, "preview.png")))
+        self.assertEqual(content(default), content(named))
+        self.assertIn(b"tone map filmic", content(os.path.join(self.bake, "preview.png")))
         scene, bake = (os.path.join(self.folder, name) for name in ("furnace.glb", "furnace"))
         kiln("generate", "furnace", "-o", scene, "--quiet")
         kiln("bake", scene, "-o", bake, "--lightmap-size", "8", "--quality", "draft", "--samples-probe", "0", "--quiet",
              "--backend", "embree", "--tone-map", "aces", "--no-auto-exposure", "--exposure", "-1")
-        self.assertIn(b"exposure -1 stops, not automatic; tone map aces", read(os.path.join(bake, "preview.png")))
+        self.assertIn(b"exposure -1 stops, not automatic; tone map aces", content(os.path.join(bake, "preview.png")))
 
     def test_cameras(self):
         """Each camera has its file, the same as alone; names that would be one file are numbered."""
@@ -119,12 +102,12 @@ class Shots(unittest.TestCase):
         self.assertEqual([p["viewpoint"]["camera"] for p in answer["pictures"]],
                          ["front", "a side/../x", "A side_.._x"])
         alone = self.view("alone.png", "--camera", "a side/../x")[0]
-        self.assertEqual(read(os.path.join(self.folder, names[1])), read(alone))
-        self.assertNotEqual(read(os.path.join(self.folder, names[2])), read(alone))
+        self.assertEqual(content(os.path.join(self.folder, names[1])), content(alone))
+        self.assertNotEqual(content(os.path.join(self.folder, names[2])), content(alone))
         self.view("some.png", "--camera", "A side_.._x,front")
-        self.assertEqual(read(os.path.join(self.folder, "some-A_side_.._x.png")),
-                         read(os.path.join(self.folder, names[2])))
-        self.assertEqual(read(os.path.join(self.folder, "some-front.png")), read(self.view("front.png")[0]))
+        self.assertEqual(content(os.path.join(self.folder, "some-A_side_.._x.png")),
+                         content(os.path.join(self.folder, names[2])))
+        self.assertEqual(content(os.path.join(self.folder, "some-front.png")), content(self.view("front.png")[0]))
         self.refused("no camera 'nobody'; it has 'front', 'a side/../x', 'A side_.._x'", "--camera", "front,nobody")
         self.refused("leave one of the two out", "--camera", "all", "--from=0,0,9")
 
@@ -136,7 +119,8 @@ class Shots(unittest.TestCase):
             self.assertEqual(frames, [f"walk-{i:04d}.exr" for i in range(1, 6)])
             for frame, key in ((1, 0), (3, 1), (5, 2)):
                 single = self.view("single.exr", *aims(KEYS[key]), backend=backend)[0]
-                self.assertEqual(read(single), read(os.path.join(self.folder, f"walk-{frame:04d}.exr")), (backend, key))
+                walked = os.path.join(self.folder, f"walk-{frame:04d}.exr")
+                self.assertEqual(content(single), content(walked), (backend, key))
         self.view("auto.exr", "--path", self.path, "--width", "4", "--height", "3")
         self.assertEqual(sum(n.startswith("auto-") for n in os.listdir(self.folder)), 49)
 

@@ -1,18 +1,15 @@
 """The irradiance volume spans what receives light: a sky dome, a far sun of emissive triangles and what only casts
 count only as far as they are near; --volume-bounds names the box."""
-import json
 import os
-import subprocess
 import sys
-import tempfile
 import unittest
 
 import numpy as np
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import glb  # noqa: E402
+from program import InOwnFolder, kiln, run_json  # noqa: E402
 
-KILN = os.environ["KILN"]
 REPOSITORY = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 DOME = os.path.normpath(os.path.join(REPOSITORY, "..", "shared", "scenes", "own", "cases", "g30_dome.glb"))
 FEW = ("--quality", "draft", "--samples-direct", "4", "--samples-bounce", "4", "--samples-indirect", "4",
@@ -32,23 +29,17 @@ def room():
     return scene
 
 
-class VolumeBounds(unittest.TestCase):
+class VolumeBounds(InOwnFolder):
     def setUp(self):
-        self.folder = tempfile.TemporaryDirectory(prefix="kiln-volume-")
-        self.path = os.path.join(self.folder.name, "scene.glb")
-
-    def tearDown(self):
-        self.folder.cleanup()
+        super().setUp()
+        self.path = os.path.join(self.folder, "scene.glb")
 
     def bake(self, scene, *options, status=0):
         path = scene if isinstance(scene, str) else scene.write(self.path)
-        run = subprocess.run([KILN, "bake", path, "-o", os.path.join(self.folder.name, "bake"), "--no-resume", *FEW,
-                              *options], capture_output=True, text=True)
-        self.assertEqual(run.returncode, status, run.stderr)
+        run = kiln("bake", path, "-o", os.path.join(self.folder, "bake"), "--no-resume", *FEW, *options, code=status)
         if status != 0:
             return run.stderr
-        with open(os.path.join(self.folder.name, "bake", "run.json")) as file:
-            report = json.load(file)
+        report = run_json(os.path.join(self.folder, "bake"))
         v = report["volume"]
         half = np.array(v["spacing"]) / 2
         low = np.array(v["origin"]) - half

@@ -16,6 +16,7 @@ import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
 import harness  # noqa: E402
+from reading import run_json  # noqa: E402
 
 MEMORY, DISK = 0.10, 0.10
 # The factor by which a predicted time may be wrong. On a quiet machine it is 1.2 to 1.4; so wide, because both the
@@ -54,8 +55,7 @@ def bake_seconds(kiln, path, out, ranks, options):
     shutil.rmtree(out, ignore_errors=True)
     run(kiln, 'bake', path, '-o', out, '--quiet', *options, ranks=ranks)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    with open(os.path.join(out, 'run.json')) as file:
-        report = json.load(file)
+    report = run_json(out)
     return report, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
@@ -192,8 +192,7 @@ def compare_balance(kiln, path, out, ranks, ways):
         'balance']
     shutil.rmtree(out, ignore_errors=True)
     run(kiln, 'bake', path, '-o', out, '--quiet', *options, ranks=ranks)
-    with open(os.path.join(out, 'run.json')) as file:
-        report = json.load(file)
+    report = run_json(out)
     first = judged(report)
     return plan, first, [b['rebalance'] for b in report['bounces']
                          if b['rebalance']], [b['stolen_points'] for b in report['bounces']]

@@ -58,6 +58,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, '..', 'common'))
 import glb  # noqa: E402
 import harness  # noqa: E402
+from reading import run_json  # noqa: E402
 
 STOPPED, LOST, BAD_INPUT, SYSTEM, CANNOT_CREATE, IO, PERMISSION = 75, 76, 65, 71, 73, 74, 77
 SCENE = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
@@ -174,8 +175,7 @@ def result(folder):
                 if isinstance(item, h5py.Dataset) and not key.startswith(('timings', 'run')):
                     found['%s %s' % (name, key)] = digest(item[...])
             f.visititems(visit)
-    with open(os.path.join(folder, 'run.json')) as f:
-        run = json.load(f)
+    run = run_json(folder)
     found['energy'] = json.dumps(run['energy'])
     found['passes'] = json.dumps([[b['kind'], b['samples'], b['incident']] for b in run['bounces']])
     found['rays'] = json.dumps(run['rays'])
@@ -276,8 +276,7 @@ class Subject:
         if not checks.that(process.status == 0, '%d ranks ended with %d' % (ranks, process.status), process):
             checks.end()
         self.seconds = process.seconds
-        with open(os.path.join(folder, 'run.json')) as f:
-            phases = {phase['name']: phase['seconds']['max'] for phase in json.load(f)['phases']}
+        phases = {phase['name']: phase['seconds']['max'] for phase in run_json(folder)['phases']}
         self.writing = phases.get('denoising', 0) + phases['lightmaps'] + phases['kiln.h5'] + phases['volume.hdf']
 
 
@@ -769,8 +768,7 @@ def try_landing(checks, tool):
         same(checks, tool, result(straight), folder, process, '%s: killed while light paths landed' % which)
         rays = []
         for bake in (straight, folder):
-            with open(os.path.join(bake, 'run.json')) as f:
-                rays.append(json.load(f)['rays'])
+            rays.append(run_json(bake)['rays'])
         checks.that(rays[0] == rays[1], '%s: %s rays, and %s at a stretch' % (which, rays[1], rays[0]))
 
 
@@ -871,8 +869,7 @@ def try_bounces(checks, tool):
         folder = tool.folder()
         process = tool.bake(folder, *few, *more, scene=scene)
         if checks.that(process.status == 0, '%s: ended with %d' % (' '.join(map(str, more)), process.status), process):
-            with open(os.path.join(folder, 'run.json')) as f:
-                run = json.load(f)
+            run = run_json(folder)
             checks.that(len(run['bounces']) == passes and run['indirect_bounces'] == passes - 1,
                         '%s: %d passes and %d bounces' % (more, len(run['bounces']), run['indirect_bounces']))
     many = (*few, '--lightmap-size', 32, '--bounces', 1500)

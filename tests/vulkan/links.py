@@ -8,7 +8,6 @@ the same patches, so it is the same light but for rounding, and for rays that pa
 - Then too the same bits from short dispatches, three ranks, a bake that goes on after it was stopped, and a device that
   was lost; --target-error; smooth normals and glass; a closed furnace within 0.1 %.
 """
-import json
 import os
 import sys
 
@@ -20,6 +19,7 @@ sys.path[:0] = [os.path.join(HERE, '..', 'common'), os.path.join(HERE, '..', 'mp
 import harness  # noqa: E402
 import patches  # noqa: E402
 import same_result  # noqa: E402
+from reading import run_json  # noqa: E402
 from patches import CORNELL, FEW  # noqa: E402
 
 BOX = (*FEW, '--texels-per-metre', 1, '--bounces', 2, '--error-map')
@@ -63,8 +63,7 @@ def relit(kiln, checks, bake, backend):
                            folder)
     if not checks.that(process.status == 0, 'relight: %s' % process.sentence(), process):
         return None
-    with open(os.path.join(folder, 'run.json')) as file:
-        return (*indirect(folder), json.load(file)['relight'])
+    return (*indirect(folder), run_json(folder)['relight'])
 
 
 def check_relight(kiln, checks, embree, vulkan):
