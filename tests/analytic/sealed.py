@@ -68,17 +68,18 @@ def inside(bake, turn):
 
 
 def brightest_view(kiln, checks, bake, turn):
-    """The brightest pixel of views from the room's middle into its corners."""
-    eye, brightest = turn @ (SIZE / 2), 0.0
-    for corner in ((0, 0, 0), SIZE, (0, SIZE[1], SIZE[2]), (SIZE[0], 0, 0)):
-        path = os.path.join(kiln.scratch, 'view.exr')
-        process = kiln.command('view', bake.directory, '--from', ','.join('%g' % x for x in eye), '--to',
-                               ','.join('%g' % x for x in turn @ np.array(corner, float)), '--width', 120, '--height',
-                               90, '--field-of-view', 100, '--backend', kiln.backend, '-o', path, '--quiet')
-        if not checks.that(process.status == 0, 'the view ended with %d' % process.status, process):
-            return math.nan
-        brightest = max(brightest, float(exr.rgb(path).max()))
-    return brightest
+    """The brightest pixel of views from the room's middle into its corners, the frames of one path."""
+    path, image = (os.path.join(kiln.scratch, name) for name in ('corners.csv', 'view.exr'))
+    corners = ((0, 0, 0), SIZE, (0, SIZE[1], SIZE[2]), (SIZE[0], 0, 0))
+    with open(path, 'w', encoding='utf-8') as file:
+        file.write('from.x,from.y,from.z,to.x,to.y,to.z\n')
+        for corner in corners:
+            file.write(','.join('%.9g' % x for x in (*(turn @ (SIZE / 2)), *(turn @ np.array(corner, float)))) + '\n')
+    process = kiln.command('view', bake.directory, '--path', path, '--frames', len(corners), '--width', 120, '--height',
+                           90, '--field-of-view', 100, '--backend', kiln.backend, '-o', image, '--quiet')
+    if not checks.that(process.status == 0, 'the views ended with %d' % process.status, process):
+        return math.nan
+    return max(float(exr.rgb('%s-%04d.exr' % (image[:-4], i + 1)).max()) for i in range(len(corners)))
 
 
 def check(kiln, checks, table, name, path, density, turn=np.eye(3), open_outside=True, view=True):
