@@ -1,5 +1,7 @@
 #include "worker/base/memory.h"
 
+#include <assert.h>
+#include <stdalign.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -9,8 +11,12 @@
 
 enum { ALIGNMENT = 64 };
 
-/* Before a block lies the address that free() wants. */
+/* Before a block lies the address that free() wants, and before it the link: what malloc() and calloc() give is aligned
+ * to two pointers, so there is room for both. */
 static void **base_of(void *block) { return (void **)block - 1; }
+static_assert(alignof(max_align_t) >= 2 * sizeof(void *) && ALIGNMENT >= 2 * sizeof(void *), "no room before a block");
+
+void **kiln_memory_link(void *array) { return (void **)array - 2; }
 
 /* Blocks that are cleared come from calloc(), which leaves the pages of a large one to the system: these are cleared
  * when they are first written, by the thread that writes them. */

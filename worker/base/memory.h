@@ -27,6 +27,10 @@ int kiln_grow(void *pointer, size_t *capacity, size_t needed, size_t size, const
 /* Frees *pointer and sets it to NULL; a NULL is ignored. */
 void kiln_free(void *pointer);
 
+/* A place for a pointer in front of an array of this file, for who owns it: arena.h chains its arrays there. It is not
+ * initialised, and kiln_grow does not copy it. */
+void **kiln_memory_link(void *array);
+
 /* An allocator for large, lasting arrays, such as memory that several processes share. `allocate` and `release` promise
  * what kiln_allocate and kiln_free do, but a release may take effect later. Users copy the struct; the context is
  * borrowed. */
