@@ -12,6 +12,7 @@
 #include "worker/backend/backend.h"
 #include "worker/backend/emission.h"
 #include "worker/backend/particle.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/light/lights.h"
 #include "worker/material/scene_lobes.h"
@@ -50,6 +51,7 @@ struct beyond {
     struct kiln_hit *hits;
     uint32_t *numbers;            /* of the particles in their batch */
     struct from_outside *objects; /* of each object, in a group */
+    struct kiln_arena arena;
 };
 
 struct emission {
@@ -66,6 +68,7 @@ struct emission {
     struct kiln_gloss_lobes *lobes;   /* of each material; NULL: none is taken with its gloss */
     struct kiln_particle_turn *turns; /* where something is taken with its gloss; else NULL */
     struct beyond beyond;
+    struct kiln_arena arena;
 };
 
 /* How far a group has come in dealing out its particles. The choice is systematic: a light gets those whose place on
@@ -494,12 +497,13 @@ static int make_beyond(struct emission *e, struct kiln_error *error)
 {
     struct beyond *b = &e->beyond;
     int status;
-    KILN_TRY(kiln_allocate(&b->origins, BATCH, sizeof *b->origins, "the particles' origins", error));
-    KILN_TRY(kiln_allocate(&b->directions, BATCH, sizeof *b->directions, "the particles' directions", error));
-    KILN_TRY(kiln_allocate(&b->hits, BATCH, sizeof *b->hits, "the particles' hits", error));
-    KILN_TRY(kiln_allocate(&b->numbers, BATCH, sizeof *b->numbers, "the particles' numbers", error));
-    KILN_TRY(kiln_allocate(&b->objects, e->params->scene->object_count, sizeof *b->objects,
-                           "the light of objects from outside", error));
+    KILN_TRY(kiln_arena_allocate(&b->arena, &b->origins, BATCH, sizeof *b->origins, "the particles' origins", error));
+    KILN_TRY(kiln_arena_allocate(&b->arena, &b->directions, BATCH, sizeof *b->directions, "the particles' directions",
+                                 error));
+    KILN_TRY(kiln_arena_allocate(&b->arena, &b->hits, BATCH, sizeof *b->hits, "the particles' hits", error));
+    KILN_TRY(kiln_arena_allocate(&b->arena, &b->numbers, BATCH, sizeof *b->numbers, "the particles' numbers", error));
+    KILN_TRY(kiln_arena_allocate(&b->arena, &b->objects, e->params->scene->object_count, sizeof *b->objects,
+                                 "the light of objects from outside", error));
     KILN_TRY(kiln_enclosures_create(&b->enclosures, e->params->scene, e->params->geometry, error));
 end:
     return status;
@@ -507,26 +511,24 @@ end:
 
 static void release_beyond(struct beyond *b)
 {
-    kiln_free(&b->origins);
-    kiln_free(&b->directions);
-    kiln_free(&b->hits);
-    kiln_free(&b->numbers);
-    kiln_free(&b->objects);
+    kiln_arena_release(&b->arena);
     kiln_enclosures_destroy(&b->enclosures);
 }
 
 static int make_room(struct emission *e, struct kiln_error *error)
 {
     int status;
-    KILN_TRY(kiln_allocate(&e->particles, BATCH, sizeof *e->particles, "the particles of the lights", error));
-    KILN_TRY(kiln_allocate(&e->origins, BATCH, sizeof *e->origins, "the particles' origins", error));
-    KILN_TRY(kiln_allocate(&e->directions, BATCH, sizeof *e->directions, "the particles' directions", error));
+    KILN_TRY(kiln_arena_allocate(&e->arena, &e->particles, BATCH, sizeof *e->particles, "the particles of the lights",
+                                 error));
+    KILN_TRY(kiln_arena_allocate(&e->arena, &e->origins, BATCH, sizeof *e->origins, "the particles' origins", error));
+    KILN_TRY(kiln_arena_allocate(&e->arena, &e->directions, BATCH, sizeof *e->directions, "the particles' directions",
+                                 error));
     if (e->params->scene->taken != NULL)
-        KILN_TRY(kiln_allocate(&e->turns, BATCH, sizeof *e->turns, "the particles' ways", error));
+        KILN_TRY(kiln_arena_allocate(&e->arena, &e->turns, BATCH, sizeof *e->turns, "the particles' ways", error));
     KILN_TRY(kiln_scene_lobes(&e->lobes, e->params->scene, error));
     if (e->light_count > e->inside)
         KILN_TRY(make_beyond(e, error));
-    KILN_TRY(kiln_allocate(&e->hits, BATCH, sizeof *e->hits, "the particles' hits", error));
+    KILN_TRY(kiln_arena_allocate(&e->arena, &e->hits, BATCH, sizeof *e->hits, "the particles' hits", error));
 end:
     return status;
 }
@@ -553,11 +555,7 @@ int kiln_emission_groups(struct kiln_backend *backend, uint32_t samples, uint32_
         status = trace_group(&e, i, samples / GROUPS < 1 ? 1 : samples / GROUPS, &groups[i], error);
         add_textured(&e, &groups[i]);
     }
-    kiln_free(&e.particles);
-    kiln_free(&e.origins);
-    kiln_free(&e.directions);
-    kiln_free(&e.hits);
-    kiln_free(&e.turns);
+    kiln_arena_release(&e.arena);
     kiln_free(&e.lobes);
     release_beyond(&e.beyond);
     return status;

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#include "worker/base/memory.h"
+#include "worker/base/arena.h"
 #include "worker/light/light_groups.h"
 #include "worker/pass/groups.h"
 
@@ -20,28 +20,20 @@ struct few_run {
     float *kept_groups;         /* as `kept` */
     char *whole;                /* a part's results put together */
     size_t whole_room;
+    struct kiln_arena arena;
 };
 
-static void release(struct few_run *r)
-{
-    kiln_free(&r->points);
-    kiln_free(&r->others);
-    kiln_free(&r->samples);
-    kiln_free(&r->place);
-    kiln_free(&r->kept);
-    kiln_free(&r->kept_groups);
-    kiln_free(&r->whole);
-}
+static void release(struct few_run *r) { kiln_arena_release(&r->arena); }
 
 static int make_room(struct few_run *r, struct kiln_error *error)
 {
     const char *what = "points with fewer samples";
     const size_t count = r->batch->count;
     int status;
-    KILN_TRY(kiln_allocate(&r->points, count, sizeof *r->points, what, error));
-    KILN_TRY(kiln_allocate(&r->others, count, sizeof *r->others, what, error));
-    KILN_TRY(kiln_allocate(&r->samples, count, sizeof *r->samples, what, error));
-    KILN_TRY(kiln_allocate(&r->place, count + 1, sizeof *r->place, what, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->points, count, sizeof *r->points, what, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->others, count, sizeof *r->others, what, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->samples, count, sizeof *r->samples, what, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->place, count + 1, sizeof *r->place, what, error));
 end:
     return status;
 }
@@ -61,11 +53,11 @@ static int divide(struct few_run *r, struct kiln_error *error)
         if (r->points[i].computed != 0)
             r->samples[i] = kiln_batch_few(batch->samples_each != NULL ? batch->samples_each[i] : batch->samples);
     }
-    const int status =
-        kiln_allocate(&r->kept, r->place[batch->count], r->bytes, "results of points with fewer samples", error);
+    const int status = kiln_arena_allocate(&r->arena, &r->kept, r->place[batch->count], r->bytes,
+                                           "results of points with fewer samples", error);
     return status == KILN_OK && r->groups != NULL
-               ? kiln_allocate(&r->kept_groups, r->place[batch->count], r->group_floats * sizeof *r->kept_groups,
-                               "the light of groups", error)
+               ? kiln_arena_allocate(&r->arena, &r->kept_groups, r->place[batch->count],
+                                     r->group_floats * sizeof *r->kept_groups, "the light of groups", error)
                : status;
 }
 
@@ -109,7 +101,8 @@ static int put_together(void *context, size_t first, size_t count, const void *r
     if (r->batch->take == NULL || r->place[begin] == r->place[begin + count])
         return r->batch->take == NULL ? KILN_OK : r->batch->take(r->batch->context, first, count, results, error);
     const size_t points = (size_t)kiln_tile_runs_points(runs, runs + count - 1);
-    const int status = kiln_grow(&r->whole, &r->whole_room, points, r->bytes, "a part's results", error);
+    const int status =
+        kiln_arena_grow(&r->arena, &r->whole, &r->whole_room, points, r->bytes, "a part's results", error);
     if (status != KILN_OK)
         return status;
     memcpy(r->whole, results, points * r->bytes);

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "shaders/shared/environment.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/light/environment.h"
 
@@ -32,6 +33,7 @@ struct cutting {
     struct kiln_dvec3 *columns; /* directions of the columns' middles, at the horizon */
     struct sums *rows, *sums;   /* of a cell's rows, and of its columns */
     struct cut *cuts;           /* of each cell */
+    struct kiln_arena arena;
 };
 
 static double luminance_of(const struct cutting *w, uint32_t x, uint32_t y)
@@ -232,10 +234,10 @@ int kiln_sky_cells_create(struct kiln_sky_cells *cells, const struct kiln_lights
     const size_t room = most > 1 ? most : 1;
     int status;
     KILN_TRY(kiln_allocate(&cells->all, room, sizeof *cells->all, "the cells of the sky", error));
-    KILN_TRY(kiln_allocate(&w.cuts, room, sizeof *w.cuts, "the cuts of the sky", error));
-    KILN_TRY(kiln_allocate(&w.columns, e->width, sizeof *w.columns, "the columns of the sky", error));
-    KILN_TRY(kiln_allocate(&w.sums, e->width, sizeof *w.sums, "sums over columns of the sky", error));
-    KILN_TRY(kiln_allocate(&w.rows, e->height, sizeof *w.rows, "sums over rows of the sky", error));
+    KILN_TRY(kiln_arena_allocate(&w.arena, &w.cuts, room, sizeof *w.cuts, "the cuts of the sky", error));
+    KILN_TRY(kiln_arena_allocate(&w.arena, &w.columns, e->width, sizeof *w.columns, "the columns of the sky", error));
+    KILN_TRY(kiln_arena_allocate(&w.arena, &w.sums, e->width, sizeof *w.sums, "sums over columns of the sky", error));
+    KILN_TRY(kiln_arena_allocate(&w.arena, &w.rows, e->height, sizeof *w.rows, "sums over rows of the sky", error));
     for (uint32_t x = 0; x < e->width; x++)
         w.columns[x] = kiln_sky_direction(x, 0.5, 0.5, 0.0, 0.0, e->width, (double)e->rotation);
     cells->all[0] = (struct kiln_sky_cell){.x1 = e->width, .y1 = e->height};
@@ -244,10 +246,7 @@ int kiln_sky_cells_create(struct kiln_sky_cells *cells, const struct kiln_lights
         cut_all(&w, room);
     KILN_TRY(make_tables(cells, error));
 end:
-    kiln_free(&w.cuts);
-    kiln_free(&w.columns);
-    kiln_free(&w.rows);
-    kiln_free(&w.sums);
+    kiln_arena_release(&w.arena);
     return status;
 }
 

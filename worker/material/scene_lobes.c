@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/material/brushed.h"
 #include "worker/scene/texture.h"
@@ -224,22 +225,21 @@ static int add_tables(struct kiln_gloss_lobes **lobes, size_t count, const struc
 static int plan_tables(struct kiln_gloss_lobes **lobes, const struct kiln_scene *scene, struct kiln_error *error)
 {
     const size_t count = scene->material_count;
+    struct kiln_arena arena = {0};
     struct plan *plans = NULL;
     size_t *firsts = NULL;
     const void **tables = NULL;
     int status;
-    KILN_TRY(kiln_allocate(&plans, count, sizeof *plans, "what tables materials need", error));
-    KILN_TRY(kiln_allocate(&firsts, count, sizeof *firsts, "what tables materials need", error));
-    KILN_TRY(kiln_allocate(&tables, count, sizeof *tables, "what tables materials need", error));
+    KILN_TRY(kiln_arena_allocate(&arena, &plans, count, sizeof *plans, "what tables materials need", error));
+    KILN_TRY(kiln_arena_allocate(&arena, &firsts, count, sizeof *firsts, "what tables materials need", error));
+    KILN_TRY(kiln_arena_allocate(&arena, &tables, count, sizeof *tables, "what tables materials need", error));
     for (size_t i = 0; i < count; i++) {
         plan_of(&plans[i], scene, &(*lobes)[i], (uint32_t)i);
         firsts[i] = plans[i].kind != NO_TABLE ? same_table(*lobes, plans, i) : i;
     }
     KILN_TRY(add_tables(lobes, count, plans, firsts, tables, error));
 end:
-    kiln_free(&plans);
-    kiln_free(&firsts);
-    kiln_free(&tables);
+    kiln_arena_release(&arena);
     return status;
 }
 

@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/clock.h"
 #include "worker/base/memory.h"
 
@@ -35,6 +36,7 @@ struct kiln_visibility_cache {
     struct kiln_visibility_counts on_device;
     struct ends *ends; /* of each number, of the node that had it last */
     struct kiln_visibility_counts counts;
+    struct kiln_arena arena;
 };
 
 static uint64_t groups_of(uint64_t points) { return (points + 63) / 64; }
@@ -48,9 +50,12 @@ int kiln_visibility_cache_create(struct kiln_visibility_cache **cache, uint64_t 
     c->most = bytes;
     c->step = (uint64_t)(kiln_clock_seconds() * 1e9); /* no two caches have one in common */
     c->groups = groups_of(points);
-    KILN_TRY(kiln_allocate(&c->columns, (size_t)c->groups, sizeof *c->columns, "the visibility cache", error));
-    KILN_TRY(kiln_allocate(&c->same, (size_t)c->groups, sizeof *c->same, "the visibility cache", error));
-    KILN_TRY(kiln_allocate(&c->ends, (size_t)(64 * c->groups), sizeof *c->ends, "the visibility cache", error));
+    KILN_TRY(kiln_arena_allocate(&c->arena, &c->columns, (size_t)c->groups, sizeof *c->columns, "the visibility cache",
+                                 error));
+    KILN_TRY(
+        kiln_arena_allocate(&c->arena, &c->same, (size_t)c->groups, sizeof *c->same, "the visibility cache", error));
+    KILN_TRY(kiln_arena_allocate(&c->arena, &c->ends, (size_t)(64 * c->groups), sizeof *c->ends, "the visibility cache",
+                                 error));
 end:
     if (status != KILN_OK)
         kiln_visibility_cache_destroy(&c);
@@ -80,9 +85,7 @@ void kiln_visibility_cache_destroy(struct kiln_visibility_cache **cache)
     if (*cache == NULL)
         return;
     forget_all(*cache);
-    kiln_free(&(*cache)->columns);
-    kiln_free(&(*cache)->same);
-    kiln_free(&(*cache)->ends);
+    kiln_arena_release(&(*cache)->arena);
     kiln_free(cache);
 }
 

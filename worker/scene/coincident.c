@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 enum { SAME_EDGE_MOST = 64 };
@@ -112,6 +113,7 @@ struct search {
     struct entry *entries; /* part by part, in each in the order of the triangles */
     uint32_t *before;      /* number + 1 of the triangle before each that has the same hash; 0: none */
     struct pairs *pairs;   /* of each block */
+    struct kiln_arena arena;
 };
 
 static size_t part_of(uint64_t hash) { return hash >> (64 - PART_BITS); }
@@ -291,15 +293,15 @@ static int allocate(struct search *s, struct kiln_error *error)
 {
     static const char what[] = "the search for coincident faces";
     int status;
-    KILN_TRY(kiln_allocate_bare(&s->hash, s->count, sizeof *s->hash, what, error));
-    KILN_TRY(kiln_allocate_bare(&s->entries, s->count, sizeof *s->entries, what, error));
-    KILN_TRY(kiln_allocate(&s->before, s->count, sizeof *s->before, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&s->arena, &s->hash, s->count, sizeof *s->hash, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&s->arena, &s->entries, s->count, sizeof *s->entries, what, error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->before, s->count, sizeof *s->before, what, error));
     kiln_expect_whole(s->hash, s->count, sizeof *s->hash);
     kiln_expect_whole(s->entries, s->count, sizeof *s->entries);
     kiln_expect_whole(s->before, s->count, sizeof *s->before);
-    KILN_TRY(kiln_allocate_bare(&s->part_at, s->blocks * PARTS, sizeof *s->part_at, what, error));
-    KILN_TRY(kiln_allocate(&s->part_end, PARTS, sizeof *s->part_end, what, error));
-    KILN_TRY(kiln_allocate(&s->pairs, s->blocks, sizeof *s->pairs, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&s->arena, &s->part_at, s->blocks * PARTS, sizeof *s->part_at, what, error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->part_end, PARTS, sizeof *s->part_end, what, error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->pairs, s->blocks, sizeof *s->pairs, what, error));
 end:
     return status;
 }
@@ -315,11 +317,6 @@ int kiln_coincident_find(struct kiln_geometry *g, struct kiln_error *error)
         status = run(&s, error);
     for (size_t block = 0; s.pairs != NULL && block < s.blocks; block++)
         kiln_free(&s.pairs[block].list);
-    kiln_free(&s.pairs);
-    kiln_free(&s.part_end);
-    kiln_free(&s.part_at);
-    kiln_free(&s.before);
-    kiln_free(&s.entries);
-    kiln_free(&s.hash);
+    kiln_arena_release(&s.arena);
     return status;
 }

@@ -4,6 +4,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/scene/coincident.h"
 #include "worker/scene/gloss.h"
@@ -28,6 +29,7 @@ struct expansion {
     uint64_t *object_triangle_chunk, *object_vertex_chunk;
     /* per object, and one more at the end: its first world vertex */
     uint64_t *object_vertex;
+    struct kiln_arena arena;
 };
 
 static uint64_t chunks_of(uint64_t count) { return (count + CHUNK - 1) / CHUNK; }
@@ -315,15 +317,18 @@ static int allocate_plan(struct expansion *e, struct kiln_error *error)
     const struct kiln_scene *scene = e->scene;
     const char *what = "the expansion of the scene's objects";
     int status;
-    KILN_TRY(kiln_allocate(&e->alpha_floor, scene->material_count, sizeof *e->alpha_floor, what, error));
-    KILN_TRY(kiln_allocate(&e->alpha_limit, scene->material_count, sizeof *e->alpha_limit, what, error));
-    KILN_TRY(kiln_allocate(&e->mesh_chunk, scene->mesh_count + 1, sizeof *e->mesh_chunk, what, error));
-    KILN_TRY(kiln_allocate(&e->mesh_alpha, scene->mesh_count, sizeof *e->mesh_alpha, what, error));
-    KILN_TRY(kiln_allocate(&e->object_triangle_chunk, scene->object_count + 1, sizeof *e->object_triangle_chunk, what,
-                           error));
     KILN_TRY(
-        kiln_allocate(&e->object_vertex_chunk, scene->object_count + 1, sizeof *e->object_vertex_chunk, what, error));
-    KILN_TRY(kiln_allocate(&e->object_vertex, scene->object_count + 1, sizeof *e->object_vertex, what, error));
+        kiln_arena_allocate(&e->arena, &e->alpha_floor, scene->material_count, sizeof *e->alpha_floor, what, error));
+    KILN_TRY(
+        kiln_arena_allocate(&e->arena, &e->alpha_limit, scene->material_count, sizeof *e->alpha_limit, what, error));
+    KILN_TRY(kiln_arena_allocate(&e->arena, &e->mesh_chunk, scene->mesh_count + 1, sizeof *e->mesh_chunk, what, error));
+    KILN_TRY(kiln_arena_allocate(&e->arena, &e->mesh_alpha, scene->mesh_count, sizeof *e->mesh_alpha, what, error));
+    KILN_TRY(kiln_arena_allocate(&e->arena, &e->object_triangle_chunk, scene->object_count + 1,
+                                 sizeof *e->object_triangle_chunk, what, error));
+    KILN_TRY(kiln_arena_allocate(&e->arena, &e->object_vertex_chunk, scene->object_count + 1,
+                                 sizeof *e->object_vertex_chunk, what, error));
+    KILN_TRY(kiln_arena_allocate(&e->arena, &e->object_vertex, scene->object_count + 1, sizeof *e->object_vertex, what,
+                                 error));
     KILN_TRY(allocate_kept(e->geometry, &e->geometry->ranges, scene->object_count, sizeof *e->geometry->ranges, what,
                            error));
 end:
@@ -331,7 +336,8 @@ end:
         return status;
     for (size_t m = 0; m < scene->mesh_count; m++)
         e->mesh_chunk[m + 1] = e->mesh_chunk[m] + chunks_of(scene->meshes[m].triangle_count);
-    return kiln_allocate(&e->chunk_alpha, e->mesh_chunk[scene->mesh_count], sizeof *e->chunk_alpha, what, error);
+    return kiln_arena_allocate(&e->arena, &e->chunk_alpha, e->mesh_chunk[scene->mesh_count], sizeof *e->chunk_alpha,
+                               what, error);
 }
 
 static int allocate_world(struct kiln_geometry *g, struct kiln_error *error)
@@ -391,14 +397,7 @@ int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_s
         e.geometry = NULL;
     }
     kiln_geometry_destroy(&e.geometry);
-    kiln_free(&e.alpha_floor);
-    kiln_free(&e.alpha_limit);
-    kiln_free(&e.mesh_chunk);
-    kiln_free(&e.chunk_alpha);
-    kiln_free(&e.mesh_alpha);
-    kiln_free(&e.object_triangle_chunk);
-    kiln_free(&e.object_vertex_chunk);
-    kiln_free(&e.object_vertex);
+    kiln_arena_release(&e.arena);
     return status;
 }
 

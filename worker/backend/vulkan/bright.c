@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 enum { CLUSTER = 16 }; /* points of a cluster, about half of which are there */
@@ -103,14 +104,12 @@ struct receivers {
     struct kiln_bright_receiver *all; /* `count` */
     uint32_t *row;                    /* of each */
     double *sums;                     /* of all */
+    struct kiln_arena arena;
 };
 
 static void receivers_release(struct receivers *r)
 {
-    kiln_free(&r->of);
-    kiln_free(&r->number);
-    kiln_free(&r->all);
-    kiln_free(&r->row);
+    kiln_arena_release(&r->arena);
     kiln_free(&r->sums);
 }
 
@@ -134,7 +133,7 @@ static int begin_receivers(struct receivers *r, const struct vulkan_backend *b, 
     const size_t clusters = r->bright->count;
     int status = kiln_allocate(&r->sums, r->count * clusters, sizeof *r->sums, WHAT, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&r->row, r->count, sizeof *r->row, WHAT, error);
+        status = kiln_arena_allocate(&r->arena, &r->row, r->count, sizeof *r->row, WHAT, error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for num_threads((int)b->all_threads) schedule(dynamic)
@@ -151,9 +150,9 @@ static int make_receivers(struct receivers *r, const struct vulkan_backend *b, c
                           const struct vulkan_chunk *chunk, struct kiln_error *error)
 {
     int status;
-    KILN_TRY(kiln_allocate(&r->of, r->points, sizeof *r->of, WHAT, error));
-    KILN_TRY(kiln_allocate(&r->number, r->bright->count + (size_t)1, sizeof *r->number, WHAT, error));
-    KILN_TRY(kiln_allocate(&r->all, r->points, sizeof *r->all, WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->of, r->points, sizeof *r->of, WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->number, r->bright->count + (size_t)1, sizeof *r->number, WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->all, r->points, sizeof *r->all, WHAT, error));
 end:
     if (status != KILN_OK)
         return status;

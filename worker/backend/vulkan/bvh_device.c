@@ -7,6 +7,7 @@
 #include "shaders/modules.h"
 #include "shaders/shared/push.h"
 #include "worker/backend/vulkan/bvh_top.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 enum {
@@ -276,28 +277,22 @@ struct top {
     struct kiln_gpu_bvh_node *clusters, *nodes;
     struct kiln_gpu_bvh_share *shares, *node_shares;
     uint32_t *names;
+    struct kiln_arena arena;
 };
 
 static int allocate_top(struct top *top, uint32_t count, struct kiln_error *error)
 {
     int status;
-    KILN_TRY(kiln_allocate(&top->clusters, count, sizeof *top->clusters, what, error));
-    KILN_TRY(kiln_allocate(&top->nodes, count, sizeof *top->nodes, what, error));
-    KILN_TRY(kiln_allocate(&top->shares, count, sizeof *top->shares, what, error));
-    KILN_TRY(kiln_allocate(&top->node_shares, count, sizeof *top->node_shares, what, error));
-    KILN_TRY(kiln_allocate(&top->names, count, sizeof *top->names, what, error));
+    KILN_TRY(kiln_arena_allocate(&top->arena, &top->clusters, count, sizeof *top->clusters, what, error));
+    KILN_TRY(kiln_arena_allocate(&top->arena, &top->nodes, count, sizeof *top->nodes, what, error));
+    KILN_TRY(kiln_arena_allocate(&top->arena, &top->shares, count, sizeof *top->shares, what, error));
+    KILN_TRY(kiln_arena_allocate(&top->arena, &top->node_shares, count, sizeof *top->node_shares, what, error));
+    KILN_TRY(kiln_arena_allocate(&top->arena, &top->names, count, sizeof *top->names, what, error));
 end:
     return status;
 }
 
-static void free_top(struct top *top)
-{
-    kiln_free(&top->clusters);
-    kiln_free(&top->nodes);
-    kiln_free(&top->shares);
-    kiln_free(&top->node_shares);
-    kiln_free(&top->names);
-}
+static void free_top(struct top *top) { kiln_arena_release(&top->arena); }
 
 static int build_top(struct bvh_device *t, const struct top *top, const struct kiln_gpu_bvh_state *left, uint32_t from,
                      struct kiln_error *error)

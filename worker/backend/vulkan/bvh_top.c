@@ -5,6 +5,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 enum {
@@ -19,6 +20,7 @@ struct work {
     uint32_t *kept;     /* while a range is parted, those of its second half; */
     float *right;       /* while it is swept, areas times triangles from each on */
     uint8_t *second;    /* of each cluster, whether it goes to the second half */
+    struct kiln_arena arena;
 };
 
 /* A range of clusters, the same ones in all orders, and the first node that is made of it. */
@@ -201,9 +203,9 @@ int bvh_top_build(const struct bvh_top *top, struct kiln_error *error)
     const int threads = top->threads != 0 ? (int)top->threads : omp_get_num_procs();
     struct work w = {.top = top};
     int status;
-    KILN_TRY(kiln_allocate(&w.kept, top->count, sizeof *w.kept, what, error));
-    KILN_TRY(kiln_allocate(&w.right, top->count, sizeof *w.right, what, error));
-    KILN_TRY(kiln_allocate(&w.second, top->count, sizeof *w.second, what, error));
+    KILN_TRY(kiln_arena_allocate(&w.arena, &w.kept, top->count, sizeof *w.kept, what, error));
+    KILN_TRY(kiln_arena_allocate(&w.arena, &w.right, top->count, sizeof *w.right, what, error));
+    KILN_TRY(kiln_arena_allocate(&w.arena, &w.second, top->count, sizeof *w.second, what, error));
     for (int i = 0; i < 3; i++)
         KILN_TRY(kiln_allocate(&w.order[i], top->count, sizeof *w.order[i], what, error));
     KILN_TRY(order_all(&w, threads, error));
@@ -213,8 +215,6 @@ int bvh_top_build(const struct bvh_top *top, struct kiln_error *error)
 end:
     for (int i = 0; i < 3; i++)
         kiln_free(&w.order[i]);
-    kiln_free(&w.kept);
-    kiln_free(&w.right);
-    kiln_free(&w.second);
+    kiln_arena_release(&w.arena);
     return status;
 }

@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 static const struct vulkan_shader rays_shader = {.name = "views of links",
@@ -58,6 +59,7 @@ struct finder {
     uint64_t traced;
     int status; /* of the thread that has failed */
     struct kiln_error *error;
+    struct kiln_arena arena;
 };
 
 /* Returns the place of a tile run's first point among the batch's points. */
@@ -303,8 +305,10 @@ static int make_steps(struct finder *f, struct group *group, struct gpu_kernel *
     some = some > MOST_RAYS ? MOST_RAYS : some < LEAST_RAYS ? LEAST_RAYS : some;
     group->steps = (group->ray_count + some - 1) / some;
     int status;
-    KILN_TRY(kiln_grow(&f->steps, &f->step_room, group->steps, sizeof *f->steps, "the rays of links", error));
-    KILN_TRY(kiln_grow(&f->pushes, &f->push_room, group->steps, sizeof *f->pushes, "the rays of links", error));
+    KILN_TRY(kiln_arena_grow(&f->arena, &f->steps, &f->step_room, group->steps, sizeof *f->steps, "the rays of links",
+                             error));
+    KILN_TRY(kiln_arena_grow(&f->arena, &f->pushes, &f->push_room, group->steps, sizeof *f->pushes, "the rays of links",
+                             error));
     for (size_t i = 0; i < group->steps; i++) {
         const size_t first = i * some, left = group->ray_count - first, count = left < some ? left : some;
         f->pushes[i] = (struct kiln_gpu_link_rays_push){
@@ -445,9 +449,7 @@ static void finder_release(struct finder *f)
         }
         kiln_free(&f->groups[k].of);
     }
-    kiln_free(&f->wanted);
-    kiln_free(&f->steps);
-    kiln_free(&f->pushes);
+    kiln_arena_release(&f->arena);
 }
 
 int vulkan_find_links(struct vulkan_backend *b, const struct kiln_links_parameters *parameters,
@@ -457,7 +459,8 @@ int vulkan_find_links(struct vulkan_backend *b, const struct kiln_links_paramete
     struct finder f = {
         .b = b, .p = parameters, .batch = batch, .gathered = gathered, .made = made, .key = key, .error = error};
     int status;
-    KILN_TRY(kiln_allocate(&f.wanted, batch->count, sizeof *f.wanted, "the links that are missing", error));
+    KILN_TRY(
+        kiln_arena_allocate(&f.arena, &f.wanted, batch->count, sizeof *f.wanted, "the links that are missing", error));
     for (size_t i = 0; i < batch->count; i++)
         if (is_wanted(&f, batch->first + i))
             f.wanted[f.count++] = batch->first + i;

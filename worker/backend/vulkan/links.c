@@ -1,6 +1,7 @@
 /* The links pass (worker/pass/links.h): the gather pass's rays say what of rows is lost, links that are not kept are
  * found (link_views.h), and shaders/links.comp and links_reduce.comp add up what is kept. Links lie in rows of a fixed
  * length, so that the sums' order hangs on nothing else. */
+#include "worker/base/arena.h"
 #include "worker/pass/links.h"
 
 #include <string.h>
@@ -32,6 +33,7 @@ struct links_run {
     size_t a_point;     /* bytes that go to the device with a point, about */
     uint64_t rays;
     uint64_t key; /* vulkan_links_key */
+    struct kiln_arena arena;
 };
 
 /* Returns the place of a tile run's first point among the batch's points. */
@@ -87,7 +89,8 @@ static int gather(struct links_run *r, size_t points, struct kiln_error *error)
     batch.context = r;
     const bool missing = status == KILN_OK && ask_rays(r, samples);
     if (missing)
-        status = kiln_grow(&r->gathered, &room, points, sizeof *r->gathered, "what the rays of links meet", error);
+        status = kiln_arena_grow(&r->arena, &r->gathered, &room, points, sizeof *r->gathered,
+                                 "what the rays of links meet", error);
     if (missing && status == KILN_OK) {
         const struct vulkan_hemisphere pass = vulkan_gather_pass(r->b, &batch, own);
         status = vulkan_hemisphere_run(r->b, &pass, &batch, &r->rays, error);
@@ -495,9 +498,7 @@ static void release(struct links_run *r)
 {
     for (size_t i = 0; r->made != NULL && i < r->batch->count; i++)
         kiln_free(&r->made[i]);
-    kiln_free(&r->made);
-    kiln_free(&r->gathered);
-    kiln_free(&r->results);
+    kiln_arena_release(&r->arena);
 }
 
 static int run(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
@@ -508,9 +509,9 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     const size_t points = (size_t)kiln_tile_runs_points(runs, runs + batch->count - 1);
     size_t room = 0;
     int status;
-    KILN_TRY(kiln_allocate(&r.made, batch->count, sizeof(struct kiln_kept_links *), WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&r.arena, &r.made, batch->count, sizeof(struct kiln_kept_links *), WHAT, error));
     /* written by the threads that take answers: it need not be zero */
-    KILN_TRY(kiln_grow(&r.results, &room, points, sizeof *r.results, "the light of links", error));
+    KILN_TRY(kiln_arena_grow(&r.arena, &r.results, &room, points, sizeof *r.results, "the light of links", error));
     KILN_TRY(gather(&r, points, error));
     KILN_TRY(vulkan_find_links(b, r.p, batch, r.gathered, r.key, r.made, &r.rays, error));
     KILN_TRY(add_up(&r, error));

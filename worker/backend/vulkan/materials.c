@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/material/scene_lobes.h"
 #include "worker/scene/texture.h"
@@ -28,6 +29,7 @@ struct staging {
     uint32_t *coating_of; /* stored triangle -> its coating, KILN_NONE: none yet */
     bool *wanted;         /* texture */
     size_t slot_first, slot_count, coating_count;
+    struct kiln_arena arena;
 };
 
 bool vulkan_materials_holds(const struct kiln_backend_params *params, uint32_t triangle)
@@ -248,11 +250,13 @@ static int make_glosses(struct staging *s, struct vulkan_materials *m, struct ki
     if (!s->gloss)
         return KILN_OK;
     int status;
-    KILN_TRY(kiln_allocate(&s->glosses, scene->material_count, sizeof *s->glosses, "the device's gloss", error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->glosses, scene->material_count, sizeof *s->glosses,
+                                 "the device's gloss", error));
     if (scene->texcoord_gloss != NULL)
-        KILN_TRY(kiln_allocate(&s->gloss_places, s->coating_count, sizeof *s->gloss_places,
-                               "the texture coordinates of gloss", error));
-    KILN_TRY(kiln_allocate(&s->lobes, scene->material_count, sizeof *s->lobes, "the lobes of materials", error));
+        KILN_TRY(kiln_arena_allocate(&s->arena, &s->gloss_places, s->coating_count, sizeof *s->gloss_places,
+                                     "the texture coordinates of gloss", error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->lobes, scene->material_count, sizeof *s->lobes,
+                                 "the lobes of materials", error));
     KILN_TRY(prepare_tables(s, m, error));
     for (uint32_t i = 0; i < scene->material_count; i++) {
         const struct kiln_gloss *gloss = kiln_gloss_taken(scene, i);
@@ -292,8 +296,8 @@ static int make_normals(struct staging *s, struct kiln_error *error)
     const struct kiln_geometry *g = s->params->geometry;
     if (g->passage < KILN_PASSAGE_PANE)
         return KILN_OK;
-    const int status = kiln_allocate(&s->normals, g->triangle_count - g->opaque_count, sizeof *s->normals,
-                                     "the normals of panes", error);
+    const int status = kiln_arena_allocate(&s->arena, &s->normals, g->triangle_count - g->opaque_count,
+                                           sizeof *s->normals, "the normals of panes", error);
     for (size_t t = g->opaque_count; t < g->triangle_count && status == KILN_OK; t++) {
         struct kiln_vec3 corner[3];
         kiln_geometry_corners(g, (uint32_t)t, corner);
@@ -307,27 +311,30 @@ static int make_normals(struct staging *s, struct kiln_error *error)
 static int make_staging(struct staging *s, struct vulkan_materials *m, struct kiln_error *error)
 {
     const struct kiln_scene *scene = s->params->scene;
-    int status = kiln_allocate(&s->slots, s->slot_count, sizeof *s->slots, "the coated triangles", error);
+    int status =
+        kiln_arena_allocate(&s->arena, &s->slots, s->slot_count, sizeof *s->slots, "the coated triangles", error);
     if (status == KILN_OK)
-        status =
-            kiln_allocate(&s->coating_of, scene->triangle_count, sizeof *s->coating_of, "the coatings' numbers", error);
+        status = kiln_arena_allocate(&s->arena, &s->coating_of, scene->triangle_count, sizeof *s->coating_of,
+                                     "the coatings' numbers", error);
     if (status == KILN_OK)
-        status =
-            kiln_allocate(&s->materials, scene->material_count, sizeof *s->materials, "the device's materials", error);
+        status = kiln_arena_allocate(&s->arena, &s->materials, scene->material_count, sizeof *s->materials,
+                                     "the device's materials", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->textures, scene->texture_count, sizeof *s->textures, "the device's textures", error);
+        status = kiln_arena_allocate(&s->arena, &s->textures, scene->texture_count, sizeof *s->textures,
+                                     "the device's textures", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->wanted, scene->texture_count, sizeof *s->wanted, "the list of textures", error);
+        status = kiln_arena_allocate(&s->arena, &s->wanted, scene->texture_count, sizeof *s->wanted,
+                                     "the list of textures", error);
     if (status != KILN_OK)
         return status;
     number_coatings(s);
-    kiln_free(&s->coating_of);
+    kiln_arena_free(&s->arena, &s->coating_of);
     if (s->coating_count > KILN_GPU_FLIPPED - 1)
         return kiln_fail(error, KILN_NO_DEVICE,
                          "%zu triangles whose colours, alpha or emission kernels ask for are more than the Vulkan "
                          "backend's %u: bake with Embree",
                          s->coating_count, KILN_GPU_FLIPPED - 1);
-    status = kiln_allocate(&s->coatings, s->coating_count, sizeof *s->coatings, "the coatings", error);
+    status = kiln_arena_allocate(&s->arena, &s->coatings, s->coating_count, sizeof *s->coatings, "the coatings", error);
     if (status == KILN_OK)
         status = make_glosses(s, m, error);
     if (status == KILN_OK)
@@ -339,19 +346,7 @@ static int make_staging(struct staging *s, struct vulkan_materials *m, struct ki
     return KILN_OK;
 }
 
-static void free_staging(struct staging *s)
-{
-    kiln_free(&s->slots);
-    kiln_free(&s->coating_of);
-    kiln_free(&s->materials);
-    kiln_free(&s->textures);
-    kiln_free(&s->wanted);
-    kiln_free(&s->coatings);
-    kiln_free(&s->glosses);
-    kiln_free(&s->gloss_places);
-    kiln_free(&s->lobes);
-    kiln_free(&s->normals);
-}
+static void free_staging(struct staging *s) { kiln_arena_release(&s->arena); }
 
 static uint64_t texture_bytes(const struct kiln_texture *t) { return 4 * (uint64_t)t->width * t->height; }
 
