@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coordinator/layout/raster.h"
+#include "worker/base/arena.h"
 #include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
@@ -146,6 +147,7 @@ struct packer {
     size_t by_length_capacity;
     /* the row where the last island of similar size was placed: the search begins there */
     uint32_t cursor[CLASSES][CLASSES];
+    struct kiln_arena arena;
 };
 
 /* target(x) |= in(x + by). Both may be the same row. */
@@ -241,7 +243,8 @@ static bool place(struct packer *p, struct kiln_island *o, int *status, struct k
     uint32_t *cursor = &p->cursor[class_of(o->width)][class_of(o->height)], x;
     if (o->width > p->side || o->height > p->side)
         return false;
-    *status = kiln_grow(&p->by_length, &p->by_length_capacity, o->run_count, sizeof *p->by_length, "an island", error);
+    *status = kiln_arena_grow(&p->arena, &p->by_length, &p->by_length_capacity, o->run_count, sizeof *p->by_length,
+                              "an island", error);
     if (*status != KILN_OK)
         return false;
     memcpy(p->by_length, o->runs, o->run_count * sizeof *o->runs);
@@ -383,15 +386,13 @@ int kiln_atlas_pack(struct kiln_islands *islands, uint32_t side, uint32_t *page_
     if (status == KILN_OK)
         status = kiln_bitmap_reset(&p.cells, side, side, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&p.window, p.words, sizeof *p.window, "a row of a page", error);
+        status = kiln_arena_allocate(&p.arena, &p.window, p.words, sizeof *p.window, "a row of a page", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&p.blocked, p.words, sizeof *p.blocked, "a row of a page", error);
+        status = kiln_arena_allocate(&p.arena, &p.blocked, p.words, sizeof *p.blocked, "a row of a page", error);
     *page_count = 0;
     while (status == KILN_OK && any_left(&c))
         status = fill_page(&p, &c, (*page_count)++, group, error);
-    kiln_free(&p.by_length);
-    kiln_free(&p.blocked);
-    kiln_free(&p.window);
+    kiln_arena_release(&p.arena);
     kiln_free(&p.cells.words);
     kiln_free(&c.order);
     kiln_free(&c.by_size);

@@ -9,6 +9,7 @@
 
 #include <xxhash.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 static const double SIZES_MOST = 2.0, CENTRES_MOST = 0.25;
@@ -101,6 +102,7 @@ struct finder {
     uint32_t *member_of;    /* per object */
     size_t count;
     uint32_t *by_thing, *by_place; /* members, sorted */
+    struct kiln_arena arena;
 };
 
 static const char *string(const struct kiln_builder *builder, uint32_t offset)
@@ -282,8 +284,8 @@ static bool has_finer(const struct finder *f, const struct member *m)
 static int sort_members(struct finder *f, struct kiln_error *error)
 {
     int status;
-    KILN_TRY(kiln_allocate(&f->by_thing, f->count, sizeof *f->by_thing, "levels of detail", error));
-    KILN_TRY(kiln_allocate(&f->by_place, f->count, sizeof *f->by_place, "levels of detail", error));
+    KILN_TRY(kiln_arena_allocate(&f->arena, &f->by_thing, f->count, sizeof *f->by_thing, "levels of detail", error));
+    KILN_TRY(kiln_arena_allocate(&f->arena, &f->by_place, f->count, sizeof *f->by_place, "levels of detail", error));
     for (uint32_t i = 0; i < f->count; i++)
         f->by_thing[i] = f->by_place[i] = i;
     qsort_r(f->by_thing, f->count, sizeof *f->by_thing, compare_by_thing, f->members);
@@ -369,15 +371,12 @@ int kiln_lods_leave_out(struct kiln_builder *builder, size_t *count, struct kiln
     if (!has_lower(builder))
         return KILN_OK;
     int status;
-    KILN_TRY(kiln_allocate(&f.members, all, sizeof *f.members, "levels of detail", error));
-    KILN_TRY(kiln_allocate(&f.member_of, all, sizeof *f.member_of, "levels of detail", error));
+    KILN_TRY(kiln_arena_allocate(&f.arena, &f.members, all, sizeof *f.members, "levels of detail", error));
+    KILN_TRY(kiln_arena_allocate(&f.arena, &f.member_of, all, sizeof *f.member_of, "levels of detail", error));
     KILN_TRY(find_members(&f, error));
     KILN_TRY(find_lower(&f, error));
     KILN_TRY(leave_out(&f, count, error));
 end:
-    kiln_free(&f.by_thing);
-    kiln_free(&f.by_place);
-    kiln_free(&f.member_of);
-    kiln_free(&f.members);
+    kiln_arena_release(&f.arena);
     return status;
 }

@@ -9,6 +9,7 @@
 #include "coordinator/import/names.h"
 #include "coordinator/import/obj_document.h"
 #include "coordinator/import/obj_polygon.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 /* A face corner: indices of its position, texture coordinate and normal; KILN_NONE: not given. */
@@ -73,6 +74,7 @@ struct reader {
     bool face_run_open; /* the next face belongs to the last run */
     uint64_t lines, free_form, strange, strange_line, without_area_objects;
     char strange_word[41];
+    struct kiln_arena arena;
 };
 
 /* ---- v, vt, vn ---- */
@@ -88,8 +90,8 @@ static int room(struct reader *r, void *list, size_t *capacity, size_t count, si
 /* Vertices before the first one with a colour are white. */
 static int add_color(struct reader *r, const double *rgb)
 {
-    const int status =
-        kiln_grow(&r->colors, &r->color_capacity, r->position_count, sizeof *r->colors, "vertex colours", r->error);
+    const int status = kiln_arena_grow(&r->arena, &r->colors, &r->color_capacity, r->position_count, sizeof *r->colors,
+                                       "vertex colours", r->error);
     if (status != KILN_OK)
         return status;
     memset(r->colors + r->color_count, 255, (r->position_count - r->color_count) * sizeof *r->colors);
@@ -147,8 +149,8 @@ end:
 
 static int keep_name(struct reader *r, struct obj_word name, size_t *offset)
 {
-    const int status =
-        kiln_grow(&r->names_text, &r->names_capacity, r->names_size + name.length + 1, 1, "names", r->error);
+    const int status = kiln_arena_grow(&r->arena, &r->names_text, &r->names_capacity, r->names_size + name.length + 1,
+                                       1, "names", r->error);
     if (status != KILN_OK)
         return status;
     memcpy(r->names_text + r->names_size, name.text, name.length);
@@ -163,8 +165,8 @@ static int open_object(struct reader *r, struct obj_word name)
     uint32_t known = (uint32_t)r->object_count;
     if (r->object_count >= KILN_NONE)
         return obj_fail(&r->text, "more than 2^32 - 1 objects", NULL);
-    int status =
-        kiln_grow(&r->objects, &r->object_capacity, r->object_count + 1, sizeof *r->objects, "objects", r->error);
+    int status = kiln_arena_grow(&r->arena, &r->objects, &r->object_capacity, r->object_count + 1, sizeof *r->objects,
+                                 "objects", r->error);
     if (status == KILN_OK)
         status = obj_symbol(&r->object_names, name.text, name.length, &known, r->error);
     struct object object = {.first = KILN_NONE, .last = KILN_NONE};
@@ -230,8 +232,8 @@ static int open_part(struct reader *r)
     if (r->object == KILN_NONE)
         status = open_object(r, (struct obj_word){"defaultobject", 13});
     if (status == KILN_OK)
-        status = kiln_grow(&r->face_runs, &r->face_run_capacity, r->face_run_count + 1, sizeof *r->face_runs,
-                           "faces of one material", r->error);
+        status = kiln_arena_grow(&r->arena, &r->face_runs, &r->face_run_capacity, r->face_run_count + 1,
+                                 sizeof *r->face_runs, "faces of one material", r->error);
     if (status != KILN_OK)
         return status;
     const uint32_t index = (uint32_t)r->face_run_count++;
@@ -280,9 +282,10 @@ static bool is_free(const struct reader *r, size_t slot, const struct face_run *
 /* Doubles the table and enters the run's corners again. */
 static int grow_slots(struct reader *r, const struct face_run *face_run)
 {
-    kiln_free(&r->slots);
+    kiln_arena_free(&r->arena, &r->slots);
     r->slot_count = r->slot_count == 0 ? 256 : 2 * r->slot_count;
-    const int status = kiln_allocate(&r->slots, r->slot_count, sizeof *r->slots, "the corners of faces", r->error);
+    const int status =
+        kiln_arena_allocate(&r->arena, &r->slots, r->slot_count, sizeof *r->slots, "the corners of faces", r->error);
     for (size_t i = 0; status == KILN_OK && i < face_run->corner_count; i++) {
         const struct corner_value value = value_of(r, &r->corners[face_run->corner_first + i]);
         size_t slot = first_slot(r, &value);
@@ -370,8 +373,8 @@ static int add_triangles(struct reader *r, size_t count)
     if (!obj_polygon_cut(&r->polygon, count))
         return obj_fail(&r->text, "a face that is not convex and has more than 4096 corners; cut it into triangles",
                         NULL);
-    const int status = kiln_grow(&r->triangles, &r->triangle_capacity, r->triangle_count + count - 2,
-                                 sizeof *r->triangles, "triangles", r->error);
+    const int status = kiln_arena_grow(&r->arena, &r->triangles, &r->triangle_capacity, r->triangle_count + count - 2,
+                                       sizeof *r->triangles, "triangles", r->error);
     if (status != KILN_OK)
         return status;
     for (size_t k = 0; k < count - 2; k++)
@@ -394,8 +397,8 @@ static int read_face(struct reader *r)
         if (status == KILN_OK)
             status = obj_polygon_room(&r->polygon, count + 1, r->error);
         if (status == KILN_OK)
-            status =
-                kiln_grow(&r->face, &r->face_capacity, count + 1, sizeof *r->face, "the corners of a face", r->error);
+            status = kiln_arena_grow(&r->arena, &r->face, &r->face_capacity, count + 1, sizeof *r->face,
+                                     "the corners of a face", r->error);
         if (status == KILN_OK)
             status = find_corner(r, &corner, &r->face[count]);
         if (status != KILN_OK)
@@ -695,14 +698,8 @@ static void release(struct reader *r)
     kiln_free(&r->positions);
     kiln_free(&r->normals);
     kiln_free(&r->texcoords);
-    kiln_free(&r->colors);
     kiln_free(&r->corners);
-    kiln_free(&r->triangles);
-    kiln_free(&r->slots);
-    kiln_free(&r->face);
-    kiln_free(&r->face_runs);
-    kiln_free(&r->objects);
-    kiln_free(&r->names_text);
+    kiln_arena_release(&r->arena);
 }
 
 int kiln_obj_read(struct kiln_confine *confine, struct kiln_builder *builder, struct kiln_error *error)

@@ -5,6 +5,7 @@
 
 #include "coordinator/layout/raster.h"
 #include "coordinator/layout/segment.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 enum { SAMPLES_A_TEXEL = 8, SAMPLES_MIN = 128, SAMPLES_MAX = 8192, HULL_DIRECTIONS = 256 };
@@ -24,6 +25,7 @@ struct maker {
     uint32_t *queue;      /* room for one per triangle */
     uint32_t *side;       /* per triangle: which half it goes to, while a candidate is split */
     struct kiln_bitmap bitmap;
+    struct kiln_arena arena;
 };
 
 /* A candidate chart: a range of `order`, with the axis of a cone that holds its normals. It becomes a chart or is
@@ -322,12 +324,12 @@ static int maker_allocate(struct maker *m, struct kiln_error *error)
     const size_t triangles = m->topology->triangle_count, vertices = m->topology->vertex_count;
     int status;
     KILN_TRY(kiln_allocate(&m->charts->order, triangles, sizeof *m->charts->order, "charts", error));
-    KILN_TRY(kiln_allocate(&m->label, triangles, sizeof *m->label, "charts", error));
-    KILN_TRY(kiln_allocate(&m->queue, triangles, sizeof *m->queue, "charts", error));
-    KILN_TRY(kiln_allocate(&m->side, triangles, sizeof *m->side, "charts", error));
-    KILN_TRY(kiln_allocate(&m->stamp, vertices, sizeof *m->stamp, "charts", error));
+    KILN_TRY(kiln_arena_allocate(&m->arena, &m->label, triangles, sizeof *m->label, "charts", error));
+    KILN_TRY(kiln_arena_allocate(&m->arena, &m->queue, triangles, sizeof *m->queue, "charts", error));
+    KILN_TRY(kiln_arena_allocate(&m->arena, &m->side, triangles, sizeof *m->side, "charts", error));
+    KILN_TRY(kiln_arena_allocate(&m->arena, &m->stamp, vertices, sizeof *m->stamp, "charts", error));
     /* While it is built, the hull of n points holds up to 2 n points. */
-    KILN_TRY(kiln_allocate(&m->points, 3 * vertices + 2, sizeof *m->points, "charts", error));
+    KILN_TRY(kiln_arena_allocate(&m->arena, &m->points, 3 * vertices + 2, sizeof *m->points, "charts", error));
 end:
     return status;
 }
@@ -354,11 +356,7 @@ int kiln_charts_create(struct kiln_charts **charts, const struct kiln_topology *
     kiln_free(&first);
     kiln_segments_destroy(&segments);
     kiln_free(&m.bitmap.words);
-    kiln_free(&m.points);
-    kiln_free(&m.stamp);
-    kiln_free(&m.side);
-    kiln_free(&m.queue);
-    kiln_free(&m.label);
+    kiln_arena_release(&m.arena);
     if (status != KILN_OK)
         kiln_charts_destroy(&m.charts);
     *charts = m.charts;

@@ -8,6 +8,7 @@
 #include "coordinator/layout/sharing.h"
 #include "coordinator/layout/unwrap.h"
 #include "coordinator/layout/uv_check.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 enum { DEFAULT_MAX = 4096, DEFAULT_PADDING = 2, LARGEST_SIDE = 1 << 16, NOTES_MAX = 16 };
@@ -83,6 +84,7 @@ struct planner {
     size_t parted, most_shared_mesh;
     uint64_t most_shared;
     uint32_t most_shared_size[2]; /* that lightmap's sides, texels */
+    struct kiln_arena arena;
 };
 
 static struct kiln_mesh *meshes(const struct planner *p)
@@ -500,7 +502,8 @@ static int choose_densities(struct planner *p, struct kiln_error *error)
     int status;
     KILN_TRY(kiln_allocate(&demands, object_count(p), sizeof *demands, "densities", error));
     if (p->densities == NULL)
-        KILN_TRY(kiln_allocate(&p->densities, object_count(p), sizeof *p->densities, "densities", error));
+        KILN_TRY(
+            kiln_arena_allocate(&p->arena, &p->densities, object_count(p), sizeof *p->densities, "densities", error));
     KILN_TRY(deal_densities(p, demands, error));
 end:
     p->texels_per_metre = p->density.texels_per_metre;
@@ -1169,10 +1172,11 @@ static int collect_mesh(struct planner *p, size_t index, struct kiln_error *erro
     const struct kiln_unwrapped *u = p->plans[index].unwrapped;
     const uint64_t old_first = mesh->vertex_first;
     const size_t count = u != NULL ? u->vertex_count : mesh->vertex_count, first = p->vertex_count;
-    int status =
-        kiln_grow(&p->source, &p->source_capacity, first + count, sizeof *p->source, "vertices of layouts", error);
+    int status = kiln_arena_grow(&p->arena, &p->source, &p->source_capacity, first + count, sizeof *p->source,
+                                 "vertices of layouts", error);
     if (status == KILN_OK)
-        status = kiln_grow(&p->uv, &p->uv_capacity, first + count, sizeof *p->uv, "vertices of layouts", error);
+        status = kiln_arena_grow(&p->arena, &p->uv, &p->uv_capacity, first + count, sizeof *p->uv,
+                                 "vertices of layouts", error);
     if (status != KILN_OK)
         return status;
     for (size_t i = 0; i < count; i++) {
@@ -1390,17 +1394,13 @@ int kiln_layout(struct kiln_builder *builder, const struct kiln_layout_params *p
     int status = check_params(&p.params, error);
     if (status != KILN_OK)
         return status;
-    KILN_TRY(kiln_allocate(&p.plans, mesh_count(&p), sizeof *p.plans, "layouts", error));
-    KILN_TRY(kiln_allocate(&p.measures, object_count(&p), sizeof *p.measures, "layouts", error));
+    KILN_TRY(kiln_arena_allocate(&p.arena, &p.plans, mesh_count(&p), sizeof *p.plans, "layouts", error));
+    KILN_TRY(kiln_arena_allocate(&p.arena, &p.measures, object_count(&p), sizeof *p.measures, "layouts", error));
     KILN_TRY(plan_layouts(&p, error));
 end:
     for (size_t i = 0; p.plans != NULL && i < mesh_count(&p); i++)
         free_plan(&p.plans[i]);
-    kiln_free(&p.uv);
-    kiln_free(&p.source);
     kiln_free(&p.density.of);
-    kiln_free(&p.densities);
-    kiln_free(&p.measures);
-    kiln_free(&p.plans);
+    kiln_arena_release(&p.arena);
     return status;
 }

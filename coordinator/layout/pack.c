@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coordinator/layout/raster.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 /* How a place for a chart is found. The grid of cells (texels, or finer) is a bitmap of what is taken: the texels that
@@ -62,6 +63,7 @@ struct packer {
     size_t run_count, run_capacity;
     uint64_t *line, *blocked;
     size_t line_capacity, blocked_capacity;
+    struct kiln_arena arena;
 };
 
 static struct box chart_box(const struct kiln_chart *chart, uint32_t index, double density)
@@ -269,8 +271,8 @@ static int mask_runs(struct packer *p, uint32_t level, uint32_t *height, struct 
         const uint64_t *row = mask->words + (size_t)y * mask->stride;
         for (uint32_t x = next_bit(row, 0, width, true); x < width;) {
             const uint32_t end = next_bit(row, x, width, false);
-            const int status =
-                kiln_grow(&p->runs, &p->run_capacity, p->run_count + 1, sizeof *p->runs, "packing charts", error);
+            const int status = kiln_arena_grow(&p->arena, &p->runs, &p->run_capacity, p->run_count + 1, sizeof *p->runs,
+                                               "packing charts", error);
             if (status != KILN_OK)
                 return status;
             p->runs[p->run_count++] = (struct run){y, x, end};
@@ -457,8 +459,10 @@ static int attempt(struct packer *p, double density, uint32_t width, uint32_t he
     qsort(p->boxes, p->charts->count, sizeof *p->boxes, compare_boxes);
     int status;
     KILN_TRY(reset_levels(p, error));
-    KILN_TRY(kiln_grow(&p->line, &p->line_capacity, p->fine.stride, sizeof *p->line, "packing charts", error));
-    KILN_TRY(kiln_grow(&p->blocked, &p->blocked_capacity, p->fine.stride, sizeof *p->blocked, "packing charts", error));
+    KILN_TRY(kiln_arena_grow(&p->arena, &p->line, &p->line_capacity, p->fine.stride, sizeof *p->line, "packing charts",
+                             error));
+    KILN_TRY(kiln_arena_grow(&p->arena, &p->blocked, &p->blocked_capacity, p->fine.stride, sizeof *p->blocked,
+                             "packing charts", error));
 end:
     *fits = true;
     for (size_t i = 0; i < p->charts->count && *fits && status == KILN_OK; i++)
@@ -623,16 +627,13 @@ int kiln_pack(struct kiln_packing *packing, const struct kiln_charts *charts, co
     struct packer p = {.charts = charts, .topology = topology, .padding = params->padding};
     struct best best = {0};
     uint32_t cells = 1;
-    int status = kiln_allocate(&p.boxes, charts->count, sizeof *p.boxes, "packing charts", error);
+    int status = kiln_arena_allocate(&p.arena, &p.boxes, charts->count, sizeof *p.boxes, "packing charts", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&p.maps, charts->count, sizeof *p.maps, "packing charts", error);
+        status = kiln_arena_allocate(&p.arena, &p.maps, charts->count, sizeof *p.maps, "packing charts", error);
     if (status == KILN_OK)
         status = kiln_allocate(&best.maps, charts->count, sizeof *best.maps, "packing charts", error);
     if (status == KILN_OK)
         status = pack_into(&p, &best, params, &cells, error);
-    kiln_free(&p.blocked);
-    kiln_free(&p.line);
-    kiln_free(&p.runs);
     kiln_free(&p.coarse_mask.words);
     kiln_free(&p.mask.words);
     kiln_free(&p.upright.words);
@@ -641,8 +642,7 @@ int kiln_pack(struct kiln_packing *packing, const struct kiln_charts *charts, co
         kiln_free(&p.levels[i].blocks.words);
     }
     kiln_free(&p.fine.words);
-    kiln_free(&p.maps);
-    kiln_free(&p.boxes);
+    kiln_arena_release(&p.arena);
     if (status != KILN_OK)
         kiln_free(&best.maps);
     *packing = (struct kiln_packing){best.width, best.height, best.density, cells, best.maps};

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "coordinator/layout/topology.h"
+#include "worker/base/arena.h"
 #include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
@@ -146,6 +147,7 @@ struct grid {
     uint32_t across, down, rings;
     size_t *first;     /* the entries of cell c are first[c + 1] .. first[c + 2] - 1 */
     uint32_t *entries; /* segments */
+    struct kiln_arena arena;
 };
 
 static uint32_t cell_at(double x, double cell, uint32_t count)
@@ -212,8 +214,9 @@ static void size_grid(struct grid *g, double width, double height)
 static int count_entries(struct grid *g, struct kiln_error *error)
 {
     const size_t cells = (size_t)g->across * g->down;
-    kiln_free(&g->first);
-    const int status = kiln_allocate(&g->first, cells + 2, sizeof *g->first, "borders of charts", error);
+    kiln_arena_free(&g->arena, &g->first);
+    const int status =
+        kiln_arena_allocate(&g->arena, &g->first, cells + 2, sizeof *g->first, "borders of charts", error);
     for (uint32_t i = 0; i < g->segment_count && status == KILN_OK; i++)
         enter(g, i, true);
     for (size_t c = 1; c < cells + 2 && status == KILN_OK; c++)
@@ -232,8 +235,8 @@ static int fill_grid(struct grid *g, double width, double height, struct kiln_er
         choose_cell(g, 2.0 * g->cell, width, height);
         KILN_TRY(count_entries(g, error));
     }
-    KILN_TRY(kiln_allocate(&g->entries, g->first[(size_t)g->across * g->down + 1], sizeof *g->entries,
-                           "borders of charts", error));
+    KILN_TRY(kiln_arena_allocate(&g->arena, &g->entries, g->first[(size_t)g->across * g->down + 1], sizeof *g->entries,
+                                 "borders of charts", error));
     for (uint32_t i = 0; i < g->segment_count; i++)
         enter(g, i, false);
 end:
@@ -338,7 +341,8 @@ static int list_segments(struct grid *g, const struct kiln_vec2 *uv, const uint3
     size_t count = 0;
     for (size_t t = 0; t < triangle_count; t++)
         count += (size_t)__builtin_popcount(borders[t]);
-    const int status = kiln_allocate(&g->segments, count, sizeof *g->segments, "borders of charts", error);
+    const int status =
+        kiln_arena_allocate(&g->arena, &g->segments, count, sizeof *g->segments, "borders of charts", error);
     for (size_t e = 0; e < 3 * triangle_count && status == KILN_OK; e++) {
         if ((borders[e / 3] >> (e % 3) & 1u) == 0)
             continue;
@@ -352,12 +356,7 @@ static int list_segments(struct grid *g, const struct kiln_vec2 *uv, const uint3
     return status;
 }
 
-static void destroy_grid(struct grid *g)
-{
-    kiln_free(&g->segments);
-    kiln_free(&g->first);
-    kiln_free(&g->entries);
-}
+static void destroy_grid(struct grid *g) { kiln_arena_release(&g->arena); }
 
 int kiln_padding_measure(struct kiln_padding *padding, const struct kiln_vec3 *positions, const struct kiln_vec2 *uv,
                          size_t vertex_count, const uint32_t *triangles, size_t triangle_count, double width,
@@ -365,15 +364,16 @@ int kiln_padding_measure(struct kiln_padding *padding, const struct kiln_vec3 *p
 {
     const double size[2] = {width, height};
     struct grid grid = {0};
+    struct kiln_arena arena = {0};
     uint32_t *chart = NULL;
     uint8_t *borders = NULL, *is_close = NULL;
     *padding = (struct kiln_padding){0};
     int status;
-    KILN_TRY(kiln_allocate(&chart, triangle_count, sizeof *chart, "the charts of a layout", error));
-    KILN_TRY(kiln_allocate(&borders, triangle_count, 1, "the charts of a layout", error));
+    KILN_TRY(kiln_arena_allocate(&arena, &chart, triangle_count, sizeof *chart, "the charts of a layout", error));
+    KILN_TRY(kiln_arena_allocate(&arena, &borders, triangle_count, 1, "the charts of a layout", error));
     KILN_TRY(kiln_padding_charts(positions, uv, vertex_count, triangles, triangle_count, chart, borders,
                                  &padding->charts, error));
-    KILN_TRY(kiln_allocate(&is_close, padding->charts, 1, "the charts of a layout", error));
+    KILN_TRY(kiln_arena_allocate(&arena, &is_close, padding->charts, 1, "the charts of a layout", error));
     if (isfinite(width) && isfinite(height))
         KILN_TRY(list_segments(&grid, uv, triangles, triangle_count, chart, borders, size, error));
     KILN_TRY(fill_grid(&grid, width, height, error));
@@ -382,9 +382,7 @@ int kiln_padding_measure(struct kiln_padding *padding, const struct kiln_vec3 *p
         padding->close_charts += is_close[i];
 end:
     destroy_grid(&grid);
-    kiln_free(&is_close);
-    kiln_free(&borders);
-    kiln_free(&chart);
+    kiln_arena_release(&arena);
     return status;
 }
 

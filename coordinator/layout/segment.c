@@ -3,6 +3,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 /* Triangles whose normals are this near to the seed's join its flat patch. */
@@ -50,6 +51,7 @@ struct merger {
     struct candidate *heap;
     size_t heap_count, heap_capacity;
     uint32_t *queue; /* room for one per triangle, for the flood fill */
+    struct kiln_arena arena;
 };
 
 static double angle_between(struct kiln_dvec3 a, struct kiln_dvec3 b)
@@ -88,8 +90,8 @@ static int flood(struct merger *m, struct kiln_error *error)
     for (size_t seed = 0; seed < t->triangle_count; seed++) {
         if (m->patch[seed] != KILN_NONE || !(t->areas[seed] > 0.0))
             continue;
-        const int status =
-            kiln_grow(&m->pieces, &m->piece_capacity, m->piece_count + 1, sizeof *m->pieces, "charts", error);
+        const int status = kiln_arena_grow(&m->arena, &m->pieces, &m->piece_capacity, m->piece_count + 1,
+                                           sizeof *m->pieces, "charts", error);
         if (status != KILN_OK)
             return status;
         const uint32_t id = (uint32_t)m->piece_count++;
@@ -150,9 +152,9 @@ static int table_rebuild(struct merger *m, struct kiln_error *error)
     size_t alive = 0;
     for (size_t i = 0; i < m->border_count; i++)
         alive += !m->borders[i].gone;
-    kiln_free(&m->table);
+    kiln_arena_free(&m->arena, &m->table);
     m->table_size = kiln_layout_table_size(2 * alive);
-    const int status = kiln_allocate(&m->table, m->table_size, sizeof *m->table, "charts", error);
+    const int status = kiln_arena_allocate(&m->arena, &m->table, m->table_size, sizeof *m->table, "charts", error);
     if (status != KILN_OK)
         return status;
     memset(m->table, 0xff, m->table_size * sizeof *m->table);
@@ -207,8 +209,8 @@ static int find_borders(struct merger *m, struct kiln_error *error)
         size_t slot = 0;
         uint32_t border = table_find(m, own, other, &slot);
         if (border == KILN_NONE) {
-            status =
-                kiln_grow(&m->borders, &m->border_capacity, m->border_count + 1, sizeof *m->borders, "charts", error);
+            status = kiln_arena_grow(&m->arena, &m->borders, &m->border_capacity, m->border_count + 1,
+                                     sizeof *m->borders, "charts", error);
             if (status != KILN_OK)
                 break;
             border = (uint32_t)m->border_count++;
@@ -218,7 +220,7 @@ static int find_borders(struct merger *m, struct kiln_error *error)
         m->borders[border].length += length;
     }
     if (status == KILN_OK)
-        status = kiln_allocate(&m->links, 2 * m->border_count, sizeof *m->links, "charts", error);
+        status = kiln_arena_allocate(&m->arena, &m->links, 2 * m->border_count, sizeof *m->links, "charts", error);
     for (size_t i = 0; i < m->border_count && status == KILN_OK; i++) {
         link_piece(m, m->borders[i].piece[0], (uint32_t)(2 * i));
         link_piece(m, m->borders[i].piece[1], (uint32_t)(2 * i + 1));
@@ -247,7 +249,8 @@ static int heap_push(struct merger *m, uint32_t border, struct kiln_error *error
     struct candidate c = {.border = border};
     if (!border_cost(m, border, &c.cost))
         return KILN_OK;
-    const int status = kiln_grow(&m->heap, &m->heap_capacity, m->heap_count + 1, sizeof *m->heap, "charts", error);
+    const int status =
+        kiln_arena_grow(&m->arena, &m->heap, &m->heap_capacity, m->heap_count + 1, sizeof *m->heap, "charts", error);
     if (status != KILN_OK)
         return status;
     size_t i = m->heap_count++;
@@ -349,15 +352,16 @@ static uint32_t find_piece(const struct merger *m, uint32_t piece)
 static int renumber(struct merger *m, struct kiln_error *error)
 {
     const struct kiln_topology *t = m->topology;
+    struct kiln_arena arena = {0};
     struct piece *pieces = NULL;
     struct kiln_dvec3 *sums = NULL;
     uint32_t *number = NULL;
     size_t count = 0;
-    int status = kiln_allocate(&number, m->piece_count, sizeof *number, "charts", error);
+    int status = kiln_arena_allocate(&arena, &number, m->piece_count, sizeof *number, "charts", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&pieces, m->piece_count, sizeof *pieces, "charts", error);
+        status = kiln_arena_allocate(&arena, &pieces, m->piece_count, sizeof *pieces, "charts", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&sums, m->piece_count, sizeof *sums, "charts", error);
+        status = kiln_arena_allocate(&arena, &sums, m->piece_count, sizeof *sums, "charts", error);
     if (status != KILN_OK)
         goto cleanup;
     memset(number, 0xff, m->piece_count * sizeof *number);
@@ -395,9 +399,7 @@ static int renumber(struct merger *m, struct kiln_error *error)
     }
     m->piece_count = count;
 cleanup:
-    kiln_free(&sums);
-    kiln_free(&pieces);
-    kiln_free(&number);
+    kiln_arena_release(&arena);
     return status;
 }
 
@@ -408,7 +410,7 @@ static int merge_in_rounds(struct merger *m, struct kiln_error *error)
     for (int round = 0; round < ROUNDS && status == KILN_OK; round++) {
         const size_t before_count = m->piece_count;
         m->border_count = m->heap_count = 0;
-        kiln_free(&m->links);
+        kiln_arena_free(&m->arena, &m->links);
         status = find_borders(m, error);
         if (status == KILN_OK)
             status = merge_all(m, error);
@@ -442,22 +444,16 @@ int kiln_segments_create(struct kiln_segments **segments, const struct kiln_topo
     if (status == KILN_OK)
         status = kiln_allocate(&s->segment, topology->triangle_count, sizeof *s->segment, "charts", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&m.patch, topology->triangle_count, sizeof *m.patch, "charts", error);
+        status = kiln_arena_allocate(&m.arena, &m.patch, topology->triangle_count, sizeof *m.patch, "charts", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&m.queue, topology->triangle_count, sizeof *m.queue, "charts", error);
+        status = kiln_arena_allocate(&m.arena, &m.queue, topology->triangle_count, sizeof *m.queue, "charts", error);
     if (status == KILN_OK)
         status = flood(&m, error);
     if (status == KILN_OK)
         status = merge_in_rounds(&m, error);
     if (status == KILN_OK)
         status = copy_segments(s, &m, error);
-    kiln_free(&m.queue);
-    kiln_free(&m.heap);
-    kiln_free(&m.table);
-    kiln_free(&m.links);
-    kiln_free(&m.borders);
-    kiln_free(&m.pieces);
-    kiln_free(&m.patch);
+    kiln_arena_release(&m.arena);
     if (status != KILN_OK && s != NULL)
         kiln_segments_destroy(&s);
     *segments = s;

@@ -3,6 +3,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 enum { NONE = UINT32_MAX };
@@ -43,6 +44,7 @@ struct graph {
     double work; /* sum of the squares of entries in columns */
     bool has_core;
     struct kiln_elimination *result;
+    struct kiln_arena arena;
 };
 
 /* ---- lists of unknowns by degree ---- */
@@ -251,11 +253,13 @@ static int begin_graph(struct graph *g, const uint32_t *cliques, size_t size, st
 {
     const char *what = "the order of elimination";
     int status;
-    KILN_TRY(kiln_allocate(&g->nodes, g->count, sizeof *g->nodes, what, error));
-    KILN_TRY(kiln_allocate(&g->elements, g->clique_count + g->count, sizeof *g->elements, what, error));
-    KILN_TRY(kiln_allocate_bare(&g->elements_of, g->clique_count * size, sizeof *g->elements_of, what, error));
-    KILN_TRY(kiln_allocate_bare(&g->cliques, g->clique_count * size, sizeof *g->cliques, what, error));
-    KILN_TRY(kiln_allocate_bare(&g->least, g->count, sizeof *g->least, what, error));
+    KILN_TRY(kiln_arena_allocate(&g->arena, &g->nodes, g->count, sizeof *g->nodes, what, error));
+    KILN_TRY(
+        kiln_arena_allocate(&g->arena, &g->elements, g->clique_count + g->count, sizeof *g->elements, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&g->arena, &g->elements_of, g->clique_count * size, sizeof *g->elements_of, what,
+                                      error));
+    KILN_TRY(kiln_arena_allocate_bare(&g->arena, &g->cliques, g->clique_count * size, sizeof *g->cliques, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&g->arena, &g->least, g->count, sizeof *g->least, what, error));
 end:
     if (status != KILN_OK)
         return status;
@@ -270,11 +274,7 @@ end:
 
 static void free_graph(struct graph *g)
 {
-    kiln_free(&g->nodes);
-    kiln_free(&g->elements);
-    kiln_free(&g->elements_of);
-    kiln_free(&g->cliques);
-    kiln_free(&g->least);
+    kiln_arena_release(&g->arena);
     kiln_free(&g->rows);
 }
 

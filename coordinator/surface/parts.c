@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 static const char *const WHAT = "the parts of texels";
@@ -44,6 +45,7 @@ struct adding {
     struct span *spans;
     size_t span_count;
     uint64_t point_count; /* of the surface so far */
+    struct kiln_arena arena;
 };
 
 /* ---- order ---- */
@@ -109,7 +111,7 @@ static int list_extras(struct adding *a, struct kiln_error *error)
     size_t count = 0;
     for (size_t i = 0; i < a->count; i++)
         count += a->texels[i].count - 1;
-    const int status = kiln_allocate(&a->extras, count, sizeof *a->extras, WHAT, error);
+    const int status = kiln_arena_allocate(&a->arena, &a->extras, count, sizeof *a->extras, WHAT, error);
     for (size_t i = 0; i < a->count && status == KILN_OK; i++) {
         const struct kiln_parted_texel *t = &a->texels[i];
         for (uint32_t k = 1; k < t->count; k++)
@@ -152,7 +154,7 @@ static bool is_same_run(const struct extra *x, const struct extra *y)
 
 static int group_extras(struct adding *a, struct kiln_error *error)
 {
-    const int status = kiln_allocate(&a->groups, a->extra_count, sizeof *a->groups, WHAT, error);
+    const int status = kiln_arena_allocate(&a->arena, &a->groups, a->extra_count, sizeof *a->groups, WHAT, error);
     for (size_t i = 0; i < a->extra_count && status == KILN_OK; i++) {
         struct extra *x = &a->extras[i];
         const uint64_t end = end_of_cell(a, x->cell);
@@ -393,7 +395,8 @@ static void add_span(struct adding *a, bool is_new, size_t index)
 static int list_spans(struct adding *a, struct kiln_error *error)
 {
     const struct kiln_surface *s = a->s;
-    const int status = kiln_allocate(&a->spans, s->tile_run_count + a->group_count, sizeof *a->spans, WHAT, error);
+    const int status =
+        kiln_arena_allocate(&a->arena, &a->spans, s->tile_run_count + a->group_count, sizeof *a->spans, WHAT, error);
     size_t g = 0;
     while (g < a->group_count && a->groups[g].end <= s->first.at)
         g++;
@@ -636,8 +639,6 @@ int kiln_surface_add_parts(struct kiln_surface *surface, struct kiln_parted_texe
     qsort(texels, count, sizeof *texels, by_texel);
     qsort(pieces, piece_count, sizeof *pieces, by_piece);
     const int status = add(&a, error);
-    kiln_free(&a.extras);
-    kiln_free(&a.groups);
-    kiln_free(&a.spans);
+    kiln_arena_release(&a.arena);
     return status;
 }

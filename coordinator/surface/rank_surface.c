@@ -2,6 +2,7 @@
 #include <stdlib.h>
 
 #include "coordinator/surface/build.h"
+#include "worker/base/arena.h"
 #include "worker/sampling/keys.h"
 #include "worker/base/memory.h"
 #include "worker/material/surface_bsdf.h"
@@ -549,6 +550,7 @@ struct own_maps {
     uint64_t *first;     /* one per lightmap, and one more at the end: its first entry in `tile_runs` */
     uint64_t *tile_runs; /* this rank's tile runs, grouped by lightmap */
     uint8_t *wanted;     /* one per lightmap: 1 if this rank has tile runs of it */
+    struct kiln_arena arena;
 };
 
 static void fill_map(struct kiln_build *build, uint32_t map, uint32_t threads, const void *context)
@@ -590,11 +592,12 @@ static int group_by_map(struct kiln_build *build, struct own_maps *own)
     const size_t maps = s->map_count;
     const char *what = "the own tile runs of each lightmap";
     uint64_t *place = NULL;
-    int status = kiln_allocate(&own->first, maps + 1, sizeof *own->first, what, build->error);
+    int status = kiln_arena_allocate(&own->arena, &own->first, maps + 1, sizeof *own->first, what, build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&own->tile_runs, s->tile_run_count, sizeof *own->tile_runs, what, build->error);
+        status = kiln_arena_allocate(&own->arena, &own->tile_runs, s->tile_run_count, sizeof *own->tile_runs, what,
+                                     build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&own->wanted, maps, sizeof *own->wanted, what, build->error);
+        status = kiln_arena_allocate(&own->arena, &own->wanted, maps, sizeof *own->wanted, what, build->error);
     if (status == KILN_OK)
         status = kiln_allocate(&place, maps, sizeof *place, what, build->error);
     if (status != KILN_OK)
@@ -632,8 +635,6 @@ int kiln_build_fill(struct kiln_build *build)
     KILN_TRY(build->status);
 end:
     destroy_means(build);
-    kiln_free(&own.first);
-    kiln_free(&own.tile_runs);
-    kiln_free(&own.wanted);
+    kiln_arena_release(&own.arena);
     return build->exchange->agree(build->exchange->context, status, build->error);
 }
