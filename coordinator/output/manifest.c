@@ -15,6 +15,7 @@
 #include "coordinator/files/json_text.h"
 #include "coordinator/field/group_fields.h"
 #include "coordinator/output/piece_hash.h"
+#include "worker/base/arena.h"
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
@@ -181,18 +182,19 @@ struct pieces {
     uint64_t count;
     uint32_t *file;  /* of each piece */
     uint64_t *first; /* of each file: its first piece */
+    struct kiln_arena arena;
 };
 
 static int list_pieces(struct pieces *p, const struct kiln_manifest *m, struct kiln_error *error)
 {
     int status;
-    KILN_TRY(kiln_allocate(&p->first, m->count, sizeof *p->first, "the results' hashes", error));
+    KILN_TRY(kiln_arena_allocate(&p->arena, &p->first, m->count, sizeof *p->first, "the results' hashes", error));
     for (size_t i = 0; i < m->count; i++) {
         p->first[i] = p->count;
         p->count += kiln_hash_piece_count(m->files[i].bytes, KILN_PIECE_BYTES);
     }
-    KILN_TRY(kiln_allocate(&p->hashes, p->count, sizeof *p->hashes, "the results' hashes", error));
-    KILN_TRY(kiln_allocate(&p->file, p->count, sizeof *p->file, "the results' hashes", error));
+    KILN_TRY(kiln_arena_allocate(&p->arena, &p->hashes, p->count, sizeof *p->hashes, "the results' hashes", error));
+    KILN_TRY(kiln_arena_allocate(&p->arena, &p->file, p->count, sizeof *p->file, "the results' hashes", error));
     for (size_t i = 0; i < m->count; i++)
         for (uint64_t k = p->first[i]; k < (i + 1 < m->count ? p->first[i + 1] : p->count); k++)
             p->file[k] = (uint32_t)i;
@@ -200,12 +202,7 @@ end:
     return status;
 }
 
-static void free_pieces(struct pieces *p)
-{
-    kiln_free(&p->hashes);
-    kiln_free(&p->file);
-    kiln_free(&p->first);
-}
+static void free_pieces(struct pieces *p) { kiln_arena_release(&p->arena); }
 
 /* The rank that computes the hash of a piece. A large file was written by all ranks, one after the other: its pieces
  * are dealt out in their order too, so that most are still in the memory of the host that reads them. Pieces of other

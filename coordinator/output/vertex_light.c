@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "coordinator/mpi/agree.h"
+#include "worker/base/arena.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 #include "worker/base/stop.h"
@@ -196,18 +197,17 @@ struct system {
     double *value, *residual, *direction, *image; /* 1 a vertex, of the channel in hand */
     uint32_t *unknown;                            /* of a vertex */
     double square, area, light;                   /* integrals of the points' squared luminance, 1 and luminance */
+    struct kiln_arena arena;
 };
 
 static void system_release(struct system *y)
 {
-    kiln_free(&y->elements);
-    kiln_free(&y->right);
     kiln_free(&y->diagonal);
     kiln_free(&y->value);
     kiln_free(&y->residual);
     kiln_free(&y->direction);
     kiln_free(&y->image);
-    kiln_free(&y->unknown);
+    kiln_arena_release(&y->arena);
 }
 
 static int system_create(struct system *y, size_t triangles, size_t vertices, struct kiln_error *error)
@@ -216,9 +216,9 @@ static int system_create(struct system *y, size_t triangles, size_t vertices, st
     *y = (struct system){.element_count = triangles, .vertex_count = vertices};
     double **const arrays[] = {&y->diagonal, &y->value, &y->residual, &y->direction, &y->image};
     int status;
-    KILN_TRY(kiln_allocate(&y->elements, triangles, sizeof *y->elements, what, error));
-    KILN_TRY(kiln_allocate(&y->unknown, vertices, sizeof *y->unknown, what, error));
-    KILN_TRY(kiln_allocate(&y->right, vertices, 3 * sizeof *y->right, what, error));
+    KILN_TRY(kiln_arena_allocate(&y->arena, &y->elements, triangles, sizeof *y->elements, what, error));
+    KILN_TRY(kiln_arena_allocate(&y->arena, &y->unknown, vertices, sizeof *y->unknown, what, error));
+    KILN_TRY(kiln_arena_allocate(&y->arena, &y->right, vertices, 3 * sizeof *y->right, what, error));
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
         KILN_TRY(kiln_allocate(arrays[i], vertices, sizeof **arrays[i], what, error));
 end:

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 
 #include "coordinator/output/exr_strips.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 static uint64_t texels_of(const struct kiln_lightmap *map) { return (uint64_t)map->width * map->height; }
@@ -20,6 +21,7 @@ struct work {
     uint64_t *fixed; /* the part of it that cannot be distributed */
     double *room;    /* packing work that the rank can still take, of its own or other objects */
     uint64_t total;
+    struct kiln_arena arena;
 };
 
 static bool in_round(const struct work *w, size_t object) { return w->assignment->round[object] == w->round; }
@@ -79,9 +81,9 @@ static int weigh_ranks(struct work *w, struct kiln_error *error)
 {
     uint64_t *sorted = NULL;
     int status;
-    KILN_TRY(kiln_allocate(&w->load, w->ranks, sizeof *w->load, "the assignment of strips", error));
-    KILN_TRY(kiln_allocate(&w->fixed, w->ranks, sizeof *w->fixed, "the assignment of strips", error));
-    KILN_TRY(kiln_allocate(&w->room, w->ranks, sizeof *w->room, "the assignment of strips", error));
+    KILN_TRY(kiln_arena_allocate(&w->arena, &w->load, w->ranks, sizeof *w->load, "the assignment of strips", error));
+    KILN_TRY(kiln_arena_allocate(&w->arena, &w->fixed, w->ranks, sizeof *w->fixed, "the assignment of strips", error));
+    KILN_TRY(kiln_arena_allocate(&w->arena, &w->room, w->ranks, sizeof *w->room, "the assignment of strips", error));
     KILN_TRY(kiln_allocate(&sorted, w->ranks, sizeof *sorted, "the assignment of strips", error));
     weigh(w);
     const double level = find_level(w, sorted);
@@ -227,9 +229,7 @@ int kiln_strip_assignment_create(struct kiln_strip_assignment **strips, const st
     KILN_TRY(list_strips(*strips, &w, error));
     KILN_TRY(choose_packers(*strips, &w, error));
 end:
-    kiln_free(&w.load);
-    kiln_free(&w.fixed);
-    kiln_free(&w.room);
+    kiln_arena_release(&w.arena);
     if (status != KILN_OK)
         kiln_strip_assignment_destroy(strips);
     return status;

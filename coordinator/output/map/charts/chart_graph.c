@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
@@ -30,6 +31,7 @@ struct builder {
     uint8_t *inner;   /* for each triangle: bit k is set if its chart continues beyond edge k */
     struct kiln_chart_graph *graph;
     size_t edge_capacity;
+    struct kiln_arena arena;
 };
 
 static int compare_positions(const void *a, const void *b, void *context)
@@ -51,7 +53,7 @@ static int weld_vertices(struct builder *b, struct kiln_error *error)
     const size_t count = b->mesh->vertex_count;
     const struct kiln_vec3 *positions = b->scene->positions + b->mesh->vertex_first;
     uint32_t *order = NULL;
-    int status = kiln_allocate(&b->weld, count, sizeof *b->weld, "welded vertices", error);
+    int status = kiln_arena_allocate(&b->arena, &b->weld, count, sizeof *b->weld, "welded vertices", error);
     if (status == KILN_OK)
         status = kiln_allocate(&order, count, sizeof *order, "welded vertices", error);
     if (status != KILN_OK)
@@ -89,7 +91,8 @@ static uint32_t vertex_of(const struct builder *b, uint32_t triangle, uint32_t c
 static int list_halves(struct builder *b, struct kiln_error *error)
 {
     const size_t triangles = b->mesh->triangle_count;
-    const int status = kiln_allocate(&b->halves, 3 * triangles, sizeof *b->halves, "a mesh's edges", error);
+    const int status =
+        kiln_arena_allocate(&b->arena, &b->halves, 3 * triangles, sizeof *b->halves, "a mesh's edges", error);
     if (status != KILN_OK)
         return status;
     for (uint32_t t = 0; t < triangles; t++)
@@ -216,8 +219,8 @@ int kiln_chart_graph_create(struct kiln_chart_graph **graph, const struct kiln_s
         .scene = scene, .mesh = &scene->meshes[mesh], .width = (float)width, .height = (float)height, .graph = *graph};
     const size_t triangles = (*graph)->triangle_count = b.mesh->triangle_count;
     KILN_TRY(kiln_allocate(&(*graph)->chart, triangles, sizeof(uint32_t), "a mesh's charts", error));
-    KILN_TRY(kiln_allocate(&b.parent, triangles, sizeof(uint32_t), "a mesh's charts", error));
-    KILN_TRY(kiln_allocate(&b.inner, triangles, 1, "a mesh's charts", error));
+    KILN_TRY(kiln_arena_allocate(&b.arena, &b.parent, triangles, sizeof(uint32_t), "a mesh's charts", error));
+    KILN_TRY(kiln_arena_allocate(&b.arena, &b.inner, triangles, 1, "a mesh's charts", error));
     KILN_TRY(weld_vertices(&b, error));
     KILN_TRY(list_halves(&b, error));
     for (uint32_t i = 0; i < triangles; i++)
@@ -226,10 +229,7 @@ int kiln_chart_graph_create(struct kiln_chart_graph **graph, const struct kiln_s
     number_charts(&b);
     KILN_TRY(list_borders(&b, error));
 end:
-    kiln_free(&b.weld);
-    kiln_free(&b.halves);
-    kiln_free(&b.parent);
-    kiln_free(&b.inner);
+    kiln_arena_release(&b.arena);
     if (status != KILN_OK)
         kiln_chart_graph_destroy(graph);
     return status;
@@ -284,7 +284,6 @@ int kiln_mesh_ends(uint8_t **ends, const struct kiln_scene *scene, uint32_t mesh
         find_ends(&b, first, end, *ends);
     }
 end:
-    kiln_free(&b.weld);
-    kiln_free(&b.halves);
+    kiln_arena_release(&b.arena);
     return status;
 }

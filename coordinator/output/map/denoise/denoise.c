@@ -12,6 +12,7 @@
 #include "coordinator/output/map/bands/slices.h"
 #include "coordinator/output/map/stage.h"
 #include "coordinator/output/map/texel_record.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 /* Texels smaller than this part of the distance from the scene's centre have no places of their own in float. */
@@ -181,6 +182,7 @@ struct group_light {
     size_t count, planes; /* planes: 6 of each group, direct light first */
     float **copies;       /* NULL: there are no ghosts */
     float *(*direct)[3], *(*indirect)[3];
+    struct kiln_arena arena;
 };
 
 /* The plane of the first group's direct light; KILN_MAP_PLANES_MAX: there are no groups. */
@@ -228,11 +230,12 @@ static int take_groups(struct group_light *g, const struct kiln_map_work *work, 
         return KILN_OK;
     g->count = (fields->count - first) / KILN_GROUP_FIELDS;
     g->planes = 6 * g->count;
-    int status = kiln_allocate(&g->direct, g->count, sizeof *g->direct, "the light of groups", error);
+    int status = kiln_arena_allocate(&g->arena, &g->direct, g->count, sizeof *g->direct, "the light of groups", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&g->indirect, g->count, sizeof *g->indirect, "the light of groups", error);
+        status =
+            kiln_arena_allocate(&g->arena, &g->indirect, g->count, sizeof *g->indirect, "the light of groups", error);
     if (status == KILN_OK && work->ghosts.count > 0)
-        status = kiln_allocate(&g->copies, g->planes, sizeof *g->copies, "the light of groups", error);
+        status = kiln_arena_allocate(&g->arena, &g->copies, g->planes, sizeof *g->copies, "the light of groups", error);
     for (size_t p = 0; p < g->planes && status == KILN_OK; p++) {
         if (g->copies != NULL)
             status = copy_plane(work, plane + (uint32_t)p, &g->copies[p], error);
@@ -257,9 +260,7 @@ static void drop_groups(struct group_light *g)
 {
     for (size_t p = 0; p < g->planes && g->copies != NULL; p++)
         kiln_free(&g->copies[p]);
-    kiln_free(&g->copies);
-    kiln_free(&g->direct);
-    kiln_free(&g->indirect);
+    kiln_arena_release(&g->arena);
 }
 
 /* ---- light ---- */

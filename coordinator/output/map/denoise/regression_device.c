@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "worker/backend/extended.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 /* Points that go to the device together at most, unless one lightmap has more: as many as keep it at work for some
@@ -23,6 +24,7 @@ struct request {
     bool together; /* the results lie in the array */
     int status;
     struct kiln_error error;
+    struct kiln_arena arena;
 };
 
 struct kiln_regression_device {
@@ -62,6 +64,7 @@ struct joined {
     struct request *first;
     struct kiln_regression_work work;
     uint32_t *cells, *firsts, (*ranges)[2];
+    struct kiln_arena arena;
 };
 
 /* Calls `some` for each work's part of the points [first, first + count): its own first point, how many, and the place
@@ -142,9 +145,9 @@ static int join(struct joined *j, struct kiln_error *error)
         ranges += r->work->first[r->work->cell_count];
     }
     int status;
-    KILN_TRY(kiln_allocate_bare(&j->cells, points, sizeof *j->cells, what, error));
-    KILN_TRY(kiln_allocate_bare(&j->firsts, cells + 1, sizeof *j->firsts, what, error));
-    KILN_TRY(kiln_allocate_bare(&j->ranges, ranges, sizeof *j->ranges, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&j->arena, &j->cells, points, sizeof *j->cells, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&j->arena, &j->firsts, cells + 1, sizeof *j->firsts, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&j->arena, &j->ranges, ranges, sizeof *j->ranges, what, error));
     join_cells(j);
 end:
     j->work = (struct kiln_regression_work){.count = (uint32_t)points,
@@ -166,9 +169,7 @@ static int run_joined(struct kiln_backend *backend, struct request *first, bool 
     int status = join(&j, error);
     if (status == KILN_OK)
         status = kiln_backend_regress(backend, &j.work, done, error);
-    kiln_free(&j.cells);
-    kiln_free(&j.firsts);
-    kiln_free(&j.ranges);
+    kiln_arena_release(&j.arena);
     return status;
 }
 
@@ -235,21 +236,16 @@ static void make_arrays(struct request *r)
     int status = KILN_OK;
     if (count > TOGETHER)
         return;
-    status = kiln_allocate_bare(&r->given, count * lights, sizeof *r->given, what, NULL);
+    status = kiln_arena_allocate_bare(&r->arena, &r->given, count * lights, sizeof *r->given, what, NULL);
     if (status == KILN_OK)
-        status = kiln_allocate_bare(&r->results, count * lights, sizeof *r->results, what, NULL);
+        status = kiln_arena_allocate_bare(&r->arena, &r->results, count * lights, sizeof *r->results, what, NULL);
     if (status == KILN_OK)
-        status = kiln_allocate_bare(&r->points, count, sizeof *r->points, what, NULL);
+        status = kiln_arena_allocate_bare(&r->arena, &r->points, count, sizeof *r->points, what, NULL);
     if (status == KILN_OK)
         r->work->give(r->work->context, 0, count, r->points, r->given);
 }
 
-static void free_arrays(struct request *r)
-{
-    kiln_free(&r->points);
-    kiln_free(&r->given);
-    kiln_free(&r->results);
-}
+static void free_arrays(struct request *r) { kiln_arena_release(&r->arena); }
 
 /* Waits in line, and has the device for all that are in it when there is nobody else. */
 static void wait_for(struct kiln_regression_device *d, struct request *own)

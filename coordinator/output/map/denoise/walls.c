@@ -15,6 +15,7 @@
 
 #include "coordinator/output/map/bands/bands.h"
 #include "coordinator/output/map/stage.h"
+#include "worker/base/arena.h"
 #include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
@@ -30,6 +31,7 @@ struct walls {
     size_t stack_room;
     uint32_t count;
     uint32_t *size, *cluster, *order; /* of each region; order: by how many lifts its positions are moved */
+    struct kiln_arena arena;
 };
 
 /* The divided texel at (x, y); NULL: it is whole, or there is no point. */
@@ -79,7 +81,8 @@ static const int step_x[4] = {1, -1, 0, 0}, step_y[4] = {0, 0, 1, -1};
 
 static int push(struct walls *w, size_t *top, uint32_t texel, struct kiln_error *error)
 {
-    const int status = kiln_grow(&w->stack, &w->stack_room, *top + 1, sizeof *w->stack, "regions of a lightmap", error);
+    const int status = kiln_arena_grow(&w->arena, &w->stack, &w->stack_room, *top + 1, sizeof *w->stack,
+                                       "regions of a lightmap", error);
     if (status == KILN_OK)
         w->stack[(*top)++] = texel;
     return status;
@@ -166,9 +169,9 @@ static int arrange_regions(struct walls *w, struct kiln_error *error)
     const char *what = "regions of a lightmap";
     const size_t texels = (size_t)w->width * w->height;
     int status;
-    KILN_TRY(kiln_allocate(&w->size, w->count, sizeof *w->size, what, error));
-    KILN_TRY(kiln_allocate(&w->cluster, w->count, sizeof *w->cluster, what, error));
-    KILN_TRY(kiln_allocate(&w->order, w->count, sizeof *w->order, what, error));
+    KILN_TRY(kiln_arena_allocate(&w->arena, &w->size, w->count, sizeof *w->size, what, error));
+    KILN_TRY(kiln_arena_allocate(&w->arena, &w->cluster, w->count, sizeof *w->cluster, what, error));
+    KILN_TRY(kiln_arena_allocate(&w->arena, &w->order, w->count, sizeof *w->order, what, error));
 end:
     if (status != KILN_OK)
         return status;
@@ -278,10 +281,7 @@ static int run(struct kiln_map_work *work, struct kiln_error *error)
     if (!has_divided(work))
         return KILN_OK;
     const int status = kiln_bands_agree(work->map, part_regions(&w, error), error);
-    kiln_free(&w.stack);
-    kiln_free(&w.size);
-    kiln_free(&w.cluster);
-    kiln_free(&w.order);
+    kiln_arena_release(&w.arena);
     return status;
 }
 

@@ -5,6 +5,7 @@
 
 #include "coordinator/output/map/seams/edge_tree.h"
 #include "coordinator/output/points.h"
+#include "worker/base/arena.h"
 #include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
@@ -34,6 +35,7 @@ struct search {
     struct kiln_edge_tree *tree;
     struct found *found;
     size_t found_count, found_capacity;
+    struct kiln_arena arena;
 };
 
 /* A joint of the edges a and b. */
@@ -135,11 +137,11 @@ static int add_edge(struct search *s, const struct origin *at, struct kiln_error
     if (s->edge_count >= UINT32_MAX - 1)
         return kiln_fail(error, KILN_BAD_INPUT,
                          "more than 2^32 - 2 edges of objects may touch others; bake with --no-stitch");
-    int status =
-        kiln_grow(&s->edges, &s->edge_capacity, s->edge_count + 1, sizeof *s->edges, "edges of objects", error);
+    int status = kiln_arena_grow(&s->arena, &s->edges, &s->edge_capacity, s->edge_count + 1, sizeof *s->edges,
+                                 "edges of objects", error);
     if (status == KILN_OK)
-        status = kiln_grow(&s->origins, &s->origin_capacity, s->edge_count + 1, sizeof *s->origins, "edges of objects",
-                           error);
+        status = kiln_arena_grow(&s->arena, &s->origins, &s->origin_capacity, s->edge_count + 1, sizeof *s->origins,
+                                 "edges of objects", error);
     if (status == KILN_OK) {
         s->edges[s->edge_count] = edge;
         s->origins[s->edge_count++] = *at;
@@ -327,8 +329,8 @@ static int hand_over(struct search *s, const struct finder *f, struct kiln_error
 {
     int status = f->status;
     if (status == KILN_OK)
-        status = kiln_grow(&s->found, &s->found_capacity, s->found_count + f->count, sizeof *s->found,
-                           "joints of objects", error);
+        status = kiln_arena_grow(&s->arena, &s->found, &s->found_capacity, s->found_count + f->count, sizeof *s->found,
+                                 "joints of objects", error);
     else
         *error = f->error;
     for (size_t i = 0; status == KILN_OK && i < f->count; i++)
@@ -407,12 +409,7 @@ static void end_search(struct search *s)
     kiln_edge_tree_destroy(&s->tree);
     for (size_t i = 0; s->ends != NULL && i < s->scene->mesh_count; i++)
         kiln_free(&s->ends[i]);
-    kiln_free(&s->ends);
-    kiln_free(&s->boxes);
-    kiln_free(&s->clips);
-    kiln_free(&s->edges);
-    kiln_free(&s->origins);
-    kiln_free(&s->found);
+    kiln_arena_release(&s->arena);
 }
 
 int kiln_joints_find(struct kiln_joints **joints, const struct kiln_scene *scene, const struct kiln_surface *surface,
@@ -421,9 +418,11 @@ int kiln_joints_find(struct kiln_joints **joints, const struct kiln_scene *scene
     struct search s = {.scene = scene, .surface = surface, .extent = extent};
     int status;
     KILN_TRY(kiln_allocate(joints, 1, sizeof **joints, "joints of objects", error));
-    KILN_TRY(kiln_allocate(&s.boxes, surface->object_count, sizeof *s.boxes, "the boxes of objects", error));
-    KILN_TRY(kiln_allocate(&s.clips, surface->object_count, sizeof *s.clips, "the boxes of objects", error));
-    KILN_TRY(kiln_allocate(&s.ends, scene->mesh_count, sizeof *s.ends, "where meshes end", error));
+    KILN_TRY(
+        kiln_arena_allocate(&s.arena, &s.boxes, surface->object_count, sizeof *s.boxes, "the boxes of objects", error));
+    KILN_TRY(
+        kiln_arena_allocate(&s.arena, &s.clips, surface->object_count, sizeof *s.clips, "the boxes of objects", error));
+    KILN_TRY(kiln_arena_allocate(&s.arena, &s.ends, scene->mesh_count, sizeof *s.ends, "where meshes end", error));
     find_boxes(&s);
     KILN_TRY(find_clips(&s, error));
     KILN_TRY(collect_edges(&s, error));

@@ -6,6 +6,7 @@
 
 #include "coordinator/math/cholesky.h"
 #include "coordinator/output/image.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 enum { SIDE = KILN_SEAM_SIDE, ENTRIES = KILN_SEAM_ENTRIES, LANES_MOST = KILN_CHOLESKY_LANES, MOST_ROUNDS = 4 };
@@ -27,6 +28,7 @@ struct parts {
     uint32_t *unknowns, *samples;
     size_t *first, *first_sample; /* of each part in these lists, and the end */
     uint32_t *order;              /* of parts by size, the largest first */
+    struct kiln_arena arena;
 };
 
 /* Terms that read an unknown: terms[first[u]] to terms[first[u + 1]] in the order of samples. */
@@ -55,6 +57,7 @@ struct solver {
     double *change, *next;   /* x - baked, as it is and as it is found now */
     double *row;             /* of samples in the place of unknowns */
     bool solves[LANES_MOST]; /* lanes whose change is sought; none with values that are not finite */
+    struct kiln_arena arena;
 };
 
 int kiln_seam_system_create(struct kiln_seam_system **system, size_t unknown_count, size_t sample_count,
@@ -123,21 +126,14 @@ double kiln_seam_difference(float *const *planes, const struct kiln_seam_sample 
 
 static void free_solver(struct solver *v)
 {
-    kiln_free(&v->unknowns);
-    kiln_free(&v->samples);
     kiln_free(&v->readers.first);
     kiln_free(&v->readers.terms);
     kiln_elimination_destroy(&v->elimination);
     kiln_cholesky_destroy(&v->factor);
-    kiln_free(&v->pull);
-    kiln_free(&v->diagonal);
     kiln_free(&v->baked);
     kiln_free(&v->low);
     kiln_free(&v->high);
-    kiln_free(&v->held);
-    kiln_free(&v->change);
-    kiln_free(&v->next);
-    kiln_free(&v->row);
+    kiln_arena_release(&v->arena);
 }
 
 /* ---- parts ---- */
@@ -202,15 +198,15 @@ static int list_samples(struct parts *p, const struct kiln_seam_system *s, struc
 static int list_parts(struct parts *p, const struct kiln_seam_system *s, struct kiln_error *error)
 {
     const char *what = "a seam's system";
-    int status = kiln_allocate_bare(&p->part_of, s->unknown_count, sizeof *p->part_of, what, error);
+    int status = kiln_arena_allocate_bare(&p->arena, &p->part_of, s->unknown_count, sizeof *p->part_of, what, error);
     if (status != KILN_OK)
         return status;
     number_parts(p, s);
-    KILN_TRY(kiln_allocate_bare(&p->unknowns, s->unknown_count, sizeof *p->unknowns, what, error));
-    KILN_TRY(kiln_allocate_bare(&p->samples, s->sample_count, sizeof *p->samples, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&p->arena, &p->unknowns, s->unknown_count, sizeof *p->unknowns, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&p->arena, &p->samples, s->sample_count, sizeof *p->samples, what, error));
     KILN_TRY(kiln_allocate(&p->first, p->count + 1, sizeof *p->first, what, error));
-    KILN_TRY(kiln_allocate(&p->first_sample, p->count + 1, sizeof *p->first_sample, what, error));
-    KILN_TRY(kiln_allocate_bare(&p->order, p->count, sizeof *p->order, what, error));
+    KILN_TRY(kiln_arena_allocate(&p->arena, &p->first_sample, p->count + 1, sizeof *p->first_sample, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&p->arena, &p->order, p->count, sizeof *p->order, what, error));
 end:
     if (status != KILN_OK)
         return status;
@@ -223,12 +219,8 @@ end:
 
 static void free_parts(struct parts *p)
 {
-    kiln_free(&p->part_of);
-    kiln_free(&p->unknowns);
-    kiln_free(&p->samples);
     kiln_free(&p->first);
-    kiln_free(&p->first_sample);
-    kiln_free(&p->order);
+    kiln_arena_release(&p->arena);
 }
 
 /* ---- the matrix of a part ---- */
@@ -259,8 +251,8 @@ static int order_unknowns(struct solver *v, const uint32_t *unknowns, const uint
     const char *what = "a seam's system";
     uint32_t *cliques = NULL;
     int status;
-    KILN_TRY(kiln_allocate_bare(&v->unknowns, v->unknown_count, sizeof *v->unknowns, what, error));
-    KILN_TRY(kiln_allocate_bare(&v->samples, v->sample_count, sizeof *v->samples, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&v->arena, &v->unknowns, v->unknown_count, sizeof *v->unknowns, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&v->arena, &v->samples, v->sample_count, sizeof *v->samples, what, error));
     KILN_TRY(kiln_allocate_bare(&cliques, v->sample_count * ENTRIES, sizeof *cliques, what, error));
 end:
     if (status != KILN_OK)
@@ -436,14 +428,14 @@ static int allocate_lanes(struct solver *v, struct kiln_error *error)
     const size_t count = v->unknown_count * v->lanes;
     float **floats[] = {&v->baked, &v->low, &v->high};
     int status;
-    KILN_TRY(kiln_allocate(&v->row, v->sample_count * v->lanes, sizeof *v->row, what, error));
-    KILN_TRY(kiln_allocate(&v->change, count, sizeof *v->change, what, error));
-    KILN_TRY(kiln_allocate(&v->next, count, sizeof *v->next, what, error));
-    KILN_TRY(kiln_allocate(&v->held, count, sizeof *v->held, what, error));
+    KILN_TRY(kiln_arena_allocate(&v->arena, &v->row, v->sample_count * v->lanes, sizeof *v->row, what, error));
+    KILN_TRY(kiln_arena_allocate(&v->arena, &v->change, count, sizeof *v->change, what, error));
+    KILN_TRY(kiln_arena_allocate(&v->arena, &v->next, count, sizeof *v->next, what, error));
+    KILN_TRY(kiln_arena_allocate(&v->arena, &v->held, count, sizeof *v->held, what, error));
     for (size_t i = 0; i < sizeof floats / sizeof *floats; i++)
         KILN_TRY(kiln_allocate(floats[i], count, sizeof **floats[i], what, error));
-    KILN_TRY(kiln_allocate_bare(&v->pull, v->unknown_count, sizeof *v->pull, what, error));
-    KILN_TRY(kiln_allocate_bare(&v->diagonal, v->unknown_count, sizeof *v->diagonal, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&v->arena, &v->pull, v->unknown_count, sizeof *v->pull, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&v->arena, &v->diagonal, v->unknown_count, sizeof *v->diagonal, what, error));
     KILN_TRY(kiln_cholesky_create(&v->factor, &v->elimination, v->lanes, error));
 end:
     return status;

@@ -6,7 +6,7 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/map/bands/strip_exchange.h"
 #include "coordinator/output/map/write/stages.h"
-#include "worker/base/memory.h"
+#include "worker/base/arena.h"
 
 /* Creates the image of an object and the texts of its file; releases its map. */
 static int finish_object(const struct kiln_writer *w, uint32_t object, struct kiln_image **image,
@@ -38,6 +38,7 @@ struct large {
     struct kiln_image **images;
     struct kiln_exr_file **files;
     size_t count;
+    struct kiln_arena arena;
 };
 
 static void destroy_large(struct large *large)
@@ -46,20 +47,21 @@ static void destroy_large(struct large *large)
         kiln_exr_file_destroy(&large->files[i]);
         kiln_image_destroy(&large->images[i]);
     }
-    kiln_free(&large->sources);
-    kiln_free(&large->images);
-    kiln_free(&large->files);
+    kiln_arena_release(&large->arena);
 }
 
 /* Finishes the images of large objects one after the other, each with all threads, and begins their files. */
 static int begin_large(const struct kiln_writer *w, const uint32_t *objects, size_t count, struct large *large,
                        struct kiln_error *error)
 {
-    int status = kiln_allocate(&large->sources, count, sizeof *large->sources, "large lightmaps", error);
+    int status =
+        kiln_arena_allocate(&large->arena, &large->sources, count, sizeof *large->sources, "large lightmaps", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&large->images, count, sizeof(struct kiln_image *), "large lightmaps", error);
+        status = kiln_arena_allocate(&large->arena, &large->images, count, sizeof(struct kiln_image *),
+                                     "large lightmaps", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&large->files, count, sizeof(struct kiln_exr_file *), "large lightmaps", error);
+        status = kiln_arena_allocate(&large->arena, &large->files, count, sizeof(struct kiln_exr_file *),
+                                     "large lightmaps", error);
     for (size_t i = 0; status == KILN_OK && i < count; i++) {
         struct kiln_file_words words;
         large->count = i + 1;
