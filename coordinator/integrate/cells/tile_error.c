@@ -8,8 +8,8 @@
 #include "coordinator/integrate/cells/tiles.h"
 #include "coordinator/integrate/parts/parts.h"
 #include "coordinator/mpi/agree.h"
+#include "worker/base/arena.h"
 #include "worker/base/color.h"
-#include "worker/base/memory.h"
 #include "worker/scene/radiosity.h"
 
 /* Sums over a tile's points, in steps of STEPS; relative to what each point has had, powers relative to the mean power
@@ -211,14 +211,17 @@ int kiln_tile_error(const struct kiln_integration *in, double *largest, struct k
     const size_t first = kiln_cells_first(in->settings), count = (size_t)surface->tile_count * SUMS;
     const size_t bounces = part.count - first - 1;
     struct kiln_tail_fit fit;
+    struct kiln_arena arena = {0};
     uint64_t *tiles = NULL, *had = NULL;
     struct missed *missed = NULL;
     struct means mean = {0.0, 0.0};
-    int status = kiln_allocate(&tiles, count, sizeof *tiles, "what is left in tiles", error);
+    int status = kiln_arena_allocate(&arena, &tiles, count, sizeof *tiles, "what is left in tiles", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&had, surface->object_count, sizeof *had, "what is left in objects", error);
+        status =
+            kiln_arena_allocate(&arena, &had, surface->object_count, sizeof *had, "what is left in objects", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&missed, surface->object_count, sizeof *missed, "what is left in objects", error);
+        status = kiln_arena_allocate(&arena, &missed, surface->object_count, sizeof *missed, "what is left in objects",
+                                     error);
     status = kiln_agree(in->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_tiles_mean(in, in->solution->own->sum, NULL, &mean.light, error);
@@ -234,8 +237,6 @@ int kiln_tile_error(const struct kiln_integration *in, double *largest, struct k
         look_at_tiles(in, tiles, &fit, bounces, missed);
         *largest = largest_of_objects(in, had, missed);
     }
-    kiln_free(&missed);
-    kiln_free(&had);
-    kiln_free(&tiles);
+    kiln_arena_release(&arena);
     return status;
 }

@@ -4,6 +4,7 @@
 
 #include "coordinator/mpi/agree.h"
 #include "worker/backend/extended.h"
+#include "worker/base/arena.h"
 #include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
@@ -30,6 +31,7 @@ struct rooms {
     struct kiln_hit *hits;
     uint32_t *from, *to; /* points */
     float *lengths;
+    struct kiln_arena arena;
 };
 
 /* Over the whole hemisphere, by the cosine. */
@@ -191,13 +193,13 @@ end:
 static int allocate(struct rooms *r, struct kiln_error *error)
 {
     int status;
-    KILN_TRY(kiln_allocate(&r->parent, r->count, sizeof *r->parent, WHAT, error));
-    KILN_TRY(kiln_allocate(&r->origins, TOGETHER + RAYS, sizeof *r->origins, WHAT, error));
-    KILN_TRY(kiln_allocate(&r->directions, TOGETHER + RAYS, sizeof *r->directions, WHAT, error));
-    KILN_TRY(kiln_allocate(&r->hits, TOGETHER + RAYS, sizeof *r->hits, WHAT, error));
-    KILN_TRY(kiln_allocate(&r->from, TOGETHER + RAYS, sizeof *r->from, WHAT, error));
-    KILN_TRY(kiln_allocate(&r->to, TOGETHER + RAYS, sizeof *r->to, WHAT, error));
-    KILN_TRY(kiln_allocate(&r->lengths, TOGETHER + RAYS, sizeof *r->lengths, WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->parent, r->count, sizeof *r->parent, WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->origins, TOGETHER + RAYS, sizeof *r->origins, WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->directions, TOGETHER + RAYS, sizeof *r->directions, WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->hits, TOGETHER + RAYS, sizeof *r->hits, WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->from, TOGETHER + RAYS, sizeof *r->from, WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->to, TOGETHER + RAYS, sizeof *r->to, WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->lengths, TOGETHER + RAYS, sizeof *r->lengths, WHAT, error));
     kiln_sets_begin(r->parent, r->count);
 end:
     return status;
@@ -218,13 +220,7 @@ int kiln_rooms_find(const struct kiln_rooms_source *source, uint32_t **rooms, st
         memset(*rooms, 0xff, r.count * sizeof **rooms);
         status = number_rooms(&r, *rooms, error);
     }
-    kiln_free(&r.parent);
-    kiln_free(&r.origins);
-    kiln_free(&r.directions);
-    kiln_free(&r.hits);
-    kiln_free(&r.from);
-    kiln_free(&r.to);
-    kiln_free(&r.lengths);
+    kiln_arena_release(&r.arena);
     status = kiln_agree(source->communicator, status, error);
     if (status != KILN_OK)
         kiln_free(rooms);

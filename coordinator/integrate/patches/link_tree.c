@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coordinator/integrate/patches/link_build.h"
+#include "worker/base/arena.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
@@ -17,6 +18,7 @@ struct kiln_link_tree {
     struct kiln_link_sent *sent; /* of nodes */
     float *first;                /* luminance of first light of all points, over the mean, by global index */
     double mean;                 /* of that */
+    struct kiln_arena arena;
 };
 
 /* ---- the tree ---- */
@@ -24,7 +26,8 @@ struct kiln_link_tree {
 /* The points that send light, in the order of their numbers; their numbers go up to the count of all. */
 static int order_points(struct kiln_link_tree *t, uint64_t count, struct kiln_error *error)
 {
-    int status = kiln_allocate(&t->order, (size_t)count, sizeof *t->order, "the order of surface points", error);
+    int status = kiln_arena_allocate(&t->arena, &t->order, (size_t)count, sizeof *t->order,
+                                     "the order of surface points", error);
     if (status != KILN_OK)
         return status;
     memset(t->order, 0xff, (size_t)count * sizeof *t->order);
@@ -51,7 +54,8 @@ static double mean_light(const struct kiln_link_tree *t, const float *light)
 static int find_first(struct kiln_link_tree *t, const float *light, uint64_t count, struct kiln_error *error)
 {
     t->mean = mean_light(t, light);
-    const int status = kiln_allocate(&t->first, (size_t)count, sizeof *t->first, "the light of links", error);
+    const int status =
+        kiln_arena_allocate(&t->arena, &t->first, (size_t)count, sizeof *t->first, "the light of links", error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(static)
@@ -64,9 +68,9 @@ static int find_first(struct kiln_link_tree *t, const float *light, uint64_t cou
 static int make_leaves(struct kiln_link_tree *t, struct kiln_error *error)
 {
     static const char what[] = "the light of links";
-    int status = kiln_allocate(&t->sent, t->nodes.count, sizeof *t->sent, what, error);
+    int status = kiln_arena_allocate(&t->arena, &t->sent, t->nodes.count, sizeof *t->sent, what, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&t->leaves, (size_t)t->count, sizeof *t->leaves, what, error);
+        status = kiln_arena_allocate(&t->arena, &t->leaves, (size_t)t->count, sizeof *t->leaves, what, error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(static)
@@ -102,11 +106,8 @@ void kiln_link_tree_destroy(struct kiln_link_tree **tree)
 {
     if (*tree == NULL)
         return;
-    kiln_free(&(*tree)->order);
-    kiln_free(&(*tree)->leaves);
     kiln_link_nodes_release(&(*tree)->nodes);
-    kiln_free(&(*tree)->sent);
-    kiln_free(&(*tree)->first);
+    kiln_arena_release(&(*tree)->arena);
     kiln_free(tree);
 }
 

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
@@ -18,6 +19,7 @@ struct kiln_senders {
     struct ranked *ranked;
     struct kiln_patch_node *chosen;
     uint64_t *shot; /* a bit a point */
+    struct kiln_arena arena;
 };
 
 static uint64_t most_chosen(uint64_t nodes) { return (nodes + KILN_UNSHOT_ROUNDS - 1) / KILN_UNSHOT_ROUNDS; }
@@ -30,11 +32,11 @@ int kiln_senders_create(struct kiln_senders **senders, uint64_t points, struct k
     int status;
     KILN_TRY(kiln_allocate(&s, 1, sizeof *s, what, error));
     s->points = points;
-    KILN_TRY(kiln_allocate(&s->members, (size_t)points, sizeof *s->members, what, error));
-    KILN_TRY(kiln_allocate(&s->first, (size_t)points + 1, sizeof *s->first, what, error));
-    KILN_TRY(kiln_allocate(&s->ranked, (size_t)points, sizeof *s->ranked, what, error));
-    KILN_TRY(kiln_allocate(&s->chosen, (size_t)most_chosen(points), sizeof *s->chosen, what, error));
-    KILN_TRY(kiln_allocate(&s->shot, (size_t)words_of(points), sizeof *s->shot, what, error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->members, (size_t)points, sizeof *s->members, what, error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->first, (size_t)points + 1, sizeof *s->first, what, error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->ranked, (size_t)points, sizeof *s->ranked, what, error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->chosen, (size_t)most_chosen(points), sizeof *s->chosen, what, error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->shot, (size_t)words_of(points), sizeof *s->shot, what, error));
 end:
     if (status != KILN_OK)
         kiln_senders_destroy(&s);
@@ -46,11 +48,7 @@ void kiln_senders_destroy(struct kiln_senders **senders)
 {
     if (*senders == NULL)
         return;
-    kiln_free(&(*senders)->members);
-    kiln_free(&(*senders)->first);
-    kiln_free(&(*senders)->ranked);
-    kiln_free(&(*senders)->chosen);
-    kiln_free(&(*senders)->shot);
+    kiln_arena_release(&(*senders)->arena);
     kiln_free(senders);
 }
 

@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-#include "worker/base/memory.h"
+#include "worker/base/arena.h"
 #include "worker/sampling/sequence.h"
 #include "worker/scene/footprint.h"
 #include "worker/scene/radiance_probes.h"
@@ -19,6 +19,7 @@ struct sight {
     float *distances; /* m to the probe; below 0: the ray stands for nothing */
     float *nearest;   /* of a point: m to the nearest probe that it sees; INFINITY: to none */
     struct kiln_hit *hits;
+    struct kiln_arena arena;
 };
 
 /* Random number that draws the place in a point that is not the whole of its texel. For two or three triangles of equal
@@ -189,11 +190,13 @@ int kiln_sight_find(const struct kiln_sight_params *params, size_t first, size_t
                       .near_probes = near_probes};
     const size_t room = AROUND * (size_t)s.count; /* more than corners */
     int status;
-    KILN_TRY(kiln_allocate(&s.origins, room, sizeof *s.origins, "rays to radiance probes", error));
-    KILN_TRY(kiln_allocate(&s.directions, room, sizeof *s.directions, "rays to radiance probes", error));
-    KILN_TRY(kiln_allocate(&s.distances, room, sizeof *s.distances, "rays to radiance probes", error));
-    KILN_TRY(kiln_allocate(&s.hits, room, sizeof *s.hits, "rays to radiance probes", error));
-    KILN_TRY(kiln_allocate(&s.nearest, (size_t)s.count, sizeof *s.nearest, "rays to radiance probes", error));
+    KILN_TRY(kiln_arena_allocate(&s.arena, &s.origins, room, sizeof *s.origins, "rays to radiance probes", error));
+    KILN_TRY(
+        kiln_arena_allocate(&s.arena, &s.directions, room, sizeof *s.directions, "rays to radiance probes", error));
+    KILN_TRY(kiln_arena_allocate(&s.arena, &s.distances, room, sizeof *s.distances, "rays to radiance probes", error));
+    KILN_TRY(kiln_arena_allocate(&s.arena, &s.hits, room, sizeof *s.hits, "rays to radiance probes", error));
+    KILN_TRY(kiln_arena_allocate(&s.arena, &s.nearest, (size_t)s.count, sizeof *s.nearest, "rays to radiance probes",
+                                 error));
     KILN_TRY(trace(&s, first, end, KILN_PROBE_CORNERS, look_at_corners, rays, error));
     judge(&s);
     KILN_TRY(trace(&s, first, end, AROUND, look_around, rays, error));
@@ -201,10 +204,6 @@ int kiln_sight_find(const struct kiln_sight_params *params, size_t first, size_t
     if (params->all)
         take_for_seen(&s);
 end:
-    kiln_free(&s.origins);
-    kiln_free(&s.directions);
-    kiln_free(&s.distances);
-    kiln_free(&s.nearest);
-    kiln_free(&s.hits);
+    kiln_arena_release(&s.arena);
     return status;
 }

@@ -4,6 +4,7 @@
 
 #include "coordinator/run/control.h"
 #include "coordinator/mpi/agree.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/scene/radiosity.h"
 
@@ -103,6 +104,7 @@ struct search {
     uint64_t stride; /* 3 ^ levels after the present one */
     uint8_t *met;    /* of each level, of each held point: bits of channels */
     uint32_t level;
+    struct kiln_arena arena;
 };
 
 static uint64_t digit_of(const struct search *s, uint64_t unit) { return s->rank[unit] / s->stride % 3; }
@@ -132,9 +134,11 @@ static int take_digits(void *context, size_t first, size_t count, const void *re
 
 static int list_absent(struct search *s, const uint8_t *reach, uint64_t units, struct kiln_error *error)
 {
-    int status = kiln_allocate(&s->units, (size_t)units, sizeof *s->units, "the units that a node lacks", error);
+    int status = kiln_arena_allocate(&s->arena, &s->units, (size_t)units, sizeof *s->units,
+                                     "the units that a node lacks", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->rank, (size_t)units, sizeof *s->rank, "the units that a node lacks", error);
+        status = kiln_arena_allocate(&s->arena, &s->rank, (size_t)units, sizeof *s->rank, "the units that a node lacks",
+                                     error);
     for (uint64_t u = 0; u < units; u++) { /* the count is the node's, whatever this rank's memory */
         if (reach[u] != 0)
             continue;
@@ -147,17 +151,12 @@ static int list_absent(struct search *s, const uint8_t *reach, uint64_t units, s
     for (uint64_t most = 1; most < s->count; most *= 3)
         s->levels++;
     if (status == KILN_OK)
-        status = kiln_allocate(&s->met, (size_t)(s->levels * s->held->points), sizeof *s->met, "what points have met",
-                               error);
+        status = kiln_arena_allocate(&s->arena, &s->met, (size_t)(s->levels * s->held->points), sizeof *s->met,
+                                     "what points have met", error);
     return status;
 }
 
-static void search_release(struct search *s)
-{
-    kiln_free(&s->units);
-    kiln_free(&s->rank);
-    kiln_free(&s->met);
-}
+static void search_release(struct search *s) { kiln_arena_release(&s->arena); }
 
 /* The units whose digits from `level` on are among those that point i has met; `begin` is that of the digits before. */
 static void ask(const struct search *s, uint64_t i, uint32_t level, uint64_t begin, uint64_t stride, uint8_t *wanted)

@@ -8,6 +8,7 @@
 #include "coordinator/integrate/quantity.h"
 #include "coordinator/integrate/run/save.h"
 #include "coordinator/mpi/agree.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 #define WRITE_BYTES 20e6 /* a second, at the slowest disk that is not taken for a dead one */
@@ -199,6 +200,7 @@ struct save_work {
     size_t group_count, done_count;
     struct kiln_block blocks[KILN_BLOCKS_MAX];
     size_t block_count;
+    struct kiln_arena arena;
 };
 
 static void add_block(struct save_work *w, const char *name, uint64_t first, uint64_t count, size_t size,
@@ -214,7 +216,8 @@ static int collect_groups(const struct kiln_saved *s, struct save_work *w, struc
     size_t count = 0;
     for (size_t i = 0; i < s->ledger->group_count; i++)
         count += s->ledger->group_now[i].value != 0;
-    const int status = kiln_allocate(&w->groups, count, sizeof *w->groups, "a checkpoint's groups", error);
+    const int status =
+        kiln_arena_allocate(&w->arena, &w->groups, count, sizeof *w->groups, "a checkpoint's groups", error);
     for (size_t i = 0; status == KILN_OK && i < s->ledger->group_count; i++)
         if (s->ledger->group_now[i].value != 0)
             w->groups[w->group_count++] = (struct saved_group){i, sum_saved(&s->ledger->group_now[i])};
@@ -246,8 +249,9 @@ static void add_done(const struct kiln_rank_data *own, struct save_work *w, size
 static int collect_done(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
 {
     const struct kiln_rank_data *own = s->solution->own;
-    const int status = kiln_allocate(&w->done, s->work->todo_count - s->work->todo_first + count_lacking(own) + 1,
-                                     sizeof *w->done, "a checkpoint's ranges", error);
+    const int status =
+        kiln_arena_allocate(&w->arena, &w->done, s->work->todo_count - s->work->todo_first + count_lacking(own) + 1,
+                            sizeof *w->done, "a checkpoint's ranges", error);
     size_t at = 0;
     for (size_t i = s->work->todo_first; status == KILN_OK && i < s->work->todo_count; i++) {
         add_done(own, w, at, s->work->todo[i].first);
@@ -262,8 +266,10 @@ static int collect_steps(const struct kiln_saved *s, struct save_work *w, struct
 {
     const struct kiln_integrate_report *r = &s->solution->report;
     int status;
-    KILN_TRY(kiln_allocate(&w->own_steps, r->steps.count, sizeof *w->own_steps, "a checkpoint's steps", error));
-    KILN_TRY(kiln_allocate(&w->reports, r->steps.count, sizeof *w->reports, "a checkpoint's steps", error));
+    KILN_TRY(kiln_arena_allocate(&w->arena, &w->own_steps, r->steps.count, sizeof *w->own_steps, "a checkpoint's steps",
+                                 error));
+    KILN_TRY(
+        kiln_arena_allocate(&w->arena, &w->reports, r->steps.count, sizeof *w->reports, "a checkpoint's steps", error));
     for (size_t i = 0; i < r->steps.count; i++) {
         const struct kiln_step_report *p = &r->steps.of[i];
         w->own_steps[i] = (struct saved_own_step){p->rays,           p->seconds,    p->exchange_seconds,
@@ -346,10 +352,7 @@ static int save_with(const struct kiln_saved *s, bool finished, const struct kil
     kiln_trace_add(p->trace, KILN_TRACE_CHECKPOINT, "checkpoint", start, MPI_Wtime(), (int64_t)p->surface->count);
     if (status == KILN_OK)
         kiln_control_saved(p->control, kiln_checkpoint_last(p->checkpoint), MPI_Wtime() - start, (double)time(NULL));
-    kiln_free(&w.reports);
-    kiln_free(&w.own_steps);
-    kiln_free(&w.groups);
-    kiln_free(&w.done);
+    kiln_arena_release(&w.arena);
     return status;
 }
 
