@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/output/tone_map.h"
+#include "worker/base/arena.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
@@ -19,6 +20,7 @@ struct pair {
     uint8_t *used; /* for each texel: 0 not compared, 1 valid in both images, 2 also wholly inside charts */
     double exposure;
     float *tone_a, *tone_b; /* tone-mapped luminance; then of 8-bit pictures */
+    struct kiln_arena arena;
 };
 
 /* ---- selection of channels and texels ---- */
@@ -84,7 +86,7 @@ static int pair_images(struct pair *p, const struct kiln_image *a, const struct 
     if (p->channel_count == 0)
         return kiln_fail(error, KILN_BAD_INPUT, "the images have no common channel");
     const size_t count = (size_t)p->width * p->height;
-    const int status = kiln_allocate(&p->used, count, 1, "texels to compare", error);
+    const int status = kiln_arena_allocate(&p->arena, &p->used, count, 1, "texels to compare", error);
     if (status != KILN_OK)
         return status;
     memset(p->used, 2, count);
@@ -297,8 +299,8 @@ static int sum_similarity(struct pair *p, struct kiln_difference *d, struct kiln
     const size_t count = (size_t)p->width * p->height;
     double *rows = NULL;
     int status;
-    KILN_TRY(kiln_allocate(&p->tone_a, count, sizeof(float), "tone-mapped luminance", error));
-    KILN_TRY(kiln_allocate(&p->tone_b, count, sizeof(float), "tone-mapped luminance", error));
+    KILN_TRY(kiln_arena_allocate(&p->arena, &p->tone_a, count, sizeof(float), "tone-mapped luminance", error));
+    KILN_TRY(kiln_arena_allocate(&p->arena, &p->tone_b, count, sizeof(float), "tone-mapped luminance", error));
     KILN_TRY(kiln_allocate(&rows, p->height, sizeof *rows, "sums of rows", error));
 end:
     if (status != KILN_OK)
@@ -338,12 +340,7 @@ static void derive(struct kiln_difference *d)
     }
 }
 
-static void destroy_pair(struct pair *p)
-{
-    kiln_free(&p->used);
-    kiln_free(&p->tone_a);
-    kiln_free(&p->tone_b);
-}
+static void destroy_pair(struct pair *p) { kiln_arena_release(&p->arena); }
 
 int kiln_compare_images(const struct kiln_image *a, const struct kiln_image *b, struct kiln_difference *difference,
                         struct kiln_error *error)

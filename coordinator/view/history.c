@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 /* Least cosine between normals of a pixel and of one taken over; most pixels off its tangent plane; least sum of
@@ -23,6 +24,7 @@ struct kiln_history {
     float *normal[3], *position[3];
     bool *surface, *bound;
     struct taps *taps;
+    struct kiln_arena arena;
 };
 
 /* ---- begin and end ---- */
@@ -42,9 +44,9 @@ int kiln_history_create(struct kiln_history **history, uint32_t width, uint32_t 
         KILN_TRY(kiln_allocate(&h->normal[c], pixels_of(h), sizeof(float), "the frame before", error));
     for (int c = 0; c < 3; c++)
         KILN_TRY(kiln_allocate(&h->position[c], pixels_of(h), sizeof(float), "the frame before", error));
-    KILN_TRY(kiln_allocate(&h->surface, pixels_of(h), sizeof *h->surface, "the frame before", error));
-    KILN_TRY(kiln_allocate(&h->bound, pixels_of(h), sizeof *h->bound, "the frame before", error));
-    KILN_TRY(kiln_allocate(&h->taps, pixels_of(h), sizeof *h->taps, "the frame before", error));
+    KILN_TRY(kiln_arena_allocate(&h->arena, &h->surface, pixels_of(h), sizeof *h->surface, "the frame before", error));
+    KILN_TRY(kiln_arena_allocate(&h->arena, &h->bound, pixels_of(h), sizeof *h->bound, "the frame before", error));
+    KILN_TRY(kiln_arena_allocate(&h->arena, &h->taps, pixels_of(h), sizeof *h->taps, "the frame before", error));
 end:
     if (status != KILN_OK)
         kiln_history_destroy(history);
@@ -60,9 +62,7 @@ void kiln_history_destroy(struct kiln_history **history)
         kiln_free(&h->normal[c]);
         kiln_free(&h->position[c]);
     }
-    kiln_free(&h->surface);
-    kiln_free(&h->bound);
-    kiln_free(&h->taps);
+    kiln_arena_release(&h->arena);
     kiln_free(history);
 }
 

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/output/read/rows.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 #define SIDE "/points/side"
@@ -17,6 +18,7 @@ struct kiln_point_rows {
     uint32_t objects;
     float *own;              /* in the place of the dataset; NULL: its values stand */
     uint32_t *first, *point; /* the points of each object: point[first[o]] to point[first[o + 1] - 1] */
+    struct kiln_arena arena;
 };
 
 static bool find_rows(struct kiln_point_rows *r, const struct kiln_field *field)
@@ -40,9 +42,11 @@ static bool find_rows(struct kiln_point_rows *r, const struct kiln_field *field)
 /* Sorts the points by object. */
 static int sort_rows(struct kiln_point_rows *r, struct kiln_error *error)
 {
-    int status = kiln_allocate(&r->first, (size_t)r->objects + 2, sizeof *r->first, "the points of a bake", error);
+    int status = kiln_arena_allocate(&r->arena, &r->first, (size_t)r->objects + 2, sizeof *r->first,
+                                     "the points of a bake", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&r->point, r->image->width, sizeof *r->point, "the points of a bake", error);
+        status =
+            kiln_arena_allocate(&r->arena, &r->point, r->image->width, sizeof *r->point, "the points of a bake", error);
     if (status != KILN_OK)
         return status;
     for (uint32_t i = 0; i < r->image->width; i++)
@@ -88,8 +92,8 @@ int kiln_point_rows_replace(struct kiln_point_rows *r, const float *values, size
     if (count != r->image->width)
         return kiln_fail(error, KILN_BAD_INPUT, "kiln.h5 has %u surface points, and the scene %llu; bake again",
                          r->image->width, (unsigned long long)count);
-    const int status =
-        kiln_allocate(&r->own, components * (size_t)count, sizeof *r->own, "the points of a bake", error);
+    const int status = kiln_arena_allocate(&r->arena, &r->own, components * (size_t)count, sizeof *r->own,
+                                           "the points of a bake", error);
     if (status != KILN_OK)
         return status;
     memcpy(r->own, values, components * (size_t)count * sizeof *r->own);
@@ -103,9 +107,7 @@ void kiln_point_rows_destroy(struct kiln_point_rows **rows)
     if (*rows == NULL)
         return;
     kiln_image_destroy(&(*rows)->image);
-    kiln_free(&(*rows)->own);
-    kiln_free(&(*rows)->first);
-    kiln_free(&(*rows)->point);
+    kiln_arena_release(&(*rows)->arena);
     kiln_free(rows);
 }
 

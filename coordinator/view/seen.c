@@ -7,6 +7,7 @@
 #include "coordinator/output/read/rows.h"
 #include "coordinator/view/texel_place.h"
 #include "worker/backend/backend.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/light/lights.h"
 
@@ -127,6 +128,7 @@ struct looks {
     struct kiln_vec3 *origins, *directions;
     float *distances;
     struct kiln_hit *hits;
+    struct kiln_arena arena;
 };
 
 static int make_looks(struct looks *l, const struct points *p, const struct kiln_scene *scene, uint32_t from,
@@ -135,11 +137,11 @@ static int make_looks(struct looks *l, const struct points *p, const struct kiln
     static const char what[] = "what a texel sees";
     const struct kiln_vec3 at = place_of(p, scene, from), n = normal_of(p, from);
     int status;
-    KILN_TRY(kiln_allocate(&l->to, p->count, sizeof *l->to, what, error));
-    KILN_TRY(kiln_allocate(&l->origins, p->count, sizeof *l->origins, what, error));
-    KILN_TRY(kiln_allocate(&l->directions, p->count, sizeof *l->directions, what, error));
-    KILN_TRY(kiln_allocate(&l->distances, p->count, sizeof *l->distances, what, error));
-    KILN_TRY(kiln_allocate(&l->hits, p->count, sizeof *l->hits, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->to, p->count, sizeof *l->to, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->origins, p->count, sizeof *l->origins, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->directions, p->count, sizeof *l->directions, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->distances, p->count, sizeof *l->distances, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->hits, p->count, sizeof *l->hits, what, error));
     for (uint32_t i = 0; i < p->count; i++) {
         const struct kiln_vec3 d = vec3_sub(place_of(p, scene, i), at);
         const float distance = vec3_length(d), flat = NEAR * distance;
@@ -216,11 +218,7 @@ int kiln_seen_find(struct kiln_seen *seen, struct kiln_results *results, const s
                    (double)p.y[from]);
     count(seen, &l, &p, scene, from, voxels);
 end:
-    kiln_free(&l.to);
-    kiln_free(&l.origins);
-    kiln_free(&l.directions);
-    kiln_free(&l.distances);
-    kiln_free(&l.hits);
+    kiln_arena_release(&l.arena);
     kiln_image_destroy(&p.image);
     return status;
 }

@@ -4,6 +4,7 @@
 
 #include "coordinator/view/view_grain.h"
 #include "coordinator/view/view_lamps.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/material/scene_lobes.h"
 #include "worker/sampling/keys.h"
@@ -60,6 +61,7 @@ struct kiln_view_gloss {
     size_t part;                    /* pixels that there is room for */
     struct kiln_view_grain *grains; /* of the pixels that were drawn */
     size_t grain_count, grain_capacity;
+    struct kiln_arena arena;
 };
 
 static uint32_t spread_bits(uint32_t x)
@@ -421,8 +423,8 @@ static void finish(struct kiln_view_gloss *b, size_t i, size_t pixel, uint32_t r
 
 static int make_room(struct kiln_view_gloss *b, size_t count, struct kiln_error *error)
 {
-    return kiln_grow(&b->grains, &b->grain_capacity, b->grain_count + count, sizeof *b->grains, "the grain of a view",
-                     error);
+    return kiln_arena_grow(&b->arena, &b->grains, &b->grain_capacity, b->grain_count + count, sizeof *b->grains,
+                           "the grain of a view", error);
 }
 
 /* At most as many pixels as there is room for. */
@@ -557,11 +559,11 @@ int kiln_view_gloss_create(struct kiln_view_gloss **gloss, const struct kiln_vie
     b->part = rays * WALKERS < BAND_RAYS ? BAND_RAYS / (rays * WALKERS) : 1;
     const size_t walkers = b->part * rays * WALKERS;
     KILN_TRY(kiln_view_rays_create(&b->rays, walkers, error));
-    KILN_TRY(kiln_allocate(&b->walkers, walkers, sizeof *b->walkers, "rays of a view", error));
+    KILN_TRY(kiln_arena_allocate(&b->arena, &b->walkers, walkers, sizeof *b->walkers, "rays of a view", error));
     KILN_TRY(kiln_allocate(&b->active, walkers, sizeof *b->active, "rays of a view", error));
     KILN_TRY(kiln_allocate(&b->next, walkers, sizeof *b->next, "rays of a view", error));
-    KILN_TRY(kiln_allocate(&b->lit, LIT_PLACES, sizeof *b->lit, "rays of a view", error));
-    KILN_TRY(kiln_allocate(&b->lit_of, LIT_PLACES, sizeof *b->lit_of, "rays of a view", error));
+    KILN_TRY(kiln_arena_allocate(&b->arena, &b->lit, LIT_PLACES, sizeof *b->lit, "rays of a view", error));
+    KILN_TRY(kiln_arena_allocate(&b->arena, &b->lit_of, LIT_PLACES, sizeof *b->lit_of, "rays of a view", error));
     KILN_TRY(kiln_view_lamps_create(&b->lamps, &params->source, LIT_PLACES, error));
     KILN_TRY(kiln_scene_lobes(&b->lobes, params->source.scene, error));
     KILN_TRY(kiln_view_guides_create(&b->guides, params->source.geometry, rays * lesson_grid(params).all, error));
@@ -578,12 +580,9 @@ void kiln_view_gloss_destroy(struct kiln_view_gloss **gloss)
     if (b == NULL)
         return;
     kiln_view_rays_destroy(&b->rays);
-    kiln_free(&b->walkers);
     kiln_free(&b->active);
     kiln_free(&b->next);
-    kiln_free(&b->grains);
-    kiln_free(&b->lit);
-    kiln_free(&b->lit_of);
+    kiln_arena_release(&b->arena);
     kiln_view_lamps_destroy(&b->lamps);
     kiln_view_guides_destroy(&b->guides);
     kiln_free(&b->lobes);

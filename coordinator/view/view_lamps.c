@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/light/emission.h"
 #include "worker/scene/footprint.h"
@@ -20,6 +21,7 @@ struct kiln_view_lamps {
     uint32_t *traced;
     struct kiln_vec3 *origins, *directions;
     struct kiln_hit *hits;
+    struct kiln_arena arena;
 };
 
 int kiln_view_lamps_create(struct kiln_view_lamps **lamps, const struct kiln_view_source *source, size_t capacity,
@@ -34,11 +36,11 @@ int kiln_view_lamps_create(struct kiln_view_lamps **lamps, const struct kiln_vie
     if (source->lights != NULL)
         status = kiln_emission_create(&l->emission, source->lights, error);
     KILN_TRY(status);
-    KILN_TRY(kiln_allocate(&l->shadows, capacity, sizeof *l->shadows, what, error));
-    KILN_TRY(kiln_allocate(&l->traced, capacity, sizeof *l->traced, what, error));
-    KILN_TRY(kiln_allocate(&l->origins, capacity, sizeof *l->origins, what, error));
-    KILN_TRY(kiln_allocate(&l->directions, capacity, sizeof *l->directions, what, error));
-    KILN_TRY(kiln_allocate(&l->hits, capacity, sizeof *l->hits, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->shadows, capacity, sizeof *l->shadows, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->traced, capacity, sizeof *l->traced, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->origins, capacity, sizeof *l->origins, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->directions, capacity, sizeof *l->directions, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->hits, capacity, sizeof *l->hits, what, error));
 end:
     if (status != KILN_OK)
         kiln_view_lamps_destroy(lamps);
@@ -51,11 +53,7 @@ void kiln_view_lamps_destroy(struct kiln_view_lamps **lamps)
     if (l == NULL)
         return;
     kiln_emission_destroy(&l->emission);
-    kiln_free(&l->shadows);
-    kiln_free(&l->traced);
-    kiln_free(&l->origins);
-    kiln_free(&l->directions);
-    kiln_free(&l->hits);
+    kiln_arena_release(&l->arena);
     kiln_free(lamps);
 }
 

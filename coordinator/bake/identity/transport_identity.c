@@ -10,6 +10,7 @@
 #include "coordinator/job/changes.h"
 #include "coordinator/job/options.h"
 #include "coordinator/output/read/results.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 #include "worker/scene/gloss.h"
@@ -175,13 +176,14 @@ static json_t *object_json(const struct kiln_object *o, const struct hashes *mes
 static json_t *objects_json(const struct kiln_scene *s, const struct kiln_geometry *g)
 {
     const bool passes = g->passage >= KILN_PASSAGE_TINT;
+    struct kiln_arena arena = {0};
     uint64_t *side = NULL, *gloss = NULL, *two_sided = NULL;
     struct hashes *meshes = NULL;
     json_t *objects = NULL;
-    if (kiln_allocate(&side, s->material_count, sizeof *side, "materials", NULL) == KILN_OK &&
-        kiln_allocate(&gloss, s->material_count, sizeof *gloss, "materials", NULL) == KILN_OK &&
-        kiln_allocate(&meshes, s->mesh_count, sizeof *meshes, "meshes", NULL) == KILN_OK &&
-        kiln_allocate(&two_sided, s->object_count, sizeof *two_sided, "objects", NULL) == KILN_OK)
+    if (kiln_arena_allocate(&arena, &side, s->material_count, sizeof *side, "materials", NULL) == KILN_OK &&
+        kiln_arena_allocate(&arena, &gloss, s->material_count, sizeof *gloss, "materials", NULL) == KILN_OK &&
+        kiln_arena_allocate(&arena, &meshes, s->mesh_count, sizeof *meshes, "meshes", NULL) == KILN_OK &&
+        kiln_arena_allocate(&arena, &two_sided, s->object_count, sizeof *two_sided, "objects", NULL) == KILN_OK)
         objects = json_object();
     for (size_t i = 0; objects != NULL && i < s->material_count; i++) {
         side[i] = side_of(s, &s->materials[i]);
@@ -194,10 +196,7 @@ static json_t *objects_json(const struct kiln_scene *s, const struct kiln_geomet
     for (size_t i = 0; objects != NULL && i < s->object_count; i++)
         (void)json_object_set_new(objects, kiln_scene_string(s, s->objects[i].name),
                                   object_json(&s->objects[i], &meshes[s->objects[i].mesh], two_sided[i]));
-    kiln_free(&side);
-    kiln_free(&gloss);
-    kiln_free(&meshes);
-    kiln_free(&two_sided);
+    kiln_arena_release(&arena);
     return objects;
 }
 

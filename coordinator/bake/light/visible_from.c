@@ -11,6 +11,7 @@
 #include "coordinator/view/camera_path.h"
 #include "coordinator/view/view.h"
 #include "coordinator/view/view_light.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 #include "worker/scene/footprint.h"
@@ -35,6 +36,7 @@ struct search {
     uint64_t *hit;   /* of all tiles: texels that a ray of the first hop has hit, by bit */
     bool hits_known; /* the first hop is over */
     uint8_t *marks;  /* of all tiles; within a hop, what it finds anew has FOUND */
+    struct kiln_arena arena;
 };
 enum mark { UNSEEN, REACHED, SEEN, FOUND };
 
@@ -42,7 +44,7 @@ enum mark { UNSEEN, REACHED, SEEN, FOUND };
 
 static int make_wishes(struct search *s, size_t count, struct kiln_error *error)
 {
-    const int status = kiln_allocate(&s->wishes, count, sizeof *s->wishes, "views", error);
+    const int status = kiln_arena_allocate(&s->arena, &s->wishes, count, sizeof *s->wishes, "views", error);
     s->count = status == KILN_OK ? count : 0;
     for (size_t i = 0; i < s->count; i++)
         s->wishes[i].width = WIDTH;
@@ -55,7 +57,7 @@ static int path_views(struct search *s, const char *file, struct kiln_error *err
     int status;
     KILN_TRY(kiln_camera_path_read(&path, file, error));
     KILN_TRY(make_wishes(s, FRAMES_A_KEY * (kiln_camera_path_keys(path) - 1) + 1, error));
-    KILN_TRY(kiln_allocate(&s->frames, s->count, sizeof *s->frames, "views", error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->frames, s->count, sizeof *s->frames, "views", error));
     for (size_t i = 0; i < s->count; i++) {
         kiln_camera_path_frame(path, i, s->count, &s->frames[i]);
         s->wishes[i].from = s->frames[i].from;
@@ -116,8 +118,7 @@ bool kiln_visible_from_hash(const char *views, uint64_t hash[2])
         hash[0] = of.low64;
         hash[1] = of.high64;
     }
-    kiln_free(&s.wishes);
-    kiln_free(&s.frames);
+    kiln_arena_release(&s.arena);
     return known;
 }
 
@@ -381,8 +382,9 @@ static int search(struct search *s, const char *views, struct kiln_error *error)
     int status;
     KILN_TRY(find_views(s, views, error));
     KILN_TRY(kiln_view_rays_create(&s->rays, CHUNK_RAYS, error));
-    KILN_TRY(kiln_allocate(&s->hit, (size_t)p->surface->tile_count, sizeof *s->hit, "the marks of tiles", error));
-    KILN_TRY(kiln_allocate(&s->marks, (size_t)p->surface->tile_count, 1, "the marks of tiles", error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->hit, (size_t)p->surface->tile_count, sizeof *s->hit,
+                                 "the marks of tiles", error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->marks, (size_t)p->surface->tile_count, 1, "the marks of tiles", error));
 end:
     status = kiln_agree(p->communicator, status, error);
     for (size_t i = 0; i < s->count && status == KILN_OK; i++)
@@ -412,10 +414,7 @@ int kiln_visible_from_find(struct kiln_visible_from *v, const struct kiln_prepar
     KILN_TRY(kiln_agree(p->communicator, kiln_backend_set_surface(p->backend, p->surface, error), error));
 end:
     kiln_view_rays_destroy(&s.rays);
-    kiln_free(&s.wishes);
-    kiln_free(&s.frames);
-    kiln_free(&s.marks);
-    kiln_free(&s.hit);
+    kiln_arena_release(&s.arena);
     return status;
 }
 

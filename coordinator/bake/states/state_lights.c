@@ -9,6 +9,7 @@
 #include "coordinator/mpi/agree.h"
 #include "worker/backend/emission.h"
 #include "worker/backend/extended.h"
+#include "worker/base/arena.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 #include "worker/pass/direct.h"
@@ -58,6 +59,7 @@ struct kiln_state_lights {
     uint16_t *white;               /* an albedo of 1 for the own points */
     struct kept *filling;
     struct mix mixes[KILN_STATES_MOST];
+    struct kiln_arena arena;
 };
 
 /* ---- scenes ---- */
@@ -560,11 +562,16 @@ int kiln_state_lights_create(struct kiln_state_lights **lights, struct kiln_bake
     *l = (struct kiln_state_lights){.bake = bake, .states = states, .base = base};
     l->elements = p->scene->light_count + p->scene->material_count + 1;
     KILN_TRY(kiln_state_scene_create(&l->only, p->scene, error));
-    KILN_TRY(kiln_allocate(&l->part_of, l->elements, sizeof *l->part_of, "the lights of states", error));
-    KILN_TRY(kiln_allocate(&l->own_part, l->elements, sizeof *l->own_part, "the lights of states", error));
-    KILN_TRY(kiln_allocate(&l->own_factor, l->elements, sizeof *l->own_factor, "the lights of states", error));
-    KILN_TRY(kiln_allocate(&l->own_changed, l->elements, sizeof *l->own_changed, "the lights of states", error));
-    KILN_TRY(kiln_allocate(&l->white, 3 * (size_t)p->surface->count, sizeof *l->white, "an albedo of 1", error));
+    KILN_TRY(
+        kiln_arena_allocate(&l->arena, &l->part_of, l->elements, sizeof *l->part_of, "the lights of states", error));
+    KILN_TRY(
+        kiln_arena_allocate(&l->arena, &l->own_part, l->elements, sizeof *l->own_part, "the lights of states", error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->own_factor, l->elements, sizeof *l->own_factor, "the lights of states",
+                                 error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->own_changed, l->elements, sizeof *l->own_changed,
+                                 "the lights of states", error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->white, 3 * (size_t)p->surface->count, sizeof *l->white,
+                                 "an albedo of 1", error));
     memset(l->white, 0xff, 3 * (size_t)p->surface->count * sizeof *l->white);
     number_parts(l);
 end:
@@ -579,11 +586,7 @@ void kiln_state_lights_destroy(struct kiln_state_lights **lights)
     for (size_t i = 0; i < l->kept_count; i++)
         drop(&l->kept[i]);
     kiln_state_scene_release(&l->only);
-    kiln_free(&l->part_of);
-    kiln_free(&l->own_part);
-    kiln_free(&l->own_factor);
-    kiln_free(&l->own_changed);
     kiln_free(&l->kept);
-    kiln_free(&l->white);
+    kiln_arena_release(&l->arena);
     kiln_free(lights);
 }

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "worker/base/memory.h"
+#include "worker/base/arena.h"
 
 enum { TOGETHER = 4096, RAYS = KILN_OCCLUDER_DIRECTIONS - 1, MIDDLE = KILN_OCCLUDER_DIRECTIONS / 2 };
 
@@ -11,6 +11,7 @@ enum { TOGETHER = 4096, RAYS = KILN_OCCLUDER_DIRECTIONS - 1, MIDDLE = KILN_OCCLU
 struct occluder_rays {
     struct kiln_vec3 *origins, *directions; /* RAYS each */
     struct kiln_hit *hits;
+    struct kiln_arena arena;
 };
 
 static int direction_of_ray(int ray) { return ray < MIDDLE ? ray : ray + 1; }
@@ -63,19 +64,17 @@ int kiln_occluders_find(struct kiln_backend *backend, const struct kiln_geometry
 {
     const size_t room = (count < TOGETHER ? count : TOGETHER) * RAYS;
     struct occluder_rays r = {0};
-    int status = kiln_allocate(&r.origins, room, sizeof *r.origins, "the probes' rays", error);
+    int status = kiln_arena_allocate(&r.arena, &r.origins, room, sizeof *r.origins, "the probes' rays", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&r.directions, room, sizeof *r.directions, "the probes' rays", error);
+        status = kiln_arena_allocate(&r.arena, &r.directions, room, sizeof *r.directions, "the probes' rays", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&r.hits, room, sizeof *r.hits, "the probes' rays", error);
+        status = kiln_arena_allocate(&r.arena, &r.hits, room, sizeof *r.hits, "the probes' rays", error);
     for (size_t done = 0; status == KILN_OK && done < count; done += TOGETHER) {
         const size_t some = count - done < TOGETHER ? count - done : TOGETHER;
         memset(occluders + done, 0, some * sizeof *occluders);
         status = find_some(backend, geometry, positions + done, some, &r, occluders + done, error);
         *rays += some * RAYS;
     }
-    kiln_free(&r.origins);
-    kiln_free(&r.directions);
-    kiln_free(&r.hits);
+    kiln_arena_release(&r.arena);
     return status;
 }

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "coordinator/bake/volume/occluders.h"
-#include "worker/base/memory.h"
+#include "worker/base/arena.h"
 
 enum { TOGETHER = 1024, RAYS = KILN_OCCLUDER_DIRECTIONS - 1, BACKS = (RAYS + 3) / 4, TRIES = 8 };
 
@@ -28,6 +28,7 @@ struct places_work {
     struct kiln_vec3 *origins, *directions; /* RAYS each */
     struct kiln_hit *hits;
     struct homeless *homeless;
+    struct kiln_arena arena;
 };
 
 static bool is_inside_out(const struct places_work *w, const struct kiln_hit *hit)
@@ -139,18 +140,16 @@ int kiln_probe_places_find(struct kiln_backend *backend, const struct kiln_geome
     const size_t most = count < TOGETHER ? count : TOGETHER;
     struct places_work w = {.backend = backend, .geometry = geometry, .reach = reach};
     int status;
-    KILN_TRY(kiln_allocate(&w.origins, most * RAYS, sizeof *w.origins, "the probes' rays", error));
-    KILN_TRY(kiln_allocate(&w.directions, most * RAYS, sizeof *w.directions, "the probes' rays", error));
-    KILN_TRY(kiln_allocate(&w.hits, most * RAYS, sizeof *w.hits, "the probes' rays", error));
-    KILN_TRY(kiln_allocate(&w.homeless, most, sizeof *w.homeless, "probes inside geometry", error));
+    KILN_TRY(kiln_arena_allocate(&w.arena, &w.origins, most * RAYS, sizeof *w.origins, "the probes' rays", error));
+    KILN_TRY(
+        kiln_arena_allocate(&w.arena, &w.directions, most * RAYS, sizeof *w.directions, "the probes' rays", error));
+    KILN_TRY(kiln_arena_allocate(&w.arena, &w.hits, most * RAYS, sizeof *w.hits, "the probes' rays", error));
+    KILN_TRY(kiln_arena_allocate(&w.arena, &w.homeless, most, sizeof *w.homeless, "probes inside geometry", error));
     for (size_t done = 0; done < count; done += TOGETHER) {
         const size_t some = count - done < TOGETHER ? count - done : TOGETHER;
         KILN_TRY(find_some(&w, positions + done, some, places + done, rays, error));
     }
 end:
-    kiln_free(&w.origins);
-    kiln_free(&w.directions);
-    kiln_free(&w.hits);
-    kiln_free(&w.homeless);
+    kiln_arena_release(&w.arena);
     return status;
 }
