@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/material/surface_bsdf.h"
 #include "worker/scene/footprint.h"
@@ -157,8 +158,10 @@ static int take_planes(struct kiln_mirror_images *m, const struct face *faces, c
     const size_t triangles = m->lights->geometry->triangle_count, most = KILN_IMAGES_MOST / m->lamp_count;
     m->plane_count = count < most ? count : most;
     int status;
-    KILN_TRY(kiln_allocate(&m->planes, m->plane_count, sizeof *m->planes, "the planes of mirrors", error));
-    KILN_TRY(kiln_allocate(&m->plane_of, triangles, sizeof *m->plane_of, "the planes of triangles", error));
+    KILN_TRY(
+        kiln_arena_allocate(&m->arena, &m->planes, m->plane_count, sizeof *m->planes, "the planes of mirrors", error));
+    KILN_TRY(
+        kiln_arena_allocate(&m->arena, &m->plane_of, triangles, sizeof *m->plane_of, "the planes of triangles", error));
     for (size_t t = 0; t < triangles; t++)
         m->plane_of[t] = KILN_NONE;
     for (size_t i = 0; i < m->plane_count; i++) {
@@ -199,7 +202,8 @@ static int find_lamps(struct kiln_mirror_images *m, struct kiln_error *error)
 {
     const struct kiln_lights *l = m->lights;
     const size_t count = l->point_count + l->directional_count;
-    const int status = kiln_allocate(&m->lamps, count, sizeof *m->lamps, "the lamps that mirrors show", error);
+    const int status =
+        kiln_arena_allocate(&m->arena, &m->lamps, count, sizeof *m->lamps, "the lamps that mirrors show", error);
     for (size_t i = 0; status == KILN_OK && i < l->point_count; i++)
         m->lamps[m->lamp_count++] = (struct kiln_mirror_lamp){.index = (uint32_t)i, .place = l->points[i].position};
     for (size_t i = 0; status == KILN_OK && i < l->directional_count; i++)
@@ -261,9 +265,7 @@ void kiln_mirror_images_destroy(struct kiln_mirror_images **images)
 {
     if (*images == NULL)
         return;
-    kiln_free(&(*images)->lamps);
-    kiln_free(&(*images)->planes);
-    kiln_free(&(*images)->plane_of);
+    kiln_arena_release(&(*images)->arena);
     kiln_free(images);
 }
 

@@ -15,6 +15,7 @@
 #ifndef KILN_WORKER_BACKEND_MIRROR_IMAGES_H
 #define KILN_WORKER_BACKEND_MIRROR_IMAGES_H
 
+#include "worker/base/arena.h"
 #include "worker/light/lights.h"
 
 enum { KILN_IMAGES_MOST = 16 };
@@ -38,6 +39,7 @@ struct kiln_mirror_images {
     struct kiln_mirror_lamp *lamps;
     struct kiln_mirror_plane *planes; /* the largest first */
     uint32_t *plane_of;               /* of each world triangle; KILN_NONE: of no plane that is taken */
+    struct kiln_arena arena;
 };
 
 /* NULL where there is no pair, or a spot's beam has less than `least` m2 across where its axis meets a plane. Not

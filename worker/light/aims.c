@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "shaders/shared/streams.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/light/access.h"
 #include "worker/scene/footprint.h"
@@ -109,10 +110,12 @@ static int find_lamps(struct kiln_aims *a, size_t most, struct kiln_error *error
     int status = kiln_sky_cells_create(&a->sky, l, cells, error);
     const size_t skies = a->sky.count > 0 ? a->sky.count : l->environment ? 1 : 0;
     KILN_TRY(status);
-    KILN_TRY(kiln_allocate(&a->lamps, l->area_count + l->point_count + l->directional_count + skies, sizeof *a->lamps,
-                           "the lamps of light paths", error));
-    KILN_TRY(kiln_allocate(&a->until, l->area_count, sizeof *a->until, "the shares of emitting triangles", error));
-    KILN_TRY(kiln_allocate(&a->lamp_of, l->area_count, sizeof *a->lamp_of, "the lamps of emitting triangles", error));
+    KILN_TRY(kiln_arena_allocate(&a->arena, &a->lamps, l->area_count + l->point_count + l->directional_count + skies,
+                                 sizeof *a->lamps, "the lamps of light paths", error));
+    KILN_TRY(kiln_arena_allocate(&a->arena, &a->until, l->area_count, sizeof *a->until,
+                                 "the shares of emitting triangles", error));
+    KILN_TRY(kiln_arena_allocate(&a->arena, &a->lamp_of, l->area_count, sizeof *a->lamp_of,
+                                 "the lamps of emitting triangles", error));
 end:
     if (status != KILN_OK)
         return status;
@@ -174,8 +177,9 @@ static int make_aims(struct kiln_aims *a, struct kiln_error *error)
                          a->lamp_count, a->targets.count, (int)KILN_AIMS_MOST);
     const size_t count = a->lamp_count * a->targets.count;
     int status;
-    KILN_TRY(kiln_allocate(&a->aims, count, sizeof *a->aims, "the aims of light paths", error));
-    KILN_TRY(kiln_allocate(&a->first, count + 1, sizeof *a->first, "the numbers of light paths", error));
+    KILN_TRY(kiln_arena_allocate(&a->arena, &a->aims, count, sizeof *a->aims, "the aims of light paths", error));
+    KILN_TRY(
+        kiln_arena_allocate(&a->arena, &a->first, count + 1, sizeof *a->first, "the numbers of light paths", error));
     for (size_t i = 0; i < a->lamp_count; i++)
         for (size_t j = 0; j < a->targets.count; j++)
             a->aims[a->count++] =
@@ -212,13 +216,9 @@ void kiln_aims_destroy(struct kiln_aims **aims)
     struct kiln_aims *a = *aims;
     if (a == NULL)
         return;
-    kiln_free(&a->lamps);
     kiln_sky_cells_release(&a->sky);
     kiln_targets_release(&a->targets);
-    kiln_free(&a->aims);
-    kiln_free(&a->until);
-    kiln_free(&a->lamp_of);
-    kiln_free(&a->first);
+    kiln_arena_release(&a->arena);
     kiln_free(aims);
 }
 

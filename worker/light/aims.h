@@ -29,6 +29,7 @@
 #define KILN_WORKER_LIGHT_AIMS_H
 
 #include "shaders/shared/aimed_ray.h"
+#include "worker/base/arena.h"
 #include "worker/light/lights.h"
 #include "worker/light/sky_cells.h"
 #include "worker/light/targets.h"
@@ -52,6 +53,7 @@ struct kiln_aims {
     uint64_t *first;       /* of each aim its first path, and one more */
     struct kiln_dvec3 centre;
     double radius; /* of a sphere about the scene, m */
+    struct kiln_arena arena;
 };
 
 enum { KILN_AIMS_MOST = 1 << 24, KILN_AIM_NUMBERS = 6 };

@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/light/access.h"
 
@@ -76,9 +77,9 @@ int kiln_emission_create(struct kiln_emission **emission, const struct kiln_ligh
     e->lights = lights;
     e->count = lights->area_count + lights->point_count + lights->directional_count + 1;
     KILN_TRY(kiln_allocate(&e->chance, e->count, sizeof *e->chance, what, error));
-    KILN_TRY(kiln_allocate(&e->up_to, e->count, sizeof *e->up_to, what, error));
-    KILN_TRY(kiln_allocate(&e->parent, lights->node_count, sizeof *e->parent, what, error));
-    KILN_TRY(kiln_allocate(&e->leaf, e->count, sizeof *e->leaf, what, error));
+    KILN_TRY(kiln_arena_allocate(&e->arena, &e->up_to, e->count, sizeof *e->up_to, what, error));
+    KILN_TRY(kiln_arena_allocate(&e->arena, &e->parent, lights->node_count, sizeof *e->parent, what, error));
+    KILN_TRY(kiln_arena_allocate(&e->arena, &e->leaf, e->count, sizeof *e->leaf, what, error));
 end:
     if (status != KILN_OK) {
         kiln_emission_destroy(&e);
@@ -96,9 +97,7 @@ void kiln_emission_destroy(struct kiln_emission **emission)
     if (*emission == NULL)
         return;
     kiln_free(&(*emission)->chance);
-    kiln_free(&(*emission)->up_to);
-    kiln_free(&(*emission)->parent);
-    kiln_free(&(*emission)->leaf);
+    kiln_arena_release(&(*emission)->arena);
     kiln_free(emission);
 }
 

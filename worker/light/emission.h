@@ -13,6 +13,7 @@
 #define KILN_WORKER_LIGHT_EMISSION_H
 
 #include "shaders/shared/emitted.h"
+#include "worker/base/arena.h"
 #include "worker/light/lights.h"
 
 /* Numbers of lights: the tree's as in struct kiln_light_sample, then the directional ones, then the environment. */
@@ -25,6 +26,7 @@ struct kiln_emission {
     struct kiln_dvec3 centre;
     double radius;           /* m: the sphere about the scene */
     uint32_t *parent, *leaf; /* of the tree's nodes the parent; of its lights the node */
+    struct kiln_arena arena;
 };
 
 /* Borrows the lights. Destroy with kiln_emission_destroy. Not collective. KILN_SYSTEM. */

@@ -5,6 +5,7 @@
 
 #include "shaders/shared/area_light.h"
 #include "shaders/shared/warp.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/scene/footprint.h"
 #include "worker/scene/gloss.h"
@@ -319,10 +320,11 @@ int kiln_targets_create(struct kiln_targets *targets, const struct kiln_lights *
     KILN_TRY(kiln_allocate(&w.triangles, taken, sizeof *w.triangles, what, error));
     KILN_TRY(kiln_allocate(&w.nodes, 2 * room, sizeof *w.nodes, what, error));
     KILN_TRY(kiln_allocate(&ends, objects, sizeof *ends, what, error));
-    KILN_TRY(kiln_allocate(&targets->all, room, sizeof *targets->all, what, error));
-    KILN_TRY(kiln_allocate(&targets->of_triangle, g->triangle_count, sizeof *targets->of_triangle, what, error));
-    KILN_TRY(kiln_allocate(&targets->triangles, taken, sizeof *targets->triangles, what, error));
-    KILN_TRY(kiln_allocate(&targets->until, taken, sizeof *targets->until, what, error));
+    KILN_TRY(kiln_arena_allocate(&targets->arena, &targets->all, room, sizeof *targets->all, what, error));
+    KILN_TRY(kiln_arena_allocate(&targets->arena, &targets->of_triangle, g->triangle_count,
+                                 sizeof *targets->of_triangle, what, error));
+    KILN_TRY(kiln_arena_allocate(&targets->arena, &targets->triangles, taken, sizeof *targets->triangles, what, error));
+    KILN_TRY(kiln_arena_allocate(&targets->arena, &targets->until, taken, sizeof *targets->until, what, error));
     const struct kiln_vec3 low = g->bounds_min, high = g->bounds_max;
     const double far = (double)fmaxf(vec3_length(low), vec3_length(high));
     for (size_t t = 0; t < g->triangle_count; t++)
@@ -342,10 +344,7 @@ end:
 
 void kiln_targets_release(struct kiln_targets *targets)
 {
-    kiln_free(&targets->all);
-    kiln_free(&targets->of_triangle);
-    kiln_free(&targets->triangles);
-    kiln_free(&targets->until);
+    kiln_arena_release(&targets->arena);
     targets->count = targets->listed = 0;
 }
 

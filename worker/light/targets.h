@@ -16,6 +16,7 @@
 
 #include "shaders/shared/spherical_triangle.h"
 #include "shaders/shared/targets.h"
+#include "worker/base/arena.h"
 #include "worker/light/lights.h"
 
 struct kiln_targets {
@@ -25,6 +26,7 @@ struct kiln_targets {
     size_t listed;           /* triangles of targets whose `even` is not 0, target by target */
     uint32_t *triangles;
     double *until; /* of each the share of its target's area up to its end */
+    struct kiln_arena arena;
 };
 
 /* Objects are cut as long as there are at most `most` targets. KILN_SYSTEM. Release with kiln_targets_release, also

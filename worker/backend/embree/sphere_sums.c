@@ -4,6 +4,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/clones.h"
 #include "worker/base/memory.h"
 
@@ -23,22 +24,20 @@ struct sums {
 int sphere_chords_begin(struct sphere_chords *c, const struct kiln_probe_spheres *s, struct kiln_error *error)
 {
     *c = (struct sphere_chords){.status = KILN_OK};
-    return kiln_allocate(&c->last, s->count, sizeof *c->last, "the chords of light paths", error);
+    return kiln_arena_allocate(&c->arena, &c->last, s->count, sizeof *c->last, "the chords of light paths", error);
 }
 
 void sphere_chords_release(struct sphere_chords *c)
 {
-    kiln_free(&c->chords);
-    kiln_free(&c->last);
     kiln_free(&c->begin);
-    kiln_free(&c->order);
+    kiln_arena_release(&c->arena);
 }
 
 void sphere_chords_add(struct sphere_chords *c, const struct sphere_chord *chord)
 {
     if (c->status == KILN_OK && c->count == c->room)
-        c->status =
-            kiln_grow(&c->chords, &c->room, c->count + 1, sizeof *c->chords, "the chords of light paths", &c->error);
+        c->status = kiln_arena_grow(&c->arena, &c->chords, &c->room, c->count + 1, sizeof *c->chords,
+                                    "the chords of light paths", &c->error);
     if (c->status == KILN_OK)
         c->chords[c->count++] = *chord;
 }
@@ -73,7 +72,8 @@ void sphere_chords_end(struct sphere_chords *c, const struct kiln_probe_spheres 
     if (c->status == KILN_OK)
         c->status = kiln_allocate(&c->begin, stretches + 2, sizeof *c->begin, "the chords of light paths", &c->error);
     if (c->status == KILN_OK)
-        c->status = kiln_allocate(&c->order, c->count, sizeof *c->order, "the chords of light paths", &c->error);
+        c->status = kiln_arena_allocate(&c->arena, &c->order, c->count, sizeof *c->order, "the chords of light paths",
+                                        &c->error);
     if (c->status != KILN_OK)
         return;
     for (size_t i = 0; i < c->count; i++)

@@ -3,6 +3,7 @@
 #ifndef KILN_WORKER_BACKEND_EMBREE_SPHERE_SUMS_H
 #define KILN_WORKER_BACKEND_EMBREE_SPHERE_SUMS_H
 
+#include "worker/base/arena.h"
 #include "worker/base/status.h"
 #include "worker/pass/spheres.h"
 #include "worker/sampling/harmonics.h"
@@ -41,6 +42,7 @@ struct sphere_chords {
     uint64_t moments;
     int status; /* of memory */
     struct kiln_error error;
+    struct kiln_arena arena;
 };
 
 /* KILN_SYSTEM. Release with sphere_chords_release, in any case. */
