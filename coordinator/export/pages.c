@@ -6,6 +6,7 @@
 #include "coordinator/export/atlas.h"
 #include "coordinator/output/map/charts/nearest.h"
 #include "coordinator/files/publish.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 /* Makes the name "lightmaps/NAME.exr", which `pages` owns. NULL when out of memory. */
@@ -423,9 +424,9 @@ int kiln_pages_write(struct kiln_pages **result, const struct kiln_pages_params 
     if (status != KILN_OK)
         return status;
     pages->used = 1.0;
-    KILN_TRY(kiln_allocate(&pages->links, objects, sizeof *pages->links, "the pages", error));
-    KILN_TRY(kiln_allocate(&pages->pages, objects, sizeof *pages->pages, "the pages", error));
-    KILN_TRY(kiln_allocate(&pages->names, 2 * objects, sizeof *pages->names, "the pages", error));
+    KILN_TRY(kiln_arena_allocate(&pages->arena, &pages->links, objects, sizeof *pages->links, "the pages", error));
+    KILN_TRY(kiln_arena_allocate(&pages->arena, &pages->pages, objects, sizeof *pages->pages, "the pages", error));
+    KILN_TRY(kiln_arena_allocate(&pages->arena, &pages->names, 2 * objects, sizeof *pages->names, "the pages", error));
     KILN_TRY(kiln_folder_open(&folder, p->folder, p->has_back != NULL ? "lightmaps/back" : "lightmaps", true, error));
 end:
     kiln_folder_close(&folder);
@@ -445,8 +446,6 @@ void kiln_pages_destroy(struct kiln_pages **pointer)
     for (size_t i = 0; i < pages->name_count; i++)
         kiln_free(&pages->names[i]);
     kiln_free(&pages->coordinates);
-    kiln_free(&pages->names);
-    kiln_free(&pages->pages);
-    kiln_free(&pages->links);
+    kiln_arena_release(&pages->arena);
     kiln_free(pointer);
 }

@@ -13,6 +13,7 @@
 #include "coordinator/export/export.h"
 #include "coordinator/export/page_format.h"
 #include "coordinator/output/read/results.h"
+#include "worker/base/arena.h"
 
 struct kiln_pages_params {
     const char *directory;        /* the bake's folder */
@@ -33,6 +34,7 @@ struct kiln_pages {
     double used;                   /* fraction of the pages' texels that belong to an island; 1 without an atlas */
     char **names;
     size_t name_count;
+    struct kiln_arena arena;
 };
 
 /* Reads the lightmaps and writes the pages. KILN_BAD_INPUT when an object does not fit a page, or a value does not fit

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/import/gltf_document.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 /* Extensions that a file may require: those that kiln reads, and those that change nothing about diffuse light. */
@@ -178,16 +179,8 @@ void gltf_close(struct gltf *g)
     }
     for (size_t i = 0; g->views != NULL && i < g->view_count; i++)
         kiln_free(&g->views[i].owned);
-    kiln_free(&g->buffers);
-    kiln_free(&g->views);
-    kiln_free(&g->accessors);
-    kiln_free(&g->materials);
     kiln_images_destroy(&g->images);
-    kiln_free(&g->image_of);
-    kiln_free(&g->image_state);
-    kiln_free(&g->texture_of);
-    kiln_free(&g->mesh_of);
-    kiln_free(&g->mesh_uses);
+    kiln_arena_release(&g->arena);
     kiln_names_destroy(&g->names);
     json_decref(g->root);
     kiln_file_unmap(&g->file);

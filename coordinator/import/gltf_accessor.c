@@ -2,7 +2,7 @@
 #include <string.h>
 
 #include "coordinator/import/gltf_document.h"
-#include "worker/base/memory.h"
+#include "worker/base/arena.h"
 
 enum { BYTE = 5120, UNSIGNED_BYTE = 5121, SHORT = 5122, UNSIGNED_SHORT = 5123, UNSIGNED_INT = 5125, FLOAT = 5126 };
 
@@ -163,7 +163,8 @@ void gltf_read_accessors(struct gltf *g)
 {
     g->accessor_count = gltf_length(g, "accessors");
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_allocate(&g->accessors, g->accessor_count, sizeof *g->accessors, "accessors", g->error));
+        gltf_take(g, kiln_arena_allocate(&g->arena, &g->accessors, g->accessor_count, sizeof *g->accessors, "accessors",
+                                         g->error));
     for (size_t i = 0; i < g->accessor_count && g->status == KILN_OK; i++)
         read_accessor(g, i);
 }

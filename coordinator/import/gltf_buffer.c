@@ -4,6 +4,7 @@
 #include <strings.h>
 
 #include "coordinator/import/gltf_document.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 enum { GLB_HEADER = 12, GLB_CHUNK_HEADER = 8 };
@@ -238,9 +239,11 @@ void gltf_read_buffers(struct gltf *g)
     g->buffer_count = gltf_length(g, "buffers");
     g->view_count = gltf_length(g, "bufferViews");
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_allocate(&g->buffers, g->buffer_count, sizeof *g->buffers, "buffers", g->error));
+        gltf_take(
+            g, kiln_arena_allocate(&g->arena, &g->buffers, g->buffer_count, sizeof *g->buffers, "buffers", g->error));
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_allocate(&g->views, g->view_count, sizeof *g->views, "buffer views", g->error));
+        gltf_take(g,
+                  kiln_arena_allocate(&g->arena, &g->views, g->view_count, sizeof *g->views, "buffer views", g->error));
     for (size_t i = 0; i < g->buffer_count && g->status == KILN_OK; i++)
         read_buffer(g, i);
     for (size_t i = 0; i < g->view_count && g->status == KILN_OK; i++)

@@ -15,6 +15,7 @@
 #include "coordinator/import/names.h"
 #include "coordinator/import/numbers.h"
 #include "coordinator/import/kinds.h"
+#include "worker/base/arena.h"
 
 struct gltf_buffer {
     const unsigned char *data; /* NULL: the buffer has no bytes (a fallback buffer, which nothing may use) */
@@ -96,6 +97,7 @@ struct gltf {
     uint64_t skin_joints, posed_triangles;
     uint64_t outside_nodes, hidden_nodes, strange_cameras;
     struct kiln_kinds unused; /* what is in the file and not used */
+    struct kiln_arena arena;
 };
 enum { GLTF_USED = 1, GLTF_USED_SKINNED = 2 };
 /* Flags of an image: its file is not there; and what asked for it. */

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coordinator/import/gltf_document.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/scene/gloss.h"
 
@@ -613,14 +614,17 @@ void gltf_read_materials(struct gltf *g)
     g->image_count = gltf_length(g, "images");
     g->default_material = KILN_NONE;
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_allocate(&g->materials, g->material_count, sizeof *g->materials, "materials", g->error));
+        gltf_take(g, kiln_arena_allocate(&g->arena, &g->materials, g->material_count, sizeof *g->materials, "materials",
+                                         g->error));
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_allocate(&g->image_of, g->image_count, sizeof *g->image_of, "images", g->error));
+        gltf_take(
+            g, kiln_arena_allocate(&g->arena, &g->image_of, g->image_count, sizeof *g->image_of, "images", g->error));
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_allocate(&g->image_state, g->image_count, 1, "images", g->error));
+        gltf_take(g, kiln_arena_allocate(&g->arena, &g->image_state, g->image_count, 1, "images", g->error));
     g->images = (struct kiln_images){.confine = g->confine, .builder = g->builder};
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_allocate(&g->texture_of, 2 * g->texture_count, sizeof *g->texture_of, "textures", g->error));
+        gltf_take(g, kiln_arena_allocate(&g->arena, &g->texture_of, 2 * g->texture_count, sizeof *g->texture_of,
+                                         "textures", g->error));
     if (g->status != KILN_OK)
         return;
     memset(g->texture_of, 0xff, 2 * g->texture_count * sizeof *g->texture_of);

@@ -6,6 +6,7 @@
 
 #include "coordinator/import/gltf_pose.h"
 #include "coordinator/job/object_settings.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 static const uint64_t expanded_max = (uint64_t)1 << 30, objects_max = (uint64_t)1 << 20;
@@ -534,9 +535,11 @@ void gltf_read_scene(struct gltf *g)
     const json_t *scene = NULL;
     g->mesh_count = gltf_length(g, "meshes");
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_allocate(&g->mesh_of, g->mesh_count, sizeof *g->mesh_of, "meshes", g->error));
+        gltf_take(g,
+                  kiln_arena_allocate(&g->arena, &g->mesh_of, g->mesh_count, sizeof *g->mesh_of, "meshes", g->error));
     if (g->status == KILN_OK)
-        gltf_take(g, kiln_allocate(&g->mesh_uses, g->mesh_count, sizeof *g->mesh_uses, "meshes", g->error));
+        gltf_take(
+            g, kiln_arena_allocate(&g->arena, &g->mesh_uses, g->mesh_count, sizeof *g->mesh_uses, "meshes", g->error));
     for (size_t i = 0; i < g->mesh_count && g->status == KILN_OK; i++)
         g->mesh_of[i] = GLTF_UNREAD;
     read_tree(g, &tree);

@@ -6,6 +6,7 @@
 
 #include "coordinator/layout/padding.h"
 #include "coordinator/layout/raster.h"
+#include "worker/base/arena.h"
 #include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
@@ -83,7 +84,7 @@ static int list_seams(struct kiln_sharing *s, const struct kiln_vec3 *positions,
         count += (size_t)__builtin_popcount(borders[t]);
     int status = kiln_allocate(&all, count, sizeof *all, "borders of charts", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&s->seams, count, sizeof *s->seams, "borders of charts", error);
+        status = kiln_arena_allocate(&s->arena, &s->seams, count, sizeof *s->seams, "borders of charts", error);
     count = 0;
     for (size_t e = 0; e < 3 * s->triangle_count && status == KILN_OK; e++)
         if ((borders[e / 3] >> (e % 3) & 1u) != 0)
@@ -103,27 +104,21 @@ int kiln_sharing_open(struct kiln_sharing *sharing, const struct kiln_vec3 *posi
     uint8_t *borders = NULL;
     kiln_sharing_close(sharing);
     *sharing = (struct kiln_sharing){.uv = uv, .triangles = triangles, .triangle_count = triangle_count};
-    int status =
-        kiln_allocate(&sharing->chart, triangle_count, sizeof *sharing->chart, "the charts of a layout", error);
+    int status = kiln_arena_allocate(&sharing->arena, &sharing->chart, triangle_count, sizeof *sharing->chart,
+                                     "the charts of a layout", error);
     KILN_TRY(status);
     KILN_TRY(kiln_allocate(&borders, triangle_count, 1, "the charts of a layout", error));
     KILN_TRY(kiln_padding_charts(positions, uv, vertex_count, triangles, triangle_count, sharing->chart, borders,
                                  &sharing->chart_count, error));
-    KILN_TRY(kiln_allocate(&sharing->joined, sharing->chart_count, sizeof *sharing->joined, "the charts of a layout",
-                           error));
+    KILN_TRY(kiln_arena_allocate(&sharing->arena, &sharing->joined, sharing->chart_count, sizeof *sharing->joined,
+                                 "the charts of a layout", error));
     KILN_TRY(list_seams(sharing, positions, borders, error));
 end:
     kiln_free(&borders);
     return status;
 }
 
-void kiln_sharing_close(struct kiln_sharing *sharing)
-{
-    kiln_free(&sharing->chart);
-    kiln_free(&sharing->seams);
-    kiln_free(&sharing->owners);
-    kiln_free(&sharing->joined);
-}
+void kiln_sharing_close(struct kiln_sharing *sharing) { kiln_arena_release(&sharing->arena); }
 
 /* Joins the charts that go on in each other in a lightmap of scale[0] x scale[1] texels. */
 static void join_charts(struct kiln_sharing *s, const double scale[2])
@@ -194,8 +189,8 @@ int kiln_sharing_count(struct kiln_sharing *sharing, uint32_t width, uint32_t he
     const uint32_t most = across < OWNERS_MAX ? OWNERS_MAX / across : 1, rows = down < most ? down : most;
     struct strip strip = {.width = across};
     *texels = 0;
-    const int status = kiln_grow(&sharing->owners, &sharing->owner_capacity, (size_t)rows * across,
-                                 sizeof *sharing->owners, "the texels of a layout", error);
+    const int status = kiln_arena_grow(&sharing->arena, &sharing->owners, &sharing->owner_capacity,
+                                       (size_t)rows * across, sizeof *sharing->owners, "the texels of a layout", error);
     strip.owners = sharing->owners;
     join_charts(sharing, scale);
     for (strip.low = 0; strip.low < down && status == KILN_OK; strip.low += rows) {

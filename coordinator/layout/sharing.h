@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/status.h"
 #include "worker/base/vector.h"
 
@@ -25,6 +26,7 @@ struct kiln_sharing {
     size_t seam_count;
     uint32_t *owners, *joined; /* working memory: per texel, per chart */
     size_t owner_capacity;
+    struct kiln_arena arena;
 };
 
 /* Finds the charts of a mesh's layout and their seams. May be called again for another mesh. KILN_SYSTEM. */

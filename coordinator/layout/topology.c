@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 enum { PAIRED_MAX = 8 };
@@ -185,9 +186,11 @@ int kiln_topology_create(struct kiln_topology **topology, const struct kiln_vec3
     t->triangle_count = triangle_count;
     t->triangles = triangles;
     KILN_TRY(kiln_allocate(&t->points, vertex_count, sizeof *t->points, "unwrapping a mesh", error));
-    KILN_TRY(kiln_allocate(&t->normals, triangle_count, sizeof *t->normals, "unwrapping a mesh", error));
-    KILN_TRY(kiln_allocate(&t->areas, triangle_count, sizeof *t->areas, "unwrapping a mesh", error));
-    KILN_TRY(kiln_allocate(&t->neighbours, 3 * triangle_count, sizeof *t->neighbours, "unwrapping a mesh", error));
+    KILN_TRY(
+        kiln_arena_allocate(&t->arena, &t->normals, triangle_count, sizeof *t->normals, "unwrapping a mesh", error));
+    KILN_TRY(kiln_arena_allocate(&t->arena, &t->areas, triangle_count, sizeof *t->areas, "unwrapping a mesh", error));
+    KILN_TRY(kiln_arena_allocate(&t->arena, &t->neighbours, 3 * triangle_count, sizeof *t->neighbours,
+                                 "unwrapping a mesh", error));
     transform_points(t, positions, linear);
     measure_triangles(t);
     KILN_TRY(find_neighbours(t, positions, error));
@@ -203,9 +206,7 @@ void kiln_topology_destroy(struct kiln_topology **topology)
     struct kiln_topology *t = *topology;
     if (t == NULL)
         return;
-    kiln_free(&t->neighbours);
-    kiln_free(&t->areas);
-    kiln_free(&t->normals);
+    kiln_arena_release(&t->arena);
     kiln_free(&t->points);
     kiln_free(topology);
 }

@@ -5,6 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/status.h"
 #include "worker/base/vector.h"
 #include "worker/scene/scene.h"
@@ -18,6 +19,7 @@ struct kiln_topology {
     double *areas;              /* per triangle: m2; 0 if degenerate */
     uint32_t *neighbours;       /* 3 per triangle: the triangle across edge k (corner k to k+1), or KILN_NONE */
     size_t degenerate_count;
+    struct kiln_arena arena;
 };
 
 /* Builds the topology. `linear` (row-major 3 x 3) maps mesh space to the space in which areas and angles are measured.

@@ -4,15 +4,17 @@
 
 #include "coordinator/layout/pack.h"
 #include "coordinator/layout/padding.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 static int add_vertex(struct kiln_unwrapped *u, uint32_t source, struct kiln_vec2 uv, uint32_t *index,
                       struct kiln_error *error)
 {
-    int status =
-        kiln_grow(&u->source, &u->capacity, u->vertex_count + 1, sizeof *u->source, "unwrapped vertices", error);
+    int status = kiln_arena_grow(&u->arena, &u->source, &u->capacity, u->vertex_count + 1, sizeof *u->source,
+                                 "unwrapped vertices", error);
     if (status == KILN_OK)
-        status = kiln_grow(&u->uv, &u->uv_capacity, u->vertex_count + 1, sizeof *u->uv, "unwrapped vertices", error);
+        status = kiln_arena_grow(&u->arena, &u->uv, &u->uv_capacity, u->vertex_count + 1, sizeof *u->uv,
+                                 "unwrapped vertices", error);
     if (status != KILN_OK)
         return status;
     u->source[u->vertex_count] = source;
@@ -75,7 +77,8 @@ static int lay_vertices(struct kiln_unwrapped *u, const struct kiln_topology *t,
     int status;
     KILN_TRY(kiln_allocate(&copy, t->vertex_count, sizeof *copy, "unwrapped vertices", error));
     KILN_TRY(kiln_allocate(&made, t->vertex_count, sizeof *made, "unwrapped vertices", error));
-    KILN_TRY(kiln_allocate(&u->triangles, 3 * t->triangle_count, sizeof *u->triangles, "unwrapped triangles", error));
+    KILN_TRY(kiln_arena_allocate(&u->arena, &u->triangles, 3 * t->triangle_count, sizeof *u->triangles,
+                                 "unwrapped triangles", error));
     KILN_TRY(lay_charts(u, t, charts, packing, copy, made, error));
     KILN_TRY(lay_degenerate(u, t, copy, made, error));
 end:
@@ -145,7 +148,7 @@ static int flat_topology(struct kiln_topology *t, const struct kiln_vec2 *uv, si
     *t = (struct kiln_topology){.vertex_count = vertex_count, .triangle_count = triangle_count, .triangles = triangles};
     int status;
     KILN_TRY(kiln_allocate(&t->points, vertex_count, sizeof *t->points, "a mesh's layout", error));
-    KILN_TRY(kiln_allocate(&t->areas, triangle_count, sizeof *t->areas, "a mesh's layout", error));
+    KILN_TRY(kiln_arena_allocate(&t->arena, &t->areas, triangle_count, sizeof *t->areas, "a mesh's layout", error));
     for (size_t i = 0; i < vertex_count; i++)
         t->points[i] = dvec3(metres[0] * (double)uv[i].x, metres[1] * (double)uv[i].y, 0.0);
     for (size_t i = 0; i < triangle_count; i++) {
@@ -234,7 +237,7 @@ end:
     kiln_free(&borders);
     kiln_free(&chart);
     kiln_free(&topology.points);
-    kiln_free(&topology.areas);
+    kiln_arena_free(&topology.arena, &topology.areas);
     return status;
 }
 
@@ -242,8 +245,6 @@ void kiln_unwrapped_destroy(struct kiln_unwrapped **unwrapped)
 {
     if (*unwrapped == NULL)
         return;
-    kiln_free(&(*unwrapped)->triangles);
-    kiln_free(&(*unwrapped)->uv);
-    kiln_free(&(*unwrapped)->source);
+    kiln_arena_release(&(*unwrapped)->arena);
     kiln_free(unwrapped);
 }

@@ -5,6 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/status.h"
 #include "worker/base/vector.h"
 
@@ -28,6 +29,7 @@ struct kiln_unwrapped {
     uint32_t width, height;  /* texels of the lightmap for which it was packed */
     double texels_per_metre; /* the density reached */
     uint32_t cells;          /* more than 1: charts share texels, see struct kiln_packing */
+    struct kiln_arena arena;
 };
 
 /* Unwraps a mesh. A degenerate triangle gets a point of a neighbour's chart and no area. Old vertices that no triangle

@@ -3,6 +3,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/clones.h"
 #include "worker/base/memory.h"
 
@@ -27,34 +28,25 @@ int kiln_cholesky_create(struct kiln_cholesky *c, const struct kiln_elimination 
                  entries = kiln_elimination_entries(elimination);
     *c = (struct kiln_cholesky){.elimination = elimination, .lanes = lanes};
     int status;
-    KILN_TRY(kiln_allocate_bare(&c->matrix, entries, sizeof *c->matrix, what, error));
-    KILN_TRY(kiln_allocate_bare(&c->entries, entries, lanes * sizeof *c->entries, what, error));
-    KILN_TRY(kiln_allocate_bare(&c->diagonal, count, lanes * sizeof *c->diagonal, what, error));
-    KILN_TRY(kiln_allocate_bare(&c->column, count, lanes * sizeof *c->column, what, error));
-    KILN_TRY(kiln_allocate_bare(&c->waiting, count, sizeof *c->waiting, what, error));
-    KILN_TRY(kiln_allocate_bare(&c->behind, count, sizeof *c->behind, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&c->arena, &c->matrix, entries, sizeof *c->matrix, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&c->arena, &c->entries, entries, lanes * sizeof *c->entries, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&c->arena, &c->diagonal, count, lanes * sizeof *c->diagonal, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&c->arena, &c->column, count, lanes * sizeof *c->column, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&c->arena, &c->waiting, count, sizeof *c->waiting, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&c->arena, &c->behind, count, sizeof *c->behind, what, error));
     KILN_TRY(kiln_allocate_bare(&c->next, count, sizeof *c->next, what, error));
-    KILN_TRY(kiln_allocate(&c->core, core, lanes * sizeof *c->core, what, error));
-    KILN_TRY(kiln_allocate_bare(&c->residual, core, lanes * sizeof *c->residual, what, error));
-    KILN_TRY(kiln_allocate_bare(&c->direction, core, lanes * sizeof *c->direction, what, error));
-    KILN_TRY(kiln_allocate_bare(&c->product, core, lanes * sizeof *c->product, what, error));
+    KILN_TRY(kiln_arena_allocate(&c->arena, &c->core, core, lanes * sizeof *c->core, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&c->arena, &c->residual, core, lanes * sizeof *c->residual, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&c->arena, &c->direction, core, lanes * sizeof *c->direction, what, error));
+    KILN_TRY(kiln_arena_allocate_bare(&c->arena, &c->product, core, lanes * sizeof *c->product, what, error));
 end:
     return status;
 }
 
 void kiln_cholesky_destroy(struct kiln_cholesky *c)
 {
-    kiln_free(&c->matrix);
-    kiln_free(&c->diagonal);
-    kiln_free(&c->entries);
-    kiln_free(&c->column);
-    kiln_free(&c->waiting);
-    kiln_free(&c->behind);
     kiln_free(&c->next);
-    kiln_free(&c->core);
-    kiln_free(&c->residual);
-    kiln_free(&c->direction);
-    kiln_free(&c->product);
+    kiln_arena_release(&c->arena);
 }
 
 /* The row of entry k, which is in this column. */

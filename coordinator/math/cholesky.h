@@ -16,6 +16,7 @@
 #define KILN_COORDINATOR_MATH_CHOLESKY_H
 
 #include "coordinator/math/elimination.h"
+#include "worker/base/arena.h"
 
 enum { KILN_CHOLESKY_LANES = 8 };
 
@@ -30,6 +31,7 @@ struct kiln_cholesky {
     uint32_t *waiting, *behind; /* columns by the next row that they have an entry in, as lists */
     size_t *next;               /* that entry of each column */
     double *core, *residual, *direction, *product; /* of the core; core: its solution, with which the next one begins */
+    struct kiln_arena arena;
 };
 
 /* The number of lanes for so many matrices: 1, 2, 4, 6 or 8. */

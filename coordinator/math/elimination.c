@@ -347,11 +347,11 @@ int kiln_elimination_create(struct kiln_elimination *r, size_t count, const uint
     const char *what = "the order of elimination";
     bool again = true;
     *r = (struct kiln_elimination){.count = count};
-    int status = kiln_allocate_bare(&r->place, count, sizeof *r->place, what, error);
+    int status = kiln_arena_allocate_bare(&r->arena, &r->place, count, sizeof *r->place, what, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&r->first, count + 1, sizeof *r->first, what, error);
+        status = kiln_arena_allocate(&r->arena, &r->first, count + 1, sizeof *r->first, what, error);
     if (status == KILN_OK)
-        status = kiln_allocate_bare(&r->first_row, count, sizeof *r->first_row, what, error);
+        status = kiln_arena_allocate_bare(&r->arena, &r->first_row, count, sizeof *r->first_row, what, error);
     for (int way = 0; status == KILN_OK && again; way++) {
         struct graph g = {.count = count, .clique_count = clique_count, .result = r, .has_core = way > 0};
         again = false;
@@ -370,8 +370,6 @@ int kiln_elimination_create(struct kiln_elimination *r, size_t count, const uint
 
 void kiln_elimination_destroy(struct kiln_elimination *r)
 {
-    kiln_free(&r->place);
-    kiln_free(&r->first);
-    kiln_free(&r->first_row);
+    kiln_arena_release(&r->arena);
     kiln_free(&r->rows);
 }

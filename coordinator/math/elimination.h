@@ -14,6 +14,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/status.h"
 
 /* Columns and rows are numbers in the order of elimination. */
@@ -24,6 +25,7 @@ struct kiln_elimination {
     size_t *first;     /* of each column's entries in a factor, and the end; the diagonal is not among them */
     size_t *first_row; /* of each column in `rows`, rising; columns may share them */
     uint32_t *rows;
+    struct kiln_arena arena;
 };
 
 /* `cliques` lists `size` unknowns for each of `clique_count` cliques; one unknown may occur several times there. Not
