@@ -6,6 +6,7 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/chunk.h"
 #include "coordinator/output/kiln_h5_points_private.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 /* Number of chunks in a batch, which a rank compresses together: 28 MB uncompressed. */
@@ -253,7 +254,8 @@ uint64_t kiln_points_largest(const struct kiln_field_set *fields, uint64_t point
 static int learn_starts(struct kiln_points_writer *w, struct kiln_error *error)
 {
     const struct kiln_surface *s = w->result->surface;
-    int status = kiln_allocate(&w->starts, (size_t)w->ranks + 1, sizeof *w->starts, "the ranks' first points", error);
+    int status = kiln_arena_allocate(&w->arena, &w->starts, (size_t)w->ranks + 1, sizeof *w->starts,
+                                     "the ranks' first points", error);
     status = kiln_agree(w->result->communicator, status, error);
     if (status != KILN_OK)
         return status;
@@ -288,22 +290,24 @@ static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
     if (status == KILN_OK)
         status = kiln_rows_allocate(&w->tail, &w->columns, w->chunk_rows, error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w->shuffled, (size_t)w->threads * w->shuffled_bytes, 1, "points to write", error);
+        status = kiln_arena_allocate(&w->arena, &w->shuffled, (size_t)w->threads * w->shuffled_bytes, 1,
+                                     "points to write", error);
     if (status == KILN_OK)
         status = kiln_allocate(&w->packed, chunks * places, 1, "packed points", error);
     if (status == KILN_OK)
         status = kiln_allocate(&w->spare, chunks * places, 1, "packed points", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w->sizes, parts, sizeof *w->sizes, "packed points", error);
+        status = kiln_arena_allocate(&w->arena, &w->sizes, parts, sizeof *w->sizes, "packed points", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w->addresses, parts, sizeof *w->addresses, "packed points", error);
+        status = kiln_arena_allocate(&w->arena, &w->addresses, parts, sizeof *w->addresses, "packed points", error);
     if (status == KILN_OK)
-        status = kiln_allocate(&w->kept, parts, sizeof *w->kept, "packed points", error);
+        status = kiln_arena_allocate(&w->arena, &w->kept, parts, sizeof *w->kept, "packed points", error);
     const uint64_t theirs = w->rank == 0 ? most_parts(w) : 0;
     if (status == KILN_OK)
-        status = kiln_allocate(&w->their_sizes, theirs, sizeof *w->their_sizes, "sizes of packed points", error);
-    return status == KILN_OK ? kiln_allocate(&w->their_addresses, theirs, sizeof *w->their_addresses,
-                                             "places of packed points", error)
+        status = kiln_arena_allocate(&w->arena, &w->their_sizes, theirs, sizeof *w->their_sizes,
+                                     "sizes of packed points", error);
+    return status == KILN_OK ? kiln_arena_allocate(&w->arena, &w->their_addresses, theirs, sizeof *w->their_addresses,
+                                                   "places of packed points", error)
                              : status;
 }
 
@@ -350,15 +354,9 @@ void kiln_points_writer_destroy(struct kiln_points_writer **writer)
         return;
     for (uint64_t part = 0; w->kept != NULL && part < points_parts(w, w->rank); part++)
         kiln_free(&w->kept[part]);
-    kiln_free(&w->kept);
-    kiln_free(&w->sizes);
-    kiln_free(&w->addresses);
-    kiln_free(&w->their_sizes);
-    kiln_free(&w->their_addresses);
     kiln_rows_free(&w->rows);
     kiln_rows_free(&w->tail);
-    kiln_free(&w->starts);
-    kiln_free(&w->shuffled);
+    kiln_arena_release(&w->arena);
     kiln_free(&w->packed);
     kiln_free(&w->spare);
     kiln_free(writer);

@@ -6,6 +6,7 @@
 #define KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_PRIVATE_H
 
 #include "coordinator/output/kiln_h5_points.h"
+#include "worker/base/arena.h"
 
 /* The dataset that is read back completely. */
 #define POINTS_TOTAL "/irradiance/total"
@@ -35,6 +36,7 @@ struct kiln_points_writer {
     /* rank 0: sizes and addresses of another rank's parts, one rank after the other */
     uint32_t *their_sizes;
     uint64_t *their_addresses;
+    struct kiln_arena arena;
 };
 
 static inline const struct kiln_column *points_column(const struct kiln_points_writer *w, size_t column)

@@ -439,15 +439,16 @@ static int make_room(struct kiln_vertex_light *light, const struct kiln_scene *s
 {
     static const char what[] = "irradiance at vertices";
     int status;
-    KILN_TRY(kiln_allocate(&light->first, scene->object_count + 1, sizeof *light->first, what, error));
-    KILN_TRY(kiln_allocate(&light->error, scene->object_count, sizeof *light->error, what, error));
+    KILN_TRY(
+        kiln_arena_allocate(&light->arena, &light->first, scene->object_count + 1, sizeof *light->first, what, error));
+    KILN_TRY(kiln_arena_allocate(&light->arena, &light->error, scene->object_count, sizeof *light->error, what, error));
     for (size_t o = 0; o < scene->object_count; o++)
         light->first[o + 1] = light->first[o] + scene->meshes[scene->objects[o].mesh].vertex_count;
 end:
     light->object_count = scene->object_count;
     if (status == KILN_OK)
-        status = kiln_allocate(&light->irradiance, light->first[scene->object_count], sizeof *light->irradiance, what,
-                               error);
+        status = kiln_arena_allocate(&light->arena, &light->irradiance, light->first[scene->object_count],
+                                     sizeof *light->irradiance, what, error);
     return status;
 }
 
@@ -480,8 +481,6 @@ int kiln_vertex_light_fit(struct kiln_vertex_light *light, const struct kiln_bak
 
 void kiln_vertex_light_release(struct kiln_vertex_light *light)
 {
-    kiln_free(&light->first);
-    kiln_free(&light->irradiance);
-    kiln_free(&light->error);
+    kiln_arena_release(&light->arena);
     *light = (struct kiln_vertex_light){0};
 }

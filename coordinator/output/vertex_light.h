@@ -16,6 +16,7 @@
 #define KILN_COORDINATOR_OUTPUT_VERTEX_LIGHT_H
 
 #include "coordinator/field/result.h"
+#include "worker/base/arena.h"
 
 /* On rank 0 all vertices, elsewhere none. */
 struct kiln_vertex_light {
@@ -24,6 +25,7 @@ struct kiln_vertex_light {
     float (*irradiance)[3]; /* first[object_count] vertices, in the result's unit; fronts */
     /* object_count: root mean square difference between interpolated and points' luminance, over the mean luminance */
     float *error;
+    struct kiln_arena arena;
 };
 
 /* Collective. The same bits for any number of ranks and threads. Release with kiln_vertex_light_release. KILN_SYSTEM;

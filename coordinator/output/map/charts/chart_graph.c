@@ -143,8 +143,8 @@ static int join(struct builder *b, const struct half_edge *first, const struct h
     if (length2(edge.texel[0][0], edge.texel[0][1]) < SAME_TEXEL ||
         length2(edge.texel[1][0], edge.texel[1][1]) < SAME_TEXEL)
         return KILN_OK; /* the edge has no length on the layout */
-    const int status =
-        kiln_grow(&b->graph->edges, &b->edge_capacity, b->graph->edge_count + 1, sizeof edge, "seams", error);
+    const int status = kiln_arena_grow(&b->graph->arena, &b->graph->edges, &b->edge_capacity, b->graph->edge_count + 1,
+                                       sizeof edge, "seams", error);
     if (status == KILN_OK)
         b->graph->edges[b->graph->edge_count++] = edge;
     return status;
@@ -201,8 +201,8 @@ static int list_borders(struct builder *b, struct kiln_error *error)
         const struct kiln_border_edge edge = border_edge(b, i / 3, i % 3);
         if (!(length2(edge.texel[0], edge.texel[1]) > 0.0f))
             continue;
-        status =
-            kiln_grow(&graph->borders, &capacity, graph->border_count + 1, sizeof edge, "borders of charts", error);
+        status = kiln_arena_grow(&graph->arena, &graph->borders, &capacity, graph->border_count + 1, sizeof edge,
+                                 "borders of charts", error);
         if (status == KILN_OK)
             graph->borders[graph->border_count++] = edge;
     }
@@ -218,7 +218,8 @@ int kiln_chart_graph_create(struct kiln_chart_graph **graph, const struct kiln_s
     struct builder b = {
         .scene = scene, .mesh = &scene->meshes[mesh], .width = (float)width, .height = (float)height, .graph = *graph};
     const size_t triangles = (*graph)->triangle_count = b.mesh->triangle_count;
-    KILN_TRY(kiln_allocate(&(*graph)->chart, triangles, sizeof(uint32_t), "a mesh's charts", error));
+    KILN_TRY(
+        kiln_arena_allocate(&(*graph)->arena, &(*graph)->chart, triangles, sizeof(uint32_t), "a mesh's charts", error));
     KILN_TRY(kiln_arena_allocate(&b.arena, &b.parent, triangles, sizeof(uint32_t), "a mesh's charts", error));
     KILN_TRY(kiln_arena_allocate(&b.arena, &b.inner, triangles, 1, "a mesh's charts", error));
     KILN_TRY(weld_vertices(&b, error));
@@ -239,9 +240,7 @@ void kiln_chart_graph_destroy(struct kiln_chart_graph **graph)
 {
     if (*graph == NULL)
         return;
-    kiln_free(&(*graph)->chart);
-    kiln_free(&(*graph)->edges);
-    kiln_free(&(*graph)->borders);
+    kiln_arena_release(&(*graph)->arena);
     kiln_free(graph);
 }
 

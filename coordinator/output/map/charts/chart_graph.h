@@ -2,6 +2,7 @@
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_CHARTS_CHART_GRAPH_H
 #define KILN_COORDINATOR_OUTPUT_MAP_CHARTS_CHART_GRAPH_H
 
+#include "worker/base/arena.h"
 #include "worker/scene/scene.h"
 
 /* A seam: an edge of two charts, or twice of one chart, that is one edge in space but two edges on the layout. Texel
@@ -21,6 +22,7 @@ struct kiln_chart_graph {
     uint32_t *chart; /* of each triangle of the mesh */
     struct kiln_seam_edge *edges;
     struct kiln_border_edge *borders; /* in the order of triangles; edges of length 0 on the layout are left out */
+    struct kiln_arena arena;
 };
 
 /* Edges at either end of which the shading normals differ by more than this are hard edges, at which irradiance may

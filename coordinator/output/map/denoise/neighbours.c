@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/output/map/bands/slices.h"
+#include "worker/base/arena.h"
 #include "worker/base/clones.h"
 #include "worker/base/memory.h"
 
@@ -231,8 +232,10 @@ static int make_cells(struct kiln_neighbour_grid *g, const struct sort *s, struc
     for (int t = 0; t < s->threads; t++)
         before[t + 1] += before[t];
     g->cell_count = before[s->threads];
-    KILN_TRY(kiln_allocate_bare(&g->cells, g->cell_count, sizeof *g->cells, "the cells of surface points", error));
-    KILN_TRY(kiln_allocate_bare(&g->first, g->cell_count + 1, sizeof *g->first, "the cells of surface points", error));
+    KILN_TRY(kiln_arena_allocate_bare(&g->arena, &g->cells, g->cell_count, sizeof *g->cells,
+                                      "the cells of surface points", error));
+    KILN_TRY(kiln_arena_allocate_bare(&g->arena, &g->first, g->cell_count + 1, sizeof *g->first,
+                                      "the cells of surface points", error));
     list_cells(g, s, before);
 end:
     kiln_free(&before);
@@ -248,8 +251,8 @@ static int make_levels(struct kiln_neighbour_grid *g, struct kiln_error *error)
         const int32_t level = g->cells[first].level;
         const struct kiln_neighbour_cell next = {level + 1, {INT32_MIN, INT32_MIN, INT32_MIN}};
         end = search_cells(g, first, g->cell_count, &next);
-        status =
-            kiln_grow(&g->levels, &room, g->level_count + 1, sizeof *g->levels, "the cells of surface points", error);
+        status = kiln_arena_grow(&g->arena, &g->levels, &room, g->level_count + 1, sizeof *g->levels,
+                                 "the cells of surface points", error);
         if (status == KILN_OK)
             g->levels[g->level_count++] = (struct kiln_neighbour_level){level, first, end};
     }
@@ -308,9 +311,7 @@ void kiln_neighbour_grid_destroy(struct kiln_neighbour_grid **grid)
     if (g == NULL)
         return;
     kiln_free(&g->points);
-    kiln_free(&g->first);
-    kiln_free(&g->cells);
-    kiln_free(&g->levels);
+    kiln_arena_release(&g->arena);
     kiln_free(grid);
 }
 
@@ -519,7 +520,8 @@ static int join_slices(struct kiln_neighbour_ranges *r, const struct kiln_neighb
     if (all > UINT32_MAX)
         KILN_TRY(
             kiln_fail(error, KILN_SYSTEM, "%zu surface points have too many neighbours; use --denoise none", g->count));
-    KILN_TRY(kiln_allocate_bare(&r->ranges, (size_t)all, sizeof *r->ranges, "the cells of surface points", error));
+    KILN_TRY(kiln_arena_allocate_bare(&r->arena, &r->ranges, (size_t)all, sizeof *r->ranges,
+                                      "the cells of surface points", error));
 end:
     if (status != KILN_OK)
         return status;
@@ -542,8 +544,10 @@ int kiln_neighbour_ranges_list(struct kiln_neighbour_ranges *r, const struct kil
     const int slices = kiln_slices(g->count);
     *r = (struct kiln_neighbour_ranges){0};
     int status;
-    KILN_TRY(kiln_allocate_bare(&r->cells, g->count, sizeof *r->cells, "the cells of surface points", error));
-    KILN_TRY(kiln_allocate_bare(&r->first, g->cell_count + 1, sizeof *r->first, "the cells of surface points", error));
+    KILN_TRY(kiln_arena_allocate_bare(&r->arena, &r->cells, g->count, sizeof *r->cells, "the cells of surface points",
+                                      error));
+    KILN_TRY(kiln_arena_allocate_bare(&r->arena, &r->first, g->cell_count + 1, sizeof *r->first,
+                                      "the cells of surface points", error));
     KILN_TRY(kiln_allocate(&lists, (size_t)slices, sizeof *lists, "the cells of surface points", error));
     r->first[0] = 0;
 #pragma omp parallel for num_threads(slices) schedule(static)
@@ -560,12 +564,7 @@ end:
     return status;
 }
 
-void kiln_neighbour_ranges_release(struct kiln_neighbour_ranges *ranges)
-{
-    kiln_free(&ranges->cells);
-    kiln_free(&ranges->first);
-    kiln_free(&ranges->ranges);
-}
+void kiln_neighbour_ranges_release(struct kiln_neighbour_ranges *ranges) { kiln_arena_release(&ranges->arena); }
 
 /* ---- neighbours ---- */
 

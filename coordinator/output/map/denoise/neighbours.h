@@ -21,6 +21,7 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/status.h"
 #include "worker/pass/regression.h"
 
@@ -73,6 +74,7 @@ struct kiln_neighbour_grid {
     struct kiln_neighbour_cell *cells;   /* private, as the levels are */
     struct kiln_neighbour_level *levels; /* ascending */
     size_t level_count;
+    struct kiln_arena arena;
 };
 
 /* Sorts the points, of which there must be less than 2^32 - 1, and at least one. *points (of kiln_allocate) is the
@@ -88,6 +90,7 @@ struct kiln_neighbour_ranges {
     uint32_t *cells; /* of each place */
     uint32_t *first; /* of each cell its first range, and the end */
     uint32_t (*ranges)[2];
+    struct kiln_arena arena;
 };
 /* KILN_SYSTEM. Give back what it has in either case. */
 int kiln_neighbour_ranges_list(struct kiln_neighbour_ranges *ranges, const struct kiln_neighbour_grid *grid,
