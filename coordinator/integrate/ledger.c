@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/clones.h"
-#include "worker/base/memory.h"
 #include "worker/pass/caustic.h"
 #include "worker/pass/pass.h"
 
@@ -21,19 +21,16 @@ int kiln_ledger_create(struct kiln_ledger *ledger, const struct kiln_surface *su
     const size_t count = ledger->group_count;
     const char *what = "the groups' powers";
     int status;
-    KILN_TRY(kiln_allocate(&ledger->group_now, count, sizeof *ledger->group_now, what, error));
-    KILN_TRY(kiln_allocate(&ledger->group_before, count, sizeof *ledger->group_before, what, error));
-    KILN_TRY(kiln_allocate(&ledger->group_total, count, sizeof *ledger->group_total, what, error));
+    KILN_TRY(kiln_arena_allocate(&ledger->arena, &ledger->group_now, count, sizeof *ledger->group_now, what, error));
+    KILN_TRY(
+        kiln_arena_allocate(&ledger->arena, &ledger->group_before, count, sizeof *ledger->group_before, what, error));
+    KILN_TRY(
+        kiln_arena_allocate(&ledger->arena, &ledger->group_total, count, sizeof *ledger->group_total, what, error));
 end:
     return status;
 }
 
-void kiln_ledger_release(struct kiln_ledger *ledger)
-{
-    kiln_free(&ledger->group_now);
-    kiln_free(&ledger->group_before);
-    kiln_free(&ledger->group_total);
-}
+void kiln_ledger_release(struct kiln_ledger *ledger) { kiln_arena_release(&ledger->arena); }
 
 double kiln_ledger_power(const struct kiln_ledger *ledger) { return ldexp(ledger->unit, 82); }
 

@@ -10,6 +10,7 @@
 #include "coordinator/integrate/step.h"
 #include "coordinator/job/choices.h"
 #include "worker/backend/emission.h"
+#include "worker/base/arena.h"
 #include "worker/pass/point.h"
 #include "worker/scene/surface.h"
 
@@ -44,6 +45,7 @@ struct kiln_ledger {
     size_t group_count;
     struct kiln_exact_sum *group_now;
     double *group_before, *group_total;
+    struct kiln_arena arena;
 };
 
 /* `emitted`: luminance of the lights' power, W, which the units are chosen by. KILN_SYSTEM. Release with

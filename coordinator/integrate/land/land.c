@@ -6,6 +6,7 @@
 #include "coordinator/mpi/agree.h"
 #include "worker/backend/extended.h"
 #include "worker/backend/mirror_images.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/light/emission.h"
 #include "worker/pass/land.h"
@@ -18,14 +19,14 @@ static int make_room(struct kiln_landing *l, struct kiln_error *error)
     const size_t aims = l->aims->count;
     const char *what = "the moments of light paths";
     int status;
-    KILN_TRY(kiln_allocate(&l->moments, aims, sizeof *l->moments, what, error));
-    KILN_TRY(kiln_allocate(&l->moments_before, aims, sizeof *l->moments_before, what, error));
-    KILN_TRY(kiln_allocate(&l->learnt, aims, sizeof *l->learnt, what, error));
-    KILN_TRY(kiln_allocate(&l->paths, aims, sizeof *l->paths, what, error));
-    KILN_TRY(kiln_allocate(&l->weights, aims, sizeof *l->weights, what, error));
-    KILN_TRY(kiln_allocate(&l->landed, l->params->threads, sizeof *l->landed, what, error));
-    KILN_TRY(kiln_allocate(&l->results, KILN_LANDING_GIVEN_TILE_RUNS * KILN_TILE_TEXELS, sizeof *l->results,
-                           "the answers of tile runs", error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->moments, aims, sizeof *l->moments, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->moments_before, aims, sizeof *l->moments_before, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->learnt, aims, sizeof *l->learnt, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->paths, aims, sizeof *l->paths, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->weights, aims, sizeof *l->weights, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->landed, l->params->threads, sizeof *l->landed, what, error));
+    KILN_TRY(kiln_arena_allocate(&l->arena, &l->results, KILN_LANDING_GIVEN_TILE_RUNS * KILN_TILE_TEXELS,
+                                 sizeof *l->results, "the answers of tile runs", error));
 end:
     return status;
 }
@@ -106,13 +107,7 @@ void kiln_landing_destroy(struct kiln_landing **landing)
     kiln_aims_destroy(&l->aims);
     kiln_emission_destroy(&l->emission);
     kiln_mirror_images_destroy(&l->images);
-    kiln_free(&l->moments);
-    kiln_free(&l->moments_before);
-    kiln_free(&l->learnt);
-    kiln_free(&l->paths);
-    kiln_free(&l->weights);
-    kiln_free(&l->landed);
-    kiln_free(&l->results);
+    kiln_arena_release(&l->arena);
     kiln_free(landing);
 }
 

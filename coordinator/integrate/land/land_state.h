@@ -11,6 +11,7 @@
 #include "coordinator/integrate/land/land_pool.h"
 #include "coordinator/integrate/land/land_trial.h"
 #include "coordinator/integrate/land/merge.h"
+#include "worker/base/arena.h"
 #include "worker/light/aims.h"
 #include "worker/pass/weighed.h"
 #include "worker/scene/footprint.h"
@@ -64,6 +65,7 @@ struct kiln_landing {
     float *tried[2]; /* W, luminance: what each half of the pilots has landed at own points; or NULL */
     int half;        /* of which the pilot under way is */
     double radius;   /* m, at first; of --caustics vcm the largest */
+    struct kiln_arena arena;
 };
 
 /* Whether gather rays find a part of the light. */

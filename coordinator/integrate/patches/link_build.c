@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
 enum {
@@ -371,9 +372,9 @@ static int join(struct branches *all, struct kiln_link_nodes *nodes, struct kiln
 {
     nodes->count = number_nodes(all, 0, 0);
     int status;
-    KILN_TRY(kiln_allocate(&nodes->of, nodes->count, sizeof *nodes->of, WHAT, error));
-    KILN_TRY(kiln_allocate(&nodes->parts, all->count, sizeof *nodes->parts, WHAT, error));
-    KILN_TRY(kiln_allocate(&nodes->over, all->count, sizeof *nodes->over, WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&nodes->arena, &nodes->of, nodes->count, sizeof *nodes->of, WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&nodes->arena, &nodes->parts, all->count, sizeof *nodes->parts, WHAT, error));
+    KILN_TRY(kiln_arena_allocate(&nodes->arena, &nodes->over, all->count, sizeof *nodes->over, WHAT, error));
 end:
     if (status != KILN_OK)
         return status;
@@ -437,9 +438,4 @@ uint64_t kiln_link_build_bytes(uint64_t points)
     return points * sizeof(struct item) + points / 2 * (2 * sizeof(struct kiln_link_node));
 }
 
-void kiln_link_nodes_release(struct kiln_link_nodes *nodes)
-{
-    kiln_free(&nodes->of);
-    kiln_free(&nodes->parts);
-    kiln_free(&nodes->over);
-}
+void kiln_link_nodes_release(struct kiln_link_nodes *nodes) { kiln_arena_release(&nodes->arena); }

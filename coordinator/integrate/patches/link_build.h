@@ -3,6 +3,7 @@
 #ifndef KILN_COORDINATOR_INTEGRATE_PATCHES_LINK_BUILD_H
 #define KILN_COORDINATOR_INTEGRATE_PATCHES_LINK_BUILD_H
 
+#include "worker/base/arena.h"
 #include "worker/pass/links.h"
 
 /* Nodes `first` to `first + count`: a node and all below it. */
@@ -18,6 +19,7 @@ struct kiln_link_nodes {
     struct kiln_link_part *parts;
     uint32_t *over;
     size_t part_count, over_count;
+    struct kiln_arena arena;
 };
 
 /* `points`: by global index; `first`: the first light of each over the mean; `rooms`: the room of each (link_rooms.h).
