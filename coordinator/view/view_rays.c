@@ -1,6 +1,7 @@
 #include "coordinator/view/view_rays.h"
 
 #include "worker/backend/extended.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/backend/particle.h"
 
@@ -34,10 +35,10 @@ int kiln_view_rays_create(struct kiln_view_rays **rays, size_t capacity, struct 
     KILN_TRY(status);
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++)
         KILN_TRY(kiln_allocate(vectors[i], capacity, sizeof(struct kiln_vec3), "rays of a view", error));
-    KILN_TRY(kiln_allocate(&r->hits, capacity, sizeof *r->hits, "hits of a view", error));
-    KILN_TRY(kiln_allocate(&r->active_hits, capacity, sizeof *r->hits, "hits of a view", error));
-    KILN_TRY(kiln_allocate(&r->active, capacity, sizeof *r->active, "rays of a view", error));
-    KILN_TRY(kiln_allocate(&r->passed, capacity, sizeof *r->passed, "rays of a view", error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->hits, capacity, sizeof *r->hits, "hits of a view", error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->active_hits, capacity, sizeof *r->hits, "hits of a view", error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->active, capacity, sizeof *r->active, "rays of a view", error));
+    KILN_TRY(kiln_arena_allocate(&r->arena, &r->passed, capacity, sizeof *r->passed, "rays of a view", error));
 end:
     if (status != KILN_OK)
         kiln_view_rays_destroy(rays);
@@ -51,12 +52,9 @@ void kiln_view_rays_destroy(struct kiln_view_rays **rays)
         return;
     kiln_free(&r->origins);
     kiln_free(&r->directions);
-    kiln_free(&r->hits);
-    kiln_free(&r->passed);
-    kiln_free(&r->active);
     kiln_free(&r->active_origins);
     kiln_free(&r->active_directions);
-    kiln_free(&r->active_hits);
+    kiln_arena_release(&r->arena);
     kiln_free(rays);
 }
 

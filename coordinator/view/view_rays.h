@@ -4,6 +4,7 @@
 #define KILN_COORDINATOR_VIEW_VIEW_RAYS_H
 
 #include "coordinator/view/view.h"
+#include "worker/base/arena.h"
 
 /* A batch of rays. The caller fills in origins and directions (unit vectors). kiln_view_trace fills in the rest, and
  * moves the origins of rays that continue beyond a back. */
@@ -15,6 +16,7 @@ struct kiln_view_rays {
     uint32_t *active;      /* indices of rays that are not finished; below, what is traced of them */
     struct kiln_vec3 *active_origins, *active_directions;
     struct kiln_hit *active_hits;
+    struct kiln_arena arena;
 };
 
 int kiln_view_rays_create(struct kiln_view_rays **rays, size_t capacity, struct kiln_error *error);

@@ -3,31 +3,25 @@
 #include <math.h>
 
 #include "worker/backend/extended.h"
+#include "worker/base/arena.h"
 #include "worker/base/memory.h"
 #include "worker/scene/texture.h"
 
 static const float ON = 1e-5f; /* of a ray's length: how far beyond a hit that is no wall it goes on */
 enum { ROUNDS = 64 };          /* surfaces that are no walls which a ray passes, at most */
 
-void kiln_wall_rays_destroy(struct kiln_wall_rays *s)
-{
-    kiln_free(&s->origins);
-    kiln_free(&s->directions);
-    kiln_free(&s->lengths);
-    kiln_free(&s->hits);
-    kiln_free(&s->meets);
-}
+void kiln_wall_rays_destroy(struct kiln_wall_rays *s) { kiln_arena_release(&s->arena); }
 
 int kiln_wall_rays_create(struct kiln_wall_rays *s, size_t room, struct kiln_error *error)
 {
     const char *what = "rays along texels";
     *s = (struct kiln_wall_rays){.room = room};
     int status;
-    KILN_TRY(kiln_allocate(&s->origins, room, sizeof *s->origins, what, error));
-    KILN_TRY(kiln_allocate(&s->directions, room, sizeof *s->directions, what, error));
-    KILN_TRY(kiln_allocate(&s->lengths, room, sizeof *s->lengths, what, error));
-    KILN_TRY(kiln_allocate(&s->hits, room, sizeof *s->hits, what, error));
-    KILN_TRY(kiln_allocate(&s->meets, room, sizeof *s->meets, what, error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->origins, room, sizeof *s->origins, what, error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->directions, room, sizeof *s->directions, what, error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->lengths, room, sizeof *s->lengths, what, error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->hits, room, sizeof *s->hits, what, error));
+    KILN_TRY(kiln_arena_allocate(&s->arena, &s->meets, room, sizeof *s->meets, what, error));
 end:
     if (status != KILN_OK)
         kiln_wall_rays_destroy(s);

@@ -4,6 +4,7 @@
 #define KILN_COORDINATOR_BAKE_POINTS_WALL_RAYS_H
 
 #include "worker/backend/backend.h"
+#include "worker/base/arena.h"
 
 struct kiln_wall_rays {
     size_t room;                            /* of each array */
@@ -11,6 +12,7 @@ struct kiln_wall_rays {
     float *lengths;                         /* m; 0: no ray */
     struct kiln_hit *hits;
     bool *meets; /* after kiln_wall_rays_trace: a wall is met; `hits` has the nearest */
+    struct kiln_arena arena;
 };
 
 /* Makes arrays for `room` rays, which have no values yet. KILN_SYSTEM. Destroy with kiln_wall_rays_destroy, which
