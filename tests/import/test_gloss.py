@@ -1,9 +1,9 @@
 """Gloss of materials, as users see it: what kiln info and kiln check say of glTF's and MTL's materials. unit.test_gltf
 looks at the records, unit.test_gloss at the kinds."""
 import importing
-from test_normal_maps import FLAT, GREY, LEANING, png
-from test_obj import SQUARE
-from test_obj import png as picture
+import png
+from test_normal_maps import FLAT, GREY, LEANING
+from test_obj import SQUARE, picture
 
 CUBE = ("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
         "f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 3 4 8 7\nf 2 3 7 6\nf 4 1 5 8\n")
@@ -71,20 +71,20 @@ class Gltf(importing.Case):
     def test_a_texture_counts_by_its_mean(self):
         """Roughness 0.502 (green 128) and 0 (green 20) in halves: 0.29; metal by blue."""
         mixed = {"pbrMetallicRoughness": {"metallicRoughnessTexture": {"index": 0}}}
-        material = self.accepted(self.scene(mixed, image=png((0, 128, 0), (0, 20, 0))))["materials"][0]
+        material = self.accepted(self.scene(mixed, image=png.data_uri([[(0, 128, 0), (0, 20, 0)]])))["materials"][0]
         self.assertEqual((material["kind"], material["metallic"]), ("gloss", 0))
         self.assertAlmostEqual(material["gloss"]["mean_roughness"], 74 / 255, places=5)
-        material = self.accepted(self.scene(mixed, image=png((0, 255, 51), (0, 255, 0))))["materials"][0]
+        material = self.accepted(self.scene(mixed, image=png.data_uri([[(0, 255, 51), (0, 255, 0)]])))["materials"][0]
         self.assertEqual(material["kind"], "metal")
         self.assertAlmostEqual(material["gloss"]["mean_metallic"], 0.1, places=5)
 
     def test_a_clear_coat_without_normals(self):
         coat = {"extensions": extension(clearcoat={"clearcoatFactor": 1, "clearcoatNormalTexture": {"index": 0}})}
-        report = self.accepted(self.scene(coat, image=png(GREY, GREY)))
+        report = self.accepted(self.scene(coat, image=png.data_uri([[GREY, GREY]])))
         self.assertEqual(report["materials"][0]["gloss"]["textures"], [])
         self.assertIn("clearcoatNormalTexture: its image is no normal map", report["notes"][-1]["text"] +
                       report["notes"][0]["text"])
-        report = self.accepted(self.scene(coat, image=png(FLAT, LEANING)))
+        report = self.accepted(self.scene(coat, image=png.data_uri([[FLAT, LEANING]])))
         self.assertEqual(report["materials"][0]["gloss"]["textures"], ["clearcoat_normal"])
 
     def test_check_names_what_is_doubtful(self):
