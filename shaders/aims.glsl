@@ -1,5 +1,5 @@
-/* Where light paths that land begin: what shaders/shared/aims.h asks for. Needs LAND (struct kiln_gpu_land), and before
- * it shaders/lights.glsl and shaders/emission.glsl. */
+/* Targets of light paths that land: declarations that shaders/shared/aims.h needs. Include shaders/lights.glsl and
+ * shaders/emission.glsl first, and define LAND (struct kiln_gpu_land). */
 #include "shaders/shared/aimed_ray.h"
 #include "shaders/shared/targets.h"
 
@@ -26,7 +26,7 @@ kiln_target target_at(uint index)
     return kiln_target(real3(t.centre), real3(t.low), real3(t.high), real(t.radius), real(t.area), t.listed, t.count);
 }
 
-/* The triangle that `pick` falls to: the first of the target's whose share of its area ends above, else the last. */
+/* Chooses a triangle of the target by `pick`: the first whose cumulative share of area exceeds it, else the last. */
 uint target_pick(kiln_target target, real pick)
 {
     uint low = target.first, high = target.first + target.count - 1u;

@@ -1,12 +1,13 @@
-/* A lone area light as all places of one surface point see it (shaders/shared/area_sampler.h), a sample a thread.
+/* Sampler of a single area light for all sample positions of one surface point (shaders/shared/area_sampler.h); each
+ * thread draws one sample.
  *
  *   if (kiln_light_is_target(choice, centre, spread)) {
  *       const kiln_area_light_sampler target = kiln_area_light_sampler_of(choice.index, centre);
  *       if (kiln_area_light_sampler_draw(target, place - centre, u, v, s)) ...
  *
- * Else the choice is left to kiln_sample_choice. Whether it is one, where the light is and how high the point is above
- * its plane is reckoned from what is stored; all else needs no more than floats. Needs what shaders/lights.glsl needs.
- */
+ * Other choices use kiln_sample_choice. Whether the sampler applies, where the light is, and how high the point lies
+ * above its plane, are computed from stored numbers; all else needs only floats. Include what shaders/lights.glsl
+ * needs. */
 #ifndef KILN_TARGET_GLSL
 #define KILN_TARGET_GLSL
 
@@ -32,7 +33,7 @@ bool kiln_is_lone_area_light(kiln_light_choice choice)
     return node.left == KILN_GPU_NONE && node.right < SCENE.lights.area_count;
 }
 
-/* Whether a choice is to be sampled as a target from a point within `spread` of the centre. */
+/* Whether this sampler can be used for a choice of lights, from positions within `spread` of the centre. */
 bool kiln_light_is_target(kiln_light_choice choice, vec3 centre, float spread)
 {
     if (!kiln_is_lone_area_light(choice))
@@ -42,7 +43,7 @@ bool kiln_light_is_target(kiln_light_choice choice, vec3 centre, float spread)
            kiln_target_is_apart(kiln_area_view_of(light, stored3(centre)).seen);
 }
 
-/* One sample from a place, `from` the centre; false when it brings nothing. */
+/* Draws a sample from a position, `from` relative to the centre; false if it contributes nothing. */
 bool kiln_area_light_sampler_draw(kiln_area_light_sampler t, real3 from, real u, real v, out kiln_light_sample s)
 {
     const kiln_area_light light = kiln_lights_areas(t.light);

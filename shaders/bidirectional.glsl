@@ -1,7 +1,7 @@
-/* Vertices of bidirectional paths: how they scatter light, and how paths of either end go on from them. Values, ways,
- * random numbers and estimators are those of worker/backend/embree/bidirectional_vertex.c and its neighbours.
+/* Vertices of bidirectional paths: how they scatter light, and how paths from either end continue. Values, directions,
+ * random numbers and estimators equal those of worker/backend/embree/bidirectional_vertex.c and its neighbours.
  *
- * Kernels include it after their push constants. A kernel calls vertex_scatter in one place if it can: the code of
+ * Kernels include it after their push constants. A kernel should call vertex_scatter in only one place: the code of
  * scattering functions is long. */
 #define KILN_TRACES
 #include "shaders/trace/trace.glsl"
@@ -39,7 +39,7 @@ struct Vertex { /* struct vertex */
 #endif
 };
 
-/* Makes the vertex of a hit; weight, sums and bounces are left to the caller. */
+/* Makes the vertex of a hit; the caller sets weight, sums and bounces. */
 Vertex vertex_make(kiln_hit hit, vec3 direction, bool is_first)
 {
     Vertex v;
@@ -90,7 +90,7 @@ Vertex vertex_of(kiln_gpu_light_vertex l, bool is_first)
 }
 
 #ifdef KILN_LIFTS
-/* Rays are lifted off the vertex by `lift`, if at all. */
+/* Sets the distance `lift` by which rays start off the surface; 0: none. */
 void vertex_lift(float lift, inout Vertex v)
 {
     v.m.coarse = is_coarse(v.m.triangle, triangle_at(v.m.triangle), v.m.back);
@@ -101,7 +101,7 @@ void vertex_lift(float lift, inout Vertex v)
 
 vec3 vertex_start(Vertex v, vec3 direction) { return meeting_start(v.m, direction); }
 
-/* The normal that emission_connect is given of a vertex: none where light may come from either side. */
+/* Normal of a vertex as emission_connect expects it: zero if light may come from either side. */
 vec3 light_normal(Vertex v)
 {
 #ifdef KILN_GLOSS
@@ -151,7 +151,7 @@ bool scatter_diffuse(Vertex v, vec3 o, vec3 i, inout Scatter s)
 }
 
 #ifdef KILN_GLOSS
-/* The normal whose frame paths have which have come from w. */
+/* The normal of the scattering frame for a path that arrives from w. */
 vec3 frame_axis(Vertex v, vec3 w)
 {
     const bool smooth_side = dot(v.smooth_front, w) > 0.0,
@@ -169,7 +169,8 @@ mat3 frame_of(Vertex v, vec3 w)
                               t.e2);
 }
 
-/* Whether w lies on one side of the geometric normal and of the frame; where rays are lifted, above the frame. */
+/* Whether w is on the same side of the geometric normal and of the frame; where rays are lifted, whether it is above
+ * the frame. */
 bool frame_agrees(Vertex v, vec3 w, vec3 local)
 {
     if (v.m.lifted)
@@ -177,7 +178,8 @@ bool frame_agrees(Vertex v, vec3 w, vec3 local)
     return (local.z > 0.0) == (dot(v.front, w) > 0.0) && local.z != 0.0;
 }
 
-/* First the value, as the eye sees it, then the density of the way to the eye: the code stands here once. */
+/* Evaluates the scattering for the eye, then the density of the opposite direction, in a loop so that the code exists
+ * once. */
 bool scatter_whole(Vertex v, vec3 o, vec3 i, uint which, inout Scatter s)
 {
     if (!(s.cosine_i > 0.0))
@@ -216,7 +218,7 @@ float vertex_landing(Vertex v, vec3 w)
     return v.m.lifted ? max(0.0, cosine) : abs(cosine);
 }
 
-/* Gives the scattering of light from direction i to the eye in direction o. False: nothing is sent. */
+/* Evaluates the scattering of light from direction i to the eye in direction o. False: it is zero. */
 bool vertex_scatter(Vertex v, vec3 o, vec3 i, uint which, out Scatter s)
 {
     s = Scatter(vec3(0.0), vec3(0.0), 0.0, 0.0, abs(dot(v.m.normal, o)), abs(dot(v.m.normal, i)), vertex_landing(v, o),
@@ -228,8 +230,8 @@ bool vertex_scatter(Vertex v, vec3 o, vec3 i, uint which, out Scatter s)
     return scatter_diffuse(v, o, i, s);
 }
 
-/* How values come together where their diffuse events may be `allowed` at most; a's counts as one if `counts`, b's
- * diffuse part is given without what does not count. */
+/* Product of the scattering at two vertices, with at most `allowed` diffuse events. The event at a counts if `counts`;
+ * b_diffuse is the part of b_all that counts. */
 vec3 scatter_product(Scatter a, bool counts, vec3 b_all, vec3 b_diffuse, int allowed)
 {
     const vec3 a_one = counts ? a.diffuse : vec3(0.0), a_none = a.all - a_one, b_none = b_all - b_diffuse;
@@ -253,8 +255,8 @@ struct Way { /* struct vertex_way */
 #endif
 };
 
-/* Draws the way on from surface number `surface`. Where it is no mirror's, way_scatters is called next. False: it
- * brings nothing. */
+/* Draws the direction that continues the path from surface number `surface`. Call way_scatters next, unless it is a
+ * mirror's (way_mirrors). False: it contributes nothing. */
 bool way_draw(Vertex v, bool of_light, uint which, uint surface, out Way way)
 {
     const uvec2 picks = walk_draw(kiln_path_use(surface, KILN_PATH_LOBE)),
@@ -293,7 +295,7 @@ bool way_draw(Vertex v, bool of_light, uint which, uint surface, out Way way)
 }
 
 #ifdef KILN_GLOSS
-/* How much denser the directions of the way back are than those of the way on (Veach 1997, equation 5.4). */
+/* Density of the reverse direction relative to the forward one at refraction (Veach 1997, equation 5.4). */
 float squeeze(Vertex v, vec3 i)
 {
     if ((v.o.z > 0.0) == (i.z > 0.0) || v.lobes.p.thin_wall != 0u)
@@ -302,11 +304,11 @@ float squeeze(Vertex v, vec3 i)
     return abs(v.o.z / i.z) / (eta * eta);
 }
 
-/* A mirror's or smooth glass's: the densities are chances. */
+/* Completes a direction drawn at a mirror or smooth glass, where densities are probabilities. */
 bool way_mirrors(Vertex v, bool of_light, uint which, inout Way way)
 {
     kiln_bsdf_drawn d = way.drawn;
-    d.delta = true; /* what else it may be needs no code here */
+    d.delta = true; /* constant, so that code for other lobes is compiled away */
     const bool same = frame_axis(v, way.direction) == v.frame[2];
     float adjoint = 1.0;
     if (of_light) {
@@ -322,7 +324,8 @@ bool way_mirrors(Vertex v, bool of_light, uint which, inout Way way)
 }
 #endif
 
-/* Fills in a way that is no mirror's, from the scattering into its direction. False: it brings nothing. */
+/* Completes a drawn direction from the scattering there, at surfaces other than mirrors. False: it contributes nothing.
+ */
 bool way_scatters(Vertex v, bool of_light, Scatter s, inout Way way)
 {
     way.forward = of_light ? s.to_eye : s.to_light;
@@ -339,8 +342,8 @@ bool way_scatters(Vertex v, bool of_light, Scatter s, inout Way way)
     return true;
 }
 
-/* Chance decides whether a path goes on from surface number `surface`, of which `share` of what it began with is left;
- * `chain`: surfaces since the last diffuse event. Divides `weight` by the chance. */
+/* Russian roulette: whether a path continues from surface number `surface`. `share`: share of its initial weight that
+ * is left; `chain`: surfaces since the last diffuse event. Divides `weight` by the probability. */
 bool path_survives(uint surface, uint chain, vec3 share, inout vec3 weight)
 {
     if ((BOTH.endless == 0u && chain < KILN_PATH_CHAIN) || surface < KILN_PATH_CERTAIN)

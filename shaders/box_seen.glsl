@@ -1,5 +1,5 @@
-/* The box of a target from a place: worker/light/targets.c, which keeps the parts that it sees; here they are found
- * again when one is drawn, for all of them would take too many registers. */
+/* Box of a target as seen from a point. worker/light/targets.c keeps the visible parts; here they are found again for
+ * each draw, since all of them would take too many registers. */
 struct kiln_box_seen {
     real3 low, high; /* from the place, m */
     real omega;      /* sr, of all parts */
@@ -7,8 +7,8 @@ struct kiln_box_seen {
 
 const uint BOX_PARTS = 6u;
 
-/* Half number `part` of the sides of a box that a place sees, whose corners are given from there, as a triangle: two a
- * pair of sides. False: the place does not see that side. */
+/* Finds part `part` of the visible sides of a box, whose corners are relative to the point: each pair of opposite sides
+ * has two parts, as triangles. False: the point does not see that side. */
 bool box_part(real3 low, real3 high, uint part, out kiln_spherical_triangle t)
 {
     const uint axis = part / 2u, b = (axis + 1u) % 3u, c = (axis + 2u) % 3u;
@@ -28,7 +28,7 @@ bool box_part(real3 low, real3 high, uint part, out kiln_spherical_triangle t)
     return is_low || high[axis] < 0;
 }
 
-/* Whether the box is seen from there under less than `most` sr. */
+/* Whether the box is seen from `from` under less than `most` sr. */
 bool kiln_target_see_box(kiln_target target, real3 from, real most, out kiln_box_seen seen)
 {
     seen.low = target.low - from;
@@ -45,7 +45,7 @@ bool kiln_target_see_box(kiln_target target, real3 from, real most, out kiln_box
     return is_seen && seen.omega > KILN_SPHERICAL_LEAST && seen.omega < most;
 }
 
-/* A direction to the box, unit, even in solid angle. */
+/* Draws a unit direction to the box, uniform in solid angle. */
 real3 kiln_box_direction(kiln_box_seen seen, real pick, real u, real v)
 {
     real left = pick * seen.omega;
@@ -53,7 +53,7 @@ real3 kiln_box_direction(kiln_box_seen seen, real pick, real u, real v)
     bool searching = true;
     for (uint part = 0u; part < BOX_PARTS; part++) {
         if (box_part(seen.low, seen.high, part, t) && searching) {
-            found = t; /* the last one where rounding leaves none */
+            found = t; /* the last part, if rounding leaves none */
             searching = left >= t.omega;
             left -= t.omega;
         }

@@ -1,5 +1,5 @@
-/* The directions pass with rays to bright patches: the gather pass, of which some samples go to patches (bright.glsl).
- * gather_reduce.comp adds up. */
+/* The directions pass with rays to bright patches: the gather pass, with some samples directed to patches
+ * (bright.glsl). gather_reduce.comp sums up. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define KILN_DIRECTIONS

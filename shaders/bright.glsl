@@ -1,5 +1,5 @@
-/* Additions to gather.glsl for rays to bright patches (worker/pass/directions.h), in the place of directions.glsl.
- * push.set: struct kiln_gpu_bright. The samples' order gives each quarter of them as many of either kind. bright_u and
+/* Additions to gather.glsl for rays to bright patches (worker/pass/directions.h), instead of directions.glsl. push.set:
+ * struct kiln_gpu_bright. In the order of samples each quarter has equal numbers of both kinds of rays. bright_u and
  * bright_v are the bits of the ray's random numbers. */
 #include "shaders/real.glsl"
 
@@ -51,7 +51,7 @@ uint bright_number(uint i)
     return 0u;
 }
 
-/* Number of the first sum that is above x. */
+/* Index of the first cumulative sum above x. */
 uint find_sum(real x)
 {
     BrightReals sums = BrightReals(sums_at);
@@ -66,7 +66,7 @@ uint find_sum(real x)
     return low;
 }
 
-/* Chooses a point by u in (0, 1), and leaves in u another such number. */
+/* Chooses a point by u in (0, 1); u becomes a new random number in (0, 1). */
 uint choose_patch(inout real u)
 {
     BrightReals sums = BrightReals(sums_at), powers = BrightReals(bright.power);
@@ -107,8 +107,7 @@ vec3 set_direction(vec3 axis, vec3 position, float u, float v, out float cosine)
     return direction;
 }
 
-/* Where a ray crosses the parallelogram that rays to a patch go to: the distance squared over area and cosine. 0: it
- * does not. */
+/* Density of a ray at the parallelogram of a patch: squared distance over area and cosine. 0: the ray misses it. */
 real density_to(kiln_gpu_bright_patch patch_, real3 origin, real3 w)
 {
     const real3 s = SPREAD * real3(patch_.edge_s), t = SPREAD * real3(patch_.edge_t), normal = cross(s, t),
@@ -121,7 +120,7 @@ real density_to(kiln_gpu_bright_patch patch_, real3 origin, real3 w)
     return abs(a) <= KILN_RATIO(1, 2) && abs(b) <= KILN_RATIO(1, 2) ? apart * apart / abs(along) : real(0);
 }
 
-/* q of worker/pass/directions.h, of a ray that has met a point of a cluster. */
+/* Density q of worker/pass/directions.h, for a ray that has hit a point of a cluster. */
 real density_of(vec3 origin, vec3 direction, uint cluster)
 {
     BrightReals sums = BrightReals(sums_at), powers = BrightReals(bright.power);
@@ -138,7 +137,7 @@ real density_of(vec3 origin, vec3 direction, uint cluster)
     return sum > 0 ? chance * sum / BrightReals(bright.cluster_power).at[cluster] : real(0);
 }
 
-/* Sets the weight of a ray that has met a point. */
+/* Sets the weight of a ray that has hit a point. */
 void bright_weigh(uint point, vec3 origin, vec3 direction, float cosine)
 {
     const uint cluster = WordArray(bright.cluster_of).at[point];

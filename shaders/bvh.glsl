@@ -45,7 +45,7 @@ float bvh_distribute(const float a[3], const float b[3], uint room, out uint fir
 
 shared uint bvh_added[64];
 
-/* The sum of what the threads before this one have; `total`: of what all have. */
+/* Prefix sum over a group: the sum over the threads before this one. `total`: over all threads. */
 uint bvh_before(uint lane, uint value, out uint total)
 {
     bvh_added[lane] = value;
@@ -62,7 +62,7 @@ uint bvh_before(uint lane, uint value, out uint total)
     return before;
 }
 
-/* Puts in the place of each of `count` words the sum of those before it, by one group; their sum. */
+/* Replaces each of `count` words by the sum of the words before it, in one group. Returns the sum of all. */
 uint bvh_rise(uint64_t words, uint count, uint lane)
 {
     BvhWords sums = BvhWords(words);

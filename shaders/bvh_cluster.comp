@@ -7,16 +7,16 @@
 
 #include "shaders/bvh.glsl"
 
-/* Which of two neighbours is nearer: by the area of the box around both; of equal ones the lower key, which both ends
- * of a pair share, and of which no two neighbours of one cluster have the same. So the nearest pair of all is always
- * joined, and of many equal boxes half are (the keys of places 2 k and 2 k + 1 are 1). */
+/* Whether a neighbour is nearer than another: by the area of the box around both clusters; at equal area by the lower
+ * key. Both clusters of a pair have the same key for it, and no two neighbours of a cluster have equal keys. So the
+ * nearest pair of all is always joined; of many equal boxes half are joined (places 2 k and 2 k + 1 have the key 1). */
 bool is_nearer(float area, uint key, float than_area, uint than_key)
 {
     return area < than_area || (area == than_area && key < than_key);
 }
 
-/* Returns triangles and least cost below two joined nodes (Ylitie et al. 2017, equations 2 to 5). They are a leaf where
- * that costs no more than a node of four. A node and a triangle cost the same. */
+/* Returns triangles and least cost of a joined pair (Ylitie et al. 2017, equations 2 to 5). They become a leaf if that
+ * costs no more than a node with four children. A node and a triangle cost the same. */
 kiln_gpu_bvh_share share_of(const kiln_gpu_bvh_share a, const kiln_gpu_bvh_share b, float area)
 {
     const uint triangles = (a.triangles & ~KILN_GPU_LEAF) + (b.triangles & ~KILN_GPU_LEAF);
@@ -86,7 +86,7 @@ bool has_partner(BvhWords nearest, uint i, uint count)
     return j < count && nearest.at[j] == i;
 }
 
-/* Whether the cluster is joined to one before it, which stays. */
+/* Whether the cluster is joined into one with a lower index, and disappears. */
 bool is_gone(BvhWords nearest, uint i, uint count)
 {
     return i < count && has_partner(nearest, i, count) && nearest.at[i] < i;
@@ -100,7 +100,7 @@ uint count_gone(BvhWords nearest, uint own, uint count)
     return gone;
 }
 
-/* Clusters i and j, before which `gone` ones go. */
+/* Joins clusters i and j to node number `made` of the new ones. */
 uint join(uint i, uint j, uint made)
 {
     const uint a = BvhWords(BVH.clusters[push.from]).at[i], b = BvhWords(BVH.clusters[push.from]).at[j];

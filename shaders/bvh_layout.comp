@@ -1,6 +1,6 @@
-/* From the tree to a layout (shaders/shared/layout_trace.h), as worker/backend/vulkan/bvh.c makes one: level by level
- * the nodes that it will have, from the last level up how many are below each, from the first down their places, which
- * are those that a walk in depth would give; then all of it at once. */
+/* Converts the binary tree to a layout (shaders/shared/layout_trace.h), as worker/backend/vulkan/bvh.c does. Finds,
+ * level by level, the nodes of the layout; then from the last level up how many nodes are below each; then from the
+ * first level down their places, in depth-first order; then writes all nodes at once. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -34,10 +34,10 @@ void take(inout family f, uint node)
     f.count++;
 }
 
-/* Returns the children, in the layout, of a node that is no leaf: those of least cost. */
+/* Returns the children that an inner node has in the layout: those of least cost. */
 family gather(uint from)
 {
-    uint node[WIDTH_MOST], room[WIDTH_MOST], depth = 1u; /* left to be opened, into so many children at most */
+    uint node[WIDTH_MOST], room[WIDTH_MOST], depth = 1u; /* nodes to open; largest number of children of each */
     family f;
     f.count = 0u;
     for (uint i = 0u; i < WIDTH_MOST; i++) {
@@ -79,7 +79,7 @@ uint nodes_of(const family f)
 
 /* ---- level by level ---- */
 
-/* The tasks of a level's children stand in the order of their parents. */
+/* Opens the tasks of a level. Their children are stored in the order of the parents. */
 void open_group(uint group, uint lane, bool next)
 {
     const uint x = group * 64u + lane, t = push.first + x;
@@ -106,7 +106,7 @@ void open_group(uint group, uint lane, bool next)
     }
 }
 
-/* Children of the level are the tasks up to those of the next parent, or to `next`. */
+/* End of task x's children: where the children of the next task begin, or `next`. */
 uint end_of_children(uint x) { return x + 1u < push.count ? task_at(push.first + x + 1u).at[0].child : push.next; }
 
 void count_below(uint x)
@@ -138,7 +138,7 @@ float[3] corner_of(uint triangle, uint corner)
     return float[3](p.at[0], p.at[1], p.at[2]);
 }
 
-/* The triangles below a node, at most KILN_BVH_LEAF, from place `at` on. */
+/* Writes the triangles below a node, at most KILN_BVH_LEAF, from index `at` on. */
 void write_triangles(uint node, uint at)
 {
     uint stack[KILN_BVH_LEAF], depth = 1u;

@@ -1,5 +1,5 @@
-/* Triangles along a curve through the world (Morton, 1966), by a stable radix sort: the least digit first, each by
- * counts that groups of threads make, the sums of these, and a place for each key. */
+/* Sorts triangles along a Morton curve (Morton, 1966) by a stable radix sort. For each digit, from the least
+ * significant on: each group counts its keys, the counts are summed up, and each key gets its place. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -26,7 +26,7 @@ bvh_box box_of(uint triangle)
     return bvh_box(min(a, min(b, c)) - BVH.margin, max(a, max(b, c)) + BVH.margin);
 }
 
-/* Puts two zeros behind each of the 21 lowest bits. */
+/* Spreads the 21 lowest bits: two zeros follow each of them. */
 uint64_t apart(uint number)
 {
     uint64_t bits = uint64_t(number & 0x1fffffu);
@@ -49,7 +49,7 @@ void write_code(uint i)
 
 uint digit_at(uint i) { return uint(BvhKeys(BVH.keys[push.from]).at[i] >> push.shift) & (KILN_BVH_DIGITS - 1u); }
 
-/* How often each digit is there among a thread's own keys. */
+/* Counts the digits of a thread's own keys. */
 void count_digits(uint group, uint lane)
 {
     const uint own = group * KILN_BVH_SORTED + lane * OWN;
@@ -94,7 +94,7 @@ void place_group(uint group, uint lane)
     }
 }
 
-/* The sum of a group's words of the histogram; or, with `fill`, the sum before each in its place. */
+/* Sums up a group's words of the histogram; with `fill`, replaces each by the sum of those before it. */
 void add_words(uint group, uint lane, bool fill)
 {
     BvhWords words = BvhWords(BVH.histogram);

@@ -1,4 +1,5 @@
-/* The caustic pass: what the rays of the bounce pass find of lamps and sky in chains. gather_reduce.comp adds up. */
+/* The caustic pass: the rays of the bounce pass, which find lamps and sky by chains of gloss. gather_reduce.comp sums
+ * up. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define KILN_GLOSS 1

@@ -10,28 +10,28 @@
 #include "shaders/shared/chain.h"
 #include "shaders/walk.glsl"
 
-/* Findings of a chain for the ray at whose hit it begins, by colour. The ray's own tint is left out. */
+/* Result of a chain, by colour, for the ray at whose hit it begins. Without the ray's own tint. */
 struct Chain {
     vec3 radiosity; /* W/m2: of diffuse surfaces; times 1 / pi it is radiance */
-    vec3 light;     /* W/(m2 sr): of lamps and sky, by lobes that are not diffuse alone */
-    /* shares of what comes that way: from nowhere and from backs (means of the colours' weights), and what the chain's
-     * surfaces take, or tint, for themselves; what is left comes from diffuse surfaces */
+    vec3 light;     /* W/(m2 sr): of lamps and sky, by paths with a lobe that is not diffuse */
+    /* shares of the arriving light: escaped, from nowhere; blocked, from backs (means over the colours' weights);
+     * gloss, absorbed or tinted by the chain's surfaces; the rest comes from diffuse surfaces */
     vec3 gloss;
     float escaped, blocked;
     bool good; /* the device has ended no loop early */
 };
 
-/* The chain under way: what of the radiance that comes now reaches its begin, and the same of what the next surface
- * emits, 0 where samples of lights have brought that. */
+/* Weights of the chain in progress. chain_weight: of incoming radiance at the chain's beginning. chain_seen: the same
+ * for emission of the next surface; 0 if light samples have accounted for it. */
 vec3 chain_weight, chain_seen;
 
-/* Whether a chain begins where a ray has met a surface. */
+/* Whether a chain begins at a ray's hit. */
 bool chain_begins(kiln_hit hit) { return (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u && has_side(hit); }
 
 bool has_points(kiln_hit hit) { return !hit.back || (material_of(hit.triangle) & KILN_RECORD_DOUBLE_SIDED) != 0u; }
 
-/* Adds the radiosity at the hit, `out_` of which leaves towards the chain, of light of which the surface takes up
- * `in_`. */
+/* Adds the radiosity at the hit. `out_`: share that leaves towards the chain; `in_`: share of incoming light that the
+ * surface takes up. */
 void add_radiosity(inout Chain c, kiln_hit hit, float in_, float out_)
 {
     c.gloss -= chain_weight * in_;
@@ -50,7 +50,7 @@ void add_emission(inout Chain c, kiln_hit hit, uint surface)
 #endif
 }
 
-/* Adds the light that lamps send straight to surface number `surface`. */
+/* Adds the light that reaches surface number `surface` directly from lamps. */
 void add_lamps(inout Chain c, Meeting m, uint surface)
 {
 #ifdef KILN_WALK_LIGHTS
@@ -59,7 +59,8 @@ void add_lamps(inout Chain c, Meeting m, uint surface)
 #endif
 }
 
-/* Whether the chain goes on from surface number `surface`. `pick`: what of the random number chooses a lobe. */
+/* Whether the chain continues from surface number `surface`. `pick`: the rest of the random number, to choose a lobe.
+ */
 bool chain_survives(uint surface, out float pick)
 {
     const uvec2 picks = walk_draw(kiln_path_use(surface, KILN_PATH_LOBE));
@@ -71,7 +72,7 @@ bool chain_survives(uint surface, out float pick)
     return true;
 }
 
-/* Draws the way on from surface number `surface`; false: it brings nothing. */
+/* Draws the direction from surface number `surface`; false: it contributes nothing. */
 bool chain_send(Meeting m, uint surface, float pick, out vec3 direction)
 {
     vec3 value, share;
@@ -81,7 +82,7 @@ bool chain_send(Meeting m, uint surface, float pick, out vec3 direction)
     return sends && max(chain_weight.r, max(chain_weight.g, chain_weight.b)) > 0.0;
 }
 
-/* The ray goes on to the next surface; false: the chain has ended. */
+/* Traces the ray to the next surface; false: the chain has ended. */
 bool chain_go_on(inout Chain c, Meeting m, uint surface, float pick, inout vec3 direction, inout kiln_hit hit)
 {
     if (!chain_send(m, surface, pick, direction))
@@ -108,7 +109,7 @@ bool chain_go_on(inout Chain c, Meeting m, uint surface, float pick, inout vec3 
     return false;
 }
 
-/* Takes the chain through surface number `surface`. False: the chain has ended. */
+/* Processes surface number `surface` of the chain. False: the chain has ended. */
 bool chain_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_hit hit)
 {
     Meeting m;
@@ -132,8 +133,8 @@ bool chain_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_hi
     return chain_go_on(c, m, surface, pick, direction, hit);
 }
 
-/* Follows the chain of a ray that met what chain_begins is true of. `chance` and `k`: what the ray's chances hang on
- * (kiln_gather_chance) and the number of the sample. */
+/* Follows the chain of a ray for whose hit chain_begins is true. `chance` and `k`: seed of the ray's random decisions
+ * (kiln_gather_chance), and number of the sample. */
 Chain chain_follow(uint chance, uint k, vec3 direction, kiln_hit hit)
 {
     Chain c = Chain(vec3(0.0), vec3(0.0), vec3(1.0), 0.0, 0.0, true);

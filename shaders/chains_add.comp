@@ -1,6 +1,6 @@
-/* Adds what the rays of a slice of the gather or the weighed pass have found to its sums, from the first that has
- * met gloss on (gather_chains.glsl): thread (x, y) for slice y of point x. Or, before the rays, there are no chains
- * yet. */
+/* Adds the findings of a slice's rays, in the gather or the weighed pass, to its sums, from its first ray that met
+ * gloss on (gather_chains.glsl). Thread (x, y): slice y of point x. Or, before the rays are traced, resets the number
+ * of chains. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define KILN_GLOSS 1
@@ -16,7 +16,7 @@ KILN_PUSH(kiln_gpu_chains_push);
 #define APART_RAY_BYTES uint64_t(push.ray_bytes)
 
 const uint ADDS = 0u, BEGINS = 1u, ADDS_WEIGHED = 2u;
-layout(constant_id = 6) const uint DOES = ADDS; /* of the gather pass; BEGINS: before the rays of either */
+layout(constant_id = 6) const uint DOES = ADDS; /* ADDS: after the gather pass; BEGINS: before the rays of any pass */
 
 #include "shaders/apart.glsl"
 #include "shaders/gather_sums.glsl"

@@ -1,4 +1,5 @@
-/* The direct pass, first: which lights each point samples, and how often. Thread x: point x of the chunk. */
+/* The direct pass, step 1: chooses the lights that each point samples, and their numbers of samples. Thread x: point x
+ * of the chunk. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

@@ -19,15 +19,15 @@ const uint64_t DIRECT_SUMS_BYTES = 64ul;
 const uint64_t DIRECT_SUMS_BYTES = 36ul;
 #endif
 
-/* Whether points differ in their number of samples, and so of rows. */
+/* Whether points differ in their number of samples, and so in their number of rows. */
 bool direct_is_mixed() { return push.pass.samples == 0u; }
-/* Rows of all points that there is room for. */
+/* Number of rows that all points have room for. */
 uint64_t direct_rows()
 {
     return direct_is_mixed() ? uint64_t(push.pass.slices)
                              : 4ul * push.pass.slices * push.pass.split * uint64_t(push.pass.room);
 }
-/* The number among these of a row of point x. */
+/* Index of a row of point x among all rows. */
 uint64_t direct_row(uint x, uint row)
 {
     if (!direct_is_mixed())
@@ -57,7 +57,7 @@ uint direct_samples(uint state)
 {
     return push.pass.samples != 0u ? push.pass.samples : state >> KILN_GPU_STATE_SAMPLES_SHIFT;
 }
-/* The clusters that its cut may have. */
+/* Largest number of clusters in the point's cut. */
 uint direct_limit(uint state)
 {
     return push.pass.samples != 0u ? push.pass.limit : kiln_cut_limit(direct_samples(state));
@@ -67,16 +67,16 @@ bool direct_has_pilots()
 {
     return light_kind(KILN_GPU_KIND_SUN) && light_kind(KILN_GPU_KIND_SKY | KILN_GPU_KIND_IMAGE);
 }
-/* Where they have: the rays of a point's pilots. */
+/* The rays of a point's pilots, if there are pilots. */
 DirectWords direct_pilot_rays() { return DirectWords(direct_counts_at() + 4ul * push.pass.room); }
-/* Float `number` of the groups' light in all rows. */
+/* Float `number` of the groups' light, for all rows. */
 DirectFloats direct_groups(uint number)
 {
     const uint64_t words = uint64_t(push.pass.room) * (direct_has_pilots() ? 2ul : 1ul);
     return DirectFloats(direct_counts_at() + 4ul * (words + direct_rows() * number));
 }
-/* How the point's samples are dealt out: slices of a quarter, and rows of a slice. `split_up`: in the kernel over
- * partly buried points. */
+/* Finds how a point's samples are divided: into `slices` slices per quarter, and `split` rows per slice. `split_up`:
+ * called in the kernel for partly buried points. */
 void direct_slices(uint state, bool split_up, out uint slices, out uint split)
 {
     slices = push.pass.slices;

@@ -1,5 +1,5 @@
-/* The direct pass where the light of groups is found besides. Before the shadow rays (CLEARS) thread (x, y) clears
- * float y of row x of all points' rows; afterwards it makes the answer of point x for group y from its rows, in their
+/* The direct pass for bakes with groups of lights. Before the shadow rays (CLEARS), thread (x, y) clears float y in row
+ * x of all points' rows. Afterwards, thread (x, y) makes the answer of point x for group y, from its rows in their
  * order. */
 #version 460
 #extension GL_GOOGLE_include_directive : require

@@ -1,5 +1,5 @@
-/* The direct pass, between choose.comp and direct.comp: pilots of directional lights, and what they change in how often
- * choices are sampled (shaders/shared/sun_pilot.h). Thread x: point x of the chunk; partly buried points have no
+/* The direct pass, between choose.comp and direct.comp: traces pilots for directional lights, and adapts the numbers of
+ * samples to their results (shaders/shared/sun_pilot.h). Thread x: point x of the chunk; partly buried points have no
  * pilots. For scenes with an environment and directional lights. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -13,14 +13,14 @@
 #include "shaders/direct_sequence.glsl"
 #include "shaders/shared/sun_pilot.h"
 
-/* Returns the share of the light that the pilot's ray k would bring. */
+/* Returns the share of the light that arrives along the pilot's ray k. */
 float share_of(kiln_gpu_point p, vec3 towards, Sequence sequence, uint k, bool beyond, inout uint rays)
 {
     vec3 position, n;
     float offset;
     kiln_position(p, push.chunk.parts, float(real_unit(draw(sequence, k, KILN_DIMENSION_S))),
                   float(real_unit(draw(sequence, k, KILN_DIMENSION_T))), position, n, offset);
-    if (beyond) /* and as much farther off the surface */
+    if (beyond) /* start the ray by the same distance farther off the surface */
         position += (position - p.centre) * KILN_SUN_PILOT_BEYOND;
     const float shading = dot(kiln_shading(p, n), towards);
     const float share = kiln_faces(p, dot(n, towards), shading) ? max(0.0, shading) : 0.0;
@@ -30,7 +30,7 @@ float share_of(kiln_gpu_point p, vec3 towards, Sequence sequence, uint k, bool b
     return share * float(real_luminance(real3(kiln_through(position, towards, KILN_INFINITY))));
 }
 
-/* Whether the light is not the same all over and around the point. */
+/* Whether the light varies over and around the point. */
 bool pilot_differs(kiln_gpu_point p, uint light, uint count, inout uint rays)
 {
     const vec3 towards = vec3(real3_of(DirectionalLights(SCENE.lights.directionals).at[light].towards));
@@ -47,7 +47,7 @@ bool pilot_differs(kiln_gpu_point p, uint light, uint count, inout uint rays)
 
 bool is_sun(kiln_gpu_choice choice) { return choice.what >> KILN_GPU_CHOICE_KIND_SHIFT == KILN_CHOICE_DIRECTIONAL; }
 
-/* Shares out `rest` samples among the choices that are no directional lights and have `others` now. */
+/* Distributes `rest` samples among the choices that are not directional lights, which have `others` samples now. */
 void share_out(uint x, uint count, uint others, uint rest)
 {
     for (uint i = 0u; i < count; i++) {

@@ -1,6 +1,6 @@
-/* Shadow rays: direct.comp and direct_precise.comp (KILN_PRECISE). Thread (x, y) takes a slice of a quarter of every
- * choice's samples at point x (struct kiln_gpu_direct); of the choices with few samples those that are its own in turn,
- * whole. Neighbouring threads take the same sample of neighbouring points. */
+/* Shadow rays, for direct.comp and direct_precise.comp (KILN_PRECISE). Thread (x, y) traces its slice of a quarter of
+ * every choice's samples at point x (struct kiln_gpu_direct). Choices with few samples are not divided: each belongs to
+ * one of the threads in turn. Neighbouring threads take the same sample of neighbouring points. */
 #include "shaders/kernel.glsl"
 #include "shaders/direct.glsl"
 
@@ -15,7 +15,7 @@
 #    include "shaders/area_light_sampler.glsl"
 #endif
 
-layout(constant_id = 6) const uint GROUPED = 0u; /* the light of groups is found besides (direct_groups.comp) */
+layout(constant_id = 6) const uint GROUPED = 0u; /* light of groups is stored as well (direct_groups.comp) */
 uint64_t group_row;                              /* the thread's among all */
 uint group_kind, group_index;                    /* of the choice under way, */
 real group_scale;                                /* and 1 over its samples */
@@ -46,7 +46,7 @@ Row row_of(uint x, uint y)
     return r;
 }
 
-/* Samples begin .. end-1 of a choice's `samples` are the row's; none where all are another's. */
+/* Range of samples, begin .. end-1, of a choice's `samples` that the row traces; empty if all belong to another row. */
 void share_of(Row r, uint i, uint samples, out uint begin, out uint end)
 {
     begin = 0u;
@@ -101,7 +101,7 @@ void store_total(Row r, Total t)
                              stored[3](t.irradiance.x, t.irradiance.y, t.irradiance.z), t.variance, t.rays, t.stopped);
 }
 
-/* Adds what a sample brings to its group. */
+/* Adds the light of a sample to its group. */
 void add_to_group(uint group, real3 incident, real3 irradiance)
 {
     for (uint c = 0u; c < GROUP_FLOATS; c++) {
@@ -111,7 +111,8 @@ void add_to_group(uint group, real3 incident, real3 irradiance)
     }
 }
 
-/* Counts a sample as the surface sees it, unless something is in the way of its ray, which starts `off` the surface. */
+/* Adds a sample to the sums, weighted as the surface sees it, unless its shadow ray is blocked. The ray starts `off`
+ * the surface. */
 void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 off, kiln_light_sample s)
 {
     const real above = dot(real3(n), s.direction), cosine = max(real(0), above);
@@ -141,7 +142,7 @@ void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 o
 }
 
 #ifdef KILN_PRECISE
-/* Draws sample k of a lone area light. */
+/* Draws sample k of a single area light. */
 bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, real3 shading, Sequence sequence, uint k,
                 out kiln_light_sample s)
 {

@@ -1,4 +1,4 @@
-/* The direct pass, last: each point's answer from its rows, always in the same order; zeros for invalid points. */
+/* The direct pass, last step: sums up each point's rows to its answer, in a fixed order; zeros for invalid points. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -7,12 +7,12 @@
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
 #include "shaders/short_answer.glsl"
 
-/* Rows of a quarter of a point, of which each `step`-th is used. */
+/* Rows of a quarter of a point; each `step`-th row is used. */
 struct Rows {
     uint count, step;
 };
 
-/* Luminance of quarter q of choice i's samples. */
+/* Luminance of the samples of choice i in quarter q. */
 real quarter_of(uint i, uint q, Rows rows, uint x)
 {
     real sum = 0;
@@ -21,7 +21,7 @@ real quarter_of(uint i, uint q, Rows rows, uint x)
     return sum;
 }
 
-/* Variance of the mean of choice i's luminance from the spread of its four quarters (shadow_variance). */
+/* Variance of the mean luminance of choice i, estimated from its four quarters (shadow_variance). */
 real quarters_variance(uint i, Rows rows, uint x, uint samples)
 {
     real quarter[4], total = 0, spread = 0;
@@ -30,7 +30,7 @@ real quarters_variance(uint i, Rows rows, uint x, uint samples)
         total += quarter[q];
     }
     const real mean = total / real(samples);
-    for (uint q = 0u; q < 4u; q++) { /* of a number that 4 does not divide, quarters differ by one sample */
+    for (uint q = 0u; q < 4u; q++) { /* if 4 does not divide their number, quarters differ by one sample */
         const uint begin = kiln_quarter_first(q, samples), end = kiln_quarter_first(q + 1u, samples);
         const real off = quarter[q] / real(end - begin) - mean;
         spread += off * off;
@@ -70,7 +70,7 @@ void kiln_kernel(uint x, uint y)
             if (samples >= KILN_QUARTERS_FROM)
                 variance += quarters_variance(i, rows, x, samples);
         }
-        const real n = real(direct_samples(word)); /* the point's, whatever a light has of them */
+        const real n = real(direct_samples(word)); /* of the point, whatever number a light has of them */
         for (uint c = 0u; c < 3u; c++) {
             r.incident[c] = float(n * incident[c]);
             r.irradiance[c] = float(n * irradiance[c]);

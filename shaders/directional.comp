@@ -1,6 +1,6 @@
-/* The directional pass: each thread takes a slice of a point's samples (hemisphere.glsl): rays spread evenly over the
- * hemisphere for what surfaces and a constant sky send, and as large a part of the shadow rays to the other lights
- * (light_samples.glsl). directional_reduce.comp adds up the slices. */
+/* The directional pass. Each thread computes a slice of a point's samples (hemisphere.glsl): rays evenly distributed
+ * over the hemisphere, for light of surfaces and a constant sky, and an equal share of the shadow rays to the other
+ * lights (light_samples.glsl). directional_reduce.comp sums up the slices. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -25,7 +25,7 @@ struct Sums {
 #    include "shaders/chain.glsl"
 #endif
 
-/* Where light samples are seen from: sample k from where the ray of sample k starts. */
+/* Position from which light samples are drawn: that of sample k is where the ray of sample k starts. */
 struct Place {
     kiln_gpu_point point;
     uint number;           /* of the place; KILN_GPU_NONE: none yet */
@@ -101,7 +101,7 @@ void add_light(inout Sums sums, inout Place place, kiln_light_choice choice, uin
         add_direction(sums, vec3(s.direction), vec3(s.value / real(choice.samples)) * through);
 }
 
-/* The part of the lights' samples that is the slice's: all slices have as many, but for one. */
+/* Adds the slice's share of the light samples: all slices have equally many, but for one. */
 bool add_lights(inout Sums sums, kiln_gpu_point p, uint row)
 {
     const real3 n = (p.flags & KILN_GPU_POINT_ONE_NORMAL) != 0u ? real3(p.normal) : real3(0);

@@ -1,4 +1,4 @@
-/* Adds up what directional.comp found and makes each point's answer of it; zeros for invalid points. */
+/* Sums up the slices of directional.comp to each point's answer; zeros for invalid points. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

@@ -1,5 +1,4 @@
-/* The directions pass: the gather pass with rays by a set of directions (directions.glsl). gather_reduce.comp adds up.
- */
+/* The directions pass: the gather pass with ray directions from a set (directions.glsl). gather_reduce.comp sums up. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define KILN_DIRECTIONS

@@ -1,10 +1,10 @@
-/* Additions to gather.glsl for a set of directions (worker/pass/directions.h). Sample k takes direction k of the set,
- * turned by a random angle of the point. The set gives the ray's weight. Light is that of any packed radiosity, times a
- * scale. push.set: quads. The first has the scale and whether there is a set, the others radius, turn and weight.
- * set_sample is the ray's number. */
+/* Additions to gather.glsl for a set of directions (worker/pass/directions.h). Sample k uses direction k of the set,
+ * rotated by a random angle of the point, with the weight from the set. Radiosity is any packed one, times a scale.
+ * push.set: quads; the first has the scale and whether there is a set, the others radius, angle and weight of a
+ * direction. set_sample is the ray's number. */
 layout(buffer_reference, scalar, buffer_reference_align = 16) readonly buffer SetQuads { vec4 at[]; };
 
-float set_turn, set_weight, set_scale; /* of the thread's point; of the ray; of all radiosity */
+float set_turn, set_weight, set_scale; /* the point's angle; the ray's weight; scale of all radiosity */
 bool set_is_there;
 
 void set_begin(uint key)

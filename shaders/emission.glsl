@@ -1,4 +1,4 @@
-/* Where light begins: what shaders/shared/emission.h asks for. Needs shaders/lights.glsl and BOTH
+/* Beginning of light paths: declarations that shaders/shared/emission.h needs. Needs shaders/lights.glsl and BOTH
  * (shaders/bidirectional.glsl). */
 KILN_ARRAY(TreeWords, uint, 4);
 

@@ -1,8 +1,7 @@
-/* Paths of the camera in the bidirectional pass (worker/pass/bidirectional.h). By stages, thread x for the path in its
- * slot: it begins, at a random place of its pixel; it arrives where its ray has come to, takes the light of an emitter,
- * asks for samples of lights, leaves its vertex for connections and merging, and goes on; in the end what it has
- * brought is added to the pixel. Ways, random numbers and estimators are those of
- * worker/backend/embree/bidirectional_eye.c. */
+/* Camera paths of the bidirectional pass (worker/pass/bidirectional.h), in stages; thread x: the path in its slot. A
+ * path begins at a random position of its pixel. At each hit it adds light of an emitter, requests shadow rays to light
+ * samples, stores its vertex for connections and merging, and continues. At the end its light is added to the pixel.
+ * Directions, random numbers and estimators equal those of worker/backend/embree/bidirectional_eye.c. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -23,8 +22,8 @@ const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u, ALONE = (METHOD & KIL
 
 KILN_ARRAY(PathSums, kiln_gpu_path_sums, 4);
 
-/* Tasks at a vertex, in turn: the emitter that is met, or the sky; samples of the light tree, of directional lights, of
- * the environment; the way on. */
+/* Tasks at a vertex, in order: the emitter or sky that is hit; samples of the light tree, of directional lights, of the
+ * environment; the continuation. */
 const uint MET = 0u, TREE = 1u, SUN = 2u, SKY = 3u, GO_ON = 4u, END = 5u;
 
 uint slot;
@@ -111,10 +110,10 @@ void ask_light(uint number, real3 p, real3 n, real3 place, real3 direction_, rea
     light_cosine = cosine;
 }
 
-/* Whether a light may come next on the path. */
+/* Whether the next vertex of the path may be a light. */
 bool may_meet()
 {
-    if (POINTS) /* what comes straight to the point is the direct pass's */
+    if (POINTS) /* light that reaches the point directly belongs to the direct pass */
         return path.surface > 1u && int(path.bounces) <= int(BOTH.most);
     return (path.surface == 0u || CONNECTS || MERGES) && int(path.bounces) - int(path.last_diffuse) <= int(BOTH.most);
 }
@@ -193,7 +192,7 @@ bool ask_go_on()
 
 /* ---- arriving ---- */
 
-/* The vertex that the ray has come to; false: the path ends. */
+/* Makes the vertex at the ray's hit; false: the path ends. */
 bool settle(kiln_hit hit, vec3 left)
 {
     const float cosine = abs(dot(here.m.normal, here.from));
@@ -215,7 +214,7 @@ bool settle(kiln_hit hit, vec3 left)
     return true;
 }
 
-/* Takes in the surface or sky that the ray has met. */
+/* Processes the surface or sky that the ray has hit. */
 void arrive()
 {
     const kiln_hit hit = hit_of(path.triangle, path.u, path.v, path.distance);
@@ -233,7 +232,7 @@ void arrive()
     }
 }
 
-/* Chooses the task after the light that is met, and stores the vertex for connecting and merging. */
+/* Chooses the first task after an emitter, and stores the vertex for connections and merging. */
 void begin_vertex()
 {
     task = END;
@@ -341,7 +340,7 @@ void take_way()
     }
 }
 
-/* A task. The code that scatters and that weighs a light is long, and stands once. */
+/* Does one task. The long code that scatters and that weighs a light exists only here. */
 void do_task()
 {
     bool goes = true;
@@ -375,7 +374,7 @@ void do_task()
 void shade_surface()
 {
     path = SUBPATH(slot);
-    const uint met_bounces = path.bounces;     /* of the light that is met: the path goes on from there */
+    const uint met_bounces = path.bounces;     /* bounces of a light that is hit, before the path continues */
     EYE_VERTEX(slot).triangle = KILN_GPU_NONE; /* there is none yet to connect */
     if (POINTS && POINT_PATH(slot).goes == 0u)
         return;

@@ -1,6 +1,6 @@
-/* Follows chains of rays that have met gloss, apart from these (gather_chains.glsl): thread x follows those that the
- * list has at x, x + `threads` and so on. chains.comp is for the gather pass; with KILN_WEIGHED it is for the weighed
- * pass (weighed.glsl). */
+/* Follows chains of rays that have met gloss, in a kernel separate from the rays (gather_chains.glsl). Thread x follows
+ * the chains at x, x + `threads` and so on in the list. chains.comp is for the gather pass; with KILN_WEIGHED it is for
+ * the weighed pass (weighed.glsl). */
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"

@@ -1,10 +1,11 @@
-/* The bounce pass: each thread takes a slice of a point's samples (hemisphere.glsl), a few cosine-distributed rays,
- * and adds up the radiosity that they find. gather_reduce.glsl adds up the slices. With KILN_GUIDED it is the guided
- * pass (guide.glsl). With KILN_GLOSS rays go on in chains (chain.glsl), of the bounce pass itself in a kernel of
- * their own (gather_chains.glsl); with KILN_CAUSTIC besides it is the caustic pass, which looks for lamps and sky by
- * chains alone; with KILN_WEIGHED besides the weighed pass, whose chains have a kernel of their own too. With
- * KILN_KEEP it is the gather pass of bakes that keep what rays meet (kept_rows.glsl), with KILN_DIRECTIONS the
- * directions pass (directions.glsl), with KILN_BRIGHT besides that with rays to bright patches (bright.glsl). */
+/* The bounce pass. Each thread computes a slice of a point's samples (hemisphere.glsl), a few cosine-distributed rays,
+ * and sums up the radiosity that they find. gather_reduce.glsl sums up the slices. Variants by macro:
+ *
+ * KILN_GUIDED: the guided pass (guide.glsl). KILN_GLOSS: rays continue in chains (chain.glsl); those of the bounce pass
+ * itself have a kernel of their own (gather_chains.glsl). KILN_GLOSS and KILN_CAUSTIC: the caustic pass, which looks
+ * only for lamps and sky by chains. KILN_GLOSS and KILN_WEIGHED: the weighed pass, whose chains also have a kernel of
+ * their own. KILN_KEEP: the gather pass of bakes that keep the hits of rays (kept_rows.glsl). KILN_DIRECTIONS: the
+ * directions pass (directions.glsl); with KILN_BRIGHT also rays to bright patches (bright.glsl). */
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
@@ -17,7 +18,7 @@ KILN_PUSH(kiln_gpu_guided_push);
 #    define GUIDE_BEGIN(index) guide_begin((index)-push.chunk.origin);
 #elif defined(KILN_WEIGHED)
 KILN_PUSH(kiln_gpu_weighed_push);
-#    define PROBES push.both /* any address will do: it asks no probes */
+#    define PROBES push.both /* any address will do: the pass reads no probes */
 #    define NEAR_PROBES push.both
 #    define KILN_APART
 #    define APART_RAY_BYTES KILN_GPU_APART_WEIGHED_RAY_BYTES
@@ -25,19 +26,19 @@ KILN_PUSH(kiln_gpu_weighed_push);
         apart_begin(index);                                                                                            \
         point_area = AreaArray(push.areas).at[(index)-push.chunk.origin] * p.present;
 void apart_begin(uint index);
-float point_area; /* m2 of the thread's point that are there to be lit */
+float point_area; /* m2: area of the thread's point that can be lit */
 KILN_ARRAY(AreaArray, float, 4);
 #elif defined(KILN_KEEP)
 KILN_PUSH(kiln_gpu_rows_push);
 #    include "shaders/kept_rows.glsl"
-#    define PROBES push.rows /* any address will do: such rays ask no probes */
+#    define PROBES push.rows /* any address will do: such rays read no probes */
 #    define NEAR_PROBES push.rows
 #    define GUIDE_BEGIN(index) row_begin((index)-push.chunk.origin);
 #    define HEMISPHERE_RAY_DONE(k) row_keep(k)
 #elif defined(KILN_DIRECTIONS)
 KILN_PUSH(kiln_gpu_directions_push);
 uint set_sample;
-#    define PROBES push.lights /* any address will do: such rays ask no probes */
+#    define PROBES push.lights /* any address will do: such rays read no probes */
 #    define NEAR_PROBES push.lights
 #    ifdef KILN_BRIGHT
 void bright_begin(uint x); /* bright.glsl */
@@ -79,7 +80,7 @@ uint apart_first, apart_sample, apart_point; /* gather_chains.glsl */
 #    define HEMISPHERE_RAY(k) apart_sample = k
 #endif
 
-const uint TRACE_ONLY = 0u, SURFACES = 1u, SURFACES_AND_PROBES = 2u; /* what is asked; the first for benches */
+const uint TRACE_ONLY = 0u, SURFACES = 1u, SURFACES_AND_PROBES = 2u; /* work per ray; TRACE_ONLY is for benchmarks */
 layout(constant_id = 6) const uint LOOKUP = SURFACES;
 
 uint near_probes; /* of the thread's point */
@@ -124,7 +125,7 @@ uint row_word_of(kiln_hit hit)
 #    include "shaders/gather_chains.glsl"
 #endif
 
-/* The nearest hit, of points that see a probe within their range. */
+/* Nearest hit of a ray; if the point sees probes, within their range. */
 kiln_hit nearest(vec3 position, vec3 direction, uint seed, out vec3 tint)
 {
     if (LOOKUP != SURFACES_AND_PROBES || (near_probes & KILN_PROBE_SEEN) == 0u)
@@ -137,7 +138,7 @@ kiln_hit nearest(vec3 position, vec3 direction, uint seed, out vec3 tint)
 }
 
 #ifdef KILN_APART
-bool apart_left; /* the ray under way has met gloss, and its chain is followed later */
+bool apart_left; /* the present ray has met gloss, and its chain is followed later */
 
 void apart_begin(uint index)
 {
@@ -145,7 +146,7 @@ void apart_begin(uint index)
     apart_point = index - push.chunk.origin;
 }
 
-/* Leaves the chain of the ray under way to follow.glsl. */
+/* Stores the chain of the present ray for follow.glsl. */
 void apart_leave(vec3 direction, kiln_hit hit, vec3 tint, float facet, float weight)
 {
     const uint64_t kept = apart_ray(apart_sample, apart_point);
@@ -162,7 +163,7 @@ void apart_leave(vec3 direction, kiln_hit hit, vec3 tint, float facet, float wei
     apart_left = true;
 }
 #elif defined(KILN_GLOSS)
-/* Adds the findings of a ray at whose hit a chain begins. */
+/* Adds the result of a ray at whose hit a chain begins. */
 void add_chain(inout Sums sums, vec3 direction, kiln_hit hit, vec3 tint, float facet, float weight)
 {
     const Chain c = chain_follow(ray_chance, ray_number, direction, hit);
@@ -176,7 +177,7 @@ void add_chain(inout Sums sums, vec3 direction, kiln_hit hit, vec3 tint, float f
 }
 #endif
 
-#ifdef KILN_APART /* what it finds, but for that in a chain */
+#ifdef KILN_APART /* result of a ray, except for the light of its chain */
 #    define ADD_RAY find_ray
 #else
 #    define ADD_RAY add_ray
@@ -279,7 +280,7 @@ void ADD_RAY(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, floa
 }
 
 #ifdef KILN_APART
-/* From the first ray of the slice on that has met gloss, what rays find is kept, and added up later. */
+/* From the first ray of the slice that meets gloss, results of rays are stored, and summed up later. */
 void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed)
 {
     Sums found = NO_SUMS;

@@ -1,7 +1,7 @@
-/* The answer of a point in the gather pass, from what its slices add up to (totals.glsl). Before it stands
- * TINTED_FLOATS, how many floats of them come before those of KILN_GLOSS. */
+/* Answer of a point in the gather pass, computed from the sums over its slices (totals.glsl). Before it, TINTED_FLOATS
+ * must be defined: the number of floats before those of KILN_GLOSS. */
 
-/* The harmonics of radiance probes may be negative; a point's light is not. */
+/* Clamps negative sums, which the harmonics of radiance probes may give: light is not negative. */
 float at_least_zero(float sum) { return sum < 0.0 ? 0.0 : sum; }
 
 /* Returns the answer of a point that is not valid. */

@@ -1,16 +1,16 @@
-/* Chains of gather rays. The bounce and the weighed pass follow chains apart from the rays they begin with: the code
- * for gloss takes many of a device's registers, and slows down all that runs in its kernel. gather.glsl traces the rays
- * and leaves those that have met gloss; follow.glsl follows their chains; chains_add.comp adds what both have found to
- * the sums of the slice, in the order of its samples. So from the first ray of a slice on that has met gloss the gather
- * keeps what each ray finds.
+/* Chains of gather rays. The bounce and the weighed pass follow chains in a kernel separate from the rays where they
+ * begin: the code for gloss takes many registers, which slows down everything in its kernel. gather.glsl traces the
+ * rays and stores those that have met gloss; follow.glsl follows their chains; chains_add.comp adds the results of both
+ * to the sums of the slice, in the order of its samples. For this the gather stores each ray's result from the first
+ * ray of a slice that meets gloss.
  *
- * All that lies in the room of the chunk behind its slices, as apart.glsl says. Before it stand
- * shaders/gather_sums.glsl and shaders/chain.glsl. */
+ * The data lie in the memory of the chunk behind its slices (apart.glsl). Include shaders/gather_sums.glsl and
+ * shaders/chain.glsl first. */
 #ifndef KILN_SHADERS_GATHER_CHAINS_GLSL
 #define KILN_SHADERS_GATHER_CHAINS_GLSL
 
-/* Adds the findings of a ray at whose hit chain c begins. Losses on the chain are shares of what the ray's own tint
- * leaves. For each colour all shares add up to the whole. */
+/* Adds the result of a ray at whose hit chain c begins. Losses on the chain are shares of the light that the ray's own
+ * tint lets through. For each colour all shares sum to 1. */
 void add_found(inout Sums sums, Chain c, vec3 tint, float facet, float weight)
 {
     const vec3 left = HAS_ALPHA >= KILN_PASSAGE_TINT ? tint : vec3(1.0);

@@ -1,6 +1,6 @@
-/* Adds up what gather.glsl found and makes each point's answer of it; zeros for invalid points. Needs kernel.glsl
- * before it, and KILN_GLOSS where gather.glsl had it. Who includes this may define GATHER_ANSWER(x, r), what becomes of
- * the answer r of point x. */
+/* Sums up the slices of gather.glsl to each point's answer; zeros for invalid points. Needs kernel.glsl before it, and
+ * KILN_GLOSS if gather.glsl had it. The including file may define GATHER_ANSWER(x, r), which uses the answer r of point
+ * x. */
 const uint TINTED_FLOATS = HAS_ALPHA >= KILN_PASSAGE_TINT ? KILN_GPU_SLICE_TINTED_FLOATS : KILN_GPU_SLICE_FLOATS;
 #ifdef KILN_GLOSS
 const uint FLOATS = TINTED_FLOATS + KILN_GPU_SLICE_GLOSS;

@@ -8,7 +8,7 @@ struct Sums {
     float escaped, blocked, luminance;
 };
 #    define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
-float ray_taken_up; /* what of the light of the ray counts as incident */
+float ray_taken_up; /* share of the ray's light that counts as incident */
 #else
 struct Sums {
     vec3 incident, irradiance, glass;
@@ -17,7 +17,7 @@ struct Sums {
 #    define NO_SUMS Sums(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0, 0.0)
 #endif
 
-/* Adds a ray that finds the radiosity `rgb`. */
+/* Adds the light of a ray, which found the radiosity `rgb`. */
 void add_light(inout Sums sums, vec3 rgb, vec3 tint, float facet, float weight)
 {
     if (HAS_ALPHA >= KILN_PASSAGE_TINT) {

@@ -1,7 +1,7 @@
-/* Surfaces that are not only diffuse: what textures say of them at a position, for shaders/shared/gloss.h, and what the
- * host has made ready.
+/* Scattering of surfaces that are not only diffuse: reads their textures at a position, for shaders/shared/gloss.h, and
+ * the data that the host has prepared.
  *
- * For world triangles; (u, v) are barycentrics, as tracing gives them. */
+ * For world triangles; (u, v) are barycentrics, as tracing returns them. */
 #ifndef KILN_SHADERS_GLOSS_GLSL
 #define KILN_SHADERS_GLOSS_GLSL
 
@@ -14,7 +14,7 @@ KILN_ARRAY(GlossPlaces, kiln_gpu_gloss_place, 4);
 /* Flags of a material's gloss (KILN_GPU_GLOSS_...); 0: it is diffuse. `material` is an index into the scene's. */
 uint kiln_gloss_flags(uint material) { return GlossArray(SCENE.materials.glosses).at[material].flags; }
 
-/* Reads the texture of each use at texture coordinates. A use that is one number has it in x. */
+/* Reads the texture for each use at texture coordinates. A use with a single number has it in x. */
 void kiln_gloss_texels(uint material, uint flags, vec2 at, out vec4 texels[KILN_GPU_GLOSS_USES])
 {
     for (uint use = 0u; use < KILN_GPU_GLOSS_USES; use++) {
@@ -83,9 +83,9 @@ mat3 kiln_gloss_frame(vec3 z, float place[6], vec3 edge1, vec3 edge2, vec2 turn)
 
 KILN_ARRAY(LobesArray, kiln_bsdf_lobes, 4);
 
-/* The scattering at a position of a world triangle, whose material is taken with its gloss, and the columns of the
- * frame that directions are given to it in: z is the shading normal of the front. The edges go from the world
- * triangle's corner 0 to 1 and to 2. What is the same all over a material, the host has made ready. */
+/* Returns the scattering at a position of a world triangle whose material has gloss. Directions are given in a frame
+ * (columns of a matrix) whose z is the shading normal of the front. Edges lead from the world triangle's corner 0 to 1
+ * and to 2. The host has prepared values that are constant over a material. */
 kiln_bsdf_lobes kiln_surface_lobes(uint material, uint triangle, float u, float v, vec3 z, vec3 edge1, vec3 edge2,
                                    out mat3 frame)
 {
@@ -115,7 +115,7 @@ kiln_bsdf_lobes kiln_surface_lobes(uint material, uint triangle, float u, float 
     return lobes;
 }
 
-/* The same frame about another normal. */
+/* The frame at the position, about another normal. */
 mat3 kiln_surface_frame(uint material, uint triangle, float u, float v, vec3 z, vec3 edge1, vec3 edge2)
 {
     const kiln_gpu_gloss g = GlossArray(SCENE.materials.glosses).at[material];
@@ -132,7 +132,7 @@ mat3 kiln_surface_frame(uint material, uint triangle, float u, float v, vec3 z, 
     return kiln_gloss_frame(z, place, flipped ? edge2 : edge1, flipped ? edge1 : edge2, turn);
 }
 
-/* Share of light, by colour, that comes through `distance` m of what a face of the material bounds. */
+/* Share of light, by colour, that is left after `distance` m in the body of the material. */
 vec3 kiln_gloss_attenuation(uint material, float distance)
 {
     const kiln_gpu_gloss g = GlossArray(SCENE.materials.glosses).at[material];

@@ -1,15 +1,15 @@
-/* Additions to gather.glsl for guides. Samples of points whose tile run has a guide are warped. Where the pass learns,
- * each ray keeps the cell of its sample, and the luminance that it found over the root of its weight. */
+/* Additions to gather.glsl for guided directions. Samples of points whose tile run has a guide are warped by it. If the
+ * pass learns, each ray stores the cell of its sample, and the luminance that it found over the root of its weight. */
 #include "shaders/shared/guide.h"
 
 KILN_ARRAY(GuidedRef, kiln_gpu_guided, 8);
 KILN_ARRAY(GuideWords, uint, 4);
 
-/* Address of the guide of the thread's point (0: the cosine), address of its rays' words (0: it does not learn), and
- * cells along a side for these. */
+/* Addresses of the guide of the thread's point (0: cosine distribution) and of its rays' words (0: no learning); and
+ * for these, the number of cells along a side. */
 uint64_t guide_address, guide_rays;
 uint guide_side;
-/* of the ray: 1 / density, the cell of the guide, and the luminance that it found, weighted */
+/* of the ray: 1 / density, cell of the guide, weighted luminance that it found */
 float guide_weight, guide_luminance;
 uint guide_cell;
 

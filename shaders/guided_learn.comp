@@ -1,5 +1,5 @@
-/* Squares of what a point's rays have found, added up in each cell of its tile run's guide, in the order of the
- * samples. The findings are over a power of two near the largest, so that squares fit a float. */
+/* Sums up the squares of what a point's rays have found, for each cell of its tile run's guide, in the order of the
+ * samples. Values are divided by a power of two near the largest, so that squares fit a float. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

@@ -1,5 +1,5 @@
-/* The answers of the guided pass: those of the gather pass, and of each point the cells of its tile run that stand in
- * its answer: root mean squares of what the rays of the tile run's points have found. */
+/* Answers of the guided pass: those of the gather pass, and in each point's answer some cells of its tile run, with the
+ * root mean square of what the rays of the tile run's points have found there. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define HEMISPHERE_REDUCE_PUSH kiln_gpu_guided_reduce_push
@@ -13,8 +13,8 @@ void guided_answer(uint x, kiln_gpu_result r);
 KILN_ARRAY(GuidedArray, kiln_gpu_guided_result, 4);
 KILN_ARRAY(GuidedRef, kiln_gpu_guided, 8);
 
-/* The points [first, last] of a tile run: the largest biased exponent of the valid ones, and how many these are. False:
- * the device ended a loop early. */
+/* Finds the largest biased exponent of the valid points among [first, last] of a tile run, and their number. False: the
+ * device ended a loop early. */
 bool learning_points(kiln_gpu_guided guided, uint first, uint last, out int exponent, out uint count)
 {
     bool good = true;
@@ -31,7 +31,7 @@ bool learning_points(kiln_gpu_guided guided, uint first, uint last, out int expo
     return good;
 }
 
-/* As if each cell had had its share of rays by the cosine. */
+/* Root mean square of a cell's values, as if each cell had its share of rays by the cosine distribution. */
 float root_mean_square(kiln_gpu_guided guided, uint cell, uint first, uint last, int exponent, float rays)
 {
     kiln_sum sum = kiln_sum(0.0, 0.0);

@@ -1,20 +1,21 @@
-/* Light that stays on the device: what a light begins with, as the host has it, or what the final gather reads; or
- * errors, as the host fetches them. Thread (x, y): point x, or points 2x and 2x + 1; light y where the step is of all
- * lights. */
+/* Conversions of light that stays on the device: of the initial state of a light, from the host; of radiosity for the
+ * final gather; of errors that the host fetches. Thread (x, y): point x, or points 2x and 2x + 1; light y if the step
+ * is for all lights. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
 
 KILN_PUSH(kiln_gpu_held_push);
 
-/* bytes are radiosity in 8 bytes, or in 4, which goes to `to`; errors in 2; or sums are packed for `to`; or bytes
- * become errors in 2: of all light, then of direct and of indirect light, each of an even number of points */
+/* Conversions. PACKED, COMPACT: bytes with radiosity in 8 or 4 bytes per point are written to `to`. ERRORS: reads
+ * errors of 2 bytes. SUMS: packs sums for `to`. FETCHED: writes errors of 2 bytes for the host, of all light, then of
+ * direct and of indirect light, each with an even number of points. */
 const uint PACKED = 0u, COMPACT = 1u, ERRORS = 2u, SUMS = 3u, FETCHED = 4u;
 layout(constant_id = 6) const uint STEP = PACKED;
 
 #include "shaders/held.glsl"
 
-/* The errors of two points of the light. */
+/* Writes the errors of two points under the light. */
 void fetch(kiln_gpu_held held, uint64_t of_light, uint x)
 {
     const uint points = uint(held.points), pairs = (points + 1u) / 2u, second = min(2u * x + 1u, points - 1u);

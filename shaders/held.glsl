@@ -41,7 +41,7 @@ uvec2 held_expand(uint compact, int scale)
     return held_pair(bits.r, bits.g, bits.b);
 }
 
-/* The least exponent k with value <= most x 2^k, for most of 511 or 510, which are 256 x (1 + below / 2^23). */
+/* The least exponent k with value <= most x 2^k. `most` is 511 or 510, which is 256 x (1 + below / 2^23). */
 int held_exponent(float value, uint below)
 {
     const uint bits = floatBitsToUint(value);
@@ -74,7 +74,7 @@ uint held_compact(vec3 rgb, int scale, uint hash)
 /* Random bits: kiln_packing_hash (coordinator/integrate/packing.h). */
 uint held_hash(kiln_gpu_held_point p, uint bit, uint stream) { return kiln_hash2(p.tile, stream * 64u + bit); }
 
-/* Those of the 4-byte form: compact_hash (coordinator/integrate/cells/take.c). */
+/* Random bits for the 4-byte form: compact_hash (coordinator/integrate/cells/take.c). */
 uint held_compact_hash(kiln_gpu_held_point p, uint stream, uint seed)
 {
     const uint tile = kiln_hash2(held_hash(p, 0u, stream), seed), reversed = bitfieldReverse(p.bit) >> 22;
@@ -82,7 +82,7 @@ uint held_compact_hash(kiln_gpu_held_point p, uint stream, uint seed)
            (((tile >> 20) + reversed) & 1023u) << 20;
 }
 
-/* Returns the radiosity that the point sends next, in the form that gathering points read. */
+/* Returns the radiosity that the point sends next, in the format that gathering points read. */
 uvec2 held_next(kiln_gpu_held held, kiln_gpu_held_point p, vec3 rgb, int scale)
 {
     if (held.compact != 0u)

@@ -1,9 +1,9 @@
 /* Direct light under several lights at once, for a bake whose light stays on the device (kiln relight --states). Thread
- * (x, y) is for point push.first + x under light y. It adds up the kept direct light of the light's parts, scaled by
- * colour. It then takes the sum over as a step of the integrator "cells": irradiance, errors, the radiosity that is
- * gathered next, and sums of power. The results have the bits of the host's code,
+ * (x, y): point push.first + x under light y. It sums up the stored direct light of the light's parts, scaled by
+ * colour. From the sum it computes the results of a step of the integrator "cells": irradiance, errors, the radiosity
+ * to gather next, and sums of power. The results have the same bits as the host's code,
  * coordinator/bake/states/state_lights.c and coordinator/integrate/cells/take.c. Lights whose direct light the host has
- * made are skipped. */
+ * computed are skipped. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -50,7 +50,7 @@ double scaled_error(vec3 light, vec3 scaled, vec3 factor, float error)
     return all;
 }
 
-/* add_part, and kiln_point_mean: with a power of two of samples, divisions are exact. */
+/* add_part and kiln_point_mean of the host: with a power of two of samples, divisions are exact. */
 Direct mix_parts(kiln_gpu_held held, kiln_gpu_held_light about, uint own)
 {
     vec3 irradiance = vec3(0.0), incident = vec3(0.0);
@@ -76,7 +76,7 @@ Direct mix_parts(kiln_gpu_held held, kiln_gpu_held_light about, uint own)
     return Direct(each * irradiance, each * incident, each * float(double(samples) * sqrt(square)), present);
 }
 
-/* kiln_tally_add of light that has arrived; `area` in m2 */
+/* kiln_tally_add of the host, for light that has arrived; `area` in m2 */
 void tally(Direct r, vec3 albedo, double area, kiln_gpu_held_light about)
 {
     const double per_unit = held_power_of_two(-int(about.unit)), error = double(r.error);

@@ -1,5 +1,4 @@
-/* Adds the sums of power that the workgroups of replay_take.comp have left to those of all: a workgroup for each sum of
- * light y. */
+/* Adds the sums of power of replay_take.comp's workgroups to the total sums: one workgroup for each sum of light y. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

@@ -1,22 +1,23 @@
-/* Sums of power of light that stays on the device: each thread adds what points of one light have, in whole units, so
- * that no order counts, and each workgroup of 64 leaves its own sums; held_powers.comp adds these up. Needs held.glsl,
- * and a constant before it: LANES, a power of two; thread t is of light t % LANES of those that the workgroup has. */
+/* Sums of power of light that stays on the device. Each thread sums up points under one light, in integer units, so
+ * that the order does not matter. Each workgroup of 64 threads stores its own sums; held_powers.comp adds these up.
+ * Needs held.glsl, and before it a constant LANES, a power of two: the number of lights of a workgroup; thread t is for
+ * light t % LANES. */
 const uint THREADS = 64u, POWERS = KILN_GPU_HELD_POWERS;
 const uint INCIDENT = 0u, REFLECTED = 3u, SENT = 6u, ESCAPED = 9u, BLOCKED = 12u, VARIANCE = 15u;
 
-/* Sum k of thread t at k * ROW + t: threads that go on together write, and read, in different banks. */
+/* Sum k of thread t is at k * ROW + t: threads that run together access different banks. */
 const uint ROW = THREADS + 1u;
 shared int64_t high[ROW * POWERS], low[ROW * POWERS];
 
-/* Clears the sums of the thread. Each thread calls this first. */
+/* Clears the thread's sums. Each thread calls this first. */
 void no_powers()
 {
     for (uint k = 0u; k < POWERS; k++)
         high[k * ROW + gl_LocalInvocationID.x] = low[k * ROW + gl_LocalInvocationID.x] = int64_t(0);
 }
 
-/* kiln_exact_add: the whole number of units next to 0, by the double's own bits, since conversions to 64 bits are not
- * the same on all devices. */
+/* kiln_exact_add: truncates to an integer number of units, by the bits of the double, since conversions to 64 bits
+ * differ between devices. */
 void add_power(uint k, double value, double per_unit)
 {
     precise const double steps = value * per_unit;
@@ -34,8 +35,8 @@ void add_power(uint k, double value, double per_unit)
     low[at] += negative ? -int64_t(below) : int64_t(below);
 }
 
-/* Stores the sums of power of the workgroup's points, which are group `group`, under light `first` and those behind it.
- * All threads take part. */
+/* Stores the sums of power of the workgroup's points (group number `group`) under lights `first` to `first` + LANES -
+ * 1. All threads take part. */
 void add_up(kiln_gpu_held held, uint first, uint group)
 {
     barrier();

@@ -1,16 +1,15 @@
-/* Samples over the hemisphere of a point: thread (x, y) takes slice y of the samples of point x. The samples of a point
- * fall into four quarters, each of `per_quarter` slices; quarter q holds the samples k with k * 4 / samples == q.
+/* Samples over the hemisphere of a point: thread (x, y) computes slice y of the samples of point x. The samples of a
+ * point form four quarters, each of `per_quarter` slices; quarter q holds the samples k with k * 4 / samples == q.
  * Neighbouring threads take the same sample of neighbouring points, whose directions share a stratum
- * (shaders/shared/random.h). hemisphere_reduce.glsl adds up the slices.
+ * (shaders/shared/random.h). hemisphere_reduce.glsl sums up the slices.
  *
- * The kernel that includes this says what a ray adds. Before it stand push constants with the members `chunk` and
- * `hemisphere`, `struct Sums`, what a thread adds up, and NO_SUMS, its zeros. The kernel defines the functions that are
- * declared here; it may define HEMISPHERE_BEGIN, what is done with the point's index in its block before its rays,
- * HEMISPHERE_RAY and HEMISPHERE_RAY_DONE, what is done with a sample's number before and after its ray,
- * HEMISPHERE_NUMBER, which sample comes i-th, HEMISPHERE_SKIPS, whether nothing is done for point p, and
- * HEMISPHERE_SEEDS, whether it wants seeds in any scene. All else stands in kiln_kernel, not in functions of its own,
- * which cost the gather 4 % on an H200.
- */
+ * The including kernel defines what a ray adds. Before this file it has push constants with the members `chunk` and
+ * `hemisphere`, `struct Sums`, the sums of a thread, and NO_SUMS, their zeros. It defines the functions that are
+ * declared here. It may define these macros: HEMISPHERE_BEGIN runs before a point's rays, with its index in its block;
+ * HEMISPHERE_RAY and HEMISPHERE_RAY_DONE run before and after each ray, with the sample's number; HEMISPHERE_NUMBER
+ * maps i to the number of the i-th sample; HEMISPHERE_SKIPS tells whether to skip point p; HEMISPHERE_SEEDS tells
+ * whether seeds are needed in any scene. All other code stands in kiln_kernel itself, since separate functions cost the
+ * gather 4 % on an H200. */
 #ifndef HEMISPHERE_BEGIN
 #    define HEMISPHERE_BEGIN(index)
 #endif
@@ -38,20 +37,20 @@
 KILN_ARRAY(FloatArray, float, 4);
 
 #ifdef KILN_GLOSS
-uint ray_chance, ray_number; /* of the ray under way, as chain_follow (chain.glsl) takes them */
+uint ray_chance, ray_number; /* of the present ray, as parameters of chain_follow (chain.glsl) */
 bool chains_good = true;     /* the device has ended no chain early */
 #endif
 
-/* Adds one sample of the point: a ray from `position`, where the geometric normal is `normal`, with u and v in (0, 1)
- * for its direction and `seed` for its chances. */
+/* Adds one sample of the point: a ray from `position` with the geometric normal `normal`, u and v in (0, 1) for its
+ * direction, and `seed` for its random decisions. */
 void add_ray(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 normal, float u, float v, uint seed);
 
-/* After the rays of slice `row` of the point. `good`: the device did not end the loop over them early. */
+/* Runs after the rays of slice `row` of the point. `good`: the device did not end the loop over them early. */
 void after_rays(inout Sums sums, kiln_gpu_point p, uint row, bool good);
-/* Stores what slice `row` of point `x` of the chunk has: float c at hemisphere_floats(row, ..).at[c * total + x]. */
+/* Stores the sums of slice `row` of point `x` of the chunk: float c at hemisphere_floats(row, ..).at[c * total + x]. */
 void store(Sums sums, uint x, uint row);
 
-/* The floats of a slice of all points, `floats` a point. */
+/* Floats of slice `row` of all points, `floats` per point. */
 FloatArray hemisphere_floats(uint row, uint floats)
 {
     return FloatArray(push.hemisphere.slices +

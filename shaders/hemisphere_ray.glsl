@@ -1,9 +1,9 @@
-/* Directions over the hemisphere of a surface point, and what light from there counts for. Needs shaders/position.glsl
+/* Directions over the hemisphere of a surface point, and the weight of light from there. Needs shaders/position.glsl
  * before it. */
 #ifndef KILN_SHADERS_HEMISPHERE_RAY_GLSL
 #define KILN_SHADERS_HEMISPHERE_RAY_GLSL
 
-/* `radius` away from the axis n, turned about it by v, and `cosine` along it. */
+/* Direction with the cosine `cosine` to axis n, at distance `radius` from the axis, rotated about it by v. */
 vec3 hemisphere_direction(vec3 n, float radius, float cosine, float v)
 {
     const float turn = v - 0.5, a = abs(turn);
@@ -13,14 +13,15 @@ vec3 hemisphere_direction(vec3 n, float radius, float cosine, float v)
     return radius * kiln_sine_turn(0.25 - a) * t + radius * (turn < 0.0 ? -sine : sine) * b + cosine * n;
 }
 
-/* Cosine-distributed about the axis n, with which it has the cosine `cosine`. */
+/* Cosine-distributed direction about the axis n; `cosine`: its cosine to n. */
 vec3 hemisphere_cosine(vec3 n, float u, float v, out float cosine)
 {
     cosine = sqrt(1.0 - u);
     return hemisphere_direction(n, sqrt(u), cosine, v);
 }
 
-/* Whether several samples of a point start at one place, sample k at place k / reuse; else each has one of its own. */
+/* Whether several samples of a point share a position, sample k using position k / reuse; otherwise each has its own.
+ */
 bool hemisphere_shares(kiln_gpu_point p)
 {
     return DRAW_AGAIN != 0u ||
@@ -32,10 +33,10 @@ struct HemisphereRay {
     vec3 axis, direction;
     float cosine;        /* of both */
     float shading;       /* cosine with the shading normal */
-    float facet, weight; /* of what it finds, about the geometric and the shading normal */
+    float facet, weight; /* weight of its light, about the geometric and about the shading normal */
 };
 
-/* Cosine-distributed, where the geometric normal is `normal`. */
+/* Draws a cosine-distributed ray at a position with the geometric normal `normal`. */
 HemisphereRay hemisphere_ray(kiln_gpu_point p, vec3 normal, float u, float v)
 {
     const bool smooth_point = HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_SMOOTH) != 0u;

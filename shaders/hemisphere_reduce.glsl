@@ -1,8 +1,8 @@
-/* Adds up the slices of hemisphere.glsl, one after the other. The slices of partly buried points fill all rows, those
- * of other points each `split`-th. Before it stand three constants: FLOATS, how many floats a slice has; MOST_FLOATS, a
- * literal, how many it may have; MEASURED, the float whose quarters are wanted (KILN_GPU_NONE: of none). As constants
- * they let the compiler unroll the loops and keep the sums in registers. HEMISPHERE_REDUCE_PUSH may name other push
- * constants, which have the same members. */
+/* Sums up the slices of hemisphere.glsl, one after the other. Slices of partly buried points are in all rows, those of
+ * other points in each `split`-th row. Before it stand three constants: FLOATS, the number of floats of a slice;
+ * MOST_FLOATS, a literal, the largest such number; MEASURED, the float whose sums over quarters are wanted
+ * (KILN_GPU_NONE: none). Constants let the compiler unroll the loops and keep the sums in registers.
+ * HEMISPHERE_REDUCE_PUSH may name other push constants with the same members. */
 #ifndef HEMISPHERE_REDUCE_PUSH
 #    define HEMISPHERE_REDUCE_PUSH kiln_gpu_hemisphere_reduce_push
 #endif

@@ -4,7 +4,7 @@
 #include "shaders/kernel.glsl"
 #include "shaders/shared/streams.h"
 
-/* 1: only whether anything is met within the distance that `hits` has already; the triangle is then 0. */
+/* 1: only whether there is a hit within the distance that `hits` has already; the triangle is then 0. */
 layout(constant_id = 6) const uint OCCLUSION = 0u;
 
 KILN_PUSH(kiln_gpu_intersect_push);

@@ -1,6 +1,6 @@
-/* Rows (worker/pass/rows.h): a word for each sample of a point, what its ray has met. Row x of the chunk lies at
- * push.rows, after the rows before it; each begins with a word that is the host's. Needs push constants with `rows`,
- * `weights` and `hemisphere`. */
+/* Rows (worker/pass/rows.h): a word for the hit of each sample's ray of a point. The row of point x of the chunk is at
+ * push.rows, after the rows before it. Each begins with a word that only the host uses. Needs push constants with
+ * `rows`, `weights` and `hemisphere`. */
 #include "shaders/shared/rows.h"
 
 KILN_ARRAY(RowWords, uint, 4);

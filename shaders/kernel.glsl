@@ -16,8 +16,8 @@
 #    extension GL_EXT_ray_tracing : require
 #endif
 
-/* KILN_FLOAT64: what lights are, and sums, lie there as doubles (`stored`). They are reckoned with in doubles too
- * (`real`) but for kernels with KILN_PLAIN, which leave to others what floats would not do for. */
+/* KILN_FLOAT64: lights and sums are stored as doubles (`stored`). They are also computed in doubles (`real`), except in
+ * kernels with KILN_PLAIN, which leave cases that need double precision to other kernels. */
 #ifdef KILN_FLOAT64
 #    define stored double
 #    define stored3 dvec3
@@ -36,9 +36,9 @@
 #include "shaders/shared/push.h"
 #include "shaders/shared/random.h"
 
-/* The same numbers in every kernel; a kernel's own is 6. */
+/* These ids are the same in every kernel; a kernel's own constant has the id 6. */
 layout(constant_id = 0) const uint TRAVERSAL = 0u;
-layout(constant_id = 1) const uint HAS_ALPHA = 3u; /* KILN_PASSAGE_...: what surfaces may do to light */
+layout(constant_id = 1) const uint HAS_ALPHA = 3u; /* KILN_PASSAGE_...: how surfaces may let light through */
 layout(constant_id = 2) const uint HAS_SMOOTH = 1u;
 layout(constant_id = 3) const uint LIGHT_KINDS = 0xffffffffu;
 layout(constant_id = 4) const uint DRAW_AGAIN = 1u;
@@ -46,8 +46,8 @@ layout(constant_id = 5) const uint HAS_DIVIDED = 1u;    /* walls divide texels (
 layout(constant_id = 7) const uint HAS_COINCIDENT = 1u; /* opposite faces coincide: KILN_COINCIDENT */
 layout(constant_id = 8) const uint HAS_OCTREE = 0u;     /* the store is the octree, not the lightmap */
 layout(constant_id = 9) const uint HAS_VARIED = 1u;     /* gloss is not the same all over (layout_material.h) */
-layout(constant_id = 10) const uint HAS_GLOSSY = 0u;    /* materials are taken with their gloss */
-layout(constant_id = 11) const uint HAS_BRUSHED = 1u;   /* some have tables (shaders/shared/brushed.h) */
+layout(constant_id = 10) const uint HAS_GLOSSY = 0u;    /* gloss varies over a material (layout_material.h) */
+layout(constant_id = 11) const uint HAS_BRUSHED = 1u;   /* some materials have gloss */
 layout(constant_id = 12) const uint HAS_HELD = 1u;      /* some have tables (struct kiln_bsdf_held_table) */
 
 /* `alignment` in bytes: 8 where the element has 64-bit members, else 4. */

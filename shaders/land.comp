@@ -1,5 +1,5 @@
-/* Light paths that land (shaders/land.glsl), where there is no gloss: they begin, in the slots of threads; or they end
- * where their rays have met what is only diffuse, or nothing. */
+/* Light paths that land (shaders/land.glsl), the steps without gloss: paths begin in the slots of threads, or end where
+ * their rays have hit a diffuse surface, or nothing. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

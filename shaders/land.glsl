@@ -1,13 +1,13 @@
-/* Light paths that land (worker/pass/land.h), while they are under way, surface by surface, all together: each has a
- * slot (shaders/subpaths.glsl), and the kernels are
+/* Light paths that land (worker/pass/land.h), while they are in progress. All paths advance together, surface by
+ * surface. Each has a slot (shaders/subpaths.glsl), and the kernels are
  *
- *   land.comp        paths begin; or they end on what is only diffuse, or in nothing
- *   path_rays.comp   the surfaces that their rays meet; it puts those with gloss apart
- *   land_first.comp  of first surfaces, which have gloss, how densely rays come there
- *   land_on.comp     how paths land on gloss, or go on from there
- *   land_cross.comp  what they leave in the spheres of probes, on the way to the surfaces that their rays have met
+ *   land.comp        begins paths; ends them at diffuse surfaces, or where rays hit nothing
+ *   path_rays.comp   finds the surfaces that the rays hit, and separates those with gloss
+ *   land_first.comp  at first surfaces, which have gloss: finds the density of rays there
+ *   land_on.comp     lets paths land on gloss, or continue from there
+ *   land_cross.comp  adds their light to spheres of probes on the way to the surfaces that their rays hit
  *
- * Ways, random numbers and estimators are those of worker/backend/embree/land.c. */
+ * Directions, random numbers and estimators equal those of worker/backend/embree/land.c. */
 KILN_PUSH(kiln_gpu_both_push);
 
 layout(constant_id = 6) const uint METHOD = 0u; /* KILN_GPU_LAND_BEGINS, KILN_GPU_LAND_SHARES, ... or not */
@@ -30,9 +30,9 @@ uint slot;
 kiln_gpu_subpath path;
 kiln_gpu_land_path more;
 kiln_hit hit;
-vec3 weight; /* what is left at the surface of what the path began with */
+vec3 weight; /* share of the path's initial weight that is left at the surface */
 
-/* The path in the slot, whose ray has met a surface. */
+/* Loads the path in the slot, whose ray has hit a surface. */
 void load()
 {
     path = SUBPATH(slot);
@@ -53,14 +53,14 @@ void keep_sums(kiln_caustic_landing sums)
 
 real3 flux_then() { return real3_of(more.flux); }
 
-/* A path that ends after `length` surfaces and lands nowhere. */
+/* A path that ends after `length` surfaces without landing. */
 kiln_gpu_landing landing_of(uint end, uint length)
 {
     return kiln_gpu_landing(float[3](0.0, 0.0, 0.0), 0.0, 0.0, 0.0, KILN_GPU_NONE, KILN_GPU_NONE,
                             end | length << KILN_GPU_LAND_LENGTH);
 }
 
-/* One that lands on its surface, with `taken_up` of its flux. */
+/* A path that lands on its surface, which takes up the share `taken_up` of its flux. */
 kiln_gpu_landing land(Vertex v, float taken_up)
 {
     kiln_gpu_landing landing = landing_of(LANDED, path.surface);

@@ -1,9 +1,9 @@
-/* Light paths that land (shaders/land.glsl): what they leave in the spheres about probes (worker/pass/spheres.h) on the
- * way to the surface that their rays have met, or to nowhere. A thread a path.
+/* Light paths that land (shaders/land.glsl): adds their light to the spheres around probes (worker/pass/spheres.h) on
+ * the way to the surface that their rays have hit, or to infinity. One thread per path.
  *
- * Ways through the grid are those of worker/backend/embree/spheres.c, slab by slab, but for lists of spheres: each
- * place of the grid has its own probe's sphere alone, however far that has been moved, so that a way meets each sphere
- * once. What is added up are whole numbers, which have no order. */
+ * The grid is traversed slab by slab as in worker/backend/embree/spheres.c, but without lists of spheres: each grid
+ * position has only the sphere of its own probe, however far that has been moved, so a ray meets each sphere once. Sums
+ * are integers, so their order does not matter. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define KILN_GLOSS 1
@@ -22,16 +22,16 @@ const float SEEN = 0.9999,            /* as in spheres.c, like what follows */
     SUM_MOST = 2305843009213693952.0; /* 2^61 units, of one chord */
 const bool TINTS = HAS_ALPHA >= KILN_PASSAGE_TINT;
 
-vec3 start, slope; /* of the way, in the grid: spacings; spacings a metre */
+vec3 start, slope; /* the ray in grid coordinates: its start in spacings, its slope in spacings per metre */
 float way_end;     /* m; infinity: it meets nothing */
-vec3 flux;         /* where it begins: units that it leaves along the largest diameter */
-float relative;    /* luminance of the flux over that of a mean path of its aim */
+vec3 flux;         /* flux at its start, in units added for a chord as long as the largest diameter */
+float relative;    /* luminance of its flux, relative to a mean path of its aim */
 float pick;        /* the place on each chord */
-uint chance;       /* what chances with surfaces that let light through hang on */
+uint chance;       /* seed of random decisions at surfaces that let light through */
 uint64_t moments;  /* of the chords so far */
 uint rays;
 
-/* The whole number nearest to x, which is 0 at least: its 24 bits are moved to their place. */
+/* The integer nearest to x >= 0, made by shifting the float's 24 bits. */
 uint64_t whole_of(float x)
 {
     const uint bits = floatBitsToUint(x);
@@ -42,7 +42,7 @@ uint64_t whole_of(float x)
     return shift < -24 ? 0ul : (digits + (1ul << uint(-shift - 1))) >> uint(-shift);
 }
 
-/* Adds to a number of 64 bits, the lower half first; what has a sign is added modulo 2^64. */
+/* Adds to a 64-bit number, the lower half first; negative numbers are added modulo 2^64. */
 void add_whole(uint64_t address, uint64_t number)
 {
     const uint lower = uint(number), old = lower != 0u ? atomicAdd(BothWords(address).at[0], lower) : 0u;
@@ -59,8 +59,8 @@ uint64_t signed_whole_of(float x)
 
 /* ---- one sphere ---- */
 
-/* Whether the middle of a sphere sees the place so far along the way; `tint`: what surfaces before it let through. One
- * loop, for the code that traces is long. */
+/* Whether the centre of a sphere sees the point at `distance` along the ray. `tint`: share of light that surfaces
+ * before it let through. One loop, since the code that traces is long. */
 bool sees(uint number, vec3 centre, float distance, out vec3 tint)
 {
     const vec3 to = path.origin + path.direction * distance - centre;
@@ -87,7 +87,7 @@ bool sees(uint number, vec3 centre, float distance, out vec3 tint)
     return seen;
 }
 
-/* Returns the share of light, by colour, that the body on the way has left at a distance. */
+/* Returns the share of light, by colour, that is left at a distance in the ray's body. */
 vec3 left_at(float distance)
 {
     kiln_hit there = hit;
@@ -95,7 +95,7 @@ vec3 left_at(float distance)
     return hit.triangle == KILN_GPU_NONE ? vec3(1.0) : attenuation(there);
 }
 
-/* Light that goes along the way counts by harmonics, and as irradiance along the axes, of where it comes from. */
+/* Adds the light of a chord: as harmonics of the direction that it comes from, and as irradiance along the axes. */
 void add_chord(uint number, vec3 brought)
 {
     const vec3 back = -path.direction, positive = max(back, 0.0), negative = max(-back, 0.0);
@@ -136,7 +136,7 @@ void cross_one(uint number)
 
 /* ---- which spheres ---- */
 
-/* Where the way is within [low, high] along an axis, of [begin, end]; false: nowhere. */
+/* Clips the ray's interval [begin, end] to [low, high] along an axis; false: nothing is left. */
 bool clip(uint axis, float low, float high, inout float begin, inout float end)
 {
     if (abs(slope[axis]) < LEAST_DIRECTION)
@@ -147,13 +147,13 @@ bool clip(uint axis, float low, float high, inout float begin, inout float end)
     return begin <= end;
 }
 
-/* The places of the grid that there are along an axis: the first and the last. */
+/* First and last grid position along an axis. */
 vec2 places(uint axis)
 {
     return axis == 2u ? vec2(SPHERES.low, SPHERES.high) : vec2(0.0, float(SPHERES.size[axis]) - 1.0);
 }
 
-/* Those whose spheres the stretch [begin, end] may meet. */
+/* Range of grid positions whose spheres the interval [begin, end] may meet. */
 ivec2 find_range(uint axis, float begin, float end)
 {
     const float a = start[axis] + begin * slope[axis], b = start[axis] + end * slope[axis], reach = SPHERES.reach[axis];
@@ -161,8 +161,8 @@ ivec2 find_range(uint axis, float begin, float end)
     return ivec2(vec2(max(all.x, ceil(min(a, b) - reach)), min(all.y, floor(max(a, b) + reach))));
 }
 
-/* Crosses the spheres of one slab of the grid: those of probes whose number along the axis `along` is i. [begin, end],
- * m: the part of the way that is in the grid. */
+/* Crosses the spheres in one slab of the grid: probes whose index along the axis `along` is i. [begin, end]: the ray's
+ * interval in the grid, m. */
 void cross_slab(uint along, int i, float begin, float end)
 {
     const float reach = SPHERES.reach[along];
@@ -227,7 +227,7 @@ void kiln_kernel(uint x, uint y)
         return;
     slot = slot_of(x);
     load();
-    if (path.surface > 1u) /* what lamps send straight to a probe is not counted here */
+    if (path.surface > 1u) /* light that reaches a probe directly from lamps is not counted here */
         leave_light();
     if (!still_loops(push.count))
         BothCounts(BOTH.counts).at[0].stopped = 1u;

@@ -1,5 +1,5 @@
-/* Light paths that land (shaders/land.glsl), where their first rays have met gloss: whether that is their target, how
- * densely rays come there, and what other techniques have of it. How they go on from there is another kernel's. */
+/* Light paths that land (shaders/land.glsl), at their first surface, which has gloss: whether it is the target, the
+ * density of rays there, and the densities of other techniques. Another kernel continues the paths. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define KILN_GLOSS 1
@@ -8,7 +8,7 @@
 
 #include "shaders/land.glsl"
 
-/* Returns the first ray of the path, with all that its density needs. */
+/* Returns the path's first ray, with all that its density depends on. */
 kiln_aimed_ray first_ray()
 {
     return kiln_aimed_ray(path.origin, path.direction, real3(0), real(more.range), more.light,
@@ -16,7 +16,7 @@ kiln_aimed_ray first_ray()
                           (more.flags & KILN_GPU_LAND_IS_POINT) != 0u, more.triangle);
 }
 
-/* The densities of the other techniques over the path's own. */
+/* Densities of the other techniques over the path's own density. */
 kiln_caustic_landing sums_at(kiln_aimed_ray first)
 {
     const Vertex v = vertex_make(hit, path.direction, true);

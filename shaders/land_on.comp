@@ -1,5 +1,5 @@
-/* Light paths that land (shaders/land.glsl), where their rays have met gloss: whether they do so there, else how they
- * go on. */
+/* Light paths that land (shaders/land.glsl), where their rays have hit gloss: whether they land there; if not, how they
+ * continue. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define KILN_GLOSS 1
@@ -9,7 +9,7 @@
 #include "shaders/land.glsl"
 #include "shaders/shared/chain.h"
 
-/* Whether the path lands on its surface, which is not the first one, or goes on. */
+/* Whether the path lands on its surface, which is not the first one, instead of continuing. */
 bool lands(Vertex v)
 {
     if (CROSSES)
@@ -23,7 +23,7 @@ bool lands(Vertex v)
     return here;
 }
 
-/* Draws the way on; false: it brings nothing. */
+/* Draws the direction that continues the path; false: it contributes nothing. */
 bool turn_whole(Vertex v, float pick, out vec3 towards)
 {
     const uvec2 numbers = walk_draw(kiln_path_use(path.surface, KILN_PATH_BOUNCE));
@@ -48,7 +48,7 @@ bool turn_whole(Vertex v, float pick, out vec3 towards)
     return kiln_shading_agrees(d.i, front);
 }
 
-/* Whether what the path does at its surface is what the images of lamps in flat mirrors stand for. */
+/* Whether the reflection at the surface is one that mirror images of lamps in flat mirrors represent. */
 bool is_image(Vertex v, Way way)
 {
     return LAND.plane_of != 0ul && path.surface == 1u && (more.flags & KILN_GPU_LAND_IS_POINT) != 0u && !hit.back &&
@@ -56,7 +56,7 @@ bool is_image(Vertex v, Way way)
            dot(v.m.normal, way.direction) > 0.0;
 }
 
-/* The same as turn_whole, where there are other techniques. */
+/* As turn_whole, if other techniques share the light. */
 bool turn_shared(Vertex v, out vec3 towards)
 {
     Way way;
@@ -78,7 +78,7 @@ bool turn_shared(Vertex v, out vec3 towards)
     return true;
 }
 
-/* From the surface on, by chance; false: the path ends. */
+/* Continues the path from its surface, by Russian roulette; false: the path ends. */
 bool go_on(Vertex v)
 {
     const uvec2 picks = walk_draw(kiln_path_use(path.surface, KILN_PATH_LOBE));

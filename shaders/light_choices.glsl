@@ -1,5 +1,5 @@
-/* Choices among lights: kiln_lights_choices and kiln_lights_allot of worker/light/lights.c, whose list takes registers
- * here: choices are made again where they are asked for, in the same order.
+/* Choices among lights: kiln_lights_choices and kiln_lights_allot of worker/light/lights.c. Their list would take many
+ * registers here, so choices are computed anew whenever they are needed, in the same order.
  *
  *   uint candidates = kiln_lights_choose(p, spread, n, limit, sky); // limit <= KILN_CUT_MAX
  *   for (uint i = 0u; i < candidates; i++)
@@ -14,7 +14,7 @@ uint kiln_lights_choose(real3 p, real spread, real3 n, uint limit, bool sky)
     cut_count = 0u;
     cut_leaves = 0u;
     cut_total = 0;
-    /* without nodes: of the direct pass where lamps are patches; other kernels have lights */
+    /* no nodes: in the direct pass if lamps are patches; other kernels always have nodes */
     if (light_kind(KILN_GPU_KIND_AREA | KILN_GPU_KIND_PUNCTUAL) && SCENE.lights.nodes != 0ul)
         cut_count = kiln_cut_tree(0u, p, spread, n, limit);
     for (uint i = 0u; i < cut_count; i++)

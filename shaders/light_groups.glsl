@@ -1,14 +1,14 @@
-/* The group of lights that a sample is of: worker/light/light_groups.h. Needs shaders/lights.glsl. */
+/* The group of lights that a sample belongs to: worker/light/light_groups.h. Needs shaders/lights.glsl. */
 #include "shaders/shared/sky_patch.h"
 
-/* Floats of a group's light: incident, and irradiance where that is not the same. */
+/* Floats of a group's light: incident light, and irradiance if it differs. */
 const uint GROUP_FLOATS = HAS_SMOOTH != 0u ? 6u : 3u;
 
 KILN_ARRAY(GroupWords, uint, 4);
 KILN_ARRAY(GroupBlocks, kiln_gpu_light_block, 4);
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer GroupsRef { kiln_gpu_light_groups value; };
 
-/* The place in a row of blocks, of which there are so many. */
+/* Index of the block that contains `at`, in a row of `count` blocks. */
 uint block_of(real at, uint count) { return at > 0 ? uint(min(at, real(count - 1u))) : 0u; }
 
 /* kiln_light_block */
@@ -21,7 +21,7 @@ uint light_block(kiln_gpu_light_block b, uint light, real3 place)
            block_of(real(b.at[0]) + b1 * real(b.along1[0]) + b2 * real(b.along2[0]), b.columns);
 }
 
-/* kiln_light_group: of a sample that was drawn at `place`. */
+/* kiln_light_group, for a sample that was drawn at `place`. */
 uint light_group(uint kind, uint index, kiln_light_sample s, real3 place)
 {
     const kiln_gpu_light_groups g = GroupsRef(SCENE.lights.groups).value;

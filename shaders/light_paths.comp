@@ -45,7 +45,7 @@ void keep(Vertex v)
     BothWords(BOTH.last + 4ul * (push.path + slot - push.first)).at[0] = place;
 }
 
-/* Returns the share of light that a point's or spot's range leaves at the first surface. */
+/* Returns the share of light that the range of a point or spot light leaves at the path's first surface. */
 float range_left(vec3 position)
 {
     if (!light_kind(KILN_GPU_KIND_PUNCTUAL) || emitted.light < SCENE.lights.area_count || !emitted.has_place)
@@ -54,7 +54,7 @@ float range_left(vec3 position)
     return float(kiln_light_range(range, length(real3(position) - emitted.origin)));
 }
 
-/* The vertex that the ray has come to; false: there is none. */
+/* Makes the vertex at the ray's hit; false: the ray hits nothing. */
 bool arrive(out Vertex v)
 {
     const kiln_hit hit = hit_of(path.triangle, path.u, path.v, path.distance);

@@ -1,8 +1,8 @@
-/* Samples of the lights for what prefers no direction, counted through choice after choice (lights.glsl). A sample's
- * random numbers hang on `key` and on the choice's identity.
+/* Samples of the lights without a preferred direction, numbered through all choices one after the other (lights.glsl).
+ * The random numbers of a sample depend on `key` and on the choice's identity.
  *
- * The kernel that includes this says what a sample adds. Before it stand lights.glsl, `struct Sums`, what a thread adds
- * up, and `struct Place`, where its samples are seen from. The kernel defines add_light and calls light_samples. */
+ * The including kernel defines what a sample adds. Before this file it has lights.glsl, `struct Sums`, the sums of a
+ * thread, and `struct Place`, the position that samples are drawn for. It defines add_light and calls light_samples. */
 
 KILN_ARRAY(SobolArray, uint, 4);
 
@@ -29,7 +29,7 @@ bool draw_light(Sobol sobol, kiln_light_choice choice, uint identity, uint k, re
     return kiln_sample_choice(choice, k, position, real3(0), real3(0), pick, u, v, s);
 }
 
-/* Returns the number of samples of all candidates; `n` as for kiln_lights_choose. */
+/* Returns the number of samples of all candidates; `n` as in kiln_lights_choose. */
 uint light_sample_count(uint candidates, real3 n, uint samples)
 {
     uint count = 0u;
@@ -40,7 +40,7 @@ uint light_sample_count(uint candidates, real3 n, uint samples)
     return count;
 }
 
-/* Adds the samples from .. to - 1 of all that the candidates get. False: the device ended a loop early. */
+/* Adds the samples from .. to - 1 among the samples of all candidates. False: the device ended a loop early. */
 bool light_samples(inout Sums sums, inout Place place, uint candidates, real3 n, uint samples, uint key, uint from,
                    uint to)
 {

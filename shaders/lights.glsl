@@ -1,5 +1,5 @@
-/* Lights: where they lie, and what shaders/shared/lights.h asks for. Kinds of light that the scene lacks are compiled
- * away (LIGHT_KINDS). Needs shaders/kernel.glsl and the push constants before it. */
+/* Lights: their memory layout, and declarations that shaders/shared/lights.h needs. Kinds of light that the scene does
+ * not have are compiled away (LIGHT_KINDS). Needs shaders/kernel.glsl and the push constants before it. */
 #ifndef KILN_LIGHTS_GLSL
 #define KILN_LIGHTS_GLSL
 
@@ -15,7 +15,8 @@
 #define KILN_STORED_NAME(name) name
 #include "shaders/shared/layout_light_real.h"
 
-/* Which way and how far the shadow ray of a sample goes that starts `off` the place that the sample was drawn for. */
+/* Direction and length `limit` of a sample's shadow ray, which starts `off` the position that the sample was drawn for.
+ */
 vec3 kiln_shadow_ray(kiln_light_sample s, real3 off, out float limit)
 {
     limit = KILN_INFINITY;
@@ -39,7 +40,7 @@ stored3 stored3_of(stored a[3]) { return stored3(a[0], a[1], a[2]); }
 real3 real3_of(stored a[3]) { return real3(a[0], a[1], a[2]); }
 vec3 vec3_of(float a[3]) { return vec3(a[0], a[1], a[2]); }
 
-/* ---- what shaders/shared/lights.h asks for ---- */
+/* ---- declarations that shaders/shared/lights.h needs ---- */
 
 #define KILN_CONTEXT_lights SCENE.lights
 #define KILN_MAY_BE(kinds) light_kind(kinds)
@@ -126,7 +127,7 @@ vec3 kiln_environment_radiance(real3 direction)
 }
 void kiln_environment_radiance(real3 direction, out vec3 rgb) { rgb = kiln_environment_radiance(direction); }
 
-/* The light's radiance `on` from its corner 0: emission x opacity (worker/light/lamp_textures.h). */
+/* Radiance of the light at `on`, relative to its corner 0: emission x opacity (worker/light/lamp_textures.h). */
 void kiln_area_light_radiance_on(kiln_area_light light, real3 on, out vec3 rgb)
 {
     rgb = light.radiance;

@@ -1,5 +1,5 @@
-/* Rays for the sight of points along their links (worker/pass/links.h): thread x traces ray x, as patches.comp traces
- * those of pairs. */
+/* Rays for the visibility of points along their links (worker/pass/links.h): thread x traces ray x, as patches.comp
+ * traces rays of pairs. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

@@ -1,7 +1,7 @@
-/* The links pass: thread (x, y) goes through row y of the links of point x's tile run, and adds up those of the point.
- * Neighbouring threads have points of one tile, and so the same links. links_reduce.comp adds up the rows.
+/* The links pass: thread (x, y) processes row y of the links of point x's tile run, and sums up the links of the point.
+ * Neighbouring threads have points of one tile, and so the same links. links_reduce.comp sums up the rows.
  *
- * Factors are those of worker/backend/link_sums.c and link_factors.h. */
+ * Factors equal those of worker/backend/link_sums.c and link_factors.h. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -47,13 +47,13 @@ struct View {
     bool whole;
 };
 
-/* How it sees what a link goes to: as one of several points of the tree, or a node in the mean. */
+/* View of a link's target: as one of several points of the tree, or as a whole node by its mean. */
 struct Seen {
     View view;
     real radius;                /* of the node, 0 of a point */
-    uint leaf;                  /* the point that it is seen by, where it is not seen whole */
+    uint leaf;                  /* the point that represents the node, if it is not seen whole */
     real factor, shading;       /* about either normal */
-    real3 slope, shading_slope; /* their gradients by the node's place, where it is seen whole */
+    real3 slope, shading_slope; /* gradients of the factors by position in the node, if it is seen whole */
 };
 
 real3 covariance_times(kiln_gpu_link_node node, real3 v)
@@ -84,7 +84,7 @@ View view_of(kiln_gpu_link_node node)
     return v;
 }
 
-/* The mean of n.d / |d|^4 over a node, over |d|^-4 at its centre. */
+/* Mean of n.d / |d|^4 over a node, divided by |d|^-4 at its centre. */
 real node_height(kiln_gpu_link_node node, real3 n, View v)
 {
     const real3 along = covariance_times(node, v.d);
@@ -95,7 +95,7 @@ real node_height(kiln_gpu_link_node node, real3 n, View v)
     return max(real(0), height * stretched - 4 * dot(n, along) / v.square);
 }
 
-/* The gradient of a node's factor by its place. */
+/* Gradient of a node's factor by the position in the node. */
 real3 node_slope(kiln_gpu_link_node node, real3 n, View v)
 {
     const real height = dot(n, v.d);
@@ -103,7 +103,7 @@ real3 node_slope(kiln_gpu_link_node node, real3 n, View v)
            (v.other * n - height * real3(node.normal) - 4 * height * v.other / v.square * v.d);
 }
 
-/* The same over a point's parallelogram. */
+/* As node_height, over a point's parallelogram. */
 real leaf_height(kiln_gpu_link_leaf from, real3 n, real3 d, real square)
 {
     const real height = dot(n, d);
@@ -116,7 +116,8 @@ real leaf_height(kiln_gpu_link_leaf from, real3 n, real3 d, real square)
     return max(real(0), sum);
 }
 
-/* The point of node `to` by which the thread's sees it, in the tree's order; its numbers are C's but for rounding. */
+/* Draws the point that represents node `to` for the thread's point, as an index in the tree's order; the same point as
+ * in C but for rounding. */
 uint choose_leaf(kiln_gpu_link_node node, uint to)
 {
     const uint hash = kiln_hash1(to);
@@ -132,7 +133,7 @@ uint choose_leaf(kiln_gpu_link_node node, uint to)
     return k;
 }
 
-/* Gives the factors of a point that sends light, about both normals. `area`, if not 0, stands for the point's own. */
+/* Computes the factors of a sending point, about both normals. `area`, if not 0, replaces the point's own. */
 void leaf_factors(kiln_gpu_link_leaf from, real area, out real factor, out real shading)
 {
     const real3 d = real3(from.centre) - at, s = real3(from.edge_s), t = real3(from.edge_t);
@@ -160,14 +161,14 @@ void leaf_factors(kiln_gpu_link_leaf from, real area, out real factor, out real 
 
 bool has_bit(uint mask[2], uint i) { return (mask[i >> 5] >> (i & 31u) & 1u) != 0u; }
 
-/* Returns the number of points in a row, a square of them, that share one ray. */
+/* Returns the number of points, a square of consecutive ones, that share one ray. */
 uint shared_by(uint to)
 {
     const real radius = (to & LEAF) != 0u ? real(0) : real(run.sharing) * real(LinkNodes(push.nodes).at[to].radius);
     return 4 * real(run.texel) <= radius ? 16u : 2 * real(run.texel) <= radius ? 4u : 1u;
 }
 
-/* How the point sees what a link goes to. */
+/* Computes how the point sees a link's target. */
 Seen seen_of(uint to)
 {
     Seen s;
@@ -195,8 +196,8 @@ Seen seen_of(uint to)
     return s;
 }
 
-/* The variance of what the point sees by a link, of the points beside it that have rays of their own; others: some of
- * these see it, where the point does not, or the other way round. */
+/* Variance of the visibility of a link, estimated from neighbouring points with rays of their own. `others`: some of
+ * these see the target and the point does not, or vice versa. */
 real unsure_of(kiln_gpu_link link, out bool others)
 {
     const uint side = shared_by(link.to);
@@ -215,7 +216,7 @@ real unsure_of(kiln_gpu_link link, out bool others)
 
 /* ---- sums ---- */
 
-/* Returns the light that a link's node or point sends, with the luminances that errors are reckoned by. */
+/* Returns the light that a link's node or point sends, with the luminances that determine errors. */
 kiln_gpu_link_sent sent_by(uint to)
 {
     if ((to & LEAF) == 0u)
@@ -266,7 +267,7 @@ void add_link(uint to, vec3 through, bool sees, real q)
     add_variance(sent, (to & LEAF) != 0u, s, sees ? s.shading : s.factor, seen, q);
 }
 
-/* Link i of the tile run, if it is one of the point. */
+/* Adds link i of the tile run, if the point has it. */
 void add_number(uint i)
 {
     uint to;

@@ -1,6 +1,6 @@
-/* The entry point: last in a kernel file. Threads (x, y) of a compute dispatch come in workgroups of 64 along x; a
- * dimension that has more workgroups than a device takes at once goes on in z (the host decides: y when there are
- * exactly KILN_FOLD_Y rows, else x). */
+/* The entry point: last in a kernel file. Threads (x, y) of a compute dispatch form workgroups of 64 along x. A
+ * dimension with more workgroups than a device allows continues along z (the host decides: y if there are exactly
+ * KILN_FOLD_Y rows, else x). */
 #include "shaders/shared/fold.h"
 
 #ifdef KILN_PIPELINE

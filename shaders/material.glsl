@@ -1,7 +1,7 @@
-/* Alpha and emission of surfaces, by the formulas and filters of worker/scene/texture.c.
+/* Alpha and emission of surfaces, with the formulas and filters of worker/scene/texture.c.
  *
  * For world triangles that have a coating (see shared/layout_material.h): those that may let rays through, and those
- * whose emission has a texture. (u, v) are the world triangle's barycentrics, as tracing gives them. */
+ * whose emission has a texture. (u, v) are the world triangle's barycentrics, as tracing returns them. */
 #ifndef KILN_SHADERS_MATERIAL_GLSL
 #define KILN_SHADERS_MATERIAL_GLSL
 
@@ -13,8 +13,8 @@ KILN_ARRAY(MaterialFloats, float, 4);
 
 const uint kiln_texel_fraction = 45u; /* binary digits of a texel coordinate: 2 periods of 2^16 texels fit into 63 */
 
-/* Texel coordinate of a texture coordinate in fixed point: exact to 2^-45 of a period without doubles. Wrapping makes
- * equal what differs by two periods, and taking those off is exact. */
+/* Texel coordinate of a texture coordinate in fixed point: exact to 2^-45 of a period without doubles. Wrapping has a
+ * period of two, so subtracting multiples of two is exact. */
 int64_t kiln_texel_coordinate(float u, uint size, uint wrap)
 {
     const float near = wrap == KILN_WRAP_CLAMP ? clamp(u, -1.0, 2.0) : u - 2.0 * trunc(0.5 * u);
@@ -31,8 +31,8 @@ uint kiln_wrapped(int at, uint size, uint wrap)
     return uint(m < n ? m : period - 1 - m);
 }
 
-/* Texels that a bilinear filter reads: two columns, two rows, and where between them the place lies. With `nearest` the
- * first column and row are all. */
+/* The 2 x 2 texels of a bilinear filter: two columns, two rows, and the position between them. With `nearest` only the
+ * first column and row are used. */
 struct kiln_texel_cell {
     uvec2 x, y;
     float fx, fy;
@@ -82,13 +82,13 @@ vec4 kiln_texture_sample(uint index, vec2 at)
     return upper + cell.fy * (lower - upper);
 }
 
-/* The number of a world triangle's coating, with KILN_GPU_FLIPPED. */
+/* Index of a world triangle's coating, with KILN_GPU_FLIPPED. */
 uint kiln_slot_of(uint triangle)
 {
     return MaterialWords(SCENE.materials.slots + 4ul * (triangle - SCENE.materials.slot_first)).at[0];
 }
 
-/* The coating of a world triangle, and its barycentrics turned into those of the stored one. */
+/* The coating of a world triangle; converts its barycentrics to those of the stored triangle. */
 kiln_gpu_coating kiln_coating_of(uint triangle, inout float u, inout float v)
 {
     const uint slot = kiln_slot_of(triangle);
@@ -106,12 +106,12 @@ vec2 kiln_interpolated(float value[6], float b1, float b2)
     return a + b1 * (b - a) + b2 * (c - a);
 }
 
-/* The material of any triangle, by the index that its record has (KILN_RECORD_MATERIAL). */
+/* The material of any triangle, by the index in its record (KILN_RECORD_MATERIAL). */
 kiln_gpu_material kiln_material_of(uint material) { return MaterialArray(SCENE.materials.materials).at[material]; }
 
 float kiln_texel_alpha(kiln_gpu_texture t, uint x, uint y) { return float(kiln_texel(t, x, y) >> 24) / 255.0; }
 
-/* The last channel of kiln_texture_sample alone. */
+/* Only the last channel of kiln_texture_sample. */
 float kiln_texture_alpha(uint index, vec2 at)
 {
     const kiln_gpu_texture t = TextureArray(SCENE.materials.textures).at[index];
@@ -127,7 +127,7 @@ float kiln_texture_alpha(uint index, vec2 at)
 
 vec4 kiln_vertex_color(uint code) { return vec4(uvec4(code, code >> 8, code >> 16, code >> 24) & 255u) / 255.0; }
 
-/* Alpha alone, and the cutoff of a mask (-1: blended). */
+/* Only alpha, and the cutoff of a mask (-1: blended). */
 vec2 kiln_surface_alpha(uint triangle, float u, float v)
 {
     const kiln_gpu_coating coating = kiln_coating_of(triangle, u, v);
@@ -147,8 +147,8 @@ struct kiln_passage {
     vec3 through;
 };
 
-/* Absolute value of the cosine at which a direction, unit, meets a triangle that is not opaque; 1 where nothing hangs
- * on it. */
+/* Absolute cosine between a unit direction and the normal of a triangle that is not opaque; 1 where nothing depends on
+ * it. */
 float kiln_passage_cosine(uint triangle, vec3 direction)
 {
     if (HAS_ALPHA < KILN_PASSAGE_PANE)
@@ -186,7 +186,7 @@ kiln_passage kiln_surface_passage(uint triangle, float u, float v, float cosine)
 /* For the opacity alone. */
 kiln_passage kiln_surface_passage(uint triangle, float u, float v) { return kiln_surface_passage(triangle, u, v, 1.0); }
 
-/* Base colour x vertex colour x texture; `seen`: with a metal's own colour, which as an albedo is 0. */
+/* Base colour x vertex colour x texture. `seen`: with a metal's own colour; as an albedo a metal's is 0. */
 vec3 kiln_surface_color(uint triangle, float u, float v, bool seen)
 {
     const kiln_gpu_coating coating = kiln_coating_of(triangle, u, v);

@@ -1,5 +1,5 @@
-/* The occlusion pass: each thread takes a slice of a point's samples (hemisphere.glsl), cosine-distributed rays about
- * the shading normal, and adds up the directions in which nothing is near. occlusion_reduce.comp adds up the slices. */
+/* The occlusion pass. Each thread traces a slice of a point's samples (hemisphere.glsl), cosine-distributed rays about
+ * the shading normal, and sums up the directions without a near hit. occlusion_reduce.comp sums up the slices. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

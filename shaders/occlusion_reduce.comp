@@ -1,4 +1,4 @@
-/* Adds up what occlusion.comp found and makes each point's answer of it; zeros for invalid points. */
+/* Sums up the slices of occlusion.comp to each point's answer; zeros for invalid points. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -18,7 +18,7 @@ void kiln_kernel(uint x, uint y)
     if (hemisphere_totals(x, totals)) {
         const uint n = push.samples;
         r.open = totals.sum[0];
-        for (uint c = 0u; c < 3u; c++) /* the last bit of one direction may be above 1 */
+        for (uint c = 0u; c < 3u; c++) /* rounding of a single direction may exceed 1 */
             r.direction[c] = clamp(totals.sum[1u + c], -float(n), float(n));
         r.count = n;
         for (uint q = 0u; q < 4u; q++)

@@ -1,9 +1,9 @@
-/* The patches pass: thread (x, y) goes through row y of the nodes for point x. Neighbouring threads have neighbouring
- * points and the same nodes, which come from the caches; each looks for its next node that faces it before a ray is
- * traced, so that threads trace together. patches_reduce.comp adds up the rows. What pairs see may be known, or told by
- * a grid (SIGHT).
+/* The patches pass: thread (x, y) processes row y of the nodes for point x. Neighbouring threads have neighbouring
+ * points and the same nodes, which are read from the caches. Each thread searches for its next node that faces it
+ * before a ray is traced, so that threads trace together. patches_reduce.comp sums up the rows. Visibility of pairs may
+ * be known, or come from a grid (SIGHT).
  *
- * Floats, but for what is near: there the factors are differences. */
+ * Computed in floats, except near nodes, whose factors are differences. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -34,7 +34,7 @@ layout(constant_id = 6) const uint SIGHT = 0u; /* KILN_GPU_SIGHT_... */
 
 KILN_ARRAY(GridReals, real, REAL_BYTES);
 
-/* The grid, for threads that ask one. */
+/* The grid, for threads that read visibility from one. */
 kiln_gpu_sight sight;
 kiln_real3 grid_low;
 real grid_scale;
@@ -56,20 +56,20 @@ const float PI = 3.14159265358979;
 /* The point of the thread. */
 kiln_gpu_patch own;
 vec3 soft;         /* its shading normal */
-bool smooth_point; /* which differs from the geometric one */
+bool smooth_point; /* its shading normal differs from the geometric one */
 
 kiln_sum row, incident[3], irradiance[3];
 
 /* A node that faces the point. */
 struct Node {
     vec3 d;                      /* from the point to its centre */
-    float cosine, other, square; /* the cosines times the distance; of the distance */
+    float cosine, other, square; /* cosines, each times the distance; squared distance */
     float area;
     vec3 normal, place, edge_s, edge_t, radiosity;
     uint number;
 };
 
-/* The mean over a node of n.d / |d|^4, over |d|^-4 at its middle, to the second order in its size. */
+/* Mean of n.d / |d|^4 over a node, divided by |d|^-4 at its centre, to second order in the node's size. */
 float mean_height(Node node, vec3 n)
 {
     const float height = dot(n, node.d);
@@ -82,7 +82,7 @@ float mean_height(Node node, vec3 n)
     return max(0.0, sum);
 }
 
-/* Whether a node counts as a polygon: it is near, or crosses the horizon. */
+/* Whether a node must be integrated as a polygon: it is near, or crosses the horizon. */
 bool is_near(Node node)
 {
     const float reach = abs(dot(own.normal, node.edge_s)) + abs(dot(own.normal, node.edge_t));
@@ -95,7 +95,7 @@ float near_factor(Node node, vec3 about)
         kiln_view_factor(real3(node.d), real3(node.edge_s), real3(node.edge_t), real3(own.normal), real3(about)));
 }
 
-/* F about the geometric and about the shading normal. */
+/* Factors F of a node, about the geometric and about the shading normal. */
 vec2 factors_of(Node node)
 {
     const float far = node.area * node.other / (PI * node.square * node.square);
@@ -112,7 +112,7 @@ vec2 factors_of(Node node)
     return factors;
 }
 
-/* Adds the light that the node sends, of each colour the share `through`. */
+/* Adds the node's light, times the share `through` by colour. */
 void add_node(Node node, vec3 through)
 {
     const vec2 factors = factors_of(node);
@@ -132,13 +132,13 @@ void add_node(Node node, vec3 through)
 const uint UNKNOWN = 0u, OPEN = KILN_GPU_PAIRS_OPEN, SHUT = KILN_GPU_PAIRS_SHUT, PARTIAL = KILN_GPU_PAIRS_PARTIAL;
 const uint NO_WORD = 0xffffffffu;
 
-/* Stored sight of the point's tile run, and a word of it: 32 columns. */
+/* Stored visibility of the point's tile run, and the present word of it: 32 columns. */
 kiln_gpu_sight_run run;
 uint point_in_chunk;
 uint word, word_known, word_open, word_found, word_new, word_partial;
 uint facing, known, traced; /* pairs of the row so far */
 
-/* Notes in what is kept what was found of the word's pairs. */
+/* Stores the results of the present word. */
 void leave_word()
 {
     if (word == NO_WORD || word_found == 0u)
@@ -153,7 +153,7 @@ void leave_word()
         atomicOr(words.at[kiln_partial_at(sight.groups) + word], word_partial);
 }
 
-/* Returns the stored sight of a pair that face each other: the point and the node with this number. */
+/* Returns the stored visibility of a pair that face each other: the point and node `number`. */
 uint look(uint number)
 {
     if (run.words == 0ul)
@@ -169,7 +169,7 @@ uint look(uint number)
     return (word_known & bit) == 0u ? UNKNOWN : (word_open & bit) != 0u ? OPEN : SHUT;
 }
 
-/* Notes what was found of the pair that was looked at last. */
+/* Records the visibility found for the pair of the last call of look. */
 void note(uint number, uint seen)
 {
     const uint bit = 1u << number % 32u;
@@ -178,7 +178,7 @@ void note(uint number, uint seen)
     word_partial |= seen == PARTIAL ? bit : 0u;
 }
 
-/* Returns the sight of a pair by the grid. */
+/* Returns the visibility of a pair, from the grid. */
 uint ask_grid(uint number, vec3 normal, vec3 place)
 {
     const bool first = own.number < number;
@@ -188,7 +188,7 @@ uint ask_grid(uint number, vec3 normal, vec3 place)
                : SHUT;
 }
 
-/* Returns the sight of a pair that face each other, as far as it is known without a ray. */
+/* Returns the visibility of a pair that face each other, as far as it is known without a ray. */
 uint sight_of(uint number, vec3 normal, uint k)
 {
     uint seen = UNKNOWN;
@@ -206,8 +206,8 @@ uint sight_of(uint number, vec3 normal, uint k)
     return seen;
 }
 
-/* Traces the ray between the two places: the same whichever of the points asks, from the one with the lower number.
- * What comes through; 0 too where they are one place, and there is no ray. */
+/* Traces the ray between the two points, from the one with the lower number, so that both points get the same result.
+ * Returns the share of light let through; also 0 if the points coincide, and there is no ray. */
 vec3 trace(Node node)
 {
     const bool first = own.number < node.number;
@@ -244,7 +244,7 @@ Node node_of(uint k, vec4 centre_area, vec4 normal_number)
     return node;
 }
 
-/* Goes through nodes k .. end-1. False: the device has ended the loop early. */
+/* Processes nodes k .. end-1. False: the device has ended the loop early. */
 bool go_through(uint k, uint end)
 {
     NodeQuads facings = NodeQuads(push.facing);

@@ -1,4 +1,4 @@
-/* Adds up the rows of patches.comp, one after the other; zeros for invalid points. */
+/* Sums up the rows of patches.comp, one after the other; zeros for invalid points. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

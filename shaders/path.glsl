@@ -1,10 +1,10 @@
 /* Paths of pixels: thread x follows samples first_sample .. first_sample + samples - 1 of pixel `index` + x, and adds
- * them to what earlier dispatches have left in `sums`, sample after sample, so that it does not matter how they are
- * dealt out. Ways, random numbers and estimators are those of worker/backend/embree/path.c.
+ * them to the sums of earlier dispatches in `sums`, sample after sample, so that the division into dispatches does not
+ * matter. Directions, random numbers and estimators equal those of worker/backend/embree/path.c.
  *
- * With KILN_GLOSS there are surfaces that are not only diffuse. Code for these would slow down the paths that are at
- * others, so two kernels take turns: path_diffuse.comp, with KILN_WALK_DIFFUSE, begins paths and follows them to where
- * they meet gloss, path.comp from there to where they meet what is only diffuse; and path_add.comp adds up. */
+ * With KILN_GLOSS some surfaces are not only diffuse. Code for these would slow down paths at other surfaces, so two
+ * kernels alternate: path_diffuse.comp, with KILN_WALK_DIFFUSE, begins paths and follows them until they hit gloss;
+ * path.comp follows them from there until they hit a diffuse surface. path_add.comp sums up. */
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 #include "shaders/shared/streams.h"
@@ -21,9 +21,9 @@ KILN_PUSH(kiln_gpu_path_push);
 #include "shaders/path_sums.glsl"
 
 /* The path under way. */
-vec3 weight, radiance; /* what of the radiance that comes now reaches the camera; and what has */
-vec3 seen;             /* as weight, of what the next surface emits itself: 0 where light samples have brought that */
-uint bounces, chain;   /* diffuse surfaces that have sent the path on; others since the last one */
+vec3 weight, radiance; /* weight of incoming radiance at the camera; radiance collected so far */
+vec3 seen;             /* weight for the next surface's emission: 0 if light samples have accounted for it */
+uint bounces, chain;   /* diffuse events so far; other surfaces since the last one */
 uint rays;
 bool good; /* the device has ended no loop early */
 
@@ -38,7 +38,8 @@ kiln_hit trace(vec3 origin, vec3 direction, uint surface)
     return hit;
 }
 
-/* Returns the surface that the camera sees along the ray; KILN_GPU_NONE as its triangle: only the environment. */
+/* Returns the surface that the camera sees along the ray; its triangle is KILN_GPU_NONE if there is only the
+ * environment. */
 kiln_hit look(vec3 origin, vec3 direction)
 {
     kiln_hit hit;
@@ -67,8 +68,8 @@ vec3 cosine_about(vec3 axis, float u, float v, out float cosine)
 }
 
 #ifdef KILN_GLOSS
-/* The way on from a surface that is not only diffuse. Chance chooses whether the diffuse surface sends the path on or
- * the other lobes do, so that bounces can be counted. */
+/* Draws a direction at a surface that is not only diffuse. Chooses at random between the diffuse part and the other
+ * lobes, so that bounces can be counted. */
 bool turn_by_lobes(Meeting m, uint surface, out vec3 direction, out bool diffuse)
 {
     const uvec2 picks = walk_draw(kiln_path_use(surface, KILN_PATH_LOBE));
@@ -83,8 +84,8 @@ bool turn_by_lobes(Meeting m, uint surface, out vec3 direction, out bool diffuse
 }
 #endif
 
-/* Chooses the way on, and weighs it as the gather pass does; false: it brings nothing. `diffuse`: the diffuse surface
- * sends the path on. */
+/* Draws the continuing direction, weighted as in the gather pass; false: it contributes nothing. `diffuse`: whether the
+ * diffuse part was drawn. */
 bool turn(Meeting m, uint surface, out vec3 direction, out bool diffuse)
 {
     diffuse = true;
@@ -103,7 +104,7 @@ bool turn(Meeting m, uint surface, out vec3 direction, out bool diffuse)
     return share > 0.0 && (m.lifted || dot(m.normal, direction) > 0.0);
 }
 
-/* Whether a path that has no last surface, or goes from mirror to mirror, goes on from surface number `surface`. */
+/* Russian roulette at surface number `surface`, for paths without a limit of bounces, or between mirrors. */
 bool survives(uint surface)
 {
     const bool endless = push.bounces == KILN_PATH_ALL_BOUNCES || (HAS_GLOSS && chain >= KILN_PATH_CHAIN);
@@ -114,7 +115,7 @@ bool survives(uint surface)
     return kiln_unit_float(walk_draw(kiln_path_use(surface, KILN_PATH_END)).x) < chance;
 }
 
-/* From surface number `surface` to the next; false: the path ends. */
+/* Traces from surface number `surface` to the next; false: the path ends. */
 bool go_on(Meeting m, uint surface, out vec3 direction, out kiln_hit hit)
 {
     const bool sky = light_kind(KILN_GPU_KIND_SKY), no_more = (HAS_GLOSS ? bounces : surface) == push.bounces;
@@ -192,7 +193,7 @@ bool shade_surface(uint surface, inout vec3 direction, inout kiln_hit hit)
     return under_way;
 }
 
-/* The path begins; false: it meets no surface. */
+/* Begins a path; false: it hits no surface. */
 bool init_from_camera(uint64_t pixel, out vec3 direction, out kiln_hit hit)
 {
     vec3 origin;

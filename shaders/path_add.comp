@@ -1,5 +1,5 @@
-/* Adds to each pixel what its paths have brought that went from kernel to kernel, path after path (path.glsl). Or,
- * before they begin, sets to 0 how many each kernel is to follow. */
+/* Adds the light of paths that moved between kernels to their pixels, path after path (path.glsl). Or, before they
+ * begin, resets the number of paths that each kernel is to follow. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

@@ -1,4 +1,4 @@
-/* Paths of pixels that kernels hand over to each other (path.glsl): how they are loaded and kept. */
+/* Paths of pixels that move between kernels (path.glsl): loads and stores them. */
 #include "shaders/path_states.glsl"
 
 kiln_gpu_path_state state_of(uint surface, vec3 direction, kiln_hit hit)
@@ -27,7 +27,7 @@ void load(kiln_gpu_path_state s, out uint surface, out vec3 direction, out kiln_
     good = s.good != 0u;
 }
 
-/* Whether this kernel follows paths from such a surface on. */
+/* Whether this kernel follows paths from such a surface. */
 bool is_own(kiln_hit hit)
 {
     const bool gloss = (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u;

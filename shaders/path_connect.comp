@@ -1,5 +1,4 @@
-/* Vertices of light are connected to vertices of the camera's paths: thread x has pair `offset` + x, and asks what is
- * in between. */
+/* Connects light vertices to camera vertices: thread x makes the shadow ray of pair `offset` + x. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -16,8 +15,8 @@ const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u;
 #include "shaders/subpaths.glsl"
 #include "shaders/point_ends.glsl"
 
-/* The two ends in turn, so that the long code of scattering functions stands here only once: first the camera's, then
- * that of light. `at`: where the ray of light begins at each. */
+/* Evaluates the scattering at both ends in a loop, so that the long code exists once: first the camera vertex, then the
+ * light vertex. `at`: where the connecting ray starts at each. */
 bool scatter_both(kiln_gpu_eye_vertex eye, kiln_gpu_light_vertex kept, out Scatter s[2], out vec3 at[2],
                   out vec3 attenuated)
 {
@@ -64,7 +63,7 @@ void connect(uint slot, kiln_gpu_eye_vertex eye, kiln_gpu_light_vertex kept)
         path_techniques(), sums_of(eye.vcm, eye.vc, eye.vm), sums_of(kept.vcm, kept.vc, kept.vm),
         real(s[0].to_light * s[1].landing_o / squared), real(s[1].to_light),
         real(point_lands(eye) ? s[1].to_eye * s[0].landing_i / squared : 0.0), real(s[0].to_eye));
-    const float near = at_point ? 1.0 : s[0].cosine_i, /* the point's own cosine is in what it counts */
+    const float near = at_point ? 1.0 : s[0].cosine_i, /* the point's weights include its own cosine */
         scale = float(real(near * s[1].cosine_o / squared) * share);
     const vec3 weight = vec3_in(eye.weight), flux = vec3_in(kept.flux);
     const Counted brings = Counted(weight * (product.all * flux * attenuated * scale),

@@ -1,4 +1,4 @@
-/* Paths of pixels in scenes with gloss: from the camera, or what is only diffuse, to where they meet gloss. */
+/* Paths of pixels in scenes with gloss: from the camera or a diffuse surface until they hit gloss. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define KILN_GLOSS 1

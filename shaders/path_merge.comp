@@ -1,4 +1,4 @@
-/* Photons are merged with vertices of the camera's paths: thread x has pair `offset` + x. */
+/* Merges photons with camera vertices: thread x processes pair `offset` + x. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -23,7 +23,7 @@ kiln_gpu_photon photon_of(uint number)
     return kiln_gpu_photon(l.position, l.from, l.flux, l.vcm, l.vm, l.bounces, l.number);
 }
 
-/* Light that lands near the surface point itself. What comes straight from a light is left out. */
+/* Adds the light of a photon near the surface point itself, except light that comes directly from a lamp. */
 void merge_at_point(uint slot, kiln_gpu_eye_vertex eye, kiln_gpu_photon photon)
 {
     const int left = int(BOTH.most) - int(eye.bounces) - int(photon.bounces);
@@ -60,7 +60,7 @@ void kiln_kernel(uint x, uint y)
         CONNECTS ? kiln_path_weight_merged(path_techniques(), sums_of(eye.vcm, eye.vc, eye.vm),
                                            sums_of(photon.vcm, 0.0, photon.vm), real(s.to_light), real(s.to_eye))
                  : real(1);
-    /* both subpaths have met the surface by chance */
+    /* both subpaths have hit the surface at random */
     const float scale = float(share / (real(BOTH.area) * real(v.opacity)));
     const vec3 weight = vec3_in(eye.weight), flux = vec3_in(photon.flux);
     add_light_to(pair.slot, Counted(weight * product.all * flux * scale, weight * product.last * flux * scale),

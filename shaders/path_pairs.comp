@@ -1,5 +1,5 @@
-/* Which vertices of light are connected to the vertex of the path in thread x's slot, or which photons are merged with
- * it, as FINDS tells: they become pairs, as long as there is room; the path keeps where it stopped. */
+/* Finds the light vertices to connect with the vertex of the path in thread x's slot, or the photons to merge with it,
+ * as FINDS selects. They are listed as pairs while there is room; the path stores where it stopped. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -44,7 +44,7 @@ bool may_merge(kiln_gpu_eye_vertex eye, vec3 place, uint number)
     return near_enough(place, eye.position) && kiln_path_allows(BOTH.path_length, eye.surface + number + 2u);
 }
 
-/* Along the path of light of the same pixel. */
+/* Lists the vertices of the light path of the same pixel. */
 void find_along_path(uint slot, kiln_gpu_eye_vertex eye)
 {
     uint number = eye.vertex;
@@ -59,7 +59,7 @@ void find_along_path(uint slot, kiln_gpu_eye_vertex eye)
     EYE_VERTEX(slot).vertex = number;
 }
 
-/* Returns the offset of one of the eight cells that have the photons near a place. */
+/* Returns the offset of one of the 2 x 2 x 2 cells that contain the photons near a point. */
 ivec3 corner_of(uint number) { return ivec3(number & 1u, number >> 1u & 1u, number >> 2u); }
 
 /* Among all. */
@@ -77,7 +77,7 @@ void find_near(uint slot, kiln_gpu_eye_vertex eye)
         } else {
             Photons at = Photons(BOTH.photons + 52ul * photon);
             const vec3 place = at.at[0].position;
-            /* buckets are shared by cells, and two of the eight may have one */
+            /* cells share buckets, and two of the eight cells may have the same */
             if (near_enough(place, eye.position) && photon_cell(place, 0) == low + corner_of(cell - 1u) &&
                 may_merge(eye, place, at.at[0].number))
                 fits = make_pair(slot, photon);

@@ -1,6 +1,6 @@
-/* Rays of the bidirectional pass, in the three forms that ASKS tells: the next surface of the path in thread x's slot;
- * what is in the way of light on its way to a path, to whose radiance the rest is added; or on its way to the camera,
- * where it is added to the film. */
+/* Rays of the bidirectional pass, in three forms that ASKS selects: rays to the next surface of the path in thread x's
+ * slot; shadow rays of light to a path, to whose radiance the light let through is added; shadow rays of light to the
+ * camera, where it is added to the film. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -17,7 +17,7 @@ const bool POINTS = (METHOD & KILN_GPU_BOTH_POINTS) != 0u, LANDS = (METHOD & KIL
 
 bool is_seen(kiln_hit at) { return (triangle_at(at.triangle).flags & KILN_GPU_PATH_HIDDEN) == 0u && has_side(at); }
 
-/* The nearest surface up to `limit`; `looks`: of those that the camera sees. */
+/* Nearest surface up to `limit`. `looks`: only of those that the camera sees. */
 kiln_hit nearest(vec3 origin, vec3 direction, float limit, uint chance, bool looks, out vec3 tint)
 {
     kiln_hit hit;
@@ -38,7 +38,7 @@ kiln_hit nearest(vec3 origin, vec3 direction, float limit, uint chance, bool loo
 }
 
 #ifdef KILN_GLOSS
-/* Puts the slot to those whose paths have met gloss, or come through a body; or to the others. */
+/* Lists the slot with paths that have hit gloss or cross a body, or with all others. */
 void sort(uint slot, kiln_hit hit, uint body)
 {
     const bool gloss = body != KILN_GPU_NONE ||
@@ -48,7 +48,7 @@ void sort(uint slot, kiln_hit hit, uint body)
 }
 #endif
 
-/* How far rays are lifted that begin at what the path has met (meeting_lift of worker/backend/embree/meeting.h). */
+/* Height by which rays are lifted that start at the path's hit (meeting_lift of worker/backend/embree/meeting.h). */
 float lift_off(kiln_hit hit, bool seen)
 {
     if (HAS_SMOOTH == 0u || LANDS || hit.triangle == KILN_GPU_NONE ||
@@ -92,7 +92,7 @@ void intersect_closest(uint slot)
 #endif
 }
 
-/* Adds to a pixel of the film: numbers of 64 bits, the lower half first. */
+/* Adds to a pixel of the film: 64-bit numbers, the lower half first. */
 void add_to_film(uint pixel, vec3 rgb)
 {
     const real3 count = roundEven(real3(rgb) / real(BOTH.unit));
@@ -108,7 +108,7 @@ void add_to_film(uint pixel, vec3 rgb)
             BothCounts(BOTH.counts).at[0].too_much = 1u;
 }
 
-/* Traces a ray of light to a path's vertex or to the camera, and adds what comes through. */
+/* Traces a shadow ray between light and a path's vertex or the camera, and adds the light let through. */
 void intersect_shadow(uint number)
 {
     const kiln_gpu_shadow_ray r = SHADOW_RAY(number);

@@ -1,5 +1,4 @@
-/* Vertices of light are connected to the camera: thread x has vertex `offset` + x, and asks whether the camera sees it.
- */
+/* Connects light vertices to the camera: thread x makes the shadow ray from vertex `offset` + x. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -21,14 +20,14 @@ struct View { /* struct subpath_view */
     float distance;
 };
 
-/* The place in the picture, from -1 to 1 both ways, at which a ray from `eye` to the place is seen. */
+/* Projects a point to the picture, as seen from `eye`: x and y are -1 to 1. */
 bool picture_place(vec3 eye, vec3 place, out real x, out real y)
 {
     const real3 right = real3(BOTH.right), up = real3(BOTH.up);
     real3 to = real3(place - eye);
     const real depth = dot(to, real3(BOTH.forward));
     real over = BOTH.orthographic != 0u ? real(1) : depth;
-    if (BOTH.lens_radius > 0.0) { /* by where the ray crosses the plane in focus, seen from the lens' middle */
+    if (BOTH.lens_radius > 0.0) { /* by the intersection of the ray with the focal plane, seen from the lens' centre */
         over = real(BOTH.focus_distance);
         to = to * (over / depth) + real3(eye - BOTH.position);
     }
@@ -37,7 +36,7 @@ bool picture_place(vec3 eye, vec3 place, out real x, out real y)
     return depth > 0;
 }
 
-/* `numbers`: of the place on the lens. */
+/* `numbers`: random numbers for the position on the lens. */
 bool view_of(vec3 place, uvec2 numbers, out View view)
 {
     real x, y;
@@ -59,7 +58,7 @@ bool view_of(vec3 place, uvec2 numbers, out View view)
     return view.distance > 0.0;
 }
 
-/* Whether the camera sees the surface from there. */
+/* Whether the side of the surface with the vertex faces the camera. */
 bool faces(kiln_gpu_light_vertex kept, vec3 front, vec3 towards)
 {
     kiln_hit hit = hit_of(kept.triangle, kept.u, kept.v, 0.0);

@@ -1,4 +1,4 @@
-/* Where paths of pixels lie that go from kernel to kernel. */
+/* Memory of paths of pixels that move between kernels. */
 KILN_ARRAY(PathTurns, kiln_gpu_path_turn, 8);
 KILN_ARRAY(PathStates, kiln_gpu_path_state, 4);
 KILN_ARRAY(TurnWords, uint, 4);

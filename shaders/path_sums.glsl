@@ -16,7 +16,7 @@ void path_add(inout kiln_gpu_path_sums sums, vec3 radiance)
     }
 }
 
-/* After so many as the dispatch has of the pixel. `good`: the device has ended no loop early. */
+/* Ends the samples of a pixel in this dispatch. `good`: the device has ended no loop early. */
 void path_end(inout kiln_gpu_path_sums sums, bool good, uint rays)
 {
     good = good && sums.count != KILN_GPU_PATH_STOPPED;

@@ -1,7 +1,7 @@
 /* Cells of photons and their buckets. Needs BOTH and `real`. */
 #include "shaders/shared/bidirectional.h"
 
-/* The cell of a place, shifted by a share of a cell. */
+/* The cell that contains a point, after a shift by a fraction of a cell. */
 ivec3 photon_cell(vec3 p, real shift)
 {
     const real radius = real(BOTH.radius);

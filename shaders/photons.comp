@@ -1,6 +1,6 @@
-/* Puts the vertices of paths of light into buckets, where paths of pixels look for them: counts what falls into each,
- * gives each its place, fills them. In a bucket vertices stand in no order: what is merged is summed in whole units.
- * Before, it sets words to 0: those of the buckets, and what paths add to. */
+/* Sorts light vertices into buckets, where paths of pixels search for them: counts the vertices of each bucket, assigns
+ * each its place, fills them. The order in a bucket does not matter, since merged light is summed in integers. An
+ * earlier step clears words: those of the buckets, and the sums of paths. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

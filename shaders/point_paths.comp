@@ -1,7 +1,7 @@
-/* Paths from surface points (worker/pass/reference.h), where these begin and end. By stages, thread x for the path in
- * its slot: sample number `sampled` of the point begins, as in the gather pass, and leaves the point as a vertex for
- * connections and merging; in the end what it has brought is added to the point's sums, sample after sample. Ways,
- * random numbers and estimators are those of worker/backend/embree/reference.c. */
+/* Paths from surface points (worker/pass/reference.h): their beginning and end, in stages; thread x: the path in its
+ * slot. Sample number `sampled` of the point begins as in the gather pass, and stores the point as a vertex for
+ * connections and merging. At the end its light is added to the point's sums, sample after sample. Directions, random
+ * numbers and estimators equal those of worker/backend/embree/reference.c. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -21,7 +21,7 @@ const bool POINTS = true, MERGES = (METHOD & KILN_GPU_BOTH_MERGES) != 0u, ALONE 
 
 KILN_ARRAY(PointSums, kiln_gpu_point_sums, 4);
 
-/* A place on the point, and the two numbers of the direction from there. */
+/* A position on the point, and two random numbers for a direction from there. */
 struct Start {
     vec3 position, normal;
     float u, v;
@@ -53,7 +53,7 @@ Start start_of(kiln_gpu_point p, uint k)
     return s;
 }
 
-/* Whether light may land on the point. */
+/* Whether light paths may land on the point. */
 bool lands_on(kiln_gpu_point p)
 {
     if ((p.flags & KILN_GPU_POINT_RECEIVES_ONLY) != 0u)
@@ -93,7 +93,7 @@ void leave_vertex(uint slot, Start s, vec3 axis, bool lands)
     EYE_VERTEX(slot) = e;
 }
 
-/* The ray to the path's surface number 1. */
+/* Sends the ray to the path's surface number 1. */
 void send(uint slot, Start s, vec3 direction, float density, bool lands)
 {
     kiln_path_sums sums = sums_of(0.0, 0.0, 0.0);
@@ -178,7 +178,7 @@ void end(uint slot)
     all.at[0] = to;
 }
 
-/* With DRAW_AGAIN points that are partly buried begin, and else all others. */
+/* Begins points: with DRAW_AGAIN those that are partly buried, otherwise all others. */
 void kiln_kernel(uint x, uint y)
 {
     if (y > 0u || !has_work(x))

@@ -1,5 +1,5 @@
-/* Positions on surface points: as kiln_footprint_sample and frame_position of the other backend. Needs trace.glsl
- * before it where DRAW_AGAIN may be 1. */
+/* Positions on surface points: kiln_footprint_sample and frame_position of the Embree backend. Needs trace.glsl before
+ * it if DRAW_AGAIN may be 1. */
 
 #include "shaders/material.glsl"
 #include "shaders/shared/lift.h"
@@ -36,8 +36,7 @@ void kiln_mask_place(uint64_t address, inout float s, inout float t)
     t = kiln_mask_t(cell, t);
 }
 
-/* A part of a point and where in it: position = p + w1 e1 + w2 e2. A whole point is one part, of which they are (s, t).
- */
+/* A part of a point, and a position in it: p + w1 e1 + w2 e2. A whole point is a single part with w1, w2 = s, t. */
 struct kiln_part_place {
     uint part;
     float w1, w2;
@@ -88,7 +87,7 @@ kiln_part_place kiln_find_present(kiln_gpu_point p, uint64_t parts, float s, flo
     return place;
 }
 
-/* A place on the point for s and t in (0, 1): position with its offset, geometric normal, and that offset. Returns the
+/* Position on the point for s and t in (0, 1): position with offset, geometric normal, and the offset. Returns the
  * part. */
 kiln_part_place kiln_place(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal,
                            out float offset)
@@ -121,8 +120,9 @@ bool kiln_meets_back(vec3 position, vec3 direction, uint preferred)
             (KILN_RECORD_DOUBLE_SIDED | KILN_RECORD_CLEAR)) == 0u;
 }
 
-/* A ray along the normal and three around it, 53 degrees off, all meet backs of single-sided surfaces, not glass's;
- * that is asked first. Then, for validity, whether no more than KILN_BURIED_BOTH of these coincide with fronts. */
+/* Whether a position is buried: a ray along the normal and three rays at 53 degrees to it all hit backs of single-sided
+ * surfaces other than glass. That is tested first. Then, for validity, whether at most KILN_BURIED_BOTH of these hits
+ * coincide with fronts. */
 bool kiln_buried(vec3 position, vec3 normal)
 {
     vec3 t, b;
@@ -144,7 +144,7 @@ bool kiln_buried(vec3 position, vec3 normal)
     return true;
 }
 
-/* How far rays that begin at a place of a lifted point are lifted off its part. */
+/* Height by which rays are lifted off the part, at a position of a lifted point. */
 float kiln_part_lift(kiln_gpu_point p, uint64_t parts, kiln_part_place place)
 {
     const uint before = p.part_count + ((p.flags & KILN_GPU_POINT_MASKED) != 0u ? 1u : 0u);
@@ -154,7 +154,7 @@ float kiln_part_lift(kiln_gpu_point p, uint64_t parts, kiln_part_place place)
                         of.weight[1] + place.w1 * of.along_e1[1] + place.w2 * of.along_e2[1]);
 }
 
-/* Lifts a position, not through what lies above. */
+/* Lifts a position, but not through a surface above it. */
 void kiln_lift_position(kiln_gpu_point p, uint64_t parts, kiln_part_place place, vec3 normal, inout vec3 position,
                         inout float offset)
 {
@@ -168,14 +168,14 @@ void kiln_lift_position(kiln_gpu_point p, uint64_t parts, kiln_part_place place,
     offset += lift;
 }
 
-/* Whether light from a direction reaches the point as far as its own surface goes: as frame_faces. */
+/* Whether light from a direction reaches the point without being blocked by its own surface: frame_faces. */
 bool kiln_faces(kiln_gpu_point p, float cosine, float shading_cosine)
 {
     return (HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_LIFTED) != 0u ? shading_cosine : cosine) > 0.0;
 }
 
-/* kiln_place, lifted, drawn again while it is buried where DRAW_AGAIN says so (for points in the state
- * KILN_GPU_STATE_BURIED only). */
+/* kiln_place with lifting. Where DRAW_AGAIN says so (only for points in the state KILN_GPU_STATE_BURIED), buried
+ * positions are drawn again. */
 void kiln_position(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal,
                    out float offset)
 {
@@ -193,8 +193,8 @@ void kiln_position(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 
 }
 #endif
 
-/* The chunk's point of thread x: its index among the block's points, or KILN_GPU_NONE when thread x has none. With
- * DRAW_AGAIN the list names partly buried points; without, all points that are valid as a whole. */
+/* Index of thread x's point among the block's points; KILN_GPU_NONE if it has none. With DRAW_AGAIN the list contains
+ * partly buried points, otherwise all points that are entirely valid. */
 uint kiln_point_of_thread(kiln_gpu_chunk chunk, uint x)
 {
     if (x >= chunk.count)

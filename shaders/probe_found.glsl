@@ -1,9 +1,9 @@
-/* Findings of the rays of probes, kept for the light of groups: probes.comp, probes_groups.comp. All arrays are strided
- * by push.count probes and lie at push.found, one after the other: the hit of each ray over the sphere, light samples
- * with the light they bring (push.lights of them at most), and the number of these. */
+/* Results of probe rays, kept for the light of groups: probes.comp, probes_groups.comp. Three arrays lie at push.found,
+ * one after the other, each strided by push.count probes: the hit of each ray over the sphere; light samples with their
+ * light (at most push.lights); and the number of light samples. */
 KILN_ARRAY(FoundWords, uint, 4);
 
-/* In the place of a surface point: a constant sky, its group in the lower bits; something that is dark. */
+/* Codes instead of a surface point: a constant sky, with its group in the lower bits; a dark hit. */
 const uint FOUND_SKY = 0x80000000u, FOUND_NOTHING = 0xffffffffu;
 
 struct Found {
@@ -11,7 +11,7 @@ struct Found {
     uint word;
 };
 struct FoundLight {
-    vec3 direction, value; /* radiance x solid angle, as much as comes through */
+    vec3 direction, value; /* value: radiance x solid angle that arrives */
     uint group;            /* FOUND_NOTHING: nothing */
 };
 KILN_ARRAY(FoundArray, Found, 4);

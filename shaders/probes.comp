@@ -1,10 +1,10 @@
 /* The probe pass on a device (worker/pass/probes.h): light that arrives at the probes of an irradiance volume. Thread
- * (x, y) takes slice `slice_first` + y of the samples of probe x. A slice has a run of rays over the whole sphere,
- * which meet surfaces and a constant sky. It has a run of light samples of the same length, by shadow rays to the other
- * lights. Light samples are numbered from one choice of lights to the next (light_samples.glsl); the last slice takes
- * all that are left. Directions, random numbers and estimators are those of worker/backend/embree/probes.c.
- * probes_reduce.comp adds up the slices. With GROUPED, each ray's find is kept for probes_groups.comp, which tells
- * groups of lights apart. */
+ * (x, y) computes slice `slice_first` + y of the samples of probe x. A slice has a range of rays over the whole sphere,
+ * which hit surfaces and a constant sky, and a range of light samples of the same length, with shadow rays to the other
+ * lights. Light samples are numbered through all choices of lights (light_samples.glsl); the last slice takes all that
+ * are left. Directions, random numbers and estimators equal those of worker/backend/embree/probes.c. probes_reduce.comp
+ * sums up the slices. With GROUPED the result of each ray is kept for probes_groups.comp, which separates groups of
+ * lights. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -38,7 +38,7 @@ struct Sums {
 };
 struct Place {
     vec3 position;
-    uint probe, sample_number; /* of the light sample that comes next */
+    uint probe, sample_number; /* of the next light sample */
 };
 
 #include "shaders/light_samples.glsl"

@@ -1,5 +1,5 @@
-/* Radiance probes where groups of lights are told apart: thread (x, y) adds up what of the light that the rays of probe
- * x have found (probes.comp) is of group y. */
+/* Light of groups at probes: thread (x, y) sums up the light of group y among the results of probe x's rays
+ * (probes.comp). */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -19,7 +19,7 @@ struct Sums {
 #include "shaders/probe_direction.glsl"
 #include "shaders/probe_found.glsl"
 
-/* Returns the radiance of the group that a ray over the sphere brings. */
+/* Returns the group's part of the radiance that a ray over the sphere found. */
 vec3 radiance_of(uint word, uint group)
 {
     if (word < FOUND_SKY) {

@@ -1,4 +1,4 @@
-/* Adds up the slices of probes.comp, in order: thread (x, y) makes float y of the answer of probe x. */
+/* Sums up the slices of probes.comp, in order: thread (x, y) computes float y of the answer of probe x. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

@@ -1,5 +1,5 @@
-/* Radiance probes: thread x takes item x, an element of a probe's map, and all of its samples. Directions, random
- * numbers and estimator are those of worker/backend/embree/radiance.c. */
+/* Radiance probes: thread x computes item x, an element of a probe's map, with all its samples. Directions, random
+ * numbers and estimator equal those of worker/backend/embree/radiance.c. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -28,8 +28,7 @@ float number(uint k, uint dimension, uint key)
 
 bool good = true; /* the device has ended no loop early */
 
-/* Radiosity that ray k finds, and in w whether it met the back of a single-sided surface that
- * lets no light through. */
+/* Radiosity that ray k finds; w: 1 if it hit the back of a single-sided surface that lets no light through. */
 vec4 find_radiosity(vec3 position, vec3 direction, uint key, uint k)
 {
     vec3 tint;

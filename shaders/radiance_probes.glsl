@@ -48,7 +48,7 @@ vec3 kiln_probe_ask(uint64_t address, uint probe, vec3 at, vec3 d, float far)
     return data.at[kiln_probe_element(grid.basis, grid.side, to)];
 }
 
-/* Whether the probe is seen from a place in free space. */
+/* Whether the probe is visible from a point in free space. */
 bool kiln_probe_seen(uint64_t address, uint probe, vec3 from)
 {
     const vec3 position = ProbePositions(ProbesRef(address).value.positions).at[probe], to = position - from;
@@ -61,7 +61,7 @@ bool kiln_probe_seen(uint64_t address, uint probe, vec3 from)
     return !kiln_is_met(from, d, distance + KILN_PROBE_CLEAR * ProbesRef(address).value.grid.spacing, seed);
 }
 
-/* The probe that a ray asks which met nothing within the range: one near its end that is seen from there, or else one
+/* The probe that a ray without a hit within the range reads: one near its end that is visible from there, or else one
  * that the point, with the word `near_probes`, sees. */
 uint kiln_probe_of_ray(uint64_t address, uint near_probes, vec3 at, vec3 d, uint ray_seed)
 {

@@ -1,10 +1,10 @@
-/* Functions of `real`, the numbers light is calculated with: double or float (see shaders/kernel.glsl)..
+/* Functions of `real`, the type of light computations: double or float (see shaders/kernel.glsl).
  *
- * GLSL has no sine, cosine and so on of doubles, and Vulkan promises little of those of floats (acos: 4,096 units in
- * the last place), so both are made here: Taylor's series after reduction to a quarter turn, and Newton's method from
- * the float value. Absolute errors below 1e-15 for angles up to a few turns in double, 3e-7 in float.
+ * GLSL has no trigonometric functions of doubles, and Vulkan guarantees little precision for those of floats (acos:
+ * 4,096 ulp). So both are computed here: by Taylor series after reduction to a quarter turn, and by Newton's method
+ * from the float value. Absolute errors are below 1e-15 in double for angles up to a few turns, 3e-7 in float.
  *
- * Constants are written as real(1.5LF): folded at compile time, so that the float variant has no doubles in it. */
+ * Constants are written as real(1.5LF): folded at compile time, so that the float variant contains no doubles. */
 #ifndef KILN_REAL_GLSL
 #define KILN_REAL_GLSL
 

@@ -1,6 +1,6 @@
-/* Surface regression: one sweep over points, of which thread x takes one. What the sweeps are, and their formulas, are
- * those of coordinator/output/map/denoise/regression.c, which has the same names for the same things; neighbours are
- * those of neighbours.c. Sums over neighbours go by the points' order, so that results hang on the points alone. */
+/* Surface regression for denoising: one sweep over points; thread x processes one point. The sweeps and their formulas
+ * equal those of coordinator/output/map/denoise/regression.c, with the same names; neighbours are those of
+ * neighbours.c. Sums over neighbours are in the order of the points, so that results depend only on the points. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -31,7 +31,7 @@ Words ranges = Words(push.ranges);
 
 /* ---- neighbours ---- */
 
-/* A point that neighbours are looked for of. */
+/* A point whose neighbours are searched. */
 struct Middle {
     uint place;
     uint first, end; /* ranges of candidates */
@@ -58,7 +58,7 @@ Middle middle_of(uint place)
     return m;
 }
 
-/* Whether a candidate is a neighbour within so many texels; where, and with what area. */
+/* Whether a candidate is a neighbour within `radius` texels; its coordinates, and its area. */
 bool is_near(Middle m, uint place, float radius, out vec2 xy, out float area)
 {
     const vec3 d = (points.at[place].position - m.at) * m.inverse;
@@ -80,8 +80,7 @@ bool is_near(Middle m, uint place, float radius, out vec2 xy, out float area)
         for (uint j = ranges.at[2u * range]; j < ranges.at[2u * range + 1u]; j++)                                      \
             if (is_near(m, j, radius, xy, area))
 
-/* The square root of a weight over the area, of a neighbour at a distance whose square is given; 0 beyond the kernel.
- */
+/* Square root of weight / area, for a neighbour at a squared distance; 0 outside the kernel. */
 float root_weight(float square, float scale) { return max(1.0 - square * (0.25 / (scale * scale)), 0.0); }
 
 float weight_of(vec2 xy, float area, int scale)
@@ -119,7 +118,7 @@ Fit solve(float m[LOW], float own)
     return fit;
 }
 
-/* The sum of weight x x^a y^b, by a + b and b. */
+/* Moment: the sum of weight x x^a y^b, with order = a + b, and y = b. */
 float moment(float low[LOW], float high[HIGH], float own, int order, int y)
 {
     switch (order) {
@@ -220,7 +219,7 @@ Floats fits_from(uint place)
     return Floats(push.fits + uint64_t(place) * uint64_t((1u + push.lights) * uint(FITS) * 4u));
 }
 
-/* The number of light l of a point; of the first one in the place of a second that is not there. */
+/* Index of light l of a point; if there is no second light, that of the first. */
 uint light_of(uint place, int light) { return place * push.lights + min(uint(light), push.lights - 1u); }
 
 kiln_gpu_regression_given given(uint place, int light)
@@ -370,7 +369,7 @@ void judge_point(uint place)
         choose(place, 1, weight, leverage, risk1);
 }
 
-/* The choices around a point, of both lights. */
+/* Shares of the fits chosen around a point, for both lights. */
 struct Shares {
     vec2 of[FITS], risk;
 };
@@ -403,7 +402,7 @@ Shares share_choices(Middle m, float own)
     return shares;
 }
 
-/* Factors of the terms in the result, by scale, of both lights. */
+/* Factors of the terms in the result, by scale, for both lights. */
 struct Factors {
     vec2 of[SCALES][TERMS];
     float reach; /* texels: beyond, all are 0 */

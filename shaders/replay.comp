@@ -1,4 +1,4 @@
-/* The gather pass from rows, for the host: answers of several lights lie side by side. */
+/* The gather pass from rows, for the host: the answers of several lights are interleaved. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/replay.glsl"

@@ -1,13 +1,12 @@
-/* The gather pass from rows (shaders/shared/rows.h): what rays have met is read in the place of traced, under LIGHTS
- * lights at once, which share one read of the rows. Of each light the sums are those of gather.glsl and
- * gather_reduce.glsl, in the same order: floats within a slice, and pairs of floats over slices, which never leave the
- * thread that adds them up.
+/* The gather pass from rows (shaders/shared/rows.h): hits of rays are read instead of traced, for LIGHTS lights at
+ * once, which share one read of the rows. For each light the sums equal those of gather.glsl and gather_reduce.glsl, in
+ * the same order: floats within a slice, and pairs of floats over slices, which stay in the registers of one thread.
  *
- * Neighbouring threads are of the same point, under neighbouring lights, whose radiosity lies side by side: that of
- * point i under light l is pair i * LIGHTS_THERE + l of push.lights; row y of threads has lights from y * LIGHTS on. A
- * workgroup has POINTS points and reads RAYS words of each at a time. Who includes this defines put_answer, what
- * becomes of the answer of point x under a light; and it may define LIGHTS_THERE, and ROW_POINTS, what words that name
- * a surface point are below. */
+ * Neighbouring threads process the same point under neighbouring lights, whose radiosity is interleaved: that of point
+ * i under light l is pair i * LIGHTS_THERE + l of push.lights; row y of threads has lights from y * LIGHTS on. A
+ * workgroup has POINTS points and reads RAYS words of each at a time. The including file defines put_answer, which uses
+ * the answer of point x under a light. It may define LIGHTS_THERE, and ROW_POINTS, a bound below which words are
+ * surface points. */
 #ifndef LIGHTS_THERE
 #    define LIGHTS_THERE LIGHTS
 #    define ROW_POINTS KILN_ROW_POINTS
@@ -37,7 +36,7 @@ KILN_ARRAY(WordArray, uint, 4);
 KILN_ARRAY(WeightArray, vec2, 4);
 KILN_ARRAY(RadiosityWords, uvec2, 8);
 
-/* Ray i of the workgroup's point p at p * ROW + i: threads that go on together read different banks. */
+/* Ray i of the workgroup's point p is at p * ROW + i: threads that run together access different banks. */
 const uint ROW = RAYS + 1u;
 shared uint words[POINTS * ROW];
 shared vec2 weights[HAS_SMOOTH != 0u ? POINTS * ROW : 1u];
@@ -48,7 +47,7 @@ uint state_of(uint x)
                                 : KILN_GPU_STATE_INVALID;
 }
 
-/* Whether each of the workgroup's points has smooth normals, not 0 if so; and whether any has. */
+/* Per point of the workgroup: not 0 if it has smooth normals; and whether any point has. */
 shared uint smooth_points[HAS_SMOOTH != 0u ? POINTS : 1u];
 shared uint any_smooth;
 
@@ -73,8 +72,8 @@ vec2 weights_of(uint p, uint x, uint k)
                                   : vec2(1.0);
 }
 
-/* Samples [from, from + RAYS) of the workgroup's points, of which the first is point `first` of the chunk. Row x begins
- * with a word that is the host's. What stands in rows of points that are not valid nobody asks. */
+/* Reads samples [from, from + RAYS) of the workgroup's points; the first is point `first` of the chunk. Each row begins
+ * with a word for the host only. Words in rows of invalid points are never used. */
 void bring_rays(uint first, uint from)
 {
     const uint some = min(ROUNDS, 4u);
@@ -98,7 +97,7 @@ void bring_rays(uint first, uint from)
     }
 }
 
-/* A slice under way, and what the slices before it add up to. */
+/* The present slice, and the sums over earlier slices. */
 struct Sums {
     float slice[MOST_FLOATS];
     kiln_sum sums[MOST_FLOATS], quarter;
@@ -120,7 +119,7 @@ void begin_quarter(inout Sums s, uint slice)
     s.end = min(s.quarter_end, kiln_quarter_first(s.q, push.samples) + slice);
 }
 
-/* The slice that ends at sample s.end, and its quarter if that does; quarters without samples are passed over. */
+/* Ends the slice that ends at sample s.end, and its quarter if that ends too; skips quarters without samples. */
 void end_slice(inout Sums s, uint slice)
 {
     [[unroll]] for (uint c = 0u; c < MOST_FLOATS; c++)
@@ -144,10 +143,10 @@ void end_slice(inout Sums s, uint slice)
     } while (s.q < 4u && kiln_quarter_first(s.q, push.samples) == s.quarter_end);
 }
 
-/* Hit of ray i of the workgroup, one of the thread's point, and the radiosity there. Behind the last ray: nothing. */
+/* Hit of a ray of the thread's point, and the radiosity there. Behind the last ray: no hit. */
 struct Ray {
     uint word;
-    uvec2 packed; /* what that sends under the thread's light */
+    uvec2 packed; /* radiosity of the hit under the thread's light */
     vec2 weight;
 };
 
@@ -178,8 +177,8 @@ void add_ray(inout Sums s, Ray ray)
     s.slice[LUMINANCE] += ray.weight.y * float_luminance(rgb);
 }
 
-/* Samples [from, from + RAYS) of the workgroup's point p, under the light that begins at `lights`; the first at which a
- * slice ends comes behind `from`. Four rays are on their way at a time. */
+/* Adds samples [from, from + RAYS) of the workgroup's point p, under the light whose radiosity begins at `lights`. The
+ * next slice ends after sample `from`. Four rays are loaded at a time. */
 void add_rays(inout Sums s, uint p, uint64_t lights, uint from, uint slice)
 {
     const uint to = min(from + RAYS, push.samples);
@@ -200,7 +199,7 @@ void add_rays(inout Sums s, uint p, uint64_t lights, uint from, uint slice)
     }
 }
 
-/* The answer of point x, for which sums stand. */
+/* Makes the answer of point x from its sums. */
 kiln_gpu_result answer_of(Sums s, uint x)
 {
     Totals totals;

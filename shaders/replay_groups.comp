@@ -1,5 +1,5 @@
-/* The gather pass from rows, for the light of groups of lights: of each GROUP_FLOATS floats, incident light, and
- * irradiance where that is not the same. */
+/* The gather pass from rows, for the light of groups of lights. Writes GROUP_FLOATS floats per group: incident light,
+ * and irradiance if it differs. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define LIGHTS_THERE push.groups

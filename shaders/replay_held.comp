@@ -1,5 +1,5 @@
-/* The gather pass from rows, for light that stays on the device: of answers what replay_take.comp takes over, float c
- * of that of point x under light l at (c * total + x) * LIGHTS + l. */
+/* The gather pass from rows, for light that stays on the device. Writes the part of the answers that replay_take.comp
+ * needs: float c of point x under light l at (c * total + x) * LIGHTS + l. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/replay.glsl"

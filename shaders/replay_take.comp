@@ -1,7 +1,7 @@
-/* Takes the answers of replay_held.comp over on the device: what the integrator "cells" does on the host
- * (coordinator/integrate/cells/take.c), with the same bits, and its sums of power (ledger.c), in whole units, so that
- * no order counts. A workgroup has 64 points under all LIGHTS lights, and leaves its own sums; held_powers.comp adds
- * these up. */
+/* Takes the answers of replay_held.comp into the results on the device, as the integrator "cells" does on the host
+ * (coordinator/integrate/cells/take.c), with the same bits. Also computes its sums of power (ledger.c), in integer
+ * units, so that the order does not matter. A workgroup has 64 points under all LIGHTS lights, and stores its own sums;
+ * held_powers.comp adds these up. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -46,8 +46,8 @@ Answer answer_of(uint x, uint light)
     return r;
 }
 
-/* kiln_mean: what doubles say of a quotient of floats is near enough for its rounding, and by a power of two a product
- * is the quotient. */
+/* kiln_mean: the quotient of two floats in doubles is precise enough for the float's rounding. For a power of two, the
+ * product with the inverse is exact. */
 float mean_of(float sum)
 {
     const float n = float(push.samples);

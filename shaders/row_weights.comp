@@ -1,6 +1,6 @@
-/* The gather pass from rows (replay.glsl), first, in scenes with smooth normals: what each ray of such a point counts
- * for about the geometric and about the shading normal, which lights share. Sample k of the chunk's point x has pair
- * x * samples + k of push.hemisphere.slices. A negative number says that the device ended a loop early. */
+/* The gather pass from rows (replay.glsl), first step, in scenes with smooth normals: computes the weights of each ray
+ * of such a point about the geometric and the shading normal, which all lights share. Sample k of the chunk's point x
+ * has pair x * samples + k of push.hemisphere.slices. A negative number means that the device ended a loop early. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

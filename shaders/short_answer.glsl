@@ -1,5 +1,5 @@
-/* A point's answer for the host: what it cannot tell itself, and no more. The layout stands in shaders/shared/layout.h,
- * the host's side in worker/backend/vulkan/answers.h. */
+/* A point's answer for the host, without values that the host can compute itself. Its layout is in
+ * shaders/shared/layout.h, the host's code in worker/backend/vulkan/answers.h. */
 KILN_ARRAY(ResultArray, kiln_gpu_result, 4);
 KILN_ARRAY(ShortFloats, float, 4);
 KILN_ARRAY(ShortWords, uint, 4);
@@ -12,7 +12,8 @@ void put_colors(uint64_t results, inout uint at, float values[3])
         put(results, at, values[c]);
 }
 
-/* `gathers`: gather rays have escaped or were blocked, and what is on their way takes of them. */
+/* `gathers`: the answer includes the shares of gather rays that escaped or were blocked, and of light absorbed on the
+ * way. */
 void put_short(uint64_t results, uint x, kiln_gpu_result r, bool gathers, uint samples)
 {
     const bool mixed = HAS_SMOOTH != 0u || HAS_GLOSSY != 0u, tints = gathers && HAS_ALPHA >= KILN_PASSAGE_TINT,

@@ -1,5 +1,5 @@
-/* After the pairs of a chunk: thread x says for each group of tile run x what is known of it now. Groups get bits in
- * their order while there is room, so that what is kept hangs on nothing else. */
+/* After the pairs of a chunk: thread x updates, for each group of tile run x, what is known of it. Groups get room for
+ * bits in their order while there is any, so that the stored data depend on nothing else. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -8,7 +8,7 @@ KILN_PUSH(kiln_gpu_sight_push);
 
 #include "shaders/sight.glsl"
 
-/* Where the bits of a tile pair are, of whose pairs some were found in this step. */
+/* Returns where the bits of a tile pair are stored, some of whose pairs were found in this step. */
 uint place_of(uint at, uint found, uint room, inout uint used)
 {
     const uint both = KILN_GPU_PAIRS_OPEN | KILN_GPU_PAIRS_SHUT;

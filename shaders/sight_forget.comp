@@ -1,5 +1,5 @@
-/* Before a step: thread (x, y) forgets what is known of group x of tile run y, all or that of columns that are not the
- * same. */
+/* Before a step: thread (x, y) clears the known visibility of group x of tile run y, either all of it or that of
+ * columns that have changed. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

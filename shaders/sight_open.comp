@@ -1,4 +1,5 @@
-/* Before the pairs of a chunk: thread (x, y) lays out word y of point x, bits of open pairs, of what is kept. */
+/* Before the pairs of a chunk: thread (x, y) unpacks word y of point x, the bits of visible pairs, from the stored
+ * data. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -9,7 +10,7 @@ KILN_PUSH(kiln_gpu_sight_push);
 
 KILN_ARRAY(OwnPatches, kiln_gpu_patch, 4);
 
-/* Returns the states that the pairs of the tile pair at `at` have been found in. */
+/* Returns the states that occur among the pairs of the tile pair at `at`. */
 uint found_of(uint at)
 {
     return at < KILN_GPU_PAIRS_BITS         ? KILN_GPU_PAIRS_OPEN | KILN_GPU_PAIRS_SHUT

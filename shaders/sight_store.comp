@@ -1,4 +1,5 @@
-/* After sight_close.comp: thread (x, y) keeps word y of point x, where its tile pair has bits and something is new. */
+/* After sight_close.comp: thread (x, y) stores word y of point x, if its tile pair has bits and something new was
+ * found. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

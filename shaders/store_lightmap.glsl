@@ -1,5 +1,5 @@
-/* The lightmap as a store (worker/store/lightmap.h): barycentrics -> texel -> tile -> surface point. With HAS_OCTREE
- * the octree: the way to the tile is another (store_octree.glsl). */
+/* The lightmap as a store (worker/store/lightmap.h): barycentrics -> texel -> tile -> surface point. With HAS_OCTREE it
+ * is the octree, which finds the tile differently (store_octree.glsl). */
 
 #include "shaders/shared/store_lightmap.h"
 
@@ -18,15 +18,15 @@ uint kiln_bits_below(uvec2 mask, uint bit)
 
 bool kiln_bit_set(uvec2 mask, uint bit) { return ((bit < 32u ? mask.x >> bit : mask.y >> (bit - 32u)) & 1u) != 0u; }
 
-/* Place in the store that a hit on a world triangle leads to. */
+/* Place in the store for a hit on a world triangle. */
 struct kiln_store_way {
     uint object, material; /* material as in struct kiln_hit_record, flags included */
-    uint64_t tile;         /* address of the tile; of octrees 0: beside every brick */
+    uint64_t tile;         /* address of the tile; 0: in an octree, outside every brick */
     uint bit;              /* of the texel in the tile */
     vec2 place;            /* in the texel, 0 to 1; set where HAS_DIVIDED */
 };
 
-/* `back`: of a triangle with two sides, whose backs have a lightmap of their own. */
+/* Finds the place of a hit. `back`: on the back of a two-sided triangle; backs have a lightmap of their own. */
 kiln_store_way kiln_store_enter(uint triangle, float u, float v, bool back)
 {
     RecordHalves halves = RecordHalves(SCENE.records + uint64_t(triangle) * 32ul);
@@ -55,7 +55,7 @@ kiln_store_way kiln_store_enter(uint triangle, float u, float v, bool back)
     return to;
 }
 
-/* The point of a divided texel at the place (kiln_divided_choose); false: there is none. */
+/* Finds the point of a divided texel that contains `place` (kiln_divided_choose); false: there is none. */
 bool kiln_divided_choose(uint64_t number, vec2 place, out uint64_t point)
 {
     const kiln_gpu_divided texel = DividedArray(SCENE.store.divided + number * uint64_t(KILN_GPU_DIVIDED_BYTES)).at[0];
@@ -69,7 +69,7 @@ bool kiln_divided_choose(uint64_t number, vec2 place, out uint64_t point)
            point != ~0ul;
 }
 
-/* The surface point there; false: there is none. */
+/* Finds the surface point at a place in the store; false: there is none. */
 bool kiln_store_point(kiln_store_way to, out uint64_t point)
 {
     point = 0ul;
@@ -92,7 +92,7 @@ bool kiln_store_point(kiln_store_way to, out uint64_t point)
     return true;
 }
 
-/* Radiosity there, W/m2; 0 beside every point. */
+/* Radiosity at a place in the store, W/m2; 0 if there is no point. */
 vec3 kiln_store_radiosity(kiln_store_way to)
 {
     uint64_t point;

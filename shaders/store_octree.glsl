@@ -1,12 +1,12 @@
 /* The octree as a store (worker/store/octree.h): barycentrics -> leaf -> brick, through the hash table. A brick is a
- * tile, from which on the way is that of store_lightmap.glsl, which includes this. */
+ * tile; from there on the lookup is that of store_lightmap.glsl, which includes this file. */
 
 #include "shaders/shared/store_octree.h"
 
 KILN_ARRAY(LeafRecords, kiln_gpu_leaf_record, 4);
 KILN_ARRAY(BrickSlots, kiln_gpu_brick_slot, 8);
 
-/* Address of a brick's tile; 0: there is no such brick. */
+/* Address of a brick's tile; 0: no such brick. */
 uint64_t kiln_brick_tile(uint low, uint high, uint octree)
 {
     const uint64_t place = uint64_t(high) << 32 | low, last = SCENE.slot_last;
@@ -19,7 +19,7 @@ uint64_t kiln_brick_tile(uint low, uint high, uint octree)
     return slot.tile == 0u ? 0ul : SCENE.store.tiles + uint64_t(slot.tile - 1u) * 16ul;
 }
 
-/* The tile and the bit of a hit at (along, down) of a triangle of `object`. */
+/* Finds tile and bit of a hit at (along, down) on a triangle of `object`. */
 void kiln_octree_enter(uint triangle, float u, float v, bool back, uint object, float along, float down,
                        out uint64_t tile, out uint bit)
 {

@@ -1,19 +1,20 @@
-/* Paths of the bidirectional pass while they are under way: each has a slot, and one kernel after the other does a part
- * of what its next surface asks for, of all slots (Laine, Karras and Aila, "Megakernels considered harmful", 2013).
- * The host has their order: worker/backend/vulkan/bidirectional.h.
+/* Paths of the bidirectional pass while they are in progress. Each has a slot. Several kernels one after the other do
+ * the steps that the next surface needs, for all slots (Laine, Karras and Aila, "Megakernels considered harmful",
+ * 2013). worker/backend/vulkan/bidirectional.h has the order of the kernels.
  *
- *   path_rays.comp      the surfaces that rays meet; what is in the way of light, whose radiance it adds up
- *   light_paths.comp    paths of light: they begin, arrive at surfaces, keep vertices, go on
- *   eye_paths.comp      paths of the camera: they begin, arrive, ask for samples of lights, go on, end
- *   path_pairs.comp     which vertices of light are connected to a path's vertex, or which photons merged with it
- *   path_connect.comp, path_merge.comp, path_splat.comp   do that, a thread a pair; and connect light to the camera
- *   point_paths.comp    paths of surface points: they begin, end
+ *   path_rays.comp      traces rays to surfaces; traces shadow rays, and adds the light let through
+ *   light_paths.comp    light paths: begin, arrive at surfaces, store vertices, continue
+ *   eye_paths.comp      camera paths: begin, arrive, sample lights, continue, end
+ *   path_pairs.comp     finds light vertices to connect with a path's vertex, and photons to merge with it
+ *   path_connect.comp, path_merge.comp, path_splat.comp   connect or merge one pair per thread; connect light to the
+ * camera
+ *   point_paths.comp    paths of surface points: begin, end
  *   land.comp, land_first.comp, land_on.comp   light paths that land (shaders/land.glsl)
  *
- * With POINTS paths begin at surface points (worker/pass/reference.h), where point_paths.comp takes the place of the
- * camera: the point is a vertex of its path, number 0, that has its bounce behind it.
+ * With POINTS paths begin at surface points (worker/pass/reference.h), and point_paths.comp replaces the camera: the
+ * point is vertex 0 of its path, and its bounce is already counted.
  *
- * Kernels that include it have POINTS before it, by their own specialisation constant. Needs shaders/bidirectional.glsl
+ * Including kernels define POINTS before, by their own specialisation constant. Needs shaders/bidirectional.glsl
  * before. */
 #ifndef KILN_SHADERS_SUBPATHS_GLSL
 #define KILN_SHADERS_SUBPATHS_GLSL
@@ -44,7 +45,7 @@ KILN_ARRAY(LandPaths, kiln_gpu_land_path, 8);
 
 bool halts(uint64_t word) { return word != 0ul && BothWords(word).at[0] != 0u; }
 
-/* Whether there is something to do for thread x. */
+/* Whether thread x has a path to process. */
 bool has_work(uint x)
 {
     return x < push.count && (push.counter == 0ul || push.offset + x < BothWords(push.counter).at[0]) &&
@@ -67,7 +68,7 @@ void go_onward(uint slot)
 /* Key of the random numbers of a pixel's paths. */
 uint pixel_key(uint64_t pixel) { return kiln_hash2(kiln_hash2(push.seed, uint(pixel)), uint(pixel >> 32)); }
 
-/* Number in the block of a point of the batch. */
+/* Index in the block of a point of the batch. */
 uint point_of(uint number) { return POINTS_THERE.origin + number; }
 
 bool point_is_there(uint point)
@@ -75,14 +76,15 @@ bool point_is_there(uint point)
     return (BothWords(POINTS_THERE.states + 4ul * point).at[0] & KILN_GPU_STATE_MASK) != KILN_GPU_STATE_INVALID;
 }
 
-/* Key of the chances of a point's rays, and key of the numbers of its paths. */
+/* Key of random decisions along a point's rays, and key of its paths' random numbers. */
 uint point_chance(uint point)
 {
     return kiln_gather_chance(kiln_hash2(LitPoints(POINTS_THERE.points).at[point].key, POINTS_THERE.stream));
 }
 uint point_key(uint point) { return kiln_hash1(point_chance(point) + KILN_REFERENCE_LIGHT_SEED); }
 
-/* The random numbers of the path of light in a slot, of one that lands, and of the camera's or the surface point's. */
+/* Selects the random numbers of the path in a slot: a light path, a path that lands, or a path of the camera or a
+ * surface point. */
 void draw_for_light(uint slot)
 {
     const bool own = POINTS && push.light == KILN_GPU_OF_LIGHT_OWN;
@@ -115,8 +117,7 @@ kiln_hit hit_of(uint triangle, float u, float v, float distance)
     return hit;
 }
 
-/* Asks what is in the way from here to there, `limit` away, and says which ray does. There is room for the rays of a
- * dispatch. */
+/* Requests a shadow ray of length `limit`, and returns its index. There is room for the rays of a dispatch. */
 uint ask_shadow(vec3 origin, vec3 direction, float limit, vec3 brings, uint to, uint chance)
 {
     const uint place = atomicAdd(TALLY.shadows, 1u);
@@ -124,7 +125,7 @@ uint ask_shadow(vec3 origin, vec3 direction, float limit, vec3 brings, uint to, 
     return place;
 }
 
-/* Light whose diffuse events are counted: all, and with POINTS what of that has no event to spare. */
+/* Light with counted diffuse events: all of it, and with POINTS the part with the largest number of events allowed. */
 struct Counted {
     vec3 all, last;
 };
@@ -138,13 +139,14 @@ Counted counted_product(Scatter a, bool counts, vec3 b_all, vec3 b_diffuse, int 
     return c;
 }
 
-/* How much light along the first ray of the path in a slot counts for at the surface point. */
+/* Weights at the surface point for light along the first ray of the path in a slot. */
 vec2 point_counts(uint slot)
 {
     return POINTS ? vec2(POINT_PATH(slot).irradiance, POINT_PATH(slot).incident) : vec2(0.0);
 }
 
-/* ask_shadow, of light to the path in a slot. `counts`: with POINTS, point_counts or those of another direction. */
+/* ask_shadow, for light to the path in a slot. `counts`: with POINTS, weights by point_counts or for another direction.
+ */
 void ask_light_to(vec3 origin, vec3 direction, float limit, Counted brings, vec2 counts, uint slot)
 {
     const uint place = ask_shadow(origin, direction, limit, brings.all, slot, 0u);
@@ -152,13 +154,12 @@ void ask_light_to(vec3 origin, vec3 direction, float limit, Counted brings, vec2
         POINT_RAY(place) = kiln_gpu_point_ray(floats_of(brings.last), counts.x, counts.y);
 }
 
-/* Adds to a number of whole units that stands in `count` 32-bit words, the lowest first; exact in any order. False: it
- * is more than they hold. */
+/* Adds to an integer of `count` 32-bit words, the lowest first; exact in any order. False: overflow. */
 bool add_words(uint64_t words, uint count, uint lower, uint upper)
 {
     uint carry = 0u;
     for (uint k = 0u; k < count; k++) {
-        const uint sum = lower + carry, over = sum < carry ? 1u : 0u; /* at most one of both is more than a word */
+        const uint sum = lower + carry, over = sum < carry ? 1u : 0u; /* at most one of both additions overflows */
         const uint old = sum != 0u ? atomicAdd(BothWords(words + 4ul * k).at[0], sum) : 0u;
         carry = over + (old + sum < old ? 1u : 0u);
         lower = upper;
@@ -169,8 +170,8 @@ bool add_words(uint64_t words, uint count, uint lower, uint upper)
 
 const uint SUM_WORDS = POINTS ? KILN_GPU_BOTH_POINT_WORDS : KILN_GPU_BOTH_SUM_WORDS; /* of a slot */
 
-/* Adds to sum number `which` of what the path in a slot has brought. A float is a whole number of 24 bits times a power
- * of 2, and so is moved to its place among the words. */
+/* Adds to sum number `which` of the path in a slot. A float is a 24-bit integer times a power of 2, so its bits are
+ * shifted to their place in the words. */
 void add_to_sum(uint slot, uint which, vec3 rgb)
 {
     for (uint c = 0u; c < 3u; c++) {
@@ -189,7 +190,7 @@ void add_to_sum(uint slot, uint which, vec3 rgb)
     }
 }
 
-/* Adds light to what the path in a slot has brought. */
+/* Adds light to the sums of the path in a slot. */
 void add_light_to(uint slot, Counted brings, vec2 counts)
 {
     add_to_sum(slot, 0u, POINTS ? brings.all * counts.x : brings.all);
@@ -199,7 +200,7 @@ void add_light_to(uint slot, Counted brings, vec2 counts)
     }
 }
 
-/* Returns the light of a colour that the path in a slot has brought to sum number `which`. */
+/* Returns sum number `which` of the path in a slot, for one colour. */
 float brought_to_sum(uint slot, uint which, uint color)
 {
     BothWords words = BothWords(BOTH.radiance + 4ul * (SUM_WORDS * uint64_t(slot) + 9u * which + 3u * color));

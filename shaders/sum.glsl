@@ -1,4 +1,4 @@
-/* A sum of floats that is good to the last bits: two floats (Knuth's two-sum). */
+/* A compensated sum of floats, precise to the last bits: two floats (Knuth's two-sum). */
 struct kiln_sum {
     float high, low;
 };

@@ -1,9 +1,9 @@
-/* Radiosity at a hit. The way there is the store's (worker/store/store.h), which the constant HAS_OCTREE chooses. It
- * gives
+/* Radiosity at a hit. The store (worker/store/store.h), selected by the constant HAS_OCTREE, provides
  *
- *   kiln_store_way         what a hit leads to: the hit record's `object` and `material`, and the store's own
- *   kiln_store_enter       that of a hit (u, v) on a world triangle; `back`: of a triangle with two sides
- *   kiln_store_radiosity   radiosity there, W/m2; 0 beside every place */
+ *   kiln_store_way         place of a hit in the store: the hit record's `object` and `material`, and the store's own
+ * data
+ *   kiln_store_enter       finds it for a hit (u, v) on a world triangle; `back`: on the back of a two-sided triangle
+ *   kiln_store_radiosity   radiosity there, W/m2; 0 if there is no point */
 #ifndef KILN_SHADERS_SURFACE_GLSL
 #define KILN_SHADERS_SURFACE_GLSL
 

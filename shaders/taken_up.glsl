@@ -1,4 +1,4 @@
-/* Light that counts as incident at points on materials that are taken with their gloss: kiln_chain_taken_up at their
+/* Share of light that counts as incident at points whose materials have gloss: kiln_chain_taken_up at the point's
  * middle. Needs shaders/position.glsl before it. */
 #ifndef KILN_SHADERS_TAKEN_UP_GLSL
 #define KILN_SHADERS_TAKEN_UP_GLSL
@@ -8,8 +8,8 @@
 
 KILN_ARRAY(PointGlossArray, kiln_gpu_point_gloss, 4);
 
-/* Share of the light from a direction, whose cosine with the shading normal of the point's own side is given, that
- * counts as incident. */
+/* Share of the light from a direction that counts as incident. `cosine`: to the shading normal of the point's own side.
+ */
 float kiln_taken_up(kiln_gpu_point p, uint64_t parts, float cosine)
 {
     if ((p.flags & KILN_GPU_POINT_GLOSS) == 0u)

@@ -1,4 +1,4 @@
-/* Densities with which gather rays and light paths find the light of lamps: worker/backend/embree/techniques.h. Needs
+/* Densities with which gather rays and light paths sample the light of lamps: worker/backend/embree/techniques.h. Needs
  * shaders/bidirectional.glsl before it. */
 
 /* Data of the land pass, which lie before struct kiln_gpu_both. */
@@ -8,7 +8,7 @@ KILN_ARRAY(LandArray, kiln_gpu_land, 8);
 #include "shaders/aims.glsl"
 #include "shaders/shared/caustic_weights.h"
 
-/* Parts of a vertex that these densities read. */
+/* The parts of a vertex that these densities depend on. */
 struct Lit {
     vec3 position, normal; /* light_normal */
     uint triangle;

@@ -1,16 +1,17 @@
-/* Sums over the slices of a point (hemisphere_reduce.glsl). Before it stands MOST_FLOATS, a literal: how many floats a
- * slice may have. */
+/* Sums over the slices of a point (hemisphere_reduce.glsl). Before it stands MOST_FLOATS, a literal: the largest number
+ * of floats of a slice. */
 #include "shaders/sum.glsl"
 
 struct Totals {
     float sum[MOST_FLOATS];
-    float quarters[4]; /* what the four quarters of the samples have of one of them */
+    float quarters[4]; /* sums of one of the floats over the four quarters of the samples */
 };
 
 float float_of(kiln_sum sum) { return sum.high + sum.low; }
 
-/* Standard error of the mean of four sub-nets, from their means: more than the error of the whole net, whose parts
- * balance one another. Squares are of differences over a power of two near the largest, so that they fit a float. */
+/* Standard error of the mean, from the means of four sub-nets. It is larger than the error of the whole net, whose
+ * parts compensate one another. Differences are divided by a power of two near the largest, so that squares fit a
+ * float. */
 float quarters_error(float quarters[4])
 {
     const float middle = 0.25 * (quarters[0] + quarters[1] + quarters[2] + quarters[3]);

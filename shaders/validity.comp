@@ -1,5 +1,5 @@
-/* Counts the buried ones of some places of each point, a thread a point. See the validity pass of the Embree backend:
- * 16 places first, 64 more where they disagree. */
+/* Counts how many of some positions of each point are buried, one thread per point. See the validity pass of the Embree
+ * backend: 16 positions first, 64 more if they differ. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"

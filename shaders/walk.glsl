@@ -1,6 +1,6 @@
 /* Common code of paths (path.glsl) and chains (chain.glsl): they go from surface to surface, with random numbers of
- * their own, and ask for light straight from the lights where they meet one. Ways, random numbers and estimators are
- * those of worker/backend/embree/meeting.c and walk.c.
+ * their own, and sample the lights at each surface. Directions, random numbers and estimators equal those of
+ * worker/backend/embree/meeting.c and walk.c.
  *
  * Before it stand shaders/trace/trace.glsl and shaders/surface.glsl. With KILN_GLOSS surfaces may be more than diffuse
  * (gloss.glsl), with KILN_WALK_LIGHTS lights are sampled (lights.glsl). A thread has one walk at a time. */
@@ -21,7 +21,7 @@ const bool HAS_GLOSS = true;
 const bool HAS_GLOSS = false;
 #endif
 
-/* With KILN_WALK_DIFFUSE a kernel of a scene with gloss is at surfaces alone that are only diffuse. */
+/* With KILN_WALK_DIFFUSE, a kernel of a scene with gloss processes diffuse surfaces only. */
 #if defined(KILN_GLOSS) && !defined(KILN_WALK_DIFFUSE)
 #    define KILN_MEETS_GLOSS
 const bool MEETS_GLOSS = true;
@@ -29,16 +29,16 @@ const bool MEETS_GLOSS = true;
 const bool MEETS_GLOSS = false;
 #endif
 
-/* KILN_LEAVES_...: lamps whose light by sharp lobes is left out. */
+/* KILN_LEAVES_...: lamps whose light through sharp lobes is left out. */
 #ifndef KILN_WALK_LEAVES
 #    define KILN_WALK_LEAVES 0u
 #endif
 
 KILN_ARRAY(PathTriangles, kiln_gpu_path_triangle, 4);
 
-uint walk_key, walk_sample; /* what random numbers hang on; the number of the sample */
+uint walk_key, walk_sample; /* key of the random numbers; number of the sample */
 
-struct Meeting { /* a surface that a path meets, on the side that it comes from */
+struct Meeting { /* surface hit by a path, on the side of the ray */
     uint triangle;
     float u, v;
     vec3 position, normal, shading; /* normals: geometric and of the mesh */
@@ -49,9 +49,9 @@ struct Meeting { /* a surface that a path meets, on the side that it comes from 
 };
 
 #ifdef KILN_GLOSS
-/* Scattering of the surface that the walk is at, where it is not only diffuse. `frame`: columns of the frame of its
- * front. `from`: where the walk comes from, in the frame. `albedo`: what the lobes send there. `shares`: shares of the
- * lobes. `others`: lobes that are not diffuse. `sharp`: those of them whose light the walk's rays meet. */
+/* Scattering of the walk's present surface, if it is not only diffuse. `frame`: columns of the frame of its front.
+ * `from`: direction to the previous surface, in the frame. `albedo`: of the lobes in that direction. `shares`: sampling
+ * shares of the lobes. `others`: lobes that are not diffuse. `sharp`: lobes whose light the walk's rays find. */
 kiln_bsdf_lobes lobes;
 mat3 frame;
 vec3 from;
@@ -60,7 +60,7 @@ kiln_bsdf_choice shares;
 uint others, sharp;
 #endif
 
-/* Two numbers of this sample, as fractions of 2^32. */
+/* Two random numbers of this sample, as fractions of 2^32. */
 uvec2 walk_draw(uint use)
 {
     uint a, b;
@@ -68,15 +68,15 @@ uvec2 walk_draw(uint use)
     return uvec2(a, b);
 }
 
-/* The nearest hit of a ray whose chances hang on the number of `use`. */
+/* The nearest hit of a ray; random number `use` decides about surfaces that let light through. */
 kiln_hit walk_trace(vec3 origin, vec3 direction, uint use, out vec3 tint)
 {
     return kiln_trace_by_chance(origin, direction, kiln_hash2(kiln_path_key(walk_key, use), walk_sample), tint);
 }
 
-/* Whether the device still goes round loops. A software device ends them after 65,535 rounds in all, each at the end of
- * its first round; also those of tracing, so that a path may end as if its ray had met nothing. `threads`: of the
- * dispatch, which are more than none. */
+/* Whether the device still executes loops. A software device ends them after 65,535 iterations in all, each later one
+ * at the end of its first iteration. That includes the loops of tracing, so a path may end as if its ray had hit
+ * nothing. `threads`: of the dispatch, above 0. */
 bool still_loops(uint threads)
 {
     uint rounds = 0u;
@@ -90,7 +90,7 @@ uint material_of(uint triangle)
     return floatBitsToUint(RecordHalves(SCENE.records + uint64_t(triangle) * 32ul).at[1].w);
 }
 
-/* KILN_GPU_GLOSS_...; 0: it is diffuse */
+/* KILN_GPU_GLOSS_...; 0: the surface is diffuse */
 uint gloss_of(uint triangle)
 {
 #ifdef KILN_GLOSS
@@ -101,7 +101,7 @@ uint gloss_of(uint triangle)
 #endif
 }
 
-/* Whether a ray that comes from this side finds the surface there. */
+/* Whether the hit side of a surface scatters light: a front, the back of a double-sided surface, or glass. */
 bool has_side(kiln_hit hit)
 {
     return !hit.back || (material_of(hit.triangle) & KILN_RECORD_DOUBLE_SIDED) != 0u ||
@@ -113,8 +113,8 @@ kiln_gpu_path_triangle triangle_at(uint triangle)
     return PathTriangles(SCENE.path_triangles + uint64_t(triangle) * 104ul).at[0];
 }
 
-/* Returns the normal of the front: the smooth mesh's where that lies on one side with the geometric one, else the
- * latter. */
+/* Returns the normal of the front: the smooth mesh's if it is on the same side as the geometric one, else the latter.
+ */
 vec3 mesh_normal(kiln_gpu_path_triangle t, float u, float v)
 {
     if (HAS_SMOOTH == 0u || (t.flags & KILN_GPU_PATH_SMOOTH) == 0u)
@@ -124,10 +124,10 @@ vec3 mesh_normal(kiln_gpu_path_triangle t, float u, float v)
 }
 
 #ifdef KILN_GLOSS
-/* The scattering of a surface that is not only diffuse; normals are those of the front. */
+/* Finds the scattering of a surface that is not only diffuse; normals are those of the front. */
 void find_lobes(kiln_gpu_path_triangle t, vec3 direction, inout Meeting m)
 {
-    /* a shading normal on the other side of the ray's direction would make a front of a back */
+    /* with a shading normal on the other side of the ray, front and back would be exchanged */
     if ((dot(m.shading, direction) < 0.0) != (dot(m.normal, direction) < 0.0))
         m.shading = m.normal;
     lobes = kiln_surface_lobes(material_of(m.triangle) & KILN_RECORD_MATERIAL, m.triangle, m.u, m.v, m.shading, t.e1,
@@ -140,7 +140,7 @@ void find_lobes(kiln_gpu_path_triangle t, vec3 direction, inout Meeting m)
 }
 #endif
 
-/* Returns the surface that a ray with this `direction` has met. `first`: the camera sees the surface. */
+/* Returns the surface hit by a ray with this `direction`. `first`: the camera sees the surface. */
 Meeting meet(kiln_hit hit, vec3 direction, bool first)
 {
     const kiln_gpu_path_triangle t = triangle_at(hit.triangle);
@@ -170,7 +170,7 @@ Meeting meet(kiln_hit hit, vec3 direction, bool first)
     return m;
 }
 
-/* Where a ray starts that leaves the surface in a direction. */
+/* Start of a ray that leaves the surface in a direction. */
 vec3 meeting_start(Meeting m, vec3 direction)
 {
     const float above = m.offset + m.lift;
@@ -178,14 +178,14 @@ vec3 meeting_start(Meeting m, vec3 direction)
 }
 
 #ifdef KILN_LIFTS
-/* How rays are lifted off this side of a triangle. */
+/* Parameters for lifting rays off this side of a triangle. */
 kiln_lift lifts_of(kiln_gpu_path_triangle t, bool back)
 {
     const vec3 height = max(vec3(0.0), vec3(t.lift[0], t.lift[1], t.lift[2]) * (back ? -1.0 : 1.0));
     return kiln_lift(float[6](height.x, height.y, height.x, height.z, height.y, height.z));
 }
 
-/* Whether they are: it is a coarse facet of a smooth mesh, and not of glass. */
+/* Whether rays are lifted: the triangle is a coarse facet of a smooth mesh, and not of glass. */
 bool is_coarse(uint triangle, kiln_gpu_path_triangle t, bool back)
 {
     if (HAS_SMOOTH == 0u || (t.flags & KILN_GPU_PATH_SMOOTH) == 0u ||
@@ -195,7 +195,7 @@ bool is_coarse(uint triangle, kiln_gpu_path_triangle t, bool back)
     return max(height.x, max(height.y, height.z)) > 0.0;
 }
 
-/* How far above its offset a ray starts from there: not through what lies above. */
+/* Height above its offset at which a ray starts, below any surface above it. */
 float lift_at(kiln_gpu_path_triangle t, bool back, float u, float v)
 {
     const float most = kiln_lift_at(lifts_of(t, back), u, v);
@@ -209,8 +209,8 @@ float lift_at(kiln_gpu_path_triangle t, bool back, float u, float v)
 #endif
 
 #ifdef KILN_GLOSS
-/* Returns the share of light, by colour, that the body leaves that the ray has come through: 1 unless the ray meets its
- * surface from within. */
+/* Returns the share of light, by colour, that is left after the body that the ray has crossed: 1 unless the ray hits
+ * the body's surface from within. */
 vec3 attenuation(kiln_hit hit)
 {
     if (!hit.back || (gloss_of(hit.triangle) & KILN_GPU_GLOSS_VOLUME) == 0u)
@@ -223,8 +223,8 @@ kiln_bsdf_value evaluate(vec3 i, uint which)
     return kiln_bsdf_evaluate_chosen(lobes, kiln_bsdf_choice_of(shares, which), from, i, KILN_RADIANCE, which);
 }
 
-/* Weighs a direction that is drawn from the lobes `which`, and gives the share of the sharp ones in it, by colour. One
- * loop, so that the long code of scattering functions stands here only once. */
+/* Computes the weight of a direction drawn from the lobes `which`, and the share of sharp lobes in it, by colour. A
+ * single loop, so that the long code of scattering functions exists once. */
 vec3 weigh(uint which, inout kiln_bsdf_drawn d)
 {
     const uint some = sharp & which;
@@ -246,9 +246,9 @@ vec3 weigh(uint which, inout kiln_bsdf_drawn d)
     return share;
 }
 
-/* Draws the way on among the lobes `which` of a surface that is not only diffuse, number `surface`, by `pick` in (0,
- * 1). `value`: value over density, by colour. `share`: share of its sharp lobes in it, where lights are sampled. False:
- * the way brings nothing. */
+/* Draws a direction from the lobes `which` of surface number `surface`, which is not only diffuse, by `pick` in (0, 1).
+ * `value`: value over density, by colour. `share`: share of sharp lobes in it, if lights are sampled. False: it
+ * contributes nothing. */
 bool walk_send(Meeting m, uint surface, uint which, float pick, out vec3 direction, out vec3 value, out vec3 share)
 {
     const uvec2 numbers = walk_draw(kiln_path_use(surface, KILN_PATH_BOUNCE));
@@ -266,8 +266,8 @@ bool walk_send(Meeting m, uint surface, uint which, float pick, out vec3 directi
 /* ---- straight from the lights ---- */
 
 #    ifdef KILN_GLOSS
-/* Returns the scattering by the lobes `which` of a surface that is not only diffuse, from a direction to the walk,
- * times the cosine. Sharp lobes are left out where rays or light paths meet the light themselves. */
+/* Returns the scattering of a sample's light towards the walk by the lobes `which`, times the cosine, at a surface that
+ * is not only diffuse. Leaves out sharp lobes where rays or light paths find the light themselves. */
 vec3 scatter(kiln_light_sample s, vec3 towards, uint which)
 {
     const bool left = s.has_extent || (KILN_WALK_LEAVES & KILN_LEAVES_POINTS) != 0u;
@@ -275,7 +275,7 @@ vec3 scatter(kiln_light_sample s, vec3 towards, uint which)
 }
 #    endif
 
-/* `weight` times what a sample brings through the lobes `which`, W/(m2 sr). Shadow rays are counted. */
+/* `weight` times the light of a sample scattered by the lobes `which`, W/(m2 sr). Counts shadow rays. */
 vec3 walk_light(Meeting m, uint which, kiln_light_choice choice, kiln_light_sample s, vec3 weight, inout uint rays)
 {
     const real3 n = real3(m.normal);
@@ -295,10 +295,10 @@ vec3 walk_light(Meeting m, uint which, kiln_light_choice choice, kiln_light_samp
     return weight * value * through;
 }
 
-/* Adds `weight` times what the lobes `which` of surface number `surface` (of a diffuse one: 1 / pi) send on of light
- * straight from the lights, W/(m2 sr), by colour: one sample of the light tree, one of each directional light, two of
- * an environment with an image. What sharp lobes do with light that rays meet themselves is left out, and so is a
- * constant sky. False: the device has ended a loop early. */
+/* Adds `weight` times the light, directly from lights, that the lobes `which` of surface number `surface` (if diffuse:
+ * 1 / pi) scatter, W/(m2 sr), by colour. Takes one sample of the light tree, one of each directional light, two of an
+ * environment with an image. Leaves out a constant sky, and light through sharp lobes that rays find themselves. False:
+ * the device has ended a loop early. */
 bool walk_lights(Meeting m, uint surface, uint which, vec3 weight, inout vec3 sum, inout uint rays)
 {
     const real3 n = real3(m.normal), p = real3(m.position), shading = real3(m.shading);

@@ -1,5 +1,5 @@
-/* The rays of the weighed pass: the caustic pass's, of whose light light paths have a part. weighed_chains.comp follows
- * those that have met gloss, gather_reduce.comp adds up. */
+/* The weighed pass: the rays of the caustic pass, which share its light with light paths. weighed_chains.comp follows
+ * the chains of rays that have met gloss, gather_reduce.comp sums up. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define KILN_GLOSS 1

@@ -1,13 +1,13 @@
-/* Chains of the weighed pass (worker/pass/weighed.h): worker/backend/embree/chain_weighed.c. In the place of
- * chain.glsl, with whose chains they have the rule in common. Before it stand its push constants, with the address of
- * struct kiln_gpu_both and the number of samples. */
+/* Chains of the weighed pass (worker/pass/weighed.h): as worker/backend/embree/chain_weighed.c. Replaces chain.glsl,
+ * and follows the same rule for chains. Before it stand the kernel's push constants, with the address of struct
+ * kiln_gpu_both and the number of samples. */
 #include "shaders/bidirectional.glsl"
 #include "shaders/techniques.glsl"
 #include "shaders/chain.glsl"
 
 /* Sums of the chain under way. */
 kiln_caustic_gathered sums_of_chain;
-Lit lit_before; /* the surface that its ray has come from */
+Lit lit_before; /* the surface where the chain's ray started */
 
 real weigh_hit(uint light, real3 place, real3 direction)
 {
@@ -36,7 +36,8 @@ void shade_background(inout Chain c, vec3 direction)
                kiln_environment_radiance(real3(direction));
 }
 
-/* Mirrors and smooth glass alone, but for the diffuse part: nothing finds a sample of the lights. */
+/* Whether the surface has, besides the diffuse part, only mirrors and smooth glass: light samples contribute nothing
+ * there. */
 bool is_smooth(Vertex v)
 {
     const kiln_bsdf_choice c = kiln_bsdf_choice_of(v.shares, others);
@@ -44,10 +45,10 @@ bool is_smooth(Vertex v)
            (c.coat == 0.0 || (v.mirrors & KILN_LOBE_COAT) != 0u);
 }
 
-/* Returns the number of a surface's light samples: of the tree, of the environment, of each directional light. */
+/* Returns the number of light samples at a surface: of the tree, of the environment, of each directional light. */
 uint sample_count(Vertex v) { return is_smooth(v) ? 0u : 2u + SCENE.lights.directional_count; }
 
-/* Draws number `i` of them; false: it brings nothing. */
+/* Draws light sample number `i`; false: it contributes nothing. */
 bool draw_sample(Vertex v, uint surface, uint i, out kiln_light_sample s, out uint light)
 {
     const bool tree = i == 0u, sky = i == 1u;
@@ -74,7 +75,7 @@ bool draw_sample(Vertex v, uint surface, uint i, out kiln_light_sample s, out ui
     return drawn;
 }
 
-/* Adds the light of a sample, which the surface scatters by f. */
+/* Adds the light of a sample, scattered by f. */
 void add_sample(inout Chain c, Vertex v, kiln_light_sample s, uint light, Scatter f)
 {
     const bool outside = isinf(s.distance);
@@ -102,8 +103,8 @@ void add_sample(inout Chain c, Vertex v, kiln_light_sample s, uint light, Scatte
     c.light += left * vec3(s.value * real3(f.all) * real(f.cosine_i));
 }
 
-/* Samples the lights at surface number `surface`, and draws the way on; false: it brings nothing. The long code of
- * scattering functions stands here once. */
+/* Samples the lights at surface number `surface`, and draws the direction that continues; false: it contributes
+ * nothing. A single loop, so that the long code of scattering functions exists once. */
 bool weighed_turn(inout Chain c, Vertex v, uint surface, out Way way)
 {
     const uint samples = sample_count(v);
@@ -137,7 +138,7 @@ bool weighed_turn(inout Chain c, Vertex v, uint surface, out Way way)
     return goes_on;
 }
 
-/* Takes the chain through surface number `surface`. False: the chain has ended. */
+/* Processes surface number `surface` of the chain. False: the chain has ended. */
 bool weighed_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_hit hit)
 {
     const bool glossy = (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u;
@@ -168,7 +169,7 @@ bool weighed_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_
     return hit.triangle != KILN_GPU_NONE && has_side(hit);
 }
 
-/* As chain_follow. `area`: m2 of the ray's point that are there to be lit. */
+/* As chain_follow. `area`: m2 of the ray's point that can be lit. */
 Chain chain_follow_weighed(uint chance, uint k, vec3 direction, kiln_hit hit, float area)
 {
     Chain c = Chain(vec3(0.0), vec3(0.0), vec3(1.0), 0.0, 0.0, true);

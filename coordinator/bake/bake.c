@@ -36,9 +36,9 @@ end:
     return status;
 }
 
-/* Collective, after KILN_STOPPED. Saves what has been computed and composes the message. A bake that was stopped within
- * a pass or the probe pass has done so already; here either nothing has been computed yet, or only files are missing.
- */
+/* Collective, after KILN_STOPPED. Saves the results so far and composes the message. A bake that was stopped within a
+ * pass or the probe pass has saved already. Otherwise either nothing has been computed yet, or only files are
+ * missing. */
 static int save_early(struct kiln_bake *b, struct kiln_error *error)
 {
     kiln_phase(&b->phases, NULL);
@@ -53,7 +53,7 @@ static int save_early(struct kiln_bake *b, struct kiln_error *error)
     return kiln_bake_save(b, error);
 }
 
-/* Collective. The same; then the bake's folder has what the nodes have. */
+/* Collective. Does as save_early, and then copies the nodes' checkpoints to the bake's folder. */
 static int end_early(struct kiln_bake *b, struct kiln_error *error)
 {
     const int status = save_early(b, error);
@@ -82,7 +82,8 @@ static int run(struct kiln_bake *b, struct kiln_error *error)
     return status == KILN_STOPPED ? end_early(b, error) : status;
 }
 
-/* Collective. Writes the timeline, also of a bake that failed; then the failure of the bake is the one reported. */
+/* Collective. Writes the timeline, also after a bake that failed. In that case the failure of the bake is the error
+ * reported. */
 static int write_trace(struct kiln_bake *b, int status, struct kiln_error *error)
 {
     if (b->trace == NULL)
@@ -96,7 +97,7 @@ static int write_trace(struct kiln_bake *b, int status, struct kiln_error *error
     return status == KILN_OK ? written : status;
 }
 
-/* Collective. Starts what watches the bake: progress, phases, watchdog and timeline. */
+/* Collective. Starts monitoring of the bake: progress, phases, watchdog and timeline. */
 static int begin(struct kiln_bake *b, struct kiln_error *error)
 {
     const struct kiln_job *job = b->job;

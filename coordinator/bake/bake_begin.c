@@ -119,7 +119,7 @@ static int check_room(const struct kiln_bake *b, const struct kiln_prepared *p, 
         return KILN_OK;
     struct kiln_field_set fields;
     kiln_field_set_choose(&fields, b->job);
-    /* of transport, what the last step keeps: how many come before it the light says */
+    /* kept transport of the last step only; the number of steps before it depends on the light */
     const uint64_t points = p->surface->point_count,
                    rows = b->job->light.keep == KILN_KEEP_ROWS
                               ? kiln_transport_bytes(points, b->job->light.samples_indirect,
@@ -132,7 +132,7 @@ static int check_room(const struct kiln_bake *b, const struct kiln_prepared *p, 
         kiln_h5_space(p->scene, p->surface, &fields) + (probes > 0 ? kiln_volume_space(volume) : 0) + rows, error);
 }
 
-/* The job becomes that of its own scene. */
+/* Makes the job a copy of its own, adapted to the materials of the scene. */
 static void settle_materials(struct kiln_bake *b, const struct kiln_scene *scene)
 {
     if (b->job != &b->settled) {
@@ -143,14 +143,15 @@ static void settle_materials(struct kiln_bake *b, const struct kiln_scene *scene
     kiln_materials_settle(&b->settled, scene);
 }
 
-/* Where nothing shines there is nothing to trace: all light is 0. What is kept for light to come is computed. */
+/* Settles a scene without any light: all light is 0, and nothing is traced. Transport to be kept for later lights is
+ * still computed. */
 static void settle_dark(struct kiln_bake *b, const struct kiln_prepared *p)
 {
     struct kiln_job *job = &b->settled;
     if (p->lights == NULL || !kiln_lights_are_none(p->lights) || job->relighting.folder != NULL ||
         job->light.keep != KILN_KEEP_NONE)
         return;
-    static char cells[] = "cells"; /* which has no step after direct light */
+    static char cells[] = "cells"; /* schedule without a step after direct light */
     job->light.method = cells;
     job->light.bounces = 0;
     job->light.tail = false;
@@ -161,7 +162,7 @@ static void settle_dark(struct kiln_bake *b, const struct kiln_prepared *p)
     job->lightmaps.denoise = KILN_DENOISE_NONE;
 }
 
-/* kiln_prepare_care.refuse: refuses whatever can be refused before the first ray. */
+/* Implements kiln_prepare_care.refuse: checks everything that can be refused before the first ray. */
 static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_error *error)
 {
     struct kiln_bake *b = context;
@@ -194,7 +195,7 @@ int kiln_bake_prepare(struct kiln_bake *b, struct kiln_error *error)
     struct kiln_job job = *b->job;
     if (pin && kiln_instruction_set_common(b->communicator, before))
         job.machine.instruction_set = (char *)(uintptr_t)before;
-    /* a checkpoint's backend, where it is to be had, gives the same bits */
+    /* a bake is resumed on the checkpoint's backend, if there is one here, since it gives the same bits */
     const char *backend = kiln_identity_backend(kiln_checkpoint_identity(b->checkpoint));
     const bool chosen = job.machine.backend == NULL || strcmp(job.machine.backend, "auto") == 0,
                resumes = backend != NULL && job.checkpoints.resume;

@@ -22,7 +22,7 @@ void kiln_bake_keep_scene(struct kiln_bake *b)
         return;
     (void)kiln_unlinkat(folder.descriptor, before_name, 0);
     b->makes_scene = fstatat(folder.descriptor, scene_name, &there, AT_SYMLINK_NOFOLLOW) != 0;
-    /* where there are no links the earlier scene is lost with a bake that is refused */
+    /* a file system without hard links: the earlier scene is lost if the bake is refused */
     b->keeps_scene = !b->makes_scene && linkat(folder.descriptor, scene_name, folder.descriptor, before_name, 0) == 0;
     kiln_folder_close(&folder);
 }
@@ -37,7 +37,7 @@ void kiln_bake_settle_scene(const struct kiln_bake *b, bool refused)
         (void)kiln_unlinkat(folder.descriptor, scene_name, 0);
     else if (refused)
         (void)kiln_renameat(folder.descriptor, before_name, scene_name);
-    if (b->keeps_scene) /* a rename of two names of one file leaves both */
+    if (b->keeps_scene) /* rename() of two names of one file keeps both names */
         (void)kiln_unlinkat(folder.descriptor, before_name, 0);
     kiln_folder_close(&folder);
 }

@@ -1,4 +1,4 @@
-/* Which group each light of the scene is in: coordinator/job/light_groups.h. */
+/* Finds the group of each light of the scene (coordinator/job/light_groups.h). */
 #include <fnmatch.h>
 #include <jansson.h>
 #include <math.h>
@@ -9,14 +9,15 @@
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
-/* Input for groups: names of the scene. */
+/* The rules of light groups, and the scene whose names they match. */
 struct rules {
     const struct kiln_scene *scene;
     json_t *groups;
     uint32_t count;
 };
 
-/* The first block of a group. Its blocks: 0 and 0 if it has none. */
+/* Returns the index of the first block of group `wanted`. `blocks` receives its blocks along x and y; 0 and 0: the
+ * group is not cut into blocks. */
 static uint32_t first_of(json_t *groups, uint32_t wanted, uint32_t blocks[2])
 {
     const char *name;
@@ -56,7 +57,8 @@ static uint32_t group_of(const struct rules *r, const char *key, uint32_t name)
     return found;
 }
 
-/* The one group of those that materials and objects say, or the rest, and the blocks that it is cut into: 0 if none. */
+/* Finds the one group that the patterns for materials and objects agree on, or the rest, and the blocks that it is cut
+ * into (0: none). */
 static int settle(const struct rules *r, const uint32_t found[2], const char *what, uint32_t name, uint32_t *group,
                   uint32_t blocks[2], struct kiln_error *error)
 {
@@ -69,7 +71,7 @@ static int settle(const struct rules *r, const uint32_t found[2], const char *wh
     return KILN_OK;
 }
 
-/* Coordinates of what the corners of an emitting triangle, or of a part of one, show. */
+/* Finds the texture coordinates of the corners of an emitting triangle, or of one of its parts. */
 static void corners_of(const struct rules *r, const struct kiln_lights *l, size_t area, double uv[3][2])
 {
     const uint32_t triangle = l->areas[area].triangle;
@@ -81,14 +83,14 @@ static void corners_of(const struct rules *r, const struct kiln_lights *l, size_
         const uint32_t stored = object->flipped && k > 0 ? 3 - k : k;
         at[k] = r->scene->texcoord_emission[mesh->vertex_first + corners[stored]];
     }
-    for (int k = 0; k < 3; k++) { /* of a part of the triangle its own corners */
+    for (int k = 0; k < 3; k++) { /* corners of the part, if the triangle is divided */
         const double b1 = (double)l->areas[area].at[k][0], b2 = (double)l->areas[area].at[k][1];
         uv[k][0] = (double)at[0].x + b1 * (double)(at[1].x - at[0].x) + b2 * (double)(at[2].x - at[0].x);
         uv[k][1] = (double)at[0].y + b1 * (double)(at[1].y - at[0].y) + b2 * (double)(at[2].y - at[0].y);
     }
 }
 
-/* The rectangle of coordinates that the emitting triangles of a group take up. */
+/* Finds the bounding rectangle of the texture coordinates of a group's emitting triangles. */
 static void find_rectangle(const struct rules *r, const struct kiln_lights *l, const struct kiln_light_groups *g,
                            uint32_t group, double low[2], double size[2])
 {
@@ -160,7 +162,7 @@ static int sort_areas(const struct rules *r, const struct kiln_lights *l, struct
     return status;
 }
 
-/* In the order in which kiln_lights_create takes them. */
+/* Assigns groups to points, spots and directional lights, in the order in which kiln_lights_create takes them. */
 static int sort_punctual(const struct rules *r, const struct kiln_lights *l, struct kiln_light_groups *g,
                          struct kiln_error *error)
 {
@@ -222,7 +224,7 @@ static int check_emission(const struct kiln_bake *b, const struct rules *r, stru
     return KILN_OK;
 }
 
-/* Whether anything of the scene has a name that each pattern matches. */
+/* Checks that each pattern matches the name of something in the scene. */
 static int check_patterns(const struct rules *r, struct kiln_error *error)
 {
     static const char *const keys[] = {"lights", "materials", "objects"};

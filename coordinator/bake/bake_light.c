@@ -42,7 +42,7 @@ static void add_light_phases(struct kiln_bake *b)
     }
 }
 
-/* Collective. What the job's views need. */
+/* Collective. Finds the points that the views of --only-visible-from need. */
 static int find_visible(struct kiln_bake *b, struct kiln_error *error)
 {
     if (b->job->light.only_visible_from == NULL)
@@ -134,7 +134,7 @@ static int expect_volume(struct kiln_bake *b, struct kiln_error *error)
     return kiln_agree(b->communicator, status, error);
 }
 
-/* Probes have no caustics, either, where a first round has left them out. */
+/* Turns caustics off for probes too, if the first round has left them out. */
 static void settle_probes(struct kiln_bake *b)
 {
     if (kiln_caustics_found(&b->solution->report.steps).left_out)
@@ -197,7 +197,7 @@ static int save_volume(void *context, const struct kiln_block *blocks, size_t co
     return status == KILN_OK && stop ? kiln_stopped(b->control, error) : status;
 }
 
-/* kiln_volume_save, of states: there is nothing to go on from. */
+/* Implements kiln_volume_save for relit states: saves nothing, since they have no checkpoint to resume from. */
 static int save_nothing(void *context, const struct kiln_block *blocks, size_t count, bool stop,
                         struct kiln_error *error)
 {

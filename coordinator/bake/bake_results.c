@@ -49,7 +49,7 @@ static int write_twice(struct kiln_bake *b, const struct kiln_bake_result *resul
     return status;
 }
 
-/* Lightmaps that were not written anew have the reports that they had. */
+/* Restores the earlier reports of the lightmaps that were not written anew. */
 static void keep_reports(struct kiln_bake *b, struct kiln_lightmap_report **before)
 {
     for (size_t i = 0; *before != NULL && i < b->prepared->surface->map_count; i++)
@@ -58,7 +58,7 @@ static void keep_reports(struct kiln_bake *b, struct kiln_lightmap_report **befo
     kiln_free(before);
 }
 
-/* Ends packing ahead, which goes on up to here, and shows it on the timeline. */
+/* Ends packing of kiln.h5 ahead, which has run in the background up to now, and adds it to the timeline. */
 static void end_packing(struct kiln_bake *b)
 {
     struct kiln_points_ahead_report report;
@@ -69,8 +69,7 @@ static void end_packing(struct kiln_bake *b)
                        b->ahead_start + report.end, (int64_t)(report.chunks * KILN_H5_CHUNK_ROWS));
 }
 
-/* Collective. Writes the lightmaps. What denoising takes of the time is a phase of its own: it is no writing of files.
- */
+/* Collective. Writes the lightmaps. Denoising counts as a phase of its own, since it is no writing of files. */
 static int write_lightmaps(struct kiln_bake *b, const struct kiln_bake_result *result,
                            const struct kiln_output_params *params, struct kiln_error *error)
 {
@@ -147,7 +146,8 @@ static int write_results(struct kiln_bake *b, const char *provenance, struct kil
     return status;
 }
 
-/* Reads how the preview of the bake that is relit looks. Returns false where that bake has none. */
+/* Reads look, exposure and camera of the preview of the bake that is relit. Returns false if that bake has no
+ * preview. */
 static bool read_picture_before(const struct kiln_bake *b, struct kiln_kept_picture *kept)
 {
     struct kiln_results *results = NULL;
@@ -183,7 +183,8 @@ static int draw_picture(struct kiln_bake *b, struct kiln_error *error)
     if (keeps)
         kiln_picture_keep_place(&kept, &wish);
     struct kiln_picture picture = {0};
-    /* leaves are read as a reader of the bake does it; lightmaps were written here, and are read directly */
+    /* octree leaves are read back from the folder, as any reader of the bake does; lightmaps were written here, and are
+     * read directly */
     int status;
     KILN_TRY(p->surface->bricks != NULL ? kiln_results_open(&source.results, b->job->output, error) : KILN_OK);
     KILN_TRY(kiln_picture_make(&source, &wish, 2, &look, &picture, error));
@@ -209,7 +210,8 @@ static int draw_preview(struct kiln_bake *b, struct kiln_error *error)
     int status = KILN_OK;
     if (b->rank == 0)
         status = draw_picture(b, error);
-    else if (kiln_stop_asked(kiln_control_stop(b->control))) /* rank 0 may be done before it hears of that */
+    /* rank 0 may have finished before the request to stop reaches it */
+    else if (kiln_stop_asked(kiln_control_stop(b->control)))
         status = KILN_STOPPED;
     return kiln_bake_end_phase(b, status, error);
 }

@@ -1,5 +1,5 @@
-/* Transport that is kept beside the bake, in OUTPUT/transport, or replayed from that of another bake: the folder, and
- * the index in it (transport_identity.h), which is written when all light is computed. */
+/* Transport kept beside the bake, in OUTPUT/transport, or replayed from the folder of another bake. The index in the
+ * folder (transport_identity.h) is written once all light is computed. */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -20,7 +20,7 @@ static const char FOLDER[] = "transport";
 
 /* ---- what cannot be kept ---- */
 
-/* Whether rays go on, and the backend is one that does not keep those. */
+/* Whether rays go on behind surfaces that they meet, and the backend cannot keep such chains. */
 static bool goes_on_elsewhere(const struct kiln_job *job, const struct kiln_prepared *p)
 {
     struct kiln_backend_info info;
@@ -89,7 +89,7 @@ static int make_identity(struct kiln_bake *b, const struct kiln_prepared *p, str
     return b->transport_identity != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the transport");
 }
 
-/* Rank 0. Whether the scene is the one whose transport is to be replayed, but for its light and colours. */
+/* Rank 0. Checks that the scene is the one whose transport is replayed. Its light and its colours may differ. */
 static int compare_identity(const struct kiln_bake *b, struct kiln_error *error)
 {
     json_t *index = NULL;
@@ -136,8 +136,8 @@ static int remove_files(const struct kiln_folder *folder, bool (*which)(const ch
     return status;
 }
 
-/* Rank 0. A bake from its beginning keeps nothing of what an earlier one has kept there; one that goes on adds to it,
- * and writes the index anew. */
+/* Rank 0. Clears the folder of transport: a bake that starts from its beginning removes all files that an earlier bake
+ * kept; one that resumes adds to them. Either removes the index, which is written anew. */
 static int clear_folder(const struct kiln_bake *b, struct kiln_error *error)
 {
     static const char index[] = "transport/index";
@@ -175,7 +175,8 @@ int kiln_bake_transport_begin(struct kiln_bake *b, struct kiln_error *error)
 
 /* ---- after it ---- */
 
-/* A path that means the same in any folder; a value that is no path stays. */
+/* Returns an option's value as JSON. An existing path is made absolute, so that it means the same in any folder; other
+ * values stay as they are. */
 static json_t *value_json(const struct kiln_option *option, const char *text)
 {
     const bool path = option->kind == KILN_OPTION_PATH || option->kind == KILN_OPTION_ENVIRONMENT;
@@ -185,7 +186,7 @@ static json_t *value_json(const struct kiln_option *option, const char *text)
     return value;
 }
 
-/* The options of the job that say what its light is. */
+/* Returns the options of the job that define its light, as JSON. */
 static json_t *job_json(const struct kiln_job *job)
 {
     json_t *json = json_object();
@@ -239,7 +240,8 @@ static int name_file(struct kiln_bake *b, const char *name, struct kiln_error *e
     return status;
 }
 
-/* The files that were kept, the same on all ranks: with those of runs that this one goes on from. */
+/* Lists the names of all kept files, the same on all ranks. Those of earlier runs that this run resumes are
+ * included. */
 static int name_files(struct kiln_bake *b, struct kiln_error *error)
 {
     const struct kiln_step_reports *steps = &b->solution->report.steps;

@@ -8,14 +8,15 @@
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
-/* Sums over an object's leaves: their number, all and valid ones; m2 of all and of the valid ones; W; W2/m2; W of each
- * part. */
+/* Sums over an object's leaves: number of all and of valid leaves; m2 of all and of valid leaves; W; W2/m2; W of each
+ * part of the bake. */
 enum { LEAVES, VALID, ALL_AREA, AREA, LIGHT, VARIANCE, PARTS, SUMS = PARTS + KILN_PARTS };
 
 struct means {
     const struct kiln_bake_result *result;
-    size_t total, error, parts; /* fields; the set's count: it has none such */
-    double unit[SUMS];          /* steps of the sums */
+    /* indices of fields; the number of fields stands for a field that the bake does not have */
+    size_t total, error, parts;
+    double unit[SUMS]; /* steps of the sums */
     struct kiln_exact_sum (*sums)[SUMS];
 };
 
@@ -65,7 +66,7 @@ static double value_of(const struct means *m, size_t object, int sum)
     return kiln_exact_value(&m->sums[object][sum], m->unit[sum]);
 }
 
-/* The standard error of the object's mean, over the mean, by what the parts found. */
+/* Relative standard error of the object's mean, estimated from the spread of the parts. */
 static double error_of_mean(const struct means *m, size_t object)
 {
     double mean = 0.0, square = 0.0;

@@ -18,7 +18,8 @@ static int by_value(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* Processor time of this thread, the only one, s: other load on the machine does not count. */
+/* Returns the processor time of the thread, s. The bench has one thread, and other load on the machine does not
+ * count. */
 static double processor_seconds(void)
 {
     struct timespec t;
@@ -26,9 +27,9 @@ static double processor_seconds(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Groups of tile runs, spread evenly over the points of the rank, with about RAYS_WANTED rays in all. Each group is
- * traced by the pass ([0]) and right after by Embree alone ([1]), so that other load on the machine affects both alike.
- */
+/* Runs the bench once on the CPU, with about RAYS_WANTED rays in groups of tile runs spread evenly over the rank's
+ * points. Each group is traced first by the pass ([0]), then at once by Embree alone ([1]), so that other load affects
+ * both alike. */
 static int one_run(const struct kiln_prepared *p, uint32_t samples, double seconds[2], uint64_t rays[2],
                    struct kiln_error *error)
 {
@@ -53,7 +54,8 @@ static int one_run(const struct kiln_prepared *p, uint32_t samples, double secon
     return status;
 }
 
-/* On a GPU all tile runs form one batch that keeps it busy, or the first ones that make DEVICE_RAYS_WANTED rays. */
+/* Runs the bench once on a GPU. One batch has all tile runs, or as many as make DEVICE_RAYS_WANTED rays, so that the
+ * GPU is busy. */
 static int one_device_run(const struct kiln_prepared *p, uint32_t samples, double seconds[2], uint64_t rays[2],
                           struct kiln_error *error)
 {

@@ -12,12 +12,12 @@ struct kiln_rays_bench {
     double share, share_low, share_high; /* pass rate / tracer rate of each run: median, minimum, maximum */
 };
 
-/* Traces `samples` rays for each point, alternately by the gather pass and by the bare tracer, `repeats` times. Embree:
- * uses tile runs at regular intervals and one thread (prepare with threads = 1), whose processor time counts; the
- * tracer's is that of making and tracing rays less that of making them. What the tracer does is all that finds the
- * nearest hits: callbacks for masks and blended surfaces, and fronts before backs that coincide with them. Rays that
- * ask whether places are buried are the pass' alone. GPU: uses all tile runs, or as many as keep it busy for a second;
- * the tracer generates the same rays and looks nothing up; times are those of the device. The radiosity is a synthetic
+/* Measures `samples` rays for each point, `repeats` times, alternately by the gather pass and by the bare tracer.
+ * Embree: uses tile runs at regular intervals and one thread (prepare with threads = 1), and counts processor time. The
+ * tracer's time is the time of making and tracing rays minus the time of making them. It includes all work that finds
+ * the nearest hits: callbacks for masks and blended surfaces, and fronts before coinciding backs. Rays that test
+ * whether places are buried count for the pass alone. GPU: uses all tile runs, or as many as keep it busy for a second,
+ * and counts device time; the tracer generates the same rays and looks nothing up. The radiosity is a synthetic
  * pattern, so that lookups have their usual cost. Not collective. KILN_USAGE if the scene has no surface points. */
 int kiln_rays_bench(const struct kiln_prepared *prepared, uint32_t samples, uint32_t repeats,
                     struct kiln_rays_bench *result, struct kiln_error *error);

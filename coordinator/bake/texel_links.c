@@ -46,7 +46,7 @@ static int take_job(struct work *w, const char *directory, struct kiln_error *er
         return status;
     char *arguments[] = {"kiln", "bake", "scene", "-o", (char *)(uintptr_t)directory, NULL};
     KILN_TRY(kiln_job_parse(&w->job, 5, arguments, error));
-    /* which is no argument: it could be one of another kind, or a job file */
+    /* set here and not as an argument, which could be of another kind, or a job file */
     KILN_TRY(
         kiln_job_keep_text(w->job, json_string_value(json_object_get(w->index, "scene")), &w->job->scene.file, error));
     KILN_TRY(kiln_transport_options_take(w->job, w->index, directory, error));
@@ -57,7 +57,7 @@ end:
     return status;
 }
 
-/* The surface, and whether it still is that of the links. */
+/* Prepares the surface, and checks that the links still belong to it. */
 static int prepare(struct work *w, const char *directory, struct kiln_error *error)
 {
     struct kiln_phases phases = {0};
@@ -83,7 +83,7 @@ static int prepare(struct work *w, const char *directory, struct kiln_error *err
     return status;
 }
 
-/* The tree, and the links that are kept. Neither hangs on light. */
+/* Reads the tree of patches and the kept links. Neither depends on light. */
 static int read_links(struct work *w, struct kiln_error *error)
 {
     const struct kiln_prepared *p = w->prepared;
@@ -141,7 +141,7 @@ static const struct kiln_tile_run *find_run(const struct kiln_surface *s, uint64
     return run;
 }
 
-/* The points of the run's tile that send light, who have asked besides. */
+/* Returns the mask of the points of the run's tile that send light, whose patches have an area. */
 static uint64_t sharing(const struct work *w, const struct kiln_tile_run *run)
 {
     const struct kiln_surface *s = w->prepared->surface;
@@ -156,7 +156,7 @@ static uint64_t sharing(const struct work *w, const struct kiln_tile_run *run)
     return shares;
 }
 
-/* Adds what the point's link to `to` brings, of which `through` arrives. */
+/* Adds the light of the point's link to `to`; `through`: the fraction of it that arrives. */
 static void add_link(const struct work *w, const struct kiln_patch *own, double scale, uint32_t to, double through,
                      struct kiln_texel_links *links)
 {

@@ -2,16 +2,15 @@
  *
  * The script runs on the first node of the allocation, starts mpirun over all nodes and waits. Slurm's warning before
  * the time limit goes to the script alone (--signal=B:USR1@SECONDS; without "B:" it would reach only the ranks of
- * remote nodes). The script passes it to mpirun, which passes it to every rank. A bake that stopped for it (exit 75),
- * and one whose rank or node was lost, are requeued; the same script then continues from the last checkpoint. A bake
+ * remote nodes). The script passes it to mpirun, which passes it to every rank. A bake is requeued if the warning
+ * stopped it (exit 75), or if a rank or node was lost; the same script then continues from the last checkpoint. A bake
  * that failed for a reason that would occur again is not requeued.
  *
  * With `tries` above 1, the loss of a node is first handled within the allocation: the bake continues at once on the
  * nodes that answer. The price is --no-kill: if the allocation's first node is lost, the script is lost with it, and
  * Slurm lets the allocation idle until the time limit.
  *
- * No text from outside is in a line that Slurm reads, and all text from outside in a line that the shell reads is
- * quoted. */
+ * User text never appears in a line that Slurm reads. In lines that the shell reads, user text is quoted. */
 #ifndef KILN_COORDINATOR_BATCH_BATCH_H
 #define KILN_COORDINATOR_BATCH_BATCH_H
 

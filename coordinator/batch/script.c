@@ -9,7 +9,7 @@ static bool is_plain(unsigned char c) { return isalnum(c) || strchr("%+,-./:=@_"
 
 void kiln_batch_quote(FILE *stream, const char *text)
 {
-    /* $'...' quoting, in which no character has a special meaning but those escaped here */
+    /* inside $'...' only the characters escaped here are special */
     bool plain = text[0] != '\0', escaped = false;
     for (const char *at = text; *at != '\0'; at++) {
         plain = plain && is_plain((unsigned char)*at);

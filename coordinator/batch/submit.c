@@ -12,8 +12,8 @@
 
 extern char **environ;
 
-/* kiln's launcher in a relocatable folder sets a library path for kiln. Programs of the host need the path from
- * before. */
+/* Restores the library path that kiln's launcher in a relocatable folder has replaced for kiln. Programs of the host,
+ * such as sbatch, need the earlier path. */
 static void restore_library_path(void)
 {
     const char *before = getenv("KILN_HOST_LIBRARY_PATH");
@@ -25,8 +25,8 @@ static void restore_library_path(void)
     (void)unsetenv("KILN_LAUNCHER");
 }
 
-/* Starts sbatch with standard input and output on one socket, so that its early exit does not kill this process by
- * SIGPIPE. */
+/* Starts sbatch with one socket as its standard input and output. So this process gets no SIGPIPE if sbatch ends
+ * early. */
 static int start(int theirs, pid_t *process)
 {
     char *arguments[] = {"sbatch", "--parsable", NULL};
@@ -47,7 +47,7 @@ static void send_all(int descriptor, const char *script, size_t length)
     for (size_t at = 0; at < length;) {
         const ssize_t sent = send(descriptor, script + at, length - at, MSG_NOSIGNAL);
         if (sent < 0 && errno != EINTR)
-            break; /* it has exited; its exit status tells why */
+            break; /* sbatch has ended; its exit status tells why */
         at += sent > 0 ? (size_t)sent : 0;
     }
     (void)shutdown(descriptor, SHUT_WR);

@@ -9,7 +9,7 @@
 #include "coordinator/mpi/agree.h"
 #include "worker/base/text.h"
 
-/* A bake in which nothing shines looks like one that failed: that is the last thing that it says. */
+/* Warns, as the last line of output, that nothing in the scene shines: such a bake looks like one that failed. */
 static void warn_of_darkness(const struct kiln_bake *bake, FILE *stream)
 {
     if (json_is_false(json_object_get(json_object_get(kiln_bake_report(bake), "scene"), "lit")))

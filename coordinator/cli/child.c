@@ -148,7 +148,8 @@ int kiln_child_run(struct kiln_child *child, int output, int errors, struct kiln
     return status;
 }
 
-/* kiln_output_folder_params.has_results: whether the bench `context` has ended there, or a part of it. */
+/* Implements kiln_output_folder_params.has_results: whether the folder has the table of the bench `context`, whole or
+ * in part. */
 static bool has_table(const char *directory, const void *context)
 {
     static const char *const suffixes[] = {".csv", ".json"};

@@ -1,5 +1,5 @@
-/* A child process of kiln bench scaling that runs kiln, or mpirun with it, and its command line; the folder that
- * children write to. */
+/* Child processes of kiln bench scaling that run kiln, directly or under mpirun: their command lines, and the folder
+ * that they write to. */
 #ifndef KILN_COORDINATOR_CLI_CHILD_H
 #define KILN_COORDINATOR_CLI_CHILD_H
 
@@ -21,8 +21,8 @@ struct kiln_child {
 void kiln_child_push(struct kiln_child *child, const char *text);
 /* An option and its value, formatted as by printf. */
 void kiln_child_push_number(struct kiln_child *child, const char *name, const char *format, double value);
-/* Passes on the options that were given to this command and that the child's also has, a bit of enum kiln_command_bit,
- * but those listed in `own`, which ends with NULL. */
+/* Adds the options that were given to this command and that the child's command also takes, except those listed in
+ * `own`, which ends with NULL. `command`: a bit of enum kiln_command_bit. */
 void kiln_child_push_given(struct kiln_child *child, const struct kiln_job *job, uint32_t command,
                            const char *const *own);
 void kiln_child_clear(struct kiln_child *child);
@@ -35,13 +35,13 @@ struct kiln_child_end {
     int asked; /* the last signal that has asked this process to end, or 0 */
 };
 
-/* Runs the command and waits for its end, with stdout and stderr on these descriptors. SIGINT, SIGTERM, SIGUSR1 and
- * SIGHUP are passed on; when this process dies of anything else, a kiln that it has started itself dies too, but not
- * what mpirun has started. From a process with one thread. KILN_SITE if it cannot be started. */
+/* Runs the command with stdout and stderr on these descriptors, and waits for its end. Passes on SIGINT, SIGTERM,
+ * SIGUSR1 and SIGHUP. If this process dies of another cause, a directly started kiln dies too, but not processes that
+ * mpirun has started. Call from a process with one thread. KILN_SITE if the command cannot be started. */
 int kiln_child_run(struct kiln_child *child, int output, int errors, struct kiln_child_end *end,
                    struct kiln_error *error);
 
-/* Makes job->output the folder of `kiln bench NAME` alone (output_folder.h). */
+/* Makes job->output the output folder of `kiln bench NAME`, for that command alone (output_folder.h). */
 int kiln_bench_folder_begin(struct kiln_output_folder **folder, const struct kiln_job *job, const char *name,
                             struct kiln_error *error);
 

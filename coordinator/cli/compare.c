@@ -25,7 +25,7 @@
 #include "worker/base/text.h"
 
 struct one {
-    char name[256]; /* of the lightmap's file, or with octrees of the object; empty if two files are compared */
+    char name[256]; /* lightmap's file name, or object's name with octrees; empty if two files are compared */
     struct kiln_difference difference;
     double worst_place[3];       /* position, m; only if sampled */
     uint32_t object_a, object_b; /* only if sampled */
@@ -41,8 +41,9 @@ struct comparison {
     struct kiln_reader *reader;                       /* if files are compared */
     struct kiln_scene *scene_a, *scene_b;             /* not NULL: the bakes are compared at sample points */
     struct kiln_compared_leaves *leaves_a, *leaves_b; /* of bakes with octrees; else NULL */
-    bool same_leaves, same_light;                     /* both have the same ones; and the same light in them */
-    double area;                                      /* of all objects, m2; only if sampled */
+    /* whether both bakes have the same leaves, and the same light in them */
+    bool same_leaves, same_light;
+    double area; /* of all objects, m2; only if sampled */
 };
 
 /* Number of sample points on all objects, and the least number on an object. */
@@ -242,8 +243,8 @@ static int find_object(const struct kiln_scene *scene, const char *name, const c
     return kiln_fail(error, KILN_BAD_INPUT, "'%s/scene.kscene' has no object for the lightmap '%s'", directory, name);
 }
 
-/* Opens the scenes of both bakes, and keeps them open if any lightmap differs in size, or one is an octree. Folders
- * without scene files are compared texel by texel. */
+/* Opens the scenes of both bakes. Keeps them open, to compare at sample points, if any lightmap differs in size or a
+ * bake has an octree. Without scene files lightmaps are compared texel by texel. */
 static int decide_how(struct comparison *c, struct kiln_error *error)
 {
     bool same = c->leaves_a == NULL && c->leaves_b == NULL;
@@ -271,7 +272,7 @@ static int decide_how(struct comparison *c, struct kiln_error *error)
     return status;
 }
 
-/* Finds dfpr_8bit of several lightmaps with the brightest light of all as 1. */
+/* Computes dfpr_8bit of several lightmaps, scaled by the largest light of all of them. */
 static int compare_codes(struct comparison *c, struct kiln_error *error)
 {
     const double largest = c->total.largest;
@@ -314,7 +315,7 @@ end:
             c->worst = k;
         kiln_difference_add(&c->total, &c->ones[k].difference);
     }
-    /* at sample points there are no pixels */
+    /* a comparison at sample points has no pixels */
     return status == KILN_OK && c->count > 1 && c->scene_a == NULL ? compare_codes(c, error) : status;
 }
 
@@ -339,7 +340,8 @@ static json_t *difference_json(const struct kiln_difference *d)
         "y", (int)d->worst_y, "channels", channels);
 }
 
-/* Adjusts the JSON object for sample points: adds the worst place, and removes what neighbours and pictures say. */
+/* Adapts the JSON object to sample points: adds the worst place, and removes the measures that need neighbouring pixels
+ * or pictures. */
 static void add_place(const struct comparison *c, json_t *root)
 {
     static const char *const of_pictures[] = {"dssim", "picture_psnr", "picture_dissimilarity", "dfpr_8bit"};

@@ -13,7 +13,7 @@ struct pair {
     struct kiln_results *results[2]; /* a, b */
     struct kiln_scene *scenes[2];
     struct kiln_texel_sums sums;
-    double differing; /* values that have other bits in the two */
+    double differing; /* number of values whose bits differ */
 };
 
 /* Counts the values of two images that have other bits; all of the larger one if they differ in size or channels. */
@@ -73,9 +73,9 @@ end:
     return status;
 }
 
-/* Error of a layer: root mean square of the differences over the mean light of the reference, sqrt(squares / 3 A) /
- * (light / 3 A) with A the area. 0 if all bits are equal: lightmaps are read with rounding, which would show as an
- * error. */
+/* Returns the error of a layer: the root mean square difference over the mean light of the reference, sqrt(squares / 3
+ * A) / (light / 3 A) with area A. It is 0 if all bits are equal; otherwise rounding of lightmaps as they are read would
+ * show as an error. */
 static double error_of(const struct pair *p, int layer)
 {
     return p->differing > 0.0 ? sqrt(3.0 * p->sums.area * p->sums.squares[layer]) / p->sums.reference : 0.0;

@@ -1,4 +1,4 @@
-/* Completion for a shell: a script with the commands, their options and the values of these. */
+/* Makes a script for the completion of kiln's commands, their options and the options' values in a shell. */
 #include <string.h>
 
 #include "coordinator/cli/help_text.h"
@@ -9,7 +9,7 @@ static const char head[] = "# Completes kiln's command line, made by kiln --comp
                            "#   source <(kiln --completion bash)\n"
                            "# In zsh: autoload -U +X bashcompinit && bashcompinit, and the same line.\n";
 
-/* @file, @folder and @scene stand for names of those. */
+/* End of the script. @file, @folder and @scene stand for file names, folder names and names of generated scenes. */
 static const char tail[] =
     "# Prints those of the words $1 that begin with $2.\n"
     "_kiln_matching() {\n"
@@ -68,7 +68,7 @@ static void print_commands(FILE *stream)
     (void)fputs("\"\n", stream);
 }
 
-/* A switch that is on is offered as one that turns it off. */
+/* Prints each command's options. A switch that is on by default is offered in the form that turns it off. */
 static void print_options(FILE *stream)
 {
     (void)fputs("\n_kiln_options() {\n    case $1 in\n", stream);

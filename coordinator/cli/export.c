@@ -43,7 +43,7 @@ static bool has_lightmaps(const struct export *e)
     return !json_is_string(store) || strcmp(json_string_value(store), "lightmap") == 0;
 }
 
-/* Refuses a bake that has nothing for an engine, and options for lightmaps where there are none. */
+/* Refuses a bake without anything to export, and options for lightmaps if it has none. */
 static int check_store(const struct export *e, struct kiln_error *error)
 {
     if (has_lightmaps(e))

@@ -10,10 +10,11 @@
 /* Text that is wrapped between words. */
 struct page {
     FILE *stream;
-    size_t width, column; /* characters of a line, and those that this one has */
+    size_t width, column; /* characters of a line, and characters on the present line so far */
 };
 
-/* As COLUMNS says, or the terminal; 80 where neither is known, and at most 100, which a reader's eye can follow. */
+/* Returns the width of a page: that of COLUMNS, or of the terminal, or 80 if neither is known; at most 100, for
+ * readability. */
 static size_t width_of(FILE *stream)
 {
     enum { UNKNOWN = 80, LEAST = 60, MOST = 100 };
@@ -45,7 +46,7 @@ static void put(struct page *page, const char *word, size_t length)
     page->column += length;
 }
 
-/* A word that no line has room for is broken behind a '|'. */
+/* Writes a word that is longer than a line. It is broken after a '|' if possible. */
 static void put_long(struct page *page, const char *word, size_t length, size_t indent)
 {
     while (page->column + length > page->width) {
@@ -62,7 +63,7 @@ static void put_long(struct page *page, const char *word, size_t length, size_t 
     put(page, word, length);
 }
 
-/* Writes words from the present column on; further lines begin at `indent`, those before end with `end`. */
+/* Writes words, starting at the present column. Further lines begin at `indent`; broken lines end with `end`. */
 static void flow(struct page *page, const char *text, size_t indent, const char *end)
 {
     bool first = true;
@@ -85,7 +86,7 @@ static void paragraph(struct page *page, size_t at, const char *text, size_t ind
     turn(page, "", 0);
 }
 
-/* A name in the left column, and its sentence in the right one: below it where there is no room beside it. */
+/* Writes a name in the left column and its sentence in the right one, or below it if the name is too long. */
 static void entry(struct page *page, const char *name, size_t column, const char *sentence)
 {
     const size_t right = page->width < 72 ? 8 : column;
@@ -144,7 +145,7 @@ static void print_shows(struct page *page)
 
 /* ---- a command ---- */
 
-/* The options that most people ask for first, whatever their group. */
+/* Options that most users need first. Help lists them before the groups. */
 static const char *const leading[] = {"quality", "texels-per-metre", "output"};
 
 static bool leads(const struct kiln_option *option)
@@ -235,7 +236,7 @@ static void print_rest(struct page *page, const struct kiln_command *command, si
     paragraph(page, 0, text, 0);
 }
 
-/* kiln_study_tell; the context is the page. */
+/* Implements kiln_study_tell; `context` is the page. */
 static void print_study(void *context, const char *name, const char *sentence) { entry(context, name, 18, sentence); }
 
 static void print_studies(struct page *page)

@@ -86,7 +86,7 @@ static json_t *objects_json(const struct kiln_scene_survey *look)
     return list;
 }
 
-/* Gloss as glTF's extensions name its numbers; null: the material has none. */
+/* Describes gloss with the members' names of glTF extensions; null: the material has none. */
 static json_t *gloss_json(const struct kiln_gloss *g)
 {
     static const char *const uses[KILN_GLOSS_USES] = {
@@ -123,7 +123,7 @@ static json_t *materials_json(const struct kiln_scene_survey *look)
     static const char *const alpha[] = {"opaque", "mask", "blend"};
     json_t *list = json_array();
     const struct kiln_scene *s = look->scene;
-    size_t maps = 0; /* normal maps of the materials so far: they stand in the same order */
+    size_t maps = 0; /* normal maps of earlier materials: the list of maps is in the same order */
     for (size_t i = 0; i < s->material_count; i++) {
         const struct kiln_material *m = &s->materials[i];
         const bool mapped = maps < s->normal_map_count && s->normal_maps[maps].material == i;
@@ -334,7 +334,7 @@ static void print_glass(const struct kiln_scene_survey *look, const struct kiln_
                m->alpha_mode == KILN_ALPHA_OPAQUE ? "" : "; holes by its alpha");
 }
 
-/* The numbers of a material that is more than diffuse, after its kind. */
+/* Prints the parameters of a glossy material, after its kind. */
 static void print_gloss(const struct kiln_gloss *g)
 {
     const bool glass = g->transmission > 0.0f, body = (g->flags & KILN_GLOSS_VOLUME) != 0;

@@ -33,8 +33,8 @@
 #include "coordinator/run/threads.h"
 #include "coordinator/output/manifest.h"
 
-/* A number that the launcher has set in the environment, which is available before MPI is started: Open MPI's mpirun,
- * PMIx (srun --mpi=pmix) or Slurm. `fallback` if no launcher has set it. */
+/* Returns a number that the launcher has set in the environment, which is known before MPI starts. Launchers are Open
+ * MPI's mpirun, PMIx (srun --mpi=pmix) and Slurm. Returns `fallback` if none has set it. */
 static long launcher(const char *open_mpi, const char *pmix, const char *slurm, long fallback)
 {
     const char *const names[] = {open_mpi, pmix, slurm};
@@ -48,8 +48,7 @@ static long launcher(const char *open_mpi, const char *pmix, const char *slurm, 
     return fallback;
 }
 
-/* Whether this process is one of several that a launcher has started. Processes that a batch script starts itself are
- * not. */
+/* Whether a launcher has started this process as one of several. Not so for single processes in a batch script. */
 static bool is_launched(void)
 {
     return launcher("OMPI_COMM_WORLD_SIZE", NULL, NULL, 1) > 1 ||
@@ -64,13 +63,13 @@ static bool has_argument(int argc, char **argv, const char *text)
     return false;
 }
 
-/* To be called on one rank before MPI_Finalize, since the launcher kills the other ranks when the first one has exited
- * with a failure. */
+/* Prints the error. Call on one rank, before MPI_Finalize: the launcher kills the other ranks once the first one has
+ * exited with a failure. */
 static void print_error(int status, const struct kiln_error *error, bool json)
 {
     const char *sentence =
         error->message[0] != '\0' ? error->message : "failed without saying why; this is a bug of kiln";
-    const bool stopped = status == KILN_STOPPED; /* it was asked to stop, which is no error */
+    const bool stopped = status == KILN_STOPPED; /* a requested stop is no error */
     (void)fprintf(stderr, "kiln: %s%s\n", stopped ? "" : "error: ", sentence);
     if (!json)
         return; /* stderr needs no flush */
@@ -201,8 +200,8 @@ static void print_usage(int rank)
     (void)fputs(line, stderr);
 }
 
-/* Prints the present names of options that were given by their former names, and which options do not count. To be
- * called on one rank. */
+/* Prints the present names of options that were given by former names, and the options that have no effect. Call on one
+ * rank. */
 static void note_options(const struct kiln_job *job)
 {
     if (job == NULL || job->quiet)
@@ -233,8 +232,8 @@ static int run_alone(int argc, char **argv, const struct kiln_command *command, 
     return status;
 }
 
-/* Some libraries end the process themselves: OpenMP calls exit(1) if it gets no thread, C++ libraries throw exceptions.
- * This state is for the functions that are called then; it is global, since they get no argument. */
+/* State for the handlers of unexpected exits. Some libraries end the process themselves: OpenMP calls exit(1) if it
+ * gets no thread, and C++ libraries throw exceptions. The state is global, since the handlers get no argument. */
 static struct {
     volatile sig_atomic_t at_work;
     char who[96];
@@ -268,8 +267,8 @@ static void watch_departure(bool many, int rank)
     kiln_on_uncaught(leave);
 }
 
-enum { START_SECONDS = 30 };                 /* the ranks have at least so long to start */
-enum { MPI_THREADS = 3, OTHER_THREADS = 6 }; /* threads of Open MPI; those, the watchdog's and the status file's */
+enum { START_SECONDS = 30 };                 /* least time that the ranks have to start, s */
+enum { MPI_THREADS = 3, OTHER_THREADS = 6 }; /* threads of Open MPI; with those of the watchdog and the status file */
 
 /* MPI error handler: reports failures of MPI like all others. */
 static void report_mpi_failure(MPI_Comm *communicator, int *code, ...)
@@ -302,18 +301,18 @@ static void catch_mpi_errors(void)
 static int start_mpi(bool many, int *rank, double seconds, struct kiln_error *error)
 {
     int provided = MPI_THREAD_SINGLE;
-    /* a component that uses no file for shared file pointers, and so leaves none when the process is killed */
+    /* this component needs no file for shared file pointers; others leave one behind when the process is killed */
     (void)setenv("OMPI_MCA_sharedfp", "individual", 0);
-    /* Open MPI asks hwloc for the machine, which loads whole drivers (OpenCL, OpenGL, CUDA) to list devices that nobody
-     * asks it for: 0.3 s of a start where they are installed. A single process needs no network either: the registers
-     * of each PCI device are read for nothing, one by one, which in a virtual machine is a quarter of MPI's start. */
+    /* Open MPI asks hwloc about the machine. hwloc then loads whole drivers (OpenCL, OpenGL, CUDA) to list devices that
+     * kiln does not need: 0.3 s where they are installed. A single process needs no network either. Reading the
+     * registers of each PCI device takes a quarter of MPI's start in a virtual machine. */
     (void)setenv("HWLOC_COMPONENTS",
                  many ? "-opencl,-cuda,-nvml,-rsmi,-levelzero,-gl"
                       : "-opencl,-cuda,-nvml,-rsmi,-levelzero,-gl,-linux:pci,-linux:io",
                  0);
     if (many) {
         kiln_watchdog_start(*rank, seconds);
-    } else { /* a single process talks to nobody: looking for networks (UCX, libfabric) takes 0.2 s where they are */
+    } else { /* a single process needs no network (UCX, libfabric): looking for one takes 0.2 s */
         (void)setenv("OMPI_MCA_pml", "ob1", 0);
         /* it needs no daemon of Open MPI */
         (void)setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
@@ -334,7 +333,7 @@ static int start_mpi(bool many, int *rank, double seconds, struct kiln_error *er
 
 static double start_seconds(double limit) { return limit > 0.0 ? fmax(2.0 * limit, START_SECONDS) : 0.0; }
 
-/* Collective. Runs the command under a watchdog. A bake creates its own, which knows its phases. */
+/* Collective. Runs the command under a watchdog. Bakes create a watchdog of their own, which knows their phases. */
 static int run_watched(const struct kiln_command *command, struct kiln_job *job, struct kiln_error *error)
 {
     struct kiln_watchdog *watchdog = NULL;
@@ -352,7 +351,8 @@ static int run_watched(const struct kiln_command *command, struct kiln_job *job,
     return status;
 }
 
-/* Checks that enough threads can be started. Without threads for MPI this rank cannot tell the others, so it ends. */
+/* Checks that enough threads can be started. If threads for MPI are missing, this rank cannot tell the others, and
+ * exits. */
 static int check_threads(const struct kiln_job *job, bool many, struct kiln_error *error)
 {
     const int ranks = (int)launcher("OMPI_COMM_WORLD_LOCAL_SIZE", NULL, NULL, 1);
@@ -403,8 +403,8 @@ static int run_with_mpi(int argc, char **argv, const struct kiln_command *comman
     return status;
 }
 
-/* For a command of one process that was started as several ranks. It needs no MPI, but other ranks may have got another
- * command and would wait for this one, so all ranks compare their commands first. */
+/* Compares this rank's command with those of other ranks, if several ranks were started for a command of a single
+ * process. The command needs no MPI, but ranks with another command would wait for this one. */
 static int meet_others(char **argv, int *rank, struct kiln_error *error)
 {
     struct kiln_error own = {{0}};
@@ -428,7 +428,8 @@ static bool asks_for_help(int argc, char **argv)
            has_argument(argc, argv, "-h") || has_argument(argc, argv, "--version");
 }
 
-/* Prints what is made of the table of options for others to read. Returns false if the command line asks for none. */
+/* Prints a manual page or completion script, made from the table of options. Returns false if the command line asks for
+ * neither. */
 static bool answer_made(int argc, char **argv, int rank, int *status, struct kiln_error *error)
 {
     const bool man = argc == 2 && strcmp(argv[1], "--man") == 0;
@@ -509,8 +510,8 @@ static const char *value_of(int argc, char **argv, const char *option)
     return value;
 }
 
-/* Whether the command line asks for a view that is traced, which several ranks may compute; or for one of links, for
- * which a bake is prepared. */
+/* Whether the command line asks for a traced view, which several ranks may compute, or for a view of links, for which a
+ * bake must be prepared. */
 static bool view_needs_mpi(int argc, char **argv)
 {
     const char *const *names = kiln_option_find_for("method", KILN_FOR_VIEW)->choices,
@@ -521,7 +522,7 @@ static bool view_needs_mpi(int argc, char **argv)
     return strcmp(value_of(argc, argv, "--show"), "links") == 0;
 }
 
-/* Whether the command goes on from what it saves when a signal asks it to end. */
+/* Whether the command saves its work when a signal asks it to end, and can resume. */
 static bool saves_when_asked(const char *name) { return strcmp(name, "bake") == 0 || strcmp(name, "relight") == 0; }
 
 static int run_command_line(int argc, char **argv)

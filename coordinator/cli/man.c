@@ -4,7 +4,7 @@
 #include "coordinator/cli/help_text.h"
 #include "worker/base/status.h"
 
-/* Text, in which roff finds nothing of its own. */
+/* Prints text with roff's special characters escaped. */
 static void put(FILE *stream, const char *text)
 {
     if (text[0] == '.' || text[0] == '\'')
@@ -57,7 +57,7 @@ static void print_commands(FILE *stream)
     }
 }
 
-/* "bake, plan", which have the option; nothing where all have it. */
+/* Prints the commands that have the option, as in "bake, plan"; nothing if all have it. */
 static void print_owners(FILE *stream, const struct kiln_option *option)
 {
     const char *separator = "(";

@@ -83,7 +83,7 @@ end:
     return status;
 }
 
-/* kiln_output_folder_params.has_results */
+/* Implements kiln_output_folder_params.has_results: whether the folder has a mixture. */
 static bool has_mixture(const char *directory, const void *context)
 {
     (void)context;
@@ -107,7 +107,7 @@ static int check_output(const struct mix *m, struct kiln_error *error)
 
 /* ---- the manifest ---- */
 
-/* The files of the mixture besides run.json and scene.kscene; `names` has room for them. Returns how many. */
+/* Lists the files of the mixture except run.json and scene.kscene. `names` has room for them. Returns their number. */
 static size_t name_files(const struct mix *m, char **names)
 {
     static char scene[] = "scene.glb", volume[] = "volume.hdf";
@@ -167,7 +167,7 @@ static int make_folders(struct mix *m, struct kiln_error *error)
     return status;
 }
 
-/* Each rank mixes some of the lightmaps. */
+/* Collective. Mixes this rank's part of the lightmaps. */
 static int mix_maps(const struct mix *m, struct kiln_error *error)
 {
     struct kiln_mix_params params = {
@@ -225,7 +225,8 @@ end:
     return status;
 }
 
-/* Corrects the bake's report: its light and its errors are not those of the mixture. */
+/* Changes the bake's report into that of the mixture: removes the parts about light and errors, which no longer
+ * hold. */
 static void change_report(const struct mix *m)
 {
     static const char *const gone[] = {"vertices", "energy", "error", "density",   "phases",
@@ -272,7 +273,7 @@ static int write_all(struct mix *m, struct kiln_error *error)
     KILN_TRY(kiln_agree(MPI_COMM_WORLD, m->rank == 0 ? make_folders(m, error) : KILN_OK, error));
     KILN_TRY(with_manifest(m, false, error));
     KILN_TRY(kiln_agree(MPI_COMM_WORLD, mix_maps(m, error), error));
-    /* each has those of its maps, and 0 of others */
+    /* each rank has the values of its own maps, and 0 for others */
     (void)MPI_Reduce(m->rank == 0 ? MPI_IN_PLACE : m->ratios, m->ratios, (int)m->map_count, MPI_DOUBLE, MPI_SUM, 0,
                      MPI_COMM_WORLD);
     const struct kiln_mix_params params = {

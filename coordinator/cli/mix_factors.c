@@ -10,7 +10,7 @@
 
 #define MOST_FACTOR 1e12
 
-/* One number, or three with commas between them. */
+/* Reads a factor: one number, or three (RGB) separated by commas. */
 static bool read_factor(const char *text, double factor[3])
 {
     int count = 0;
@@ -18,7 +18,8 @@ static bool read_factor(const char *text, double factor[3])
     for (; more && count < 3; count++) {
         char *end = NULL;
         if (text[0] == '\0' || strchr("0123456789.+-", text[0]) == NULL ||
-            text[strspn(text, "0123456789+-.eE,")] != '\0') /* no words, and no hexadecimal numbers */
+            /* refuses words ("inf", "nan") and hexadecimal numbers, which strtod accepts */
+            text[strspn(text, "0123456789+-.eE,")] != '\0')
             return false;
         factor[count] = strtod(text, &end);
         if (end == text || !(factor[count] >= 0.0 && factor[count] <= MOST_FACTOR) || (*end != ',' && *end != '\0'))

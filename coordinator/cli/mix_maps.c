@@ -10,12 +10,12 @@
 
 enum { KINDS = 3, PLANES = 3 * KINDS, KEPT_MOST = 512 };
 
-/* All light, direct and indirect light: the beginnings of their channels' names. */
+/* Prefixes of channel names, of all light, direct light and indirect light. */
 static const char *const prefixes[KINDS] = {"", "direct.", "indirect."};
 
 struct mixing {
     const struct kiln_mix_params *params;
-    struct kiln_image *bake; /* of the lightmap, with the layers of groups where they are in it */
+    struct kiln_image *bake; /* the lightmap's image, with the layers of groups if they are in the same file */
     double *sum[PLANES];     /* by prefix and colour; NULL: the bake has no such layer */
 };
 
@@ -25,7 +25,7 @@ static int layer_missing(const struct mixing *m, const char *name, const char *g
                      m->params->bake, name, group);
 }
 
-/* Begins with the bake times the least factor. */
+/* Initializes the sums with the bake's light times the least factor. */
 static int begin(struct mixing *m, const char *name, struct kiln_error *error)
 {
     const size_t count = (size_t)m->bake->width * m->bake->height;
@@ -47,7 +47,7 @@ static int begin(struct mixing *m, const char *name, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Adds a group: all of it, its direct light, and the difference. */
+/* Adds a group's share beyond the least factor, in all light, direct light and (as their difference) indirect light. */
 static int add_group(struct mixing *m, const struct kiln_image *layers, size_t group, const char *name,
                      struct kiln_error *error)
 {
@@ -74,7 +74,7 @@ static int add_group(struct mixing *m, const struct kiln_image *layers, size_t g
     return KILN_OK;
 }
 
-/* Whether all groups [first, last) have the least factor, so that their layers need not be read. */
+/* Whether all groups [first, last) have the least factor, so that nothing has to be added for them. */
 static bool is_idle(const struct kiln_mix_factors *f, size_t first, size_t last)
 {
     bool idle = true;
@@ -137,7 +137,7 @@ static int plane_of(const struct mixing *m, const char *name)
     return PLANES;
 }
 
-/* The layers of the mixture: those of light have their sums. */
+/* Makes the image of the mixture. Channels of light get the sums; others are kept. */
 static int make_image(const struct mixing *m, struct kiln_image **image, struct kiln_error *error)
 {
     const char *names[KEPT_MOST] = {NULL};

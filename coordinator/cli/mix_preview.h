@@ -1,4 +1,4 @@
-/* The preview of a mixture: seen as that of the bake, with its exposure, so that the two can be compared. */
+/* The preview of a mixture, with the camera and exposure of the bake's preview, so that the two can be compared. */
 #ifndef KILN_COORDINATOR_CLI_MIX_PREVIEW_H
 #define KILN_COORDINATOR_CLI_MIX_PREVIEW_H
 

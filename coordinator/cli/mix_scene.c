@@ -11,17 +11,16 @@
 
 struct mixing {
     const struct kiln_scene *scene;
-    const json_t
-        *rules; /* of groups, by name: coordinator/job/light_groups.h; NULL: there are patches of the sky only */
+    const json_t *rules; /* rules of groups, by name (coordinator/job/light_groups.h); NULL: only patches of the sky */
     const struct kiln_mix_factors *factors;
     json_t *as_baked;
     uint8_t *bytes; /* of the new file */
 };
 
-/* The factor of what is in several groups. */
+/* Common factor of something that may be in several groups. */
 struct factor {
     double of[3];
-    bool known, differs; /* of one group at least; of two that differ */
+    bool known, differs; /* known: at least one group has it; differs: two groups have different factors */
 };
 
 static void join(struct factor *f, const double one[3])
@@ -31,7 +30,7 @@ static void join(struct factor *f, const double one[3])
     memcpy(f->of, one, sizeof f->of);
 }
 
-/* Joins the factors of a group, or of all its blocks, NAME.X.Y; of the sky "sky" has those of all patches. */
+/* Combines the factors of a group, or of all its blocks NAME.X.Y; for "sky", those of all patches. */
 static void join_group(const struct mixing *m, const char *name, struct factor *f)
 {
     const size_t length = strlen(name);
@@ -51,7 +50,7 @@ static bool has_patches(const struct mixing *m)
     return false;
 }
 
-/* Whether a rule has the name in its list `key`, or says that it has the environment. */
+/* Whether a rule has the name in its list `key`; without a name, whether it includes the environment. */
 static bool has(const json_t *rule, const char *key, const char *name)
 {
     const json_t *list = json_object_get(rule, key), *pattern;
@@ -84,7 +83,7 @@ static struct factor find_factor(const struct mixing *m, const char *key, const 
     return f;
 }
 
-/* Multiplies a colour of the new file, if its factor is one. */
+/* Multiplies a colour of the new scene file by its factor, if it has a single one. */
 static void scale(const struct mixing *m, const char *key, const char *name, float color[3])
 {
     const struct factor f = find_factor(m, key, name);
@@ -125,7 +124,7 @@ int kiln_mix_scene_write(const char *directory, const struct kiln_results *resul
     struct kiln_scene_header header = *scene->header;
     m.scene = scene;
     memcpy(m.bytes, scene->mapped, scene->mapped_bytes);
-    if (m.rules != NULL || has_patches(&m)) /* bakes of earlier versions do not say */
+    if (m.rules != NULL || has_patches(&m)) /* bakes of earlier versions do not list their groups' rules */
         mix(&m);
     kiln_scene_content_hash(&header, m.bytes + kiln_scene_header_bytes(header.version), header.content_hash);
     memcpy(m.bytes + offsetof(struct kiln_scene_header, content_hash), header.content_hash, sizeof header.content_hash);

@@ -278,7 +278,7 @@ static void print_light(const struct kiln_plan *p)
     for (uint32_t r = 0; r < roles->count; r++)
         sum += p->seconds.light[r];
     (void)printf("  light      %10.2f s ", sum);
-    for (uint32_t r = 0; r < roles->count; r++) /* roles of one phase are told as one, where its first stands */
+    for (uint32_t r = 0; r < roles->count; r++) /* roles of one phase are printed as one, at the place of the first */
         if (r == first_of_phase(roles, r) && (!roles->of[r]->optional || phase_seconds(p, r) > 0.0))
             (void)printf(" %s %.2f,", roles->of[r]->phase, phase_seconds(p, r));
     (void)printf(" probes %.2f\n", p->seconds.probes);

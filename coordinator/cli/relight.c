@@ -1,6 +1,6 @@
-/* kiln relight: a bake of the same geometry under other light, whose rays are those that another bake has kept
- * (coordinator/integrate/relight/transport.h). It has those options of that bake that say what its light is, but for
- * those that are given. */
+/* kiln relight: bakes the same geometry under other light, with the rays that another bake has kept
+ * (coordinator/integrate/relight/transport.h). Options that define the light are taken from that bake unless they are
+ * given. */
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -39,8 +39,8 @@ static int check_file(const struct kiln_results *results, const char *directory,
                : status;
 }
 
-/* Whether all files of transport that the manifest lists are there, and as they were written; without them rays would
- * be traced in silence. Each rank reads some of them. Collective. */
+/* Collective. Checks that all transport files of the manifest exist and are unchanged; otherwise rays would silently be
+ * traced anew. Each rank reads some of them. */
 static int check_files(const char *directory, struct kiln_error *error)
 {
     struct kiln_results *results = NULL;
@@ -57,7 +57,7 @@ static int check_files(const char *directory, struct kiln_error *error)
     return kiln_agree(MPI_COMM_WORLD, status, error);
 }
 
-/* Rank 0 reads the index, the others receive it. Collective. */
+/* Collective. Reads the index on rank 0, and broadcasts it. */
 static int read_index(json_t **index, const char *directory, struct kiln_error *error)
 {
     int rank, status = KILN_OK;
@@ -109,7 +109,8 @@ static int fill(struct kiln_job *job, const json_t *index, struct kiln_error *er
     int status = kiln_transport_options_take(job, index, directory, error);
     const char *other = job->argument_count > 1 ? job->arguments[1] : NULL;
     const bool many =
-        job->relighting.states != NULL || job->relighting.listen; /* groups change nothing of the light of states */
+        /* with states, groups of lights do not affect the light */
+        job->relighting.states != NULL || job->relighting.listen;
     if (status == KILN_OK && other == NULL)
         status = kiln_transport_changes_take(job, index, directory, error);
     else if (status == KILN_OK && kiln_is_yaml(other))

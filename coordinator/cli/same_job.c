@@ -145,7 +145,7 @@ static const char *next(const char *at, const char *end)
     return after < end ? after : NULL;
 }
 
-/* Reports the first entry that differs from that of rank 0. Both lists are in the same order. */
+/* Reports the first entry that differs from rank 0's. Both lists have the same order. */
 static int compare(const struct list *own, const char *first, size_t first_size, struct kiln_error *error)
 {
     const char *a = own->text, *b = first, *a_end = own->text + own->size, *b_end = first + first_size;

@@ -66,8 +66,8 @@ static int read_ranks(struct bench *b, struct kiln_error *error)
 
 /* ---- a bake ---- */
 
-/* Makes the command line of one bake under mpirun. A density of 0 is not passed on: the scene and the options then
- * choose the texel density. */
+/* Makes the command line of one bake under mpirun. With density 0 no texel density is passed on; the scene and the
+ * options then choose it. */
 static void make_command(const struct bench *b, const struct run *run, const char *folder, struct kiln_child *a)
 {
     static const char *const own[] = {"output", "threads", "texels-per-metre", "resume",
@@ -87,7 +87,7 @@ static void make_command(const struct bench *b, const struct run *run, const cha
     kiln_child_push_given(a, b->job, KILN_FOR_BAKE, own);
 }
 
-/* The bake's stdout is our stderr, since our stdout is for the result. */
+/* Runs a bake. Its stdout goes to this process's stderr, since stdout is for the bench's result. */
 static int run_command(struct kiln_child *child, struct kiln_error *error)
 {
     struct kiln_child_end end;
@@ -167,7 +167,7 @@ static double light_of(const struct run *run)
            phase_of(run, "exchange") + phase_of(run, "probes");
 }
 
-/* Ideal time of a run, given the time of the first run: as if nothing were lost by more ranks. */
+/* Returns the ideal time of a run, without any loss by more ranks, from the time of the first run. */
 static double ideal(const struct run *first, const struct run *run, double seconds)
 {
     const double work = first->points > 0.0 ? run->points / first->points : 1.0;

@@ -61,7 +61,8 @@ static const char *advice(const struct found *f)
     return f->has_generation ? "the same command goes on from the checkpoint" : "the same command starts again";
 }
 
-/* "status" is that of the bake, as its own last object has it (done, stopped); so is "state", its former name. */
+/* Prints the state as JSON. "status" has the values of the bake's own last object (done, stopped); "state" is its
+ * former name. */
 static int print_json(const struct found *f, struct kiln_error *error)
 {
     const struct kiln_bake_status *s = &f->status;

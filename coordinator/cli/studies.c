@@ -23,7 +23,7 @@ static const char ending[] = ".py";
 
 static bool is_folder(const char *path) { return access(path, R_OK | X_OK) == 0; }
 
-/* The path of this program, and in `folder` that of its folder. */
+/* Finds the path of this program and, in `folder`, the path of its folder. */
 static int find_program(char program[KILN_PATH_SIZE], char folder[KILN_PATH_SIZE], struct kiln_error *error)
 {
     const ssize_t length = readlink("/proc/self/exe", program, KILN_PATH_SIZE - 1);
@@ -35,8 +35,8 @@ static int find_program(char program[KILN_PATH_SIZE], char folder[KILN_PATH_SIZE
     return KILN_OK;
 }
 
-/* A path that was compiled in counts for a program that stands where it was built: elsewhere the path may be anybody's.
- */
+/* Finds the folder of studies. The path compiled in is used only by a program that still is in its build folder:
+ * elsewhere anybody could own that path. */
 static int find_folder(const char *beside, char path[KILN_PATH_SIZE], struct kiln_error *error)
 {
     const char *given = getenv("KILN_STUDIES");
@@ -69,7 +69,7 @@ static bool is_name(const char *text)
     return length > 0 && length <= NAME_MOST && strspn(text, "abcdefghijklmnopqrstuvwxyz-") == length && text[0] != '-';
 }
 
-/* Python's names of files have '_' where those of benches have '-'. */
+/* Replaces a character: Python file names have '_' where names of benches have '-'. */
 static void swap(char *name, char from, char to)
 {
     for (; *name != '\0'; name++)
@@ -174,8 +174,8 @@ static int find_script(const char *folder, const char *name, char path[KILN_PATH
     return kiln_fail(error, KILN_USAGE, "no bench is called '%s'; there are: %.900s", name, names);
 }
 
-/* Passes signals that are sent to this process on to the child until that ends, and ends as it does. Those of a
- * terminal go to both by themselves. */
+/* Waits for the child, passes signals sent to this process on to it, and then ends with its status. Signals of the
+ * terminal reach both processes anyway. */
 static _Noreturn void end_with(pid_t child, const sigset_t *signals)
 {
     int status = 0;
@@ -188,7 +188,8 @@ static _Noreturn void end_with(pid_t child, const sigset_t *signals)
     exit(WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status));
 }
 
-/* Runs a program of PATH in the place of this one, without a shell; returns why it cannot be started. */
+/* Runs a program found in PATH as a child, without a shell, and ends as it does; returns only the reason why it cannot
+ * be started. */
 static int run(const char *program, char **words)
 {
     static const int passed[] = {SIGCHLD, SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, SIGUSR2};

@@ -26,7 +26,7 @@ static int check_index(const char *directory, struct kiln_error *error)
     return status;
 }
 
-/* Checks one file: its hash first and then, if that is right, its values, with the reader of this thread. */
+/* Checks one file: its hash and, if that is right, its values. Each thread has a reader of its own. */
 static void check_file(const struct kiln_results *results, const char *directory, const struct kiln_manifest_file *file,
                        struct kiln_reader *reader, struct verdict *verdict)
 {

@@ -63,7 +63,7 @@ static int read_show(struct view *v, const char *name, struct kiln_error *error)
     return status;
 }
 
-/* Refuses an exposure for what is shown on a scale of its own. */
+/* Refuses an exposure for quantities shown on a fixed scale. */
 static int check_exposure(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
     if (v->field == NULL || v->field->meaning == KILN_FIELD_AMOUNT || job->view.exposure == 0.0)
@@ -113,7 +113,7 @@ static int open_scene(struct view *v, const struct kiln_job *job, struct kiln_er
     return job->scene.file != NULL ? import_scene(v, job, error) : open_bake(v, job->arguments[0], error);
 }
 
-/* Lays the leaves of a bake that has an octree: run.json says how wide they are. */
+/* Builds the leaves of a bake with an octree; run.json has their size. */
 static int lay_leaves(struct view *v, struct kiln_error *error)
 {
     json_t *run = NULL;
@@ -189,7 +189,7 @@ static bool is_exposed(const struct view *v, const char *output)
     return strcasecmp(dot, ".png") == 0 && (v->field == NULL || v->field->meaning == KILN_FIELD_AMOUNT);
 }
 
-/* Opens what the pictures have in common: lightmaps, and the exposure of the frames of a path. */
+/* Opens the data that all pictures share: lightmaps, and the exposure of a path's frames. */
 static int prepare(struct view *v, const struct kiln_job *job, const char *directory, struct kiln_error *error)
 {
     struct kiln_view_source source = source_of(v, job, directory);
@@ -352,12 +352,12 @@ static void print_work(const struct view *v, const struct kiln_job *job)
         (void)printf("light is merged within %.3g m at first, and within less in each sample\n", work.radius);
 }
 
-/* Says in lines what stands under a picture, or under all frames of a path. */
+/* Prints the notes on a picture, or on all frames of a path. */
 static void print_notes(const struct kiln_picture *picture, const struct kiln_look *look)
 {
     char notes[KILN_PICTURE_TEXT];
     kiln_picture_notes(picture, look, notes);
-    (void)puts(notes); /* several lines; they have no control characters */
+    (void)puts(notes); /* may have several lines, but no control characters */
     if (picture->approximate.flat > 0.0005)
         (void)printf("materials with normal maps, %.1f %% of it, are shown without them: the lightmaps do not say from "
                      "where light comes (kiln bake --directional sh1 does)\n",
@@ -383,7 +383,7 @@ static void tell_picture(const struct kiln_job *job, struct view *v, const char 
     }
 }
 
-/* Says what all pictures have in common. */
+/* Prints the properties that all pictures share. */
 static int tell_all(const struct kiln_job *job, struct view *v, struct kiln_error *error)
 {
     if (job->json && v->team != NULL && kiln_view_team_stopped(v->team, NULL) != KILN_OK)
@@ -480,7 +480,7 @@ static int check_method(const struct view *v, const struct kiln_job *job, struct
     return KILN_OK;
 }
 
-/* Says what --method path leaves out of the scene's light. */
+/* Warns of the light in the scene that --method path cannot find. */
 static void warn_of_missed(struct view *v, const struct kiln_job *job)
 {
     const struct kiln_view_source source = source_of(v, job, NULL);
@@ -490,7 +490,7 @@ static void warn_of_missed(struct view *v, const struct kiln_job *job)
                       "mirrors and smooth glass; --method vcm or bdpt finds it\n");
 }
 
-/* Refuses several pictures where the sums of one are kept, or its time is limited. */
+/* Refuses several pictures if sums are accumulated or time is limited, which is possible for one picture only. */
 static int check_one(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
     const bool one = v->shots.kind != KILN_SHOTS_PATH && v->shots.count == 1;
@@ -519,7 +519,7 @@ static int check_filter(const struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Refuses views of a scene without a bake that nobody aims: an automatic view looks at the light in lightmaps. */
+/* Refuses a view of a scene without bake, camera or viewpoint. The automatic viewpoint needs the light of lightmaps. */
 static int check_aim(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
     if (v->results != NULL || v->scene->camera_count > 0 || job->view.from != NULL || job->view.path != NULL)
@@ -570,7 +570,7 @@ end:
     return status;
 }
 
-/* Path of the picture: --output, or else in the bake's folder, or named after the scene. */
+/* Chooses the picture's path: --output, or view.png in the bake's folder, or a name made from the scene's. */
 static int choose_output(struct kiln_job *job, char path[KILN_PATH_SIZE], struct kiln_error *error)
 {
     if (job->output == NULL && job->scene.file == NULL)
@@ -599,7 +599,7 @@ static void close_view(struct view *v)
     kiln_temporary_remove(&v->temporary);
 }
 
-/* Takes the materials as --materials says, or else as the bake has. */
+/* Sets the treatment of materials: --materials, or else that of the bake. */
 static int take_materials(const struct view *v, const struct kiln_job *job, struct kiln_error *error)
 {
     const char *const *names = kiln_option_find_for("materials", KILN_FOR_VIEW)->choices;
@@ -616,7 +616,7 @@ static int take_materials(const struct view *v, const struct kiln_job *job, stru
     return status == KILN_OK ? kiln_scene_take_gloss(v->scene, mode, error) : status;
 }
 
-/* Draws one object's lightmap itself. */
+/* Draws the lightmap of one object as a flat picture. */
 static int draw_atlas(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
     int status = kiln_geometry_create(&v->geometry, v->scene, error);
@@ -638,7 +638,7 @@ static int draw_atlas(struct view *v, const struct kiln_job *job, const char *pa
     return status == KILN_OK ? tell_all(job, v, error) : status;
 }
 
-/* Writes the places to look from in place of a picture. */
+/* Writes the list of viewpoints instead of a picture. */
 static int write_places(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
     const struct kiln_output_name name = {.option = "--output", .path = path, .bakes = {job->arguments[0]}};
@@ -657,7 +657,7 @@ end:
     return status;
 }
 
-/* Draws from lightmaps, in one process. */
+/* Draws views of lightmaps, in one process. */
 static int view_lightmaps(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
     int status;
@@ -677,7 +677,7 @@ end:
     return status;
 }
 
-/* Collective. Traces paths: rank 0 draws, and the others compute their parts of its pictures. */
+/* Collective. Draws path-traced views: rank 0 draws, and the others compute their parts of the pictures. */
 static int view_paths(struct view *v, const struct kiln_job *job, const char *path, struct kiln_error *error)
 {
     int rank;

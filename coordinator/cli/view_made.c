@@ -31,7 +31,7 @@ int kiln_view_made_check(const struct kiln_job *job, const struct kiln_show *sho
 
 /* ---- voxels ---- */
 
-/* Cells along the longest side: as --voxels says, or as the bake had. */
+/* Finds the number of cells along the longest side: --voxels, or that of the bake. */
 static int find_along(uint32_t *along, const struct kiln_job *job, struct kiln_results *results,
                       struct kiln_error *error)
 {

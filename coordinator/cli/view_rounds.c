@@ -17,7 +17,7 @@
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
-enum { ROUND = 8 }; /* paths of a pixel, once there are so many */
+enum { ROUND = 8 }; /* paths per pixel in a round, after the short first rounds */
 
 struct kiln_view_rounds {
     const struct kiln_job *job;
@@ -33,7 +33,7 @@ struct kiln_view_rounds {
     bool catches;        /* signals do not end the process */
 };
 
-/* Decisions of all ranks after a round: the largest values of all. */
+/* Decisions after a round. Each is the maximum over all ranks. */
 enum decision { SIGNAL, OVER, SAVE, DECISIONS };
 
 /* ---- begin and end ---- */
@@ -97,7 +97,7 @@ static json_t *number_json(double number, int digits)
     return json_string(text);
 }
 
-/* Identity of the view: all that its sums depend on. */
+/* Makes the identity of the view: everything that its sums depend on. */
 static json_t *make_identity(const struct kiln_view_rounds *r, const struct kiln_view_traced *traced)
 {
     static const char *const options[] = {"method", "bounces", "path-length", "materials", "seed"};
@@ -127,7 +127,7 @@ static json_t *make_identity(const struct kiln_view_rounds *r, const struct kiln
                      "backend", info.name, "instruction set", traced->instruction_set);
 }
 
-/* The folder of a bake has a scene, or a checkpoint that says of what it is. */
+/* Refuses the folder of a bake. Such a folder has a scene, or a checkpoint with another kind of identity. */
 static int refuse_bake(const struct kiln_view_rounds *r, struct kiln_error *error)
 {
     return kiln_fail(error, KILN_USAGE, "--accumulate %.300s: that is the folder of a bake; name another",
@@ -151,7 +151,7 @@ end:
     return status;
 }
 
-/* Whether the sums can be gone on from; *note: what differs that does not matter. Not collective. */
+/* Not collective. Checks that kept sums can be continued; *note: differences that do not matter. */
 static int check_kept(const struct kiln_view_rounds *r, bool had_one, char *note, size_t note_size,
                       struct kiln_error *error)
 {
@@ -249,7 +249,7 @@ static int save(struct kiln_view_rounds *r, const struct kiln_path_parameters *c
 
 /* ---- rounds ---- */
 
-/* Paths of a pixel in the whole round that begins after `done` of them. */
+/* Returns the number of paths per pixel of the round that begins after `done` of them. */
 static uint32_t whole_round(uint32_t done)
 {
     if (done < ROUND)
@@ -257,7 +257,7 @@ static uint32_t whole_round(uint32_t done)
     return ROUND;
 }
 
-/* Share of a round in the progress of all paths of this call. */
+/* Maps a round's progress to the progress of all paths of this call. */
 struct share {
     const struct kiln_path_progress *progress;
     double before, part;
@@ -269,7 +269,7 @@ static void tell(void *context, double share)
     s->progress->tell(s->progress->context, s->before + s->part * share);
 }
 
-/* Collective. What all ranks do after a round; the next one would have `next` paths a pixel. */
+/* Collective. Makes the decisions after a round; the next round would have `next` paths per pixel. */
 static void decide(const struct kiln_view_rounds *r, uint32_t done, uint32_t next, int decisions[DECISIONS])
 {
     const double now = MPI_Wtime(), spent = now - r->begin, limit = r->job->checkpoints.max_time;

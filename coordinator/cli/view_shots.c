@@ -29,7 +29,7 @@ static int allocate(struct kiln_shots *shots, size_t count, struct kiln_error *e
     return status;
 }
 
-/* Fills in what all pictures have in common. */
+/* Sets the members that all pictures have in common. */
 static int common(const struct kiln_job *job, struct kiln_shots *shots, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -172,7 +172,7 @@ end:
 
 /* ---- names of files ---- */
 
-/* The name of a camera as a part of a file's name. */
+/* Makes a camera's name fit for a file name. */
 static void plain_name(const struct kiln_scene *scene, const struct kiln_camera *camera, char label[LABEL_SIZE])
 {
     static const char kept[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_";

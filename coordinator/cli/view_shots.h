@@ -1,4 +1,4 @@
-/* The pictures that kiln view is to draw: one; one for each of several cameras; or the frames of a path. Private to
+/* Pictures that kiln view has to draw: one; one for each of several cameras; or the frames of a camera path. Private to
  * coordinator/cli. Nothing here is collective. */
 #ifndef KILN_COORDINATOR_CLI_VIEW_SHOTS_H
 #define KILN_COORDINATOR_CLI_VIEW_SHOTS_H
@@ -15,8 +15,8 @@ struct kiln_shots {
     size_t count;
     struct kiln_view_wish *wishes;    /* owned */
     struct kiln_camera_frame *frames; /* eye and target that the wishes point to; owned */
-    bool numbered;                    /* the cameras' names alone would not tell their files apart */
-    const char *output;               /* path of the picture, or what theirs are made from; borrowed */
+    bool numbered;                    /* file names need numbers, since camera names alone would collide */
+    const char *output;               /* path of the picture, or the pattern for several paths; borrowed */
 };
 
 /* Makes the list that the job asks for. The job and the scene must outlive it. Release with kiln_shots_destroy, also
@@ -26,9 +26,9 @@ int kiln_shots_make(const struct kiln_job *job, const struct kiln_scene *scene, 
                     struct kiln_shots *shots, struct kiln_error *error);
 void kiln_shots_destroy(struct kiln_shots *shots);
 
-/* The path of picture `index`. Of several it is NAME-CAMERA.png or NAME-0001.png: characters of a camera's name but
- * letters, digits, '.', '-' and '_' become '_', and where two would have the same file, all have their number in the
- * list, too: NAME-CAMERA-1.png. KILN_USAGE if it is too long. */
+/* Makes the path of picture `index`. With several pictures it is NAME-CAMERA.png or NAME-0001.png. Characters of a
+ * camera's name other than letters, digits, '.', '-' and '_' become '_'. If two pictures would have the same file, all
+ * get their number in the list, too: NAME-CAMERA-1.png. KILN_USAGE if it is too long. */
 int kiln_shots_path(const struct kiln_shots *shots, const struct kiln_scene *scene, size_t index,
                     char path[KILN_PATH_SIZE], struct kiln_error *error);
 

@@ -13,11 +13,11 @@
 #include "coordinator/view/view_radius.h"
 #include "worker/base/memory.h"
 
-/* Views that choose an exposure are drawn with so many paths a pixel at most: a mean over a picture needs few. */
+/* Most paths per pixel for the view that chooses the exposure: a mean over a picture needs few. */
 enum { METER_SAMPLES = 16 };
 
-/* The radius of merging at first, in pixels. vcm merges where it is better than its connections, and wants it narrow;
- * photon mapping has nothing else. */
+/* Initial merge radius, in pixels. vcm uses merging only where it is better than connections, which works best with a
+ * small radius. Photon mapping has nothing but merging. */
 static const double RADIUS_VCM = 0.5, RADIUS_PHOTONS = 1.0;
 
 struct kiln_view_team {
@@ -27,7 +27,7 @@ struct kiln_view_team {
     uint32_t samples, path_length;      /* as in the job */
     double lens_radius, focus_distance; /* m; as in the job */
     int method;                         /* enum kiln_view_method */
-    double radius;                      /* of merging at first, m; 0: by what each picture shows */
+    double radius;                      /* initial merge radius, m; 0: derived from each picture */
     const struct kiln_scene *scene;
     const char *instruction_set;
     struct kiln_geometry *geometry;
@@ -49,7 +49,7 @@ struct order {
 
 /* ---- begin and end ---- */
 
-/* The best of Embree's instruction sets that all ranks have, or the one that is asked for. */
+/* Chooses the best of Embree's instruction sets that all ranks have, or the given one. */
 static int choose_instruction_set(const struct kiln_job *job, const char **chosen, struct kiln_error *error)
 {
     static const char *const sets[] = {"avx512", "avx2", "avx", "sse4.2", "sse2"};
@@ -86,7 +86,7 @@ static int open_backend(struct kiln_view_team *t, const struct kiln_job *job, co
     return kiln_backend_create(&t->backend, job->machine.backend, &params, error);
 }
 
-/* Collective. This rank's number among those of its node, and theirs. */
+/* Collective. Finds this rank's number among the ranks of its node, and their number. */
 static void learn_node(int of_node[2])
 {
     MPI_Comm node;
@@ -203,8 +203,8 @@ static int gather(const struct kiln_view_team *t, size_t pixels, const float *ow
     return status;
 }
 
-/* Traces one path, so that the device makes its kernels before the time of computing begins. What fails here fails in
- * the picture too, which says it. */
+/* Traces one path, so that the device compiles its kernels before the limited computing time begins. An error is
+ * ignored: the picture will fail with the same one. */
 static void make_kernels(struct kiln_view_team *t, const struct kiln_path_view *view)
 {
     struct kiln_path_view one = *view;
@@ -274,7 +274,8 @@ static int draw(struct kiln_view_team *t, const struct kiln_path_view *view, flo
     return status;
 }
 
-/* The distance along the camera's axis of what the middle of the picture shows; of nothing, the scene's extent. */
+/* Finds the distance, along the camera's axis, of the surface in the middle of the picture; the scene's extent if there
+ * is none. */
 static int find_focus(const struct kiln_view_team *t, const struct kiln_view_camera *camera, double *distance,
                       struct kiln_error *error)
 {
@@ -301,7 +302,7 @@ static int mount_lens(const struct kiln_view_team *t, const struct kiln_view_cam
     return status;
 }
 
-/* Gives a view that merges its radius. */
+/* Sets the merge radius of a view whose method merges. */
 static int choose_radius(struct kiln_view_team *t, const struct kiln_view_params *params, struct kiln_path_view *view,
                          struct kiln_error *error)
 {
@@ -315,7 +316,7 @@ static int choose_radius(struct kiln_view_team *t, const struct kiln_view_params
     return status;
 }
 
-/* Numbers the paths of a frame after those of the frames before. */
+/* Numbers the paths of a frame, starting after those of earlier frames. */
 static int count_samples(uint32_t frame, struct kiln_path_view *view, struct kiln_error *error)
 {
     const uint64_t first = (uint64_t)frame * view->samples;
@@ -335,7 +336,8 @@ static int draw_with_all(struct kiln_view_team *t, const struct order *order, fl
     return draw(t, &order->view, all, error);
 }
 
-/* Draws a picture in two halves: `all` has their mean, and `spread` what struct kiln_view_params says. */
+/* Draws a picture in two halves. `all` receives their mean, and `spread` the difference as struct kiln_view_params
+ * defines it. */
 static int draw_halves(struct kiln_view_team *t, const struct order *order, size_t values, float *all, float *spread,
                        struct kiln_error *error)
 {
@@ -356,7 +358,7 @@ static int draw_halves(struct kiln_view_team *t, const struct order *order, size
     return status;
 }
 
-/* struct kiln_view_renderer: on rank 0, in step with kiln_view_team_serve on the others. */
+/* Implements struct kiln_view_renderer on rank 0; the other ranks run kiln_view_team_serve in step with it. */
 static int render(void *context, const struct kiln_view_params *params, struct kiln_image **image,
                   struct kiln_error *error)
 {
@@ -412,6 +414,6 @@ void kiln_view_team_serve(struct kiln_view_team *team)
         (void)MPI_Bcast(&order, (int)sizeof order, MPI_BYTE, 0, MPI_COMM_WORLD);
         if (order.ends != 0)
             return;
-        (void)draw(team, &order.view, NULL, NULL); /* a failure is every rank's, and rank 0 says it */
+        (void)draw(team, &order.view, NULL, NULL); /* a failure is the same on all ranks, and rank 0 reports it */
     }
 }

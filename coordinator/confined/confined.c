@@ -113,7 +113,8 @@ static const char *costly(const struct kiln_confined_call *call)
     return call->costly != NULL ? call->costly : "simplify the scene";
 }
 
-/* The signals that a process gets for what it does itself, and so for the file that it reads. All others were sent. */
+/* Whether the process itself caused the signal, so that the file it reads is to blame. All other signals were sent to
+ * it. */
 static bool is_own(int signal)
 {
     static const int own[] = {SIGSEGV, SIGBUS, SIGABRT, SIGFPE, SIGILL, SIGSYS, SIGTRAP};

@@ -36,9 +36,10 @@ int kiln_confined_run(const struct kiln_confined_call *call, struct kiln_error *
 int kiln_confined_start(const struct kiln_confined_call *call, int answer, pid_t *pid, struct kiln_error *error);
 /* Waits until the child has ended. Returns its state as waitpid gives it. */
 int kiln_confined_wait(pid_t pid);
-/* Write the sentence about a child that ended in `state` without an answer, and about one that took longer than
- * `seconds`. A signal that the child was sent is not the file's fault: KILN_SYSTEM for SIGKILL, which the kernel sends
- * where memory is short, KILN_STOPPED for the others. A file size limit is KILN_IO. All else is KILN_BAD_INPUT. */
+/* Write the error message and return the status for a child that ended in `state` without an answer, and for one that
+ * took longer than `seconds`. A signal sent to the child is not the file's fault: KILN_SYSTEM for SIGKILL, which the
+ * kernel sends if memory is short, KILN_STOPPED for the others. A file size limit is KILN_IO. All else is
+ * KILN_BAD_INPUT. */
 int kiln_confined_died(const struct kiln_confined_call *call, int state, struct kiln_error *error);
 int kiln_confined_late(const struct kiln_confined_call *call, struct kiln_error *error);
 

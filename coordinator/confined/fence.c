@@ -29,8 +29,8 @@ void kiln_fence_begin(void)
     kiln_fence_limit(RLIMIT_CORE, 0);
 }
 
-/* Private writable memory, bytes, as the kernel counts it for RLIMIT_DATA. Its file is opened once, since nothing can
- * be opened behind the filter. */
+/* Returns the private writable memory, bytes, as the kernel counts it for RLIMIT_DATA. The file is opened once, before
+ * the filter forbids opening. */
 static uint64_t data_bytes(void)
 {
     static int descriptor = -1;
@@ -135,7 +135,7 @@ static struct sock_filter calls[] = {
     ALLOW(getrlimit),
     ALLOW(setrlimit),
 #    endif
-    /* its flags are in memory, where the filter cannot see them; the C library then uses clone */
+    /* clone3 has its flags in memory, where the filter cannot see them; when it fails, the C library uses clone */
     REFUSE(clone3, ENOSYS),
     BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_clone, 0, 3), /* threads only, no processes */
     BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, args[0])),

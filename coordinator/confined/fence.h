@@ -21,7 +21,7 @@
 /* Sets a soft limit (RLIMIT_...) of this process, as far as the hard limit allows. */
 void kiln_fence_limit(int resource, uint64_t value);
 
-/* Makes the process die with its parent, since nobody waits for the answer then, and write no core files. To be called
+/* Makes the process die with its parent, since nobody would read its answer, and write no core files. To be called
  * first. */
 void kiln_fence_begin(void);
 

@@ -26,8 +26,8 @@ static void join_near(uint32_t *parent, const uint8_t *wanted, int64_t width, in
         }
 }
 
-/* Labels the texels and their neighbours, in a grid that is one larger on each side, with the island's number + 1 (0:
- * none). Islands are numbered by their first texel. `parent` gets the numbers of the roots. Returns the number of
+/* Labels the texels and their neighbours with their island's number + 1 (0: none), in a grid that is one texel larger
+ * on each side. Islands are numbered by their first texel. `parent` receives the roots' numbers. Returns the number of
  * islands. */
 static uint32_t label(uint32_t *labels, uint32_t *parent, const uint8_t *wanted, uint32_t width, uint32_t height,
                       bool whole)
@@ -36,7 +36,7 @@ static uint32_t label(uint32_t *labels, uint32_t *parent, const uint8_t *wanted,
     uint32_t count = 0;
     for (uint32_t i = 0; i < width * height; i++)
         if (wanted[i] != 0)
-            parent[i] = kiln_sets_root(parent, i); /* roots come before all others of their set */
+            parent[i] = kiln_sets_root(parent, i); /* a set's root comes before all its other members */
     for (uint32_t i = 0; i < width * height; i++) {
         if (wanted[i] == 0)
             continue;
@@ -180,7 +180,7 @@ static bool all_set(const uint64_t *row, size_t words)
     return true;
 }
 
-/* Marks the columns in which the island may not begin: all but 0 .. last. */
+/* Marks the columns where the island may not begin: all except 0 .. last. */
 static void begin_blocked(struct packer *p, uint32_t last)
 {
     for (size_t i = 0; i < p->words; i++) {
@@ -210,7 +210,8 @@ static bool find_column(struct packer *p, const struct kiln_island *o, uint32_t 
     return false;
 }
 
-/* Sorts long runs first, since they rule out most columns; equal ones by position, so that the order is unique. */
+/* Compares runs for sorting: long ones first, since they rule out most columns; equal ones by position, so that the
+ * order is unique. */
 static int compare_runs(const void *a, const void *b)
 {
     const struct kiln_island_run *p = a, *q = b;
@@ -237,7 +238,7 @@ static unsigned class_of(uint32_t side)
     return octave < CLASSES ? octave : CLASSES - 1;
 }
 
-/* Places an island. False: there is no room, or no memory (then *status says so). */
+/* Places an island. Returns false if there is no room, or no memory (then *status is set). */
 static bool place(struct packer *p, struct kiln_island *o, int *status, struct kiln_error *error)
 {
     uint32_t *cursor = &p->cursor[class_of(o->width)][class_of(o->height)], x;
@@ -269,8 +270,8 @@ static int compare_islands(const void *a, const void *b)
     return p < q ? -1 : p > q;
 }
 
-/* A choice of groups for one page. Of the groups that are left, largest first, as many as fill the fraction `target` of
- * a page (at least one). Their islands, largest first, go to `order`; `chosen` marks the groups. */
+/* The groups chosen for one page. Of the remaining groups, the largest first, it takes as many as fill the fraction
+ * `target` of a page (at least one). `order` has their islands, the largest first; `chosen` marks the groups. */
 struct choice {
     const struct kiln_islands *islands;
     struct group {
@@ -315,7 +316,7 @@ static bool try_page(struct packer *p, const struct choice *c, uint32_t page, in
     return true;
 }
 
-/* Fills one page with as much as possible: first tries as if it could be filled completely, then with less and less. */
+/* Fills one page as well as possible. First tries groups that fill nearly all of it, then fewer and fewer. */
 static int fill_page(struct packer *p, struct choice *c, uint32_t page, uint32_t *misfit, struct kiln_error *error)
 {
     static const double first = 0.97, step = 0.03;

@@ -1,9 +1,9 @@
 /* Packs lightmaps into square pages, island by island. Private to coordinator/export. Deterministic, not collective.
  *
- * An island is a part of a layout that no bilinear filter mixes with another: covered texels less than three apart, and
- * the texels next to them. Islands are moved by whole texels and never rotated or scaled, so a filter reads the same
- * values at the same fractions. They are placed bottom-left, first fit, largest first, by their exact outlines. All
- * islands of a group are on one page. */
+ * An island is a part of a layout that no bilinear filter mixes with another part: covered texels less than three
+ * apart, and the texels next to them. Islands are moved by whole texels and never rotated or scaled, so a filter reads
+ * the same values at the same fractions. They are placed bottom-left, first fit, largest first, by their exact
+ * outlines. All islands of a group are on one page. */
 #ifndef KILN_COORDINATOR_EXPORT_ATLAS_H
 #define KILN_COORDINATOR_EXPORT_ATLAS_H
 

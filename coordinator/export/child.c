@@ -32,7 +32,7 @@ static int open_task(struct kiln_export_task *task, struct kiln_error *error)
     const size_t moved = has_coordinates ? task->scene->vertex_count * sizeof *task->coordinates : 0,
                  light = has_light ? kiln_export_vertices(task->scene) * sizeof *task->light : 0,
                  rest = length < size ? size - length - 1 : 0;
-    /* to the input's beginning, where numbers are aligned */
+    /* moves the numbers to the input's beginning, where they are aligned */
     if (rest > 0 && rest == moved + light)
         memmove(task->input, task->input + length + 1, rest);
     if (has_coordinates)

@@ -1,15 +1,15 @@
-/* The export child: how kiln export calls it, and its two jobs. Private to coordinator/export.
+/* The export child: how kiln export calls it, and its two tasks. Private to coordinator/export.
  *
  * argv: PROGRAM export-child SOURCE SCENE_FILE OUTPUT
- *       SOURCE is "" where the export is made from kiln's own scene file alone.
+ *       SOURCE is "" if the export is made from kiln's own scene file alone.
  *
- * Standard input is one JSON object, written by kiln and trusted. Then come a zero byte; where coordinates have moved,
- * a struct kiln_vec2 for each vertex of the scene; where there is light at vertices, three floats for each vertex of
- * each object. The JSON object is:
+ * Standard input is trusted, since kiln writes it: one JSON object and a zero byte; if coordinates have moved, a struct
+ * kiln_vec2 for each vertex of the scene; if there is light at vertices, three floats for each vertex of each object.
+ * The JSON object is:
  *   {"objects": [LINK or null, one per object], "root": ROOT, "drop_baked_lights": false, "has_coordinates": false,
  *    "has_light": false}
- * LINK becomes extensions.KILN_lightmap of the object's node (the child fills in texCoord); ROOT becomes that of the
- * file. */
+ * LINK becomes extensions.KILN_lightmap of the object's node (the child fills in texCoord); ROOT becomes that extension
+ * of the file's root. */
 #ifndef KILN_COORDINATOR_EXPORT_CHILD_H
 #define KILN_COORDINATOR_EXPORT_CHILD_H
 
@@ -34,16 +34,17 @@ struct kiln_export_task {
 int kiln_export_gltf(const struct kiln_export_task *task, void (*mapped)(const struct kiln_confine *),
                      struct kiln_error *error);
 
-/* The same from the scene file alone, for sources that are not glTF. Materials as far as kiln keeps them; textures as
- * PNG. */
+/* Writes the glTF from the scene file alone, for sources that are not glTF. Exports material properties as far as kiln
+ * keeps them; textures as PNG. */
 int kiln_export_own(const struct kiln_export_task *task, struct kiln_error *error);
 
 /* Sets a material's metallic-roughness numbers and extensions from its gloss. Texture indices are the scene's; `set` is
- * the TEXCOORD that has texcoord_gloss. glTF has no Phong: such a material gets the roughness of a lobe as wide. */
+ * the number of the TEXCOORD with texcoord_gloss. glTF has no Phong: a Phong material gets the roughness of an equally
+ * wide lobe. */
 void kiln_export_gloss(struct kiln_glb_build *b, json_t *material, const struct kiln_gloss *gloss, int set);
 
-/* Not a command for users: the confined child that writes a scene with its lightmaps (child.c). argv as it was spawned.
- * Returns its exit status. */
+/* Runs the confined child that writes a scene with its lightmaps (child.c); not a command for users. argv as it was
+ * spawned. Returns its exit status. */
 int kiln_export_child(int argc, char **argv);
 
 #endif

@@ -51,13 +51,13 @@ struct kiln_export_params {
     const char *scene_file; /* path of `scene` */
     const struct kiln_scene *scene;
     const char *directory, *output; /* where the .glb goes (coordinator/files/publish.h) */
-    const char *unit;               /* of the lightmaps: "W/m2" or "lx" */
+    const char *unit;               /* unit of the lightmaps: "W/m2" or "lx" */
     const char *encoding;           /* of the pages: "exr", ... */
     const struct kiln_link *links;  /* one per object */
     const struct kiln_page_info *pages;
     size_t page_count;
     const struct kiln_vec2 *coordinates; /* per vertex of the scene, instead of texcoord_lightmap; NULL: use that */
-    /* irradiance of the vertices of all objects, one object after the other, each with those of its mesh; NULL: none */
+    /* irradiance at the vertices of each object's mesh, for one object after the other; NULL: none */
     const float (*light)[3];
     bool drop_baked_lights;
     const struct kiln_stop *stop; /* borrowed; NULL: none. When asked, returns KILN_STOPPED and leaves no file */
@@ -73,14 +73,14 @@ bool kiln_export_has_gltf(const struct kiln_scene *scene);
 /* Whether an object's lightmap is among the results. */
 bool kiln_export_is_published(const struct kiln_scene *scene, size_t object);
 
-/* The number of vertices of all objects together, each with those of its mesh. */
+/* The sum over all objects of the number of vertices of their meshes. */
 uint64_t kiln_export_vertices(const struct kiln_scene *scene);
 
 /* Estimate of the size in bytes of a scene's .glb. */
 uint64_t kiln_export_size(const struct kiln_scene *scene);
 
-/* Writes DIRECTORY/scene.glb for a bake's own lightmaps. `path`: the source, as it was given to the bake.
- * has_back[object] (or NULL): the bake has a lightmap of the object's backs, too. `light`: as in the params. */
+/* Writes DIRECTORY/scene.glb for a bake's own lightmaps. `path`: the source, as given to the bake. has_back[object]:
+ * the bake also has a lightmap of the object's backs; has_back may be NULL. `light`: as in the params. */
 int kiln_export_beside(const char *directory, const char *path, const struct kiln_scene *scene, const uint8_t *has_back,
                        const float (*light)[3], const char *unit, const struct kiln_stop *stop,
                        struct kiln_error *error);

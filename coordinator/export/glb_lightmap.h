@@ -1,4 +1,4 @@
-/* Links to lightmaps and colours of vertices, which an exported glTF has besides its source. Private to
+/* Links to lightmaps, and vertex colours: the additions of an exported glTF to its source. Private to
  * coordinator/export. */
 #ifndef KILN_COORDINATOR_EXPORT_GLB_LIGHTMAP_H
 #define KILN_COORDINATOR_EXPORT_GLB_LIGHTMAP_H
@@ -13,7 +13,7 @@ void kiln_export_link(struct kiln_glb_build *b, json_t *node, json_t *link);
 /* Sets the root's extension, and lists the extension as used. */
 void kiln_export_root(struct kiln_glb_build *b, json_t *plan);
 
-/* Adds an accessor of `count` colours, RGB, and returns its index; that of as many white ones. */
+/* The first adds an accessor of `count` RGB colours and returns its index; the second adds `count` white colours. */
 uint32_t kiln_export_colors(struct kiln_glb_build *b, const float (*colors)[3], size_t count);
 uint32_t kiln_export_white(struct kiln_glb_build *b, size_t count);
 

@@ -1,5 +1,5 @@
-/* Writes the source's glTF again. Its JSON is read and checked as at import and edited in place: things are only
- * appended, so that existing indices do not change. It is written with all buffers and images in one .glb. */
+/* Rewrites the source's glTF. Its JSON is read and checked as at import, and edited in place. Elements are only
+ * appended, so that existing indices stay valid. All buffers and images are written into one .glb. */
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -10,7 +10,7 @@
 #include "coordinator/scene/builder.h"
 #include "worker/base/memory.h"
 
-/* ---- check that the source is the one that was baked ---- */
+/* ---- check of the source: unchanged since the bake ---- */
 
 /* Checks that every file read now has the same bytes as at import. */
 static int check_sources(struct rewrite *a)
@@ -55,7 +55,7 @@ static void move_to_one_buffer(struct rewrite *a, json_t *view, const size_t *ba
     kiln_glb_set(&a->b, view, "buffer", json_integer(renamed[index]));
 }
 
-/* Makes the buffers that have bytes pieces of the first buffer. Those without (fallback buffers of compressed files)
+/* Joins the buffers that have bytes into the first buffer. Buffers without bytes (fallback buffers of compressed files)
  * follow it. */
 static void join_buffers(struct rewrite *a)
 {
@@ -305,7 +305,7 @@ static void drop_light(json_t *node)
         (void)json_object_del(node, "extensions");
 }
 
-/* Marks the punctual lights of the scene as baked, or removes them: their light is in the lightmaps. */
+/* Marks the scene's punctual lights as baked, or removes them, since lightmaps have their light. */
 static void settle_lights(struct rewrite *a)
 {
     const bool drop = json_is_true(json_object_get(a->plan, "drop_baked_lights"));

@@ -6,7 +6,7 @@
 #include "coordinator/export/glb_build.h"
 #include "coordinator/import/gltf_document.h"
 
-/* Which vertices of the scene a primitive's vertices are, as written. */
+/* Correspondence between the vertices of a written primitive and the vertices of the scene. */
 struct written_corners {
     size_t mesh, primitive;
     size_t count, vertex_count; /* corners; vertices of the primitive */
@@ -22,14 +22,14 @@ struct rewrite {
     const struct kiln_vec2 *coordinates; /* per vertex of the scene: lightmap coordinates */
     /* per mesh: the number of the TEXCOORD set that holds the lightmap's coordinates */
     uint32_t *set_of;
-    uint32_t *mesh_of;       /* per mesh of the scene: the mesh of the file, as written; KILN_NONE: no object has it */
+    uint32_t *mesh_of;       /* per mesh of the scene: the written mesh of the file; KILN_NONE: no object has it */
     const float (*light)[3]; /* per vertex of each object: irradiance; NULL: none */
     /* with `light`: all primitives of baked meshes, by mesh in the order of the objects */
     struct written_corners *corners;
     size_t corner_count, corner_capacity;
 };
 
-/* Gives every baked mesh its lightmap coordinates: keeps TEXCOORD_1 where that is what was baked, else writes new
+/* Gives every baked mesh its lightmap coordinates: keeps TEXCOORD_1 if it holds the baked coordinates, else writes new
  * ones. */
 void kiln_rewrite_meshes(struct rewrite *a);
 

@@ -16,8 +16,8 @@ void kiln_rewrite_corners_free(struct rewrite *a)
     a->corner_count = a->corner_capacity = 0;
 }
 
-/* A vertex of the file may be several of the scene's mesh, one for each face, where the file has no normals: it gets
- * the mean over its corners. `light`: of the object's vertices. */
+/* Adds an object's light to a primitive. If the file has no normals, the scene's mesh may have several vertices, one
+ * per face, for one of the file; that one gets their mean. `light`: of the object's vertices. */
 static void color_primitive(struct rewrite *a, json_t *primitive, const struct written_corners *w,
                             const float (*light)[3])
 {
@@ -45,7 +45,7 @@ static void color_primitive(struct rewrite *a, json_t *primitive, const struct w
     kiln_free(&corners);
 }
 
-/* A copy of the object's mesh with its light, for its node. */
+/* Makes a copy of the object's mesh with its light, and assigns it to the object's node. */
 static void color_object(struct rewrite *a, const struct kiln_object *object, const float (*light)[3])
 {
     const json_t *meshes = json_object_get(a->b.root, "meshes");

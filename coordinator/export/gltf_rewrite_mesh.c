@@ -13,7 +13,7 @@
 
 enum { FIRST_SET = 1, SETS_MOST = 64, TRIANGLES = 4, NAME = 32 };
 
-/* A vertex of the file at one position in the layout: a vertex as it will be written. */
+/* A vertex of the file with one position in the layout. Each is written as a vertex of its own. */
 struct layout_vertex {
     struct kiln_vec2 uv;
     uint32_t source; /* index of the vertex of the file */
@@ -34,7 +34,7 @@ struct patch {
     unsigned mode;
     size_t triangle_count;
     uint32_t *vertex_of; /* 3 per triangle: the layout vertices of its corners; KILN_NONE: not known (yet) */
-    uint32_t *of_mesh;   /* 3 per triangle, likewise: the vertices of the scene's mesh */
+    uint32_t *of_mesh;   /* 3 per triangle: vertices of the scene's mesh at its corners; KILN_NONE: not known (yet) */
     uint32_t *first;     /* per vertex of the file: its first layout vertex, or KILN_NONE */
     struct layout_vertex *layout_vertices;
     size_t layout_vertex_count, layout_vertex_capacity;
@@ -48,7 +48,7 @@ static void take(struct rewrite *a, int status)
         a->b.status = status;
 }
 
-/* ---- which texture coordinate set ---- */
+/* ---- choice of the texture coordinate set ---- */
 
 /* Whether a texture below `json` uses set 1. */
 static bool uses_set(const json_t *json)
@@ -71,7 +71,7 @@ static const json_t *accessor_of(const json_t *primitive, unsigned set)
     return json_object_get(json_object_get(primitive, "attributes"), name);
 }
 
-/* The set for a mesh's new coordinates: 1 or, if a texture of one of its materials uses that, the first free one. */
+/* Chooses the set for a mesh's new coordinates: 1, or the first free one if a texture of its materials uses set 1. */
 static uint32_t choose_set(const struct rewrite *a, const json_t *primitives)
 {
     const json_t *materials = json_object_get(a->b.root, "materials");
@@ -93,7 +93,7 @@ static uint32_t choose_set(const struct rewrite *a, const json_t *primitives)
 
 /* ---- compression ---- */
 
-/* An attribute's accessor: the file's, or the one decoded for it. */
+/* Returns an attribute's accessor: the file's, or the decoded one of a compressed primitive. */
 static const struct gltf_accessor *accessor_named(const struct patch *p, const char *name, uint32_t index)
 {
     for (size_t i = 0; p->compressed && i < GLTF_DRACO_ATTRIBUTES; i++)
@@ -141,7 +141,8 @@ static uint32_t add_layout_vertex(struct patch *p, uint32_t source, struct kiln_
     return (uint32_t)p->layout_vertex_count++;
 }
 
-/* The layout vertex of a vertex of the file at `uv`; made if it is new. The first one made remains the first. */
+/* Returns the layout vertex of a vertex of the file at `uv`, and makes it if it is new. The first one of a vertex stays
+ * the first in the list. */
 static uint32_t layout_vertex_at(struct patch *p, uint32_t source, struct kiln_vec2 uv)
 {
     uint32_t last = KILN_NONE;
@@ -163,14 +164,14 @@ static bool same_position(const struct gltf_accessor *accessor, uint32_t vertex,
     return own.x == position.x && own.y == position.y && own.z == position.z;
 }
 
-/* Matches the file's corners to the scene file's triangle: the same order, or the last two exchanged. */
+/* Matches the file's triangle with the scene's: corners in the same order, or with the last two exchanged. */
 static bool match_corners(const struct patch *p, const struct kiln_mesh *mesh, uint64_t triangle, uint32_t corner[3],
                           uint32_t slot[3])
 {
     const struct kiln_scene *scene = p->a->scene;
     const struct kiln_vec3 *positions = scene->positions + mesh->vertex_first;
     const uint32_t *own = scene->triangles + 3 * triangle;
-    const bool posed = (mesh->flags & KILN_MESH_POSED) != 0; /* then the file's positions tell nothing */
+    const bool posed = (mesh->flags & KILN_MESH_POSED) != 0; /* positions of a posed mesh differ from the file's */
     const unsigned turned = (scene->triangle_sources[triangle].primitive & KILN_SOURCE_TURNED) != 0;
     for (unsigned turn = posed ? turned : 0; turn < 2; turn++) {
         bool same = true;
@@ -232,7 +233,7 @@ static void place_rest(struct patch *p)
     }
 }
 
-/* Whether TEXCOORD_1 has the same coordinates already. */
+/* Whether TEXCOORD_1 already has these coordinates. */
 static bool is_unchanged(const struct patch *p)
 {
     const json_t *index = accessor_of(p->json, FIRST_SET);
@@ -250,7 +251,7 @@ static bool is_unchanged(const struct patch *p)
 
 /* ---- writing ---- */
 
-/* NULL when out of memory, which kiln_glb_append reports. */
+/* Returns the JSON of an accessor. NULL when out of memory, which kiln_glb_append reports. */
 static json_t *accessor_json(uint32_t view, unsigned component, size_t count, const char *type)
 {
     return json_pack("{s:i, s:i, s:I, s:s}", "bufferView", (int)view, "componentType", (int)component, "count",
@@ -270,7 +271,7 @@ static void set_texcoord(struct patch *p, uint32_t set, uint32_t accessor)
     }
 }
 
-/* Adds coordinates for all vertices of the file; those that no triangle uses are at 0. */
+/* Adds coordinates for all vertices of the file. Vertices that no triangle uses get 0. */
 static void add_coordinates(struct patch *p, uint32_t set)
 {
     struct kiln_glb_build *b = &p->a->b;
@@ -285,8 +286,8 @@ static void add_coordinates(struct patch *p, uint32_t set)
     set_texcoord(p, set, kiln_glb_append(b, b->root, "accessors", accessor_json(view, KILN_GLTF_FLOAT, count, "VEC2")));
 }
 
-/* Numbers the new vertices: first the first layout vertex of each vertex of the file, in the file's order, then the
- * others in the order in which they were made. `order` gets the layout vertex of each new vertex. */
+/* Numbers the new vertices. The first layout vertex of each vertex of the file comes first, in the file's order; the
+ * others follow in the order of their making. `order` receives the layout vertex of each new vertex. */
 static void number_layout_vertices(struct patch *p, uint32_t *order)
 {
     uint32_t next = 0;
@@ -302,7 +303,7 @@ static void number_layout_vertices(struct patch *p, uint32_t *order)
         }
 }
 
-/* Sets min and max, where the old accessor had them, to those of the new elements. */
+/* Sets min and max to the new elements' bounds, if the old accessor had them. */
 static void set_bounds(struct patch *p, json_t *made, const json_t *old, const struct gltf_accessor *accessor,
                        const uint32_t *order)
 {
@@ -494,7 +495,7 @@ static bool drop_compression(json_t *primitive)
     return dropped;
 }
 
-/* Tells whether the primitive has new vertices. */
+/* Writes the coordinates of a primitive. Returns whether it has new vertices. */
 static bool write_primitive(struct patch *p, uint32_t set)
 {
     const bool compressed = drop_compression(p->json);
@@ -506,7 +507,7 @@ static bool write_primitive(struct patch *p, uint32_t set)
     return true;
 }
 
-/* Keeps the primitive's corners, whose arrays go over to `a`. `anew`: its vertices are the layout vertices. */
+/* Hands the primitive's corners over to `a`. `anew`: its vertices were replaced by the layout vertices. */
 static void keep_corners(struct patch *p, size_t mesh, size_t primitive, bool anew)
 {
     struct rewrite *a = p->a;
@@ -537,7 +538,7 @@ static void end_patch(struct patch *p)
     kiln_free(&p->of_mesh);
 }
 
-/* Walks through the mesh's primitives: first to see whether any has new coordinates, then to write them. */
+/* Visits the mesh's primitives: first to find out whether any has new coordinates, then to write them. */
 static bool patch_primitives(struct rewrite *a, size_t index, const struct kiln_mesh *mesh, json_t *primitives,
                              bool write, uint32_t set)
 {
@@ -578,8 +579,8 @@ static void patch_mesh(struct rewrite *a, size_t index, const struct kiln_mesh *
     (void)patch_primitives(a, index, mesh, primitives, true, a->set_of[index]);
 }
 
-/* Finds each scene mesh's mesh of the file. Where a mesh of the file was baked in several poses, those after the first
- * get copies of it, which share its accessors, and their nodes refer to them. */
+/* Finds the mesh of the file for each scene mesh. If a mesh of the file was baked in several poses, the later poses get
+ * copies of it. The copies share its accessors, and the poses' nodes refer to them. */
 static void part_poses(struct rewrite *a)
 {
     const struct kiln_scene *scene = a->scene;

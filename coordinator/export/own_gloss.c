@@ -18,8 +18,8 @@ static void set_extension(struct writer *w, const char *name, json_t *json)
     kiln_glb_use(w->b, name);
 }
 
-/* Sets a texture, if there is one; its transform is taken apart into scale, rotation and offset (the columns of a
- * transform that was read stand at right angles). */
+/* Sets a texture, if there is one. Its transform is split into scale, rotation and offset. This is possible because the
+ * columns of a transform that was read are perpendicular. */
 static void set_texture(struct writer *w, json_t *json, const char *key, enum kiln_gloss_use use)
 {
     const struct kiln_gloss_texture *texture = &w->gloss->textures[use];
@@ -29,7 +29,7 @@ static void set_texture(struct writer *w, json_t *json, const char *key, enum ki
     json_t *info = json_pack("{s:i, s:i}", "index", (int)texture->texture, "texCoord", w->set);
     if (t[0] != 1.0f || t[1] != 0.0f || t[2] != 0.0f || t[3] != 0.0f || t[4] != 1.0f || t[5] != 0.0f) {
         const double a = (double)t[0], b = (double)t[1], d = (double)t[3], e = (double)t[4];
-        const bool flat = a == 0.0 && d == 0.0; /* then the other column has the rotation */
+        const bool flat = a == 0.0 && d == 0.0; /* the first column is 0, so the rotation is taken from the second */
         const double rotation = flat ? atan2(b, e) : atan2(-d, a), turned = a * e - b * d < 0.0 ? -1.0 : 1.0;
         kiln_glb_set(w->b, kiln_glb_object(w->b, info, "extensions"), "KHR_texture_transform",
                      json_pack("{s:[f, f], s:f, s:[f, f]}", "offset", (double)t[2], (double)t[5], "rotation", rotation,
@@ -39,7 +39,7 @@ static void set_texture(struct writer *w, json_t *json, const char *key, enum ki
     kiln_glb_set(w->b, json, key, info);
 }
 
-/* Whether one texture has metallic and roughness where glTF wants them; the maps of an .mtl file are apart. */
+/* Whether one texture has metallic and roughness in glTF's channels. Maps of an .mtl file are separate. */
 static bool is_one_texture(const struct kiln_gloss *gloss)
 {
     const struct kiln_gloss_texture *metallic = &gloss->textures[KILN_GLOSS_METALLIC],

@@ -15,7 +15,7 @@ struct own {
     const struct kiln_scene *scene;
     json_t *plan;
     const struct kiln_vec2 *coordinates;
-    const float (*light)[3]; /* per vertex, from the next object's first on; NULL: none */
+    const float (*light)[3]; /* light per vertex, starting at the next object's first vertex; NULL: none */
     bool emission_set;       /* some material's emission has its own coordinates: all meshes get TEXCOORD_2 */
 };
 
@@ -169,7 +169,7 @@ static json_t *add_attributes(struct own *o, const struct kiln_mesh *mesh)
     return attributes;
 }
 
-/* Adds the triangles of one material, from the first one that has it. `done`: per triangle, whether it has been
+/* Adds a primitive with all triangles of one material, starting at the first one. `done`, per triangle: already
  * written. */
 static void add_primitive(struct own *o, const struct kiln_mesh *mesh, json_t *mesh_json, json_t *attributes,
                           uint64_t first, uint8_t *done)
@@ -267,7 +267,7 @@ static void add_object(struct own *o, size_t index)
     add_node(o, node);
 }
 
-/* A node with the matrix of columns right, up, backward. */
+/* Makes a node whose matrix has the columns right, up, backward. */
 static json_t *placed(const double position[3], struct kiln_vec3 right, struct kiln_vec3 up, struct kiln_vec3 forward)
 {
     const struct kiln_vec3 columns[3] = {right, up, vec3_scale(forward, -1.0f)};

@@ -20,7 +20,8 @@ static const struct {
 const char *kiln_page_encoding(enum kiln_page_format format) { return formats[format].encoding; }
 const char *kiln_page_extension(enum kiln_page_format format) { return formats[format].ending; }
 
-/* Checks that all values are from 0 to `most`; fails with the first that is not. Finds the largest. */
+/* Checks that all values are from 0 to `most`; reports the first one that is not. *largest receives the largest
+ * value. */
 static int check_values(const char *path, float *const planes[3], uint32_t width, size_t count, double most,
                         const char *remedy, double *largest, struct kiln_error *error)
 {
@@ -63,7 +64,8 @@ end:
 
 static uint8_t byte_of(double value) { return (uint8_t)fmin(fmax(floor(value + 0.5), 0.0), 255.0); }
 
-/* Encodes with the least multiplier that holds the largest channel, so that the channels use all their bits. */
+/* Encodes a colour as RGBM. The multiplier is the smallest that can hold the largest channel, so that the channels use
+ * all their bits. */
 static void rgbm(const double rgb[3], double range, uint8_t out[4])
 {
     const double most = fmax(rgb[0], fmax(rgb[1], rgb[2])) / range;

@@ -94,10 +94,11 @@ struct atlas {
     struct kiln_pages *pages;
     struct kiln_islands islands;
     size_t *first;   /* one per object, and one more at the end: its first island */
-    uint32_t *users; /* per mesh: how many objects with a lightmap have it */
+    uint32_t *users; /* per mesh: number of objects with a lightmap that share it */
 };
 
-/* Whether an object keeps its layout in one piece: it shares its mesh, and the coordinates belong to the mesh. */
+/* Whether an object's layout must stay in one piece: the object shares its mesh, and the coordinates belong to the
+ * mesh. */
 static bool is_whole(const struct atlas *a, size_t object)
 {
     return a->users[a->params->scene->objects[object].mesh] > 1;
@@ -143,7 +144,7 @@ end:
     return status;
 }
 
-/* Copies an island's texels; beyond the lightmap's edge, those at the edge. */
+/* Copies an island's texels. Beyond the lightmap's edge the texels at the edge are repeated. */
 static void copy_texels(struct kiln_image *page, uint8_t *state, float *const to[3], const struct kiln_island *o,
                         const struct kiln_image *image, float *const from[3])
 {
@@ -163,7 +164,7 @@ static void copy_texels(struct kiln_image *page, uint8_t *state, float *const to
     }
 }
 
-/* Fills the texels that belong to no island from the nearest one that does. */
+/* Fills the texels outside all islands with the nearest island texel. */
 static int fill_page(const struct kiln_image *page, const uint8_t *state, float *const planes[3],
                      struct kiln_error *error)
 {
@@ -180,7 +181,7 @@ end:
     return status;
 }
 
-/* Sets the page's size to what lies on it, rounded up to a multiple of 4 for block compression. */
+/* Sets the page's size to that of its islands, rounded up to a multiple of 4 for block compression. */
 static void size_page(const struct atlas *a, uint32_t index, struct kiln_page_info *page)
 {
     const uint32_t most = a->params->atlas;
@@ -219,7 +220,7 @@ end:
     return status;
 }
 
-/* Draws a page. With `back`: the backs of the objects on it that have one. */
+/* Draws a page. With `back`: only backs of the objects on it, if they have a lightmap. */
 static int draw_page(const struct atlas *a, uint32_t index, bool back, struct kiln_image **page,
                      struct kiln_error *error)
 {

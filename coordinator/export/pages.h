@@ -1,12 +1,12 @@
 /* Writes the lightmaps of a finished bake as pages for an exported scene: one page per object, or several objects on a
  * page (an atlas).
  *
- * In an atlas, texels are copied unchanged: nothing is resampled. Kept are the texels that a layout covers and those
- * that a bilinear filter reads around them (one on all sides). Islands of such texels (atlas.h), not rectangles, are
- * packed, so at least two texels lie between what two islands cover. A mesh that one object has gets coordinates on the
- * page; the link then has scale 1 and offset 0. A mesh that several objects share keeps its layout, which is moved as a
- * whole. The rest of a page is filled from the nearest texels, for filters that reach further. Lightmaps of backs go to
- * separate files with the same layout. Not collective; deterministic. */
+ * In an atlas, texels are copied unchanged: nothing is resampled. It keeps the texels that a layout covers and the
+ * texels that a bilinear filter reads around them (one on all sides). Islands of such texels (atlas.h), not rectangles,
+ * are packed, so at least two texels lie between the covered texels of two islands. A mesh of one object gets
+ * coordinates on the page; the link then has scale 1 and offset 0. A mesh that several objects share keeps its layout,
+ * which is moved as a whole. The rest of a page is filled from the nearest texels, for filters that reach further.
+ * Lightmaps of backs go to separate files with the same layout. Not collective; deterministic. */
 #ifndef KILN_COORDINATOR_EXPORT_PAGES_H
 #define KILN_COORDINATOR_EXPORT_PAGES_H
 
@@ -20,7 +20,7 @@ struct kiln_pages_params {
     struct kiln_results *results; /* the results in it */
     const char *folder;           /* the folder of the .glb: pages go to its subfolder "lightmaps" */
     const struct kiln_scene *scene;
-    const uint8_t *has_back; /* per object: the bake has a lightmap of its backs; NULL: of none */
+    const uint8_t *has_back; /* per object: the bake has a lightmap of its backs; NULL: no backs */
     enum kiln_page_format format;
     double range;   /* as for kiln_page_write */
     uint32_t atlas; /* largest side of a page, texels; 0: one page per object */

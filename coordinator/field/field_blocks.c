@@ -27,13 +27,14 @@ static bool is_saved(const struct kiln_field *field, const struct kiln_save_mome
     return false;
 }
 
-/* Whether the step has the field's values in the 4-byte form of radiosity, of which any value is finite. */
+/* Whether the step stores the field in the compact 4-byte form of radiosity, in which every bit pattern is a finite
+ * value. */
 static bool is_compact(const struct kiln_field *field, const struct kiln_save_moment *moment)
 {
     return moment->compact && field->life == KILN_FIELD_STEP && field->type == KILN_FIELD_RADIOSITY;
 }
 
-/* Bytes of an item in the field's block. */
+/* Bytes of an item in the field's array. */
 static size_t block_size(const struct kiln_field *field, const struct kiln_save_moment *moment)
 {
     return is_compact(field, moment) ? field->components * sizeof(uint32_t) : kiln_field_size(field);
@@ -90,7 +91,8 @@ static int read_block(const struct kiln_checkpoint *checkpoint, const struct kil
                : status;
 }
 
-/* A field of the surface has values already, which the backend may have taken over. */
+/* Reads a field of the surface. The surface already has values, which the backend may have copied; *changed: they
+ * differ from the file's. */
 static int read_surface_block(const struct kiln_checkpoint *checkpoint, const struct kiln_field *field,
                               const struct kiln_save_moment *moment, const struct kiln_surface *surface, void *values,
                               bool *changed, struct kiln_error *error)

@@ -1,32 +1,32 @@
-/* Fields in checkpoints: one block a field, named as the field, elements counted in the field's domain from the first
- * surface point on. Not collective. */
+/* Fields in checkpoints: each field is one block with the name of the field; its elements are counted in the field's
+ * domain, beginning at the first surface point. Not collective. */
 #ifndef KILN_COORDINATOR_FIELD_FIELD_BLOCKS_H
 #define KILN_COORDINATOR_FIELD_FIELD_BLOCKS_H
 
 #include "coordinator/field/rank_data.h"
 #include "coordinator/run/checkpoint.h"
 
-/* When a checkpoint is written, which settles the fields that are in it. */
+/* Moment at which a checkpoint is written; it determines the fields in the checkpoint. */
 struct kiln_save_moment {
     bool in_step;            /* a step is under way */
-    bool in_gather;          /* and it gathers radiosity */
-    bool compact;            /* and makes radiosity in the 4-byte form (kiln_next_compact) */
-    uint64_t tile_run_first; /* how many tile runs the ranks before this one have */
+    bool in_gather;          /* the step gathers radiosity */
+    bool compact;            /* the step makes radiosity in the 4-byte form (kiln_next_compact) */
+    uint64_t tile_run_first; /* number of tile runs of all lower ranks */
 };
 
-/* Blocks of this rank's own items of each saved field, of points or tile runs, into `blocks`, which has room for
- * KILN_FIELDS_MAX; returns how many. They borrow the arrays. */
+/* Makes the blocks of this rank's own items (points or tile runs), one for each saved field, in `blocks`, which has
+ * room for KILN_FIELDS_MAX. Returns their number. They borrow the arrays. */
 size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_rank_data *data,
                          const struct kiln_save_moment *moment, struct kiln_block *blocks);
 
-/* Fills the arrays of own items from the open generation. Of the surface's fields nothing is written where the values
- * are the same; *surface_changed says whether they were not. KILN_IO with a sentence when blocks are missing, have
- * elements of another size, or hold values that no bake can have. */
+/* Fills the arrays of own items from the open generation. The surface's fields are written only if their values differ;
+ * *surface_changed says whether they did. KILN_IO with a sentence when blocks are missing, have elements of another
+ * size, or hold values that no bake can have. */
 int kiln_field_blocks_read(const struct kiln_checkpoint *checkpoint, const struct kiln_field_set *fields,
                            const struct kiln_rank_data *data, const struct kiln_save_moment *moment,
                            bool *surface_changed, struct kiln_error *error);
 
-/* KILN_IO: the sentence for a block whose values no bake can have. */
+/* Returns KILN_IO, with the sentence for a block with values that no bake can have. */
 int kiln_block_insane(const char *name, struct kiln_error *error);
 
 #endif

@@ -64,9 +64,10 @@ static const char *const harmonics_channels[] = {"sh.L00.R",  "sh.L00.G",  "sh.L
                                                  "sh.L10.B",  "sh.L11.R",  "sh.L11.G", "sh.L11.B"};
 static const char *const dominant_channels[] = {"dominant.X", "dominant.Y", "dominant.Z", "dominant.directionality"};
 
-/* The order is that of datasets in kiln.h5 and of planes in lightmaps: new rows go to the end of their group. */
+/* Table of all fields. The order is that of datasets in kiln.h5 and of planes in lightmaps; add new rows at the end of
+ * their group. */
 static const struct kiln_field table[] = {
-    /* the surface: worker/scene/surface.h says what each is */
+    /* fields of the surface (see worker/scene/surface.h) */
     {.name = "tile_runs",
      .unit = "1",
      .type = KILN_FIELD_TILE_RUN,
@@ -370,7 +371,7 @@ static const struct kiln_field table[] = {
      .type = KILN_FIELD_UINT32,
      .components = 1,
      .domain = KILN_DOMAIN_TILE_RUN,
-     .life = KILN_FIELD_RESULT, /* they are settled in one step for another, and move with the points between them */
+     .life = KILN_FIELD_RESULT, /* decided in one step for another, and moved with the points in between */
      .member = AT(samples),
      .saved = KILN_FIELD_SAVED_IN_STEP,
      .high = 0x1p31,
@@ -563,7 +564,7 @@ void kiln_field_set_choose(struct kiln_field_set *set, const struct kiln_job *jo
             continue;
         const bool in_lightmaps = table[i].in_lightmaps == NULL || table[i].in_lightmaps(job);
         const int status = kiln_field_set_add(set, &table[i], in_lightmaps, NULL);
-        assert(status == KILN_OK); /* what can fail is wrong in the table itself */
+        assert(status == KILN_OK); /* a failure would be an error in the table itself */
         (void)status;
     }
     for (size_t g = 0; g < job->scene.group_count; g++)
@@ -692,7 +693,7 @@ void kiln_field_floats(const struct kiln_field *field, const void *values, uint6
     }
 }
 
-/* Floats that an item becomes; 0 of what is no number. */
+/* Number of floats in an item; 0 for items that are not numbers. */
 static uint32_t floats_of(const struct kiln_field *field)
 {
     switch (field->type) {
@@ -712,7 +713,8 @@ static uint32_t floats_of(const struct kiln_field *field)
     return 0;
 }
 
-/* Light is added up in fixed point, where larger values have no place. A value that is no number is in no range. */
+/* Range check for checkpoint values. Light is summed in fixed point, which cannot hold larger values. NaN is out of any
+ * range. */
 bool kiln_field_is_sane(const struct kiln_field *field, const void *values, uint64_t count)
 {
     const double most = field->type == KILN_FIELD_ERROR ? (double)FLT_MAX : 1e36;

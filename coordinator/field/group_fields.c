@@ -6,7 +6,7 @@
 
 static const char first_name[] = "group0.direct";
 
-/* One group's rows, and the texts that they point to. */
+/* Field table rows of one light group, and the texts that they point to. */
 struct rows {
     struct kiln_field field[KILN_GROUP_FIELDS];
     const char *channels[2][3];
@@ -48,7 +48,7 @@ static const struct kiln_field kinds[KILN_GROUP_FIELDS] = {
                          .low = -INFINITY,
                          .high = INFINITY}};
 
-/* How names of channels and of datasets begin, and what follows a channel's group before its colour. */
+/* Parts of channel and dataset names: what precedes the group's name, and what follows it before the colour. */
 static const char channel_begin[] = "group.", direct_part[] = ".direct";
 static const char *const folders[] = {[KILN_GROUP_DIRECT] = "/groups_direct/", [KILN_GROUP_SUM] = "/groups/"};
 

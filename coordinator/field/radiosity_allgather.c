@@ -11,7 +11,7 @@
 #include "worker/scene/radiosity.h"
 
 enum { GROUPS_MOST = 8, GROUP_POINTS = 512 };
-enum { EXPAND_ALONE = 4096 }; /* values that are not worth waking threads */
+enum { EXPAND_ALONE = 4096 }; /* most values that are expanded without threads */
 
 /* Messages that are under way. */
 struct requests {
@@ -19,18 +19,18 @@ struct requests {
     size_t count, room;
 };
 
-/* Ranks of different nodes that exchange with each other, one of each. */
+/* Ranks of different nodes, one per node, that exchange with each other. */
 struct lane {
     MPI_Comm communicator;
     int members;
-    bool own;         /* this rank's own values go here; else it only receives for its node */
-    uint64_t *ranges; /* of each member: first, count; 0 values where it only receives */
+    bool own;         /* this rank sends its own values in this lane; otherwise it only receives for its node */
+    uint64_t *ranges; /* per member: first and count of its values; count 0 if it only receives */
     int *counts, *places;
     uint32_t started;              /* groups of this bounce */
     double since;                  /* when the last one was */
     uint64_t bytes;                /* of it, to receive */
-    struct kiln_reach_asked asked; /* with a reach: what the members want of own points */
-    /* of groups, which travel while the bounce goes on; of what is exchanged meanwhile, and waited for */
+    struct kiln_reach_asked asked; /* with a reach: requests of the members for this rank's points */
+    /* pending messages: of groups, sent while the bounce continues; of exchanges that are waited for */
     struct requests groups, now;
 };
 
@@ -43,7 +43,7 @@ struct kiln_radiosity_allgather {
     uint32_t *incoming; /* all points; NULL with one node */
     struct lane *lanes;
     size_t lane_count;
-    uint64_t received, whole; /* bytes; the second as if nodes wanted all */
+    uint64_t received, whole; /* bytes received, and bytes that would be received if nodes wanted everything */
     double scale;
     bool under_way;
     struct kiln_reach *reach; /* NULL: nodes receive all */
@@ -79,7 +79,7 @@ static int make_blocks(struct kiln_radiosity_allgather *x, struct kiln_error *er
     return status;
 }
 
-/* Collective. All ranks share with their nodes, or none does: the lanes depend on it. */
+/* Collective. Chooses the node memory. All ranks share with their node, or none does, since the lanes depend on it. */
 static int choose_node(struct kiln_radiosity_allgather *x, struct kiln_error *error)
 {
     int leader = kiln_node_rank(x->params.node) == 0;
@@ -139,7 +139,7 @@ static int make_lanes(struct kiln_radiosity_allgather *x, struct kiln_error *err
             *lane = (struct lane){.communicator = communicator, .own = i == rank};
             status = fill_lane(x, lane, error);
         }
-        /* ranks of other lanes too: the next split is everybody's */
+        /* agree with the ranks of other lanes, too: the next split is collective over all ranks */
         status = kiln_agree(x->params.communicator, status, error);
     }
     return status;
@@ -195,7 +195,7 @@ void kiln_radiosity_allgather_destroy(struct kiln_radiosity_allgather **allgathe
     kiln_free(allgather);
 }
 
-/* Collective. The members of all lanes tell each other what they want. */
+/* Collective. In each lane the members tell each other which units they want. */
 static int tell_lanes(struct kiln_radiosity_allgather *x, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -219,7 +219,8 @@ int kiln_radiosity_allgather_set_range(struct kiln_radiosity_allgather *x, struc
 
 /* ---- a group ---- */
 
-/* Own points from the first on that come before group `group` of `groups`; the same arithmetic on all ranks. */
+/* Index of the first of this rank's `count` points that belongs to group `group` of `groups`; computed alike on all
+ * ranks. */
 static uint64_t group_begin(uint64_t count, uint32_t group, uint32_t groups)
 {
     return count / groups * group + count % groups * group / groups;
@@ -235,12 +236,12 @@ static MPI_Request *new_request(struct requests *r)
 
 enum { WANTED = 1u << KILN_REACH_WANTED, NEW = 1u << KILN_REACH_NEW, FETCHED = 1u << KILN_REACH_FETCHED };
 
-/* Message from a lane's members: one group of their points. */
+/* Exchange of one group of the points of all members of a lane. */
 struct message {
-    void *all; /* the array of all points that it is read from and written to */
+    void *all; /* array of all points, read and written */
     size_t size;
     uint32_t group, groups;
-    uint32_t mask;       /* with a reach: only of units in these states, of the receiver */
+    uint32_t mask;       /* with a reach: only units that the receiver has in these states */
     struct requests *to; /* of the lane */
     uint64_t bytes;      /* that this rank receives: filled in */
 };
@@ -250,7 +251,7 @@ static MPI_Datatype element_of(const struct message *g)
     return g->size == sizeof(uint64_t) ? MPI_UINT64_T : MPI_UINT32_T;
 }
 
-/* Beyond what int holds: one member's part after the other, in pieces. */
+/* Starts the exchange of a message too large for int counts: each member's part in turn, in pieces. */
 static void start_pieces(const struct kiln_radiosity_allgather *x, struct lane *lane, const struct message *g)
 {
     for (int m = 0; m < lane->members; m++) {
@@ -273,7 +274,7 @@ static void start_whole(struct kiln_radiosity_allgather *x, struct lane *lane, c
         return;
     }
     MPI_Request *request = new_request(g->to);
-    /* read when the call begins, and until it ends by some libraries: see finish */
+    /* MPI reads these arrays when the call begins; some libraries read them until it ends (see finish) */
     for (int m = 0; m < lane->members; m++) {
         const uint64_t count = lane->ranges[2 * m + 1], begin = group_begin(count, g->group, g->groups);
         lane->places[m] = (int)(lane->ranges[2 * m] + begin);
@@ -293,8 +294,8 @@ static uint64_t wanted_type(const struct kiln_radiosity_allgather *x, const stru
                            first + group_begin(count, g->group + 1, g->groups), element_of(g), g->size, type);
 }
 
-/* Starts to exchange wanted values of the group: a message for each pair of members that has any; both know which pairs
- * these are. Groups have their numbers for tags; what is exchanged meanwhile has another. */
+/* Starts the exchange of the group's wanted values, with a message for each pair of members that has any. Both members
+ * know which pairs these are. The tag is the group's number; immediate exchanges have another one. */
 static void start_wanted(struct kiln_radiosity_allgather *x, struct lane *lane, struct message *g)
 {
     const int tag = g->to == &lane->now ? GROUPS_MOST : (int)g->group;
@@ -320,7 +321,7 @@ static void start_wanted(struct kiln_radiosity_allgather *x, struct lane *lane, 
     }
 }
 
-/* Begins to send and receive a group of all members. */
+/* Starts the exchange of one group in a lane, in either form. */
 static void start_group(struct kiln_radiosity_allgather *x, struct lane *lane, struct message *g)
 {
     uint64_t sum = 0;
@@ -330,7 +331,7 @@ static void start_group(struct kiln_radiosity_allgather *x, struct lane *lane, s
     const uint64_t own =
         group_begin(x->params.count, g->group + 1, g->groups) - group_begin(x->params.count, g->group, g->groups);
     g->bytes = (sum - (lane->own ? own : 0)) * g->size;
-    /* what is asked for besides has no counterpart where nodes receive all */
+    /* requests beyond WANTED have no counterpart in an exchange of everything */
     if ((g->mask & WANTED) != 0)
         x->whole += g->bytes;
     if (x->reach != NULL)
@@ -354,7 +355,7 @@ static void start_next(struct kiln_radiosity_allgather *x, struct lane *lane)
     lane->bytes = message.bytes;
 }
 
-/* Whether all that was started is over. Never waits. */
+/* Whether all started messages of the groups are complete. Does not wait. */
 static bool settled(const struct kiln_radiosity_allgather *x, struct lane *lane)
 {
     int complete = 1;
@@ -375,7 +376,7 @@ static void wait_for(struct requests *r)
     r->count = 0;
 }
 
-/* All lanes: what nodes want in the states `mask`, at once. */
+/* Exchanges, in all lanes and at once, the values that nodes have in the states `mask`. */
 static void exchange_now(struct kiln_radiosity_allgather *x, void *all, size_t size, uint32_t mask)
 {
     for (size_t i = 0; i < x->lane_count; i++) {
@@ -408,7 +409,7 @@ void kiln_radiosity_allgather_all(struct kiln_radiosity_allgather *x)
 
 /* ---- the reach ---- */
 
-/* This rank's part of all points of the node, as the ranks share work among each other. */
+/* This rank's range of all points of the node, as the ranks divide work among each other. */
 struct part {
     uint64_t begin, end;
 };
@@ -448,7 +449,8 @@ void kiln_radiosity_allgather_mark_absent(struct kiln_radiosity_allgather *x)
     kiln_radiosity_allgather_mark(x, absent, NULL);
 }
 
-/* Collective on the node: units that any rank of it wants, or has points of, are asked for. */
+/* Collective on the node. Marks each unit that any of its ranks wants. Units with points of these ranks are marked,
+ * too. */
 static void merge_wishes(struct kiln_radiosity_allgather *x, uint8_t *wanted)
 {
     uint64_t count = x->reach->count;
@@ -528,7 +530,7 @@ void kiln_radiosity_allgather_begin(struct kiln_radiosity_allgather *x)
         x->lanes[i].started = 0;
 }
 
-/* Puts the own values of a group where they are sent from. */
+/* Copies this rank's values of a group to the array that they are sent from. */
 static void put_group(struct kiln_radiosity_allgather *x, const uint32_t *next, uint32_t group)
 {
     const uint64_t begin = group_begin(x->params.count, group, x->params.groups),
@@ -536,8 +538,8 @@ static void put_group(struct kiln_radiosity_allgather *x, const uint32_t *next, 
     memcpy(x->incoming + x->params.first.at + begin, next + begin, (end - begin) * sizeof *next);
 }
 
-/* Starts the next group of a lane, when its values are there and the one before is through: the counts of a call are
- * its own until then. */
+/* Starts the next groups of a lane. A group starts when its values are there and the one before is complete: until then
+ * MPI may still use the counts. */
 static void advance_lane(struct kiln_radiosity_allgather *x, struct lane *lane, const uint32_t *next, uint64_t done)
 {
     const uint32_t groups = x->params.groups;
@@ -573,12 +575,12 @@ static void drive(struct kiln_radiosity_allgather *x, const uint32_t *next, uint
             busy = busy || lane->groups.count > 0 || lane->started < groups;
         }
         if (busy)
-            (void)sched_yield(); /* a rank that is not done may want the core */
+            (void)sched_yield(); /* another rank that still computes may need the core */
     }
     kiln_waiting_end();
 }
 
-/* From 4 bytes to 8; none of them is rounded. */
+/* Expands values from the 4-byte to the 8-byte form, without rounding. */
 static void expand(const struct kiln_radiosity_allgather *x, const uint32_t *from, uint64_t *to, uint64_t count)
 {
     const double scale = x->scale;
@@ -608,7 +610,7 @@ static void expand_part(struct kiln_radiosity_allgather *x)
     }
 }
 
-/* Sends the values that nodes have asked for since the groups began to leave. */
+/* Exchanges the values that nodes have asked for since the groups started. */
 static void send_new(struct kiln_radiosity_allgather *x)
 {
     if (x->reach == NULL)

@@ -7,13 +7,13 @@
 #include "coordinator/mpi/assert_same.h"
 #include "worker/base/memory.h"
 
-/* Lives with memory of their own, and the names of it in messages. */
+/* Kinds of life of fields that have memory of their own, and their names in messages. */
 enum { LIVES = KILN_FIELD_STEP + 1 };
 static const char *const purposes[LIVES] = {[KILN_FIELD_SURFACE] = "the surface points",
                                             [KILN_FIELD_RESULT] = "irradiance",
                                             [KILN_FIELD_STEP] = "the radiosity of a bounce"};
 
-/* The range of one rank, as the ranks of a node tell it each other. */
+/* Range of one rank, as the ranks of a node exchange it. */
 struct extent {
     struct kiln_global_point first;
     uint64_t count[KILN_DOMAINS];
@@ -25,12 +25,12 @@ struct kiln_node_data {
     int count, own;
     struct kiln_field_set fields;
     uint64_t *radiosity;                  /* of all points, borrowed; NULL: not known yet */
-    struct kiln_node_parts *parts[LIVES]; /* NULL: of the surface, as it was built */
+    struct kiln_node_parts *parts[LIVES]; /* memory by life; NULL for the surface: it is still where it was built */
     struct kiln_rank_data *data;          /* count */
     struct extent *extents;               /* count */
 };
 
-/* Where the pointer to a field's array stands. */
+/* Offset of the pointer to a field's array in struct kiln_rank_data. */
 static size_t pointer_offset(const struct kiln_field_set *fields, size_t index)
 {
     const size_t member = fields->entry[index].field->member;
@@ -90,8 +90,8 @@ void kiln_rank_floats(const struct kiln_rank_data *data, const struct kiln_field
     kiln_rank_float_run(data, fields, index, own, 1, floats);
 }
 
-/* Points a rank's arrays of one life into the part that begins at `base` (NULL: does not); gives the bytes that they
- * take. */
+/* Points a rank's arrays of one life into its part of the memory, which begins at `base` (NULL: only measures). Returns
+ * the size of the part, bytes. */
 static size_t lay_out(struct kiln_rank_data *data, const struct kiln_field_set *fields, const struct extent *extent,
                       enum kiln_field_life life, char *base)
 {
@@ -128,7 +128,7 @@ static void keep_to_oneself(struct kiln_node_data *d)
     d->own = 0;
 }
 
-/* Collective on the node. The same, in each rank's own memory where the node's has no room. */
+/* Collective on the node. Does as make_parts, or uses each rank's own memory if there is no room in the node's. */
 static int make_somewhere(struct kiln_node_data *d, enum kiln_field_life life, struct kiln_error *error)
 {
     if (d->node != NULL && make_parts(d, life, NULL) == KILN_OK)
@@ -189,8 +189,8 @@ static void take_over_surface(struct kiln_node_data *d)
     d->surface->own_is_borrowed = true;
 }
 
-/* Collective on the node. Moves the surface, as it was built, to memory of the node: one array after the other, so that
- * little is there twice. */
+/* Collective on the node. Moves the surface to memory of the node. Arrays move one after the other, so that few exist
+ * twice. */
 static void lend_surface(struct kiln_node_data *d)
 {
     struct kiln_rank_data before = {.surface = *d->surface};
@@ -323,7 +323,7 @@ int kiln_node_data_bounds(const struct kiln_node_data *d, MPI_Comm communicator,
     return status;
 }
 
-/* Where each tile run's pieces and shares of area begin follows from what its points have. */
+/* Computes the offsets of each tile run's pieces and area shares from the counts of its points. */
 static void find_bases(const struct kiln_surface *s)
 {
     s->piece_base[0] = s->area_cdf_base[0] = 0;
@@ -344,7 +344,7 @@ struct redistribution {
     uint64_t limit;
 };
 
-/* Collective. Makes the arrays of one life anew and fills them; `old` is this rank's data as it was. */
+/* Collective. Allocates the arrays of one life anew, and fills them. `old`: this rank's data before. */
 static int redistribute_life(struct kiln_node_data *d, const struct redistribution *r, enum kiln_field_life life,
                              const struct kiln_rank_data *old, struct kiln_error *error)
 {

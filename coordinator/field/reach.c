@@ -57,7 +57,7 @@ void kiln_reach_replace(uint8_t *states, uint64_t count, enum kiln_reach_state f
 
 /* ---- telling ---- */
 
-/* Each member is sent the states of its units, which are a part of all; and sends those of this rank's. */
+/* Sets the counts: each member is sent the states of its units, and sends those of this rank's units. */
 static void set_counts(const struct kiln_reach *r, const uint64_t *ranges, uint64_t own, struct kiln_exchange *e)
 {
     for (int m = 0; m < e->ranks; m++) {
@@ -89,7 +89,7 @@ end:
 
 /* ---- types ---- */
 
-/* Stretches of values that follow one another, as MPI takes them. */
+/* Consecutive runs of values, in the form of an MPI indexed type. */
 struct stretches {
     int *lengths;
     MPI_Aint *places;

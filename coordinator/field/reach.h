@@ -1,7 +1,8 @@
-/* The reach of a node: of which points it receives the radiosity. Points are told apart by units (patches of surface),
- * each a range of the global order; a node wants a unit or it does not, and always wants those of its own ranks. Who
- * sends knows what each node wants of it. What a node does not have is marked as absent (worker/scene/radiosity.h), so
- * that a gather that meets it says so. Private to radiosity_allgather.c, which says when what is sent. */
+/* The reach of a node: the set of points whose radiosity it receives. Points are grouped into units (patches of
+ * surface), each a range of the global order; a node wants a unit or not, and always wants the units of its own ranks.
+ * A sender knows which of its units each node wants. Radiosity that a node does not have is marked as absent
+ * (worker/scene/radiosity.h), so that a gather that meets it reports it. Private to radiosity_allgather.c, which
+ * decides when values are sent. */
 #ifndef KILN_COORDINATOR_FIELD_REACH_H
 #define KILN_COORDINATOR_FIELD_REACH_H
 
@@ -11,8 +12,8 @@
 #include "worker/base/status.h"
 #include "worker/scene/surface.h"
 
-/* How a node stands to a unit. FETCHED: it asks for it just now. NEW: it has asked since the values that are on their
- * way began to travel, so that they will be sent after the others. */
+/* State of a unit on a node. FETCHED: the node is asking for its values right now. NEW: the node has asked for it after
+ * the present transfer began, so that its values are sent after the others. */
 enum kiln_reach_state { KILN_REACH_ABSENT, KILN_REACH_WANTED, KILN_REACH_NEW, KILN_REACH_FETCHED };
 
 struct kiln_reach {
@@ -21,19 +22,19 @@ struct kiln_reach {
     uint8_t *states;       /* of each unit, for this node; the same on all its ranks */
 };
 
-/* A range of units that a range of points has a part in. */
+/* The range of units that overlap a range of points. */
 struct kiln_reach_units {
     uint64_t begin, end;
 };
 struct kiln_reach_units kiln_reach_units(const struct kiln_reach *reach, uint64_t first, uint64_t count);
 
-/* The lane's part: what its members want of this rank's points. */
+/* Wishes of the lane: the states, on its members, of the units of this rank's points. */
 struct kiln_reach_asked {
-    struct kiln_reach_units units; /* that this rank has a part in */
-    uint8_t *states;               /* of each member, for each of these */
+    struct kiln_reach_units units; /* units that overlap this rank's points */
+    uint8_t *states;               /* one for each member and each of these units */
 };
 
-/* KILN_SYSTEM. All units are absent. */
+/* Creates a reach in which all units are absent. KILN_SYSTEM. */
 int kiln_reach_create(struct kiln_reach **reach, const uint64_t *first, uint64_t count, struct kiln_error *error);
 void kiln_reach_destroy(struct kiln_reach **reach);
 
@@ -42,13 +43,14 @@ void kiln_reach_destroy(struct kiln_reach **reach);
 int kiln_reach_tell(const struct kiln_reach *reach, MPI_Comm lane, uint64_t limit, const uint64_t *ranges,
                     struct kiln_reach_asked *asked, struct kiln_error *error);
 
-/* Makes a type of MPI of the values of the points [begin, end) whose unit's state is in `mask` (bits 1 << state), in an
- * array of all points of elements `element` of `size` bytes. `states` begins with that of unit `first`. Returns the
- * number of values; with 0 there is no type. Commits it; to be freed with MPI_Type_free. */
+/* Makes an MPI type that selects the values of those points in [begin, end) whose unit's state is in `mask` (bits 1 <<
+ * state). It applies to an array of all points with elements `element` of `size` bytes. `states` begins with that of
+ * unit `first`. Returns the number of values; with 0 there is no type. The type is committed; free it with
+ * MPI_Type_free. */
 uint64_t kiln_reach_type(const struct kiln_reach *reach, const uint8_t *states, uint64_t first, uint32_t mask,
                          uint64_t begin, uint64_t end, MPI_Datatype element, size_t size, MPI_Datatype *type);
 
-/* Replaces states: from -> to, in one array. */
+/* Replaces each state `from` by `to`, in one array. */
 void kiln_reach_replace(uint8_t *states, uint64_t count, enum kiln_reach_state from, enum kiln_reach_state to);
 
 #endif

@@ -19,7 +19,7 @@ struct kiln_units {
     const char *flux;            /* "W" or "lm" */
 };
 
-/* The units of a scene. `choice` is that of the job (enum kiln_units_choice). Never NULL. */
+/* Determines the units of a scene. `choice`: the job's setting (enum kiln_units_choice). Never NULL. */
 const struct kiln_units *kiln_units_of(int choice, const struct kiln_scene *scene);
 
 /* The reason for these units, as text. */

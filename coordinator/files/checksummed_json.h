@@ -21,9 +21,10 @@ json_t *kiln_hash_json(const uint64_t hash[2]);
  * returns KILN_SYSTEM. */
 int kiln_seal(const json_t *json, size_t flags, char **text, size_t *size, const char *what, struct kiln_error *error);
 
-/* Checks the hash and parses the JSON before the last line, in a confined child (foreign_json.h), for whoever can write
- * the text can write its hash. Release *json with json_decref. KILN_BAD_INPUT, with a sentence that begins with `path`,
- * if the hash does not match or the text is not JSON; KILN_SYSTEM if memory is short or no child can be started. */
+/* Checks the hash and parses the JSON before the last line. Parsing runs in a confined child (foreign_json.h): a forger
+ * of the text can forge its hash too. Release *json with json_decref. KILN_BAD_INPUT, with a sentence that begins with
+ * `path`, if the hash does not match or the text is not JSON; KILN_SYSTEM if memory is short or no child can be
+ * started. */
 int kiln_unseal(json_t **json, const char *text, size_t size, const char *path, struct kiln_error *error);
 
 #endif

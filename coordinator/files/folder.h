@@ -46,7 +46,7 @@ int kiln_open_below(const char *directory, const char *name, int flags, mode_t m
  * one is a link. */
 int kiln_unlink_below(const char *directory, const char *name);
 
-/* The same of a folder; ENOTEMPTY if something is in it. */
+/* Removes the folder DIRECTORY/NAME likewise; ENOTEMPTY if it is not empty. */
 int kiln_rmdir_below(const char *directory, const char *name);
 
 /* Reads the file DIRECTORY/NAME, as kiln_read_file (publish.h) does. */

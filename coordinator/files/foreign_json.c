@@ -23,7 +23,8 @@
  *     t, f, n nothing */
 enum { LETTER = 1, COUNT = 4, NUMBER = 8 };
 
-/* Bytes of the plain form of a text of `size` bytes: a value of one byte, and a comma, become nine at most. */
+/* Upper bound for the plain form of a text of `size` bytes. The worst case is a value of one byte and a comma, which
+ * become nine bytes. */
 static size_t plain_most(size_t size) { return 4096 + 6 * size; }
 
 /* ---- what the child writes ---- */
@@ -148,7 +149,7 @@ end:
 
 struct reader {
     const char *at;
-    size_t left, values; /* bytes; values that there may be besides */
+    size_t left, values; /* bytes that are left; most values that may still follow */
     bool bad;
 };
 

@@ -1,7 +1,7 @@
-/* JSON and YAML that somebody else may have written: a confined child process (coordinator/confined/confined.h) parses
- * the text, so that no library in this process does. The child answers with the same values in a plain form, of which
- * this process checks every length; so what it takes over is JSON of the permitted size and depth (json_text.h),
- * whatever the text was. It says nothing of the types of single values: who reads these checks them. Not collective. */
+/* Untrusted JSON and YAML: a confined child process (coordinator/confined/confined.h) parses the text, so that no
+ * library in this process does. The child answers with the same values in a plain form, and this process checks every
+ * length in it. So the result is JSON of the permitted size and depth (json_text.h), whatever the text was. The types
+ * of single values are not checked here: the caller must check them. Not collective. */
 #ifndef KILN_COORDINATOR_FILES_FOREIGN_JSON_H
 #define KILN_COORDINATOR_FILES_FOREIGN_JSON_H
 
@@ -14,12 +14,14 @@
 #define KILN_JSON_CHILD "json-child"
 #define KILN_YAML_CHILD "yaml-child"
 
-/* Parses `text`; `child` is one of the above. Release *json with json_decref. KILN_BAD_INPUT, with a sentence that
- * begins with `path`, if it is no such text; KILN_SYSTEM if memory is short or the child cannot be started. */
+/* Parses `text`; `child` is one of the commands above. Release *json with json_decref. KILN_BAD_INPUT, with a sentence
+ * that begins with `path`, if the text is not of that format; KILN_SYSTEM if memory is short or the child cannot be
+ * started. */
 int kiln_foreign_json(json_t **json, const char *child, const char *text, size_t size, const char *path,
                       struct kiln_error *error);
 
-/* The child. argv as it was spawned. `parse` parses the text as above; NULL: as JSON. Returns its exit status. */
+/* Runs the child. argv as it was spawned. `parse` parses the text, with `path` for messages; NULL: parses JSON. Returns
+ * the exit status of the child. */
 int kiln_foreign_json_child(int argc, char **argv,
                             int (*parse)(const char *path, const char *text, size_t size, json_t **json,
                                          struct kiln_error *error));

@@ -117,7 +117,7 @@ void kiln_html_bars(struct kiln_html *page, const char *unit, const double *valu
 {
     const double width = 640.0, height = 160.0, left = 70.0, largest = largest_of(values, count);
     const double step = count > 0 ? (width - left) / (double)count : width;
-    const size_t every = count > 32 ? count / 16 : 1; /* skip names so that they do not overlap */
+    const size_t every = count > 32 ? count / 16 : 1; /* some names are skipped so that they do not overlap */
     kiln_html_add(page, "<svg viewBox=\"0 0 %.0f %.0f\" width=\"%.0f\" role=\"img\">", width, height + 30.0, width);
     kiln_html_add(
         page, "<text x=\"%.0f\" y=\"12\" text-anchor=\"end\">%.4g</text><text x=\"%.0f\" y=\"26\" text-anchor=\"end\">",

@@ -28,7 +28,8 @@ static bool find_folder(const char *place, char path[KILN_PATH_SIZE])
     int length = -1;
     if (place != NULL)
         length = snprintf(path, KILN_PATH_SIZE, "%s", place);
-    else if (cache != NULL && cache[0] == '/') /* others are to be ignored: XDG Base Directory Specification */
+    /* relative paths are ignored, as the XDG Base Directory Specification demands */
+    else if (cache != NULL && cache[0] == '/')
         length = snprintf(path, KILN_PATH_SIZE, "%s/kiln/kernels", cache);
     else if (home != NULL && home[0] == '/')
         length = snprintf(path, KILN_PATH_SIZE, "%s/.cache/kiln/kernels", home);
@@ -125,7 +126,7 @@ static uint64_t list_files(DIR *directory, struct kept_file **files, size_t *cou
     return sum;
 }
 
-/* Removes what was not read for longest, until the rest is small enough. */
+/* Removes the least recently read files until the others are within the limit. */
 static void trim(const char *folder)
 {
     DIR *directory = opendir(folder);
@@ -166,7 +167,7 @@ end:
     trim(folder);
 }
 
-/* ---- code that comes with the program ---- */
+/* ---- kernels shipped with the program ---- */
 
 /* The folder of the program, with the slash at its end. */
 static bool find_program(char folder[KILN_PATH_SIZE])

@@ -1,16 +1,18 @@
-/* A folder in which compiled kernels of devices are kept (worker/base/kernel_store.h): a file KEY.kernel each. It is
+/* Cache folder of compiled device kernels (worker/base/kernel_store.h), one file KEY.kernel for each. Its format is
  *
  *     bytes 0-7    "KILNKERN"
  *           8-23   the key, 128 bits, most significant byte first
  *           24-31  the number of bytes from byte 48 on, little-endian like all that follows
- *           32-47  XXH3's 128 bits of these
- *           48-    what the driver gave
+ *           32-47  128-bit XXH3 hash of those bytes
+ *           48-    data from the driver
  *
- * A file of another form, key or checksum counts as none, and is replaced. Files are written aside and renamed, without
- * a sync: what a power cut leaves has another checksum. Together they take 256 MiB at most: beyond that those go that
- * were not read for longest. Nothing of this is an error; a folder that cannot be made or written keeps nothing.
+ * A file of another form, key or checksum counts as missing, and is replaced. Files are written under a temporary name
+ * and renamed, without a sync: the checksum detects damage by a power cut. The files take 256 MiB at most together;
+ * beyond that, the least recently read ones are removed. No failure here is an error; a folder that cannot be made or
+ * written keeps nothing.
  *
- * The store's `file` reads what comes with the program from the program's folder, or from ../lib/kiln of that. */
+ * The store's `file` reads files that come with the program, from the program's folder or from ../lib/kiln beside it.
+ */
 #ifndef KILN_COORDINATOR_FILES_KERNEL_CACHE_H
 #define KILN_COORDINATOR_FILES_KERNEL_CACHE_H
 
@@ -18,8 +20,8 @@
 
 enum { KILN_KERNEL_CACHE_BYTES = 256 << 20 };
 
-/* `folder` is borrowed. NULL: `kiln/kernels` in $XDG_CACHE_HOME, or in ~/.cache; "none": nothing is kept,
- * and `file` alone is there. */
+/* Makes the store. `folder` is borrowed. NULL: `kiln/kernels` in $XDG_CACHE_HOME, or in ~/.cache; "none": nothing is
+ * cached, and only `file` is set. */
 struct kiln_kernel_store kiln_kernel_cache(const char *folder);
 
 #endif

@@ -8,7 +8,7 @@
 
 #include "coordinator/files/publish.h"
 
-/* Files of a bake that always have the same name. */
+/* File names that every bake uses. */
 static const char *const own_files[] = {"kiln.h5",      "volume.hdf", "run.json",    "manifest",
                                         "scene.kscene", "scene.glb",  "preview.png", ".kiln.lock"};
 static const char *const own_folders[] = {"lightmaps", "checkpoint"};

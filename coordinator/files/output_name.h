@@ -8,7 +8,7 @@ struct kiln_output_name {
     const char *option; /* "--output" */
     const char *path;
     const char *inputs[4]; /* files that the command reads; NULL: unused */
-    const char *bakes[2];  /* folders of bakes that it reads or writes, whose files it must not replace; NULL: unused */
+    const char *bakes[2];  /* folders of bakes that it uses, whose files it must not replace; NULL: unused */
 };
 
 /* KILN_USAGE if the path is one of the inputs or a file that a bake itself writes; else the result of

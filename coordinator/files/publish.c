@@ -39,7 +39,7 @@ int kiln_require_space(const char *path, uint64_t bytes, struct kiln_error *erro
     return KILN_OK;
 }
 
-/* ---- the kind of file that a user's path names ---- */
+/* ---- classification of a user's path: file, pipe, device ---- */
 
 int kiln_own_descriptor(const char *path)
 {
@@ -127,7 +127,7 @@ static int name_place(struct kiln_publish *p, const char *directory, const char 
     (void)snprintf(p->aside, sizeof p->aside, ".%s.part", base);
     (void)snprintf(p->opens, sizeof p->opens, "/proc/self/fd/%d/%s", p->folder.descriptor, p->aside);
     if (slash == NULL && directory == NULL)
-        p->folder.path[0] = '\0'; /* so that messages say "a.png", not "./a.png" */
+        p->folder.path[0] = '\0'; /* makes messages say "a.png" and not "./a.png" */
     const char *between = p->folder.path[0] == '\0' || strcmp(p->folder.path, "/") == 0 ? "" : "/";
     const int whole = snprintf(p->path, sizeof p->path, "%s%s%s", p->folder.path, between, p->base);
     const int part = snprintf(p->temporary, sizeof p->temporary, "%s%s%s", p->folder.path, between, p->aside);
@@ -181,7 +181,7 @@ int kiln_publish_begin(struct kiln_publish *p, const char *directory, const char
         kiln_publish_close(p);
     }
     if (status == KILN_OK)
-        note_aside(p); /* before it is there: libraries make it too, and of several ranks any one */
+        note_aside(p); /* before the file exists: libraries create it, too, and with several ranks any of them may */
     return status;
 }
 
@@ -196,8 +196,8 @@ void kiln_publish_close(struct kiln_publish *p)
     p->stream = p->scratch = -1;
 }
 
-/* Errors are ignored, since these files are not in the way; the temporary file itself is removed by kiln_publish_begin.
- */
+/* Removes outdated temporary files. Errors are ignored, since these files are harmless; the publication's own temporary
+ * file is removed by kiln_publish_begin. */
 void kiln_publish_sweep(const struct kiln_publish *p)
 {
     const int copy =
@@ -254,7 +254,7 @@ int kiln_publish_check(const char *directory, const char *name, struct kiln_erro
     if (directory == NULL) {
         const int status = classify(name, &stream, &own, error);
         if (status != KILN_OK || stream)
-            return status; /* do not open and close a pipe, since its reader would see its end */
+            return status; /* a pipe must not be opened and closed, since its reader would take that for the end */
     }
     int status = kiln_publish_begin(&p, directory, name, error);
     if (status == KILN_OK && (status = kiln_publish_open(&p, &descriptor, error)) == KILN_OK)
@@ -321,7 +321,7 @@ static int sync_aside(const struct kiln_publish *p, struct kiln_error *error)
 
 static int rename_aside(const struct kiln_publish *p) { return kiln_renameat(p->folder.descriptor, p->aside, p->base); }
 
-/* write() that reports EPIPE instead of raising SIGPIPE when the reader of a pipe has ended. */
+/* Writes like write(), but reports EPIPE instead of raising SIGPIPE if a pipe's reader has ended. */
 static ssize_t write_without_signal(int descriptor, const void *bytes, size_t size)
 {
     sigset_t pipe, before;

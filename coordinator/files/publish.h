@@ -1,17 +1,16 @@
 /* Atomic publication of files: a file is written under a temporary name in its folder, synced, renamed to its final
  * name, and then the folder is synced.
  *
- * A reader sees the old file or the complete new one, never a part, even after a power cut. The temporary name follows
- * from the final one (".NAME.part"), so the next attempt replaces what a killed process left, and nothing accumulates.
- * A process that a signal ends may remove its temporary files (left_behind.h).
- * Each file may therefore have only one writer at a time; with kiln_publish_claim others wait. No symbolic link is
- * followed at either name.
+ * A reader sees the old file or the complete new one, never a part, even after a power cut. The temporary name is
+ * derived from the final one (".NAME.part"), so the next attempt replaces the file of a killed process, and nothing
+ * accumulates. A process that a signal ends may remove its temporary files (left_behind.h). Each file may therefore
+ * have only one writer at a time; with kiln_publish_claim others wait. No symbolic link is followed at either name.
  *
  * A destination is one of two kinds. (DIRECTORY, NAME) is a file in the folder of a bake: no folder on the path may be
- * a link (folder.h), and NAME must be a regular file or not exist. (NULL, PATH) is a path that a user gave: its folders
- * may be links; a link at PATH itself is replaced, not followed; a folder is refused; a terminal, /dev/null,
- * /dev/stdout or a pipe that has a reader gets the bytes when all of them are there; sockets and disks are refused.
- * None of these functions is collective. */
+ * a link (folder.h), and NAME must be a regular file or not exist. (NULL, PATH) is a path from the user. Its folders
+ * may be links; a link at PATH itself is replaced, not followed; a folder is refused. A terminal, /dev/null,
+ * /dev/stdout or a pipe with a reader gets the bytes once all of them exist; sockets and disks are refused. None of
+ * these functions is collective. */
 #ifndef KILN_COORDINATOR_FILES_PUBLISH_H
 #define KILN_COORDINATOR_FILES_PUBLISH_H
 
@@ -22,12 +21,12 @@
 #include "coordinator/files/left_behind.h"
 #include "worker/base/status.h"
 
-/* A mark within the first 4,096 bytes of every page and every PNG that kiln writes. */
+/* A mark that kiln writes within the first 4,096 bytes of every page and every PNG. */
 #define KILN_MADE_BY "made by kiln"
 
-/* KILN_IO, with both numbers, if the file system of the folder `path` has less than 1.1 x `bytes` free for this user.
- * For writers that must not fail halfway: when one rank finds the disk full in a collective HDF5 call, the others wait
- * in that call for ever. */
+/* Checks free disk space. KILN_IO, with both numbers, if the file system of the folder `path` has less than 1.1 x
+ * `bytes` free for this user. For writers that must not fail halfway: when one rank finds the disk full in a collective
+ * HDF5 call, the others wait in that call for ever. */
 int kiln_require_space(const char *path, uint64_t bytes, struct kiln_error *error);
 
 /* A file that is being published. */
@@ -41,8 +40,8 @@ struct kiln_publish {
     char opens[600];                /* a path that opens the temporary file in this process, for libraries */
 };
 
-/* The number of the descriptor of this process that a path such as "/dev/stdout", "/dev/fd/3" or "/proc/self/fd/3"
- * names; -1 for other paths. Opening a file again by such a path would start at its beginning. */
+/* The number of this process's descriptor that a path such as "/dev/stdout", "/dev/fd/3" or "/proc/self/fd/3" names; -1
+ * for other paths. Opening a file again by such a path would start at its beginning. */
 int kiln_own_descriptor(const char *path);
 
 /* Checks, before any work is done, that a file can be published at the destination. Creates nothing. */
@@ -63,10 +62,10 @@ int kiln_publish_join(struct kiln_publish *p, const char *directory, const char 
                       struct kiln_error *error);
 
 /* Begins a publication and creates the temporary file, for a file that several processes may want to write, such as one
- * that is derived from a scene. The second process waits for the first, and may then find that the file is there
- * already. *descriptor is an empty file (O_RDWR); closing it after the file was published or abandoned lets the next
- * process in. A temporary file of a killed process is taken over. On a file system without flock nobody waits, and
- * callers have to exclude each other. */
+ * derived from a scene. The second process waits for the first, and may then find the finished file. *descriptor is an
+ * empty file (O_RDWR); closing it after the file was published or abandoned lets the next process in. A temporary file
+ * of a killed process is taken over. On a file system without flock no process waits, and callers have to exclude each
+ * other. */
 int kiln_publish_claim(struct kiln_publish *p, const char *directory, const char *name, int *descriptor,
                        struct kiln_error *error);
 
@@ -93,10 +92,10 @@ int kiln_publish_put(struct kiln_publish_batch *batch, struct kiln_publish *p, s
  * failure the temporary files that remain are removed. Not to be called while files are put in. */
 int kiln_publish_batch_finish(struct kiln_publish_batch *batch, struct kiln_error *error);
 
-/* Removes the temporary files of what was not published. NULL is allowed. */
+/* Destroys a batch and removes the temporary files of its unpublished files. NULL is allowed. */
 void kiln_publish_batch_destroy(struct kiln_publish_batch **batch);
 
-/* Renames without any sync, for files that a power cut may take. On failure the temporary file remains. */
+/* Renames without any sync, for files that may be lost in a power cut. On failure the temporary file remains. */
 int kiln_publish_replace(struct kiln_publish *p, struct kiln_error *error);
 
 /* Removes the temporary file. For clean-up paths; reports nothing. */
@@ -110,10 +109,10 @@ int kiln_write_all(int descriptor, const void *bytes, size_t size, size_t offset
  * compared before it is renamed. */
 int kiln_publish_bytes_below(const char *directory, const char *name, const void *bytes, size_t size,
                              struct kiln_error *error);
-/* The same at a path that a user gave. */
+/* Publishes `size` bytes likewise at a path from the user. */
 int kiln_publish_bytes(const char *path, const void *bytes, size_t size, struct kiln_error *error);
 
-/* As kiln_read_file, for a file that is open, from its beginning. kiln_read_descriptor also closes it. */
+/* Read an open file from its beginning, otherwise like kiln_read_file. kiln_read_descriptor also closes the file. */
 int kiln_read_open(int descriptor, const char *path, size_t limit, char **bytes, size_t *size,
                    struct kiln_error *error);
 int kiln_read_descriptor(int descriptor, const char *path, size_t limit, char **bytes, size_t *size,

@@ -10,7 +10,7 @@
 #include "worker/base/memory.h"
 
 struct waiting {
-    char *base; /* final name; NULL once the file has it */
+    char *base; /* final name; NULL once the file has been renamed to it */
     size_t folder;
     struct kiln_left *left;
 };
@@ -73,7 +73,7 @@ end:
     return KILN_OK;
 }
 
-/* Lets the file system begin to write the file's bytes, without waiting. It is only a hint: kiln_publish_batch_finish
+/* Asks the file system to start writing the file, without waiting. This only saves time: kiln_publish_batch_finish
  * syncs each file. */
 static void start_writing(const struct kiln_publish *p)
 {
@@ -117,7 +117,7 @@ static int sync_file(const struct kiln_publish_batch *b, const struct waiting *f
     return status;
 }
 
-/* Keeps the message of the first file that failed. */
+/* Syncs all files. If several fail, the error of the first one in the list is kept. */
 static int sync_files(const struct kiln_publish_batch *b, struct kiln_error *error)
 {
     size_t first_failed = SIZE_MAX;

@@ -10,7 +10,8 @@
 #include "coordinator/files/folder.h"
 #include "worker/base/calls.h"
 
-/* For file systems without O_TMPFILE. Signals that can be blocked are blocked between the two calls. */
+/* Replaces O_TMPFILE on file systems without it. Signals are blocked, so that none can end the process between creating
+ * and unlinking. */
 static int make_and_unlink(const char *folder)
 {
     char path[KILN_PATH_SIZE];

@@ -1,6 +1,6 @@
 #include "coordinator/generate/camera.h"
 
-/* From the axes right, up, back of a camera to a quaternion (Shepperd, "Quaternion from Rotation Matrix", 1978). */
+/* Converts a camera's axes right, up, back to a quaternion (Shepperd, "Quaternion from Rotation Matrix", 1978). */
 void kiln_generate_look(struct kiln_dvec3 direction, double rotation[4])
 {
     const struct kiln_dvec3 back = dvec3_scale(direction, -1 / dvec3_length(direction));

@@ -28,7 +28,7 @@ static uint64_t kind_triangles(const struct kind *kind)
     return 4ull * (2 * kind->floors + 1) * (2 * kind->across[0] + 1 + 2 * kind->across[1] + 1) + 2;
 }
 
-/* Divides the facades: `detail` is the width, m, of the space for one window. */
+/* Divides the facades. `detail`: width per window, m. */
 static void divide(struct city *city, double detail)
 {
     for (int i = 0; i < KINDS; i++) {

@@ -188,7 +188,8 @@ static struct kiln_dvec3 water_bottom(const void *unused, double s, double t)
     return dvec3(top.x, WATER_LOW[1], top.z);
 }
 
-/* Adds one side, from point i to i + 1 of an edge of the top, with the top's own points: the body is closed. */
+/* Adds one side of the body, from each point i of an edge of the top to i + 1. It uses the top's own points, so that
+ * the body is closed. */
 static void water_side(struct kiln_shape *shape, const struct kiln_dvec3 edge[WATER_SIDE + 1])
 {
     for (int i = 0; i < WATER_SIDE; i++)

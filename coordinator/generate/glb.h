@@ -24,7 +24,7 @@ struct kiln_glb_material {
     float metallic, roughness;
     bool transmissive; /* KHR_materials_transmission of 1, with this index of refraction; 0: 1.5 */
     float ior;
-    /* KHR_materials_volume of what is transmissive, m; 0: a thin wall. The mesh has to be closed */
+    /* thickness of KHR_materials_volume, if transmissive, m; 0: a thin wall. The mesh has to be closed */
     float thickness;
     float attenuation_color[3], attenuation_distance; /* m; 0: the body absorbs nothing */
     float dispersion;                                 /* KHR_materials_dispersion: 20 / Abbe number; 0: none */
@@ -56,7 +56,7 @@ struct kiln_glb_placement {
 };
 
 struct kiln_glb_totals {
-    uint64_t triangles, triangles_placed; /* stored; and counted once for each node that shows them */
+    uint64_t triangles, triangles_placed; /* stored triangles; and counted once for each node that shows them */
     uint64_t meshes, nodes;
     uint64_t bytes; /* size of the file, once written */
 };

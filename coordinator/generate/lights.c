@@ -1,5 +1,5 @@
-/* A hall under a regular grid of small lamps of eight colours that face down. Every lamp is an emissive quad of its
- * own. */
+/* Generates a hall under a regular grid of small lamps of eight colours, facing down. Each lamp is a separate emissive
+ * quad. */
 #include <stdio.h>
 
 #include "coordinator/generate/camera.h"
@@ -19,8 +19,7 @@ static const struct kiln_glb_material table[LAMP + COLORS] = {
     {.name = "lamp_cyan", .emission = {6, 20, 18}, .roughness = 1},
 };
 
-/* Adds the lamps. Together they emit the same power however many there are: each is a third as wide as its grid
- * cell. */
+/* Adds the lamps. Each is a third as wide as its grid cell, so their total power does not depend on their number. */
 static void add_lamps(struct kiln_shape *shape, uint32_t columns, uint32_t rows, double width, double depth,
                       double height, uint64_t seed)
 {

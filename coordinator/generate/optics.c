@@ -37,7 +37,7 @@ static int add(struct kiln_glb *glb, struct kiln_shape *shape, const char *name,
     return status != KILN_OK ? status : kiln_glb_add_node(glb, name, mesh, NULL, error);
 }
 
-/* Adds the faces of a room from the origin to `size` that are named: seen from inside, of one material each. */
+/* Adds the named faces of a room from the origin to `size`, facing inwards; each has one material. */
 static int add_room(struct kiln_glb *glb, struct kiln_palette *palette, struct kiln_dvec3 size, uint32_t walls,
                     uint32_t ceiling, struct kiln_error *error)
 {
@@ -103,8 +103,9 @@ int kiln_generate_prism(struct kiln_glb *glb, const struct kiln_generator *self,
     struct kiln_palette palette = {.table = table};
     const struct kiln_dvec3 centre = dvec3(2.5, 1.2, 2.2);
     const double side = 0.6, depth = side * sqrt(0.75);
-    /* Inside, light goes along +x at half the prism's depth. Outside it leans by the angle of incidence, whose sine is
-     * the index times that of half the apex, less half the apex. */
+    /* Direction of the beam. Inside, it goes along +x at half the prism's depth. Outside, it leans by the angle of
+     * incidence less half the apex angle; the sine of the angle of incidence is the index times the sine of half the
+     * apex angle. */
     const double lean = asin((double)table[GLASS].ior * 0.5) - KILN_PI / 6;
     const struct kiln_dvec3 towards = dvec3(cos(lean), 0, sin(lean)),
                             entry = dvec3(centre.x - side / 4, centre.y, centre.z + depth / 6);

@@ -116,7 +116,7 @@ void kiln_shape_face_with_hole(struct kiln_shape *shape, uint32_t material, stru
     kiln_shape_chart(shape, u, v);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
-            /* a hole at an edge has no quad beside it */
+            /* beside a hole at an edge one quad is empty */
             if ((i != 1 || j != 1) && us[i] < us[i + 1] && vs[j] < vs[j + 1])
                 kiln_shape_quad(shape, material, corners[i][j], corners[i + 1][j], corners[i + 1][j + 1],
                                 corners[i][j + 1]);
@@ -142,7 +142,7 @@ void kiln_shape_box(struct kiln_shape *shape, uint32_t material, struct kiln_dve
 static struct kiln_dvec3 surface_normal(const struct kiln_shape_surface *surface, double s, double t)
 {
     const double step = 1e-5;
-    /* At a pole the tangents vanish: take the mean of two sides a small step away. */
+    /* tangents vanish at a pole, so the mean of normals on two sides a small step away is used */
     if (surface->poles && (t < step || t > 1 - step)) {
         const double inside = t < 0.5 ? 2 * step : 1 - 2 * step;
         return unit(dvec3_add(surface_normal(surface, 0, inside), surface_normal(surface, 0.5, inside)));
@@ -164,7 +164,8 @@ void kiln_shape_surface(struct kiln_shape *shape, uint32_t material, const struc
     for (uint32_t row = 0; row <= rows && shape->status == KILN_OK; row++)
         for (uint32_t column = 0; column <= columns && shape->status == KILN_OK; column++) {
             const double s = (double)column / columns, t = (double)row / rows;
-            /* Where the surface closes, the same parameters are used, so that the seam is closed to the last bit. */
+            /* a closed surface uses the same parameters on both sides of its seam, so that positions match to the last
+             * bit */
             const double s_closed = column == columns && !surface->open ? 0 : s,
                          t_closed = row == rows && !surface->poles && !surface->open ? 0 : t;
             const double s_here = surface->poles && (row == 0 || row == rows) ? 0 : s_closed;
@@ -213,8 +214,8 @@ static int higher_first(const void *a, const void *b)
     return left->vertex_first < right->vertex_first ? -1 : 1;
 }
 
-/* Places the charts on shelves of decreasing height in a unit square, at `scale` layout units per metre. Returns the
- * height used. */
+/* Packs the charts in rows of decreasing height into a unit square, at `scale` layout units per metre. Returns the used
+ * height. */
 static double fill_shelves(struct kiln_shape_chart *const *order, size_t count, double scale, double padding)
 {
     double u = padding, v = padding, shelf = 0;

@@ -33,7 +33,7 @@ struct kiln_shape {
     struct kiln_error error;
 };
 
-/* The materials that a scene's shapes may use. One is written to the file when the first mesh uses it. */
+/* The materials that a scene's shapes may use. A material is written to the file when the first mesh uses it. */
 struct kiln_palette {
     const struct kiln_glb_material *table; /* at most KILN_SHAPE_MATERIALS; shapes refer to materials by index */
     /* bit i: table[i] has been written, as material index[i] of the file; start with 0 */
@@ -51,7 +51,7 @@ void kiln_shape_chart(struct kiln_shape *shape, struct kiln_dvec3 u, struct kiln
  * a b c. `material` is an index into the palette's table. */
 void kiln_shape_quad(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 a, struct kiln_dvec3 b,
                      struct kiln_dvec3 c, struct kiln_dvec3 d);
-/* The same, in a chart of its own. */
+/* Adds a quad likewise, in a chart of its own. */
 void kiln_shape_face(struct kiln_shape *shape, uint32_t material, struct kiln_dvec3 a, struct kiln_dvec3 b,
                      struct kiln_dvec3 c, struct kiln_dvec3 d);
 /* Adds a triangle a b c, counter-clockwise seen from its front, in a chart of its own. */
@@ -73,12 +73,12 @@ struct kiln_shape_surface {
     const void *data;
     uint32_t columns, rows; /* 2 x columns x rows triangles, 2 x columns fewer with poles */
     bool poles;
-    /* an open sheet: it closes neither way, and the point is asked for a little outside of 0..1 too */
+    /* an open sheet: s and t do not wrap around, and `point` is also called slightly outside 0..1 */
     bool open;
 };
 void kiln_shape_surface(struct kiln_shape *shape, uint32_t material, const struct kiln_shape_surface *surface);
 
-/* An ellipsoid, and a torus about the y axis, as such surfaces. */
+/* Ellipsoids, and tori about the y axis, as surfaces for kiln_shape_surface. */
 struct kiln_shape_ellipsoid {
     struct kiln_dvec3 centre, radius;
 };
@@ -96,7 +96,7 @@ void kiln_shape_transform(struct kiln_shape *shape, double scale, struct kiln_dv
 int kiln_shape_add(struct kiln_shape *shape, struct kiln_glb *glb, const char *name, struct kiln_palette *palette,
                    uint32_t *mesh, struct kiln_error *error);
 
-/* The next of a sequence of random numbers in [0,1), with 53 bits: splitmix64 (Steele, Lea, Flood, "Fast Splittable
+/* Returns the next random number of a sequence in [0,1), with 53 bits: splitmix64 (Steele, Lea, Flood, "Fast Splittable
  * Pseudorandom Number Generators", 2014). */
 double kiln_shape_random(uint64_t *state);
 

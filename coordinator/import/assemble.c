@@ -9,7 +9,7 @@
 static const double area_floor = 1e-12;  /* 2 A / longest edge^2 that a triangle must exceed to be kept */
 static const float smooth_floor = 1e-3f; /* difference of unit normals that is visible in shading */
 
-/* A hash table of the vertices stored so far, by the file's vertex and its normal. */
+/* Key of the hash table of stored vertices: the file's vertex and the normal. */
 struct vertex_key {
     uint32_t source;
     struct kiln_vec3 normal;
@@ -128,7 +128,7 @@ static int read_triangle(const struct kiln_primitive *primitive, size_t k, struc
                              "%s: the position of vertex %u is (%g, %g, %g), not a number within +-%g; repair the file",
                              primitive->where, t->corner[c], (double)p.x, (double)p.y, (double)p.z,
                              (double)KILN_COORDINATE_MAX);
-        /* 0 and -0 are equal but have different bits, and vertices are found by their bits. */
+        /* turns -0 into 0: the two are equal, but vertices are found by their bits */
         t->position[c] = vec3_add(p, vec3(0.0f, 0.0f, 0.0f));
     }
     return KILN_OK;
@@ -151,7 +151,7 @@ static bool has_area(struct triangle *t)
 
 static struct kiln_vec3 unit(struct kiln_vec3 n)
 {
-    /* In double: an unnormalised normal of length 1e-30 or 1e30 still has a direction. */
+    /* computed in double: even normals of length 1e-30 or 1e30 have a direction */
     const struct kiln_dvec3 d = dvec3_of(n);
     const double length = dvec3_length(d);
     if (!(length > 0.0) || !isfinite(length))
@@ -318,7 +318,7 @@ int kiln_object_add(struct kiln_builder *builder, uint32_t mesh_index, const dou
     *skipped = false;
     double size = 0.0;
     for (int i = 0; i < 12; i++) {
-        /* Small enough that no sum of products below overflows; kiln_builder_write checks the world's true extent. */
+        /* bounded so that no sum of products below overflows; kiln_builder_write checks the extent in world space */
         if (!(fabs(transform[i]) <= 1e30))
             return kiln_fail(error, KILN_BAD_INPUT,
                              "%s: its transform has a value that is infinite or not a number (%g); repair the file",
@@ -382,7 +382,7 @@ end:
     return status;
 }
 
-/* ---- coordinates that are coarse against texels ---- */
+/* ---- warning of coordinates too coarse for the texels ---- */
 
 static double largest_coordinate(const struct kiln_builder *builder, const struct kiln_mesh *mesh)
 {
@@ -394,7 +394,7 @@ static double largest_coordinate(const struct kiln_builder *builder, const struc
     return (double)most;
 }
 
-/* How far the transform stretches the axis that it stretches most. */
+/* Returns the factor by which the transform stretches the basis axis that it stretches most. */
 static double largest_scale(const double t[12])
 {
     double most = 0.0;
@@ -403,7 +403,7 @@ static double largest_scale(const double t[12])
     return sqrt(most);
 }
 
-/* Texels a metre, of all objects together; 0 where there is no area. */
+/* Mean texel density over all objects, texels per metre; 0 if there is no area. */
 static double mean_density(const struct kiln_mesh *meshes, const struct kiln_object *objects, size_t count)
 {
     double texels = 0.0, area = 0.0;

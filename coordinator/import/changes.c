@@ -11,10 +11,10 @@
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
-/* Which settings a thing has, and what each is: a number or three, within bounds. */
+/* Setting of a light, a material or the sky: a number, three numbers (a colour) or a switch, with its bounds. */
 struct setting {
     const char *name;
-    bool is_switch, is_color; /* else a number, or three where `either` */
+    bool is_switch, is_color; /* neither: a number, or also three numbers with `either` */
     bool either;
     double least, most;
 };
@@ -84,7 +84,7 @@ static int check(const char *where, const json_t *settings, const struct setting
     return KILN_OK;
 }
 
-/* The three numbers of a setting, or one number three times; false: it is not given. */
+/* Reads the three numbers of a setting; a single number is repeated. Returns false if the setting is not given. */
 static bool three(const json_t *settings, const char *name, float rgb[3])
 {
     const json_t *value = json_object_get(settings, name);
@@ -93,7 +93,7 @@ static bool three(const json_t *settings, const char *name, float rgb[3])
     return value != NULL;
 }
 
-/* Sets a light's, a material's or the sky's numbers, then scales them, then switches them off. */
+/* Applies the settings to a light's, a material's or the sky's values: first sets, then scales, then switches off. */
 static void change(float to[3], const json_t *settings, const char *set, const char *scale)
 {
     float factor[3] = {1.0f, 1.0f, 1.0f};
@@ -251,9 +251,10 @@ void kiln_changes_apply_environment(struct kiln_builder *builder, const char *te
                                       text);
 }
 
-/* ---- the scene file of what has changed ---- */
+/* ---- writing the changed scene file ---- */
 
-/* Materials in memory may differ from those in the file (worker/scene/gloss.h): what has not changed stays. */
+/* Writes changed values into the bytes of a scene file. Materials in memory may differ from those in the file
+ * (worker/scene/gloss.h), so unchanged ones are left alone. */
 static void patch(unsigned char *file, const struct kiln_scene *scene, const struct kiln_changeable *before,
                   const struct kiln_changeable *now, const struct kiln_environment *environment)
 {

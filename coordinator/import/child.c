@@ -24,7 +24,7 @@ struct child {
     uint64_t program;
 };
 
-/* ---- limits: soft limits, which grow with the bytes of the scene's files as they are opened ---- */
+/* ---- resource limits, soft, raised with the size of the scene's files as they are opened ---- */
 
 static uint64_t machine_memory(void)
 {
@@ -74,7 +74,7 @@ void (*kiln_child_follower(const struct kiln_import_params *params))(const struc
     return params->time_limit == 0 ? follow_time : follow_nothing;
 }
 
-/* The layout's work depends on triangles, not on bytes: it gets time of its own. */
+/* Extends the CPU time limit for the layout, whose work depends on triangles and not on bytes. */
 static void limit_layout_time(const struct kiln_import_params *params, const struct kiln_builder *builder)
 {
     struct rusage used;
@@ -84,7 +84,7 @@ static void limit_layout_time(const struct kiln_import_params *params, const str
                                      builder->sections[KILN_SECTION_TRIANGLES].count / 2000);
 }
 
-/* ---- Landlock: a second barrier around files, where the kernel has it ---- */
+/* ---- Landlock: a second barrier against file access, on kernels that have it ---- */
 
 static int allow(int rules, const char *path, uint64_t access)
 {
@@ -102,7 +102,7 @@ static void cut_to_folder(char *path)
     if (slash != NULL)
         slash[slash == path ? 1 : 0] = '\0';
     else if (path != NULL && path[0] != '\0')
-        (void)snprintf(path, 2, "."); /* a bare file name: the current folder */
+        (void)snprintf(path, 2, "."); /* a bare file name stands for one in the current folder */
 }
 
 static void fence_files(const struct kiln_import_params *params)
@@ -113,7 +113,7 @@ static void fence_files(const struct kiln_import_params *params)
                            LANDLOCK_ACCESS_FS_MAKE_DIR | LANDLOCK_ACCESS_FS_MAKE_SOCK | LANDLOCK_ACCESS_FS_MAKE_FIFO |
                            LANDLOCK_ACCESS_FS_MAKE_BLOCK | LANDLOCK_ACCESS_FS_MAKE_SYM;
     const struct landlock_ruleset_attr attributes = {.handled_access_fs = read | write | other};
-    /* The sanitizer's own reports need /proc and its symbolizer. */
+    /* AddressSanitizer needs /proc and its symbolizer for its reports */
     if (KILN_ADDRESS_SANITIZER)
         return;
     const int rules = (int)syscall(SYS_landlock_create_ruleset, &attributes, sizeof attributes, 0);
@@ -139,7 +139,8 @@ void kiln_child_confine(const struct kiln_import_params *params)
 
 /* ---- the work ---- */
 
-/* Lightmaps of more texels than this fit no host like this one: a texel that is a surface point takes more bytes. */
+/* Least bytes of a texel that is a surface point. A lightmap with more texels than memory has room for at this size
+ * cannot be baked on this host or one like it. */
 enum { LEAST_OF_TEXEL = 8 };
 
 static int read_layout_write(const struct child *child, struct kiln_error *error)

@@ -1,5 +1,5 @@
-/* The import child: how the parent calls it (its argv; the answer is described in confined.h), and what the child does
- * to restrict itself before it reads anything.
+/* The import child: how the parent calls it (its argv; the answer is described in confined.h), and how the child
+ * restricts itself before it reads anything.
  *
  * argv: PROGRAM import-child PATH OUTPUT TEXELS_PER_METRE SIZE MAX ENVIRONMENT SCALE ROTATION MEMORY SECONDS
  *       PROGRAM_HASH OBJECTS TRUST LAYOUT CHANGES UP UNIT STRICT
@@ -13,9 +13,9 @@
 
 enum { KILN_CHILD_ARGUMENTS = 20 };
 
-/* Restricts this process. It dies with its parent; memory, CPU time, open files and file size are limited; Landlock
- * lets it read the folders of params->path and params->environment only, where the kernel has it. Nothing may be opened
- * for writing: the result goes to KILN_CHILD_OUTPUT, which the parent opened. */
+/* Restricts this process: it dies with its parent, and memory, CPU time, open files and file size are limited. If the
+ * kernel has Landlock, only the folders of params->path and params->environment can be read. No file may be opened for
+ * writing: the result goes to KILN_CHILD_OUTPUT, which the parent opened. */
 void kiln_child_confine(const struct kiln_import_params *params);
 
 /* Returns a callback for the `mapped` field of struct kiln_confine. It raises the limits that the user has not set in
@@ -25,7 +25,7 @@ void (*kiln_child_follower(const struct kiln_import_params *params))(const struc
 /* Writes the child's answer to standard output: status and sentence. Call it last. */
 void kiln_child_answer(int status, const char *sentence);
 
-/* Not a command for users: the confined child that reads a scene (child.c). argv as it was spawned. Returns its exit
+/* Runs the confined child that reads a scene (child.c); not a command for users. argv as spawned. Returns its exit
  * status. */
 int kiln_import_child(int argc, char **argv);
 

@@ -26,14 +26,14 @@ struct kiln_confine {
     int descriptor;    /* of the folder */
     /* bytes of all files mapped so far, each file counted once; limits on decompression are relative to this */
     uint64_t total_bytes;
-    /* hash table of what was mapped: hashes of (device, inode) and of recorded paths; zeros: free slot */
+    /* hash table of mapped files: hashes of (device, inode) and of recorded paths; zeros: free slot */
     uint64_t (*seen)[2];
     size_t seen_size, seen_used;
     size_t scans;                                /* folders listed so far, by kiln_confine_find */
     void (*mapped)(const struct kiln_confine *); /* called each time total_bytes has grown; may be NULL */
 };
 
-/* Opens the scene's folder. `path` may itself be a link that leads anywhere: the folder is that of the real file.
+/* Opens the scene's folder. If `path` is a link, which may lead anywhere, it opens the folder of the real file.
  * KILN_NO_INPUT, KILN_PERMISSION. `path` must live as long as the result. Destroy with kiln_confine_destroy. */
 int kiln_confine_create(struct kiln_confine **confine, const char *path, struct kiln_error *error);
 void kiln_confine_destroy(struct kiln_confine **confine);
@@ -43,16 +43,17 @@ void kiln_confine_destroy(struct kiln_confine **confine);
 int kiln_confine_decode(const struct kiln_confine *confine, const char *uri, const char *place, char path[1025],
                         struct kiln_error *error);
 
-/* Looks for the file that a scene names, without opening it for good: `name`, which may be a path of another computer
- * ("C:\\work\\Wood.PNG"), in `folder`, a path in the scene's folder that is empty or ends with '/'. Tried are the name
- * as it is, then with '/' for '\\', then ever shorter ends of it whatever their letters' case. `path` gets what was
- * found, or the name as it is. What cannot be opened for other reasons counts as found: kiln_confine_map says why. */
+/* Looks for the file that a scene names, without opening it for good. `name` may be a path of another computer
+ * ("C:\\work\\Wood.PNG"); `folder` is a path in the scene's folder, empty or ending with '/'. It tries the name as it
+ * is, then with '/' for '\\', then ever shorter ends of it, ignoring case. `path` becomes the path found, or the
+ * unchanged name. Files that cannot be opened for other reasons count as found: kiln_confine_map reports why. */
 enum kiln_found { KILN_FOUND_NOT, KILN_FOUND_AS_NAMED, KILN_FOUND_OTHERWISE };
 enum kiln_found kiln_confine_find(struct kiln_confine *confine, const char *folder, const char *name, char path[1025]);
-/* Records that the scene named a file that is not there, so that the scene is read again once it is. */
+/* Records a missing file that the scene names, so that the scene is imported again once the file exists. */
 int kiln_confine_record_missing(struct kiln_confine *confine, struct kiln_builder *builder, const char *path,
                                 struct kiln_error *error);
-/* Opens a file or folder in the scene's folder, read-only, with more flags of open(2); below 0: errno says why. */
+/* Opens a file or folder in the scene's folder, read-only, with additional `flags` of open(2). Returns the descriptor;
+ * if negative, errno has the reason. */
 int kiln_confine_open(const struct kiln_confine *confine, const char *path, int flags);
 /* Whether there is no such file in the folder. */
 bool kiln_confine_is_missing(const struct kiln_confine *confine, const char *path);
@@ -62,8 +63,8 @@ bool kiln_confine_is_missing(const struct kiln_confine *confine, const char *pat
  * kiln_file_unmap. */
 int kiln_confine_map(struct kiln_confine *confine, struct kiln_builder *builder, const char *path, const char *place,
                      struct kiln_file *file, struct kiln_error *error);
-/* The same for a file that the user named on the command line: it may lie anywhere, and is recorded with its real
- * path. */
+/* Maps a file that the user named on the command line: it may lie anywhere, and is recorded with its real path.
+ * Otherwise like kiln_confine_map. */
 int kiln_confine_map_named(struct kiln_confine *confine, struct kiln_builder *builder, const char *path,
                            struct kiln_file *file, struct kiln_error *error);
 void kiln_file_unmap(struct kiln_file *file);

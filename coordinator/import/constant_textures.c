@@ -4,7 +4,7 @@
 
 #include "worker/scene/texture.h"
 
-/* Gives the linear RGBA of a texture that has one colour; false for others. */
+/* Gets the linear RGBA of a texture of a single colour; false for other textures. */
 static bool is_constant(const struct kiln_builder *builder, uint32_t index, float rgba[4])
 {
     if (index == KILN_NONE)

@@ -1,8 +1,8 @@
-/* A C interface to the Draco decoder (KHR_draco_mesh_compression). The library has none, so draco_decode.cpp is kiln's
- * one C++ file. No exception leaves it. Nothing here is collective; a mesh is used by one thread at a time.
+/* C interface to the Draco decoder (KHR_draco_mesh_compression). The library has no C interface, so draco_decode.cpp is
+ * kiln's one C++ file. No exception leaves it. Nothing here is collective; a mesh is used by one thread at a time.
  *
  * The library is not made for hostile input: it may allocate memory for sizes that the data merely claims. It is called
- * in the confined child only, whose limits bound it. */
+ * only in the confined child, whose limits bound it. */
 #ifndef KILN_COORDINATOR_IMPORT_DRACO_DECODE_H
 #define KILN_COORDINATOR_IMPORT_DRACO_DECODE_H
 
@@ -24,11 +24,11 @@ void kiln_draco_destroy(struct kiln_draco **draco);
 size_t kiln_draco_vertex_count(const struct kiln_draco *draco);
 size_t kiln_draco_triangle_count(const struct kiln_draco *draco);
 
-/* Writes three corners per triangle as the data has them: not checked against the number of vertices. */
+/* Writes three corners per triangle as stored; they are not checked against the number of vertices. */
 void kiln_draco_corners(const struct kiln_draco *draco, uint32_t *corners);
 
-/* Writes the attribute with that unique id, `components` floats per vertex; integers as they are, not normalised. False
- * when there is no such attribute, when it has another number of components, or when values are missing. */
+/* Writes the attribute with unique id `id`, `components` floats per vertex; integers are converted without
+ * normalisation. Returns false if the attribute is missing, has another number of components, or lacks values. */
 bool kiln_draco_attribute(const struct kiln_draco *draco, uint32_t id, unsigned components, float *values);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* Finding files by the names that other computers gave them. */
+/* Finds files by names that were given on another computer. */
 #include <dirent.h>
 #include <fcntl.h>
 #include <stdio.h>
@@ -10,8 +10,8 @@
 
 enum { PATH_LENGTH = 1024, STEPS_MOST = 8, SCANS_MOST = 4096, ENTRIES_MOST = 1 << 16 };
 
-/* The entry of a folder whose name is `name` but for the case of its letters; the first in the order of bytes. Entries
- * beyond the first ENTRIES_MOST are not looked at. */
+/* Finds the entry of a folder that equals `name` if case is ignored; of several, the first in byte order. Only the
+ * first ENTRIES_MOST entries are searched. */
 static bool find_entry(struct kiln_confine *confine, const char *folder, const char *name, char found[256])
 {
     const int descriptor =
@@ -53,7 +53,7 @@ static bool resolve(struct kiln_confine *confine, const char *folder, const char
     return path[0] != '\0' && path[strlen(path) - 1] != '/' && !kiln_confine_is_missing(confine, path);
 }
 
-/* The end of a path that has at most `steps` steps. */
+/* Returns the last `steps` components of a path. */
 static const char *end_of(const char *path, size_t steps)
 {
     const char *at = path + strlen(path);
@@ -63,7 +63,7 @@ static const char *end_of(const char *path, size_t steps)
     return at;
 }
 
-/* Whether a path leads out of the folder by its words: from the root, or by "..". */
+/* Whether a path leaves the folder lexically: it is absolute, or has a component "..". */
 static bool leads_out(const char *path)
 {
     if (path[0] == '/')

@@ -8,7 +8,7 @@
 #include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
-/* Extensions that a file may require: those that kiln reads, and those that change nothing about diffuse light. */
+/* Extensions that a file may require: those that kiln reads, and those without effect on diffuse light. */
 static const char *const supported[] = {"KHR_materials_emissive_strength",
                                         "KHR_texture_transform",
                                         "KHR_lights_punctual",
@@ -137,7 +137,7 @@ void gltf_check(struct gltf *g)
         check_extensions(g);
 }
 
-/* Writes one note per kind of oddity, with its count, however many there are. */
+/* Writes one note for each kind of oddity, with the number of its occurrences. */
 static void write_notes(struct gltf *g)
 {
     const struct {

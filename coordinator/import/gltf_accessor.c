@@ -35,7 +35,7 @@ static unsigned component_count(const char *type)
     return 0;
 }
 
-/* Bytes of an element. Columns of matrices begin at multiples of four bytes. */
+/* Returns the size of an element, bytes. Matrix columns are aligned to four bytes. */
 static size_t element_size(const char *type, unsigned component, unsigned components)
 {
     const size_t size = gltf_component_size(component);
@@ -132,7 +132,7 @@ static void read_accessor(struct gltf *g, size_t index)
         gltf_fail(g, place, "componentType", "is %u, not one of 5120 to 5123, 5125, 5126", accessor->component);
     if (g->status == KILN_OK && accessor->components == 0)
         gltf_fail(g, place, "type", "is '%.20s', which glTF does not know", type == NULL ? "" : type);
-    /* One less than the largest 32-bit number, so that every element has an index other than KILN_NONE. */
+    /* at most 2^32 - 2, so that no element has the index KILN_NONE */
     accessor->count = (size_t)gltf_needed(g, place, json, "count", 1, UINT32_MAX - 1);
     accessor->normalized = gltf_bool(g, place, json, "normalized", false);
     const uint32_t view = gltf_index(g, place, json, "bufferView", g->view_count);

@@ -175,7 +175,7 @@ static void read_buffer(struct gltf *g, size_t index)
             buffer->data = g->binary;
             buffer->size = g->binary_size;
         } else if (gltf_extension(g, place, json, "EXT_meshopt_compression") != NULL) {
-            buffer->size = (size_t)length; /* a fallback buffer: using its bytes is refused */
+            buffer->size = (size_t)length; /* fallback buffer: access to its bytes is refused */
             return;
         } else {
             gltf_fail(g, place, "uri", "is missing and there is no GLB chunk for it");

@@ -52,10 +52,10 @@ struct gltf_texture_use {
 };
 
 struct gltf_material {
-    /* base also serves a transmission texture that has the same coordinates or is the only texture */
+    /* `base` also serves a transmission texture with the same coordinates, or one that is the only texture */
     struct gltf_texture_use base, emission, normal;
-    /* gloss.texcoord is the set of all textures of its gloss; its transform is none, for each of them has its own. Its
-     * texture is KILN_NONE if no such set is needed */
+    /* gloss.texcoord is the TEXCOORD set that all gloss textures share; gloss.transform is unused, since each texture
+     * has its own. gloss.texture is KILN_NONE if no such set is needed */
     struct gltf_texture_use gloss;
 };
 
@@ -77,11 +77,11 @@ struct gltf {
     struct kiln_images images;
     struct kiln_image *image_of; /* per glTF image: the decoded image, once it is decoded */
     uint8_t *image_state;        /* per glTF image: GLTF_IMAGE_... */
-    struct kiln_missing missing; /* pictures that are not there */
+    struct kiln_missing missing; /* missing pictures */
     /* per glTF texture: the builder's texture with sRGB-coded colours, or KILN_NONE; after these, one more entry per
      * glTF texture, for the builder's texture with linear colours */
     uint32_t *texture_of;
-    uint8_t *mesh_uses; /* per glTF mesh: GLTF_USED... of the nodes of the scene */
+    uint8_t *mesh_uses; /* per glTF mesh: flags GLTF_USED... for its use by nodes of the scene */
     uint32_t *mesh_of;  /* per glTF mesh: the builder's mesh, KILN_NONE (no triangles) or GLTF_UNREAD */
     size_t buffer_count, view_count, accessor_count, material_count, image_count, texture_count, mesh_count;
     uint32_t default_material; /* index in the builder, or KILN_NONE until it is needed */
@@ -96,11 +96,11 @@ struct gltf {
     uint64_t skins, morphs; /* skinned nodes; morph targets of primitives */
     uint64_t skin_joints, posed_triangles;
     uint64_t outside_nodes, hidden_nodes, strange_cameras;
-    struct kiln_kinds unused; /* what is in the file and not used */
+    struct kiln_kinds unused; /* features of the file that are not used */
     struct kiln_arena arena;
 };
 enum { GLTF_USED = 1, GLTF_USED_SKINNED = 2 };
-/* Flags of an image: its file is not there; and what asked for it. */
+/* Flags of an image: its file is missing; the uses that asked for it. */
 enum {
     GLTF_IMAGE_MISSING = 1,
     GLTF_IMAGE_FOR_EMISSION = 2,
@@ -137,10 +137,10 @@ uint64_t gltf_needed(struct gltf *g, struct gltf_place place, const json_t *obje
                      uint64_t high);
 /* An index below `limit`; KILN_NONE if absent. */
 uint32_t gltf_index(struct gltf *g, struct gltf_place place, const json_t *object, const char *key, size_t limit);
-/* A number in its range; `absent` if there is none. */
+/* A number in the range of `number`; `absent` if there is none. */
 double gltf_number(struct gltf *g, struct gltf_place place, const json_t *object, enum kiln_number number,
                    double absent);
-/* Exactly `count` such numbers; false, and the values unchanged, if absent or failed. */
+/* Exactly `count` numbers in that range; returns false, with values unchanged, if absent or failed. */
 bool gltf_numbers(struct gltf *g, struct gltf_place place, const json_t *object, enum kiln_number number, size_t count,
                   double *values);
 /* The member object.extensions.NAME, or NULL. */
@@ -158,9 +158,9 @@ void gltf_decode_data(struct gltf *g, struct gltf_place place, const char *uri, 
 /* gltf_meshopt.c: decodes EXT_meshopt_compression into view->owned, and sets the view's data and size. */
 void gltf_read_meshopt(struct gltf *g, struct gltf_place place, const json_t *extension, struct gltf_view *view);
 
-/* gltf_draco.c: decodes KHR_draco_mesh_compression. `uses` names copies of a primitive's accessors by attribute (count
- * 0: not used). The copies are pointed to decompressed values; those that the extension does not name are left alone.
- * Free the values with gltf_draco_values_free, also after a failure. */
+/* gltf_draco.c: decodes KHR_draco_mesh_compression. `uses` has copies of a primitive's accessors, named by attribute
+ * (count 0: not used). The copies are redirected to decompressed values; copies that the extension does not name stay
+ * unchanged. Free the values with gltf_draco_values_free, also after a failure. */
 enum { GLTF_DRACO_ATTRIBUTES = 12 };
 struct gltf_draco_use {
     const char *name; /* "POSITION" */
@@ -176,7 +176,7 @@ void gltf_draco_values_free(struct gltf_draco_values *values);
 
 /* gltf_accessor.c */
 void gltf_read_accessors(struct gltf *g);
-/* Element `index` (below count) as floats, up to 4 components; components that it does not have are left alone.
+/* Gets element `index` (below count) as floats, up to 4 components; values of missing components stay unchanged.
  * Integers are normalised if the accessor says so. */
 void gltf_accessor_float(const struct gltf_accessor *accessor, size_t index, float *values);
 uint32_t gltf_accessor_index(const struct gltf_accessor *accessor, size_t index);
@@ -192,25 +192,25 @@ uint32_t gltf_default_material(struct gltf *g);
 /* Reads a textureInfo; use->texture stays KILN_NONE if it is absent. */
 void gltf_texture_info(struct gltf *g, struct gltf_place place, const json_t *parent, const char *key,
                        struct gltf_texture_use *use);
-/* The image of a glTF texture; a failure if it has none that kiln reads. */
+/* The index of a glTF texture's image; fails if it has none that kiln reads. */
 uint32_t gltf_source_image(struct gltf *g, uint32_t texture);
 /* The builder's texture for a glTF texture, made on first use; KILN_NONE if its picture is missing. `srgb`: its colours
- * are sRGB-coded, else linear. */
+ * are coded in sRGB; else they are linear. */
 uint32_t gltf_builder_texture(struct gltf *g, uint32_t texture, bool srgb);
-/* Mean of one channel of a glTF texture's image, 0..1, as it is coded; 1 if it is missing. */
+/* Mean of the coded values of one channel of a glTF texture's image, 0..1; 1 if the image is missing. */
 double gltf_image_mean(struct gltf *g, uint32_t texture, unsigned channel);
-/* Whether the picture of a glTF texture is missing; `use` (GLTF_IMAGE_FOR_...) is what asks for it. */
+/* Whether the picture of a glTF texture is missing; `use` (GLTF_IMAGE_FOR_...) is the use that asks for it. */
 bool gltf_texture_is_missing(struct gltf *g, uint32_t texture, unsigned use);
-/* The builder's texture for directions, of which a bake can do without: if its picture is missing, broken or no normal
- * map, KILN_NONE and a note that begins with `what` ("normalTexture") and ends with `without`. */
+/* The builder's texture for an optional texture of directions. If its picture is missing, broken or no normal map,
+ * returns KILN_NONE and adds a note that begins with `what` ("normalTexture") and ends with `without`. */
 uint32_t gltf_directions_texture(struct gltf *g, struct gltf_place place, uint32_t texture, const char *what,
                                  const char *without);
 /* The material's KHR_materials_pbrSpecularGlossiness, unless it is unlit; NULL: none. */
 const json_t *gltf_specular_glossiness(struct gltf *g, struct gltf_place place, const json_t *material);
 
-/* gltf_gloss.c: reads what a material says besides its diffuse part, and appends a struct kiln_gloss if that is more
- * than the defaults. `material` stands in the builder at `index`; sets the gloss of g->materials[place.index]. *gloss
- * is what was read, of the defaults too. */
+/* gltf_gloss.c: reads the non-diffuse properties of a material, and appends a struct kiln_gloss if they differ from the
+ * defaults. `material` is the builder's material `index`; sets the gloss of g->materials[place.index]. *gloss receives
+ * the properties, defaults included. */
 void gltf_read_gloss(struct gltf *g, struct gltf_place place, const json_t *json, const struct kiln_material *material,
                      uint32_t index, struct kiln_gloss *gloss);
 
@@ -219,11 +219,11 @@ void gltf_read_gloss(struct gltf *g, struct gltf_place place, const json_t *json
 void gltf_triangle(unsigned mode, const struct gltf_accessor *indices, size_t k, uint32_t corner[3]);
 
 /* The builder's mesh for a glTF mesh in a pose; KILN_NONE if it has no triangles. Nodes with the mesh's common pose
- * share one, which is made on first use. A node with a pose of its own (gltf_pose_is_own) gets a new one. */
+ * share one mesh, which is made on first use. A node with a pose of its own (gltf_pose_is_own) gets a new one. */
 struct gltf_pose;
 uint32_t gltf_mesh(struct gltf *g, uint32_t index, const struct gltf_pose *pose);
-/* The accessor of an attribute; NULL: absent. A failure unless its elements have `low` to `high` components and, if
- * `count` is not 0, there are so many. */
+/* The accessor of an attribute; NULL: absent. Fails unless its elements have `low` to `high` components and, if `count`
+ * is not 0, there are `count` elements. */
 const struct gltf_accessor *gltf_attribute(struct gltf *g, struct gltf_place place, const json_t *attributes,
                                            const char *name, unsigned low, unsigned high, size_t count);
 
@@ -232,14 +232,14 @@ void gltf_check(struct gltf *g);
 /* Releases the document and unmaps its files. */
 void gltf_close(struct gltf *g);
 
-/* gltf_unused.c: notes on what the document has and no bake uses. Call it after gltf_read_scene. */
+/* gltf_unused.c: adds notes on features of the document that no bake uses. Call it after gltf_read_scene. */
 void gltf_note_unused(struct gltf *g);
 
 /* gltf_node.c: node tree, objects, lights, cameras, environment. */
 void gltf_read_scene(struct gltf *g);
 
-/* gltf_lod.c: what the file says of levels of detail (lods.h), into the settings of the builder's objects. Call it
- * after gltf_read_scene. */
+/* gltf_lod.c: reads the file's levels of detail (lods.h) into the settings of the builder's objects. Call it after
+ * gltf_read_scene. */
 void gltf_read_lods(struct gltf *g);
 
 #endif

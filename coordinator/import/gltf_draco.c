@@ -9,7 +9,8 @@
 
 enum { FLOAT = 5126, UNSIGNED_INT = 5125 };
 
-/* Triangles that one byte can hold at most, with a margin: Edgebreaker connectivity takes a bit or two a triangle. */
+/* Upper bound, with a margin, for the triangles that one byte encodes: Edgebreaker connectivity takes one or two bits
+ * per triangle. */
 static const uint64_t triangles_per_byte = 64;
 
 static struct kiln_draco *decode(struct gltf *g, struct gltf_place place, const json_t *extension)

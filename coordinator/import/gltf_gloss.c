@@ -7,22 +7,22 @@
 #include "coordinator/import/gltf_document.h"
 #include "worker/scene/gloss.h"
 
-enum { AFTER_SPECULAR = 3 }; /* the parts that go with specular-glossiness */
+enum { AFTER_SPECULAR = 3 }; /* index of the first part that is read with specular-glossiness, too */
 
-static const double unbounded = 1e30; /* m: over a longer way a body absorbs nothing */
+static const double unbounded = 1e30; /* attenuation distance beyond which a body absorbs nothing, m */
 
-/* A material while its gloss is read. */
+/* State of reading a material's gloss. */
 struct reader {
     struct gltf *g;
     struct gltf_place place;
-    struct gltf_texture_use *set; /* the set of coordinates of its gloss's textures */
+    struct gltf_texture_use *set; /* texture coordinate set of the gloss's textures */
     struct kiln_gloss *gloss;
 };
 
 static double linear_of_srgb(double code) { return code <= 0.04045 ? code / 12.92 : pow((code + 0.055) / 1.055, 2.4); }
 
-/* Replaces a texture that has another set of coordinates than the gloss's first one by its mean: the gloss has one set
- * of coordinates. The directions of a normal map or of anisotropy have no mean. */
+/* Replaces a texture by its mean if its coordinate set is not that of the gloss's first texture, since gloss has a
+ * single set. Directions (normal maps, anisotropy) have no mean. */
 static void take_mean(struct reader *r, const char *key, uint32_t texture, enum kiln_gloss_use use, unsigned channel,
                       float *factors, unsigned count)
 {
@@ -38,8 +38,8 @@ static void take_mean(struct reader *r, const char *key, uint32_t texture, enum 
                                           r->place.index, key, count > 0 ? "replaced by its mean" : "left out"));
 }
 
-/* Reads the texture `key` of `parent`, which multiplies `count` factors; `channel` is the first of them in the texture.
- * If the factors are 0, a texture changes nothing and is not decoded. */
+/* Reads the texture `key` of `parent`, which multiplies `count` factors; the first one corresponds to `channel` of the
+ * texture. A texture of factors that are all 0 has no effect, and is not decoded. */
 static void read_texture(struct reader *r, const json_t *parent, const char *key, enum kiln_gloss_use use,
                          unsigned channel, float *factors, unsigned count)
 {
@@ -102,7 +102,7 @@ static void read_base(struct reader *r, const json_t *json)
 
 static float largest(const float rgb[3]) { return fmaxf(rgb[0], fmaxf(rgb[1], rgb[2])); }
 
-/* The share of metal that a specular colour stands for: what no dielectric reflects. It decides only whether the
+/* Estimates the metal fraction of a specular colour: the part that no dielectric reflects. It only decides whether the
  * material is more than diffuse (kiln_gloss_kind). */
 static float metal_of(float specular)
 {
@@ -158,16 +158,15 @@ static void read_roughness(struct reader *r, const struct gltf_texture_use *info
         gloss->roughness = gloss->mean_roughness;
 }
 
-/* KHR_materials_pbrSpecularGlossiness as glTF's later model: an index without an end, which reflects the specular
- * colour at any angle and leaves the rest to the diffuse part (KHR_materials_ior, "ior: 0"), and roughness 1 -
- * glossiness. */
+/* Converts KHR_materials_pbrSpecularGlossiness to glTF's later model. An infinite index reflects the specular colour at
+ * any angle, and leaves the rest to the diffuse part (KHR_materials_ior, "ior: 0"). The roughness is 1 - glossiness. */
 static void read_glossiness(struct reader *r, const json_t *extension)
 {
     struct kiln_gloss *gloss = r->gloss;
     struct gltf_texture_use info;
     double mean[3] = {1.0, 1.0, 1.0};
     gltf_texture_info(r->g, r->place, extension, "specularGlossinessTexture", &info);
-    if (gloss->metallic > 0.0f) { /* nothing but metal: its colour is the material's */
+    if (gloss->metallic > 0.0f) { /* pure metal: its colour is the material's */
         read_roughness(r, &info, number(r, extension, KILN_NUMBER_GLOSSINESS, 1.0));
         return;
     }
@@ -214,8 +213,8 @@ static void read_transmission(struct reader *r, const json_t *json)
     read_texture(r, transmission, "transmissionTexture", KILN_GLOSS_TRANSMISSION, 0, &r->gloss->transmission, 1);
 }
 
-/* Volume and dispersion, which mean nothing where no light gets in. Some exporters write the largest float for a body
- * that absorbs nothing. */
+/* Reads volume and dispersion, which have no effect on opaque materials. Some exporters write the largest float for a
+ * body that absorbs nothing. */
 static void read_volume(struct reader *r, const json_t *json)
 {
     struct kiln_gloss *gloss = r->gloss, body = *gloss;
@@ -235,7 +234,8 @@ static void read_volume(struct reader *r, const json_t *json)
     read_texture(r, volume, "thicknessTexture", KILN_GLOSS_THICKNESS, 1, &gloss->thickness, 1);
 }
 
-/* The clear coat's normal map, unless its image is none, as of a material's own normal map. */
+/* Reads the clear coat's normal map, unless its image is no normal map; the same check as for the material's own
+ * map. */
 static void read_clearcoat_normal(struct reader *r, const json_t *clearcoat)
 {
     struct kiln_gloss_texture *use = &r->gloss->textures[KILN_GLOSS_CLEARCOAT_NORMAL];
@@ -269,8 +269,8 @@ static void read_clearcoat(struct reader *r, const json_t *json)
     read_clearcoat_normal(r, clearcoat);
 }
 
-/* Anisotropy has a direction along u, so that it needs coordinates without a texture too: those of the normal map or
- * else the first set, as glTF defines tangents. */
+/* Reads anisotropy. Its direction is relative to u, so it needs coordinates even without a texture: those of the normal
+ * map, or else the first set, from which glTF defines tangents. */
 static void read_anisotropy(struct reader *r, const json_t *json)
 {
     struct kiln_gloss *gloss = r->gloss;
@@ -288,7 +288,7 @@ static void read_anisotropy(struct reader *r, const json_t *json)
         read_texture(r, anisotropy, "anisotropyTexture", KILN_GLOSS_ANISOTROPY, 0, NULL, 0);
     const struct gltf_texture_use *normal = &r->g->materials[r->place.index].normal;
     if (r->set->texture == KILN_NONE) {
-        r->set->texture = 0; /* any: the set is wanted, not a texture */
+        r->set->texture = 0; /* any index: only the set is used, no texture */
         r->set->texcoord = normal->texture != KILN_NONE ? normal->texcoord : 0;
     }
 }

@@ -1,4 +1,4 @@
-/* Levels of detail: names of nodes, MSFT_lod and extras, for the objects that the node tree has made. */
+/* Levels of detail of the objects in the node tree, from names of nodes, MSFT_lod and extras. */
 #include <stdio.h>
 #include <string.h>
 
@@ -11,11 +11,11 @@ enum { LEVEL_MOST = 99, NAMED = 8 };
 /* Level of detail that a node states for itself and the nodes below. */
 struct level {
     uint32_t parent;         /* node; KILN_NONE: a root */
-    uint32_t level;          /* + 1; 0: it says none, or its name does */
-    uint32_t group;          /* of MSFT_lod: the node that has it + 1 */
-    uint32_t by;             /* the node, or the nearest one above, that says something; KILN_NONE: none */
+    uint32_t level;          /* level + 1; 0: the node states none, except perhaps in its name */
+    uint32_t group;          /* group of MSFT_lod: the node with the extension, + 1 */
+    uint32_t by;             /* nearest node, from this one up, that states a level; KILN_NONE: none */
     uint32_t name;           /* offset of its name in the builder, once that is there */
-    bool named, baked, seen; /* its name says a level; an object is below it; its `by` is found */
+    bool named, baked, seen; /* its name states a level; it has an object at or below it; `by` is known */
 };
 
 /* The level that extras say; KILN_NONE: none. */
@@ -32,7 +32,7 @@ static uint32_t level_of_extras(const json_t *element)
     return KILN_NONE;
 }
 
-/* The nodes that MSFT_lod lists at a node are its levels 1, 2, ... */
+/* Reads MSFT_lod of a node: the nodes that it lists are the node's levels 1, 2, ... */
 static void read_extension(struct gltf *g, struct level *levels, size_t count, size_t index, const json_t *node)
 {
     const struct gltf_place place = {"nodes", index, ".extensions.MSFT_lod"};
@@ -69,7 +69,7 @@ static void read_node(struct gltf *g, struct level *levels, size_t count, size_t
     read_extension(g, levels, count, index, node);
 }
 
-/* Finds the nearest node, from this one up, that says a level; remembers it for all nodes on the way. */
+/* Finds the nearest node, from this one up, that states a level, and stores it for all nodes passed. */
 static uint32_t said_by(struct level *levels, uint32_t node)
 {
     uint32_t at = node, by = KILN_NONE;
@@ -111,7 +111,7 @@ static void mark_object(struct gltf *g, struct level *levels, size_t object)
     settings->lod_name = l->name;
 }
 
-/* Levels of MSFT_lod that the scene does not contain are no objects: they are named. */
+/* Notes the levels of MSFT_lod that are not in the scene, by name: they do not become objects. */
 static void note_outside(struct gltf *g, const struct level *levels, size_t count)
 {
     char names[NAMED * 72] = "", more[40] = "";

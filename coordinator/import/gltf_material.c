@@ -1,4 +1,4 @@
-/* Materials, textures, samplers, images. */
+/* glTF materials, textures, samplers and images. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -278,7 +278,7 @@ static void read_normal_map(struct gltf *g, struct gltf_place place, const json_
         gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_NORMAL_MAPS, &map, 1, NULL, g->error));
 }
 
-/* Notes how a material that transmits light is baked. */
+/* Adds a note on how a material that transmits light is baked. */
 static void note_glass(struct gltf *g, struct gltf_place place, const json_t *json, const struct kiln_material *m,
                        const struct kiln_gloss *gloss)
 {
@@ -313,7 +313,8 @@ static void read_metallic(struct gltf *g, struct gltf_place place, const json_t 
         material->metallic = 0.0f;
         return;
     }
-    (void)gltf_builder_texture(g, use.texture, false); /* gloss needs all of it: so it is decoded once */
+    /* gloss needs the whole texture, so it is decoded once for both */
+    (void)gltf_builder_texture(g, use.texture, false);
     const double mean = gltf_image_mean(g, use.texture, 2);
     if (g->status != KILN_OK)
         return;
@@ -359,7 +360,7 @@ static void read_alpha(struct gltf *g, struct gltf_place place, const json_t *js
         gltf_fail(g, place, "alphaMode", "is '%.20s', not one of OPAQUE, MASK, BLEND", mode);
 }
 
-/* Notes which of a material's extensions have another effect than their names say. */
+/* Adds notes on the material's extensions whose effect in a bake is not the one that their names suggest. */
 static void note_unused(struct gltf *g, struct gltf_place place, const json_t *json, bool unlit, bool glows)
 {
     if (unlit)
@@ -444,7 +445,7 @@ static void read_colors(struct gltf *g, struct gltf_place place, const json_t *j
         g->materials[place.index].base.texture = KILN_NONE;
 }
 
-/* Emission; of an unlit material none, and without the picture of its emission none either. */
+/* Reads the emission. Unlit materials have none, nor have those whose emission texture is missing. */
 static void read_light(struct gltf *g, struct gltf_place place, const json_t *json, bool unlit,
                        struct kiln_material *material)
 {
@@ -479,7 +480,7 @@ static void read_material(struct gltf *g, size_t index)
     if (!unlit)
         read_transmission(g, place, json, uses, &material);
     material.emission_texture = gltf_builder_texture(g, uses->emission.texture, true);
-    /* Not decoded, but an invalid reference is an error all the same. */
+    /* the texture is not decoded, but its reference must be valid */
     struct gltf_texture_use unused;
     gltf_texture_info(g, place, json, "occlusionTexture", &unused);
     if (g->status != KILN_OK)
@@ -495,7 +496,7 @@ static void read_material(struct gltf *g, size_t index)
     note_glass(g, place, json, &material, &gloss);
 }
 
-/* Finds out whether an image's file is there, by its name or another. */
+/* Looks for an image's file, under its name or a similar one. */
 static void look_for(struct gltf *g, size_t index, const char *uri)
 {
     char path[1025], found[1025], where[64];
@@ -575,8 +576,8 @@ static bool gives_directions(const char *key)
     return strcmp(key, "normalTexture") == 0 || strcmp(key, "clearcoatNormalTexture") == 0;
 }
 
-/* Counts the images of a material's textures: those of directions, or all others but occlusion maps, which nothing
- * reads. A texture of a factor of 0 counts, too. */
+/* Counts the images of a material's textures: those of directions, or (`directions` false) all others except occlusion
+ * maps, which are not used. A texture with factor 0 counts, too. */
 static void plan_images(struct gltf *g, const json_t *value, bool directions)
 {
     const char *key;
@@ -591,7 +592,7 @@ static void plan_images(struct gltf *g, const json_t *value, bool directions)
     }
 }
 
-/* Makes room for all images. Those of directions for which there is none are left out later. */
+/* Reserves room for all images. Direction maps without room are left out later. */
 static void plan(struct gltf *g)
 {
     struct kiln_error *told = g->error, dropped;

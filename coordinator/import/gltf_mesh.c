@@ -5,7 +5,7 @@
 
 #include "coordinator/import/gltf_pose.h"
 
-/* triangles of meshes with poses of their own, which are stored for each node */
+/* limits of triangles in posed meshes, which are stored once per node: a free number, and more per byte of the file */
 enum { POSED_FREE = 1 << 20, POSED_PER_BYTE = 4 };
 
 enum { POINTS = 0, LINES_LAST = 3, TRIANGLES = 4, STRIP = 5, FAN = 6 };
@@ -95,8 +95,7 @@ static void read_attributes(void *context, uint32_t vertex, struct kiln_attribut
     const struct gltf_material *m = p->material;
     const bool base = m != NULL && m->base.texture != KILN_NONE,
                emission = m != NULL && m->emission.texture != KILN_NONE;
-    /* A texture coordinate set that no texture uses repeats the other one, so that a mesh has two sets only if it needs
-     * them. */
+    /* a coordinate set that no texture uses is a copy of the other one, so that a mesh has two sets only if needed */
     if (base)
         out->base = transformed(p->base, m->base.transform, vertex);
     out->emission = emission ? transformed(p->emission, m->emission.transform, vertex) : out->base;
@@ -167,7 +166,7 @@ static void read_primitive(struct gltf *g, struct gltf_place place, const json_t
                             (p->material->emission.texture != KILN_NONE && p->emission == NULL);
 }
 
-/* Replaces the accessors' values by decompressed ones. */
+/* Replaces an accessor's values by decompressed ones. */
 static void decompress(struct gltf *g, struct gltf_place place, const json_t *json, struct primitive *p)
 {
     char base[32], emission[32], normal[32], gloss[32];

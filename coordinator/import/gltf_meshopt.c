@@ -5,8 +5,8 @@
 #include "coordinator/import/gltf_document.h"
 #include "worker/base/memory.h"
 
-/* Bytes that one compressed byte can become, at most, with a margin: the codecs leave out what repeats. 64 for
- * attributes (two bits for 16 equal bytes), 12 for triangles. */
+/* Upper bound, with a margin, for the bytes that one compressed byte becomes. The codecs omit repetitions: attributes
+ * reach 64 (two bits for 16 equal bytes), triangles 12. */
 static const uint64_t expansion = 256;
 
 enum mode { ATTRIBUTES, TRIANGLES, INDICES };

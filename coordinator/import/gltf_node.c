@@ -283,7 +283,7 @@ static void add_light(struct gltf *g, size_t node_index, const json_t *node, con
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_LIGHTS, &light, 1, NULL, g->error));
 }
 
-/* False: a failure, or a camera of a kind that is not known. */
+/* Reads a camera's lens. Returns false on an error, or if the camera's type is unknown. */
 static bool camera_lens(struct gltf *g, struct gltf_place place, const json_t *json, struct kiln_camera *camera)
 {
     const char *type = gltf_string(g, place, json, "type");
@@ -350,7 +350,7 @@ static void add_object(struct gltf *g, const struct kiln_object_source *source, 
     g->without_area_objects += skipped;
 }
 
-/* EXT_mesh_gpu_instancing: makes each instance an object of its own. */
+/* Reads EXT_mesh_gpu_instancing: each instance becomes an object of its own. */
 static void add_instances(struct gltf *g, const struct kiln_object_source *node, const json_t *extension, uint32_t mesh,
                           const char *name, const double world[12])
 {
@@ -438,7 +438,8 @@ static void read_settings(struct gltf *g, size_t node_index, const json_t *node,
     }
 }
 
-/* The builder's mesh of a node; a skinned one's place is its skin's, and *world becomes that. */
+/* Makes the builder's mesh of a node in its pose. A skinned mesh is placed by its skin and not by its node; *world is
+ * set accordingly. */
 static uint32_t posed_mesh(struct gltf *g, size_t node_index, const json_t *node, uint32_t index,
                            const struct tree *tree, double world[12])
 {
@@ -513,7 +514,7 @@ static void add_environment(struct gltf *g, size_t scene_index, const json_t *sc
     gltf_take(g, kiln_builder_append(g->builder, KILN_SECTION_ENVIRONMENT, &environment, 1, NULL, g->error));
 }
 
-/* A hidden node's mesh: nothing of it is stored, but its reference has to be right. */
+/* Checks the mesh reference of a hidden node, whose mesh is not stored. */
 static void mark_mesh(struct gltf *g, size_t node_index, const json_t *node)
 {
     const uint32_t index = gltf_index(g, (struct gltf_place){"nodes", node_index, ""}, node, "mesh", g->mesh_count);

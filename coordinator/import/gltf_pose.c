@@ -8,11 +8,12 @@
 
 enum { MAT4_COMPONENTS = 16, TARGETS_MOST = 4096 };
 
-static const double far_away = 1024.0; /* m: beyond it skinned positions are stored from an origin of their own */
+/* distance from the origin beyond which skinned positions get an origin of their own, m */
+static const double far_away = 1024.0;
 
 /* ---- morph targets ---- */
 
-/* Weights stand at the node or else at the mesh; absent, all are 0. */
+/* Reads morph weights: the node's, or else the mesh's; without any, all are 0. */
 static void read_weights(struct gltf *g, size_t node_index, const json_t *node, uint32_t mesh, struct gltf_pose *pose)
 {
     struct gltf_place place = {"nodes", node_index, ""};
@@ -82,7 +83,7 @@ static const struct gltf_accessor *bind_accessor(struct gltf *g, struct gltf_pla
     return NULL;
 }
 
-/* A matrix of an accessor, which has columns, as rows. */
+/* Reads a matrix, which the accessor stores by columns, into rows. */
 static void bind_matrix(const struct gltf_accessor *accessor, size_t index, double out[12])
 {
     for (unsigned r = 0; r < 3; r++)

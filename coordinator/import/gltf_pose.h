@@ -1,9 +1,9 @@
-/* Poses of meshes: where skins and morph targets put the vertices. Private to coordinator/import/gltf*.c.
+/* Poses of meshes: the positions of vertices under skins and morph targets. Private to coordinator/import/gltf*.c.
  *
- * With a skin, a vertex is at sum of w_i J_i B_i p, w_i its weights (made to sum to 1), J_i the world transforms of its
- * joints and B_i their inverse bind matrices: the mesh's own node has no part in it (glTF 2.0, 3.7.3.3). A normal turns
- * by the inverse transpose of the blended matrix. Before that, morph targets move it by sum of weight x displacement.
- */
+ * With a skin, a vertex is at sum of w_i J_i B_i p, with its weights w_i (normalised to sum 1), the world transforms
+ * J_i of its joints and their inverse bind matrices B_i; the transform of the mesh's own node is ignored (glTF 2.0,
+ * 3.7.3.3). A normal is transformed by the inverse transpose of the blended matrix. Before the skin, morph targets
+ * displace the vertex by sum of weight x displacement. */
 #ifndef KILN_COORDINATOR_IMPORT_GLTF_POSE_H
 #define KILN_COORDINATOR_IMPORT_GLTF_POSE_H
 
@@ -28,7 +28,7 @@ struct gltf_posed {
     struct gltf_morph {
         const struct gltf_accessor *position, *normal;
         double weight;
-    } * morphs; /* those whose weight is not 0; owned */
+    } * morphs; /* morph targets of nonzero weight; owned */
     size_t morph_count;
     bool wrong_joint; /* a vertex names a joint that the skin does not have */
 };
@@ -38,7 +38,7 @@ struct gltf_posed {
 void gltf_pose_read(struct gltf *g, size_t node_index, const json_t *node, uint32_t mesh, const double *worlds,
                     size_t stride, struct gltf_pose *pose);
 void gltf_pose_free(struct gltf_pose *pose);
-/* Whether it is another pose than the one that all other nodes of the mesh share. */
+/* Whether the pose differs from the one that all other nodes of the mesh share. */
 bool gltf_pose_is_own(const struct gltf_pose *pose);
 
 /* Reads the accessors of a primitive with `count` vertices. Free with gltf_posed_free, also after a failure. */
@@ -48,7 +48,7 @@ void gltf_posed_free(struct gltf_posed *posed);
 /* Moves a vertex; `normal` may be zero. */
 void gltf_posed_move(const struct gltf_pose *pose, struct gltf_posed *posed, uint32_t vertex,
                      struct kiln_vec3 *position, struct kiln_vec3 *normal);
-/* Whether the pose mirrors the primitive at a vertex: its triangles' windings are then the other way round. */
+/* Whether the pose mirrors the primitive at a vertex: the winding of its triangles is then reversed. */
 bool gltf_posed_mirrors(const struct gltf_pose *pose, struct gltf_posed *posed, uint32_t vertex);
 
 #endif

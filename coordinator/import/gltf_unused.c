@@ -1,4 +1,4 @@
-/* Names what a document has and kiln does not use: extensions anywhere in it, and the specification's own features. */
+/* Lists the features of a document that kiln does not use: extensions anywhere, and features of glTF itself. */
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -8,8 +8,8 @@
 
 enum { EXTENSIONS_MOST = 64, NAME_LENGTH = 80, PLACES = 12, LIST_LENGTH = 256 };
 
-/* Top-level arrays of a glTF document in which extensions may stand. `one`, `several`: their elements' names, for
- * sentences that count them. The last row is for anywhere else. */
+/* Top-level arrays of a glTF document whose elements may have extensions. `one`, `several`: the elements' names in
+ * messages. The last row stands for all other places. */
 static const struct {
     const char *key, *one, *several;
 } places[PLACES] = {{"nodes", "node", "nodes"},
@@ -36,8 +36,8 @@ static const char *const read_ones[] = {"KHR_lights_punctual",        "KHR_mater
                                         "KHR_materials_dispersion",   "KHR_materials_pbrSpecularGlossiness",
                                         "KHR_node_visibility",        "KILN_lightmap"};
 
-/* Effects of extensions that a bake without them lacks, by a name or a part of it. The first row that fits counts.
- * `what` ends a sentence. */
+/* Effects that are missing in a bake that ignores an extension, by the extension's name or a part of it. The first
+ * matching row is used. `what` ends a sentence. */
 static const struct {
     const char *part, *what;
 } effects[] = {
@@ -80,7 +80,7 @@ static bool holds(const char *name, const char *part)
     return false;
 }
 
-/* The effect of an extension without which a bake may look wrong; NULL: none is known. */
+/* Returns the effect that is missing in a bake that ignores the extension; NULL: unknown. */
 static const char *effect_of(const char *name)
 {
     for (size_t i = 0; i < sizeof effects / sizeof effects[0]; i++)
@@ -100,7 +100,7 @@ static struct extension *find(struct walk *w, const char *name)
     return &w->extensions[w->used++];
 }
 
-/* Number of things that an extension holds at the top of the file: those of its first list. */
+/* Returns the number of entries of an extension at the top of the file: the length of its first list. */
 static uint64_t entries_of(const json_t *extension)
 {
     const char *key;
@@ -130,7 +130,7 @@ static void walk_extensions(struct walk *w, const json_t *extensions)
     }
 }
 
-/* Walks a value, but not "extras", which are an application's own. The depth is what the JSON parser allows. */
+/* Visits a value recursively, except "extras", which belong to applications. The JSON parser limits the depth. */
 static void walk_value(struct walk *w, const json_t *value)
 {
     const char *key;
@@ -210,7 +210,7 @@ static void count_extensions(struct gltf *g)
     kiln_kinds_add(&g->unused, w.others, "uses of further extensions");
 }
 
-/* Attributes that nothing reads: further colours, an application's own, and joints where no skin uses them. */
+/* Counts attributes that are not read: further colours, application-specific ones, and joints without a skin. */
 static void count_attributes(struct gltf *g, const json_t *primitive, bool skinned)
 {
     const char *name;
@@ -235,7 +235,7 @@ static void count_meshes(struct gltf *g)
     kiln_kinds_add(&g->unused, without_node, "meshes on no node of the scene");
 }
 
-/* Lights of the file that no node carries. */
+/* Counts the file's lights that no node refers to. */
 static void count_lights(struct gltf *g)
 {
     const json_t *all = json_object_get(json_object_get(g->root, "extensions"), "KHR_lights_punctual");

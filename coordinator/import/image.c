@@ -189,7 +189,7 @@ int kiln_image_plan(struct kiln_images *images, const struct kiln_image_bytes *b
     if (bytes->size == 0 || (format = format_of(bytes)) == NULL ||
         !format->measure(bytes->data, bytes->size, &shape, reason) ||
         find(images, bytes, &image, &dropped) != KILN_OK || image->planned)
-        return KILN_OK; /* what is wrong with it is said if it is decoded */
+        return KILN_OK; /* errors of the image are reported when it is decoded */
     const int status = check_limits(images, format, bytes, &shape, false, error);
     image->planned = status == KILN_OK;
     return status;
@@ -238,7 +238,7 @@ static void average(struct kiln_image *image, const uint8_t *rgba, uint64_t texe
     image->averaged = true;
 }
 
-/* Decodes an image of which only the mean is needed. */
+/* Decodes an image for its mean only. */
 static int decode_mean(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image *image,
                        struct kiln_error *error)
 {
@@ -274,8 +274,8 @@ end:
     return status;
 }
 
-/* A grey texel would stand for a normal that leans by 55 degrees, and a normal map has no normals that point into the
- * surface. */
+/* Tells why an image is not a normal map. A grey texel would be a normal that leans by 55 degrees, and normals of a map
+ * never point into the surface. */
 const char *kiln_image_no_normals(struct kiln_images *images, const struct kiln_image *image)
 {
     struct kiln_image *known = slot_of(images, image->hash, image->size);

@@ -19,22 +19,23 @@
 
 enum { KILN_IMAGE_SIDE_MAX = 16384, KILN_ENVIRONMENT_SIDE_MAX = 65536 };
 
-/* Memory limits of decoded images, as parts of the memory that the importing process may use (its limit of address
- * space; KILN_IMAGE_MEMORY where it has none): one image an eighth, what decoding takes besides (JPEG, BMP, TGA) a
- * third, and all images of a scene half. So much more is allowed as the files' bytes earn: texels for each byte. */
+/* Memory limits of decoded images, as fractions of the memory that the importing process may use (its limit of address
+ * space; KILN_IMAGE_MEMORY if it has none): one image an eighth, extra memory while decoding JPEG, BMP or TGA a third,
+ * and all images of a scene half. Larger files raise the limits: by a number of texels for each byte of the files. */
 #define KILN_IMAGE_MEMORY ((uint64_t)4 << 30)
-#define KILN_TEXTURE_TEXELS_PER_BYTE ((uint64_t)64) /* of the scene's files */
-#define KILN_STB_TEXELS_PER_BYTE ((uint64_t)16)     /* of the image itself */
+#define KILN_TEXTURE_TEXELS_PER_BYTE ((uint64_t)64) /* for each byte of the scene's files */
+#define KILN_STB_TEXELS_PER_BYTE ((uint64_t)16)     /* for each byte of the image itself */
 #define KILN_STB_BYTES_PER_TEXEL ((uint64_t)17)     /* at most, while one is decoded */
-/* Limits of an environment's texels. An environment is accepted if it keeps one of two. The first is what an eighth of
- * the memory holds, at BYTES_PER_TEXEL each. The second is FREE texels and PER_BYTE more for each byte of its file, but
- * MAX at most. */
+/* Limits of an environment's texels. An environment is accepted if it meets one of two limits. The first is the number
+ * of texels that an eighth of the memory holds, at BYTES_PER_TEXEL each. The second is FREE texels plus PER_BYTE for
+ * each byte of its file, but MAX at most. */
 #define KILN_ENVIRONMENT_BYTES_PER_TEXEL ((uint64_t)12)
 #define KILN_ENVIRONMENT_TEXELS_FREE ((uint64_t)1 << 23)
 #define KILN_ENVIRONMENT_TEXELS_PER_BYTE ((uint64_t)8)
 #define KILN_ENVIRONMENT_TEXELS_MAX ((uint64_t)1 << 26)
 
-/* Bytes of images that a scene may refer to, counted at each reference: this many times the bytes of its files. */
+/* Limit of the bytes of images that a scene refers to, counted at each reference: this multiple of the bytes of its
+ * files. */
 #define KILN_IMAGE_REPEATS ((uint64_t)64)
 
 /* An image in the builder's texels, or its mean only. */
@@ -46,7 +47,7 @@ struct kiln_image {
     bool decoded, averaged;
     double mean[4]; /* mean of each channel, 0..1, if `averaged` */
     bool planned;   /* its texels are counted already */
-    bool judged;    /* looked at by kiln_image_no_normals, which gave this: */
+    bool judged;    /* kiln_image_no_normals has examined it, with this result: */
     const char *no_normals;
 };
 
@@ -69,8 +70,8 @@ struct kiln_image_bytes {
     const char *where;
 };
 
-/* Counts the texels of an image that is going to be decoded, by its header: so a scene of too many is refused before
- * any has been. What is no image passes. KILN_BAD_INPUT: too large. */
+/* Counts the texels of an image that will be decoded, by its header, so that a scene with too many is refused before
+ * any image is decoded. Data that is not an image passes. KILN_BAD_INPUT: too large. */
 int kiln_image_plan(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_error *error);
 /* Makes room for the texels of all planned images. */
 int kiln_images_reserve(struct kiln_images *images, struct kiln_error *error);
@@ -81,9 +82,9 @@ int kiln_image_append(struct kiln_images *images, const struct kiln_image_bytes 
 /* Computes the means of the image's channels. If it has not been decoded already, its texels are not kept. */
 int kiln_image_mean(struct kiln_images *images, const struct kiln_image_bytes *bytes, struct kiln_image *image,
                     struct kiln_error *error);
-/* Why a decoded image is no normal map; NULL: it may be one. Each image's texels are looked at once. */
+/* The reason why a decoded image is no normal map; NULL: it may be one. The texels of each image are examined once. */
 const char *kiln_image_no_normals(struct kiln_images *images, const struct kiln_image *image);
-/* Whether the scene's images may have so many texels more; if so, they are counted. */
+/* Whether the limit leaves room for `texels` more texels of images; if so, they are counted. */
 bool kiln_images_have_room(struct kiln_images *images, uint64_t texels);
 void kiln_images_destroy(struct kiln_images *images);
 

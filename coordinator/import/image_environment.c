@@ -6,7 +6,8 @@
 #include "coordinator/import/image_formats.h"
 #include "coordinator/import/numbers.h"
 
-/* An environment may take an eighth of the memory, or what its bytes earn. */
+/* Checks an environment image's size. It may have as many texels as its bytes in the file allow or, if that is more,
+ * as fit into an eighth of the memory. */
 static int judge(int64_t w, int64_t h, size_t size, const char *where, struct kiln_error *error)
 {
     const uint64_t earned = size > KILN_ENVIRONMENT_TEXELS_MAX

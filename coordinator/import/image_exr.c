@@ -63,7 +63,7 @@ static int64_t size_of_memory(exr_const_context_t context, void *user)
     return (int64_t)((const struct memory_stream *)user)->size;
 }
 
-/* The library prints errors to stderr unless given a handler; kiln reports them in its own sentence. */
+/* Silences the library, which prints errors to stderr without a handler; kiln reports them itself. */
 static void keep_quiet(exr_const_context_t context, exr_result_t code, const char *message)
 {
     (void)context;
@@ -143,7 +143,7 @@ void kiln_exr_close(struct kiln_exr **pointer)
 
 /* ---- all chunks, in order ---- */
 
-/* Called for each chunk; the chunk's upper left texel is (x, y) of the image. */
+/* Function called for each chunk; (x, y): the chunk's upper left texel in the image. */
 typedef exr_result_t visit(struct kiln_exr *exr, const exr_chunk_info_t *chunk, int64_t x, int64_t y);
 
 static exr_result_t visit_tiles(struct kiln_exr *exr, visit *act)

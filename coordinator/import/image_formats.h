@@ -39,31 +39,35 @@ extern const struct kiln_image_format kiln_format_png, kiln_format_jpeg, kiln_fo
 
 struct kiln_error;
 
-/* Whether red, green, blue and white (x and y of each) are those of sRGB, to what files write of them. */
+/* Whether the primaries red, green, blue and white (x and y of each) are those of sRGB, within the precision of files.
+ */
 bool kiln_primaries_are_srgb(const double primaries[8]);
-/* Bytes that this process may use: its limit of address space, or KILN_IMAGE_MEMORY where it has none. */
+/* Memory that this process may use, bytes: its limit of address space, or KILN_IMAGE_MEMORY if it has none. */
 uint64_t kiln_image_memory(void);
 
-/* A Radiance image's header. Its values are radiance x exposure x correction: what its programs did to the pixels. */
+/* Header of a Radiance image. The stored values are radiance x exposure x correction; Radiance's programs have scaled
+ * the pixels by these two. */
 struct kiln_radiance_header {
     uint32_t width, height;
     size_t rows;          /* offset of the rows */
     double divisor[3];    /* exposure x correction of each channel: the products of all such lines */
-    bool other_primaries; /* its PRIMARIES are neither those of Radiance nor those of sRGB */
+    bool other_primaries; /* PRIMARIES are neither those of Radiance nor those of sRGB */
 };
 
-/* Radiance. kiln_radiance_measure reads the header; kiln_radiance_decode decodes all rows to linear RGB, divided by the
- * header's divisors (`rgb` NULL: checks them only, without memory). `where` begins error sentences. */
+/* Radiance decoder. kiln_radiance_measure reads the header; kiln_radiance_decode decodes all rows to linear RGB,
+ * divided by the header's divisors; with `rgb` NULL it only checks the rows, and needs no memory. `where` begins error
+ * sentences. */
 int kiln_radiance_measure(const unsigned char *bytes, size_t size, const char *where,
                           struct kiln_radiance_header *header, struct kiln_error *error);
 int kiln_radiance_decode(const unsigned char *bytes, size_t size, const char *where,
                          const struct kiln_radiance_header *header, float *rgb, struct kiln_error *error);
 
-/* OpenEXR: the size of the first part, then its texels. Close with kiln_exr_close, also after a failure. */
+/* OpenEXR decoder: reads the size of the first part, then its texels. Close with kiln_exr_close, also after a failure.
+ */
 struct kiln_exr;
 int kiln_exr_open(struct kiln_exr **exr, const unsigned char *bytes, size_t size, const char *where,
                   struct kiln_error *error);
-/* Whether it says that its colours have other primaries than sRGB's. */
+/* Whether the file states primaries other than those of sRGB. */
 bool kiln_exr_other_primaries(const struct kiln_exr *exr);
 void kiln_exr_size(const struct kiln_exr *exr, int64_t *width, int64_t *height);
 int kiln_exr_decode(struct kiln_exr *exr, float *rgb, struct kiln_error *error);

@@ -57,7 +57,7 @@ static void on_error(png_structp png, png_const_charp message)
     png_longjmp(png, 1);
 }
 
-/* Warnings of libpng are ignored: what it only warns of changes no texel. */
+/* Ignores libpng's warnings: what it only warns of changes no texel. */
 static void on_warning(png_structp png, png_const_charp message)
 {
     (void)png;

@@ -62,7 +62,7 @@ static bool parse_resolution(const char *line, size_t length, uint32_t *width, u
            at == end;
 }
 
-/* Parses `count` numbers after a keyword such as "EXPOSURE="; false if the line is another one. */
+/* Parses `count` numbers after a keyword such as "EXPOSURE=". Returns false if the line has another keyword. */
 static bool numbers_of(const char *line, size_t length, const char *keyword, size_t count, double *values, bool *sound)
 {
     char text[256], *at = text;
@@ -95,7 +95,7 @@ bool kiln_primaries_are_srgb(const double primaries[8])
     return near_all(primaries, srgb, 8);
 }
 
-/* Takes in a line that says what was done to the pixels. NULL, or what is wrong. */
+/* Evaluates a header line about changes of the pixels. Returns NULL, or the reason for refusing the file. */
 static const char *take_line(const char *line, size_t length, struct kiln_radiance_header *header)
 {
     static const double own[8] = {0.640, 0.330, 0.290, 0.600, 0.150, 0.060, 0.333, 0.333}; /* Radiance's */
@@ -220,7 +220,7 @@ static const char *read_flat(struct stream *s, uint32_t width, float *rgb)
     return NULL;
 }
 
-/* `rgb` NULL: the row is only checked. */
+/* Reads a row. With `rgb` NULL it only checks it. */
 static const char *read_row(struct stream *s, uint32_t width, float *rgb)
 {
     unsigned char planes[4 * RUN_WIDTH_MAX];

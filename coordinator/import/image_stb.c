@@ -14,14 +14,15 @@ static bool starts(const unsigned char *bytes, size_t size, const char *magic, s
     return size >= length && memcmp(bytes, magic, length) == 0;
 }
 
-/* If an image ends too early, stb continues with zeros and reports success. Reading through callbacks reveals that. */
+/* Data source for stb's callbacks. If an image ends too early, stb continues with zeros and reports success; the
+ * callbacks notice it. */
 struct source {
     const unsigned char *bytes;
     size_t size, at;
     bool overrun; /* stb asked for bytes beyond the end */
 };
 
-enum { STB_BUFFER = 128 }; /* the size of stb's look-ahead buffer: only requests of another size must be met in full */
+enum { STB_BUFFER = 128 }; /* size of stb's look-ahead buffer: requests of any other size must be satisfied in full */
 
 static int source_read(void *user, char *data, int size)
 {
@@ -142,8 +143,8 @@ static bool measure_jpeg(const unsigned char *bytes, size_t size, struct kiln_im
 
 static bool is_bmp(const unsigned char *bytes, size_t size) { return starts(bytes, size, "BM", 2); }
 
-/* TGA has no signature, only fields with few valid values; its second byte is none with which another format that stb
- * reads can begin. */
+/* Whether the bytes look like a TGA file. TGA has no signature, but its fields have few valid values, and no other
+ * format that stb reads has its second byte. */
 static bool is_tga(const unsigned char *bytes, size_t size)
 {
     if (size < 18)

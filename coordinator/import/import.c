@@ -34,7 +34,7 @@ static const char *program_of(const struct kiln_import_params *params)
     return params->program != NULL ? params->program : "/proc/self/exe";
 }
 
-/* The name that the linker gives what a program is made of, by its bytes, in a note of the program. */
+/* Build ID: an identifier of the program's contents, which the linker stores in a note of the program. */
 struct build_id {
     uint64_t hash;
     bool found;
@@ -54,7 +54,7 @@ static void find_build_id(struct build_id *id, const char *notes, size_t size)
     }
 }
 
-/* Looks at the first object in the list alone, which is the program itself. */
+/* Callback of dl_iterate_phdr: looks only at the first object in the list, which is the program itself. */
 static int look_for_build_id(struct dl_phdr_info *object, size_t size, void *id)
 {
     (void)size;
@@ -65,7 +65,7 @@ static int look_for_build_id(struct dl_phdr_info *object, size_t size, void *id)
     return 1;
 }
 
-/* The hash of the program's own bytes, or of what stands for them. It is part of the cache key, since another build may
+/* Hashes the program's build ID or, without one, its bytes. The hash is part of the cache key, since another build may
  * read or lay out differently. */
 static int hash_program(const struct kiln_import_params *params, uint64_t *hash, struct kiln_error *error)
 {
@@ -73,7 +73,7 @@ static int hash_program(const struct kiln_import_params *params, uint64_t *hash,
     if (params->program == NULL)
         (void)dl_iterate_phdr(look_for_build_id, &id);
     *hash = id.hash;
-    if (id.found) /* the program's tens of megabytes take longer to be read than a small scene */
+    if (id.found) /* reading the program's tens of megabytes would take longer than a small scene */
         return KILN_OK;
     const int file = kiln_open(program_of(params), O_RDONLY | O_CLOEXEC, 0);
     struct stat status;
@@ -210,7 +210,7 @@ static int check_made(const char *opens, const char *name, struct kiln_error *er
                                          "%s was not written correctly: %s", name, own.message);
 }
 
-/* Whether two scene files differ in nothing but the keys of their imports. */
+/* Whether two scene files are equal except for the keys of their imports. */
 static bool have_same_scene(const struct kiln_scene *a, const struct kiln_scene *b)
 {
     struct kiln_scene_header head[2] = {*a->header, *b->header};
@@ -225,8 +225,8 @@ static bool have_same_scene(const struct kiln_scene *a, const struct kiln_scene 
            memcmp((const char *)a->mapped + bytes, (const char *)b->mapped + bytes, a->header->size - bytes) == 0;
 }
 
-/* Whether the file at `path` has the scene of the new one. Then it stays as it is: another build of kiln has made it,
- * and a checkpoint beside it, which goes by the hash of the file, can be gone on from. */
+/* Whether the file at `path` has the same scene as the new one. If so, it is kept: another build of kiln made it, and a
+ * checkpoint beside it, which refers to the hash of the file, stays usable. */
 static bool is_scene_there(const char *opens, const char *path)
 {
     struct kiln_scene *made = NULL, *there = NULL;
@@ -343,7 +343,8 @@ int kiln_import(const struct kiln_import_params *params, struct kiln_import_repo
         return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT,
                                "%.512s: the scene cannot be opened", params->path);
     const bool scene_file = is_scene_file(params->path);
-    const bool kept = !scene_file && own < 0; /* others may find it: an unnamed file is of this process alone */
+    /* other processes can find it; an unnamed file belongs to this process alone */
+    const bool kept = !scene_file && own < 0;
     int status;
     KILN_TRY(kept ? hash_program(params, &program, error) : KILN_OK);
     if (kept)

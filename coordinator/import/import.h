@@ -2,12 +2,12 @@
  *
  * The file is read in a child process of this same program ("kiln import-child ..."). The child has limits on memory,
  * CPU time, open files and file size, and may open files only beneath the scene's own folder. If it crashes, reaches a
- * limit or refuses the file, the result is one sentence and KILN_BAD_INPUT. The result is cached: when `output` exists
- * and its import_hash is that of the same source files, settings and program, nothing is read again. An import that
- * finds the same scene there, of another build of the program, leaves the file as it is.
+ * limit or refuses the file, the result is one sentence and KILN_BAD_INPUT. The result is cached: if `output` exists
+ * and its import_hash matches the source files, settings and program, nothing is read again. If another build of the
+ * program wrote `output` and the import gives the same scene, the file is left as it is.
  *
- * A kiln scene file as input is checked and copied. It already has lightmap sizes and an environment, so settings that
- * concern those are KILN_USAGE. */
+ * A kiln scene file as input is checked and copied. It already has lightmap sizes and an environment, so settings of
+ * these are KILN_USAGE. */
 #ifndef KILN_COORDINATOR_IMPORT_IMPORT_H
 #define KILN_COORDINATOR_IMPORT_IMPORT_H
 
@@ -23,18 +23,18 @@ struct kiln_import_params {
     double texels_per_metre;
     uint32_t lightmap_size, lightmap_max;
     bool repack, keep_shared; /* as in struct kiln_layout_params */
-    bool no_layout;           /* no lightmap layout is made, for stores that need none (kiln_layout_none) */
+    bool no_layout;           /* no lightmap layout is made, for stores that do not need it (kiln_layout_none) */
     const char *environment;  /* as in struct kiln_job; an image that the user names may lie anywhere */
     double environment_scale; /* factor; 1: unchanged, 0: no light from the environment */
     double environment_rotation_degrees;
     const char *objects; /* rules for single objects (coordinator/job/object_settings.h); NULL: none */
     const char *changes; /* of lights, materials and sky, as JSON (coordinator/job/changes.h); NULL: none */
-    /* where normals point to the back of a triangle's winding, the normals decide which side is its front, not the
-     * winding */
+    /* if normals point to the back of a triangle's winding, the normals decide which side is the front, not the winding
+     */
     bool trust_normals;
     bool up_z;   /* the z of an OBJ file points up, otherwise its y; other files: KILN_USAGE if set */
-    double unit; /* m, of an OBJ file; 0: 1 m; other files: KILN_USAGE unless that is what it is */
-    bool strict; /* pictures that are missing are an error, with all their names; otherwise each is a note */
+    double unit; /* length unit of an OBJ file, m; 0: 1 m; other files: KILN_USAGE unless it is their unit */
+    bool strict; /* missing pictures are an error that lists their names; otherwise each is a note */
     /* bytes; 0: 4 GiB + 64 times the size of the scene's files, at most 3/4 of the machine's memory */
     uint64_t memory_limit;
     /* seconds of CPU time; 0: 60 + 1 for each 10 MB, and for the layout 60 + 1 for each 2,000 triangles */
@@ -43,7 +43,7 @@ struct kiln_import_params {
     const struct kiln_stop *stop; /* borrowed; NULL: none. When asked, returns KILN_STOPPED and leaves no file */
 };
 
-/* The size of a struct kiln_source that stands for a file which the scene names and which is not there. */
+/* Size in a struct kiln_source that marks a missing file which the scene names. */
 #define KILN_SOURCE_MISSING UINT64_MAX
 
 struct kiln_import_report {

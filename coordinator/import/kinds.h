@@ -1,4 +1,4 @@
-/* Counts of what a file has, by kind, for one note: "3 animations; 2 nodes with KHR_xmp_json_ld". */
+/* Counts of a file's features by kind, for one note: "3 animations; 2 nodes with KHR_xmp_json_ld". */
 #ifndef KILN_COORDINATOR_IMPORT_KINDS_H
 #define KILN_COORDINATOR_IMPORT_KINDS_H
 
@@ -16,10 +16,11 @@ struct kiln_kinds {
     uint64_t others;
 };
 
-/* Adds `count` to the kind that the printed text names; a count of 0 adds nothing. */
+/* Adds `count` to the kind whose name is the formatted text; a count of 0 adds nothing. */
 void kiln_kinds_add(struct kiln_kinds *kinds, uint64_t count, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
-/* Writes notes that begin with `begin` and list the kinds in the order in which they came; none if there are none. */
+/* Adds notes that begin with `begin` and list the kinds in the order of their first use; no note if there are no kinds.
+ */
 int kiln_kinds_note(const struct kiln_kinds *kinds, struct kiln_builder *builder, uint32_t severity, const char *begin,
                     struct kiln_error *error);
 

@@ -19,7 +19,8 @@ enum { LEVEL_DIGITS = 2, NAMED = 8 };
 
 static bool is_separator(char c) { return c == '_' || c == '-' || c == '.' || c == ' '; }
 
-/* The end of the name without what makes copies unique: ".001", "_12", " (3)". A number of its own is no level. */
+/* Returns the length of a name without a suffix that makes copies unique: ".001", "_12", " (3)". A plain number is no
+ * level. */
 static size_t without_copy(const char *name, size_t length)
 {
     size_t end = length, digits;
@@ -35,7 +36,7 @@ static size_t without_copy(const char *name, size_t length)
     return begin > 0 && is_separator(name[begin - 1]) ? begin - 1 : length;
 }
 
-/* A level at the name's end: "LOD" and a number. */
+/* Whether a name ends in a level: "LOD" and a number. */
 static bool ends_in_level(const char *name, size_t length, uint32_t *level, size_t *rest)
 {
     size_t digits = 0;
@@ -86,19 +87,19 @@ bool kiln_lod_of_name(const char *name, uint32_t *level, const char **begin, siz
 
 /* ---- members ---- */
 
-/* The objects of one level of one thing. */
+/* An object, or several objects, that form one level of detail of one thing. */
 struct member {
     double low[3], high[3]; /* world, m */
     uint64_t thing;         /* hash of the name without the level; equal for members of the same thing */
     uint32_t level;         /* 0: the finest, or nothing is known */
-    uint32_t number;        /* of struct kiln_object_settings; of an object alone 0 */
+    uint32_t number;        /* number in struct kiln_object_settings; 0 for a single object */
     uint32_t group;
     bool by_extras, lower;
 };
 
 struct finder {
     struct kiln_builder *builder;
-    struct member *members; /* one for each object, or for all objects of a number */
+    struct member *members; /* one per object, or one for all objects with the same number */
     uint32_t *member_of;    /* per object */
     size_t count;
     uint32_t *by_thing, *by_place; /* members, sorted */
@@ -115,7 +116,7 @@ static const struct kiln_object *objects(const struct kiln_builder *builder)
     return KILN_BUILDER_DATA(builder, const struct kiln_object, KILN_SECTION_OBJECTS);
 }
 
-/* Name with the object's level: that of the node that the reader has found, or its own, or its mesh's. */
+/* Returns the name that has the object's level: that of the node found by the reader, or its own, or its mesh's. */
 static const char *name_of(const struct kiln_builder *builder, size_t object)
 {
     const struct kiln_object *o = &objects(builder)[object];
@@ -148,7 +149,7 @@ static struct member member_of(const struct kiln_builder *builder, size_t object
     return m;
 }
 
-/* Whether any object has a lower level: in most scenes there is none, and nothing else is done. */
+/* Whether any object has a lower level. Most scenes have none, and nothing more is done. */
 static bool has_lower(const struct kiln_builder *builder)
 {
     for (size_t i = 0; i < builder->sections[KILN_SECTION_OBJECTS].count; i++)
@@ -185,7 +186,7 @@ static int compare_numbered(const void *a, const void *b)
     return (p->object > q->object) - (p->object < q->object);
 }
 
-/* Joins the objects of one number to a member; the others are one each. Excluded objects are none's. */
+/* Forms the members: objects with the same number form one; each other object is one. Excluded objects are left out. */
 static int find_members(struct finder *f, struct kiln_error *error)
 {
     const size_t count = f->builder->sections[KILN_SECTION_OBJECTS].count;
@@ -210,7 +211,7 @@ static int find_members(struct finder *f, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* ---- which of them are left out ---- */
+/* ---- choice of the levels that are left out ---- */
 
 static double diagonal(const struct member *m)
 {
@@ -248,8 +249,8 @@ static int compare_by_thing(const void *a, const void *b, void *members)
     return p->thing != q->thing ? (p->thing > q->thing ? 1 : -1) : compare_by_place(a, b, members);
 }
 
-/* The first in the order of `sorted` that is not before one of this thing (`things`: or of any) with its middle at x.
- */
+/* Finds the first entry of `sorted` that is not before x. `things`: entries are sorted by thing, and the search is for
+ * this one's; else they are sorted by place only. */
 static size_t first_from(const struct finder *f, const uint32_t *sorted, bool things, uint64_t thing, double x)
 {
     size_t low = 0, high = f->count;
@@ -265,7 +266,7 @@ static size_t first_from(const struct finder *f, const uint32_t *sorted, bool th
     return low;
 }
 
-/* Whether a finer level stands at the member's place: of the same thing or, where extras say the level, of any. */
+/* Whether a finer level exists at the member's place: one of the same thing or, if extras state the level, of any. */
 static bool has_finer(const struct finder *f, const struct member *m)
 {
     const bool things = !m->by_extras;
@@ -325,7 +326,7 @@ end:
     return status;
 }
 
-/* Names the objects of a note: the first few. */
+/* Adds a note with the names of the first few objects. */
 static int note_lower(struct kiln_builder *builder, const size_t *first, size_t count, struct kiln_error *error)
 {
     char names[NAMED * 72] = "", more[40] = "";

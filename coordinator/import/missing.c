@@ -14,7 +14,8 @@ static const char *last_step(const char *name)
     return last;
 }
 
-/* So that the scene is read again once the picture is there, where it is named or beside the file. */
+/* Records a missing picture, under its given name and beside the scene file, so that the scene is imported again once
+ * the picture is there. */
 static int record(struct kiln_confine *confine, struct kiln_builder *builder, const char *folder, const char *name,
                   struct kiln_error *error)
 {

@@ -1,4 +1,4 @@
-/* Pictures that a scene names and that are not there: each is a note, and with --strict all together are an error. */
+/* Missing pictures that a scene names: each is reported as a note; with --strict all together are an error. */
 #ifndef KILN_COORDINATOR_IMPORT_MISSING_H
 #define KILN_COORDINATOR_IMPORT_MISSING_H
 
@@ -12,8 +12,8 @@ struct kiln_missing {
     char names[KILN_MISSING_NAMES]; /* as many as fit, for the error */
 };
 
-/* Adds a picture: `place` names its use ("images[2].uri"), `name` is what the file says, `instead` what becomes of it,
- * the end of a sentence. `matters`: light depends on it. */
+/* Adds a missing picture: `place` names its use ("images[2].uri"), `name` is its name in the file, `instead` is the end
+ * of a sentence about its replacement. `matters`: light depends on the picture. */
 int kiln_missing_add(struct kiln_missing *missing, struct kiln_confine *confine, struct kiln_builder *builder,
                      const char *place, const char *folder, const char *name, bool matters, const char *instead,
                      struct kiln_error *error);

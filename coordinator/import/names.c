@@ -77,7 +77,7 @@ int kiln_names_unique(struct kiln_names *names, const char *wish, char name[KILN
     int status = make_room(names, error);
     if (status != KILN_OK)
         return status;
-    /* Continuing from the last number given keeps a scene with a million equal names linear. */
+    /* numbers continue after the last one given to this base name, so that a million equal names take linear time */
     struct kiln_names_entry *entry = &names->slots[slot_of(names, base)];
     while (names->slots[slot_of(names, name)].name != NULL)
         (void)snprintf(name, KILN_NAME_LENGTH + 1, "%.*s_%u", KILN_NAME_LENGTH - SUFFIX_LENGTH, base, entry->next++);

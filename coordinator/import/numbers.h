@@ -1,9 +1,9 @@
-/* The numbers that scene files may have: the table of their ranges, and the one function that checks them. An importer
- * names a number by its row, so that no number is read without a range.
+/* Table of the numbers in scene files and their ranges, and the one function that checks them. An importer refers to a
+ * number by its row, so that no number is read without a range check.
  *
- * Ranges are those of the formats, where these have one. Where a format has no end, the range ends where what is
- * computed from the number would no longer be finite; nothing real is near there. Coordinates have a range of their
- * own, KILN_COORDINATE_MAX (assemble.h), and so have the settings of objects (object_settings.h). */
+ * Ranges are those of the formats, if the formats define one. If a format has no limit, the range ends where values
+ * computed from the number would no longer be finite; realistic values are far from it. Coordinates have a range of
+ * their own, KILN_COORDINATE_MAX (assemble.h), and so have the settings of objects (object_settings.h). */
 #ifndef KILN_COORDINATOR_IMPORT_NUMBERS_H
 #define KILN_COORDINATOR_IMPORT_NUMBERS_H
 
@@ -14,7 +14,7 @@
 #include "worker/base/vector.h"
 
 #define KILN_NUMBER_LIST(ROW)                                                                                          \
-    /* glTF: materials. Factors are shares; those without an end in glTF are followed by why they have one here. */    \
+    /* glTF: materials. Most factors are 0 to 1; a comment beside a row says why its range ends there. */              \
     ROW(BASE_COLOR, "baseColorFactor", 0.0, 1.0)                                                                       \
     ROW(DIFFUSE, "diffuseFactor", 0.0, 1.0)                                                                            \
     ROW(METALLIC, "metallicFactor", 0.0, 1.0)                                                                          \
@@ -22,24 +22,24 @@
     ROW(GLOSSINESS, "glossinessFactor", 0.0, 1.0)                                                                      \
     ROW(SPECULAR, "specularFactor", 0.0, 1.0)                                                                          \
     ROW(SPECULAR_COLOR, "specularColorFactor", 0.0, 1e6) /* 1 / F0 of an index of 1.002 */                             \
-    ROW(IOR, "ior", 0.0, 1e3)                            /* its fourth power is in Fresnel's equations; real: 4 */     \
+    ROW(IOR, "ior", 0.0, 1e3)                            /* Fresnel's equations use its fourth power; real: 4 */       \
     ROW(TRANSMISSION, "transmissionFactor", 0.0, 1.0)                                                                  \
     ROW(THICKNESS, "thicknessFactor", 0.0, 1e12)          /* m: KILN_COORDINATE_MAX */                                 \
-    ROW(ATTENUATION, "attenuationDistance", 0.0, DBL_MAX) /* m: some write the largest float for "none" */             \
+    ROW(ATTENUATION, "attenuationDistance", 0.0, DBL_MAX) /* m: some files use FLT_MAX for "none" */                   \
     ROW(ATTENUATION_COLOR, "attenuationColor", 0.0, 1.0)                                                               \
     ROW(DISPERSION, "dispersion", 0.0, 1e3) /* 20 / Abbe number; real: 1 */                                            \
     ROW(CLEARCOAT, "clearcoatFactor", 0.0, 1.0)                                                                        \
     ROW(CLEARCOAT_ROUGHNESS, "clearcoatRoughnessFactor", 0.0, 1.0)                                                     \
     ROW(ANISOTROPY, "anisotropyStrength", 0.0, 1.0)                                                                    \
-    ROW(ANISOTROPY_ROTATION, "anisotropyRotation", -1e6, 1e6) /* rad: beyond it float has no angles */                 \
+    ROW(ANISOTROPY_ROTATION, "anisotropyRotation", -1e6, 1e6) /* rad: floats beyond resolve no angles */               \
     ROW(EMISSIVE, "emissiveFactor", 0.0, KILN_LIGHT_MOST)                                                              \
     ROW(EMISSIVE_STRENGTH, "emissiveStrength", 0.0, KILN_LIGHT_MOST)                                                   \
-    ROW(ALPHA_CUTOFF, "alphaCutoff", 0.0, 1e30) /* is compared only */                                                 \
+    ROW(ALPHA_CUTOFF, "alphaCutoff", 0.0, 1e30) /* only used in a comparison */                                        \
     ROW(NORMAL_SCALE, "scale", -1e6, 1e6)                                                                              \
     ROW(TEXTURE_OFFSET, "offset", -1e6, 1e6)                                                                           \
     ROW(TEXTURE_SCALE, "scale", -1e6, 1e6)                                                                             \
     ROW(TEXTURE_ROTATION, "rotation", -1e6, 1e6) /* rad */                                                             \
-    /* glTF: nodes; what their products bring coordinates to is checked there */                                       \
+    /* glTF: nodes; coordinates are checked again after multiplication by the matrices */                              \
     ROW(MATRIX, "matrix", -1e30, 1e30)                                                                                 \
     ROW(TRANSLATION, "translation", -1e30, 1e30)                                                                       \
     ROW(ROTATION, "rotation", -2.0, 2.0)                                                                               \
@@ -75,7 +75,7 @@
     ROW(MTL_ANISOTROPY_ROTATION, "anisor", 0.0, 1.0)                                                                   \
     ROW(MTL_MAP_OFFSET, "-o", -1e6, 1e6)                                                                               \
     ROW(MTL_MAP_SCALE, "-s", -1e6, 1e6)                                                                                \
-    /* any product of these, and a texel of an environment image */                                                    \
+    /* product of any light numbers above, and texel of an environment image */                                        \
     ROW(LIGHT, "light", 0.0, KILN_LIGHT_MOST)
 
 #define KILN_NUMBER_NAME(name, key, low, high) KILN_NUMBER_##name,

@@ -79,7 +79,7 @@ struct reader {
 
 /* ---- v, vt, vn ---- */
 
-/* Makes room for one more element of a list whose elements faces count from 1. */
+/* Makes room for one more element in a list. Faces count its elements from 1. */
 static int room(struct reader *r, void *list, size_t *capacity, size_t count, size_t size, const char *what)
 {
     if (count >= KILN_NONE)
@@ -87,7 +87,7 @@ static int room(struct reader *r, void *list, size_t *capacity, size_t count, si
     return kiln_grow(list, capacity, count + 1, size, what, r->error);
 }
 
-/* Vertices before the first one with a colour are white. */
+/* Adds a vertex colour. Vertices before the first one with a colour are white. */
 static int add_color(struct reader *r, const double *rgb)
 {
     const int status = kiln_arena_grow(&r->arena, &r->colors, &r->color_capacity, r->position_count, sizeof *r->colors,
@@ -186,7 +186,7 @@ static int read_object(struct reader *r)
     uint32_t known = KILN_NONE;
     if (name.length == 0)
         return KILN_OK;
-    /* A new name gets the number that its object will have. */
+    /* a new name gets the index of the object that it will name */
     known = (uint32_t)r->object_count;
     const int status = obj_symbol(&r->object_names, name.text, name.length, &known, r->error);
     if (status != KILN_OK || known == r->object_count)
@@ -324,7 +324,7 @@ static int find_corner(struct reader *r, const struct corner *corner, uint32_t *
     return KILN_OK;
 }
 
-/* Parses one index of a corner and advances *at past it. False: it is not a number, or out of range. */
+/* Parses one index of a corner and moves *at behind it. Returns false if it is no number, or out of range. */
 static bool parse_index(const char **at, const char *end, size_t count, uint32_t *index)
 {
     const bool back = *at < end && **at == '-';
@@ -587,7 +587,8 @@ static int add_mesh(struct reader *r, const struct object *object, struct kiln_d
     return KILN_OK;
 }
 
-/* The transform from a mesh about its centre to the world: the file's unit, and its z up if that is asked for. */
+/* Computes the transform from a mesh about its centre to the world: the file's unit and, if requested, its z axis
+ * up. */
 static void place_of(const struct kiln_builder *builder, struct kiln_dvec3 c, double place[12])
 {
     const double unit = builder->unit > 0.0 ? builder->unit : 1.0;
@@ -636,7 +637,7 @@ static int note_materials(struct reader *r)
         (unsigned long long)undefined, first);
 }
 
-/* Writes one note per kind of oddity, with its count. */
+/* Adds one note for each kind of oddity, with its count. */
 static int write_notes(struct reader *r)
 {
     const struct {

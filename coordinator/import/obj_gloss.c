@@ -24,8 +24,8 @@ static float mean_of(const struct kiln_builder *builder, uint32_t index)
     return (float)((double)sum / (255.0 * (double)count));
 }
 
-/* Reads a map of gloss. One whose file cannot be opened is left out, with a note: diffuse light does without it. The
- * gloss coordinate is (u, 1 - v) of the file; a map's scale and offset belong to (u, v). */
+/* Reads a texture of gloss. If its file cannot be opened, it is left out with a note, since diffuse light does not need
+ * it. Gloss coordinates are (u, 1 - v) of the file; a map's scale and offset refer to (u, v). */
 static int add_map(struct obj_materials *m, const struct obj_material *material, const struct obj_map *map,
                    const char *what, struct kiln_gloss *gloss, enum kiln_gloss_use use)
 {
@@ -53,7 +53,8 @@ static float mean_with(const struct obj_materials *m, const struct kiln_gloss *g
 
 /* ---- models ---- */
 
-/* Models 4, 6, 7 and 9 are glass, and 6 and 7 refract. A file gives what passes as 1 - d, or with d = 1 as Tf. */
+/* Sets the transmission of glass: models 4, 6, 7 and 9, of which 6 and 7 refract. A file gives it as 1 - d or, with d =
+ * 1, as Tf. */
 static void set_transmission(const struct obj_material *source, int illum, struct kiln_gloss *gloss)
 {
     const bool glass = illum == 4 || illum == 6 || illum == 7 || illum == 9;

@@ -89,7 +89,7 @@ static enum kiln_found find_picture(struct obj_materials *m, size_t folder, cons
     return above;
 }
 
-/* Looks for the picture of a map and says, once for each name and statement, if it is missing or stands elsewhere. */
+/* Looks for a map's picture. Adds a note, once per name and statement, if it is missing or found elsewhere. */
 static int look_for(struct obj_materials *m, size_t folder, const struct obj_map *map, const char *what,
                     const char *material, bool matters, const char *instead)
 {
@@ -259,7 +259,7 @@ static int read_map(struct library *l, struct obj_map *map)
 static int read_diffuse_map(struct library *l, struct obj_material *m) { return read_map(l, &m->diffuse_map); }
 static int read_emission_map(struct library *l, struct obj_material *m) { return read_map(l, &m->emission_map); }
 
-/* The name of a map that may be left out. */
+/* Reads the name of an optional map. */
 static int read_spare_map(struct library *l, struct obj_map *map)
 {
     const struct obj_word name = map_name(l, map);
@@ -270,8 +270,8 @@ static int read_spare_map(struct library *l, struct obj_map *map)
 
 static int read_alpha_map(struct library *l, struct obj_material *m) { return read_spare_map(l, &m->alpha_map); }
 
-/* Reads one to three numbers of gloss. A diffuse bake does without them, so that numbers outside their range become the
- * nearest one inside, and what is no number ("spectral", "xyz") is left out; both are counted. */
+/* Reads one to three numbers of gloss. A diffuse bake does not need them, so errors are tolerated and counted: numbers
+ * out of range are clamped, and words ("spectral", "xyz") are left out. */
 static int read_gloss_numbers(struct library *l, struct obj_material *m, float *values, size_t most,
                               enum kiln_number which)
 {
@@ -293,7 +293,7 @@ static int read_gloss_numbers(struct library *l, struct obj_material *m, float *
     return KILN_OK;
 }
 
-/* The same for a map: one without a name is left out and counted. */
+/* Reads a map of gloss. One without a name is left out and counted. */
 static int read_gloss_map(struct library *l, struct obj_material *m, struct obj_map *map)
 {
     const struct obj_word name = map_name(l, map);
@@ -432,7 +432,7 @@ static const struct {
                   {"Ps", read_sheen, true},
                   {"map_Ps", read_sheen, true}};
 
-/* Statements that name a picture which nothing reads: bumps, normals, displacement, surroundings, ... */
+/* Whether a statement names a picture that kiln does not use: bump, normal, displacement, reflection, ... */
 static bool names_a_picture(struct obj_word keyword)
 {
     static const char *const others[] = {"bump", "norm", "disp", "decal", "refl"};
@@ -442,7 +442,7 @@ static bool names_a_picture(struct obj_word keyword)
     return keyword.length > 4 && strncasecmp(keyword.text, "map_", 4) == 0;
 }
 
-/* Counts a statement that is not read; a picture that it names is looked for. */
+/* Counts an unused statement. If it names a picture, the picture is looked for. */
 static int read_other(struct library *l, struct obj_word keyword)
 {
     struct obj_materials *m = l->materials;
@@ -640,7 +640,8 @@ int obj_find_texture(struct obj_materials *m, const struct obj_material *materia
     return status;
 }
 
-/* Kd multiplies map_Kd. Exporters that write black beside a picture mean the picture. */
+/* Corrects a black Kd of a material with map_Kd, which it would multiply. Exporters that write both mean the picture
+ * alone. */
 static int whiten(struct obj_materials *m, const struct obj_material *source, struct kiln_material *material)
 {
     if (source->diffuse_map.path == 0 || source->diffuse[0] + source->diffuse[1] + source->diffuse[2] > 0.0f)

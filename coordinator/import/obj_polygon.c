@@ -120,12 +120,12 @@ static void clip_ears(struct obj_polygon *p, uint32_t count)
 {
     size_t triangle = 0;
     uint32_t at = 0, left = count, tried = 0;
-    /* more steps than any polygon of OBJ_CONCAVE_MAX corners takes */
+    /* upper bound of the steps for a polygon of OBJ_CONCAVE_MAX corners */
     uint64_t steps_left = 2 * (uint64_t)OBJ_CONCAVE_MAX * OBJ_CONCAVE_MAX + count;
     for (uint32_t i = 0; i < count; i++)
         p->ring[i].ear = is_ear(p, i);
     while (left > 3) {
-        /* Without any ear the polygon crosses itself or lies in a line: make a fan. */
+        /* a polygon without an ear crosses itself or is degenerate; it is cut into a fan */
         if (!p->ring[at].ear && tried++ < left && steps_left > 0) {
             steps_left--;
             at = p->ring[at].next;

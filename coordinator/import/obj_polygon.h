@@ -9,7 +9,7 @@
 #include "worker/base/status.h"
 #include "worker/base/vector.h"
 
-/* Most corners of a face that is not convex; a convex one may have any number. */
+/* Maximum number of corners of a concave face; a convex face may have any number. */
 enum { OBJ_CONCAVE_MAX = 4096 };
 
 struct obj_corner {
@@ -21,7 +21,7 @@ struct obj_corner {
 struct obj_polygon {
     struct kiln_dvec3 *points; /* the caller writes the corners here, after obj_polygon_room */
     double (*flat)[2];
-    struct obj_corner *ring; /* linked ring of the corners that are not cut off yet */
+    struct obj_corner *ring; /* linked ring of the corners that are not clipped yet */
     uint32_t *reflex;        /* the corners that were reflex at first */
     size_t reflex_count;
     uint32_t *triangles; /* the result: 3 (count - 2) corners, in the polygon's winding */

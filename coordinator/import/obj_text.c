@@ -72,7 +72,7 @@ int obj_fail(const struct obj_text *text, const char *what, const struct obj_wor
 
 static bool blank(unsigned char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\v' || c == '\f'; }
 
-/* The length of a backslash and the line end that it continues over; 0 if there is none here. */
+/* Returns the length of a backslash and line end at this place, which continue the line; 0 if there are none. */
 static size_t continuation(const struct obj_text *text)
 {
     const unsigned char *at = text->at;
@@ -152,7 +152,7 @@ static const double tens[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e
 enum { EXACT_DIGITS = 15, EXACT_TENS = 22, NUMBER_LENGTH = 400, EXPONENT_MAX = 100000 };
 
 struct decimal {
-    uint64_t digits; /* up to EXACT_DIGITS of them are used */
+    uint64_t digits; /* only the first EXACT_DIGITS digits */
     int digit_count, exponent;
     bool negative, seen;
 };

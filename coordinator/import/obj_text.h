@@ -43,8 +43,8 @@ bool obj_more(struct obj_text *text);
 bool obj_is(struct obj_word word, const char *text);
 /* Parses the whole word as a finite number within +-3e38; false if it is anything else. */
 bool obj_parse_number(struct obj_word word, double *value);
-/* Parses all further words of the line as numbers; *count gets how many. Fewer than `least` or more than `most` are
- * refused. */
+/* Parses all further words of the line as numbers; *count becomes their number. Fewer than `least` or more than `most`
+ * are refused. */
 int obj_numbers(struct obj_text *text, const char *keyword, double *values, size_t least, size_t most, size_t *count);
 
 /* Fails with KILN_BAD_INPUT and "FILE: line N: WHAT 'WORD'..."; `word` may be NULL. */

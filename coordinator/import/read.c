@@ -64,7 +64,7 @@ static int read_environment_image(const struct kiln_import_params *params, struc
     return status;
 }
 
-/* Checks that the brightest texel, scaled, can still be summed. */
+/* Checks that the brightest texel, scaled, is small enough for sums of light. */
 static int check_texels(const struct kiln_builder *builder, const struct kiln_environment *environment,
                         struct kiln_error *error)
 {

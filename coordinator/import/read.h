@@ -1,4 +1,4 @@
-/* Reads a scene file of any known format into a builder, in this process: the first thing the confined child does.
+/* Reads a scene file of any known format into a builder, in this process. It is the first step of the confined child.
  * Fuzzers and tests call it directly. */
 #ifndef KILN_COORDINATOR_IMPORT_READ_H
 #define KILN_COORDINATOR_IMPORT_READ_H

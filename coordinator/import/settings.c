@@ -6,7 +6,7 @@
 
 #include "coordinator/import/lods.h"
 
-/* Overwrites settings by those that a later rule sets. */
+/* Overwrites settings with those that a later rule specifies. */
 static void merge(struct kiln_object_settings *settings, const struct kiln_object_settings *rule)
 {
     if (rule->density_scale != 0.0)
@@ -88,7 +88,7 @@ static int apply_rules(struct kiln_builder *builder, const char *text, struct ki
     return status;
 }
 
-/* ---- what follows from the settings ---- */
+/* ---- flags and lists that result from the settings ---- */
 
 static uint32_t flags_of(const struct kiln_object_settings *settings)
 {

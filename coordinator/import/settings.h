@@ -5,8 +5,8 @@
 #include "coordinator/scene/builder.h"
 
 /* Applies the rules (NULL or "": none) to the builder's objects, then carries out all settings: removes excluded
- * objects, and lower levels of detail of what is left (lods.h), and sets KILN_OBJECT_*. Notes report patterns that
- * match nothing, and what is removed. */
+ * objects and the coarser levels of detail of the remaining ones (lods.h), and sets KILN_OBJECT_*. Notes report
+ * patterns without a match, and removed objects. */
 int kiln_object_settings_apply(struct kiln_builder *builder, const char *rules, struct kiln_error *error);
 
 #endif

@@ -15,7 +15,7 @@
 #include "coordinator/job/job.h"
 #include "worker/backend/backend.h"
 
-/* The names of all companions, in the order in which they are asked: each is a struct kiln_companion_NAME. */
+/* The names of all companions, in the order of their calls: each is a struct kiln_companion_NAME. */
 #define KILN_COMPANION_LIST(DO)                                                                                        \
     DO(seen) DO(blocks) DO(nodes) DO(reach) DO(probes) DO(landing) DO(patches) DO(senders) DO(groups) DO(kept) DO(parts)
 
@@ -29,27 +29,27 @@ enum kiln_companion_place { KILN_COMPANION_LIST(KILN_COMPANION_PLACE) KILN_COMPA
 /* Whether a step has any of the companions whose bits are given. */
 static inline bool kiln_step_has(const struct kiln_step *step, uint32_t bits) { return (step->with & bits) != 0; }
 
-enum { KILN_COMPANION_BLOCKS = 7 }; /* blocks in a checkpoint that a companion has, at most */
+enum { KILN_COMPANION_BLOCKS = 7 }; /* maximum number of checkpoint blocks of a companion */
 
 struct kiln_batches;
 struct kiln_saved;
 struct kiln_taker;
 
-/* Parts of the lockstep runner (run/) that companions use. Borrowed, and there as long as the companions are. */
+/* Parts of the lockstep runner (run/) that companions use. Borrowed, and valid as long as the companions exist. */
 struct kiln_companion_site {
     const struct kiln_integrate_params *params;
     struct kiln_solution *solution;
     struct kiln_batches *batches;
     struct kiln_taker *taker;
     const struct kiln_saved *saved;
-    bool plans; /* for `kiln plan`: there are only params, without data of points */
+    bool plans; /* for `kiln plan`: only params is set, and there are no data of points */
 };
 
-/* A job's demand, by which memory is planned. */
+/* Data of a job from which memory is estimated. */
 struct kiln_companion_demand {
     const struct kiln_integrate_settings *settings;
     uint64_t points; /* of all ranks */
-    double own;      /* of the rank that has most */
+    double own;      /* points of the rank that has most */
     uint32_t ranks;
     bool device;        /* a device computes */
     uint64_t triangles; /* of the scene */
@@ -86,7 +86,7 @@ struct kiln_companion_kept {
     bool goes_on; /* rays from mirrors, gloss and glass, or they are tinted */
 };
 
-/* Memory of a rank, bytes: from begin to end of the light; within a step that it accompanies; on the device. */
+/* Memory of a rank, bytes: during the whole light transport; additionally in a step of the companion; on the device. */
 struct kiln_companion_bytes {
     uint64_t always, in_step, device;
 };
@@ -115,13 +115,13 @@ struct kiln_companion_told {
     const uint64_t *counts;              /* of all ranks: KILN_COMPANION_COUNTS of the companion that is asked */
 };
 
-/* Functions may be NULL where nothing is to be done. `self` is what `create` has made, else NULL. Those that are
- * collective return the same status on all ranks. */
+/* A companion. Functions may be NULL if there is nothing to do. `self` is the result of `create`, else NULL. Collective
+ * functions return the same status on all ranks. */
 struct kiln_companion {
     const char *name;
     bool by_step;
-    /* Batches of own tile runs are cut before they are handed to a backend: it may not claim parts of them as it comes
-     * to them, and points are not tried before the first step. */
+    /* Batches of own tile runs are cut before they reach a backend: it cannot claim parts of them on demand, and no
+     * points are traced on trial before the first step. */
     bool whole_batches;
 
     /* Options of bake that its light hangs on, which are a part of a bake's identity (bake/identity/identity.h), and
@@ -130,68 +130,70 @@ struct kiln_companion {
     const char *const *identity, *const *no_identity;
     const char *identity_after;
 
-    /* Whether a bake has it. */
+    /* Whether a bake uses the companion. */
     bool (*wanted)(const struct kiln_integrate_params *params);
-    /* Before there is any data of points. Not collective. `destroy` follows in any case, with self NULL too. */
+    /* Makes `self`, before any data of points exist. Not collective. `destroy` is always called later, also with self
+     * NULL. */
     int (*create)(void **self, const struct kiln_companion_site *site, struct kiln_error *error);
     void (*destroy)(void **self);
-    /* Collective. Once the own points have their data, of a checkpoint too, and before the first step. */
+    /* Collective. Called once the own points have their data (also from a checkpoint), before the first step. */
     int (*settle)(void **self, const struct kiln_companion_site *site, struct kiln_error *error);
     /* Collective. After the last step. */
     int (*end)(void *self, const struct kiln_companion_site *site, struct kiln_error *error);
 
-    /* Whether it makes the parameters of a pass; and makes those of a step, which gathers from the packed radiosity of
-     * all points, before before_step. These stand until the next call. Collective. */
+    /* `makes`: whether the companion makes the parameters of a pass. `parameters` makes those of a step, which gathers
+     * from the packed radiosity of all points; called before before_step. They are valid until the next call.
+     * Collective. */
     bool (*makes)(const struct kiln_pass *pass);
     int (*parameters)(void *self, const uint64_t *radiosity, struct kiln_step *step, struct kiln_error *error);
-    /* Collective. Before the batches of the step last reported, at its begin or when it is gone on with. May write
-     * checkpoints. */
+    /* Collective. Called before the batches of the step last reported, at its beginning or when it is resumed. May
+     * write checkpoints. */
     int (*before_step)(void *self, const struct kiln_companion_site *site, struct kiln_error *error);
-    /* Collective. All batches of the step are done on all ranks, and its sums are not added up yet. */
+    /* Collective. Called when all batches of the step are done on all ranks, before its sums are added up. */
     int (*complete)(void *self, const struct kiln_companion_site *site, struct kiln_error *error);
-    /* Collective. The integrator has ended the step; `unit` is that of exact sums of power, W. */
+    /* Collective. Called after the integrator has ended the step; `unit` is that of exact sums of power, W. */
     int (*after_step)(void *self, const struct kiln_companion_site *site, double unit, struct kiln_error *error);
 
     /* Narrows the selection of points of tile run `tile_run` of `data`; at first all are selected. Pure. */
     void (*select)(const struct kiln_integrate_settings *settings, const struct kiln_step *step,
                    const struct kiln_rank_data *data, size_t tile_run, struct kiln_selection *selection);
-    /* The field (field/fields.c) by which it selects, and what fills it in for the own points: before settle, and by
-     * `kiln plan` for all points. Not collective. */
+    /* `field`: the field (field/fields.c) on which `select` is based. `find` fills it in for the own points, before
+     * settle, and in `kiln plan` for all points. Not collective. */
     const char *field;
     int (*find)(const struct kiln_integrate_params *params, const struct kiln_rank_data *data,
                 struct kiln_error *error);
-    /* Answers a batch of own tile runs in the place of the backend: calls its `take`. Ranks do not help each other in
-     * such a step, and what its points have cost says nothing of the next. */
+    /* Computes the results of a batch of own tile runs in place of the backend, and calls the batch's `take`. Ranks do
+     * not steal work in such a step, and the cost of its points does not predict the next step. */
     int (*answer)(void *self, const struct kiln_batch *batch, struct kiln_error *error);
-    /* Takes the answers of a tile run besides the integrator. Called by several threads at once. */
+    /* Receives the results of a tile run, in addition to the integrator. Called by several threads at once. */
     void (*take)(const void *self, const struct kiln_taking *taking, const struct kiln_rank_data *data,
                  const struct kiln_tile_run *tile_run, const void *results);
-    /* Factor on the speed that is expected of a step, by its samples alone, before any of it was timed: 1 or less. */
+    /* Factor on the expected speed of a step, by its samples alone, before any of it was timed: 1 or less. */
     double (*weight)(const struct kiln_step *step);
 
-    /* ---- light that it keeps besides that of the whole scene: linear changes are done to it, too ---- */
-    /* Collective. The integrator has exchanged radiosity; `restored`: that of a step that is gone on with. */
+    /* ---- separate lights that the companion keeps besides the scene's; linear changes apply to them too ---- */
+    /* Collective. Called after the integrator has exchanged radiosity; `restored`: that of a resumed step. */
     void (*exchange)(void *self, bool restored);
-    /* Calls `change` for the own data as each of its lights has it. */
+    /* Calls `change` for each of the separate lights, on own data that refer to that light. */
     void (*each_light)(const void *self, void (*change)(const struct kiln_rank_data *own));
-    /* Adds to the sums of `count` own points, in each of its lights, `factor` times the radiosity of the last step. */
+    /* Adds, in each separate light, `factor` times the radiosity of the last step to the sums of `count` own points. */
     void (*extend)(const void *self, struct kiln_own_point first, uint64_t count, const float factor[3]);
 
     /* All light is computed: changes what the energy ledger is to be closed with. The same on all ranks. */
     void (*close)(const struct kiln_companion_site *site, struct kiln_energy_closing *closing);
 
-    /* Collective. Before and after points move to other ranks: bounds[r] will be the first point of rank r, and
-     * bounds[ranks] the number of all. */
+    /* Collective. Called before and after points move to other ranks: bounds[r] will be the first point of rank r, and
+     * bounds[ranks] the number of all points. */
     int (*before_move)(void *self, const struct kiln_companion_site *site, const uint64_t *bounds,
                        struct kiln_error *error);
     int (*after_move)(void *self, const struct kiln_companion_site *site, struct kiln_error *error);
 
-    /* Blocks for a checkpoint within the step: fills in at most KILN_COMPANION_BLOCKS, which borrow, and returns how
-     * many. Reads them itself, in before_step of the step that is gone on with. */
+    /* Makes the blocks for a checkpoint within the step: fills in at most KILN_COMPANION_BLOCKS, which borrow, and
+     * returns their number. The companion reads them itself, in before_step of the resumed step. */
     size_t (*blocks)(void *self, struct kiln_block *blocks);
-    /* Bytes of a point in these. */
+    /* Bytes of a point in these blocks. */
     uint64_t (*saved_bytes)(const struct kiln_integrate_settings *settings);
-    /* Whether a report that was read from a checkpoint can be one. */
+    /* Whether a report that was read from a checkpoint is plausible. */
     bool (*is_sane)(const struct kiln_step_report *report);
 
     /* Row in the table of phases of what it traces beside the steps, and seconds of it that were for a step. */
@@ -212,7 +214,7 @@ struct kiln_companion {
     uint64_t (*files)(const struct kiln_companion_kept *kept, const struct kiln_step *step);
     /* For `kiln plan`: adds the memory of a rank. */
     void (*demand)(const struct kiln_companion_demand *demand, struct kiln_companion_bytes *bytes);
-    /* Share of a step's time that it takes of what the same step takes without the companion. */
+    /* Ratio of a step's time with the companion to its time without. */
     double (*share)(const struct kiln_step *step);
 };
 
@@ -220,7 +222,7 @@ struct kiln_companion {
 KILN_COMPANION_LIST(KILN_COMPANION_DECLARE)
 #undef KILN_COMPANION_DECLARE
 
-/* All companions, each at its place, ended by NULL: what `companions` of kiln_integrate_params is, but in tests. */
+/* All companions, each at its index, ended by NULL: the default of `companions` of kiln_integrate_params. */
 extern const struct kiln_companion *const kiln_companions[];
 
 /* Whether a step has companion `place` of a table. */
@@ -230,7 +232,7 @@ static inline bool kiln_companion_is_with(const struct kiln_companion *const *ta
     return !table[place]->by_step || (step->with >> place & 1u) != 0;
 }
 
-/* The companion that answers a step in the place of its pass; NULL: none does. */
+/* The companion that computes a step's results in place of its pass; NULL: none does. */
 const struct kiln_companion *kiln_companion_answering(const struct kiln_companion *const *table,
                                                       const struct kiln_step *step);
 /* Whether some companion of the step selects points. */
@@ -238,9 +240,9 @@ bool kiln_companions_select(const struct kiln_companion *const *table, const str
 /* Fills in the fields by which the companions select points. Not collective. */
 int kiln_companions_find(const struct kiln_companion *const *table, const struct kiln_integrate_params *params,
                          const struct kiln_rank_data *data, struct kiln_error *error);
-/* Whether a report that was read from a checkpoint can be one, as far as the companions of the table know. */
+/* Whether a report that was read from a checkpoint is plausible to all companions of the table. */
 bool kiln_companions_are_sane(const struct kiln_companion *const *table, const struct kiln_step_report *report);
-/* The share of its time that a step takes of what it takes without its companions. */
+/* The ratio of a step's time with its companions to its time without. */
 double kiln_companions_share(const struct kiln_companion *const *table, const struct kiln_step *step);
 /* Fills in the counts of this rank, KILN_COMPANION_COUNTS for each companion of the table. */
 void kiln_companions_count(const struct kiln_companion *const *table, const struct kiln_solution *solution,

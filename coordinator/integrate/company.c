@@ -50,7 +50,7 @@ void kiln_company_destroy(struct kiln_company *c)
     *c = (struct kiln_company){0};
 }
 
-/* Asks `function` of all that accompany `step`. */
+/* Calls `function` of each companion that takes part in `step`, until one fails. */
 #define ASK(c, step, function, ...)                                                                                    \
     int status = KILN_OK;                                                                                              \
     for (size_t i = 0, count = count_of(c); i < count && status == KILN_OK; i++)                                       \

@@ -1,6 +1,6 @@
-/* The company of a bake: its companions (companion.h) as it has made them. Each function asks all of them, in the order
- * of the table, those that the bake wants and that have such a function; with a step, those that accompany it. A
- * function that can fail ends with the first that does. NULL is an empty company. */
+/* The company of a bake: the set of its companions (companion.h), with their state. Each function calls the function of
+ * the same name in all companions that the bake wants and that define it, in the order of the table; with a step, only
+ * in those that take part in it. A function that can fail stops at the first failure. NULL is an empty company. */
 #ifndef KILN_COORDINATOR_INTEGRATE_COMPANY_H
 #define KILN_COORDINATOR_INTEGRATE_COMPANY_H
 
@@ -16,7 +16,7 @@ struct kiln_company {
         bool wanted;
         void *self;
     } of[KILN_COMPANY_MOST];
-    bool whole_batches; /* some companion asks for them */
+    bool whole_batches; /* some companion requires whole batches */
 };
 
 /* Not collective. Release with kiln_company_destroy, in any case. */
@@ -32,15 +32,15 @@ int kiln_company_after_step(struct kiln_company *company, double unit, struct ki
 int kiln_company_before_move(struct kiln_company *company, const uint64_t *bounds, struct kiln_error *error);
 int kiln_company_after_move(struct kiln_company *company, struct kiln_error *error);
 
-/* Answers a batch of a step that a companion answers (kiln_companion_answering). */
+/* Computes the results of a batch in a step that a companion answers (kiln_companion_answering). */
 int kiln_company_answer(struct kiln_company *company, const struct kiln_step *step, const struct kiln_batch *batch,
                         struct kiln_error *error);
 void kiln_company_take(const struct kiln_company *company, const struct kiln_taking *taking,
                        const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run, const void *results);
-/* The factor that the samples of a step are to be taken with, before anything is known of its time. */
+/* Factor on the expected speed of a step, the product of the companions' `weight`, before any time is measured. */
 double kiln_company_weight(const struct kiln_company *company, const struct kiln_step *step);
 
-/* Whether a companion keeps light besides that of the whole scene; and what is done to all such light. */
+/* Whether a companion keeps separate lights besides the scene's; and the operations on all such lights. */
 bool kiln_company_has_light(const struct kiln_company *company);
 void kiln_company_exchange(struct kiln_company *company, bool restored);
 void kiln_company_each_light(const struct kiln_company *company, void (*change)(const struct kiln_rank_data *own));
@@ -49,10 +49,10 @@ void kiln_company_extend(const struct kiln_company *company, struct kiln_own_poi
 
 void kiln_company_close(const struct kiln_company *company, struct kiln_energy_closing *closing);
 
-/* Fills in the blocks of all, at most KILN_COMPANY_BLOCKS, and returns how many. */
+/* Fills in the checkpoint blocks of all companions, at most KILN_COMPANY_BLOCKS, and returns their number. */
 enum { KILN_COMPANY_BLOCKS = 2 * KILN_COMPANION_BLOCKS };
 size_t kiln_company_blocks(struct kiln_company *company, struct kiln_block *blocks);
-/* Bytes of a point in the blocks of a step. */
+/* Bytes of a point in the arrays of a step. */
 uint64_t kiln_company_saved_bytes(const struct kiln_company *company, const struct kiln_step *step);
 
 #endif

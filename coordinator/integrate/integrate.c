@@ -12,8 +12,8 @@
 
 /* ---- making ---- */
 
-/* Whether the ranks of this node compute for each other: all of them want to and can, and devices, whose bits differ,
- * are of one kind. Collective on the node. */
+/* Collective on the node. Whether ranks of this node may compute for each other. All must want it and be able to, and
+ * devices must be of one kind, since the bits of their results differ. */
 static bool steals_work(const struct kiln_integrate_params *p, const struct kiln_backend_info *info)
 {
     char first[sizeof info->device];
@@ -36,7 +36,7 @@ static int make_data(struct kiln_lockstep *l, struct kiln_error *error)
     if (status == KILN_OK) {
         kiln_node_data_set_radiosity(l->solution->node_data, l->solution->radiosity);
         kiln_solution_refresh(l->solution);
-        /* its arrays may have moved, where the backend finds them; what a device has of the points it keeps */
+        /* the surface's arrays may have moved, so the backend is told; `any_keeps`: a device keeps data of points */
         if (p->backend->given.surface != p->surface)
             status = kiln_backend_set_surface(p->backend, p->surface, error);
     }
@@ -64,7 +64,7 @@ static int make_allgather(struct kiln_lockstep *l, struct kiln_error *error)
     return status;
 }
 
-/* The scale of the 4-byte form is settled by what was emitted. */
+/* Chooses the scale of the 4-byte form of radiosity from the emitted power. */
 static void choose_scale(struct kiln_lockstep *l)
 {
     const double area = l->params->area > 0.0 ? l->params->area : 1.0;
@@ -85,7 +85,7 @@ static void close_energy(struct kiln_lockstep *l)
     kiln_energy_close(&report->energy, &report->steps, l->params->emission, &closing);
 }
 
-/* Collective. All steps; then what is made of them. */
+/* Collective. Runs all steps, and derives the results. */
 static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
@@ -93,7 +93,7 @@ static int integrate(struct kiln_lockstep *l, struct kiln_error *error)
     const bool restored = p->checkpoint != NULL && kiln_checkpoint_generation(p->checkpoint) != 0;
     bool finished = false;
     int status = make_allgather(l, error);
-    if (status == KILN_OK) /* after the radiosity: that is the node's most useful block */
+    if (status == KILN_OK) /* allocated after the radiosity, which makes the best use of the node's memory */
         status = make_data(l, error);
     if (status == KILN_OK && p->beside != NULL)
         p->beside->start(p->beside->context, solution->own);

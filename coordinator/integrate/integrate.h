@@ -14,9 +14,9 @@ struct kiln_companion;
 struct kiln_light_groups;
 struct kiln_transport;
 
-/* Work beside the steps, in threads of its own that give way to them. `start` is called when the own points are where
- * they stay; `direct` when no step will change direct light any more; `stop` before the points move to other ranks or
- * are released, and ends it for good. None is collective. */
+/* Background work during the steps, in threads of its own that yield to the steps. `start` is called once the own
+ * points have their final place; `direct` when no step will change direct light any more; `stop`, which ends the work
+ * for good, before the points move to other ranks or are released. None is collective. */
 struct kiln_beside {
     void (*start)(void *context, const struct kiln_rank_data *own);
     void (*direct)(void *context);
@@ -30,34 +30,34 @@ struct kiln_integrate_params {
     int rank, ranks;
     double begin; /* MPI_Wtime() when the run began */
     const struct kiln_integrate_settings *settings;
-    const struct kiln_field_set *fields; /* that the bake keeps */
+    const struct kiln_field_set *fields; /* fields that the bake keeps */
     struct kiln_backend *backend;        /* has its surface */
-    struct kiln_surface *surface;        /* its own part belongs to the solution from then on: see field/rank_data.h */
-    const uint16_t *seen;          /* 1 an own tile run: 0 where it is not; NULL: all are (bake/light/visible_from.h) */
+    struct kiln_surface *surface;        /* the solution takes over its own part: see field/rank_data.h */
+    const uint16_t *seen;          /* 1 an own tile run: 0: it is not seen; NULL: all are (bake/light/visible_from.h) */
     struct kiln_node_memory *node; /* must outlive the solution */
     double area;                   /* m2, of the scene's triangles */
     const struct kiln_emission_result *emission;
     struct kiln_progress *progress;     /* may be NULL */
-    struct kiln_control *control;       /* what asks to save and to stop */
-    struct kiln_checkpoint *checkpoint; /* an open generation is gone on from; NULL: nothing is saved */
+    struct kiln_control *control;       /* asks to save and to stop */
+    struct kiln_checkpoint *checkpoint; /* an open generation is resumed; NULL: nothing is saved */
     const json_t *identity;             /* of the bake, for the checkpoints it writes */
     struct kiln_trace *trace;           /* may be NULL */
-    /* that there are (companion.h), ended by NULL; NULL: none */
+    /* all companions (companion.h), ended by NULL; NULL: none */
     const struct kiln_companion *const *companions;
-    const struct kiln_light_groups *groups; /* whose light is told apart (relight/groups.h); NULL: none */
-    struct kiln_transport *transport;       /* what rays meet is kept or replayed; NULL: neither */
-    uint32_t threads;                       /* that take over the answers */
+    const struct kiln_light_groups *groups; /* lights kept apart by group (relight/groups.h); NULL: none */
+    struct kiln_transport *transport;       /* transport to keep or replay; NULL: neither */
+    uint32_t threads;                       /* threads that store the results */
     const struct kiln_beside *beside;       /* NULL: nothing */
 };
 
-/* Collective. Goes on from the open generation of the checkpoint, whatever ranks wrote it. KILN_STOPPED, with a new
- * generation written, when something asked to stop; without a checkpoint nothing is written. Destroy, collectively,
- * with kiln_solution_destroy. */
+/* Collective. Computes the light; resumes from the open generation of the checkpoint, whatever ranks wrote it.
+ * KILN_STOPPED when something asked to stop, with a new generation written; without a checkpoint nothing is written.
+ * Destroy, collectively, with kiln_solution_destroy. */
 int kiln_integrate(struct kiln_solution **solution, const struct kiln_integrate_params *params,
                    struct kiln_error *error);
 
-/* Collective. Writes a checkpoint of a solution that is complete, with more blocks of the caller's, so that what comes
- * after it can go on too. */
+/* Collective. Writes a checkpoint of a complete solution, with additional blocks of the caller, so that the caller's
+ * later work can be resumed too. */
 int kiln_integrate_save(struct kiln_solution *solution, const struct kiln_integrate_params *params,
                         const struct kiln_block *more, size_t count, struct kiln_error *error);
 

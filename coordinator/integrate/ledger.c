@@ -10,7 +10,7 @@
 
 /* Groups are made of tiles, not of cells: the cell size must not change a result. */
 enum { GROUP_TILES = 16 };
-static const double ROUNDING = 1e-9; /* of differences of sums, relative to these */
+static const double ROUNDING = 1e-9; /* rounding error of differences, relative to the sums */
 
 int kiln_ledger_create(struct kiln_ledger *ledger, const struct kiln_surface *surface, double emitted,
                        struct kiln_error *error)
@@ -47,8 +47,8 @@ void kiln_ledger_begin_step(struct kiln_ledger *ledger)
     memset(ledger->group_now, 0, ledger->group_count * sizeof *ledger->group_now);
 }
 
-/* Adds the fate of the radiosity that a point sends, by a gather's rays; returns the variance of what is lost of it,
- * times the samples. */
+/* Adds up the fate of the radiosity that a point sends, as found by its gather rays. Returns the variance of the lost
+ * part, times the number of samples. */
 static double add_sent(const struct kiln_ledger_point *point, const struct kiln_point_mean *r, double per_unit,
                        struct kiln_exact_sum sums[KILN_SUMS])
 {
@@ -57,7 +57,7 @@ static double add_sent(const struct kiln_ledger_point *point, const struct kiln_
     const double lost =
         fmin(1.0, (double)r->escaped + (double)r->blocked + kiln_luminance(glass) + fmax(0.0, kiln_luminance(gloss)));
     const bool all_arrives = !(lost > 0.0) && !(kiln_luminance(gloss) < 0.0);
-    bool taken = false; /* by glass or gloss: else there is nothing to add */
+    bool taken = false; /* whether glass or gloss has taken light; otherwise there is nothing to add */
     for (int c = 0; c < 3; c++)
         taken = taken || glass[c] < 0.0 || glass[c] > 0.0 || gloss[c] < 0.0 || gloss[c] > 0.0;
     double power[3];
@@ -99,15 +99,16 @@ void kiln_tally_add(const struct kiln_ledger_point *point, const struct kiln_poi
 typedef double doubles __attribute__((vector_size(32), aligned(8)));
 typedef int64_t masks __attribute__((vector_size(32)));
 enum { WIDTH = sizeof(doubles) / sizeof(double) };
-#define STEPS_MOST 0x1p90 /* so that the upper parts of a tile run's terms have an exact sum */
+#define STEPS_MOST 0x1p90 /* limit for which the upper parts of a tile run's terms have an exact sum */
 
 #define SPREAD(value) ((doubles){(value), (value), (value), (value)})
-/* The whole number below x, of 0 to 2^51: `near` is the nearest. */
+/* Rounds x, from 0 to 2^51, down to a whole number; `near`: x rounded to nearest. */
 #define NEAREST(x) (((x) + SPREAD(0x1.8p52)) - SPREAD(0x1.8p52))
 #define BELOW(x, near) ((near) - (doubles)((masks)SPREAD(1.0) & (masks)((near) > (x))))
 
-/* The terms, `count` of them, and zeros up to a multiple of WIDTH; as kiln_exact_add adds each. Upper and lower parts,
- * of 2^40 units and of one, are whole, and 64 of them have a sum in doubles that is exact. */
+/* Adds `count` terms to the sum, as kiln_exact_add would one by one. Terms are padded with zeros to a multiple of
+ * WIDTH. Each is split into an upper part, in units of 2^40, and a lower part, in units of 1. Both are whole numbers,
+ * so the doubles' sum of 64 of them is exact. */
 static inline __attribute__((always_inline)) void add_terms(struct kiln_exact_sum *sum, const double *terms,
                                                             uint32_t count, double per_unit)
 {
@@ -149,7 +150,7 @@ void kiln_tally_note(struct kiln_tally_run *run, const struct kiln_ledger_point 
     run->samples[k] = (double)r->count;
 }
 
-/* Products of the first `count` of each, and zeros up to a multiple of WIDTH. */
+/* Multiplies the first `count` values, and pads the products with zeros to a multiple of WIDTH. */
 static inline __attribute__((always_inline)) void multiply(double *product, const double *a, const double *b,
                                                            uint32_t count)
 {
@@ -178,7 +179,7 @@ static inline __attribute__((always_inline)) void add_arrived(const struct kiln_
     add_terms(&tile_run->reflected, luminance, run->count, per_unit);
 }
 
-/* Adds the fate of the radiosity that is sent; `variance`: as add_sent returns it, over the samples. */
+/* Adds up the fate of the sent radiosity. `variance`: as add_sent returns it, divided by the samples. */
 static inline __attribute__((always_inline)) void add_gone(const struct kiln_tally_run *run, double per_unit,
                                                            struct kiln_tally *tally, double *variance)
 {
@@ -272,7 +273,7 @@ static void open_energy(struct kiln_energy *e, const struct kiln_emission_result
     e->drawn_error = kiln_luminance(light->drawn_error);
 }
 
-/* Adds a counted step's findings, of which the bake has `share`: one part's. */
+/* Adds the powers of a counted step. `share`: weight of the step's part in the bake. */
 static void add_step(struct kiln_energy *e, const struct kiln_step_energy *p, double share, double albedo_scale)
 {
     const double read = share * albedo_scale;
@@ -287,7 +288,7 @@ static void add_step(struct kiln_energy *e, const struct kiln_step_energy *p, do
     }
 }
 
-/* Light that steps of the pass found, against `traced` with its standard error. */
+/* Compares light that steps of the pass found with `traced` light and its standard error. */
 static struct kiln_first_light compare_first(const struct kiln_step_reports *steps, const struct kiln_pass *pass,
                                              double share, const double traced[3], const double error[3])
 {
@@ -322,7 +323,7 @@ static void compare_firsts(struct kiln_energy *e, const struct kiln_step_reports
     e->caustic.compared = e->caustic.compared && !kiln_caustics_found(steps).left_out;
 }
 
-/* Light on backs that should not be there. */
+/* Returns the light on backs that should not receive any. */
 static double find_lost(const struct kiln_energy *e, const struct kiln_emission_result *light)
 {
     const double all = kiln_luminance(e->blocked), straight = kiln_luminance(light->blocked),

@@ -1,8 +1,9 @@
-/* The sums of one step over its points, in fixed point, so that neither ranks nor threads nor their order change them:
- * the powers of energy.h, and the reflected power of groups of tiles, by which an integrator judges its tail.
+/* Energy ledger: the sums of one step over its points, in fixed point, so that ranks, threads and order do not change
+ * them. They are the powers of energy.h, and the reflected power of groups of tiles, from which an integrator estimates
+ * its tail.
  *
- * Each thread adds to tallies of its own; those are then added to the ledger, and at the end of the step over all
- * ranks. */
+ * Each thread adds to its own tally. Tallies are added to the ledger, which is summed over all ranks at the end of the
+ * step. */
 #ifndef KILN_COORDINATOR_INTEGRATE_LEDGER_H
 #define KILN_COORDINATOR_INTEGRATE_LEDGER_H
 
@@ -14,7 +15,7 @@
 #include "worker/pass/point.h"
 #include "worker/scene/surface.h"
 
-/* The powers; by channel. */
+/* Offsets of the powers, three channels each. */
 enum {
     KILN_SUM_INCIDENT = 0,
     KILN_SUM_REFLECTED = 3,
@@ -26,12 +27,12 @@ enum {
     KILN_SUMS = 21
 };
 
-/* Sums of a thread. Zero: nothing. */
+/* Sums of one thread; all zero at first. */
 struct kiln_tally {
     struct kiln_exact_sum sums[KILN_SUMS];
 };
 
-/* Sums of one tile run, apart from others: tile runs of one group meet. Zero: nothing. */
+/* Separate sums of one tile run, since tile runs of one group are added together. Zero at first. */
 struct kiln_tile_run_tally {
     struct kiln_exact_sum reflected; /* luminance */
     double variance;                 /* of the luminance of incident (+ escaped + blocked) */
@@ -40,31 +41,31 @@ struct kiln_tile_run_tally {
 struct kiln_ledger {
     double unit, unit_squared; /* of the sums: W; of the variance: W^2 */
     struct kiln_exact_sum sums[KILN_SUMS], variance;
-    /* Reflected power, luminance, of groups of tiles whose light is a result (kiln_map_is_result): of the present step
-     * (of all ranks once `before` and `total` are brought up to date), of the step before, and of all steps. */
+    /* Reflected power, luminance, of groups of tiles whose light is written out (kiln_map_is_result): of the current
+     * step (over all ranks once `before` and `total` are updated), of the step before, and of all steps. */
     size_t group_count;
     struct kiln_exact_sum *group_now;
     double *group_before, *group_total;
     struct kiln_arena arena;
 };
 
-/* `emitted`: luminance of the lights' power, W, which the units are chosen by. KILN_SYSTEM. Release with
+/* `emitted`: luminance of the lights' power, W; it determines the units of the sums. KILN_SYSTEM. Release with
  * kiln_ledger_release, in any case. */
 int kiln_ledger_create(struct kiln_ledger *ledger, const struct kiln_surface *surface, double emitted,
                        struct kiln_error *error);
 void kiln_ledger_release(struct kiln_ledger *ledger);
 
-/* The lights' power, to within a factor of two, as it stands in the unit: that one is kept in checkpoints. */
+/* Returns the lights' power within a factor of two, derived from the unit, which checkpoints store. */
 double kiln_ledger_power(const struct kiln_ledger *ledger);
 
-/* The groups' powers are of no step: before the first of a series whose tail is judged. */
+/* Clears the groups' powers, before the first step of a series whose tail is estimated. */
 void kiln_ledger_forget_groups(struct kiln_ledger *ledger);
 
 /* A step begins: its sums are zero. */
 void kiln_ledger_begin_step(struct kiln_ledger *ledger);
 
-/* One point's answer, of which a gather's share that escaped or was blocked says what became of the radiosity that the
- * point sent (`sent`, unpacked; NULL: the step gathers nothing). `area` in m2, as far as it is there to be lit. */
+/* Input of kiln_tally_add for one point. `sent`, unpacked, is the radiosity that the point sent; the gather's fractions
+ * escaped and blocked tell what became of it. NULL: the step gathers nothing. `area`: m2 that can be lit. */
 struct kiln_ledger_point {
     double area;
     const float *albedo; /* 3 */
@@ -73,7 +74,7 @@ struct kiln_ledger_point {
 void kiln_tally_add(const struct kiln_ledger_point *point, const struct kiln_point_mean *result, double unit,
                     struct kiln_tally *tally, struct kiln_tile_run_tally *tile_run);
 
-/* Points of one tile run whose answers have lost nothing to glass and gloss, in order. Doubles of what are floats. */
+/* Batch of points of one tile run, in order, without losses to glass and gloss. Doubles, converted from floats. */
 struct kiln_tally_run {
     uint32_t count;
     bool sends; /* the step gathers: `sent`, `escaped`, `blocked` and `samples` are there */
@@ -81,19 +82,19 @@ struct kiln_tally_run {
     double sent[3][KILN_TILE_TEXELS], escaped[KILN_TILE_TEXELS], blocked[KILN_TILE_TEXELS];
     double error[KILN_TILE_TEXELS], samples[KILN_TILE_TEXELS];
 };
-/* Notes a point's answer, as kiln_tally_add takes it. */
+/* Appends a point, with the arguments of kiln_tally_add. */
 void kiln_tally_note(struct kiln_tally_run *run, const struct kiln_ledger_point *point,
                      const struct kiln_point_mean *result);
-/* The same sums as kiln_tally_add of each. */
+/* Adds the batch: the same sums as kiln_tally_add for each point. */
 void kiln_tally_add_run(const struct kiln_tally_run *run, double unit, struct kiln_tally *tally,
                         struct kiln_tile_run_tally *tile_run);
 
-/* Not by two threads at once. The surface is that of the tile run's owner. */
+/* Add a tally to the ledger; not by two threads at once. The surface is that of the tile run's owner. */
 void kiln_ledger_add(struct kiln_ledger *ledger, const struct kiln_tally *tally);
 void kiln_ledger_add_tile_run(struct kiln_ledger *ledger, const struct kiln_surface *surface,
                               const struct kiln_tile_run *tile_run, const struct kiln_tile_run_tally *tally);
 
-/* Collective. The step's powers over all ranks. */
+/* Collective. Sums the step's powers over all ranks. */
 int kiln_ledger_end_step(struct kiln_ledger *ledger, MPI_Comm communicator, struct kiln_step_energy *energy,
                          struct kiln_error *error);
 

@@ -1,12 +1,12 @@
-/* How a surface point's radiosity is rounded when it is packed. */
+/* Rounding of a surface point's radiosity when it is packed. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PACKING_H
 #define KILN_COORDINATOR_INTEGRATE_PACKING_H
 
 #include "worker/sampling/keys.h"
 #include "worker/scene/surface.h"
 
-/* Random bits for the stochastic rounding of a texel's radiosity: a function of what the texel is (`bit` is its place
- * in the tile run's mask) and of the stream, never of where it stands in the global order. */
+/* Random bits for the stochastic rounding of a texel's radiosity. They depend on the texel's identity (`bit` is its
+ * place in the tile run's mask) and on the stream, never on its place in the global order. */
 static inline uint32_t kiln_packing_hash(const struct kiln_tile_run *f, uint32_t bit, uint32_t stream)
 {
     return kiln_hash2(kiln_hash2(f->map, f->tile), stream * KILN_TILE_TEXELS + bit);

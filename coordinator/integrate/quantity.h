@@ -1,9 +1,9 @@
-/* A quantity is something that a bake computes of each surface point besides its light, when the user asks for it:
- * how open the place is, or from where the light comes. Each is one step, after the integrator's last, so that it may
- * read the total radiosity of all points; it is the same for every integrator. One file for each (quantity/NAME.c),
- * and the table of all is quantities.c. Its values are fields (coordinator/field/fields.c).
+/* Quantities: values besides light that a bake computes for each surface point on request, such as openness of the
+ * place or direction of the light. Each is one step after the integrator's last, so it may read the total radiosity of
+ * all points; it is the same for every integrator. Each has one file (quantity/NAME.c), and quantities.c has the table
+ * of all. Its values are fields (coordinator/field/fields.c).
  *
- * The steps of a bake are the integrator's and then those of the quantities: kiln_steps_next says which comes next. */
+ * The steps of a bake are first the integrator's, then those of the quantities; kiln_steps_next gives the next one. */
 #ifndef KILN_COORDINATOR_INTEGRATE_QUANTITY_H
 #define KILN_COORDINATOR_INTEGRATE_QUANTITY_H
 
@@ -14,11 +14,11 @@
 
 struct kiln_quantity {
     struct kiln_role role;
-    /* Whether a bake with these settings computes it. */
+    /* Whether a bake with these settings computes the quantity. */
     bool (*wanted)(const struct kiln_integrate_settings *settings);
-    /* Fills in pass, parameters and samples of its step. Where the pass reads radiosity, that is the total. */
+    /* Fills in pass, parameters and samples of the quantity's step. A pass that reads radiosity gets the total. */
     void (*make_step)(const struct kiln_integrate_settings *settings, struct kiln_step *step);
-    /* Takes the answers of one tile run over into the fields of `data`: as kiln_integrator.take, without sums. */
+    /* Stores the answers of one tile run in the fields of `data`: as kiln_integrator.take, without sums. */
     void (*take)(const struct kiln_taking *taking, const struct kiln_rank_data *data,
                  const struct kiln_tile_run *tile_run, const void *results);
 };
@@ -27,7 +27,7 @@ struct kiln_quantity {
 KILN_QUANTITY_LIST(KILN_QUANTITY_DECLARE)
 #undef KILN_QUANTITY_DECLARE
 
-/* The step after those reported: the integrator's, and when it has no more, those of the quantities that are wanted.
+/* Finds the step after those reported: the integrator's next, or after its last one those of the wanted quantities.
  * Pure, and the same on all ranks: see kiln_integrator.next. */
 bool kiln_steps_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                      size_t count, struct kiln_step *step);

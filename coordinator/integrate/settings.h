@@ -18,48 +18,48 @@ struct kiln_integrator;
 struct kiln_integrate_settings {
     const struct kiln_integrator *integrator;
 
-    /* which steps there are, and what they compute; these are all that `next` of an integrator reads */
+    /* the steps and their work; `next` of an integrator reads only these */
     enum kiln_schedule schedule;
-    int64_t bounces; /* indirect bounces; -1: as many as there is energy for, and a tail */
+    int64_t bounces; /* indirect bounces; -1: until little energy is left, then a tail */
     bool tail;       /* add the geometric tail after the last bounce, though `bounces` is given */
     uint32_t samples_direct, samples_bounce, samples_indirect;
-    uint32_t indirect_scale;     /* texels a side of a block in bounces (blocks.h): a power of two; 1: each gathers */
-    uint32_t final_scale;        /* likewise of a block in the final gather (nodes.h) */
-    enum kiln_caustics caustics; /* settled; up to KILN_CAUSTICS_NONE there is no such step */
-    bool caustics_tried; /* of KILN_CAUSTICS_VCM: pilots say first whether they are worth their noise (land_trial.h) */
-    enum kiln_mis mis;   /* likewise */
-    uint32_t photons, iterations; /* of light paths (land.h), of a step; of one in the first round, where they grow */
-    bool iterations_grow; /* from round to round (rounds.h) with the samples of the step; needs a target error */
+    uint32_t indirect_scale;     /* side of a block in bounces (blocks.h), texels: a power of two; 1: no blocks */
+    uint32_t final_scale;        /* side of a block in the final gather (nodes.h), likewise */
+    enum kiln_caustics caustics; /* resolved, never AUTO; up to KILN_CAUSTICS_NONE there is no such step */
+    bool caustics_tried; /* of KILN_CAUSTICS_VCM: pilots decide whether caustics are worth their noise (land_trial.h) */
+    enum kiln_mis mis;   /* of KILN_CAUSTICS_VCM: how techniques are weighed */
+    uint32_t photons, iterations; /* of the light paths (land.h) of a step; if iterations grow: of the first round */
+    bool iterations_grow; /* iterations grow with the samples from round to round (rounds.h); needs a target error */
     double merge_radius, radius_alpha; /* of KILN_CAUSTICS_MERGE, _VCM (land.h): m, or KILN_MERGE_RADIUS_AUTO, _TEXEL */
-    bool photons_given;                /* by the user: then fewer than are needed are refused, else more are taken */
-    bool guide;     /* bounces learn where light comes from, and the final gather follows (worker/pass/guided.h) */
-    bool seen_only; /* the final gather and quantities are of tile runs that are seen (struct kiln_rank_data) */
-    bool compact; /* radiosity travels in 4 bytes a point where an integrator can afford that: kiln_exchange_is_compact
-                   */
+    bool photons_given;                /* photons given by the user: too few are refused; else their number is raised */
+    bool guide;     /* bounces learn the incident light, and the final gather samples by it (worker/pass/guided.h) */
+    bool seen_only; /* the final gather and quantities skip unseen tile runs (struct kiln_rank_data) */
+    bool compact;   /* exchange radiosity in 4 bytes a point where an integrator permits it: kiln_exchange_is_compact
+                     */
     uint64_t seed;
-    uint32_t parts;      /* that the bake is computed in (parts.h): KILN_PARTS to know its errors, or 1 */
+    uint32_t parts;      /* number of parts of the bake (parts.h): KILN_PARTS to know its errors, or 1 */
     double target_error; /* relative; parts are added until a texel's error is below it (parts.h); 0: none */
     size_t lights;       /* of the scene: emitting triangles, punctual lights, suns, the environment */
 
-    /* where gather rays end, and the probes that answer then (radiance.h); borrowed; NULL: they have no end. `next` of
-     * an integrator does not read it */
+    /* range of gather rays, and the probes used beyond it (radiance.h); borrowed; NULL: unlimited rays. `next` of an
+     * integrator does not read it */
     const struct kiln_radiance_settings *radiance;
-    /* what paths from surface points are traced with (reference/); borrowed; NULL: the integrator has none */
+    /* parameters of paths from surface points (reference/); borrowed; NULL: the integrator has none */
     const struct kiln_reference_parameters *reference;
-    /* what patches gather from, pair by pair (radiosity/, patches.h); borrowed; NULL: the integrator has none */
+    /* parameters of gathering from patches (radiosity/, patches.h); borrowed; NULL: the integrator has none */
     const struct kiln_patch_settings *patches;
 
-    /* which quantities (quantity.h) are computed besides; `next` of an integrator does not read these */
+    /* additional quantities (quantity.h); `next` of an integrator does not read these */
     const struct kiln_occlusion_parameters *occlusion; /* borrowed; NULL: no ambient occlusion */
     enum kiln_directional directional;
 
     /* how the ranks work together; none of these changes a result */
-    bool work_stealing; /* ranks that are done compute for others of their node */
+    bool work_stealing; /* idle ranks compute points for others of their node */
     enum kiln_rebalance rebalance;
     bool whole_objects;      /* new ranges of points begin at objects rather than at cells */
-    bool probes;             /* the total radiosity of all points is gathered by probes in the end */
+    bool probes;             /* probes gather the total radiosity of all points at the end */
     bool visible_only;       /* nodes receive the radiosity of what their points see (sight.h) */
-    uint64_t exchange_limit; /* elements in one call of MPI; 0: what it can count */
+    uint64_t exchange_limit; /* largest count of elements in an MPI call; 0: MPI's own limit */
 
     struct kiln_faults faults; /* for tests: which rank is slow */
 };

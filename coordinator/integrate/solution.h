@@ -9,15 +9,15 @@
 #include "coordinator/integrate/step.h"
 #include "worker/pass/visibility_cache.h"
 
-/* The visibility grid of a bake in which nodes receive the radiosity of what their points see: made by reach/sight.h,
- * which says what a unit is. */
+/* Visibility grid of a bake in which nodes receive only the radiosity that their points see. Made by reach/sight.h,
+ * which defines units. */
 struct kiln_sight {
     uint64_t units;
     uint64_t *first; /* first point of each unit, and one more at the end; the same on all ranks */
-    /* of the units that this rank has a part in: unit << 32 | unit that it sees, ascending, none twice */
+    /* for the units of which this rank has points: unit << 32 | visible unit, ascending, unique */
     uint64_t *pairs;
     size_t pair_count;
-    uint64_t sent;  /* bytes that this rank has sent to others, so that the grid is whole */
+    uint64_t sent;  /* bytes sent by this rank to complete the grid */
     double seconds; /* of this rank */
 };
 
@@ -28,11 +28,11 @@ void kiln_sight_destroy(struct kiln_sight **sight);
 
 /* Report on the radiance probes of a bake whose gather rays end at a range. All zeros: none. The same on all ranks. */
 struct kiln_radiance_report {
-    bool placed;                 /* the next two and `alone` are known */
-    uint64_t probes, moved, off; /* of all, those moved off the grid, and those that nobody asks */
-    uint64_t rays;               /* of all steps, of this run and those before; known when all light is */
-    uint64_t bytes;              /* of what all of them keep, on each rank */
-    uint64_t alone;              /* surface points that see no probe: their rays have no end */
+    bool placed;                 /* `probes`, `moved`, `off` and `alone` are known */
+    uint64_t probes, moved, off; /* all probes; those moved off the grid; those switched off */
+    uint64_t rays;               /* of all steps and runs; known after all light is computed */
+    uint64_t bytes;              /* of the data of all probes, on each rank */
+    uint64_t alone;              /* surface points that see no probe: their rays are unlimited */
     double spacing;              /* m */
     uint32_t side, samples;      /* of a probe: elements along the side of its map; rays in each step that gathers */
 };
@@ -41,9 +41,9 @@ struct kiln_radiance_report {
 struct kiln_landing_report {
     uint64_t photons; /* of an iteration: at least one for each aim */
     uint64_t aims;    /* pairs of a lamp and an object with gloss, or a part of one */
-    uint32_t rays;    /* of a point, of the last step, that share its light with paths; 0: none */
-    double radius;    /* m, within which they were merged at first; of the last step that did */
-    uint32_t on_host; /* passes that a device has left to the host: bit KILN_PASS_INDEX_..., of this rank */
+    uint32_t rays;    /* rays per point of the last step that share its light with paths; 0: none */
+    double radius;    /* m, initial merge radius of the last step that merged */
+    uint32_t on_host; /* passes that the device leaves to the host: bits KILN_PASS_INDEX_..., of this rank */
 };
 
 struct kiln_integrate_report {
@@ -51,27 +51,27 @@ struct kiln_integrate_report {
     struct kiln_step_reports steps;
     uint32_t bounces;     /* indirect bounces gathered one by one or summed for the final gather */
     bool tail;            /* a geometric tail was added */
-    double tail_ratio[3]; /* power of one bounce over that of the one before, at the end */
+    double tail_ratio[3]; /* last ratio of one bounce's power to that of the bounce before */
     double tail_share;    /* of all reflected power, luminance */
-    /* of all light, relative: what is not known of the tail; of bounces that go on without one (the equal schedule),
-     * what is left out; KILN_TAIL_DIVERGES: their sum has no end */
+    /* relative to all light: error of the tail; without a tail (the equal schedule) the bounces left out;
+     * KILN_TAIL_DIVERGES: their sum is infinite */
     double tail_error;
-    double tail_object_error; /* of the object for which it is largest: kiln_step_report.object_error at the end */
-    double tail_tile_error;   /* the same of the tile for which it is largest: a pocket that keeps its light for long */
+    double tail_object_error; /* largest over all objects: last kiln_step_report.object_error */
+    double tail_tile_error;   /* largest over all tiles, for example in a pocket that traps light */
     uint32_t tail_pocket;     /* that tile's object */
-    uint32_t restarts;        /* how often the bake was gone on with from a checkpoint */
-    double seconds_before;    /* that the earlier runs of it took up to their last checkpoint */
-    double waiting_seconds;   /* of this rank, at the ends of steps: for others to be done */
+    uint32_t restarts;        /* number of times that the bake was resumed from a checkpoint */
+    double seconds_before;    /* time of earlier runs, up to their last checkpoint */
+    double waiting_seconds;   /* of this rank: waiting for others at the ends of steps */
     bool steals_work;         /* whether the ranks of this rank's node compute points for each other */
     uint64_t received;        /* bytes of radiosity from other nodes */
-    uint64_t whole;           /* the same if nodes received the radiosity of all points */
-    uint64_t computed_again;  /* points of this rank, once for each time, whose rays met what was not there */
+    uint64_t whole;           /* as `received`, if nodes received the radiosity of all points */
+    uint64_t computed_again;  /* points of this rank whose rays met absent radiosity, counted once per recomputation */
     struct kiln_radiance_report radiance;
     struct kiln_landing_report landing;
     struct kiln_visibility_counts visibility; /* of this rank, in this run (patches.h) */
-    uint64_t links, link_bytes;               /* that this rank has kept (links.h) */
+    uint64_t links, link_bytes;               /* kept on this rank (links.h) */
     struct kiln_energy energy;
-    struct kiln_step_balance trial; /* what was found before the first step (trial.h), and done */
+    struct kiln_step_balance trial; /* findings and action before the first step (trial.h) */
     double trial_seconds;           /* 0: nothing was tried */
 };
 
@@ -79,22 +79,22 @@ struct kiln_integrate_report {
 struct kiln_solution {
     float *direct, *indirect; /* of own points */
     uint16_t *error;          /* likewise: kiln_error_pack */
-    /* own points' data, of which the three above are a part; its `sum` is `indirect` */
+    /* own points' data, including the three arrays above; its `sum` is `indirect` */
     const struct kiln_rank_data *own;
     struct kiln_node_data *node_data;
     struct kiln_radiosity_allgather *allgather;
-    struct kiln_sight *sight; /* what sees what; NULL: nobody asks */
-    uint64_t *radiosity; /* of all points, packed: what a step gathers from; in the end the total. The allgather's */
+    struct kiln_sight *sight; /* visibility grid; NULL: not used */
+    uint64_t *radiosity;      /* of all points, packed: gathered by the step; finally the total. Owned by allgather */
     struct kiln_integrate_report report;
 };
 
-/* The report of the step under way, or of the last one. */
+/* Returns the report of the current step, or of the last one. */
 static inline struct kiln_step_report *kiln_solution_step(const struct kiln_solution *solution)
 {
     return &solution->report.steps.of[solution->report.steps.count - 1];
 }
 
-/* Points the solution to the own data as the node's data has it now: after that was made or redistributed. */
+/* Updates the pointers to own data, after the node's data was made or redistributed. */
 void kiln_solution_refresh(struct kiln_solution *solution);
 
 /* Collective. Releases the solution and sets the pointer to NULL, which may be NULL. */

@@ -12,7 +12,7 @@
 #include "coordinator/files/plain_file.h"
 #include "coordinator/job/job_private.h"
 
-enum { LIMIT = 1 << 16, DEEPEST = 5 }; /* bytes of a file; mappings and lists within one another */
+enum { LIMIT = 1 << 16, DEEPEST = 5 }; /* largest file, bytes; deepest nesting of mappings and lists */
 
 struct reader {
     yaml_parser_t parser;
@@ -47,7 +47,7 @@ static json_t *scalar(const yaml_event_t *event)
 /* The value that begins with `event`, which is deleted. */
 static int value(struct reader *r, yaml_event_t *event, int depth, json_t **json, struct kiln_error *error);
 
-/* The rest of a mapping or list that has begun. */
+/* Reads the members of a mapping or list whose beginning was read. */
 static int members(struct reader *r, bool list, int depth, json_t *into, struct kiln_error *error)
 {
     for (;;) {
@@ -150,7 +150,7 @@ int kiln_changes_parse(const char *path, const char *text, size_t size, json_t *
     return status;
 }
 
-/* As JSON text, which is released with `json`, whose parsing ended with `status`; release with free. */
+/* Converts JSON to text and releases `json`. `status`: result of the parsing before. Release the text with free. */
 static int text_of(json_t *json, int status, char **json_text, struct kiln_error *error)
 {
     *json_text = status == KILN_OK ? json_dumps(json, JSON_COMPACT) : NULL;

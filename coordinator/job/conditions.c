@@ -22,7 +22,8 @@ static bool of_sky(const struct kiln_job *j) { return !is(j->scene.environment, 
 const struct kiln_condition kiln_when_sky = {of_sky, "--environment none is no light; give another --environment",
                                              "--environment 1,1,1", "--environment none", "bake"};
 
-/* Only numbers and commas have the letters of neither path. */
+/* Whether the environment is an image. A constant radiance has only the characters of numbers and commas, which no path
+ * consists of. */
 static bool of_image(const struct kiln_job *j)
 {
     return of_sky(j) && (j->scene.environment == NULL ||
@@ -110,7 +111,7 @@ const struct kiln_condition kiln_when_caustics = {
     has_caustics, "--materials diffuse has no light by mirrors, gloss or glass; give --materials auto or full", "",
     "--materials diffuse", "bake"};
 
-/* Effective --caustics; none without gloss. */
+/* Returns the --caustics in effect: none without gloss. */
 static int caustics_of(const struct kiln_job *j)
 {
     if (!has_caustics(j))

@@ -1,5 +1,6 @@
-/* When options count. A row of the table of options (options.h) has the condition under which its value matters at all;
- * where it does not hold, and the user gave the option, kiln refuses it or notes that it does not count. */
+/* Conditions under which options count. A row of the table of options (options.h) may name a condition without which
+ * its value has no effect; if it does not hold but the user gave the option, kiln refuses it or notes that it does not
+ * count. */
 #ifndef KILN_COORDINATOR_JOB_CONDITIONS_H
 #define KILN_COORDINATOR_JOB_CONDITIONS_H
 
@@ -10,9 +11,9 @@
 
 struct kiln_condition {
     bool (*holds)(const struct kiln_job *job);
-    const char *otherwise; /* why the option does not count, and what would make it: the end of a sentence */
-    /* how tests try it: options, with blanks between, with which it holds, and with which it does not ("": none are
-     * needed), or the names of benches; and the command */
+    const char *otherwise; /* end of a sentence: why the option does not count, and how to change that */
+    /* for tests: options, separated by blanks, with which the condition holds and does not ("": none needed), or names
+     * of benches; and the command */
     const char *with, *without, *command;
 };
 
@@ -25,11 +26,11 @@ extern const struct kiln_condition kiln_when_device, kiln_when_sky, kiln_when_im
     kiln_when_shown_lightmaps, kiln_when_ranks_bench, kiln_when_repeats;
 
 struct kiln_option;
-/* Whether the option, which this command has, counts in the job. */
+/* Whether the option, which this command has, takes effect in the job. */
 bool kiln_option_counts(const struct kiln_job *job, const struct kiln_option *option);
 
-/* Prints a note for each option that was given, by job file or command line, and does not count; an option that is
- * given the value that switches it off (false, none, 1) does as it was told. Not collective. */
+/* Prints a note for each option that was given, by job file or command line, but has no effect; not for an option given
+ * the value that switches it off (false, none, 1). Not collective. */
 void kiln_job_print_idle(const struct kiln_job *job, FILE *stream);
 
 #endif

@@ -22,29 +22,30 @@ struct kiln_faults {
      * saved a checkpoint within that pass (coordinator/run/control.h), also without a watchdog. "": no rank does. */
     uint32_t halt_rank;
     char halt_place[KILN_FAULT_PLACE];
-    /* KILN_HOLD=FILE. As long as the file is there, the rank stays in the first batch of a pass that gathers, until it
-     * is asked to stop: so a bake lasts until what is to happen to it has happened, on any machine. "": it does not. */
+    /* KILN_HOLD=FILE. While the file exists, the rank stays in the first batch of a gather pass, until it is asked to
+     * stop: so a test can act during a bake on any machine. "": no rank waits. */
     char hold[KILN_FAULT_PATH];
-    /* KILN_FAILING_PACKER=RANK. The rank fails to pack its band of a lightmap, or strips of other ranks' lightmaps. */
+    /* KILN_FAILING_PACKER=RANK. The rank fails to compress its band of a lightmap, or strips of other ranks'
+     * lightmaps. */
     bool packer_fails;
     uint32_t failing_packer;
-    /* KILN_DIVIDE_FROM=TEXELS. Lightmaps of so many texels and more are in bands if they are large among the others, or
-     * packed by several ranks; 0: as struct kiln_output_params has it. */
+    /* KILN_DIVIDE_FROM=TEXELS. Lightmaps of at least so many texels are divided into bands if they are large among the
+     * others, or else packed by several ranks; 0: as struct kiln_output_params has it. */
     uint64_t divide_from;
     /* KILN_EXCHANGE_LIMIT=ELEMENTS, 1 to 2^31, the same on every rank: the most in one call of MPI; 0: the largest
      * count that MPI takes. */
     uint64_t exchange_limit;
     /* KILN_DISPATCH_TIME=MILLISECONDS, 1 to 60,000: the longest that one dispatch of a device may take; 0: 100. */
     double dispatch_time;
-    /* KILN_SIGHT=none. The visibility grid is empty, so that everything that rays meet was not expected. */
+    /* KILN_SIGHT=none. The visibility grid is empty, so that all ray hits are unexpected. */
     bool no_sight;
     /* KILN_LOCKS=none. The lock of a bake's folder behaves as on a file system without locks. */
     bool no_locks;
-    /* KILN_PROBES=plain. Radiance probes stay where the grid has them, also inside geometry, and every point takes all
-     * eight about it for seen: what a bake without coordinator/integrate/probes/radiance_sight.h would do. */
+    /* KILN_PROBES=plain. Radiance probes stay at their grid positions, even inside geometry, and every point counts its
+     * eight probes as visible: the behaviour without coordinator/integrate/probes/radiance_sight.h. */
     bool plain_probes;
-    /* KILN_TRAVERSAL=compute, pipeline, four or eight: how a device finds hits, for measuring and where a driver's own
-     * way is wrong; the same on every rank (mpirun -x KILN_TRAVERSAL). */
+    /* KILN_TRAVERSAL=compute, pipeline, four or eight: ray traversal on a device, for measurements and in case of
+     * faulty drivers; the same on every rank (mpirun -x KILN_TRAVERSAL). */
     enum kiln_traversal traversal;
     /* KILN_GPU_FAULT=lost:K, memory:K, or either with :N after it: the K-th call of a device's driver fails, and again
      * every N calls after it. KILN_VULKAN_GUARD=after, before, or 0 for none: guarded buffers

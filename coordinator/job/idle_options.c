@@ -13,12 +13,13 @@ static const struct kiln_command *command_of(const struct kiln_job *job) { retur
 
 bool kiln_option_counts(const struct kiln_job *job, const struct kiln_option *option)
 {
-    /* what a bench bakes and draws has settings that the bench chooses: its children say what does not count */
+    /* a bench chooses the settings of the bakes and views that it runs; these report options without effect
+     * themselves */
     const bool child = command_of(job)->bit == KILN_FOR_BENCH && (option->commands & ~(uint32_t)KILN_FOR_BENCH) != 0;
     return option->when == NULL || child || option->when->holds(job);
 }
 
-/* Whether the value says that what the option is about shall not be. */
+/* Whether the value switches off what the option is about. */
 static bool switches_off(const struct kiln_job *job, const struct kiln_option *option)
 {
     char room[KILN_OPTION_TEXT];

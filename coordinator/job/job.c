@@ -42,7 +42,8 @@ static void set_quality(struct kiln_job *job)
         }
 }
 
-/* A second value given behind the colon goes, or that of the default comes back. */
+/* Sets an option's second value to the one given behind the colon. If none is given there, the default replaces one
+ * that was given behind a colon before. */
 static int give_second(struct kiln_job *job, const struct kiln_option *second, const char *text, const char *where,
                        int status, struct kiln_error *error)
 {
@@ -80,7 +81,7 @@ struct word {
     const struct kiln_option *option;
     const char *value; /* the text after '='; NULL: none */
     bool negated;      /* given as --no-NAME */
-    char name[64];     /* as it was given, without dashes and no- */
+    char name[64];     /* name as given, without dashes and "no-" */
 };
 
 static int unknown_option(const struct kiln_command *command, const char *name, struct kiln_error *error)
@@ -135,8 +136,7 @@ static int recognise(const struct kiln_command *command, const char *argument, s
     return KILN_OK;
 }
 
-/* Reads the option at arguments[*at], moves *at past it, and stores it. With `only`, stores it only if that is its
- * name. */
+/* Reads the option at arguments[*at], and moves *at past it. With `only`, stores it only if it has that name. */
 static int read_option(struct kiln_job *job, const struct kiln_command *command, char **arguments, int *at,
                        const char *only, struct kiln_error *error)
 {
@@ -162,7 +162,7 @@ static int read_option(struct kiln_job *job, const struct kiln_command *command,
     return kiln_job_give(job, word.option, word.name, value, where, KILN_USAGE, NULL, error);
 }
 
-/* A number may begin with '-' and still be an argument: kiln probe DIR -1 0 2. */
+/* Whether an argument is an option. One that begins with '-' may be a number: kiln probe DIR -1 0 2. */
 static bool is_option(const char *argument)
 {
     return argument[0] == '-' && argument[1] != '\0' && strchr("0123456789.", argument[1]) == NULL;
@@ -190,7 +190,7 @@ static int read_command_line(struct kiln_job *job, const struct kiln_command *co
     return KILN_OK;
 }
 
-/* The first one that begins with the command itself. */
+/* Returns the command's first example that begins with the command itself. */
 static const char *example_of(const struct kiln_command *command)
 {
     const size_t length = strlen(command->name);
@@ -246,7 +246,7 @@ static int check_visible_from(const struct kiln_job *job, struct kiln_error *err
                                      other);
 }
 
-/* An error that is measured knows nothing of the light that is lost between nodes. */
+/* Refuses measured errors with --final-scale: they do not include the light lost between nodes. */
 static int check_final_scale(const struct kiln_job *job, struct kiln_error *error)
 {
     const char *other = job->light.target_error > 0.0 ? "--target-error"
@@ -264,8 +264,8 @@ static int check_final_scale(const struct kiln_job *job, struct kiln_error *erro
                : KILN_OK;
 }
 
-/* Refuses options that need lightmaps: denoising works in their texels, and without them and light at vertices there is
- * nothing to export. */
+/* Checks options that need lightmaps. Denoising works in their texels, and without lightmaps and light at vertices
+ * nothing can be exported. */
 static int settle_store(struct kiln_job *job, struct kiln_error *error)
 {
     if (job->lightmaps.store == KILN_STORE_KIND_VERTEX && given(job, "vertex-light") && !job->lightmaps.vertex_light)
@@ -335,7 +335,7 @@ static int check_paths(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* An option that a method has no use for, if it is wanted. */
+/* An option that a method does not use, and whether it was asked for. */
 struct unused_option {
     const char *name;
     bool wanted;
@@ -352,7 +352,7 @@ static int refuse_unused(const struct kiln_job *job, const struct unused_option 
     return KILN_OK;
 }
 
-/* How "cells" gathers, of which other methods know nothing. */
+/* Refuses the options of gathering in "cells", for other methods. */
 static int refuse_cells(struct kiln_job *job, struct kiln_error *error)
 {
     const struct unused_option of_cells[] = {
@@ -370,7 +370,7 @@ static int refuse_cells(struct kiln_job *job, struct kiln_error *error)
     return refuse_unused(job, of_cells, sizeof of_cells / sizeof *of_cells, error);
 }
 
-/* Refuses options that only patches have. */
+/* Refuses options of patches, for other methods. */
 static int refuse_patches(struct kiln_job *job, struct kiln_error *error)
 {
     static const char *const of_patches[] = {
@@ -385,7 +385,7 @@ static int refuse_patches(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Links, which are a tree of their own over what they gather from. */
+/* Checks options with links, which replace the options of nodes by a tree of their own. */
 static int check_links(struct kiln_job *job, struct kiln_error *error)
 {
     const struct unused_option others[] = {
@@ -403,7 +403,7 @@ static int check_links(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Rays read single texels, and their light has no factors. */
+/* Checks options of gathering by rays. Rays read single texels, and there are no form factors to adjust. */
 static int check_gather(struct kiln_job *job, struct kiln_error *error)
 {
     static const char *const of_pairs[] = {"undersample", "subdivide",   "sampling-window", "node-max",
@@ -449,7 +449,7 @@ static int check_nodes(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Rounds of unshot light close rows as the step before them found these to be. */
+/* Checks options with rounds of unshot light, which complete rows in the same way as the step before them. */
 static int check_order(struct kiln_job *job, struct kiln_error *error)
 {
     const struct unused_option others[] = {{"undersample random", job->light.patches.undersample == KILN_SAMPLE_RANDOM},
@@ -464,7 +464,7 @@ static int check_order(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Second values that nothing asks for. */
+/* Refuses second values without the first value that they belong to. */
 static int check_seconds(struct kiln_job *job, struct kiln_error *error)
 {
     static const char *const names[] = {"link-error",      "unshot-left", "directions",
@@ -482,7 +482,8 @@ static int check_seconds(struct kiln_job *job, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Patches are diffuse; without links their light has no chance in it whose error could be stated. */
+/* Checks options of radiosity. Patches are diffuse, and only with links does light have noise whose error can be
+ * stated. */
 static int settle_radiosity(struct kiln_job *job, struct kiln_error *error)
 {
     const struct unused_option others[] = {
@@ -517,7 +518,7 @@ end:
     return KILN_OK;
 }
 
-/* Paths from surface points are Embree's unless Vulkan is asked for. */
+/* Checks options of paths from surface points. Embree traces them, unless Vulkan is asked for. */
 static int settle_reference(struct kiln_job *job, struct kiln_error *error)
 {
     const int status = refuse_cells(job, error);
@@ -539,7 +540,7 @@ static int settle_reference(struct kiln_job *job, struct kiln_error *error)
                : kiln_job_keep(job, "embree", strlen("embree"), &job->machine.backend, error);
 }
 
-/* Checks options of light against one another, and fills in what follows from them. */
+/* Checks options of light against one another, and derives others from them. */
 static int settle_light(struct kiln_job *job, uint32_t commands, struct kiln_error *error)
 {
     int status;
@@ -590,7 +591,7 @@ static int default_output(struct kiln_job *job, const struct kiln_command *comma
     return kiln_job_default_output(job, job->arguments[0], ending, error);
 }
 
-/* Reads the files that options name, checks options against one another, and fills in what follows from them. */
+/* Reads the files that options name, checks options against one another, and derives others from them. */
 static int complete(struct kiln_job *job, const struct kiln_command *command, struct kiln_error *error)
 {
     int status;

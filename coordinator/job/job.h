@@ -35,9 +35,9 @@ struct kiln_job_scene {
     char *environment;
     double environment_scale;    /* factor on the radiance; default 1 */
     double environment_rotation; /* degrees about +y */
-    char *changes, *changed;     /* file of changes, and what stands there (job/changes.h); NULL: none */
+    char *changes, *changed;     /* file of changes, and its content (job/changes.h); NULL: none */
     int units;                   /* enum kiln_units_choice */
-    /* file of groups of lights, and what stands there as JSON (job/light_groups.h); NULL: none. Their names, `rest`
+    /* file of groups of lights, and its content as JSON (job/light_groups.h); NULL: none. Names of the groups, `rest`
      * last, and the rows of their fields (field/group_fields.h) */
     char *light_groups, *grouped;
     size_t group_count;
@@ -74,28 +74,28 @@ struct kiln_job_light {
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
     enum kiln_schedule schedule;
     uint32_t samples_direct, samples_bounce, samples_indirect; /* rays for each texel */
-    int indirect_scale;    /* log2 of texels a side of a block in bounces (integrate/sparse/blocks.h) */
-    int final_scale;       /* likewise in the final gather (integrate/sparse/nodes.h) */
-    int guide;             /* 1: the final gather follows what the bounces learn (worker/pass/guided.h) */
-    int materials;         /* enum kiln_gloss_mode */
-    bool diffuse_unasked;  /* `materials` is diffuse by the method, not by --materials: a scene may refuse that */
-    int caustics;          /* enum kiln_caustics */
-    bool caustics_tried;   /* no option: a first round says whether they come (coordinator/bake/prepare/materials.h) */
-    int mis;               /* enum kiln_mis (worker/pass/caustic_weights.h), of --caustics vcm */
-    uint32_t photons;      /* --caustics land, ...: light paths of an iteration; 0: kiln_light_photons */
-    uint32_t iterations;   /* and how many iterations there are; or KILN_ITERATIONS_ALL */
-    double radius_alpha;   /* --caustics merge (integrate/land/merge.h) */
-    double merge_radius;   /* m; 0: by the scene; or KILN_MERGE_RADIUS_TEXEL (merge.h). Of views, too */
-    uint32_t chain_length; /* surfaces of a gather ray's chain that are met for certain (shaders/shared/chain.h) */
+    int indirect_scale;      /* log2 of texels a side of a block in bounces (integrate/sparse/blocks.h) */
+    int final_scale;         /* likewise in the final gather (integrate/sparse/nodes.h) */
+    int guide;               /* 1: the final gather samples what the bounces learn (worker/pass/guided.h) */
+    int materials;           /* enum kiln_gloss_mode */
+    bool diffuse_unasked;    /* `materials` is diffuse by the method, not by --materials: a scene may refuse that */
+    int caustics;            /* enum kiln_caustics */
+    bool caustics_tried;     /* no option: a first round decides on caustics (coordinator/bake/prepare/materials.h) */
+    int mis;                 /* enum kiln_mis (worker/pass/caustic_weights.h), of --caustics vcm */
+    uint32_t photons;        /* --caustics land, ...: light paths of an iteration; 0: kiln_light_photons */
+    uint32_t iterations;     /* iterations of light paths; or KILN_ITERATIONS_ALL */
+    double radius_alpha;     /* --caustics merge (integrate/land/merge.h) */
+    double merge_radius;     /* m; 0: by the scene; or KILN_MERGE_RADIUS_TEXEL (merge.h). Of views, too */
+    uint32_t chain_length;   /* surfaces in a gather ray's chain that are always traced (shaders/shared/chain.h) */
     char *only_visible_from; /* cameras, or a path's file: bake/light/visible_from.h; NULL: all surfaces are lit */
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
-    struct kiln_radiance_settings radiance;     /* probes that answer for what is far; see kiln_job_has_probes */
+    struct kiln_radiance_settings radiance;     /* radiance probes for distant light; see kiln_job_has_probes */
     struct kiln_reference_parameters paths;     /* of the methods of kiln_job_is_reference */
     struct kiln_patch_settings patches;         /* of the method of kiln_job_is_radiosity */
     struct kiln_occlusion_parameters occlusion; /* distance 0: no ambient occlusion and no bent normal */
     int directional;                            /* enum kiln_directional */
     uint64_t seed;
-    int keep; /* enum kiln_keep: transport that is kept for relighting */
+    int keep; /* enum kiln_keep: kind of transport that is kept for relighting */
 };
 
 /* Texels, and how the light at them is written. */
@@ -121,7 +121,7 @@ struct kiln_job_volume {
     uint32_t samples; /* rays for each probe; 0: no volume */
 };
 
-/* Cells, and what goes between ranks. */
+/* Cells, and communication between ranks. */
 struct kiln_job_ranks {
     double cell_size;             /* m; 0: chosen automatically */
     bool partition_objects;       /* assign whole objects to ranks, otherwise whole cells */
@@ -143,9 +143,9 @@ struct kiln_job_checkpoints {
 /* Settings of relight. */
 struct kiln_job_relighting {
     const char *folder; /* a bake whose kept transport is replayed; NULL: rays are traced. The first argument */
-    /* file of states, and what stands there (job/changes.h); NULL: none */
+    /* file of states, and its content (job/changes.h); NULL: none */
     char *states, *stated;
-    bool listen; /* a change a line on standard input */
+    bool listen; /* read a change per line from standard input */
 };
 
 /* Settings of view; pictures of other commands take exposure and size, too. */
@@ -169,11 +169,11 @@ struct kiln_job_view {
     uint32_t path_length;   /* rays of a path at most; 0: any number */
     char *accumulate;       /* folder that keeps the sums of paths; NULL: none */
     bool sequence;          /* frames of a path are means over those before them */
-    uint32_t places;        /* no picture, but so many places to look from; 0: a picture */
+    uint32_t places;        /* print so many camera positions in place of a picture; 0: a picture */
     int denoise;            /* enum kiln_view_denoise */
-    bool aov;               /* layers of what is seen besides light */
+    bool aov;               /* auxiliary layers of the visible surface, besides light */
     double lens_radius;     /* m; 0: a pinhole */
-    double focus_distance;  /* m; 0: that of what the middle of the picture shows */
+    double focus_distance;  /* m; 0: distance of the surface in the middle of the picture */
     bool normal_maps;       /* show materials' normal maps; default true */
 };
 
@@ -220,7 +220,7 @@ struct kiln_job_exported {
 
 /* Settings of mix. */
 struct kiln_job_mix {
-    char *factors; /* what is given with --set, a line each */
+    char *factors; /* arguments of --set, one per line */
 };
 
 struct kiln_job {
@@ -260,23 +260,23 @@ struct kiln_job {
  * with kiln_job_destroy. */
 int kiln_job_parse(struct kiln_job **job, int argc, char **argv, struct kiln_error *error);
 
-/* Checks the options of light of a job against one another, as kiln_job_parse does for a bake, and fills in what
- * follows from them. For jobs whose options were set after they were parsed. KILN_USAGE. */
+/* Checks a job's options of light against one another, as kiln_job_parse does for a bake, and derives the dependent
+ * values. For jobs whose options were set after parsing. KILN_USAGE. */
 int kiln_job_settle_light(struct kiln_job *job, struct kiln_error *error);
 void kiln_job_destroy(struct kiln_job **job);
 
 struct kiln_option;
-/* Whether the name of a file is that of a YAML file. */
+/* Whether a file name is that of a YAML file. */
 bool kiln_is_yaml(const char *path);
 /* Whether the command line or the job file gives the option. */
 bool kiln_job_given(const struct kiln_job *job, const struct kiln_option *option);
 /* Copies a text as a string that the job owns. KILN_SYSTEM. */
 int kiln_job_keep_text(struct kiln_job *job, const char *text, char **copy, struct kiln_error *error);
 
-/* Memory, all zeros, that lives as long as the job. KILN_SYSTEM. */
+/* Allocates zeroed memory that lives as long as the job. KILN_SYSTEM. */
 int kiln_job_keep_room(struct kiln_job *job, size_t bytes, void **room, struct kiln_error *error);
 
-/* Whether points gather by links (worker/pass/links.h), which state an error each by themselves. */
+/* Whether points gather by links (worker/pass/links.h), each of which has an error estimate of its own. */
 static inline bool kiln_job_has_links(const struct kiln_job *job)
 {
     return job->light.method != NULL && strcmp(job->light.method, "radiosity") == 0 &&
@@ -285,16 +285,16 @@ static inline bool kiln_job_has_links(const struct kiln_job *job)
 
 /* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
 enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be known (integrate/parts/parts.h) */
-/* An error that is known of so few parts alone is stated larger by this, so that 95 % of all values lie within two of
- * it, as of an error that is known well: half the 97.5th percentile of Student's t with three degrees of freedom. */
+/* Factor on an error that is estimated from so few parts alone, so that 95 % of all values lie within two stated
+ * errors, as with a well-known error: half the 97.5th percentile of Student's t with three degrees of freedom. */
 #define KILN_PARTS_STUDENT 1.591
 static inline uint32_t kiln_job_parts(const struct kiln_job *job)
 {
     return (job->lightmaps.error_map || job->light.target_error > 0.0) && !kiln_job_has_links(job) ? KILN_PARTS : 1;
 }
 
-/* Whether light goes on from mirrors, gloss and glass, and whether a bake computes what comes from lamps by way of
- * these. Of a job that is settled (coordinator/bake/prepare/materials.h). */
+/* kiln_job_takes_gloss: whether mirrors, gloss and glass reflect or transmit light. kiln_job_has_caustics: whether a
+ * bake computes the lamps' light by way of these. Both for a settled job (coordinator/bake/prepare/materials.h). */
 static inline bool kiln_job_takes_gloss(const struct kiln_job *job)
 {
     return job->light.materials != KILN_GLOSS_MODE_DIFFUSE && job->light.chain_length > 0;
@@ -304,7 +304,7 @@ static inline bool kiln_job_has_caustics(const struct kiln_job *job)
     return kiln_job_takes_gloss(job) && job->light.caustics > KILN_CAUSTICS_NONE;
 }
 
-/* Whether paths from surface points find the light, without radiosity (coordinator/integrate/reference). */
+/* Whether the light is found by paths from surface points, without radiosity (coordinator/integrate/reference). */
 static inline bool kiln_job_is_reference(const struct kiln_job *job)
 {
     return job->light.method != NULL && strcmp(job->light.method, "cells") != 0 &&
@@ -317,7 +317,7 @@ static inline bool kiln_job_is_radiosity(const struct kiln_job *job)
     return job->light.method != NULL && strcmp(job->light.method, "radiosity") == 0;
 }
 
-/* Whether gather rays end at a range, and radiance probes answer for what lies behind it. */
+/* Whether gather rays end at a range, beyond which radiance probes supply the light. */
 static inline bool kiln_job_has_probes(const struct kiln_job *job)
 {
     return job->light.radiance.samples > 0 && job->light.radiance.range < (double)INFINITY;

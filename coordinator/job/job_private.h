@@ -13,8 +13,8 @@ struct kiln_job_owned {
     bool *renamed; /* kiln_option_count flags: given by its former name, or by its own where it is a second value */
 };
 
-/* Stores a value that the user gave the option under `name`, and marks the option as given. FIRST:SECOND gives two to
- * an option that has a second one; FIRST alone takes back a second one that was given so before. Otherwise as
+/* Stores a value that the user gave the option under `name`, and marks the option as given. FIRST:SECOND also sets the
+ * option's second option, if it has one; FIRST alone resets a second value given so before. Otherwise as
  * kiln_option_set. */
 int kiln_job_give(struct kiln_job *job, const struct kiln_option *option, const char *name, const char *text,
                   const char *where, int status, const char *folder, struct kiln_error *error);
@@ -31,7 +31,7 @@ int kiln_job_keep_path(struct kiln_job *job, const char *path, const char *folde
 int kiln_job_default_output(struct kiln_job *job, const char *path, const char *ending, struct kiln_error *error);
 
 /* Reads a YAML file of mappings, lists and values into JSON text that the job owns. KILN_BAD_INPUT, with file and line,
- * for another; KILN_NO_INPUT, KILN_PERMISSION or KILN_IO if it cannot be read. */
+ * for any other content; KILN_NO_INPUT, KILN_PERMISSION or KILN_IO if it cannot be read. */
 int kiln_job_yaml_read(struct kiln_job *job, const char *path, char **text, struct kiln_error *error);
 
 enum { KILN_JOB_FILE_LIMIT = 1 << 20 }; /* bytes */

@@ -1,5 +1,4 @@
-/* Events of YAML, one after the other: what reading job files and rules of objects share. Private to coordinator/job.
- */
+/* Reader of YAML events, shared by the readers of job files and of rules of objects. Private to coordinator/job. */
 #ifndef KILN_COORDINATOR_JOB_JOB_READER_H
 #define KILN_COORDINATOR_JOB_JOB_READER_H
 
@@ -22,7 +21,7 @@ struct kiln_job_reader {
 
 static inline size_t kiln_job_line(const yaml_mark_t *mark) { return mark->line + 1; }
 
-/* The next event, which the caller deletes. */
+/* Reads the next event, which the caller deletes. */
 int kiln_job_next(struct kiln_job_reader *reader, yaml_event_t *event, struct kiln_error *error);
 
 /* Checks that the event is a scalar without a NUL character. */

@@ -28,7 +28,7 @@ static bool is_list(const json_t *value)
     return good;
 }
 
-/* A number of YAML is text or a number. */
+/* Returns the value as a number. YAML scalars may come as text or as numbers. */
 static double number_of(const json_t *value)
 {
     char *end = NULL;
@@ -55,7 +55,8 @@ void kiln_job_group_blocks(const json_t *rules, uint32_t blocks[2])
         blocks[i] = value != NULL ? (uint32_t)number_of(json_array_get(value, i)) : 1;
 }
 
-/* The name of the groups' source in errors. kiln relight has groups from a bake, of which it knows no file. */
+/* Returns the name of the groups' source for errors. kiln relight takes groups from a bake, without knowing their
+ * file. */
 static const char *source_of(const struct kiln_job *job)
 {
     return job->scene.light_groups != NULL ? job->scene.light_groups : "the bake's groups of lights";
@@ -107,7 +108,7 @@ static int add_name(struct kiln_job *job, const char *name, struct kiln_error *e
     return kiln_job_keep_text(job, name, &job->scene.group_names[job->scene.group_count++], error);
 }
 
-/* The name of each block of a group, or of the group. */
+/* Adds the names of a group's blocks or, if it has none, the group's name. */
 static int add_group(struct kiln_job *job, const char *name, const json_t *rules, struct kiln_error *error)
 {
     uint32_t blocks[2];

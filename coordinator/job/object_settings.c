@@ -21,7 +21,7 @@ static bool read_scale(struct kiln_object_settings *settings, const json_t *valu
     return json_is_number(value) && scale >= 0.001 && scale <= 1000.0;
 }
 
-/* Reads a whole number, also one that is written as 128.0. */
+/* Reads a whole number, which may be written as 128.0. */
 static bool read_size(struct kiln_object_settings *settings, const json_t *value)
 {
     const double size = json_number_value(value);
@@ -39,7 +39,7 @@ static bool read_exclude(struct kiln_object_settings *settings, const json_t *va
     return json_is_boolean(value) || number;
 }
 
-/* Position of a word in a list, starting with 1; 0: it is not in the list. */
+/* Returns the position of a word in a list, counted from 1; 0: it is not in the list. */
 static uint8_t place_of(const json_t *value, const char *const *words, uint8_t count)
 {
     const char *text = json_string_value(value);

@@ -40,12 +40,12 @@ struct kiln_object_settings {
     double density_scale;
     uint32_t lightmap_size;
     uint8_t role, sides, exclude; /* the enums above */
-    bool size_of_file;            /* the scene file itself asks for that density or size; no rule of the job does */
-    /* Levels of detail in the file (coordinator/import/lods.h); 0: none, in each. No keys have these. */
+    bool size_of_file;            /* the scene file itself sets that density or size, not a rule of the job */
+    /* Levels of detail in the file (coordinator/import/lods.h); in each member 0: none. There are no keys for these. */
     uint32_t lod_level;  /* the level + 1: 1 is the finest */
     uint32_t lod_member; /* a number that the objects of one level of one thing share */
     uint32_t lod_group;  /* a number that the levels of one thing share */
-    uint32_t lod_name;   /* the name that says the level: an offset into the builder's strings */
+    uint32_t lod_name;   /* name that contains the level: an offset into the builder's strings */
 };
 
 enum {

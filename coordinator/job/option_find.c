@@ -50,8 +50,8 @@ const char *kiln_option_default(const struct kiln_option *option)
     return option->fallback != NULL ? option->fallback : "";
 }
 
-/* Wagner and Fischer's dynamic programming with transpositions. Names are cut at a length that no known name has, which
- * cannot make a wrong name nearer. */
+/* Edit distance with transpositions, by Wagner and Fischer's dynamic programming. Names are cut at a length that no
+ * known name has; this cannot make a wrong name more similar. */
 size_t kiln_edit_distance(const char *a, const char *b)
 {
     enum { LIMIT = 48 };

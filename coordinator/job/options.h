@@ -71,8 +71,8 @@ struct kiln_option_word {
 struct kiln_option {
     const char *name;   /* such as "samples-direct": the key in a job file and, after "--", the option */
     const char *former; /* the name it had in the version before, which is still accepted; NULL: none */
-    /* the option behind whose value, and a colon, this one's stands: --undersample mipmap:4. Its own name is that of
-     * the version before, which is still accepted; NULL: the option stands alone */
+    /* the option after whose value and a colon this one's value stands: --undersample mipmap:4. Its own name comes from
+     * the version before and is still accepted; NULL: the option stands alone */
     const char *second_of;
     const char *group; /* heading in --help */
     enum kiln_option_kind kind;
@@ -87,13 +87,14 @@ struct kiln_option {
     const struct kiln_option_word *words; /* more words, of KILN_OPTION_DOUBLE; ends with a NULL word; NULL: none */
     bool may_be_infinite;                 /* of KILN_OPTION_DOUBLE: accepts "inf" */
     const char *const *choices;           /* ends with NULL */
-    int refusal;                       /* status of an unknown choice; 0: KILN_USAGE, or KILN_BAD_INPUT in a job file */
-    const char *help;                  /* one line */
-    uint32_t commands;                 /* the commands that have the option: enum kiln_command_bit, or-ed */
-    uint32_t common;                   /* those of them whose first screen of help has it, the others --help all */
-    const struct kiln_condition *when; /* it counts (conditions.h); NULL: always */
-    /* it says what the light is, or which of its results are written into the folder that the user names: kiln relight
-     * takes it from a bake's folder, which anybody may have written. It writes nowhere else and runs nothing */
+    int refusal;       /* status of an unknown choice; 0: KILN_USAGE, or KILN_BAD_INPUT in a job file */
+    const char *help;  /* one line */
+    uint32_t commands; /* the commands that have the option: enum kiln_command_bit, or-ed */
+    uint32_t common; /* subset of `commands`: their first screen of help shows the option, the others only --help all */
+    const struct kiln_condition *when; /* condition under which it has effect (conditions.h); NULL: always */
+    /* the option determines the light, or which of its results are written to the folder that the user names: kiln
+     * relight reads it from a bake's folder, which anybody may have written. So it must write nowhere else and run
+     * nothing */
     bool of_light;
     size_t offset; /* of its member in struct kiln_job */
 };
@@ -127,12 +128,12 @@ extern const size_t kiln_command_count;
 
 /* The option with that name, present or former. NULL when there is none. */
 const struct kiln_option *kiln_option_find(const char *name);
-/* The same; where several options have that name, the one that belongs to one of `commands`. --partition is the unit of
- * work of bake and the Slurm partition of submit; --ranks is a number for plan and a list for bench. */
+/* Likewise; if several options have that name, finds the one of one of `commands`. --partition is the unit of work of
+ * bake and the Slurm partition of submit; --ranks is a number for plan and a list for bench. */
 const struct kiln_option *kiln_option_find_for(const char *name, uint32_t commands);
 const struct kiln_command *kiln_command_find(const char *name);
 
-/* The option whose value stands behind that of `option` and a colon; NULL: there is none. */
+/* Returns the option whose value follows that of `option` and a colon; NULL: there is none. */
 const struct kiln_option *kiln_option_second(const struct kiln_option *option);
 
 /* Optimal string alignment distance: the number of insertions, deletions, substitutions and swaps of neighbouring
@@ -168,15 +169,15 @@ bool kiln_option_box(const char *text, double box[6]);
 enum { KILN_OPTION_TEXT = 64 };
 const char *kiln_option_text(const struct kiln_job *job, const struct kiln_option *option, char room[KILN_OPTION_TEXT]);
 
-/* The same as it could be given on the command line: with its second value, "mipmap:4", where that was given. */
+/* Text of an option as on the command line: with its second value, "mipmap:4", if that was given. */
 const char *kiln_option_argument(const struct kiln_job *job, const struct kiln_option *option,
                                  char room[KILN_OPTION_TEXT]);
 
-/* Whether the option was given behind the value of another and a colon, not by its own name. */
+/* Whether the option was given after another's value and a colon, not by its own name. */
 bool kiln_option_behind(const struct kiln_job *job, const struct kiln_option *option);
 
-/* Prints the screen of `kiln help` (`command` NULL), or of `kiln COMMAND --help`: the options that are common, or with
- * `all` all of them. Lines are as long as the terminal is wide. */
+/* Prints the screen of `kiln help` (`command` NULL), or of `kiln COMMAND --help`: the common options, with `all` every
+ * option. Lines are as long as the terminal is wide. */
 void kiln_help(FILE *stream, const struct kiln_command *command, bool all);
 
 #endif

@@ -11,8 +11,8 @@
 
 static void *field(struct kiln_job *job, const struct kiln_option *option) { return (char *)job + option->offset; }
 
-/* Parses a decimal number of digits, signs, one point and an exponent. Refuses what strtod accepts besides (nan, inf,
- * hexadecimal numbers, leading blanks). */
+/* Parses a decimal number: digits, signs, one point and an exponent. Other forms that strtod accepts are refused (nan,
+ * inf, hexadecimal numbers, leading blanks). */
 static bool decimal(const char *text, double *value)
 {
     if (text[0] == '\0' || text[strspn(text, "0123456789+-.eE")] != '\0')
@@ -235,7 +235,7 @@ static int set_environment(struct kiln_job *job, const struct kiln_option *optio
     return kiln_job_keep_path(job, text, folder, field(job, option), error);
 }
 
-/* Adds a line to those that were given before. */
+/* Appends a line to the lines given before. */
 static int add_line(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
                     int status, struct kiln_error *error)
 {

@@ -81,8 +81,8 @@ static void hull_extent(const struct point *hull, size_t count, double c, double
     }
 }
 
-/* Rotates the chart to the bounding box of least area (one side of which lies along an edge of the hull), with the
- * longer side along u, and moves the box to the origin. */
+/* Rotates the chart to the bounding box of least area, which has a side along an edge of the hull. The longer side is
+ * put along u, and the box's corner at the origin. */
 static void align_chart(struct maker *m, struct kiln_chart *chart, size_t point_count)
 {
     struct point *hull = m->points + m->topology->vertex_count;
@@ -205,8 +205,8 @@ static int chart_overlaps(struct maker *m, const struct kiln_chart *chart, bool 
     return KILN_OK;
 }
 
-/* Breadth-first walk through the triangles of one label, from the `filled` triangles in the queue (already marked),
- * until `limit` are reached. Marks `side`. Returns how many triangles were reached. */
+/* Visits the triangles of one label breadth-first, starting with the `filled` triangles in the queue (already marked),
+ * until `limit` triangles are reached. Marks `side`. Returns the number of triangles reached. */
 static size_t walk(struct maker *m, uint32_t label, size_t filled, size_t limit)
 {
     const struct kiln_topology *t = m->topology;
@@ -229,8 +229,7 @@ static void clear_sides(struct maker *m, const uint32_t *order, size_t count)
         m->side[order[i]] = KILN_NONE;
 }
 
-/* Splits a candidate into two connected halves: two regions that grow at the same rate from two triangles far from each
- * other. */
+/* Splits a candidate into two connected halves, by two regions that grow at the same rate from distant triangles. */
 static void split_candidate(struct maker *m, const struct candidate *candidate, struct candidate halves[2])
 {
     uint32_t *order = m->charts->order + candidate->first;
@@ -309,7 +308,7 @@ static void order_triangles(struct maker *m, const struct kiln_segments *segment
     for (size_t s = 0; s < segments->count; s++)
         first[s + 1] += first[s];
     m->charts->order_count = first[segments->count];
-    /* the queue is large enough: there are no more segments than triangles */
+    /* the queue has room: there are at most as many segments as triangles */
     memcpy(m->queue, first, segments->count * sizeof *first);
     for (size_t i = 0; i < count; i++) {
         m->label[i] = segments->segment[i];

@@ -6,12 +6,13 @@
 
 #include "worker/base/memory.h"
 
-/* the fraction aimed at to stay below a quarter: sides are rounded up, and packing cannot be predicted to the texel */
+/* largest fraction of all texels for one object, chosen so that it stays below a quarter: sides are rounded up, and
+ * packing is not predictable to the texel */
 static const double largest_fraction = 0.24;
-/* the fraction of the target that all objects of least size together take at most */
+/* largest fraction of the target for all objects of least size together */
 static const double small_fraction = 0.125;
-/* least texels across the largest object of another size; objects that may be vast; the ratio of areas of another size
- */
+/* LEAST_NEXT: least texels across the largest object of another size; VAST_MOST: most vast objects; ANOTHER_SIZE:
+ * ratio of areas from which on objects have different sizes */
 enum { LEAST_SIDE = 8, ROUNDS_MAX = 200, LEAST_NEXT = 4, VAST_MOST = 64, ANOTHER_SIZE = 16 };
 
 /* Rounds to the nearest, by ratio, of ten round numbers per decade. */
@@ -44,7 +45,7 @@ struct chooser {
     const struct kiln_density_demand *demands;
     bool *vast; /* per object */
     size_t count, largest;
-    double most, least; /* the most texels of an object; the fewest along a longer side */
+    double most, least; /* most texels of an object; least texels along a longer side */
 };
 
 static bool is_larger(const struct kiln_density_demand *a, const struct kiln_density_demand *b)
@@ -52,8 +53,8 @@ static bool is_larger(const struct kiln_density_demand *a, const struct kiln_den
     return a->factor != b->factor ? a->factor > b->factor : a->area > b->area;
 }
 
-/* The largest object that is not vast and has at most so many m2; SIZE_MAX: there is none. Objects whose density a
- * factor lowers come last: nobody looks at them. */
+/* Returns the largest object that is not vast and has at most `area` m2; SIZE_MAX: none. Objects whose density a factor
+ * lowers come last, since they are hardly looked at. */
 static size_t find_largest(const struct chooser *c, double area)
 {
     size_t largest = SIZE_MAX;
@@ -76,7 +77,8 @@ static double bounded(const struct chooser *c, size_t index, double common)
     return c->vast[index] ? limited : fmax(limited, wanted / KILN_DENSITY_SPREAD);
 }
 
-/* The same, with a longer side of c->least texels at least, as far as the largest object's density allows. */
+/* Returns the density as bounded(), but so that the longer side has at least c->least texels, as far as the largest
+ * object's density allows. */
 static double density_of(const struct chooser *c, size_t index, double common)
 {
     const double density = bounded(c, index, common), small = c->least / c->demands[index].longer;
@@ -108,7 +110,7 @@ static double solve_common(const struct chooser *c, double target)
     for (size_t i = 0; i < c->count; i++) {
         if (!is_wanted(&c->demands[i]))
             continue;
-        /* from this density on the object has the most it may have */
+        /* at this density and above the object has its largest number of texels */
         const double full = sqrt(c->most / c->demands[i].texels) / c->demands[i].factor;
         high = fmax(high, full);
         low = fmin(low, full);
@@ -124,8 +126,8 @@ static double solve_common(const struct chooser *c, double target)
     return high;
 }
 
-/* The most texels an object may have, as a fraction of the real sum: a rounded density makes more or fewer texels than
- * the target. Finds the largest number of texels that is `fraction` of the sum it leads to, by iteration from above. */
+/* Sets the most texels of an object as a fraction of the actual sum, which differs from the target, since densities are
+ * rounded. It is the largest number that is `fraction` of the sum it leads to, found by iteration from above. */
 static void settle_most(struct chooser *c, double fraction, double common)
 {
     c->most = INFINITY;
@@ -138,7 +140,8 @@ static void settle_most(struct chooser *c, double fraction, double common)
     }
 }
 
-/* Whether the largest object is vast: limited, and by it the largest of those of another size would be too coarse. */
+/* Whether the largest object is vast: it is limited, and if others depended on it, the largest object of another size
+ * would be too coarse. */
 static bool is_vast(const struct chooser *c, double common)
 {
     if (c->largest == SIZE_MAX)

@@ -25,13 +25,13 @@
 
 /* An object's lightmap at one texel a metre. */
 struct kiln_density_demand {
-    double area;   /* of its surface, m2: says which object is the largest */
+    double area;   /* m2 of its surface; determines the largest object */
     double texels; /* texels of the whole lightmap; 0: the object has no area */
     double longer; /* texels along the longer side */
-    bool ground;   /* flat, 100 m long, and 4 times as wide and long as all other objects together: it is vast */
+    bool ground;   /* flat, 100 m long, and 4 times as wide and long as all other objects together: a vast object */
     double factor; /* a factor on the object's texels a metre, applied before the limits; normally 1 */
-    /* the root of the texels that lie on a m2 of the surface, on average, at one texel a metre: above 1 in uneven
-     * layouts, which have more texels than their lengths tell */
+    /* root of the mean number of texels per m2 of the surface, at one texel a metre: above 1 in uneven layouts, which
+     * have more texels than their side lengths suggest */
     double mean;
 };
 
@@ -39,7 +39,7 @@ struct kiln_density {
     double texels_per_metre; /* density of all objects but the exceptions */
     double most_texels;      /* the most texels that an object may have */
     uint32_t least_side;     /* the fewest texels along the longer side of a lightmap */
-    size_t largest;          /* the object that bounds the others; SIZE_MAX: none has any area */
+    size_t largest;          /* object whose density bounds the others; SIZE_MAX: no object has any area */
     double *of;              /* per object: its texels a metre */
 };
 

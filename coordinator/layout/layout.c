@@ -12,22 +12,24 @@
 #include "worker/base/memory.h"
 
 enum { DEFAULT_MAX = 4096, DEFAULT_PADDING = 2, LARGEST_SIDE = 1 << 16, NOTES_MAX = 16 };
-/* texels of all lightmaps that settings of the file itself may ask for: 2^25, or so many times what there would be
- * without these settings where the user names a density or a size */
+/* most texels of all lightmaps that settings in the file itself may cause: 2^25 or, if the user gives a density or a
+ * size, OWN_TIMES the number without these settings */
 static const double OWN_TEXELS = 33554432.0, OWN_TIMES = 16.0;
 static const double SCENE_TEXELS = 262144.0; /* 2^18: texels of the whole scene with automatic density */
-/* fraction of a lightmap that kiln's own layouts fill, assumed before one is made */
+/* fraction of a lightmap that one of kiln's layouts fills; assumed until it is made */
 static const double EXPECTED_USE = 0.7;
 /* 2^20: texels of the whole scene, at most, when densities are raised so that charts lie further apart */
 static const double PADDED_TEXELS = 1048576.0;
 /* fraction of a layout's chart borders that may lie nearer than two texels to another chart */
 static const double CLOSE_FRACTION = 0.01;
-/* fraction of the texels of a lightmap of backs that charts may share: four times as many texels are a high price */
+/* fraction of shared texels that is accepted in a back's lightmap, since avoiding them costs four times as many
+ * texels */
 static const double SHARED_OF_BACKS = 1e-4;
-/* ground: how flat, of its longest side; how many times as wide and long as all other objects; its longest side, m */
+/* ground: limit of its height relative to its longest side; least width and length relative to all other objects; least
+ * longest side, m */
 static const double GROUND_FLAT = 0.02, GROUND_SPREAD = 4.0, GROUND_LEAST = 100.0;
-static const double RAISE_MAX = 4.0; /* a density is raised by at most this factor, for that */
-/* factor on the density of a caster-only object, whose lightmap nobody sees */
+static const double RAISE_MAX = 4.0; /* largest factor by which a density is raised for that purpose */
+/* factor on the density of a caster-only object, whose lightmap is not seen */
 static const double CASTER_FACTOR = 0.25;
 
 /* Measure of an object for its lightmap: its area in the world, m2, and the metres that a unit of u and of v spans
@@ -51,7 +53,7 @@ struct sized_padding {
 
 /* Decisions on a mesh's layout. */
 struct mesh_plan {
-    bool unwrap; /* unwrap, or repack: an unwrapping whose charts are given */
+    bool unwrap; /* a layout is made: by unwrapping, or by repacking given charts */
     bool repack;
     bool parted;      /* repacked because charts shared texels */
     size_t reference; /* the mesh's object with the most texels, for which it is unwrapped; SIZE_MAX: none */
@@ -59,9 +61,9 @@ struct mesh_plan {
     struct measure measure; /* of the reference object, in the new layout */
     struct shape shape;
     double use;                     /* fraction of the lightmap that the layout fills */
-    double density;                 /* the density that it was unwrapped for */
-    bool sized;                     /* unwrapped for a given size; the density is then a result */
-    struct sized_padding *paddings; /* one for each lightmap size the layout was measured at */
+    double density;                 /* density for which the layout was made */
+    bool sized;                     /* the layout was made for a given size, and the density is a result */
+    struct sized_padding *paddings; /* one per lightmap size at which the padding of the layout was measured */
     size_t padding_count, padding_capacity;
     double metres[2]; /* repack: metres that a unit of u and of v of the file's layout spans on the reference object */
 };
@@ -77,10 +79,10 @@ struct planner {
     uint64_t *source;            /* per new vertex: the old vertex it copies (index among all meshes' vertices) */
     struct kiln_vec2 *uv;
     size_t vertex_count, source_capacity, uv_capacity;
-    size_t ground; /* the object that is ground around all others; SIZE_MAX: there is none */
+    size_t ground;                                             /* ground object around all others; SIZE_MAX: none */
     size_t absent, refused, unclean, capped, shared, repacked; /* counts for notes */
-    /* meshes whose charts shared texels; of those the one with the most shared texels in a lightmap, and their number
-     */
+    /* meshes whose charts share texels: their number, the one with the most shared texels in a lightmap, and that
+     * number of texels */
     size_t parted, most_shared_mesh;
     uint64_t most_shared;
     uint32_t most_shared_size[2]; /* that lightmap's sides, texels */
@@ -278,8 +280,8 @@ static void enclose(const struct planner *p, size_t index, struct box *box)
     }
 }
 
-/* Finds an object that is ground around all others: the largest, flat, GROUND_LEAST long, and GROUND_SPREAD times as
- * wide and as long as the others together. A floor of a room is none. */
+/* Finds the ground: an object that lies around all others. It is the largest one, flat, at least GROUND_LEAST long, and
+ * GROUND_SPREAD times as wide and as long as all others together. The floor of a room is no ground. */
 static void find_ground(struct planner *p)
 {
     struct box own = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}}, rest = own;
@@ -332,7 +334,8 @@ static uint32_t own_size(const struct planner *p, size_t index)
     return size == 0 ? 0 : (uint32_t)fmin(fmax(1.0, round(size * scale_of(p, index) * role_factor(p, index))), most);
 }
 
-/* The root of the texels on a m2 of an object's surface, on average, in a lightmap of one texel a metre. */
+/* Returns the mean density of an object in a lightmap of one texel per metre: the square root of texels per m2 of its
+ * surface. */
 static double mean_density(const struct planner *p, size_t index)
 {
     const struct measure *m = &p->measures[index];
@@ -341,8 +344,8 @@ static double mean_density(const struct planner *p, size_t index)
     return !p->plans[objects(p)[index].mesh].unwrap && isfinite(mean) && mean > 0.0 ? mean : 1.0;
 }
 
-/* An object's demand for texels. An object whose size the user gives demands none. One with a density-scale demands
- * what it would without, and is scaled afterwards. */
+/* Makes an object's demand for texels. An object with a given size demands none. One with a density-scale demands as
+ * many as without it, and is scaled afterwards. */
 static struct kiln_density_demand demand_of(const struct planner *p, size_t index)
 {
     const struct measure *m = &p->measures[index];
@@ -356,7 +359,7 @@ static struct kiln_density_demand demand_of(const struct planner *p, size_t inde
     return demand;
 }
 
-/* Whether automatic density gives the object no more because of the largest one. */
+/* Whether automatic density gives the object no more because of the limit relative to the largest object. */
 static bool is_bounded(const struct planner *p, size_t index)
 {
     const size_t largest = p->density.largest;
@@ -384,7 +387,7 @@ static uint32_t reason_of(const struct planner *p, size_t index, const struct ki
     return settings_of(p, index)->role == KILN_ROLE_CASTER_ONLY ? KILN_DENSITY_CASTER : KILN_DENSITY_COMMON;
 }
 
-/* All objects get the density that the user names, times their own factor. */
+/* Gives all objects the user's density, times their own factors. */
 static int name_densities(struct planner *p, struct kiln_error *error)
 {
     p->density = (struct kiln_density){
@@ -405,14 +408,15 @@ static int deal_densities(struct planner *p, struct kiln_density_demand *demands
                : kiln_density_choose(&p->density, demands, object_count(p), SCENE_TEXELS, error);
 }
 
-/* ---- how many texels there may be ---- */
+/* ---- limits of the number of texels ---- */
 
 static double side_at(const struct planner *p, double texels)
 {
     return isfinite(texels) ? fmin(fmax(ceil(texels), 1.0), p->params.lightmap_max) : 1.0;
 }
 
-/* Texels of an object's lightmap at a density, as far as its mesh is known by now; `size`: at that side instead. */
+/* Estimates the texels of an object's lightmap at a density, as far as its mesh is known so far. `size`: side to use
+ * instead. */
 static double texels_at(const struct planner *p, size_t index, double density, double size)
 {
     const struct measure *m = &p->measures[index];
@@ -425,7 +429,7 @@ static double texels_at(const struct planner *p, size_t index, double density, d
     return side * side;
 }
 
-/* Texels of lightmaps: of all, of one object at most, and which one. */
+/* Sum of lightmap texels over objects, the largest number of one object, and that object. */
 struct texel_sum {
     double all, most;
     size_t largest;
@@ -475,8 +479,8 @@ static int judge_texels(const struct planner *p, const struct texel_sum *all, co
     return KILN_OK;
 }
 
-/* The same before anything is done for each texel, with the sizes that densities will give; `sized`: with the sizes
- * that objects have. */
+/* Checks the number of texels before any work per texel, with the sizes that densities will give. `sized`: with the
+ * sizes that objects already have. */
 static int check_texels(const struct planner *p, bool sized, struct kiln_error *error)
 {
     struct texel_sum all = {.all = 0.0}, own = {.all = 0.0};
@@ -494,8 +498,8 @@ static int check_texels(const struct planner *p, bool sized, struct kiln_error *
     return judge_texels(p, &all, &own, plain, error);
 }
 
-/* Automatic density: chooses the common density and each object's. Called again after meshes have been unwrapped, when
- * it is known how well they pack. */
+/* Chooses the common density and each object's, for automatic density. Called again after unwrapping, when it is known
+ * how well the meshes pack. */
 static int choose_densities(struct planner *p, struct kiln_error *error)
 {
     struct kiln_density_demand *demands = NULL;
@@ -642,7 +646,7 @@ static void group_objects(const struct planner *p, size_t *first, size_t *member
     first[mesh_count(p)] = object_count(p);
 }
 
-/* The same, into arrays that the caller frees with kiln_free. */
+/* Does as group_objects, into arrays that the caller frees with kiln_free. */
 static int list_objects(const struct planner *p, size_t **first, size_t **members, struct kiln_error *error)
 {
     int status;
@@ -653,7 +657,7 @@ end:
     return status;
 }
 
-/* Whether the mesh has no layout yet, or one made for a clearly different density. */
+/* Whether the mesh needs a layout: it has none, or one for a clearly different density. */
 static bool is_stale(const struct planner *p, size_t index)
 {
     const struct mesh_plan *plan = &p->plans[index];
@@ -700,7 +704,7 @@ static void size_by_density(const struct planner *p, size_t index, uint32_t *wid
         return;
     }
     const struct kiln_unwrapped *u = plan->unwrapped;
-    /* A size at which at least one texel is left of the padding. */
+    /* sizes with at least one texel of padding left */
     const uint32_t least_width = (u->width + p->params.padding - 1) / p->params.padding;
     const uint32_t least_height = (u->height + p->params.padding - 1) / p->params.padding;
     *width =
@@ -735,12 +739,12 @@ static int size_object(struct planner *p, size_t index, struct kiln_error *error
 
 /* ---- padding ---- */
 
-/* A mesh's layout is measured at this many lightmap sizes, at most: objects of one mesh may be stretched in many ways,
- * and measuring all of them would take many times the import. */
+/* Most lightmap sizes at which a mesh's layout is measured. Objects may stretch a mesh in many ways, and measuring all
+ * of them would take many times the import. */
 enum { PADDINGS_MAX = 12 };
 
-/* The measurement at the lightmap size nearest to width x height. *difference: of the logarithms of the sides; 0 if the
- * size is the same. */
+/* Finds the measurement at the lightmap size nearest to width x height. *difference: that of the logarithms of sides; 0
+ * for the same size. */
 static const struct sized_padding *nearest_padding(const struct mesh_plan *plan, double width, double height,
                                                    double *difference)
 {
@@ -787,7 +791,7 @@ static int measure_padding(struct planner *p, size_t index, double width, double
     return status;
 }
 
-/* Has the charts of the mesh packed anew, for the object with the most texels. */
+/* Marks the mesh's charts for repacking, for the object with the most texels. */
 static void mark_for_repack(struct planner *p, size_t index)
 {
     struct mesh_plan *plan = &p->plans[index];
@@ -828,7 +832,7 @@ static int choose_repacks(struct planner *p, struct kiln_error *error)
 struct raise {
     size_t object;
     double factor, added; /* factor on the lightmap's sides; texels that this adds */
-    double worth;         /* metres of border that are then far enough from other charts, per added texel */
+    double worth;         /* benefit per added texel: metres of border that become far enough from other charts */
 };
 
 static int compare_raises(const void *a, const void *b)
@@ -839,7 +843,8 @@ static int compare_raises(const void *a, const void *b)
     return (p->object > q->object) - (p->object < q->object);
 }
 
-/* Whether automatic density may be raised: the object has its file's layout, and nobody has named its density. */
+/* Whether automatic density may raise the object's: it has its layout from the file, and the user gives no density for
+ * it. */
 static bool may_raise(const struct planner *p, size_t index)
 {
     const struct kiln_object_settings *settings = settings_of(p, index);
@@ -849,7 +854,7 @@ static bool may_raise(const struct planner *p, size_t index)
            m->along_u > 0.0 && m->along_v > 0.0;
 }
 
-/* Whether an object with this density is not too much finer than the largest one. */
+/* Whether the density is not too much finer than that of the largest object. */
 static bool is_even(const struct planner *p, size_t object, double density)
 {
     const size_t largest = p->density.largest;
@@ -920,7 +925,7 @@ static int open_sharing(const struct planner *p, size_t index, struct kiln_shari
                              mesh->triangle_count, error);
 }
 
-/* Counts the shared texels in the lightmaps of the mesh's objects, until one has some. */
+/* Counts the shared texels in the lightmaps of the mesh's objects; stops at the first lightmap with any. */
 static int count_shared(struct planner *p, size_t index, struct kiln_sharing *sharing, const size_t *members,
                         size_t count, uint64_t *texels, struct kiln_error *error)
 {
@@ -943,7 +948,7 @@ static int count_shared(struct planner *p, size_t index, struct kiln_sharing *sh
     return status;
 }
 
-/* The density that an object has without being raised for its file's layout. */
+/* Resets an object's density to that before it was raised for its layout from the file. */
 static void reset_density(struct planner *p, size_t index)
 {
     const struct kiln_density_demand demand = demand_of(p, index);
@@ -974,7 +979,7 @@ static int choose_shared(struct planner *p, const size_t *first, const size_t *m
     return status;
 }
 
-/* Packs the charts of the meshes anew that share texels: at the densities that the objects have. */
+/* Repacks the charts of meshes with shared texels, at the present densities of the objects. */
 static int part_shared(struct planner *p, struct kiln_error *error)
 {
     size_t *first = NULL, *members = NULL;
@@ -1003,8 +1008,8 @@ static bool has_two_sides(const struct planner *p, const struct kiln_mesh *mesh)
     return false;
 }
 
-/* Whether charts that have texels of their own in a lightmap share some in one of half as many a side: more than
- * SHARED_OF_BACKS of them. */
+/* Finds out whether charts that share no texels in the front's lightmap do so in one with half as many texels a side:
+ * more than SHARED_OF_BACKS of all. */
 static int backs_share(struct kiln_sharing *sharing, uint32_t width, uint32_t height, bool *share,
                        struct kiln_error *error)
 {
@@ -1055,7 +1060,7 @@ static int keep_backs_apart(struct planner *p, struct kiln_error *error)
 /* Sums over the padding of all published lightmaps. */
 struct padding_sum {
     struct kiln_padding all;    /* at the sizes that the lightmaps have */
-    struct kiln_padding common; /* at the sizes they would have with the header's density, in texels of that */
+    struct kiln_padding common; /* at the sizes for the header's density, in texels of that density */
     /* counts of lightmaps: with several charts; with more than CLOSE_FRACTION of border too close; with a raised
      * density */
     size_t lightmaps, close, raised;
@@ -1123,7 +1128,7 @@ static double round_up(double value)
     return unit * ceil(value / unit - 1e-9);
 }
 
-/* Writes what would help, as the end of a sentence. `named`: texels a metre or, where the user gives sizes, a side. */
+/* Writes a remedy, as the end of a sentence. `named`: texels a metre or, if the user gives sizes, a side. */
 static void name_remedy(const struct planner *p, double named, char *text, size_t size)
 {
     if (!isfinite(named))
@@ -1245,7 +1250,7 @@ static int note_limited(struct planner *p, size_t index, double at_one, struct k
         string(p, object->name), 100.0 * demand_of(p, index).texels / at_one, p->texels_per_metre, p->densities[index]);
 }
 
-/* Adds notes on objects to which automatic density gave another density than the common one. */
+/* Adds notes on objects whose automatic density differs from the common one. */
 static int note_densities(struct planner *p, struct kiln_error *error)
 {
     size_t small = 0, shared = 0;

@@ -26,25 +26,25 @@ struct kiln_layout_params {
  * lightmap_width and lightmap_height. Fills mesh.uv_area, surface_area and KILN_MESH_UNWRAPPED. Adds notes that say why
  * a UV set was refused. Deterministic.
  *
- * With automatic density, an object that keeps its file's layout gets a higher density if that puts two texels between
- * its charts (padding.h) along all but 1 % of their borders: up to four times the common density, as long as the scene
- * stays below 2^20 texels, and no object has above twice the density of the largest one (density.h). That one comes
- * first, then objects where an added texel separates the most border. Where charts still lie
- * closer, a note says in how many lightmaps, along how much of the borders, and which density would be enough; the
- * scene header's padding_factor says the latter, too.
+ * With automatic density, an object with its file's layout gets a higher density if that separates its charts by two
+ * texels (padding.h) along all but 1 % of their borders: up to four times the common density, as long as the scene
+ * stays below 2^20 texels, and no object exceeds twice the density of the largest one (density.h). The largest object
+ * is raised first, then objects where an added texel separates the most border. If charts still lie closer, a note says
+ * in how many lightmaps, along how much of the borders, and which density would be enough; the scene header's
+ * padding_factor also stores the latter.
  *
  * The lightmaps are refused before any is rasterised (KILN_BAD_INPUT or KILN_USAGE, with the largest object, its
  * density and the remedy) if they have more than `texels_max` texels, or if settings of the file itself
  * (object_settings.h) ask for more than 2^25 and for more than 16 times as many as the user's options alone.
  *
- * Where charts of a valid UV set share texels at the size that an object's lightmap gets (sharing.h), light of one
- * would appear on the other, and be reflected by it. Unless `keep_shared`, such a mesh's charts are packed anew
- * (kiln_repack), and a note says so. */
+ * If charts of a valid UV set share texels at the object's lightmap size (sharing.h), light of one chart would appear
+ * on the other, and be reflected by it. Unless `keep_shared`, such a mesh's charts are packed anew (kiln_repack), and a
+ * note says so. */
 int kiln_layout(struct kiln_builder *builder, const struct kiln_layout_params *params, struct kiln_error *error);
 
-/* Makes no layouts, for stores that need none: every lightmap is one texel, and all coordinates in it are 0. Fills
- * mesh.surface_area and KILN_MESH_NO_LAYOUT, and the header's density: `texels_per_metre` or, with 0, as many as give
- * the whole scene about 2^18 texels. */
+/* Sets up stores that need no layouts: every lightmap is one texel, and all coordinates in it are 0. Fills
+ * mesh.surface_area and KILN_MESH_NO_LAYOUT, and the header's density: `texels_per_metre` or, if 0, the density that
+ * gives the whole scene about 2^18 texels. */
 int kiln_layout_none(struct kiln_builder *builder, double texels_per_metre, struct kiln_error *error);
 
 #endif

@@ -7,16 +7,15 @@
 #include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
-/* How a place for a chart is found. The grid of cells (texels, or finer) is a bitmap of what is taken: the texels that
- * the placed charts touch, and their padding. A chart is rasterised to a mask of the cells it touches, in up to four
- * orientations. The mask is moved over the grid row by row from below; in each row, all x positions are tested at once
- * with shifted words. Large charts are searched in a coarser copy of the grid (struct level). With many charts, a
- * search begins where the last one of like size ended. Around this, pack_largest varies the density and pack_free the
- * width. */
+/* Packing of charts. The grid of cells (texels, or finer) is a bitmap of occupied cells: those that placed charts
+ * touch, and their padding. A chart is rasterised, in up to four orientations, to a mask of the cells it touches. The
+ * mask is moved over the grid row by row from below; in each row, all x positions are tested at once with shifted
+ * words. Large charts are searched in a coarser copy of the grid (struct level). With many charts, a search begins
+ * where the last one of similar size ended. pack_largest varies the density around this, and pack_free the width. */
 enum {
     BORDER = 1,
-    MANY_CHARTS = 256,  /* with at least this many charts, a search starts where the last one of like size ended */
-    TURN_CHARTS = 2000, /* with at least this many charts, only two of the four orientations are tried */
+    MANY_CHARTS = 256,  /* from this number of charts on, a search starts where the last one of similar size ended */
+    TURN_CHARTS = 2000, /* from this number of charts on, only two of the four orientations are tried */
     CLASSES = 64,
     LEVELS = 12,
     CANDIDATES_MAX = 10,
@@ -209,7 +208,7 @@ static struct kiln_bitmap *level_grid(struct packer *p, uint32_t level)
     return level == 0 ? &p->fine : &p->levels[level].blocks;
 }
 
-/* Brings a level up to date and makes it at least `height` blocks high. */
+/* Updates a level, and makes it at least `height` blocks high. */
 static int refresh_level(struct packer *p, uint32_t level, uint32_t height, struct kiln_error *error)
 {
     struct level *l = &p->levels[level];
@@ -437,8 +436,8 @@ static int place(struct packer *p, const struct box *box, bool *fits, struct kil
     return status;
 }
 
-/* One attempt: packs all charts at `density` cells a metre into a grid of `width` x at most `height` cells, border
- * included. */
+/* Attempts to pack all charts at `density` cells a metre into a grid of `width` x at most `height` cells, including the
+ * border. */
 static int attempt(struct packer *p, double density, uint32_t width, uint32_t height, bool *fits,
                    struct kiln_error *error)
 {
@@ -472,7 +471,7 @@ end:
     return status;
 }
 
-/* Cells that the charts need with their padding, estimated from their areas. */
+/* Estimates, from the charts' areas, the cells that they need with their padding. */
 static double needed_cells(const struct packer *p, double density)
 {
     double cells = 0.0;
@@ -484,7 +483,7 @@ static double needed_cells(const struct packer *p, double density)
     return cells;
 }
 
-/* Widths worth trying for a lightmap of free proportions. */
+/* Lists widths to try for a lightmap of free proportions. */
 static size_t candidate_widths(const struct packer *p, double density, uint32_t limit, uint32_t widths[CANDIDATES_MAX])
 {
     double longest = 1.0;

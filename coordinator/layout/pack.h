@@ -14,8 +14,8 @@ struct kiln_pack_params {
 struct kiln_packing {
     uint32_t width, height;  /* texels */
     double texels_per_metre; /* the density reached */
-    /* 1; more where the charts do not fit with a texel each: then the charts were packed in a grid this many times
-     * finer, and several charts share a texel */
+    /* 1; more if the charts do not fit with a texel each: they are then packed in a grid this many times finer, where
+     * several charts share a texel */
     uint32_t cells;
     /* per chart: its position (a, b), m, lies at (m[0] a + m[1] b + m[2], m[3] a + m[4] b + m[5]) of 0..1 */
     double (*maps)[6];

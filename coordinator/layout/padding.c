@@ -11,7 +11,7 @@
 #include "worker/base/memory.h"
 
 enum { CELLS_MAX = 1 << 22, CELL_ENTRIES = 8, RINGS_MAX = 16, ENTRIES_MAX = 1 << 26 };
-/* texels between samples of a border; more where there would be very many samples */
+/* distance between samples of a border, texels; larger if there would be too many samples */
 static const double STEP = 0.5;
 static const double SAMPLES_MAX = 1 << 23;
 static const double TOLERANCE = 1.0 / 64.0; /* texels: packers put charts two texels apart, up to rounding */
@@ -22,7 +22,7 @@ struct key {
     uint32_t words[5];
 };
 
-/* Adding 0 makes -0 and 0 the same bits. */
+/* adding 0 turns -0 into 0, so that both have the same bits */
 static struct key key_of(const struct kiln_vec3 *positions, const struct kiln_vec2 *uv, uint32_t v)
 {
     const float values[5] = {positions[v].x + 0.0f, positions[v].y + 0.0f, positions[v].z + 0.0f, uv[v].x + 0.0f,
@@ -32,7 +32,7 @@ static struct key key_of(const struct kiln_vec3 *positions, const struct kiln_ve
     return key;
 }
 
-/* first[v] is the first vertex with the same position and coordinate. */
+/* Joins equal vertices: first[v] is the first one with v's position and coordinate. */
 static int join_vertices(uint32_t *first, const struct kiln_vec3 *positions, const struct kiln_vec2 *uv, size_t count,
                          struct kiln_error *error)
 {
@@ -60,7 +60,7 @@ static int join_vertices(uint32_t *first, const struct kiln_vec3 *positions, con
     return KILN_OK;
 }
 
-/* A hash table of edges. An entry is an edge's first triangle and corner, + 1; 0: free. */
+/* A hash table of edges. An entry is the first triangle of an edge and its corner, + 1; 0: free. */
 struct edge_table {
     uint32_t *entries;
     size_t slots;
@@ -74,7 +74,7 @@ static void edge_ends(const uint32_t *first, const uint32_t *triangles, uint32_t
     *high = a < b ? b : a;
 }
 
-/* Joins the triangle to the first triangle that has the same edge, if there is one. */
+/* Joins the triangle to the first one with the same edge, if there is one. */
 static void join_edge(struct edge_table *table, const uint32_t *first, const uint32_t *triangles, uint32_t edge,
                       uint32_t *parent, uint8_t *borders)
 {
@@ -184,7 +184,7 @@ static void enter(struct grid *g, uint32_t index, bool count)
             if (count)
                 g->first[cell + 1]++;
             else
-                /* fills the cell's entries from their end to their beginning */
+                /* cells are filled from their end to their beginning */
                 g->entries[--g->first[cell + 1]] = index;
         }
     }
@@ -198,7 +198,7 @@ static void choose_cell(struct grid *g, double cell, double width, double height
     g->down = (uint32_t)fmax(1.0, ceil(height / cell));
 }
 
-/* Chooses cells of two texels, or smaller ones where many segments would share one. */
+/* Chooses cells of two texels, or smaller ones if cells would have many segments. */
 static void size_grid(struct grid *g, double width, double height)
 {
     double cell = KILN_PADDING_TEXELS;
@@ -258,7 +258,7 @@ static double distance_to(const struct segment *s, const double p[2])
     return best;
 }
 
-/* Whether the box around a segment is farther from a point than so much; not where rounding might decide. */
+/* Whether the box around a segment is farther from a point than `distance`, by more than rounding errors. */
 static bool is_beyond(const struct segment *s, const double p[2], double distance)
 {
     const double reach = distance + TOLERANCE;
@@ -282,8 +282,8 @@ static double nearest_in_cell(const struct grid *g, const double p[2], uint32_t 
     return best;
 }
 
-/* Distance from a point of a chart to the nearest other chart, at most two texels: searches the cells around it in
- * growing rings. */
+/* Returns the distance from a point of a chart to the nearest other chart, at most two texels. It searches growing
+ * rings of cells. */
 static double nearest_other(const struct grid *g, const double p[2], uint32_t chart)
 {
     const int64_t cx = cell_at(p[0], g->cell, g->across), cy = cell_at(p[1], g->cell, g->down);
@@ -312,7 +312,7 @@ static void count_length(struct kiln_padding *padding, double distance, double l
 
 static double length_of(const struct segment *s) { return hypot(s->to[0] - s->from[0], s->to[1] - s->from[1]); }
 
-/* Samples all borders as if they were one line, at even steps along it. */
+/* Samples all borders at even steps, as if they were one line. */
 static void measure_segments(struct kiln_padding *padding, const struct grid *g, uint8_t *is_close)
 {
     double total = 0.0;

@@ -43,7 +43,7 @@ uint32_t kiln_bitmap_set_run(struct kiln_bitmap *bitmap, uint32_t y, uint32_t fi
 
 static double clamped(double value, double low, double high) { return value < low ? low : value > high ? high : value; }
 
-/* The x at which the edge crosses the horizontal line; the same bits in whichever direction the edge is given. */
+/* Returns the x at which the edge crosses a horizontal line, with the same bits for both directions of the edge. */
 static double edge_at(const double a[2], const double b[2], double y)
 {
     const double *low = a[1] < b[1] ? a : b, *high = a[1] < b[1] ? b : a;

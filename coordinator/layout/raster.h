@@ -1,6 +1,6 @@
-/* Bitmaps, and two ways to rasterise triangles into them: by sample points (to find what is covered twice) and
- * conservatively (which cells a triangle lies in, however little). Coordinates are in units of bitmap cells; cell (x,
- * y) is the square [x, x+1) x [y, y+1). */
+/* Bitmaps, and two ways to rasterise triangles into them: at sample points (to find double coverage), and
+ * conservatively (all cells that a triangle touches). Coordinates are in units of bitmap cells; cell (x, y) is the
+ * square [x, x+1) x [y, y+1). */
 #ifndef KILN_COORDINATOR_LAYOUT_RASTER_H
 #define KILN_COORDINATOR_LAYOUT_RASTER_H
 
@@ -31,10 +31,10 @@ uint32_t kiln_bitmap_set_run(struct kiln_bitmap *bitmap, uint32_t y, uint32_t fi
  * cells, and to `again` the number of those that were set before. */
 void kiln_raster_samples(struct kiln_bitmap *bitmap, const double corner[3][2], uint64_t *covered, uint64_t *again);
 
-/* Cells first .. end-1 of row y. */
+/* Callback for the cells first .. end-1 of row y. */
 typedef void kiln_raster_taker(void *taker, uint32_t y, uint32_t first, uint32_t end);
 
-/* Gives `take` the cells of a grid of width x height that the triangle lies in by more than `tolerance` in both
+/* Passes to `take` the cells of a width x height grid that the triangle overlaps by more than `tolerance` in both
  * directions; at least one. All corners must lie inside the grid. Rows outside `low` .. `high`-1 are left out. */
 void kiln_raster_rows(const double corner[3][2], double tolerance, uint32_t width, uint32_t height, uint32_t low,
                       uint32_t high, kiln_raster_taker *take, void *taker);

@@ -6,7 +6,7 @@
 #include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
-/* Triangles whose normals are this near to the seed's join its flat patch. */
+/* Least cosine between a triangle's normal and that of the seed of its flat patch. */
 static const double FLAT_COSINE = 0.9994; /* 2 degrees */
 /* Two pieces are not merged over a border shorter than this fraction of the smaller piece's outline: the chart would be
  * two charts joined by a narrow strip. */
@@ -135,7 +135,7 @@ static bool borders_pair(const struct border *border, uint32_t a, uint32_t b)
            ((border->piece[0] == a && border->piece[1] == b) || (border->piece[0] == b && border->piece[1] == a));
 }
 
-/* The border between two pieces; if none, KILN_NONE, and in *free_slot the slot to put it. */
+/* Returns the border between two pieces; KILN_NONE if there is none, with the slot for it in *free_slot. */
 static uint32_t table_find(const struct merger *m, uint32_t a, uint32_t b, size_t *free_slot)
 {
     size_t slot = table_slot(m, a, b);
@@ -320,8 +320,8 @@ static int merge(struct merger *m, uint32_t border, struct kiln_error *error)
     return status;
 }
 
-/* Merges in order of cost. Costs in the heap may be out of date: the cost of what comes out is computed again, and it
- * is put back if it has grown. */
+/* Merges pieces in the order of cost. Costs in the heap may be outdated: the cost of an entry taken out is computed
+ * again, and the entry is put back if it has grown. */
 static int merge_all(struct merger *m, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -347,8 +347,8 @@ static uint32_t find_piece(const struct merger *m, uint32_t piece)
     return piece;
 }
 
-/* Numbers the remaining pieces by their first triangle and computes exact cones, as merged cones are wider than needed:
- * the narrower of two, one about the cone's axis so far and one about the mean normal. */
+/* Numbers the remaining pieces by their first triangle and computes exact cones, since merged cones are wider than
+ * needed. Of two cones, about the axis so far and about the mean normal, the narrower one is taken. */
 static int renumber(struct merger *m, struct kiln_error *error)
 {
     const struct kiln_topology *t = m->topology;
@@ -383,7 +383,7 @@ static int renumber(struct merger *m, struct kiln_error *error)
     for (size_t i = 0; i < count; i++) {
         const double length = dvec3_length(sums[i]);
         sums[i] = length > 0.0 ? dvec3_scale(sums[i], 1.0 / length) : pieces[i].cone.axis;
-        m->pieces[i].cone = (struct cone){.axis = sums[i]}; /* the second candidate, until all angles are known */
+        m->pieces[i].cone = (struct cone){.axis = sums[i]}; /* second candidate cone; its angle is found below */
     }
     for (size_t i = 0; i < t->triangle_count; i++) {
         if (m->patch[i] == KILN_NONE)

@@ -10,7 +10,7 @@
 #include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
-/* texels: what a triangle lies in by less is none of its texels; what edges differ by at most is rounding */
+/* least depth at which a triangle covers a texel; largest difference of edges that counts as rounding; texels */
 static const double TOUCH = 1e-3, ROUNDING = 1.0 / 16.0;
 
 enum { OWNERS_MAX = 1 << 22 }; /* texels that are looked at at once, in whole rows */
@@ -18,7 +18,7 @@ enum { OWNERS_MAX = 1 << 22 }; /* texels that are looked at at once, in whole ro
 /* An edge that two charts have in common in space. */
 struct kiln_seam {
     uint32_t chart[2];
-    double apart[2]; /* how far its ends lie apart in the layout, at most: along u and along v */
+    double apart[2]; /* largest distance of its ends in the layout, along u and along v */
 };
 
 /* ---- seams ---- */
@@ -74,7 +74,8 @@ static struct kiln_seam seam_of(const struct border *a, const struct border *b)
     return seam;
 }
 
-/* Each border edge makes a seam with the one before it that has the same ends: of many in one place, a chain. */
+/* Lists the seams. Each border edge makes one with the edge before it that has the same ends; several edges at one
+ * place make a chain. */
 static int list_seams(struct kiln_sharing *s, const struct kiln_vec3 *positions, const uint8_t *borders,
                       struct kiln_error *error)
 {
@@ -135,7 +136,7 @@ static void join_charts(struct kiln_sharing *s, const double scale[2])
 
 /* ---- texels ---- */
 
-/* Texels with several charts: no number of a chart + 1. */
+/* owner of a texel with several charts: no number of a chart + 1 */
 static const uint32_t SEVERAL = UINT32_MAX;
 
 /* The rows low .. high-1 of the lightmap. */

@@ -21,7 +21,7 @@ struct kiln_sharing {
     const uint32_t *triangles; /* 3 per triangle */
     size_t triangle_count, chart_count;
     uint32_t *chart; /* one per triangle, as kiln_padding_charts numbers them */
-    /* edges that charts have in common in space, and how far apart they lie in the layout */
+    /* edges shared by charts in space, and their distance in the layout */
     struct kiln_seam *seams;
     size_t seam_count;
     uint32_t *owners, *joined; /* working memory: per texel, per chart */
@@ -33,11 +33,11 @@ struct kiln_sharing {
 int kiln_sharing_open(struct kiln_sharing *sharing, const struct kiln_vec3 *positions, const struct kiln_vec2 *uv,
                       size_t vertex_count, const uint32_t *triangles, size_t triangle_count, struct kiln_error *error);
 
-/* Counts into *texels the texels of a lightmap that triangles of several charts lie in, each by more than 1/1000 texel
- * in both directions. Charts that go on in each other in space, along an edge that is the same in the layout up to 1/16
- * texel (rounding), count as one. The lightmap is width x height texels in units of 1 << shift of them: rounded up, as
- * lightmaps of backs are (worker/scene/surface.h). Triangles without area in the layout count nothing: they lie on
- * another chart wherever that is. Takes 16 MiB at most, and time in proportion to texels and triangles. Deterministic.
+/* Counts into *texels the texels of a lightmap that triangles of several charts overlap, each by more than 1/1000 texel
+ * in both directions. Charts that continue each other in space, along an edge with the same layout coordinates up to
+ * 1/16 texel (rounding), count as one. The lightmap is width x height texels in units of 1 << shift: rounded up, like
+ * lightmaps of backs (worker/scene/surface.h). Triangles without area in the layout are ignored, since they lie on
+ * another chart anyway. Takes 16 MiB at most, and time in proportion to texels and triangles. Deterministic.
  * KILN_SYSTEM. */
 int kiln_sharing_count(struct kiln_sharing *sharing, uint32_t width, uint32_t height, uint32_t shift, uint64_t *texels,
                        struct kiln_error *error);

@@ -41,7 +41,7 @@ static void measure_triangles(struct kiln_topology *t)
     }
 }
 
-/* Finds for each vertex v the first vertex with v's coordinates, weld[v]. */
+/* Welds vertices: weld[v] is the first vertex with the coordinates of v. */
 static int weld_vertices(const struct kiln_topology *t, const struct kiln_vec3 *positions, uint32_t *weld,
                          struct kiln_error *error)
 {

@@ -32,7 +32,7 @@ int kiln_topology_create(struct kiln_topology **topology, const struct kiln_vec3
                          struct kiln_error *error);
 void kiln_topology_destroy(struct kiln_topology **topology);
 
-/* A 64-bit hash for the tables of this room. */
+/* A 64-bit hash for the hash tables of this directory. */
 static inline uint64_t kiln_layout_mix(uint64_t x)
 {
     x ^= x >> 32;

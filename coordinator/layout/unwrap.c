@@ -51,7 +51,7 @@ static int lay_charts(struct kiln_unwrapped *u, const struct kiln_topology *t, c
     return status;
 }
 
-/* Gives each degenerate triangle one point: that of a corner which lies on a chart, else that of the first vertex. */
+/* Gives each degenerate triangle a single point: a corner that lies on a chart, or else the first vertex. */
 static int lay_degenerate(struct kiln_unwrapped *u, const struct kiln_topology *t, const uint32_t *copy,
                           const uint32_t *made, struct kiln_error *error)
 {
@@ -140,7 +140,7 @@ int kiln_unwrap(struct kiln_unwrapped **unwrapped, const struct kiln_vec3 *posit
 
 /* ---- charts that are given ---- */
 
-/* The existing layout as a flat mesh, in metres. */
+/* Makes a flat mesh, in metres, of the existing layout. */
 static int flat_topology(struct kiln_topology *t, const struct kiln_vec2 *uv, size_t vertex_count,
                          const uint32_t *triangles, size_t triangle_count, const double metres[2],
                          struct kiln_error *error)
@@ -202,7 +202,7 @@ static int fill_charts(struct kiln_charts *charts, const struct kiln_topology *t
     }
     for (size_t i = 0; i < t->triangle_count; i++)
         if (t->areas[i] > 0.0) {
-            /* this moves each chart's entry of `first` to the chart's end */
+            /* moves the chart's entry of `first` towards the chart's end */
             charts->order[first[chart[i]]++] = (uint32_t)i;
             charts->order_count++;
         }

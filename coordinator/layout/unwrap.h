@@ -11,14 +11,14 @@
 
 struct kiln_unwrap_params {
     double linear[9]; /* row-major: maps mesh space to the space in which areas are measured */
-    /* wanted in that space; with `size` only an estimate that sets how finely charts are tested for overlap */
+    /* desired density in that space; with `size` only an estimate, for the resolution of the overlap test */
     double texels_per_metre;
     uint32_t padding; /* texels */
     uint32_t size;    /* the lightmap is size x size texels; 0: as large as the density needs */
     uint32_t max;     /* largest side, texels */
 };
 
-/* The new layout. A vertex where several charts meet is there once for each of them. */
+/* The new layout. A vertex where several charts meet has one copy for each chart. */
 struct kiln_unwrapped {
     size_t vertex_count;
     uint32_t *source;     /* per vertex: the old vertex that it copies */

@@ -9,10 +9,10 @@
 
 enum { NONE = UINT32_MAX, MOST_ITERATIONS = 1000 };
 
-/* Conjugate gradients end when the square of the residual is so small relative to the right side's. */
+/* Limit at which conjugate gradients end: the squared residual relative to that of the right side. */
 #define SMALL 1e-16
 
-/* `lanes` is a constant where these functions are used. */
+/* Functions with LANE_CODE are inlined, so that `lanes` is a constant in them. */
 #define LANE_CODE static inline __attribute__((always_inline))
 
 size_t kiln_cholesky_lanes(size_t matrices)
@@ -55,7 +55,7 @@ static inline size_t row_of(const struct kiln_elimination *e, size_t column, siz
     return e->rows[e->first_row[column] + (k - e->first[column])];
 }
 
-/* Lets a column wait for the row of its entry `next`, unless that is its last. */
+/* Puts a column on the list of those that wait for the row of its entry `next`, unless all of its entries were used. */
 static inline void wait_for_row(struct kiln_cholesky *c, uint32_t column, size_t next)
 {
     const struct kiln_elimination *e = c->elimination;
@@ -67,7 +67,7 @@ static inline void wait_for_row(struct kiln_cholesky *c, uint32_t column, size_t
     c->waiting[row] = column;
 }
 
-/* Takes from column j what an earlier one, which has an entry in row j, gives. */
+/* Subtracts the contribution of an earlier column, which has an entry in row j, from column j. */
 LANE_CODE void subtract_column(struct kiln_cholesky *c, const size_t lanes, uint32_t earlier)
 {
     const struct kiln_elimination *e = c->elimination;
@@ -85,7 +85,7 @@ LANE_CODE void subtract_column(struct kiln_cholesky *c, const size_t lanes, uint
     }
 }
 
-/* The matrix' column, as the beginning of L's. */
+/* Initializes column j of L with the matrix' column. */
 LANE_CODE void begin_column(struct kiln_cholesky *c, const size_t lanes, uint32_t j)
 {
     const struct kiln_elimination *e = c->elimination;
@@ -95,7 +95,7 @@ LANE_CODE void begin_column(struct kiln_cholesky *c, const size_t lanes, uint32_
             c->column[row_of(e, j, k) * lanes + l] = c->matrix[k];
 }
 
-/* An eliminated column is divided by its diagonal; one of the core remains as it is. */
+/* Finishes a column: divides it by its diagonal if it is eliminated. A column of the core stays as it is. */
 LANE_CODE void end_column(struct kiln_cholesky *c, const size_t lanes, uint32_t j)
 {
     const struct kiln_elimination *e = c->elimination;
@@ -129,7 +129,7 @@ LANE_CODE void factorize(struct kiln_cholesky *c, const size_t lanes)
 
 /* ---- the core ---- */
 
-/* product = core x direction. Gives direction x product. */
+/* Computes product = core x direction, and *curvature = direction x product. */
 LANE_CODE void multiply_core(struct kiln_cholesky *c, const size_t lanes, double curvature[KILN_CHOLESKY_LANES])
 {
     const struct kiln_elimination *e = c->elimination;
@@ -160,7 +160,7 @@ LANE_CODE void multiply_core(struct kiln_cholesky *c, const size_t lanes, double
             curvature[l] += direction[j * lanes + l] * product[j * lanes + l];
 }
 
-/* Takes a step, and gives the preconditioned norm of the residual that is left. */
+/* Makes a step of conjugate gradients, and returns the preconditioned norm of the residual in `norm`. */
 LANE_CODE void step_core(struct kiln_cholesky *c, const size_t lanes, double *restrict x,
                          const double step[KILN_CHOLESKY_LANES], double norm[KILN_CHOLESKY_LANES])
 {
@@ -188,8 +188,8 @@ LANE_CODE void turn_core(struct kiln_cholesky *c, const size_t lanes, const doub
             c->direction[i + l] = c->residual[i + l] / diagonal[i + l] + part[l] * c->direction[i + l];
 }
 
-/* Begins with the solution before, as a step from 0: gives the preconditioned norm of its residual, and what is small
- * enough for it. x are the right sides, and then that solution. */
+/* Starts conjugate gradients at the previous solution, as if by a step from 0. `norm` receives the preconditioned norm
+ * of its residual, and `enough` the norm at which to end. x has the right sides before, and that solution after. */
 LANE_CODE void begin_core(struct kiln_cholesky *c, const size_t lanes, double *x, double norm[KILN_CHOLESKY_LANES],
                           double enough[KILN_CHOLESKY_LANES])
 {

@@ -8,23 +8,22 @@
 
 enum { NONE = UINT32_MAX };
 
-/* The work of a factor that is too much, as the sum of the squares of entries in columns: for each unknown, and where
- * there are few. */
+/* Limits for the work of a complete factorization, as the sum of squared numbers of entries in columns: a number per
+ * unknown, plus a constant for small systems. */
 enum { MUCH_WORK = 300, MUCH_WORK_OF_FEW = 1 << 18 };
-/* Where it is too much, unknowns with more neighbours than that are the core. */
+/* If the work exceeds the limit, unknowns with more neighbours than this form the core. */
 enum { MANY_NEIGHBOURS = 14 };
 
 /* A set of unknowns that have entries with one another: a clique, or what is left of an eliminated unknown's. */
 struct element {
     size_t first; /* in `lists` */
     uint32_t count;
-    uint32_t
-        outside; /* of its unknowns, how many are not in the one that is made; valid if `stamp` is the present one */
+    uint32_t outside; /* number of its unknowns outside the new element; valid if `stamp` is the present one */
     uint32_t stamp;
     bool alive;
 };
 
-/* An unknown, and its neighbours in the list of those of its degree. */
+/* An unknown, and its neighbours in the list of unknowns with the same degree. */
 struct node {
     size_t first; /* of its elements in `elements_of` */
     uint32_t count, degree, before, after, stamp;
@@ -33,7 +32,7 @@ struct node {
 struct graph {
     size_t count, clique_count, capacity; /* capacity: of rows */
     struct node *nodes;
-    struct element *elements; /* cliques; then those of unknowns, by pivot */
+    struct element *elements; /* cliques first, then elements made by elimination, in the order of pivots */
     uint32_t *elements_of;
     uint32_t *least;   /* the first unknown of each degree */
     uint32_t *cliques; /* without those that occur again */
@@ -93,7 +92,7 @@ static const uint32_t *element_list(const struct graph *g, uint32_t e)
     return (e < g->clique_count ? g->cliques : g->rows) + g->elements[e].first;
 }
 
-/* Marks the unknowns of an element that are not marked. Gives their number, and lists them unless `to` is NULL. */
+/* Marks the unmarked unknowns of an element. Returns their number, and lists them unless `to` is NULL. */
 static uint32_t mark_element(struct graph *g, uint32_t e, uint32_t *to)
 {
     const uint32_t *list = element_list(g, e);
@@ -134,8 +133,8 @@ static uint32_t unite_elements(struct graph *g, uint32_t pivot, uint32_t *rows)
     return count;
 }
 
-/* Finds of each element that has some of these rows how many of its unknowns are others. Those without others are gone:
- * the new element has all of them. */
+/* Counts, for each element with some of these rows, its other unknowns. Elements without any are absorbed by the new
+ * element, which contains them. */
 static void absorb_elements(struct graph *g, const uint32_t *rows, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++)
@@ -151,7 +150,7 @@ static void absorb_elements(struct graph *g, const uint32_t *rows, uint32_t coun
         }
 }
 
-/* The node has the new element in place of those that are gone, one at least. */
+/* Replaces the absorbed elements of a node, of which there is at least one, by the new element. */
 static void replace_elements(struct graph *g, uint32_t u, uint32_t with)
 {
     struct node *node = &g->nodes[u];
@@ -175,8 +174,8 @@ static void place_node(struct graph *g, uint32_t u, size_t first_row, uint32_t e
     g->placed++;
 }
 
-/* Eliminates those rows that have no other neighbours than the rest, and brings them to the front. The others get their
- * degrees. */
+/* Also eliminates those rows whose only element is the new one, and moves them to the front. Updates the degrees of the
+ * others. */
 static void eliminate_more(struct graph *g, size_t first_row, uint32_t count, uint32_t element)
 {
     uint32_t *rows = g->rows + first_row, done = 0;
@@ -215,7 +214,7 @@ static int eliminate(struct graph *g, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* ---- the graph at the beginning ---- */
+/* ---- initial graph ---- */
 
 /* The unknowns of each clique, once each. */
 static void list_cliques(struct graph *g, const uint32_t *cliques, size_t size)
@@ -278,7 +277,8 @@ static void free_graph(struct graph *g)
     kiln_free(&g->rows);
 }
 
-/* Rows become places, rising. Columns that share rows follow one another, and begin one row later each. */
+/* Replaces unknowns in row lists by their places, in ascending order. Columns that share a list follow one another,
+ * each beginning one row later. */
 static void sort_rows(struct kiln_elimination *r)
 {
     for (size_t j = 0, end = 0; j < r->count; j++) {
@@ -296,7 +296,8 @@ static void sort_rows(struct kiln_elimination *r)
     }
 }
 
-/* The unknowns that are left, in their order; each has those of its neighbours that come later. */
+/* Lists the remaining unknowns, the core, in their order. Each has entries for those of its neighbours that come
+ * later. */
 static int list_core(struct graph *g, struct kiln_error *error)
 {
     struct kiln_elimination *r = g->result;

@@ -34,7 +34,7 @@ static bool read_state(const char *path, struct state *state)
     return true;
 }
 
-/* The sum of the values of two lines, named `one` and `other`, of a file in /proc. */
+/* Returns the sum of the values in lines `one` and `other` of a file in /proc. */
 static uint64_t read_sum(const char *path, const char *one, const char *other)
 {
     char line[128];
@@ -52,7 +52,7 @@ static uint64_t read_sum(const char *path, const char *one, const char *other)
     return sum;
 }
 
-/* Adds the processor time of the children that the thread has started; sets *disk if one is in disk wait. */
+/* Adds the processor time of the thread's child processes; sets *disk if one is in disk wait. */
 static void add_children(const char *thread, uint64_t *ticks, bool *disk)
 {
     char path[300], child[64];

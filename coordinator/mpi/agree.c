@@ -10,7 +10,7 @@ static int lost(struct kiln_error *error)
                      "a rank was lost while the ranks compared their results; run the same command again");
 }
 
-/* Adds the prefix "rank N on HOST: ", since all ranks get the same message. */
+/* Adds the prefix "rank N on HOST: ". All ranks get the same message, so it must tell the rank. */
 static void add_prefix(struct kiln_error *error)
 {
     const struct kiln_error given = *error;

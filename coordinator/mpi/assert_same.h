@@ -40,14 +40,14 @@
 /* Collective. KILN_OK, or on all ranks KILN_BUG with this rank's value, the least and the largest one in its sentence.
  */
 int kiln_same(MPI_Comm communicator, uint64_t value, const char *what, struct kiln_error *error);
-/* Collective. The same, and ends all ranks with that sentence. */
+/* Collective. Checks likewise, and on failure ends all ranks with that message. */
 void kiln_require_same(MPI_Comm communicator, uint64_t value, const char *what);
-/* Collective. What kiln_assert_ranges does. */
+/* Collective. Implements kiln_assert_ranges. */
 void kiln_require_ranges(MPI_Comm communicator, uint64_t first, uint64_t count, uint64_t total, const char *what);
 
-/* XXH3 of the bytes; 0 for none. Not collective. */
+/* XXH3 hash of the bytes; 0 if there are none. Not collective. */
 uint64_t kiln_hash_bytes(const void *data, size_t size);
-/* XXH3 of the value's compact text with sorted keys; 0 for NULL. Not collective. */
+/* XXH3 hash of the value's compact text with sorted keys; 0 for NULL. Not collective. */
 uint64_t kiln_hash_json_text(const json_t *json);
 
 #endif

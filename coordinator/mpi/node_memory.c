@@ -11,7 +11,7 @@
 #include "coordinator/mpi/assert_same.h"
 
 struct block {
-    uint64_t shared;   /* bytes of shared memory; 0: from kiln_allocate */
+    uint64_t shared;   /* size of its shared memory, bytes; 0: it is from kiln_allocate */
     void *here;        /* address on this rank */
     const void *there; /* address on the leader */
 };
@@ -147,7 +147,8 @@ static int make_block(struct kiln_node_memory *n, uint64_t bytes, void **here, s
     return add_block(n, &block, bytes);
 }
 
-/* Rounds up to a multiple of 64, and to at least 64, so that an empty block has an address of its own too. */
+/* Computes the size of a block: a multiple of 64, at least 64, so that an empty block has an address of its own,
+ * too. */
 static int bytes_of(size_t count, size_t size, const char *what, uint64_t *bytes, struct kiln_error *error)
 {
     if (size != 0 && count > SIZE_MAX / 2 / size)
@@ -171,18 +172,18 @@ int kiln_node_block(struct kiln_node_memory *node, void *pointer, size_t count, 
     return status;
 }
 
-/* ---- parts ---- */
+/* ---- regions ---- */
 
 struct kiln_node_parts {
     int ranks;
-    bool is_shared; /* false: the only part is from kiln_allocate */
+    bool is_shared; /* false: the only region is from kiln_allocate */
     struct {
         void *at;
         uint64_t bytes;
     } part[]; /* one for each rank */
 };
 
-/* Collective over the node. Each rank allocates its own part and maps those of the others. */
+/* Collective over the node. Each rank allocates its own region and maps those of the others. */
 static int open_parts(const struct kiln_node_memory *n, struct kiln_node_parts *p, uint64_t bytes,
                       struct kiln_shared_key *keys, struct kiln_error *error)
 {
@@ -292,7 +293,7 @@ static int allocate_here(void *context, void *pointer, size_t count, size_t size
     return status;
 }
 
-/* kiln_allocator.release: the block is freed with the node memory. */
+/* Implements kiln_allocator.release: only clears the pointer; the block is freed with the node memory. */
 static void forget_pointer(void *context, void *pointer)
 {
     (void)context;

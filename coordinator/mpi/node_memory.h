@@ -47,19 +47,19 @@ struct kiln_allocator kiln_node_allocator(struct kiln_node_memory *node);
  * begins on this rank; NULL if no block begins there. `node` is a const struct kiln_node_memory. */
 void *kiln_node_place(const void *node, const void *there);
 
-/* Node parts: an array of parts, one owned by each rank of the node and readable and writable by all of them. Unlike
- * blocks, parts can be freed. kiln_node_bytes does not count them, since they are counted with each rank. The pages of
- * a part lie in its owner's NUMA domain. */
+/* Rank regions: an array of regions, one owned by each rank of the node and readable and writable by all of them.
+ * Unlike the node's they can be freed. kiln_node_bytes does not count them, since they are counted with each rank. The
+ * pages of one lie in its owner's NUMA domain. */
 struct kiln_node_parts;
-/* Collective over the node. Allocates a zeroed part of `bytes` for this rank and maps those of the other ranks. All
- * ranks get the same status: KILN_SYSTEM when one of them cannot allocate its part or map another one; the leader then
+/* Collective over the node. Allocates a zeroed region of `bytes` for this rank and maps those of the other ranks. All
+ * ranks get the same status: KILN_SYSTEM if one of them cannot allocate its region or map another; the leader then
  * prints the reason, and kiln_node_full does not change. With `node` NULL the call is not collective, and this rank's
- * part is the only one. Destroy with kiln_node_parts_destroy. */
+ * region is the only one. Destroy with kiln_node_parts_destroy. */
 int kiln_node_parts_create(struct kiln_node_parts **parts, struct kiln_node_memory *node, uint64_t bytes,
                            const char *what, struct kiln_error *error);
 /* Collective over the node. */
 void kiln_node_parts_destroy(struct kiln_node_parts **parts);
-/* The part of rank `rank` of the node. If the parts were created with `node` NULL, the only part is that of rank 0. */
+/* The region of rank `rank` of the node. If they were created with `node` NULL, the only one is that of rank 0. */
 void *kiln_node_part(const struct kiln_node_parts *parts, int rank);
 
 /* Collective over the node. Copies `size` bytes at `data` from the leader to all ranks. */

@@ -4,15 +4,15 @@
 #include <stdatomic.h>
 #include <stdbool.h>
 
-/* The record. It is global because the intercepted MPI calls have no argument in which it could be passed. Written by
- * the tracked thread, read by any thread. */
+/* State of the present wait. It is global because the intercepted MPI calls have no argument for it. The tracked thread
+ * writes it; any thread may read it. */
 static struct {
     _Atomic(const char *) call;
     _Atomic uint64_t steps, bytes;
 } present;
 static _Thread_local bool tracked;
 static _Thread_local int depth;              /* of nested calls */
-static _Thread_local uint64_t pending_bytes; /* of messages that were begun since the last synchronizing call */
+static _Thread_local uint64_t pending_bytes; /* bytes of messages started since the last synchronizing call */
 
 void kiln_waiting_follow(void) { tracked = true; }
 
@@ -31,7 +31,8 @@ static void begin(const char *call, uint64_t bytes)
     atomic_store_explicit(&present.call, call, memory_order_release);
 }
 
-/* `synchronizes`: no rank leaves the call before all have entered it, so messages begun before have arrived. */
+/* Ends an intercepted call. `synchronizes`: no rank leaves the call before all have entered it, so messages started
+ * before have arrived. */
 static int end(int result, bool synchronizes)
 {
     if (!tracked || --depth > 0)

@@ -15,7 +15,7 @@
 struct kiln_waiting {
     const char *call; /* such as "MPI_Allreduce", a static string; NULL: the thread does not wait */
     uint64_t steps;   /* counts calls that began or ended, and MPI_Tests that found something */
-    uint64_t bytes;   /* that this rank sends or receives in the call, and in earlier ones that may be under way */
+    uint64_t bytes;   /* sent or received by this rank in the call, and in earlier ones that may be under way */
 };
 
 /* From now on the calls of this thread are recorded. Call it once, in the main thread. */

@@ -19,10 +19,10 @@
 
 enum { TAG_HEARTBEAT = 7, HOST = 64, PHASE = 48, CALL = 40, ABORT_SECONDS = 10 };
 
-#define NETWORK_BYTES 10e6          /* bytes a second: a slower network counts as dead */
+#define NETWORK_BYTES 10e6          /* bytes per second: a slower network is taken for lost */
 #define DEADLOCK_LIMITS (1.0 / 3.0) /* all ranks may wait for each other for so many limits, */
 #define DEADLOCK_LEAST 5.0          /* but at least for so many seconds */
-#define DISK_LIMITS 10.0            /* one read or write may take so many limits */
+#define DISK_LIMITS 10.0            /* limits of time that one read or write may take */
 
 /* Report of a rank about itself. Durations are in seconds. */
 struct heartbeat {
@@ -54,7 +54,7 @@ struct kiln_watchdog {
     struct heartbeat sent;         /* buffer of `sending` */
     double last_received;          /* when the thread last received heartbeats */
     struct kiln_activity activity; /* used by the thread */
-    uint64_t steps;                /* kiln_waiting.steps, unchanged since `steps_since` */
+    uint64_t steps;                /* last value of kiln_waiting.steps; it is unchanged since `steps_since` */
     double steps_since;
     const char *halt; /* for tests: the phase in which this rank stops itself; NULL: none */
     pthread_t thread;
@@ -64,7 +64,7 @@ struct kiln_watchdog {
     pthread_cond_t wake;
     bool leave;
     struct heartbeat own;
-    double batch_end; /* when this rank finished its last batch; 0: it is in no pass */
+    double batch_end; /* time of the end of this rank's last batch; 0: in no pass */
     const char *blocking;
     double blocking_until, blocking_grace;
 };
@@ -89,9 +89,9 @@ static void end_job(const struct kiln_watchdog *w)
     _exit(KILN_RANK_LOST);
 }
 
-/* The rank that receives the heartbeats of this one: rank 0; for rank 0 the last rank. */
+/* Returns the rank that receives this rank's heartbeats: rank 0 or, for rank 0, the last rank. */
 static int receiver(const struct kiln_watchdog *w) { return w->rank == 0 ? w->ranks - 1 : 0; }
-/* The ranks whose heartbeats this one receives: [*first, *end). */
+/* Returns the ranks whose heartbeats this rank receives: [*first, *end). */
 static void senders(const struct kiln_watchdog *w, int *first, int *end)
 {
     *first = w->rank == 0 ? 1 : 0;
@@ -132,7 +132,7 @@ static void receive_heartbeats(struct kiln_watchdog *w)
     w->last_received = now();
 }
 
-/* ---- ranks that wait for each other ---- */
+/* ---- deadlock: all ranks wait for each other ---- */
 
 /* Whether both ranks wait in the same call of the same phase. */
 static bool is_same_place(const struct heartbeat *a, const struct heartbeat *b)
@@ -148,8 +148,8 @@ static int count_same_place(const struct kiln_watchdog *w, int rank)
     return count;
 }
 
-/* The first rank from `after` on that is the lowest one in its place, where the number of ranks in that place is from
- * `fewest` to `most`; -1: none. */
+/* Returns the first rank from `after` on that is the lowest one in its place, among places with `fewest` to `most`
+ * ranks; -1: none. */
 static int next_place(const struct kiln_watchdog *w, int after, int fewest, int most)
 {
     for (int r = after; r < w->ranks; r++) {
@@ -173,7 +173,8 @@ static void print_place(const struct kiln_watchdog *w, int rank, const char *bef
     (void)fprintf(stderr, " in %s ('%s')", heartbeat->call, heartbeat->phase);
 }
 
-/* Prints the places in the order of how many ranks wait there, fewest first, since those have probably gone wrong. */
+/* Prints the places where ranks wait. Those with the fewest ranks come first, since these ranks have probably gone
+ * wrong. */
 static void print_deadlock(const struct kiln_watchdog *w, double seconds)
 {
     enum { PLACES = 6 };
@@ -253,7 +254,7 @@ static void check_others(struct kiln_watchdog *w)
         check_deadlock(w);
 }
 
-/* The call has exceeded its deadline. This rank cannot know which one it waits for. */
+/* Ends the job because a call has exceeded its deadline. This rank cannot tell which rank it waits for. */
 static void end_overdue(const struct kiln_watchdog *w, const char *what)
 {
     (void)fprintf(stderr,
@@ -389,7 +390,7 @@ static void free_all(struct kiln_watchdog **watchdog)
     kiln_free(watchdog);
 }
 
-/* The same on all ranks, since all have the same MPI library and limit. */
+/* Whether the watchdog can run. The result is the same on all ranks, since all have the same MPI library and limit. */
 static bool is_possible(MPI_Comm communicator, double limit)
 {
     int rank, ranks, level;
@@ -480,7 +481,8 @@ static void end_now(int number)
     _exit(KILN_RANK_LOST);
 }
 
-/* Receives the last heartbeat of each sender, so that no message is under way when the communicator is freed. */
+/* Destroys the watchdog. First it receives each sender's last heartbeat, so that no message is pending when the
+ * communicator is freed. */
 void kiln_watchdog_destroy(struct kiln_watchdog **watchdog)
 {
     struct kiln_watchdog *w = *watchdog;

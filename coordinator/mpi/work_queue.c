@@ -39,7 +39,8 @@ bool kiln_work_queue_take(struct kiln_work_queue *queue, struct kiln_range seen,
 bool kiln_work_queue_steal(struct kiln_work_queue *queue, struct kiln_range seen, size_t count, uint64_t points)
 {
     uint64_t before = word_of(seen);
-    queue->away += points; /* before the range shrinks: whoever sees the shorter range also sees these points */
+    /* set before the range shrinks, so that any rank that sees the shorter range also sees these points */
+    queue->away += points;
     if (atomic_compare_exchange_strong(&queue->left, &before,
                                        word_of((struct kiln_range){seen.first, seen.count - count})))
         return true;

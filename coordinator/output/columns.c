@@ -32,7 +32,7 @@ static void put_leaf(void *row, const struct kiln_column_point *p)
     memcpy(row, p->detail->leaf, sizeof p->detail->leaf);
 }
 
-/* The side of the triangles that an octree has; of backs that of the triangles' fronts reversed. */
+/* Writes the side of the triangles at an octree's point. For backs it is the opposite of the front's. */
 static void put_facing(void *row, const struct kiln_column_point *p)
 {
     const struct kiln_surface *s = p->result->surface;
@@ -249,7 +249,8 @@ void kiln_column_floats(const struct kiln_column *column, const struct kiln_bake
             memset(floats + (size_t)i * column->components, 0, column->components * sizeof *floats);
 }
 
-/* Rows of `points` points of a tile run, from `first` on, which becomes row number `row`; details are those of them. */
+/* Writes rows of `points` points of a tile run, from `first` on, starting at row number `row`. The points' details are
+ * known. */
 static void put_points(struct kiln_rows *rows, const struct kiln_columns *columns, uint64_t row,
                        const struct kiln_column_point *first, uint32_t points)
 {

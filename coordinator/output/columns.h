@@ -23,8 +23,8 @@ struct kiln_column {
     enum kiln_column_type { KILN_DOUBLE, KILN_FLOAT, KILN_UINT32, KILN_UINT8 } type;
     uint32_t components;
     bool noisy;                      /* as kiln_chunk_pack has it */
-    bool early;                      /* the surface alone tells it, before there is light (points_ahead.h) */
-    bool of_direct;                  /* direct light alone tells it */
+    bool early;                      /* computable from the surface alone, before there is light (points_ahead.h) */
+    bool of_direct;                  /* computable from direct light alone */
     const char *units, *description; /* units NULL: those of field number `field` */
     /* writes one row; NULL: the row is that of field number `field` of the bake's field set */
     void (*put)(void *row, const struct kiln_column_point *point);
@@ -39,9 +39,9 @@ struct kiln_columns {
     struct kiln_column column[KILN_COLUMNS_MAX];
 };
 
-/* Lists the columns of a bake. kiln_columns_make does it for a bake that is not there yet: with `backs` there is one
- * that distinguishes backs from fronts; with `octree` points are leaves, not texels; with `parts` one that tells the
- * parts of divided texels. */
+/* Lists the columns of a bake. kiln_columns_make does so before the bake exists: `backs` adds a column that
+ * distinguishes backs from fronts; with `octree` points are leaves, not texels; `parts` adds a column for the parts of
+ * divided texels. */
 void kiln_columns_of(struct kiln_columns *columns, const struct kiln_bake_result *result);
 void kiln_columns_make(struct kiln_columns *columns, const struct kiln_field_set *fields, bool backs, bool octree,
                        bool parts);
@@ -53,7 +53,7 @@ size_t kiln_column_value(const struct kiln_column *column);
 size_t kiln_column_row(const struct kiln_column *column);
 size_t kiln_columns_row(const struct kiln_columns *columns);
 
-/* Rows of some points: one array for each column; NULL: its rows are not wanted. */
+/* Rows of some points: one array for each column; NULL: the column is not requested. */
 struct kiln_rows {
     void *column[KILN_COLUMNS_MAX];
 };
@@ -67,7 +67,7 @@ void kiln_rows_free(struct kiln_rows *rows);
 void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_columns *columns, const struct kiln_bake_result *result,
                     struct kiln_global_point first, struct kiln_global_point last);
 
-/* The rows of own points in a column that is a field, as kiln_rows_fill writes them: KILN_TILE_TEXELS points at most,
+/* Writes the rows of own points in a column that is a field, as kiln_rows_fill does: at most KILN_TILE_TEXELS points
  * from `first` on. */
 void kiln_column_floats(const struct kiln_column *column, const struct kiln_bake_result *result,
                         struct kiln_own_point first, uint32_t points, float *floats);

@@ -40,7 +40,7 @@ int64_t exr_write_stream(exr_const_context_t context, void *user, const void *bu
     return stream->status == KILN_OK ? (int64_t)size : -1;
 }
 
-/* Collects the library's many small writes, of one attribute or number each, in front of an output stream. */
+/* Collects the library's many small writes, each of one attribute or number, before an output stream. */
 struct write_buffer {
     struct exr_output_stream *stream;
     char *bytes;
@@ -162,7 +162,7 @@ static exr_result_t write_some(struct exr_packer *packers, uint32_t count, exr_c
     return EXR_ERR_SUCCESS;
 }
 
-/* Counts the chunks, because exr_finish succeeds even for an incomplete file. */
+/* Writes all chunks, and counts them, since exr_finish succeeds even for an incomplete file. */
 static exr_result_t write_chunks(exr_context_t file, const struct kiln_image *image, int32_t *written)
 {
     int32_t lines = 1;
@@ -254,7 +254,7 @@ static int read_back(const struct kiln_publish *place, const struct kiln_image *
     struct kiln_error own = {""};
     const char *path = place->temporary;
     int status = kiln_exr_read(place->opens, NULL, 0, &found, &own);
-    if (status != KILN_OK) /* we have just written the file, so bad content is an I/O error */
+    if (status != KILN_OK) /* the file was just written by this process, so bad content is an I/O error */
         return kiln_fail(error, status == KILN_BAD_INPUT ? KILN_IO : status,
                          "'%s' does not read back as it was written: %s", path, own.message);
     if (found->width != image->width || found->height != image->height || found->channel_count != image->channel_count)
@@ -344,7 +344,7 @@ struct input_stream {
     int descriptor;
     const char *path; /* for messages */
     int64_t bytes;
-    atomic_int number; /* errno of a read that failed: its thread's chunk is then said to be damaged; 0: none did */
+    atomic_int number; /* errno of a failed read, whose chunk the library would report as damaged; 0: none */
 };
 
 static int64_t input_size(exr_const_context_t context, void *user)
@@ -530,7 +530,7 @@ static exr_result_t read_chunk(struct unpacker *u, exr_const_context_t file, int
     return code == EXR_ERR_SUCCESS ? exr_decoding_run(file, 0, decoder) : code;
 }
 
-/* Returns the failure of the first chunk that failed, so that it does not depend on threads. */
+/* Reads all chunks. If several fail, the result is that of the first, so that it does not depend on threads. */
 exr_result_t exr_read_chunks(exr_const_context_t file, int32_t top, const struct kiln_image *image)
 {
     int32_t lines = 1;

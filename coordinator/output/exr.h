@@ -28,7 +28,7 @@ int kiln_exr_write_below(const char *directory, const char *name, const struct k
 /* The same at a path that a user gave. */
 int kiln_exr_write(const char *path, const struct kiln_image *image, const struct kiln_exr_attribute *attributes,
                    size_t attribute_count, struct kiln_error *error);
-/* As kiln_exr_write_below, but the file that was read back is put into the batch, which publishes it later. */
+/* As kiln_exr_write_below, but adds the verified file to the batch, which publishes it later. */
 int kiln_exr_put(struct kiln_publish_batch *batch, const char *directory, const char *name,
                  const struct kiln_image *image, const struct kiln_exr_attribute *attributes, size_t attribute_count,
                  struct kiln_error *error);
@@ -39,7 +39,7 @@ int kiln_exr_put(struct kiln_publish_batch *batch, const char *directory, const 
  * else may have written must be read in a confined child (read/reader.h). */
 int kiln_exr_read(const char *path, const char *const *wanted, size_t wanted_count, struct kiln_image **image,
                   struct kiln_error *error);
-/* The same for an open file; `path` is for messages. */
+/* Likewise for an open file; `path` is for messages. */
 int kiln_exr_read_open(int descriptor, const char *path, const char *const *wanted, size_t wanted_count,
                        struct kiln_image **image, struct kiln_error *error);
 

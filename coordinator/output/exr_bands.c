@@ -23,7 +23,7 @@ struct band {
     struct kiln_publish place;
     int descriptor;
     bool there;            /* this rank has created the file */
-    uint64_t table, begin; /* where the table of the whole file begins, and this band's strips */
+    uint64_t table, begin; /* position of the whole file's table, and of this band's strips */
 };
 
 static uint32_t strips_of(uint32_t rows) { return (rows + KILN_EXR_ROWS - 1) / KILN_EXR_ROWS; }
@@ -78,7 +78,7 @@ static int create_file(struct band *b, const char *directory, const char *name, 
     return status == KILN_OK ? kiln_write_all(b->descriptor, header, size, 0, b->place.temporary, error) : status;
 }
 
-/* Writes the strips one after the other, and their places. */
+/* Writes the strips one after the other, and their entries in the table. */
 static int write_strips(const struct band *b, struct kiln_error *error)
 {
     uint64_t at = b->begin;

@@ -28,7 +28,7 @@ int64_t exr_write_stream(exr_const_context_t context, void *user, const void *bu
 exr_result_t exr_declare(exr_context_t file, const struct kiln_image *image,
                          const struct kiln_exr_attribute *attributes, size_t attribute_count);
 
-/* The bytes of the header of a file with the image's channels and so many rows, up to its table of chunks, which begins
+/* Makes the header bytes of a file with the image's channels and `height` rows, up to its table of chunks, which begins
  * at `size`. *header is allocated. */
 int exr_make_header(const char *path, const struct kiln_image *image, uint32_t height,
                     const struct kiln_exr_attribute *attributes, size_t attribute_count, uint8_t **header, size_t *size,
@@ -54,7 +54,7 @@ int exr_check_image(const char *path, const struct kiln_image *image, struct kil
 /* Decompresses all chunks, the first of which begins at row `top`, into the channels of the image, with all threads. */
 exr_result_t exr_read_chunks(exr_const_context_t file, int32_t top, const struct kiln_image *image);
 
-/* Number of values, of `count` from the first one on, until one differs from what was written. */
+/* Returns the number of equal values, of `count` from the first one on, before the first difference. */
 size_t exr_count_same(const struct kiln_image_channel *given, const struct kiln_image_channel *found, size_t count);
 
 #endif

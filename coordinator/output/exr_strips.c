@@ -30,7 +30,7 @@ static int64_t write_memory(exr_const_context_t context, void *user, const void 
     (void)report;
     if (kiln_grow(&m->bytes, &m->capacity, offset + size, 1, "a packed strip", NULL) != KILN_OK)
         return -1;
-    if (offset > m->size) /* the table of chunks is written last, at its position before them */
+    if (offset > m->size) /* the library writes the table of chunks last, before the chunks in the file */
         memset(m->bytes + m->size, 0, offset - m->size);
     memcpy(m->bytes + offset, buffer, size);
     m->size = offset + size > m->size ? offset + size : m->size;
@@ -56,7 +56,7 @@ static int64_t size_of_memory(exr_const_context_t context, void *user)
     return (int64_t)((const struct memory_file *)user)->size;
 }
 
-/* Makes an image of the rows of a strip that borrows their values; free its channels. */
+/* Makes an image of a strip's rows, which borrows their values. Free its channels. */
 static int view_strip(const struct kiln_image *image, uint32_t y, struct kiln_image *view, struct kiln_error *error)
 {
     struct kiln_image_channel *channels = NULL;
@@ -77,7 +77,7 @@ static int view_strip(const struct kiln_image *image, uint32_t y, struct kiln_im
     return KILN_OK;
 }
 
-/* Writes a file in memory that contains only this strip; *packed is the size of its one chunk, which is at its end. */
+/* Writes a file in memory with this strip alone. *packed: size of its only chunk, which is at the end. */
 static exr_result_t pack_alone(const struct kiln_image *view, struct memory_file *m, size_t *packed)
 {
     exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
@@ -215,7 +215,7 @@ struct kiln_exr_file {
     bool there;       /* the temporary file exists */
 };
 
-/* The error of a failed library call; a failure of the stream has set its own message. */
+/* Reports a failed library call. If the stream failed, it has set a message of its own. */
 static int stream_failed(struct kiln_exr_file *f, const char *act, exr_result_t code, struct kiln_error *error)
 {
     return f->stream.status != KILN_OK ? f->stream.status : exr_failed(KILN_IO, f->place.temporary, act, code, error);
@@ -284,7 +284,7 @@ int kiln_exr_file_append(struct kiln_exr_file *f, const void *bytes, size_t size
     return KILN_OK;
 }
 
-/* Counts the strips, because exr_finish succeeds even for an incomplete file. */
+/* Closes the file, and counts its strips, since exr_finish succeeds even for an incomplete file. */
 static int close_file(struct kiln_exr_file *f, struct kiln_error *error)
 {
     f->stream.error = error;
@@ -315,7 +315,7 @@ static bool same_header(exr_const_context_t file, const struct kiln_image *image
     return same;
 }
 
-/* Whether the strip is where the file's table of chunks says, with the hash of what was written. */
+/* Whether the strip is at the place given in the file's table, with the hash of what was written. */
 static bool same_strip(exr_const_context_t file, uint32_t strip, uint64_t hash)
 {
     exr_chunk_info_t chunk;

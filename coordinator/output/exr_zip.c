@@ -13,7 +13,8 @@ enum { LEVEL = 1 };
 struct exr_zip {
     struct libdeflate_compressor *compressor;     /* made when it is first needed */
     struct libdeflate_decompressor *decompressor; /* likewise */
-    uint8_t *split, *packed;                      /* a chunk, even bytes first, and its differences; compressed */
+    /* a chunk with even bytes first, then its differences; compressed chunk */
+    uint8_t *split, *packed;
     size_t split_capacity, packed_capacity;
 };
 

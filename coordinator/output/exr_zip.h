@@ -1,7 +1,7 @@
-/* ZIP compression of OpenEXR chunks by libdeflate, which takes a third of the time of zlib, with which the library
- * compresses. The format is the same (OpenEXR, Technical Introduction, "ZIP"): the bytes at even places of a chunk,
- * then those at odd ones, each replaced by its difference from the one before, as a zlib stream. Private to
- * coordinator/output; not collective. */
+/* ZIP compression of OpenEXR chunks by libdeflate, in a third of the time of zlib, which the OpenEXR library uses. The
+ * format is the same (OpenEXR, Technical Introduction, "ZIP"): the bytes at even places of a chunk, then those at odd
+ * ones, each replaced by its difference from the one before, as a zlib stream. Private to coordinator/output; not
+ * collective. */
 #ifndef KILN_COORDINATOR_OUTPUT_EXR_ZIP_H
 #define KILN_COORDINATOR_OUTPUT_EXR_ZIP_H
 
@@ -15,8 +15,8 @@ void exr_zip_destroy(struct exr_zip **zip);
 
 /* Makes an initialised pipeline use `zip`, which it borrows until it is destroyed. The encoder's file must have ZIP
  * compression; a decoder is left as it is unless its file has ZIP or ZIPS. The compressed bytes of a chunk depend on
- * the chunk only. One that does not become smaller is stored as it is: readers take a chunk of its own size for an
- * uncompressed one. A damaged chunk is EXR_ERR_CORRUPT_CHUNK. */
+ * the chunk only. An incompressible chunk is stored uncompressed: readers recognize it by its size. A damaged chunk is
+ * EXR_ERR_CORRUPT_CHUNK. */
 void exr_zip_encode(struct exr_zip *zip, exr_encode_pipeline_t *encoder);
 void exr_zip_decode(struct exr_zip *zip, exr_decode_pipeline_t *decoder);
 

@@ -25,7 +25,7 @@ int kiln_h5_failed(const struct kiln_h5 *h5, const char *act, const char *name, 
 /* Closes an identifier if it is valid; true if that failed. */
 static bool release(hid_t id, herr_t (*close)(hid_t)) { return id >= 0 && close(id) < 0; }
 
-/* A creation property list without time stamps, so that the same bake gives the same bytes. */
+/* Makes a creation property list without time stamps, so that equal bakes give equal bytes. */
 static hid_t timeless(hid_t class)
 {
     const hid_t list = H5Pcreate(class);
@@ -67,7 +67,7 @@ int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const struct kiln_
     h5->communicator = communicator;
     if (MPI_Comm_rank(communicator, &h5->rank) != MPI_SUCCESS)
         return kiln_fail(error, KILN_RANK_LOST, "MPI cannot give the rank number");
-    (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL); /* we print our own message instead of its error stack */
+    (void)H5Eset_auto2(H5E_DEFAULT, NULL, NULL); /* kiln prints a message of its own instead of HDF5's error stack */
     const hid_t access = parallel_access(communicator);
     h5->transfer = collective_transfer();
     int status = kiln_agree(
@@ -110,7 +110,8 @@ int kiln_h5_lay_out(struct kiln_h5 *h5, struct kiln_publish *place, struct kiln_
     return status;
 }
 
-/* HDF5 enters the chunk and hands its bytes to the driver, which leaves them be: any pointer will do. */
+/* Reserves the place of a chunk: HDF5 enters the chunk and passes its bytes to the driver, which ignores them. So any
+ * pointer will do. */
 int kiln_h5_place(struct kiln_h5 *h5, hid_t dataset, const char *name, const hsize_t *first, size_t bytes,
                   uint64_t *address, struct kiln_error *error)
 {
@@ -122,7 +123,7 @@ int kiln_h5_place(struct kiln_h5 *h5, hid_t dataset, const char *name, const hsi
     return done < 0 || *address == 0 ? kiln_h5_failed(h5, "make room for a chunk of", name, error) : KILN_OK;
 }
 
-/* Ends the job, since HDF5 would crash in MPI_Finalize on a file that it failed to close. */
+/* Ends the job after a file could not be closed: HDF5 would crash on it in MPI_Finalize. */
 static void give_up(const struct kiln_h5 *h5, int status, const struct kiln_error *error)
 {
     struct kiln_error path;

@@ -1,8 +1,9 @@
-/* HDF5 writer: a thin layer over HDF5 that checks every return value, through MPI-IO or for one process, which lays the
- * file out while others write the chunks into it. Private to coordinator/output.
+/* HDF5 writer: a thin layer over HDF5 that checks every return value. It works through MPI-IO, or for one process that
+ * lays out the file while others write its chunks. Private to coordinator/output.
  *
- * HDF5 returns -1 once, and then reports success at flush and close; so the first failure is remembered here. Its own
- * error output is turned off for the thread while a file is written; our messages name the file and the dataset. */
+ * HDF5 reports a failure once (-1), and then success at flush and close; so the first failure is remembered here.
+ * HDF5's error output is disabled for the thread while a file is written; our messages name the file and the
+ * dataset. */
 #ifndef KILN_COORDINATOR_OUTPUT_H5_H
 #define KILN_COORDINATOR_OUTPUT_H5_H
 
@@ -22,11 +23,11 @@ struct kiln_h5 {
     const char *path, *opens; /* path for messages; path that opens the file */
     MPI_Comm communicator;
     int rank;
-    int descriptor; /* of a file that one process lays out; else -1 */
+    int descriptor; /* of a file laid out by one process; else -1 */
     struct kiln_h5_writing writing;
 };
 
-/* Not open. */
+/* A file that is not open. */
 #define KILN_H5_NONE                                                                                                   \
     (struct kiln_h5) { .file = H5I_INVALID_HID, .transfer = H5I_INVALID_HID, .descriptor = -1 }
 
@@ -35,13 +36,12 @@ struct kiln_h5 {
 int kiln_h5_create(struct kiln_h5 *h5, MPI_Comm communicator, const struct kiln_publish *place,
                    struct kiln_error *error);
 
-/* Creates it for this process alone, not collective: `h5`, which stays where it is until the file is closed, has
- * MPI_COMM_SELF as its communicator. Chunks are given their places by kiln_h5_place; others write them, through
- * descriptors of their own. The bytes are those of a file that is created through MPI-IO. */
+/* Creates the file for this process alone, not collective: `h5`, which must stay in place until the file is closed, has
+ * MPI_COMM_SELF as its communicator. kiln_h5_place assigns the places of chunks; other processes write them, through
+ * their own descriptors. The bytes are those of a file created through MPI-IO. */
 int kiln_h5_lay_out(struct kiln_h5 *h5, struct kiln_publish *place, struct kiln_error *error);
 
-/* Gives a chunk of a file that is laid out its place: `bytes` compressed bytes from *address on. `first` is its first
- * element. */
+/* Assigns a place to a chunk of a laid-out file: `bytes` compressed bytes at *address. `first` is its first element. */
 int kiln_h5_place(struct kiln_h5 *h5, hid_t dataset, const char *name, const hsize_t *first, size_t bytes,
                   uint64_t *address, struct kiln_error *error);
 

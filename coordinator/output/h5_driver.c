@@ -11,7 +11,7 @@ struct source {
     int descriptor;
     uint64_t bytes;
     struct kiln_h5_writing *writing; /* NULL: the file is read */
-    bool *opened;                    /* set when it is opened for that; a second file is refused */
+    bool *opened;                    /* set when the file is opened for writing; a second file is refused */
 };
 
 struct file {
@@ -50,7 +50,8 @@ static herr_t driver_close(H5FD_t *base)
 
 static int driver_compare(const H5FD_t *a, const H5FD_t *b) { return a < b ? -1 : a > b; }
 
-/* HDF5 also asks without a file. Early allocation and no accumulated writes are those of MPI-IO. */
+/* Returns the driver's features; HDF5 asks for them without a file, too. As with MPI-IO, space is allocated early, and
+ * writes are not accumulated. */
 static herr_t driver_query(const H5FD_t *base, unsigned long *flags)
 {
     const bool writes = base != NULL && ((const struct file *)(const void *)base)->writing != NULL;
@@ -148,7 +149,8 @@ static const H5FD_class_t driver = {.name = "kiln_descriptor",
                                     .truncate = driver_truncate,
                                     .fl_map = H5FD_FLMAP_DICHOTOMY};
 
-/* A property list of access through the driver. Its number may be released when the file is open. */
+/* Makes an access property list that uses the driver. *kind: the driver's identifier, which may be released once the
+ * file is open. */
 static hid_t access_through(const struct source *source, hid_t *kind)
 {
     *kind = H5FDregister(&driver);

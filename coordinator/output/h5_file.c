@@ -12,7 +12,7 @@
 #include "coordinator/output/h5_driver.h"
 #include "worker/base/memory.h"
 
-/* Limits. Files of kiln have groups within groups at most, a dozen objects in each, and chunks of 0.5 MiB. */
+/* Limits of files. kiln's own have at most groups within groups, a dozen objects in each, and chunks of 0.5 MiB. */
 enum {
     DEPTH_MOST = 4,
     LINKS_MOST = 256,

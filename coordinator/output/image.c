@@ -128,8 +128,8 @@ static void put_big_endian(uint8_t bytes[4], uint32_t value)
         bytes[i] = (uint8_t)(value >> (24 - 8 * i));
 }
 
-/* The predictions of a row of which one is taken (PNG, W3C Recommendation, section 9): each byte without the one a
- * pixel to the left, without the one above, or without the mean of both. `above` of the first row is zeros. */
+/* Predictions of a row's bytes (PNG, W3C Recommendation, section 9), of which one is chosen per row: difference to the
+ * byte one pixel to the left, to the byte above, or to the mean of both. `above` of the first row is zero. */
 enum { SUB = 1, UP = 2, AVERAGE = 3, PREDICTIONS = 4 };
 
 static void predict(int by, const uint8_t *row, const uint8_t *above, size_t size, size_t pixel, uint8_t *to)
@@ -149,7 +149,7 @@ static void predict(int by, const uint8_t *row, const uint8_t *above, size_t siz
             to[i] = (uint8_t)(row[i] - (row[i - pixel] + above[i]) / 2);
 }
 
-/* How far bytes, taken for signed ones, are from 0 in all: what is near to it takes few bits. */
+/* Returns the sum of the absolute values of bytes, taken as signed: a measure for their compressed size. */
 static uint64_t size_of(const uint8_t *bytes, size_t count)
 {
     uint64_t sum = 0;
@@ -158,7 +158,7 @@ static uint64_t size_of(const uint8_t *bytes, size_t count)
     return sum;
 }
 
-/* Writes a row and before it which prediction it has: the one of least size. `tried`: room for two rows; `above`: NULL
+/* Writes a row with the best prediction, preceded by the prediction's number. `tried`: room for two rows; `above`: NULL
  * for the first row. */
 static void put_row(const uint8_t *row, const uint8_t *above, size_t size, size_t pixel, uint8_t *tried, uint8_t *to)
 {
@@ -175,7 +175,8 @@ static void put_row(const uint8_t *row, const uint8_t *above, size_t size, size_
     }
 }
 
-/* Ends a chunk whose kind and `size` bytes stand 4 bytes behind `at`; returns where the next one begins. */
+/* Completes a chunk whose type and `size` bytes of data begin 4 bytes behind `at`. Returns the place of the next
+ * chunk. */
 static uint8_t *end_chunk(uint8_t *at, size_t size)
 {
     put_big_endian(at, (uint32_t)size);
@@ -185,7 +186,7 @@ static uint8_t *end_chunk(uint8_t *at, size_t size)
 
 enum { PNG_SIGNATURE = 8, PNG_CHUNK = 12, PNG_HEADER = 13, PNG_LEVEL = 5 };
 
-/* Puts the file together from rows with their predictions. */
+/* Makes the file from predicted rows. */
 static int pack(const uint8_t *rows, size_t row_bytes, uint32_t width, uint32_t height, int channels, char **png,
                 size_t *size, struct kiln_error *error)
 {

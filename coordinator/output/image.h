@@ -11,7 +11,7 @@
 
 enum { KILN_CHANNEL_NAME_SIZE = 64 };
 
-/* Loops over at most so many values use one thread: waiting for the others takes longer. */
+/* Loops over at most so many values use one thread, since synchronizing threads would take longer. */
 enum { KILN_IMAGE_ALONE = 1 << 14 };
 
 struct kiln_image_channel {
@@ -32,7 +32,7 @@ struct kiln_image {
 /* Creates an image with these channels, all zero. Names must be unique and shorter than KILN_CHANNEL_NAME_SIZE. */
 int kiln_image_create(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names,
                       size_t count, struct kiln_error *error);
-/* The same without values. The caller sets the `values` of channels to arrays from kiln_allocate, which the image then
+/* Likewise without values. The caller sets the `values` of channels to arrays from kiln_allocate, which the image then
  * owns. */
 int kiln_image_create_empty(struct kiln_image **image, uint32_t width, uint32_t height, const char *const *names,
                             size_t count, struct kiln_error *error);

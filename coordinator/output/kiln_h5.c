@@ -227,7 +227,7 @@ end:
     return status;
 }
 
-/* Creates the groups of the fields' datasets, each once, besides those that every file has. */
+/* Creates the groups that contain the fields' datasets, each once, and those of every file. */
 static int make_groups(struct kiln_h5 *h5, const struct kiln_field_set *fields, struct kiln_error *error)
 {
     static const char *const always[] = {"/points", "/irradiance", "/objects", "/cells"};
@@ -298,7 +298,7 @@ end:
     return kiln_agree(result->communicator, status, error);
 }
 
-/* Other ranks open what rank 0 has created. */
+/* Opens, on the other ranks, the file that rank 0 has created. */
 static int join_file(struct kiln_h5 *h5, const char *directory, struct access *access, struct kiln_error *error)
 {
     if (access->rank == 0) {
@@ -308,7 +308,7 @@ static int join_file(struct kiln_h5 *h5, const char *directory, struct access *a
     return kiln_publish_join(&access->place, directory, "kiln.h5", &access->descriptor, error);
 }
 
-/* Rank 0 has synced the file as it closed it; the others sync what they have written. */
+/* Closes a rank's access. Rank 0 has synced the file on closing it; the others sync what they have written. */
 static int leave_file(struct access *access, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -341,7 +341,7 @@ static int write_file(struct kiln_points_writer *writer, const struct kiln_bake_
     return kiln_agree(result->communicator, status, error);
 }
 
-/* Rank 0, before the file is created. */
+/* Prepares the place of the file on rank 0, before the file is created. */
 static int make_place(struct access *access, const char *directory, uint64_t space, struct kiln_error *error)
 {
     const int status = kiln_publish_begin(&access->place, directory, "kiln.h5", error);
@@ -351,7 +351,7 @@ static int make_place(struct access *access, const char *directory, uint64_t spa
     return kiln_require_space(directory, space, error);
 }
 
-/* Assumes that nothing can be compressed. */
+/* Upper bound of the file's size, as if nothing were compressible. */
 uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface,
                        const struct kiln_field_set *fields)
 {

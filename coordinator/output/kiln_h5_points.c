@@ -11,7 +11,7 @@
 
 /* Number of chunks in a batch, which a rank compresses together: 28 MB uncompressed. */
 enum { BATCH = 16 };
-enum { WIDE_ROW = 1024 }; /* bytes of a row from which on a batch has fewer chunks */
+enum { WIDE_ROW = 1024 }; /* row size from which on a batch has fewer chunks, bytes */
 enum { TAG_ROWS = 40 };
 
 /* ---- owners of chunks ---- */
@@ -28,7 +28,7 @@ uint64_t points_parts(const struct kiln_points_writer *w, int rank)
     return (points_first_chunk(w, rank + 1) - points_first_chunk(w, rank)) * w->columns.count;
 }
 
-/* End of the rank's points that lie in a chunk of an earlier rank. */
+/* Returns the end of the rank's points that belong to a chunk of an earlier rank. */
 static uint64_t head_end(const struct kiln_points_writer *w, int rank)
 {
     return points_minimum(points_first_chunk(w, rank) * w->chunk_rows, w->starts[rank + 1]);
@@ -52,7 +52,8 @@ static int owner_of(const struct kiln_points_writer *w, uint64_t point)
     return rank;
 }
 
-/* Offset of `column` in a chunk's slots, if each column has room for its largest compressed size. */
+/* Returns the offset of `column` among the slots of a chunk, in which each column has room for its largest compressed
+ * size. */
 static size_t place_in_chunk(const struct kiln_points_writer *w, size_t column)
 {
     size_t bytes = 0;
@@ -176,7 +177,7 @@ static void fill_batch(struct kiln_points_writer *w)
     }
 }
 
-/* Keeps what was packed into a slot, if there is room. */
+/* Keeps a slot's packed bytes, if there is room. */
 static void keep(struct kiln_points_writer *w, size_t slot, size_t bytes)
 {
     const uint64_t part = points_part(w, slot);
@@ -188,7 +189,7 @@ static void keep(struct kiln_points_writer *w, size_t slot, size_t bytes)
         memcpy(w->kept[part], w->packed + points_slot(w, slot), bytes);
 }
 
-/* Copies a part of direct light that was packed ahead, if its rows are still the same. */
+/* Copies a chunk of direct light that was packed ahead, provided that its rows are unchanged. */
 static bool take_direct(const struct kiln_points_writer *w, uint64_t part, const void *rows, uint8_t *packed,
                         size_t *bytes)
 {
@@ -270,7 +271,7 @@ static int learn_starts(struct kiln_points_writer *w, struct kiln_error *error)
     return kiln_agree(w->result->communicator, status, error);
 }
 
-/* The most parts of a rank other than the first. */
+/* Returns the largest number of parts of any rank except rank 0. */
 static uint64_t most_parts(const struct kiln_points_writer *w)
 {
     uint64_t most = 0;

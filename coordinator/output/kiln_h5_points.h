@@ -1,12 +1,11 @@
 /* Writer of the columns of surface points in kiln.h5. Every rank compresses the chunks that begin with one of its
- * points, with all its threads, or takes those that were packed ahead (points_ahead.h). Rank 0 alone has the file open
- * through HDF5: the others tell it the sizes of their chunks, it gives each its place, which costs it microseconds
- * (h5.h), and every rank writes its own in place. HDF5's own collective write runs the filters in one thread on each
- * rank, which took longer than computing the light. If a chunk ends with points of other ranks, its rank receives them
- * first.
+ * points, with all its threads, or reuses chunks packed ahead (points_ahead.h). Only rank 0 has the file open through
+ * HDF5: it receives the sizes of all chunks and assigns their places, which takes microseconds (h5.h). Then every rank
+ * writes its chunks in place. HDF5's own collective write runs the filters in one thread on each rank, which took
+ * longer than computing the light. If a chunk ends with points of other ranks, its rank receives them first.
  *
- * The places follow from the sizes of all chunks before, so a rank packs all of its chunks before it writes the first.
- * It keeps as many bytes as it may and packs the rest once more. The bytes of the file do not depend on the number of
+ * A chunk's place depends on the sizes of all chunks before, so a rank packs all its chunks before it writes the first.
+ * It keeps packed chunks up to its limit and packs the rest again. The bytes of the file do not depend on the number of
  * ranks or threads. */
 #ifndef KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_H
 #define KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_H
@@ -18,11 +17,11 @@
 
 struct kiln_points_writer;
 
-/* Bytes that a rank keeps at most of what it has packed; the only rank keeps none. */
+/* Most bytes of packed chunks that a rank keeps; a single rank keeps none. */
 #define KILN_POINTS_KEPT_MOST (256ull << 20)
 
-/* Collective. Needs about 120 MB of memory at most, and then what is kept. Of `params`, `ahead`, which is stopped and
- * may be NULL, has chunks that this rank need not pack, and `kept` says how much it keeps. */
+/* Collective. Needs about 120 MB of memory at most, plus the kept chunks. Uses of `params`: `ahead`, stopped, may be
+ * NULL, has chunks that this rank need not pack; `kept` is the limit of kept bytes. */
 int kiln_points_writer_create(struct kiln_points_writer **writer, const struct kiln_bake_result *result,
                               const struct kiln_output_params *params, struct kiln_error *error);
 void kiln_points_writer_destroy(struct kiln_points_writer **writer);

@@ -1,7 +1,7 @@
-/* Parts of the writer of the points' columns (kiln_h5_points.h): which chunks a rank has, how they are packed, placed
- * and written, and read back. A part is one column of one chunk; the parts of a rank's chunks have consecutive numbers,
- * chunk by chunk and in each chunk column by column, which is also the order of the file. A batch is some consecutive
- * chunks of a rank, which are in memory together, each part in its slot. */
+/* Internals of the writer of the points' columns (kiln_h5_points.h): distribution of chunks over ranks, packing,
+ * placing, writing and reading back. A part is one column of one chunk; the parts of a rank's chunks have consecutive
+ * numbers, chunk by chunk and in each chunk column by column, which is also the order of the file. A batch is a number
+ * of consecutive chunks of a rank that are in memory together, each part in its slot. */
 #ifndef KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_PRIVATE_H
 #define KILN_COORDINATOR_OUTPUT_KILN_H5_POINTS_PRIVATE_H
 
@@ -21,14 +21,15 @@ struct kiln_points_writer {
     struct kiln_columns columns;
     size_t total; /* index of the column POINTS_TOTAL */
     hid_t datasets[KILN_COLUMNS_MAX];
-    struct kiln_rows rows, tail; /* rows of the batch; rows of the last own chunk that come from later ranks */
-    /* packed: one slot for each part of a batch; spare: the same of the batch before, which is being written */
+    struct kiln_rows rows, tail; /* rows of the batch; rows of the last own chunk received from later ranks */
+    /* packed: one slot for each part of a batch; spare: the previous batch, which is being written */
     uint8_t *packed, *spare;
     uint8_t *shuffled; /* of each thread, shuffled_bytes */
     size_t shuffled_bytes;
     int threads;
     uint64_t first, count; /* chunks of the batch */
-    /* of each own part: compressed bytes; where they begin in the file; a copy of them, NULL: packed anew to write */
+    /* for each own part: number of compressed bytes; address in the file; copy of the bytes, NULL: packed again for
+     * writing */
     uint32_t *sizes;
     uint64_t *addresses;
     void **kept;
@@ -51,22 +52,22 @@ uint64_t points_first_chunk(const struct kiln_points_writer *w, int rank);
 /* The number of parts that a rank has. */
 uint64_t points_parts(const struct kiln_points_writer *w, int rank);
 
-/* Makes the rank's batch number `pass` the present one. False if there is none any more. */
+/* Selects the rank's batch number `pass`. False if there is none any more. */
 bool points_batch(struct kiln_points_writer *w, uint64_t pass);
-/* The own part in slot `slot` of the batch, and where that slot begins in `packed`. */
+/* Number of the part in slot `slot` of the batch, and the slot's offset in `packed`. */
 uint64_t points_part(const struct kiln_points_writer *w, size_t slot);
 size_t points_slot(const struct kiln_points_writer *w, size_t slot);
 /* The compressed bytes of an own part, if they were packed ahead. */
 const void *points_ahead_part(const struct kiln_points_writer *w, uint64_t part, size_t *bytes);
-/* Room for one part in the thread that calls this, one of `w->threads`. */
+/* Working memory for one part, of the calling thread, one of `w->threads`. */
 uint8_t *points_shuffled(const struct kiln_points_writer *w);
 
-/* Collective. Chunks that end with points of other ranks get these. A rank first sends to an earlier one and then
- * receives from later ones, which prevents deadlock. */
+/* Collective. Sends points at chunk borders to the ranks whose chunks end with them. A rank first sends to an earlier
+ * one and then receives from later ones, which prevents deadlock. */
 int points_share_borders(struct kiln_points_writer *w, struct kiln_error *error);
 
-/* Compresses the parts of the batch that are neither kept nor packed ahead, and notes their sizes; keeps them if the
- * writer is one of several and they are few enough. */
+/* Compresses the parts of the batch that are neither kept nor packed ahead, and stores their sizes. Keeps their bytes
+ * if the writer is one of several and below its limit. */
 int points_pack(struct kiln_points_writer *w, struct kiln_error *error);
 
 /* KILN_RANK_LOST, with its message. */

@@ -68,7 +68,7 @@ static int place_parts(struct kiln_points_writer *w, uint64_t first, uint64_t ch
     return status;
 }
 
-/* Rank 0, for one other rank: takes the sizes of its parts and sends their places, also after a failure. */
+/* Rank 0. Receives the sizes of another rank's parts, and sends back their places, even after a failure. */
 static int place_for(struct kiln_points_writer *w, int rank, int status, struct kiln_error *error)
 {
     const MPI_Comm comm = w->result->communicator;
@@ -85,7 +85,7 @@ static int place_for(struct kiln_points_writer *w, int rank, int status, struct 
                : points_mpi_failed(error);
 }
 
-/* Rank 0, for all ranks in their order: so the places are the same however many there are. */
+/* Rank 0. Reserves places for all ranks in their order, so that places do not depend on the number of ranks. */
 static int place_for_all(struct kiln_points_writer *w, struct kiln_error *error)
 {
     int status = place_parts(w, 0, points_first_chunk(w, 1), w->sizes, w->addresses, error);
@@ -107,8 +107,8 @@ static int ask_places(struct kiln_points_writer *w, struct kiln_error *error)
 
 /* ---- writing ---- */
 
-/* A batch that a thread of its own writes while the next one is packed. One thread: the system lets one at a time write
- * to a file, and others that wait for it take processors away from packing. */
+/* A batch that a thread writes while the next one is packed. There is only one such thread: the system lets one at a
+ * time write to a file, and waiting threads would take processors away from packing. */
 struct writing {
     struct kiln_points_writer *w;
     int descriptor;
@@ -122,7 +122,7 @@ struct writing {
     struct kiln_error error;
 };
 
-/* Writes the parts of the batch, which are kept, packed ahead or in their slots. */
+/* Writes the batch's parts, which were kept, packed ahead, or are in their slots. */
 static void *write_parts(void *context)
 {
     struct writing *b = context;
@@ -152,7 +152,7 @@ static int end_writing(struct writing *b, int status, struct kiln_error *error)
     return status == KILN_OK && b->status != KILN_OK ? kiln_fail(error, b->status, "%s", b->error.message) : status;
 }
 
-/* Waits for the batch before, and begins to write the present one. */
+/* Waits for the previous batch, and starts writing the present one. */
 static int begin_writing(struct writing *b, struct kiln_error *error)
 {
     struct kiln_points_writer *w = b->w;
@@ -176,7 +176,7 @@ static int pack_next(struct kiln_points_writer *w, struct kiln_error *error)
     return kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : points_pack(w, error);
 }
 
-/* The only rank: what comes next in the file is known at once. */
+/* Writes the points if there is a single rank, which knows the next place in the file at once. */
 static int write_alone(struct kiln_points_writer *w, struct writing *writing, struct kiln_error *error)
 {
     int status = KILN_OK;

@@ -13,7 +13,7 @@ static int compare(const void *a, const void *b)
     return x < y ? -1 : x > y ? 1 : 0;
 }
 
-/* Two ranks that have parts of one unit both have its pairs. */
+/* Sorts the pairs and removes duplicates: ranks that share a unit all have its pairs. */
 static void sort_pairs(struct kiln_h5_sight *s)
 {
     size_t kept = 0;
@@ -83,7 +83,7 @@ uint64_t kiln_h5_sight_space(const struct kiln_bake_result *result)
     return result->sight_units > 0 ? 16 * (result->sight_units + 1) + 4 * pairs + 4096 : 0;
 }
 
-/* As arrays: where the list of each unit begins, and the lists. */
+/* Splits the pairs into arrays: the start of each unit's list, and the lists. */
 static int split_pairs(const struct kiln_h5_sight *s, uint64_t units, uint64_t **first, uint32_t **seen,
                        struct kiln_error *error)
 {

@@ -5,17 +5,17 @@
 #include "coordinator/field/result.h"
 #include "coordinator/output/h5.h"
 
-/* The grid of all ranks, on rank 0: unit << 32 | unit that it sees, ascending, none twice. Elsewhere empty. */
+/* Visibility grid of all ranks, on rank 0: unit << 32 | visible unit, ascending, unique. Empty on other ranks. */
 struct kiln_h5_sight {
     uint64_t *pairs;
     size_t count;
 };
 
-/* Collective. Nothing, if the bake has no grid. KILN_SYSTEM on all ranks. Release with kiln_h5_sight_release. */
+/* Collective. Does nothing without a grid. KILN_SYSTEM on all ranks. Release with kiln_h5_sight_release. */
 int kiln_h5_sight_gather(struct kiln_h5_sight *sight, const struct kiln_bake_result *result, struct kiln_error *error);
 void kiln_h5_sight_release(struct kiln_h5_sight *sight);
 
-/* Collective. Bytes that the group takes at most. */
+/* Collective. Upper bound of the group's size, bytes. */
 uint64_t kiln_h5_sight_space(const struct kiln_bake_result *result);
 
 /* Rank 0 only. */

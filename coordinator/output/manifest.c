@@ -22,7 +22,7 @@
 static const char NAME[] = "manifest";
 /* Keys of the hash of a file: of all its bytes, or of its pieces (piece_hash.h), whose size is then there too. */
 static const char WHOLE[] = "xxh3_128", PIECES[] = "xxh3_128_of_pieces";
-static const json_int_t PIECE_LEAST = 1 << 16; /* so that a file has no more pieces than memory takes */
+static const json_int_t PIECE_LEAST = 1 << 16; /* limits the number of pieces, which take memory */
 
 static int mpi_failed(struct kiln_error *error)
 {
@@ -93,7 +93,7 @@ int kiln_manifest_compare(const struct kiln_manifest_file *file, int descriptor,
     return KILN_OK;
 }
 
-/* KILN_BAD_INPUT unless the file below the folder is as the manifest has it. */
+/* Checks that the file in the folder agrees with the manifest; KILN_BAD_INPUT if not. */
 static int check_file(const struct kiln_manifest_file *file, const char *directory, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE];
@@ -204,9 +204,9 @@ end:
 
 static void free_pieces(struct pieces *p) { kiln_arena_release(&p->arena); }
 
-/* The rank that computes the hash of a piece. A large file was written by all ranks, one after the other: its pieces
- * are dealt out in their order too, so that most are still in the memory of the host that reads them. Pieces of other
- * files are dealt out by turns. */
+/* Returns the rank that hashes a piece. All ranks wrote a large file, one after the other, so its pieces are assigned
+ * in the same order; most are then still in memory of the host that reads them. Pieces of other files are assigned in
+ * turn. */
 static int hasher_of(const struct pieces *p, const struct kiln_manifest *m, uint64_t piece, int ranks)
 {
     const uint32_t file = p->file[piece];
@@ -215,7 +215,7 @@ static int hasher_of(const struct pieces *p, const struct kiln_manifest *m, uint
                                           : (piece - p->first[file]) * (uint64_t)ranks / pieces);
 }
 
-/* Each rank deals its own pieces out to its threads. */
+/* Hashes this rank's pieces, on all its threads. */
 static int hash_own(const struct kiln_manifest *m, const struct pieces *p, const char *directory, int rank, int ranks,
                     struct kiln_error *error)
 {
@@ -469,7 +469,7 @@ static int take_files(struct kiln_manifest *m, const json_t *json, const char *p
     if (status != KILN_OK)
         return status;
     qsort(m->files, m->count, sizeof *m->files, compare_paths);
-    for (size_t i = 1; i < m->count; i++) /* no file twice, since it would be read that often */
+    for (size_t i = 1; i < m->count; i++) /* a file listed repeatedly would be read repeatedly */
         if (strcmp(m->files[i - 1].path, m->files[i].path) == 0)
             return kiln_fail(error, KILN_BAD_INPUT, "'%s' is not a manifest of kiln: it lists %.200s twice", path,
                              m->files[i].path);

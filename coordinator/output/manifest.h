@@ -20,7 +20,7 @@
 struct kiln_manifest_file {
     char *path; /* relative to the folder */
     uint64_t bytes;
-    uint64_t piece_bytes; /* of whose hashes `hash` is one; 0: it is that of all bytes */
+    uint64_t piece_bytes; /* size of the pieces, whose hashes are hashed; 0: `hash` is that of all bytes */
     char hash[KILN_HASH_TEXT];
 };
 
@@ -68,7 +68,7 @@ int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, c
 int kiln_manifest_look(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
                        const struct kiln_manifest_parts *parts, struct kiln_error *error);
 
-/* Takes the manifest from the text of the file `path`. KILN_BAD_INPUT if it is damaged. Destroy with
+/* Parses the manifest from the text of the file `path`. KILN_BAD_INPUT if it is damaged. Destroy with
  * kiln_manifest_destroy. Not collective. */
 int kiln_manifest_parse(struct kiln_manifest **manifest, const char *path, const char *text, size_t size,
                         struct kiln_error *error);

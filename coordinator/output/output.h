@@ -17,30 +17,30 @@ struct kiln_points_ahead;
 struct kiln_output_params {
     const char *directory;
     bool half, stitch;
-    bool parts;                   /* the bake is one in parts: its fields have what each of them found */
+    bool parts;                   /* the bake is in parts: its fields have the light of each part */
     bool denoise;                 /* the bake's fields must have the errors of direct and of indirect light */
-    struct kiln_backend *backend; /* whose device denoises what is large; NULL: none does */
-    bool denoise_direct;          /* direct light alone: what indirect light is off by is no noise */
+    struct kiln_backend *backend; /* its device denoises large maps; NULL: the host does */
+    bool denoise_direct;          /* only direct light: the error of indirect light is not noise */
     uint64_t least_divided; /* texels from which on a lightmap may be in bands, or packed by several ranks; 0: 2^19 */
-    /* texels of lightmaps that a rank has at a time, unless one is larger (map/texel_gather.h); 0: 2^21 */
+    /* texels that a rank has in memory at a time; a larger lightmap is whole (map/texel_gather.h); 0: 2^21 */
     uint64_t texel_budget;
     /* kiln_provenance: one JSON object without time stamps, stored as an attribute of the HDF5 files */
     const char *provenance_json;
     const struct kiln_faults *faults; /* for tests; NULL: none */
-    /* one byte a lightmap, the same on all ranks: those with 0 are as an earlier call has written them, and stay,
-     * unless they touch one that is written; NULL: all are written */
+    /* one byte for each lightmap, the same on all ranks: 0 keeps the file of an earlier call, unless the object touches
+     * one that is written; NULL: all are written */
     const uint8_t *only;
-    /* for kiln.h5: what was packed while light was computed, stopped; NULL: nothing */
+    /* for kiln.h5: columns that were packed while light was computed, its threads stopped; NULL: none */
     const struct kiln_points_ahead *ahead;
     uint64_t kept; /* for kiln.h5: bytes that a rank may keep packed; 0: KILN_POINTS_KEPT_MOST */
     /* for kiln.h5, on rank 0: irradiance at vertices; NULL: none */
     const struct kiln_vertex_light *vertices;
 };
 
-/* The largest size of kiln.h5 in bytes, for which there must be room before it is begun. */
+/* Upper bound of the size of kiln.h5 in bytes; so much disk space must be free before it is begun. */
 uint64_t kiln_h5_space(const struct kiln_scene *scene, const struct kiln_surface *surface,
                        const struct kiln_field_set *fields);
-/* Its columns: the datasets that have a row for each point of lightmaps. */
+/* Number of columns of kiln.h5: datasets with one row for each point of lightmaps. */
 size_t kiln_h5_columns(const struct kiln_field_set *fields);
 /* Writes DIR/kiln.h5, each rank its own points (kiln_h5_points.h); the same bytes on any number of ranks. Groups:
  * /points, /irradiance and those of further fields with the columns of columns.h, /objects, /cells and /vertices.
@@ -48,12 +48,12 @@ size_t kiln_h5_columns(const struct kiln_field_set *fields);
 int kiln_write_h5(const struct kiln_bake_result *result, const struct kiln_output_params *params,
                   struct kiln_error *error);
 
-/* The same for volume.hdf; only the size of the volume is used. */
+/* Upper bound of the size of volume.hdf in bytes; reads only the size of the volume. */
 uint64_t kiln_volume_space(const struct kiln_volume_result *volume);
 /* Writes DIR/volume.hdf as VTKHDF ImageData. Its PointData are irradiance_sh (27 components: the nine coefficients c_i
  * of irradiance in RGB, E(n) = sum_i c_i Y_i(n), without further factors), irradiance_posx ... irradiance_negz,
- * validity and mean_distance. Where groups of lights are told apart, /groups/NAME has what each brings of the light (45
- * components: those of irradiance_sh, then RGB along the six axes). */
+ * validity and mean_distance. If light groups are kept apart, /groups/NAME has the light of each group (45 components:
+ * those of irradiance_sh, then RGB along the six axes). */
 int kiln_write_volume(const struct kiln_bake_result *result, const struct kiln_volume_result *volume,
                       const struct kiln_output_params *params, struct kiln_error *error);
 

@@ -67,7 +67,7 @@ int kiln_piece_hash_file(int descriptor, const char *path, uint64_t file_bytes, 
                          struct kiln_hash *hash, struct kiln_error *error)
 {
     const uint64_t count = kiln_hash_piece_count(file_bytes, piece_bytes);
-    uint64_t first_failed = count; /* its error is told: a file that is too short ended there, not at a later piece */
+    uint64_t first_failed = count; /* its error is reported: a file that is too short ends in this piece */
     struct kiln_hash *pieces = NULL;
     int status = kiln_allocate(&pieces, count, sizeof *pieces, "a file's hashes", error);
     if (status != KILN_OK)

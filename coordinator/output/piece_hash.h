@@ -1,5 +1,5 @@
-/* Hash of a file in pieces, which ranks and threads compute at the same time: the XXH3-128 hashes of its pieces, as 16
- * bytes each in canonical (big-endian) form one after the other, are hashed by XXH3-128 in turn. A file of one piece
+/* Hash of a file in pieces, which ranks and threads hash in parallel. Each piece has an XXH3-128 hash of 16 bytes in
+ * canonical (big-endian) form. The hash of the file is the XXH3-128 hash of their concatenation; a file of one piece
  * has the hash of that piece. Not collective, thread-safe. */
 #ifndef KILN_COORDINATOR_OUTPUT_PIECE_HASH_H
 #define KILN_COORDINATOR_OUTPUT_PIECE_HASH_H
@@ -15,7 +15,7 @@ struct kiln_hash {
     uint64_t high, low;
 };
 
-/* Number of pieces of so many bytes; at least 1, since an empty file has a hash too. */
+/* Number of pieces of a file; at least 1, since an empty file has a hash too. */
 uint64_t kiln_hash_piece_count(uint64_t file_bytes, uint64_t piece_bytes);
 
 /* The hash of piece number `piece` of an open file. KILN_IO if it cannot be read, or ends before. */

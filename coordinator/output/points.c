@@ -37,7 +37,7 @@ static double piece_centroid(const struct kiln_scene *scene, const struct triang
     return area;
 }
 
-/* The same of a leaf, in the area of its square. */
+/* As piece_centroid, for a leaf; the area is in squares of leaves. */
 static double leaf_centroid(const struct kiln_bake_result *result, uint32_t triangle,
                             const struct kiln_texel_place *place, bool flipped, double *b1, double *b2)
 {
@@ -51,7 +51,7 @@ static double leaf_centroid(const struct kiln_bake_result *result, uint32_t tria
     return area;
 }
 
-/* The same of the part of a texel that walls divide. */
+/* As piece_centroid, for a part of a texel that walls divide. */
 static double part_centroid(const struct kiln_footprint *part, uint32_t triangle, bool flipped, double *b1, double *b2)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid = {0.5, 0.5, 1.0 / 3.0, 1.0 / 3.0};

@@ -8,7 +8,7 @@
 
 struct kiln_point_detail {
     uint32_t x, y;      /* texel in the object's lightmap */
-    uint32_t leaf[3];   /* of an octree: the leaf along the axes of the world, from the leaves' origin on */
+    uint32_t leaf[3];   /* in an octree: integer grid coordinates of the leaf along x, y, z, from the leaves' origin */
     uint32_t triangle;  /* world triangle of its first piece */
     float coverage;     /* fraction of the texel's square that the layout covers, 0 to 1 */
     double position[3]; /* m, world: centroid of the covered part of the surface */
@@ -20,8 +20,8 @@ struct kiln_point_detail {
 uint32_t kiln_tile_run_details(const struct kiln_bake_result *result, size_t tile_run,
                                struct kiln_point_detail *details);
 
-/* Transforms a normal by the inverse transpose of a matrix as objects have it (worker/scene/scene.h). Unit; the zero
- * vector if the matrix or the normal leaves none. */
+/* Transforms a normal by the inverse transpose of an object's matrix (worker/scene/scene.h). Returns a unit vector, or
+ * the zero vector if the matrix or the normal is degenerate. */
 struct kiln_dvec3 kiln_world_normal(const double m[12], struct kiln_dvec3 normal);
 
 #endif

@@ -17,7 +17,7 @@ enum { THREADS_MOST = 4, THREADS_SHARE = 4 };
 struct part {
     void *bytes;
     size_t size;
-    uint64_t hash; /* of direct light: of its rows as they were packed */
+    uint64_t hash; /* hash of the direct light in its rows, as packed */
 };
 
 /* Stages of packing: surface first, then direct light once there is some. */
@@ -28,10 +28,10 @@ struct kiln_points_ahead {
     struct kiln_columns columns; /* of both stages */
     uint64_t first, count;       /* chunks that lie within the own points */
     struct part *parts;          /* chunk by chunk, count x columns.count */
-    atomic_bool *done[STAGES];   /* one a chunk: all its parts are there */
+    atomic_bool *done[STAGES];   /* one per chunk: all its parts are there */
     _Atomic uint64_t next[STAGES], bytes, nanoseconds;
     _Atomic uint64_t begin, end;   /* ns of CLOCK_MONOTONIC; 0: none yet */
-    atomic_bool leave, has_direct; /* threads are to leave; direct light is there */
+    atomic_bool leave, has_direct; /* leave: threads are to end; has_direct: direct light is there */
     pthread_mutex_t lock;          /* of changes of these */
     pthread_cond_t news;           /* one of them has changed */
     uint64_t start;
@@ -138,7 +138,7 @@ static void wait_for_direct(struct kiln_points_ahead *a)
     (void)pthread_mutex_unlock(&a->lock);
 }
 
-/* A thread that runs out of memory ends; the writer packs what is missing. */
+/* Thread function. If it runs out of memory it ends, and the writer packs what is missing. */
 static void *pack_chunks(void *context)
 {
     struct kiln_points_ahead *a = context;
@@ -164,8 +164,8 @@ static void start_threads(struct kiln_points_ahead *a, uint32_t wanted)
 
 /* ---- start and end ---- */
 
-/* Chunks all of whose points are the rank's own, and the columns that do not depend on light, or on direct light only.
- */
+/* Finds the chunks all of whose points are the rank's own, and the columns that depend on no light, or on direct light
+ * only. */
 static void survey(struct kiln_points_ahead *a)
 {
     const struct kiln_surface *s = a->result.surface;

@@ -124,8 +124,8 @@ static void aces(const double rgb[3], double out[3])
 static const double FILMIC_LEAST = 10.0, FILMIC_WHITE[2] = {4.0, 6.5}, /* stops below and above middle grey */
     FILMIC_TOE = 1.5, FILMIC_SHOULDER = 2.0, FILMIC_INSET = 0.15;
 
-/* A branch of the sigmoid: leaves with `slope`, bends with `power` and gets so far in `wide` stops that it is exactly
- * at its end. */
+/* One branch of the sigmoid: starts with `slope`, bends with `power`, and reaches its end value exactly after `wide`
+ * stops. */
 struct branch {
     double slope, power, wide, scale;
 };
@@ -142,7 +142,7 @@ static double branch_at(const struct branch *b, double stops)
     return b->scale * t / pow(1.0 + pow(t, b->power), 1.0 / b->power);
 }
 
-/* By sRGB codes over stops from middle grey. */
+/* Filmic curve: sRGB codes as a function of stops from middle grey. */
 struct filmic {
     double grey;
     struct branch toe, shoulder;
@@ -197,14 +197,14 @@ static void map_color(const struct kiln_tone *tone, const struct filmic *f, cons
 
 /* ---- many colours ---- */
 
-/* A function of positive numbers by tables: linear between 2^PARTS places of each octave, which is enough to tell most
- * bytes; nearer than NEAR to where a byte becomes the next one the function itself has to say. */
+/* Tables of a function of positive numbers: linear between 2^PARTS places per octave, which suffices for most bytes.
+ * Closer than NEAR to the border between two bytes the function itself is evaluated. */
 enum { PARTS = 8, OCTAVE_LEAST = -14, OCTAVES = 22, ENTRIES = (OCTAVES << PARTS) + 1 };
 static const float NEAR = 0.004f;
 
 struct tables {
     float curve[ENTRIES]; /* filmic: from exposed to shown */
-    float code[ENTRIES];  /* 255 x the sRGB code of what is shown */
+    float code[ENTRIES];  /* 255 x sRGB code of the tone-mapped value */
 };
 
 static double place_at(size_t i)
@@ -235,7 +235,7 @@ static bool look_up(const float table[ENTRIES], float x, float *value)
     return true;
 }
 
-/* The bytes of a filmic colour, where the tables tell. */
+/* Maps a filmic colour to bytes by the tables. False: too close to a border between bytes. */
 static bool map_by_tables(const struct tables *t, double exposure, const float rgb[3], uint8_t bytes[3])
 {
     const float inset = (float)FILMIC_INSET, scale = (float)exposure;

@@ -1,4 +1,4 @@
-/* From linear radiance to the colours of a screen: exposure and tone curves. Nothing here is collective. */
+/* Tone mapping from linear radiance to sRGB: exposure and tone curves. Nothing here is collective. */
 #ifndef KILN_COORDINATOR_OUTPUT_TONE_MAP_H
 #define KILN_COORDINATOR_OUTPUT_TONE_MAP_H
 
@@ -11,10 +11,10 @@
  * drawn towards grey, c' = 0.85 c + 0.15 mean(c), so that bright saturated light turns to white as on film, and not to
  * a primary colour. Each component is encoded as stops from middle grey, x = log2(c' / 0.18), between -10 and m, and
  * goes through a sigmoid to the sRGB code y. With y0 the code of middle grey, and k the slope of sRGB's code there
- * (0.149 for each stop), y(x) = y0 + s h(k x / s), h(t) = t / (1 + |t|^p)^(1/p), where p is 1.5 below middle grey and 2
- * above, and s, apart for both sides, makes y(-10) = 0 and y(m) = 1. The first step is then taken back on y as linear
- * light: (c - 0.15 mean(c)) / 0.85. So middle grey stays 0.18 with its contrast, colours of middle lightness stay what
- * they are, and white is m stops above: that of the white point w, but from 4 to 6.5.
+ * (0.149 for each stop), y(x) = y0 + s h(k x / s), h(t) = t / (1 + |t|^p)^(1/p). p is 1.5 below middle grey and 2
+ * above; s is chosen for each side so that y(-10) = 0 and y(m) = 1. The first step is then inverted on y as linear
+ * light: (c - 0.15 mean(c)) / 0.85. So middle grey stays 0.18 with its contrast, and colours of middle lightness do not
+ * change. White is m stops above middle grey, at the white point w, with m clamped to 4 to 6.5.
  *
  * REINHARD is Reinhard, Stark, Shirley, Ferwerda: Photographic Tone Reproduction for Digital Images (2002), equation 4,
  * on luminance L: c (1 + L / w^2) / (1 + L), with the white point w. It keeps the hue.
@@ -43,9 +43,9 @@ extern const struct kiln_exposure kiln_plain_exposure;
  * leaves out the darkest and the brightest 5 % of them, so that neither a lamp nor a black corner determines it.
  * Without such pixels the scale is 1 and white infinite. Deterministic.
  *
- * `level`: the luminance that the lights would give if they lit all surfaces alike (view/light_level.h); 0: unknown.
- * What is more than KILN_EXPOSURE_STOPS below it is no picture's middle grey: it stays as dark as it is, be it a leak
- * or a black room with a few bright places. */
+ * `level`: the luminance that the lights would give if they lit all surfaces alike (view/light_level.h); 0: unknown. An
+ * image more than KILN_EXPOSURE_STOPS darker than `level` is not brought to middle grey: a light leak, or a black room
+ * with a few bright places, stays dark. */
 #define KILN_EXPOSURE_STOPS 10.0
 struct kiln_exposure kiln_auto_exposure(const struct kiln_image *image, double level);
 
@@ -55,7 +55,7 @@ struct kiln_tone {
     double white;    /* white point of REINHARD and FILMIC; infinity: none */
 };
 
-/* Computes the sRGB codes, 0 to 1, of linear RGB. Where one of the three is not finite it is magenta, so that errors
+/* Computes the sRGB codes, 0 to 1, of linear RGB. The result is magenta if a component is not finite, so that errors
  * are visible. */
 void kiln_tone_map_color(const struct kiln_tone *tone, const float rgb[3], double code[3]);
 

@@ -14,13 +14,13 @@
 
 /* Weight of the second term. */
 static const double LAMBDA = 1e-4;
-/* The conjugate gradients end when the residual is so small relative to the right side. */
+/* Conjugate gradients end at this residual, relative to the right side. */
 static const double RESIDUAL = 1e-7;
 enum { ITERATIONS = 1000, BLOCK_TRIANGLES = 1 << 16 };
 
-/* Sums over a triangle's points, in integers, so that their order does not matter: integrals of phi_i phi_j (00 11 22
- * 01 02 12) and of phi_i E (channel by channel), and of the squared luminance. They are relative to the triangle's
- * area, to the brightest point's light, and in steps of 1 / STEPS. */
+/* Sums over a triangle's points: integrals of phi_i phi_j (00 11 22 01 02 12), of phi_i E (channel by channel), and of
+ * the squared luminance. They are relative to the triangle's area and the brightest point's light. They are integers,
+ * in steps of 1 / STEPS, so that the order of points does not matter. */
 enum { MASSES = 6, LIGHTS = 9, SQUARE = MASSES + LIGHTS, SUMS };
 #define STEPS 0x1p58
 struct triangle_sums {
@@ -32,7 +32,7 @@ struct fit {
     size_t field;        /* of irradiance */
     double unit;         /* a power of two above the light of all points */
     uint32_t *tile_runs; /* own ones of fronts, by object */
-    size_t *object_runs; /* object_count + 1: where an object's begin there */
+    size_t *object_runs; /* object_count + 1: where an object's tile runs begin */
     struct kiln_vertex_light *light;
 };
 
@@ -83,7 +83,7 @@ static void add_piece(struct triangle_sums *sums, double share, const double b1[
     add_sum(&sums->of[SQUARE], share * kiln_luminance(light) * kiln_luminance(light));
 }
 
-/* The parallelogram of a texel that one triangle covers: two triangles. */
+/* Adds a texel's parallelogram that one triangle covers, as two triangles. */
 static void add_whole(const struct fit *f, const struct kiln_footprint *p, double area, struct triangle_sums *sums,
                       const double light[3])
 {
@@ -101,7 +101,7 @@ static void add_whole(const struct fit *f, const struct kiln_footprint *p, doubl
     }
 }
 
-/* Adds a point to the sums of its triangles. `of_object`: the sums of its object's. */
+/* Adds a point to the sums of its triangles. `of_object`: the sums of its object's triangles. */
 static void add_point(const struct fit *f, const struct kiln_point_cursor *at, struct triangle_sums *of_object)
 {
     const struct kiln_bake_result *r = f->result;
@@ -144,9 +144,9 @@ static void add_object(const struct fit *f, size_t object, struct triangle_sums 
     }
 }
 
-/* ---- the vertices that are one unknown ---- */
+/* ---- vertices that share one unknown ---- */
 
-/* A vertex by what tells it apart; `number` among the mesh's. */
+/* A vertex by its key for comparison; `number`: in the mesh. */
 struct corner {
     float position[3], normal[3];
     uint32_t number;
@@ -159,7 +159,7 @@ static int by_place(const void *a, const void *b)
     return order != 0 ? order : (x->number > y->number) - (x->number < y->number);
 }
 
-/* Writes to unknown[vertex] the number of the first vertex of the mesh that is the same. */
+/* Writes to unknown[vertex] the number of the mesh's first vertex with an equal key. */
 static int weld(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint32_t *unknown,
                 struct kiln_error *error)
 {
@@ -184,7 +184,7 @@ static int weld(const struct kiln_scene *scene, const struct kiln_mesh *mesh, ui
 
 /* ---- least squares ---- */
 
-/* The normal equations of one object: a symmetric 3 x 3 matrix a triangle, and its three unknowns. */
+/* A triangle's part of the normal equations of an object: a symmetric 3 x 3 matrix, and its three unknowns. */
 struct element {
     double matrix[MASSES];
     uint32_t unknown[3];
@@ -294,8 +294,8 @@ static void solve(struct system *y, size_t channel)
     }
 }
 
-/* Root mean square of fit - E over the mean of E, of luminance: integral of (fit - E)² = fit M fit - 2 fit b + integral
- * of E², to which the small second term of the minimum is added. */
+/* Relative error of the fit: root mean square of fit - E over the mean of E, in luminance. The integral of (fit - E)²
+ * is fit M fit - 2 fit b + integral of E², plus the small second term of the minimum. */
 static float fit_error(struct system *y, float (*fit)[3], double unit)
 {
     double square = y->square;
@@ -343,7 +343,7 @@ end:
     return status;
 }
 
-/* Fits objects [first, end), whose sums rank 0 has, on all threads. `place`: where each object's sums begin. */
+/* Fits objects [first, end) on all threads of rank 0, which has their sums. `place`: where each object's sums begin. */
 static int fit_objects(const struct fit *f, size_t first, size_t end, const struct triangle_sums *sums,
                        const uint64_t *place, struct kiln_error *error)
 {
@@ -363,7 +363,7 @@ static int fit_objects(const struct fit *f, size_t first, size_t end, const stru
     return status;
 }
 
-/* Collective. Sums of objects [first, end), which have `triangles` triangles, and their vertices on rank 0. */
+/* Collective. Sums up objects [first, end), which have `triangles` triangles, and fits their vertices on rank 0. */
 static int fit_block(const struct fit *f, size_t first, size_t end, uint64_t triangles, int rank,
                      struct kiln_error *error)
 {
@@ -396,7 +396,7 @@ end:
 
 /* ---- what there is ---- */
 
-/* The own tile runs of fronts, by object. */
+/* Sorts the own tile runs of fronts by object. */
 static int sort_tile_runs(struct fit *f, struct kiln_error *error)
 {
     const struct kiln_surface *s = f->result->surface;
@@ -406,7 +406,7 @@ static int sort_tile_runs(struct fit *f, struct kiln_error *error)
         status = kiln_allocate(&f->object_runs, objects + 2, sizeof *f->object_runs, "tile runs of objects", error);
     if (status != KILN_OK)
         return status;
-    size_t *next = f->object_runs + 1; /* counted one further on, so that filling in leaves the begins */
+    size_t *next = f->object_runs + 1; /* counts are stored one entry ahead, so that filling leaves the beginnings */
     for (size_t i = 0; i < s->tile_run_count; i++)
         if (!kiln_map_back(s, s->tile_runs[i].map))
             next[kiln_map_object(s, s->tile_runs[i].map) + 1]++;
@@ -418,7 +418,7 @@ static int sort_tile_runs(struct fit *f, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Collective. A power of two above all light. */
+/* Collective. Returns a power of two above the light of all points. */
 static double find_unit(const struct fit *f)
 {
     const struct kiln_surface *s = f->result->surface;

@@ -7,18 +7,18 @@
  *     minimise over e    integral (sum of e_i phi_i(x) - E(x))² dx  +  lambda sum over triangles A sum over edges (e_i
  * - e_j)²
  *
- * with phi_i the weight of vertex i, which is linear on triangles, and A a triangle's area. So a vertex has no light of
- * its own place alone, which would be too dark in corners and beside walls. The second term is small (lambda = 1e-4);
- * it gives light to vertices whose surface is buried. Vertices of a mesh with the same position and the same normal are
- * one unknown: the light is continuous where the mesh was cut for its lightmap only. Values below 0, which the minimum
- * may have beside sharp shadows, become 0. */
+ * with phi_i the weight of vertex i, linear on triangles, and A a triangle's area. So the value of a vertex is not just
+ * the light at its position, which would be too dark in corners and beside walls. The second term is small (lambda =
+ * 1e-4); it gives light to vertices whose surface is buried. Vertices of a mesh with the same position and normal are
+ * one unknown, so the light is continuous where the mesh was cut only for its lightmap. Negative values, which the
+ * minimum may have beside sharp shadows, become 0. */
 #ifndef KILN_COORDINATOR_OUTPUT_VERTEX_LIGHT_H
 #define KILN_COORDINATOR_OUTPUT_VERTEX_LIGHT_H
 
 #include "coordinator/field/result.h"
 #include "worker/base/arena.h"
 
-/* On rank 0 all vertices, elsewhere none. */
+/* Irradiance at vertices: rank 0 has all vertices, other ranks none. */
 struct kiln_vertex_light {
     size_t object_count;
     uint64_t *first;        /* object_count + 1: where an object's vertices begin, as its mesh has them */

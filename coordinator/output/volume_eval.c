@@ -22,15 +22,15 @@ static const struct {
                     {"irradiance_posy", 3}, {"irradiance_negy", 3}, {"irradiance_posz", 3},
                     {"irradiance_negz", 3}, {"validity", 1},        {"mean_distance", 1}};
 
-/* A plane hides what lies more than this share of its distance behind it. What a probe does not see has this weight
- * still, so that a place that no probe sees gets the light of all. */
+/* SEES_MARGIN: a plane hides places that lie behind it by more than this share of its distance. SEES_LEAST: weight of a
+ * probe that does not see a place, so that a place that no probe sees gets the light of all. */
 static const double SEES_MARGIN = 0.01, SEES_LEAST = 1e-6;
 
 struct kiln_volume {
     char *path;
     int own; /* descriptor to close with the volume; -1: it belongs to the caller */
     struct kiln_h5_file *file;
-    hid_t datasets[ARRAYS], occluders, offset; /* the last two: invalid in files of kiln before it had them */
+    hid_t datasets[ARRAYS], occluders, offset; /* occluders and offset are invalid in files of older kiln versions */
     uint64_t size[3];
     double origin[3], spacing[3];
 };
@@ -235,8 +235,8 @@ int kiln_volume_corners(const uint64_t size[3], const double origin[3], const do
     return count;
 }
 
-/* From the planes of one octant's directions e1, e1 + e2, e1 + e2 + e3, where e1, e2, e3 are the axes that v has most,
- * less and least of: v is |v1|-|v2|, |v2|-|v3|, |v3| of these. */
+/* Interpolates between planes in one octant: those for the directions e1, e1 + e2, e1 + e2 + e3, where e1, e2, e3 are
+ * the axes on which v is largest, middle and least. v is their sum with weights |v1|-|v2|, |v2|-|v3|, |v3|. */
 double kiln_volume_sees(const struct kiln_probe_occluders *occluders, const double v[3])
 {
     int axis[3] = {0, 1, 2};

@@ -17,7 +17,7 @@ struct kiln_volume_probe {
     float mean_distance;   /* to the surfaces around, m */
 };
 
-/* Where it was gathered, and what is around there. */
+/* Occluders around a probe, and the offset of the place where its light was gathered. */
 struct kiln_probe_surroundings {
     struct kiln_probe_occluders occluders;
     float offset[3]; /* m, from the probe's place in the grid */
@@ -28,7 +28,7 @@ struct kiln_volume;
 /* Opens a volume. KILN_NO_INPUT; KILN_BAD_INPUT if it is not a volume of kiln (h5_file.h). A volume that somebody
  * else may have written must be read in a confined child (read/reader.h). Close with kiln_volume_close. */
 int kiln_volume_open(struct kiln_volume **volume, const char *path, struct kiln_error *error);
-/* The same for an open file, which is borrowed as long as the volume is open; `path` is for messages. */
+/* Opens a volume from an open file, which is borrowed as long as the volume is open; `path` is for messages. */
 int kiln_volume_open_file(struct kiln_volume **volume, int descriptor, const char *path, struct kiln_error *error);
 void kiln_volume_close(struct kiln_volume **volume);
 
@@ -41,11 +41,11 @@ int kiln_volume_read(const struct kiln_volume *volume, const uint64_t at[3], str
  * on, linear in between. */
 float kiln_volume_trust(float validity);
 
-/* Whether a probe sees the place v, m from it: 1, or 0 where something lies between, or in between where it lies just
- * behind a surface. The planes of the three directions nearest to v hide v if both of these are above 1: the largest
- * g . v of the three; and the mean of g . d of the three directions d, weighted by what v has of each of them. For one
- * wall, and for a corner of a room seen from inside, this is exact; beside the edge of something that ends between two
- * directions it is a guess. */
+/* Visibility of the point at v (m, relative to the probe) from a probe: 1 seen, 0 hidden, in between just behind a
+ * surface. The probe has an occluding plane g for each of several directions d; the three directions nearest to v
+ * count. Their planes hide v if both of these are above 1: the largest g . v; and the mean of g . d, weighted by the
+ * components of v along the directions. This is exact for one wall, and for a corner of a room seen from inside; beside
+ * the edge of an occluder that ends between two directions it is a guess. */
 double kiln_volume_sees(const struct kiln_probe_occluders *occluders, const double v[3]);
 
 struct kiln_volume_place {
@@ -53,9 +53,9 @@ struct kiln_volume_place {
     double seen;  /* share of the trusted probes' trilinear weight that sees the position, 0 to 1 */
 };
 
-/* Light at a world position: the mean of the eight probes around it, with trilinear weight x kiln_volume_trust x
- * kiln_volume_sees (1e-6 at least), normalised. Outside the grid the weights are those of the nearest point on its
- * boundary. KILN_BAD_INPUT if all weights are 0, since the position is inside geometry then. */
+/* Interpolates the light at a world position from the eight probes around it. The weight of a probe is its trilinear
+ * weight x kiln_volume_trust x kiln_volume_sees (1e-6 at least); weights are normalised. Outside the grid the nearest
+ * point on its boundary is used. KILN_BAD_INPUT if all weights are 0: the position is inside geometry. */
 int kiln_volume_light(const struct kiln_volume *volume, const double position[3], struct kiln_volume_probe *light,
                       struct kiln_volume_place *place, struct kiln_error *error);
 
@@ -63,9 +63,9 @@ int kiln_volume_light(const struct kiln_volume *volume, const double position[3]
  * for concentrated light, become 0. */
 void kiln_volume_irradiance(const struct kiln_volume_probe *light, const double normal[3], double irradiance[3]);
 
-/* The interpolation of kiln_volume_light without the file: grid indices and trilinear weights of up to eight probes
- * around `position`; *outside (may be NULL) is set beyond the grid. Returns the number of probes with a weight above 0.
- */
+/* Finds the grid indices and trilinear weights of up to eight probes around `position`, as kiln_volume_light does, but
+ * without the file. Sets *outside (may be NULL) to whether it is outside the grid. Returns the number of probes with a
+ * weight above 0. */
 int kiln_volume_corners(const uint64_t size[3], const double origin[3], const double spacing[3],
                         const double position[3], uint64_t at[8][3], double weight[8], bool *outside);
 

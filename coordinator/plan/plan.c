@@ -25,13 +25,13 @@
 #include "worker/scene/radiosity.h"
 #include "worker/store/store.h"
 
-/* Bounces that `--bounces all` is taken to make, the final gather among them: scenes settle after 5 to 8. With equal
- * samples in each, as patches have it, they go on until 1e-5 of the light is left: 15 to 20, or half as many pairs by
- * unshot power. */
+/* Assumed number of bounces for `--bounces all`, final gather included: scenes settle after 5 to 8. With patches, where
+ * all bounces have equal samples, light is followed down to 1e-5: 15 to 20 bounces, or half as many pairs by unshot
+ * power. */
 enum { TYPICAL_BOUNCES = 7, TYPICAL_EQUAL = 18, TYPICAL_UNSHOT = 9 };
-/* Tile runs traced at a place: so many that every thread gets some, or a GPU is busy. */
+/* Tile runs traced per sample: enough for every thread, or to keep a GPU busy. */
 enum { THREAD_TILE_RUNS = 4, LEAST_TILE_RUNS = 8, DEVICE_TILE_RUNS = 2048, SAMPLE_PROBES = 256, LEAST_SAMPLES = 8 };
-enum { CHEAP_TILE_RUNS = 4 }; /* so many times as many for a gather of fewer samples than another one has */
+enum { CHEAP_TILE_RUNS = 4 }; /* factor on tile runs for gathers with fewer samples than another kind of step */
 static const double CALIBRATION_SECONDS = 15.0;
 
 /* Embree 3.13, robust, medium quality: bytes of BVH a triangle, measured between 32 thousand and 4 million triangles.
@@ -39,8 +39,8 @@ static const double CALIBRATION_SECONDS = 15.0;
 static const double BVH_BYTES = 100.0;
 static const uint64_t LEAST_PROGRAM_BYTES = 24ull << 20;
 
-/* Denoising: seconds of one thread a point. Smooth lightmaps pack better, and of the two errors in kiln.h5 half of the
- * bits are zero. */
+/* Denoising: seconds of one thread per point. Denoised lightmaps compress better; in kiln.h5, half of the bits of both
+ * errors are zero. */
 static const double DENOISE_POINT_SECONDS = 18e-6;
 /* Denoising where a device does it: seconds of one thread a point, for the part that stays with the host. Measured with
  * Sponza on an H100: 1.05 s of 16 threads for 3 M points. Half of that time is work of a single thread. */
@@ -50,22 +50,21 @@ static const double DENOISE_LIGHTMAP_DISK = 0.87, DENOISE_POINT_DISK = -4.0;
 static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
 static const double LIGHTMAP_TEXEL_SECONDS = 0.9e-6; /* of one thread: filled, smoothed, compressed, read back */
 static const double H5_POINT_SECONDS = 1.0e-6;       /* of one thread: described, compressed, written, read back */
-/* Bytes of a texel of a lightmap in bands, on its way to the part that denoises it
- * (output/map/denoise/denoise_parts.h). */
+/* Bytes per texel of a lightmap in bands, sent to the part that denoises it (output/map/denoise/denoise_parts.h). */
 static const double TEXEL_BYTES = 90.0;
-/* the part of it that is packed while light is computed: a gain where devices compute, else it takes their time */
+/* share of kiln.h5 packed while light is computed: a gain where devices compute, else it costs them time */
 static const double H5_EARLY = 0.3;
 static const double H5_PLACE_SECONDS = 3e-6;     /* of rank 0 alone: for a column of a chunk of kiln.h5 */
 static const double HASH_BYTE_SECONDS = 0.25e-9; /* of one thread: read from the system's cache and hashed */
-/* Checkpoints: bytes a second that a node hashes, writes and syncs; of one thread, seconds of a byte that is copied
- * behind the passes (--checkpoint-local), to files that the system keeps in memory at first */
+/* Checkpoints. SAVE_BANDWIDTH: bytes per second that a node hashes, writes and syncs. COPY_BYTE_SECONDS: seconds of one
+ * thread to copy a byte in the background (--checkpoint-local), to files that the system first keeps in memory. */
 static const double SAVE_BANDWIDTH = 1e9, COPY_BYTE_SECONDS = 0.6e-9;
 static const double START_SECONDS = 0.1; /* until the scene is looked at: libraries, MPI, threads */
-/* Preview that nothing limits, s of one thread: work by all of a rank's threads, factor on it with gloss; work by one.
- */
+/* Preview without a limit, seconds of one thread. DRAWN: work that all threads of a rank share; OF_GLOSS: factor on it
+ * in scenes with gloss; WRITTEN: work of a single thread. */
 static const double PREVIEW_DRAWN = 0.25, PREVIEW_OF_GLOSS = 2.5, PREVIEW_WRITTEN = 0.05;
 static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
-static const double MAP_ENTRY_BYTES = 24.0;                /* of a tile or split, from who found it to every rank */
+static const double MAP_ENTRY_BYTES = 24.0;                /* of a tile or split, sent from its finder to every rank */
 static const double MAP_POINT_SECONDS = 0.5e-9;            /* of a rank, for a point that another found */
 
 /* Compressed bytes, measured over the project's scenes. */
@@ -131,8 +130,8 @@ static void known_memory(struct kiln_plan *plan, const struct kiln_prepared *p)
     m->bvh = on_device(p) ? 0 : (uint64_t)(BVH_BYTES * (double)g->triangle_count);
 }
 
-/* Measures the memory of the program itself: all that is resident now, less the data that the plan counts by name. To
- * be called before the surface points of a rank are built, which would count too. */
+/* Measures the memory of the program itself: all resident memory, less the data that the plan counts by name. Call it
+ * before the rank's surface points are built, which would count too. */
 static void measure_program(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
 {
     struct kiln_plan_memory *m = &plan->memory;
@@ -269,7 +268,7 @@ static bool is_cheap(const struct kiln_planned_steps *steps, uint32_t kind)
 struct calibration {
     const struct kiln_prepared *p;
     struct kiln_integrate_params params; /* of one rank, as companions want them */
-    struct kiln_rank_data data;          /* of all points: the fields by which companions select */
+    struct kiln_rank_data data;          /* of all points: fields by which companions select points */
 };
 
 static int take_sample(const struct kiln_planned_steps *steps, const struct calibration *c, size_t first, size_t count,
@@ -300,7 +299,7 @@ static int take_sample(const struct kiln_planned_steps *steps, const struct cali
     return status;
 }
 
-/* Sample i of all, so that those taken so far lie spread over the scene whenever time runs out. */
+/* Tile run for sample i, in bit-reversed order: whenever time runs out, the samples taken are spread over the scene. */
 static size_t sample_place(size_t i)
 {
     size_t place = 0;
@@ -361,7 +360,7 @@ static struct moment moment_now(void)
     return (struct moment){MPI_Wtime(), (double)time.tv_sec + 1e-9 * (double)time.tv_nsec};
 }
 
-/* Seconds of all threads since then; on processors at most their mean work, so that other programs do not count. */
+/* Seconds since `begin`. On a CPU at most the mean CPU time of a thread, so that other programs do not count. */
 static double seconds_since(struct moment begin, const struct kiln_prepared *p)
 {
     const struct moment now = moment_now();
@@ -409,8 +408,7 @@ static double phase_seconds(const struct kiln_phases *phases, const char *name)
     return 0.0;
 }
 
-/* Seconds of a phase on processors alone, of `threads` threads at least: not more than they worked, so that other
- * programs do not count. */
+/* Seconds of a phase. On a CPU at most its CPU time divided by `threads`, so that other programs do not count. */
 static double worked_seconds(const struct kiln_phases *phases, const char *name, const struct kiln_prepared *p,
                              uint32_t threads)
 {
@@ -421,14 +419,15 @@ static double worked_seconds(const struct kiln_phases *phases, const char *name,
     return seconds;
 }
 
-/* Ranks of a node share its cores, unless their threads were said; each has a GPU of its own. */
+/* Number of ranks that share a node's cores. Ranks of a node share them, unless the number of threads was given; each
+ * rank has a GPU of its own. */
 static double crowd(const struct kiln_prepared *p, const struct kiln_job *job)
 {
     const uint32_t together = job->submit.ranks_per_node > 0 ? job->submit.ranks_per_node : 1;
     return on_device(p) || job->machine.threads != 0 ? 1.0 : together < job->plan.ranks ? together : job->plan.ranks;
 }
 
-/* Seconds to denoise a point, one thread. */
+/* Seconds to denoise a point, by one thread. */
 static double denoise_seconds(const struct kiln_prepared *p, const struct kiln_job *job)
 {
     struct kiln_backend_info info;
@@ -447,7 +446,7 @@ static double written_seconds(const struct kiln_plan *plan, const struct kiln_pr
     return (texels * LIGHTMAP_TEXEL_SECONDS + denoise_seconds(p, job) + h5 + bytes * HASH_BYTE_SECONDS) / p->threads;
 }
 
-/* Seconds a point, of rank 0 while the others wait: to place its part of kiln.h5. */
+/* Seconds per point that rank 0 takes to place its part of kiln.h5, while the others wait. */
 static double place_seconds(const struct kiln_job *job)
 {
     const struct kiln_field_set fields = fields_of(job);
@@ -461,20 +460,20 @@ static double write_seconds(const struct kiln_plan *plan, const struct kiln_prep
            preview_seconds(p, job);
 }
 
-/* Bytes a point, in the exchange after a bounce, when there are so many. */
+/* Bytes per point in the exchange after a bounce, with `points` points in all. */
 static double bounce_bytes(const struct kiln_job *job, uint64_t points)
 {
     return kiln_exchange_is_compact(job->ranks.exchange, points) ? COMPACT_BYTES : FULL_BYTES;
 }
 
-/* Times of samples that have no phase. */
+/* Times of samples that are no phases. */
 struct timing {
     double probe;    /* s each */
     double emission; /* s in all */
     double views;    /* s in all, by one rank */
 };
 
-/* All that does not depend on how even the ranks' work is. */
+/* Plans all times that do not depend on how evenly the ranks' work is distributed. */
 static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
                                   const struct kiln_phases *phases, const struct timing *timing)
 {
@@ -527,7 +526,7 @@ static const struct kiln_plan_sample *sample_near(const struct kiln_plan *plan, 
     return best;
 }
 
-/* Seconds that a point costs in a stretch of them, by the samples that were taken there, or else the nearest. */
+/* Mean seconds per point over a range of points, from the samples taken there, or else from the nearest one. */
 static double cost_in(const struct kiln_plan *plan, uint64_t first, uint64_t count, uint32_t kind)
 {
     double seconds = 0.0, points = 0.0;
@@ -542,7 +541,7 @@ static double cost_in(const struct kiln_plan *plan, uint64_t first, uint64_t cou
     return points > 0.0 ? seconds / points : near != NULL ? near->seconds[kind] / (double)near->points[kind] : 0.0;
 }
 
-/* The cells of the simulation: their points, and what one costs a rank. */
+/* The cells of the simulation: their points, and the cost of one point. */
 struct cells {
     uint64_t *points;
     double *cost[KILN_COST_KINDS_MAX];
@@ -595,8 +594,9 @@ static double mean_cost(const struct cells *cells, uint32_t kind)
     return points > 0.0 ? cost / points : 0.0;
 }
 
-/* Steps of one pass cost more where others of it do, but samples were taken of tile runs of their own: the kinds of a
- * pass get the mean of what they say of each cell, over the mean of all cells. What they cost in all stays. */
+/* Gives steps of one pass a common cost pattern over cells, since they are costly in the same places, but their samples
+ * came from different tile runs. The pattern is the mean over the pass's kinds of cost in a cell / mean cost of all
+ * cells. The total cost of each kind stays. */
 static void share_patterns(const struct kiln_planned_steps *steps, const struct cells *cells)
 {
     double mean[KILN_COST_KINDS_MAX], share[KILN_COST_KINDS_MAX];
@@ -617,7 +617,7 @@ static void share_patterns(const struct kiln_planned_steps *steps, const struct 
     }
 }
 
-/* Everything that grows with the points does so in proportion. */
+/* Parameters of the simulation. Whatever grows with the number of points does so proportionally. */
 static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const struct kiln_prepared *p,
                                             const struct kiln_job *job, const struct kiln_integrate_settings *settings,
                                             const struct cells *cells, const struct timing *timing)
@@ -668,7 +668,7 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
     return simulation;
 }
 
-/* The bake as it is asked for, then the curves. */
+/* Simulates the bake as requested, then the scaling curves. */
 static int simulate(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
                     const struct timing *timing, struct kiln_error *error)
 {
@@ -717,7 +717,7 @@ static void free_fields(struct calibration *c)
                                   kiln_field_set_find(c->params.fields, kiln_companions[i]->field));
 }
 
-/* The parameters that a companion makes for steps of its passes: those of the first bounce, of even light. */
+/* Callback: takes the parameters that a companion makes for its passes, as in the first bounce with even light. */
 static int make_parameters(const struct kiln_companion *row, void *self, struct kiln_planned_steps *steps,
                            const uint64_t *radiosity, struct kiln_error *error)
 {
@@ -731,7 +731,8 @@ static int make_parameters(const struct kiln_companion *row, void *self, struct 
     return status;
 }
 
-/* Makes the companions that make parameters; `self` has room for all, and borrows the calibration. */
+/* Creates the companions that make parameters. `self` has room for all; they use the calibration, which must outlive
+ * them. */
 static int make_companions(const struct calibration *c, struct kiln_planned_steps *steps, const uint64_t *radiosity,
                            void **self, struct kiln_error *error)
 {
@@ -807,7 +808,7 @@ end:
     return status;
 }
 
-/* Finds surfaces that the job's views need. */
+/* Finds the surfaces that the job's views need. */
 static int find_visible(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
                         struct timing *timing, struct kiln_error *error)
 {

@@ -5,15 +5,15 @@
 #include "coordinator/run/control.h"
 
 static const double SAVE_START = 2e-3; /* s: folders, manifest and synchronisation of a checkpoint of any size */
-static const double NODE_MEMORY_BANDWIDTH = 10e9; /* bytes a second that ranks of one node hand over */
-/* Texels around a part of a lightmap (output/map/denoise/denoise_parts.h) that take as long as its own: some 42 are
- * seen, of which 16 in the mean go through each sweep. */
+static const double NODE_MEMORY_BANDWIDTH = 10e9; /* bytes per second between ranks of one node */
+/* Width of the margin around a part of a lightmap (output/map/denoise/denoise_parts.h), in texels that cost as much as
+ * own ones: the margin has some 42 texels, of which 16 on average go through each sweep. */
 static const double SEEN = 16.0;
 
-/* Seconds of one exchange, in which all ranks learn `bytes` of which each made its part: an all-gather by recursive
- * doubling takes ceil(log2 n) latencies and (n - 1) / n of the bytes over the bandwidth of a node, with n nodes
- * (Thakur, Rabenseifner, Gropp: Optimization of Collective Communication Operations in MPICH, 2005, section 4.1). Ranks
- * of one node hand over at the speed of its memory. */
+/* Seconds of an exchange after which all ranks have `bytes`, a part from each. An all-gather by recursive doubling over
+ * n nodes takes ceil(log2 n) latencies, and (n - 1) / n of the bytes at the bandwidth of a node (Thakur, Rabenseifner,
+ * Gropp: Optimization of Collective Communication Operations in MPICH, 2005, section 4.1). Within one node the
+ * bandwidth is that of its memory. */
 static double exchange_seconds(double bytes, uint32_t ranks, uint32_t nodes, double bandwidth, double latency)
 {
     if (nodes > 1)
@@ -21,7 +21,7 @@ static double exchange_seconds(double bytes, uint32_t ranks, uint32_t nodes, dou
     return ranks > 1 ? bytes / NODE_MEMORY_BANDWIDTH : 0.0;
 }
 
-/* Seconds until all know where the points lie: every rank of a node is told. */
+/* Seconds to find the surface points and tell all ranks; each rank of a node receives them. */
 static double find_seconds(const struct kiln_simulation *s, const struct kiln_scaled *scaled, uint32_t together)
 {
     const double own = s->find_a_point * scaled->points / scaled->ranks,
@@ -31,24 +31,24 @@ static double find_seconds(const struct kiln_simulation *s, const struct kiln_sc
                             s->light.latency);
 }
 
-/* The texels that a rank denoises besides its part of the largest lightmap, a square, on all of whose sides it sees so
- * many. */
+/* Number of texels in the margin that a rank denoises around its part of the largest lightmap: the part is a square
+ * with a margin on all sides. */
 static double seen_texels(const struct kiln_simulation *s, const struct kiln_scaled *scaled, double density)
 {
     const double side = sqrt(s->largest_map * density / scaled->ranks);
     return scaled->ranks > 1 ? 4.0 * SEEN * (side + SEEN) : 0.0;
 }
 
-/* Files are divided, but for what is denoised twice of the largest lightmap; what one rank does alone comes on top of
- * it, as if nothing else could go on at the same time. */
+/* Seconds to write the files. Work is divided between ranks, except the margins of the largest lightmap. Work of a
+ * single rank is added, as if nothing could overlap it. */
 static double write_seconds(const struct kiln_simulation *s, const struct kiln_scaled *scaled, double density)
 {
     return s->shared_a_point * scaled->points / scaled->ranks + s->seen_a_texel * seen_texels(s, scaled, density) +
            scaled->alone;
 }
 
-/* Checkpoints while `light` seconds pass: one whenever --checkpoint-every is over, and between steps where that is
- * cheap (coordinator/run/control.h). */
+/* Adds the checkpoints written during `light` seconds: one per --checkpoint-every, and more between steps where they
+ * are cheap (coordinator/run/control.h). */
 static void save(const struct kiln_simulation *s, double light, struct kiln_scaled *scaled)
 {
     const double bytes = s->saved_bytes * scaled->points,
@@ -87,8 +87,8 @@ int kiln_simulate(const struct kiln_simulation *s, uint32_t ranks, double densit
     return KILN_OK;
 }
 
-/* Against the first entry without its checkpoints, which would make others look better than they are; `work` is how
- * much more there is to do than there. */
+/* Sets the efficiency, relative to the first entry without its checkpoints, which would make others look too good.
+ * `work`: amount of work relative to the first entry. */
 static void rate(const struct kiln_scaled *first, struct kiln_scaled *scaled, double work)
 {
     const double ideal = work / scaled->ranks;

@@ -7,15 +7,15 @@
 #include "coordinator/surface/surface_build.h"
 #include "worker/base/memory.h"
 
-static const double BATCH_SECONDS = 1.0; /* of work in a batch, where checkpoints and signs of life ask for no less */
+static const double BATCH_SECONDS = 1.0; /* work in a batch, unless checkpoints or signs of life need shorter ones */
 
 struct state {
     const struct kiln_light_simulation *s;
     uint32_t ranks;
     double density;
-    double *points, *cost[KILN_COST_KINDS_MAX]; /* of all cells before each one, and after the last */
-    double *bounds, *next; /* points before those of each rank, and after the last; now, and after a repartition */
-    double *work;          /* s of all ranks before each one, and of all: as the last step showed them */
+    double *points, *cost[KILN_COST_KINDS_MAX]; /* sums over the cells before each cell, and over all */
+    double *bounds, *next;                      /* points before each rank's, and all; now, and after a repartition */
+    double *work; /* s: work of the ranks before each rank, and of all, as seen in the last step */
     /* work of the rank that has most over the mean, because tile runs are whole */
     double grain;
     bool helps; /* ranks of a node steal work from each other */
@@ -24,7 +24,7 @@ struct state {
 /* Times of a simulated step. Seconds. */
 struct shown {
     double seconds; /* until the last rank is done */
-    double longest; /* work of a rank, or of the mean rank of those that help each other */
+    double longest; /* work of a rank, or mean work of ranks that help each other */
     double total;   /* of all ranks */
 };
 
@@ -60,7 +60,7 @@ static size_t cell_at(const struct state *t, const double *sums, double value)
     return low;
 }
 
-/* Where `to` is when `from` has reached `value`: both are sums over cells. */
+/* Converts between sums over cells: the value of `to` where `from` is `value`, interpolated within a cell. */
 static double at(const struct state *t, const double *from, const double *to, double value)
 {
     const size_t cell = cell_at(t, from, value);
@@ -78,7 +78,7 @@ static double cost_before(const struct state *t, uint32_t kind, uint32_t rank)
 
 static uint32_t ranks_of_node(const struct state *t) { return t->s->ranks_per_node > 0 ? t->s->ranks_per_node : 1; }
 
-/* Ranks that help each other: as kiln_node_create groups those of a node. */
+/* First rank of the group that helps each other with `rank`, as kiln_node_create groups the ranks of a node. */
 static uint32_t group_begin(const struct state *t, uint32_t rank)
 {
     const uint32_t node = ranks_of_node(t), most = t->s->shared_memory_ranks, in_node = rank % node;
@@ -97,7 +97,7 @@ static double slowness(const struct state *t, uint32_t rank)
     return kiln_faults_slowness(&t->s->settings->faults, rank);
 }
 
-/* Time for the points of these ranks, whoever computes them, over that of ranks of usual speed. */
+/* Slowdown of a group of ranks that share their work, relative to ranks of usual speed. */
 static double group_slowness(const struct state *t, uint32_t begin, uint32_t end)
 {
     const uint32_t slow = t->s->settings->faults.slow_rank;
@@ -106,7 +106,8 @@ static double group_slowness(const struct state *t, uint32_t begin, uint32_t end
     return (end - begin) / (end - begin - 1.0 + 1.0 / slowness(t, slow));
 }
 
-/* Whole cells where that is even enough, else equal numbers of points: as the partition does. */
+/* Sets the first bounds, as the partition does: between whole cells where that is even enough, else by numbers of
+ * points. */
 static int first_bounds(struct state *t, struct kiln_error *error)
 {
     const struct kiln_light_simulation *s = t->s;
@@ -141,7 +142,8 @@ static double most_points(const struct state *t)
 
 /* ---- a step ---- */
 
-/* Ranks that help each other end up to a smallest batch apart: 0.02 s of work, or a tile run a thread. */
+/* Mean wait at the end of a step: ranks that help each other end up to one smallest batch apart, which is 0.02 s of
+ * work, or one tile run per thread. */
 static double wait_for_batch(const struct state *t, uint32_t kind)
 {
     const double tile_run = t->cost[kind][t->s->cell_count] / fmax(1.0, (double)t->s->tile_runs);
@@ -178,8 +180,8 @@ struct stretch {
     double begin, end, cost_begin, cost_end;
 };
 
-/* The stretch of a rank's points in which their cost sums up to `wanted`. It is as long as the part of a batch of which
- * a bake knows only what all its points cost together. */
+/* The stretch of a rank's points in which the sum of their cost reaches `wanted`. Its width is a part of a batch, the
+ * finest resolution at which a bake measures cost. */
 static struct stretch stretch_at(const struct state *t, uint32_t kind, uint32_t rank, double wanted)
 {
     const double all = t->points[t->s->cell_count], a_second = all / t->cost[kind][t->s->cell_count];
@@ -199,8 +201,8 @@ static struct stretch stretch_at(const struct state *t, uint32_t kind, uint32_t 
     return s;
 }
 
-/* The point of the rank before which the work of all ranks, as the last step showed it, sums up to `ideal`; or the
- * first of a cell, where one is near. */
+/* New bound within the rank's points: where the work of all ranks, as seen in the last step, sums up to `ideal`; or the
+ * nearest beginning of a cell, if the difference is within `slack`. */
 static double bound_at(const struct state *t, uint32_t kind, uint32_t rank, double ideal, double slack)
 {
     const uint32_t begin = group_begin(t, rank);
@@ -238,7 +240,7 @@ static void make_bounds(struct state *t, uint32_t kind)
     }
 }
 
-/* Most points that `together` neighbouring ranks get from others. */
+/* Largest number of points that a group of `together` neighbouring ranks receives from others. */
 static double most_moved(const struct state *t, uint32_t together)
 {
     double most = 0.0;
@@ -250,7 +252,7 @@ static double most_moved(const struct state *t, uint32_t together)
     return most * t->density;
 }
 
-/* The points are distributed anew where a bake would do it between the two steps. */
+/* Redistributes the points if a bake would do so between the two steps. */
 static void consider(struct state *t, const struct kiln_planned_step *last, const struct kiln_planned_step *next,
                      const struct shown *shown, struct kiln_simulated_light *light)
 {
@@ -277,7 +279,7 @@ static void consider(struct state *t, const struct kiln_planned_step *last, cons
 
 /* ---- the trial before the first step (integrate/run/trial.h) ---- */
 
-/* The rank whose points take longest to try ends it; what it finds is what the cells cost. */
+/* Simulates the trial, which lasts as long as its slowest rank, and redistributes points by the costs that it finds. */
 static void run_trial(struct state *t, const struct kiln_planned_step *first, struct kiln_simulated_light *light)
 {
     const struct kiln_light_simulation *s = t->s;

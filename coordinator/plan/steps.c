@@ -34,7 +34,7 @@ static int add_step(struct kiln_planned_steps *steps, const struct kiln_step *st
     return find_kind(steps, planned, error);
 }
 
-/* With a number of bounces given, what comes is what is planned. */
+/* Sets the outlook of each step from the planned steps themselves, for a given number of bounces. */
 static void look_back(struct kiln_planned_steps *steps)
 {
     struct kiln_outlook outlook = {0, 0.0};
@@ -45,7 +45,7 @@ static void look_back(struct kiln_planned_steps *steps)
     }
 }
 
-/* Without, the bake does not know what is planned here. */
+/* Sets the outlook of each step as a bake would estimate it, for a number of bounces that is not given. */
 static int look_ahead(struct kiln_planned_steps *steps, const struct kiln_integrate_settings *settings,
                       struct kiln_step_reports *reports, struct kiln_error *error)
 {

@@ -15,8 +15,8 @@ struct voxels {
     float side; /* m */
     uint32_t size[3];
     uint32_t *of_point; /* of each surface point */
-    uint8_t *near;      /* of each voxel: within the range of a rank's points */
-    uint32_t *sums;     /* of `near` over all voxels before, in a grid larger by one on each axis */
+    uint8_t *near;      /* per voxel: 1 within the range of a rank's points */
+    uint32_t *sums;     /* sums of `near` over all voxels before each one; larger by one on each axis */
 };
 
 static uint32_t along(float at, float low, float side, uint32_t size)
@@ -72,7 +72,7 @@ static void spread(struct voxels *v, int axis, size_t step, uint32_t reach, uint
     }
 }
 
-/* Marks what is within the range of the points [first, end). */
+/* Marks the voxels within `range` of the points [first, end). */
 static void mark(struct voxels *v, uint64_t first, uint64_t end, double range)
 {
     uint8_t line[ALONG + 1];
@@ -127,8 +127,8 @@ static bool is_near(const struct voxels *v, const struct kiln_geometry *g, uint6
 
 /* ---- ranks ---- */
 
-/* Cuts the points between cells, or with `runs` between tile runs, to `ranks` ranges: point begins[r] is the first of
- * rank r. *imbalance is how much the largest is above the mean; INFINITY where there are fewer cells than ranks. */
+/* Divides the points into `ranks` ranges, between cells, or with `runs` between tile runs. begins[r]: first point of
+ * rank r. *imbalance: excess of the largest range over the mean; INFINITY if there are fewer cells than ranks. */
 static int cut(const struct kiln_surface *s, bool runs, uint32_t ranks, uint64_t *begins, double *imbalance,
                struct kiln_error *error)
 {
@@ -153,7 +153,7 @@ static int cut(const struct kiln_surface *s, bool runs, uint32_t ranks, uint64_t
     return KILN_OK;
 }
 
-/* Where the ranks' points begin, and after the last of them: as the partition of a bake has them. */
+/* Finds where each rank's points begin, and the end of the last, as the partition of a bake does. */
 static int find_begins(const struct kiln_surface *s, uint32_t ranks, uint64_t *begins, struct kiln_error *error)
 {
     double imbalance;
@@ -180,8 +180,8 @@ static uint64_t count_probes(const struct voxels *v, const struct kiln_probe_gri
     return near;
 }
 
-/* From the rank's points [first, end). A ray asks corners of the cell that its end lies in: at most a spacing away, and
- * a half more at the scene's bounds, where the end is outside of the grid. */
+/* Working set of a rank with the points [first, end). A ray reads probes at the corners of the cell where it ends: at
+ * most one spacing away, or 1.5 outside the grid at the scene's bounds. */
 static struct kiln_rank_set rank_set(struct voxels *v, const struct kiln_prepared *p,
                                      const struct kiln_probe_grid *grid, uint64_t first, uint64_t end,
                                      double triangle_bytes)

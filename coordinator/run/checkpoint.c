@@ -14,7 +14,7 @@
 #include "worker/base/calls.h"
 #include "worker/base/memory.h"
 
-enum { MANIFEST_MOST = 1 << 28, PARTS_MOST = 1 << 20 }; /* limits of the size in bytes, and of the number of files */
+enum { MANIFEST_MOST = 1 << 28, PARTS_MOST = 1 << 20 }; /* largest size in bytes, and largest number of files */
 
 static int damaged(struct kiln_error *error, const char *path, const char *how)
 {
@@ -74,7 +74,7 @@ static bool read_block(const json_t *json, struct checkpoint_block *b)
     return true;
 }
 
-/* `room`: for the blocks of the part. */
+/* `room`: for the arrays of the file. */
 static bool read_part_entry(const json_t *json, struct checkpoint_entry *part, struct checkpoint_block *room)
 {
     const json_t *blocks = json_object_get(json, "blocks");

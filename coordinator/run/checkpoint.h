@@ -35,19 +35,19 @@ struct kiln_block {
 
 struct kiln_checkpoint;
 
-/* Collective. Opens the checkpoints of the bake folder `directory`, which must exist. Writes nothing, but removes what
- * writers left that were killed. With `take` the newest complete generation is opened: each of its files is read by one
- * of the ranks and compared with its hash. Rank 0 prints a warning for damaged generations; they are skipped, and
- * removed when a complete one is found. Destroy with kiln_checkpoint_close. */
+/* Collective. Opens the checkpoints of the bake folder `directory`, which must exist. Writes nothing, but removes the
+ * incomplete files of killed writers. With `take` it opens the newest complete generation: one rank reads each file and
+ * compares it with its hash. Rank 0 prints a warning for damaged generations; they are skipped, and removed when a
+ * complete one is found. Destroy with kiln_checkpoint_close. */
 int kiln_checkpoint_open(struct kiln_checkpoint **checkpoint, MPI_Comm communicator, const char *directory, bool take,
                          struct kiln_error *error);
 void kiln_checkpoint_close(struct kiln_checkpoint **checkpoint);
 
 /* Number of the open generation; 0: none is open. */
 uint64_t kiln_checkpoint_generation(const struct kiln_checkpoint *checkpoint);
-/* The `identity` of its writer: borrowed; NULL if no generation is open. */
+/* The `identity` with which the open generation was written: borrowed; NULL if none is open. */
 const json_t *kiln_checkpoint_identity(const struct kiln_checkpoint *checkpoint);
-/* When it was written, seconds since 1970. */
+/* Time at which the open generation was written, seconds since 1970. */
 double kiln_checkpoint_written(const struct kiln_checkpoint *checkpoint);
 
 /* Collective. Writes a new generation from the `blocks` of all ranks, and removes all but the two newest. `identity` is
@@ -59,15 +59,15 @@ int kiln_checkpoint_write(struct kiln_checkpoint *checkpoint, const json_t *iden
                           size_t block_count, struct kiln_error *error);
 /* Number of the last generation that was written or opened. */
 uint64_t kiln_checkpoint_last(const struct kiln_checkpoint *checkpoint);
-/* Number of generations written, the seconds that took on this rank, and the size of the last one on all ranks, bytes.
- */
+/* Cost of checkpoints: the number of generations written, the seconds of writing on this rank, and the bytes of the
+ * last one on all ranks. */
 void kiln_checkpoint_spent(const struct kiln_checkpoint *checkpoint, uint64_t *count, double *seconds, uint64_t *bytes);
 
 /* Not collective. Reads elements [first, first + count) of the array `name` from the open generation. KILN_IO if it
  * does not contain all of them, or its elements do not have `size` bytes. */
 int kiln_checkpoint_read(const struct kiln_checkpoint *checkpoint, const char *name, uint64_t first, uint64_t count,
                          size_t size, void *values, struct kiln_error *error);
-/* Whether the open generation has an array of that name. */
+/* Tells whether the open generation has an array called `name`. */
 bool kiln_checkpoint_has(const struct kiln_checkpoint *checkpoint, const char *name);
 
 /* Number of files of the open generation, one for each rank that wrote it. */
@@ -79,13 +79,14 @@ void kiln_checkpoint_part_range(const struct kiln_checkpoint *checkpoint, size_t
 int kiln_checkpoint_read_part(const struct kiln_checkpoint *checkpoint, size_t part, const char *name, size_t size,
                               void *values, uint64_t *count, struct kiln_error *error);
 
-/* Collective. Removes all generations, and the folder if nothing else is in it. What cannot be removed stays. */
+/* Collective. Removes all generations, and the folder if nothing else is in it. Ignores failures. */
 void kiln_checkpoint_remove(struct kiln_checkpoint *checkpoint);
 
 /* Rank 0 only: removes DIR/checkpoint if it is empty. */
 void kiln_checkpoint_remove_folder(const char *directory);
 
-/* Without MPI, for `kiln status`: whether the bake folder contains a generation, and the number of the newest one. */
+/* Finds the number of the newest generation in the bake folder; false if there is none. Without MPI, for `kiln status`.
+ */
 bool kiln_checkpoint_newest(const char *directory, uint64_t *generation);
 
 #endif

@@ -21,7 +21,7 @@
 
 enum { KEY_BYTES = 16, KEY_TEXT = 2 * KEY_BYTES + 1, STEP = 1 << 20, MANIFEST_MOST = 1 << 28, LOOK_MILLISECONDS = 50 };
 
-/* Outcome of the other ranks' copies, as rank 0's main thread knows it. */
+/* Outcome of the other ranks' copies; rank 0's main thread tells its copying thread. */
 enum verdict { UNKNOWN, ALL_COPIED, GIVEN_UP };
 
 struct checkpoint_local {
@@ -35,8 +35,8 @@ struct checkpoint_local {
     size_t manifest_size;
     atomic_bool leave;  /* it is to end as soon as it can */
     atomic_int verdict; /* enum verdict */
-    sem_t copied;       /* rank 0: its own part is copied, or that failed */
-    int status;         /* of the own part, then of the whole */
+    sem_t copied;       /* rank 0: its own file is copied, or that failed */
+    int status;         /* of the own file, then of the whole */
     struct kiln_error error;
 };
 
@@ -50,7 +50,7 @@ static void make_key(char key[KEY_TEXT])
         (void)snprintf(key + 2 * i, 3, "%02x", bytes[i]);
 }
 
-/* False: the bake has none, or what stands there is none. */
+/* Reads the bake's key. False: there is no key file, or it has no valid key. */
 static bool read_key(const char *directory, char key[KEY_TEXT])
 {
     char *text = NULL;
@@ -115,7 +115,7 @@ static int copy_bytes(int from, int to, const char *path, const atomic_bool *lea
     return status;
 }
 
-/* Gives a part its name, by which others know that it is whole. */
+/* Renames a part to its final name, by which others recognize that it is complete. */
 static int rename_part(const char *directory, uint64_t generation, const char *name, struct kiln_error *error)
 {
     struct kiln_folder folder;
@@ -129,7 +129,7 @@ static int rename_part(const char *directory, uint64_t generation, const char *n
     return status;
 }
 
-/* Copies a part of a whole generation at `place` into the one that is being written in `directory`. */
+/* Copies a part of a complete generation at `place` to the generation being written in `directory`. */
 static int copy_part(const char *place, const char *directory, uint64_t generation, size_t part,
                      const atomic_bool *leave, struct kiln_error *error)
 {
@@ -155,7 +155,7 @@ end:
 
 /* ---- the thread that copies ---- */
 
-/* Rank 0: whether all parts are there. */
+/* Rank 0: whether the files of all parts exist. */
 static bool all_there(const struct kiln_checkpoint *c, uint64_t generation)
 {
     struct kiln_folder folder;
@@ -170,7 +170,7 @@ static bool all_there(const struct kiln_checkpoint *c, uint64_t generation)
     return all;
 }
 
-/* Rank 0, whose part is copied: waits for those of the others, and publishes the generation. */
+/* Rank 0, whose own part is copied: waits for the parts of the others, then publishes the generation. */
 static void publish_once_whole(struct checkpoint_local *l)
 {
     const struct timespec pause = {.tv_nsec = LOOK_MILLISECONDS * 1000000L};
@@ -193,7 +193,7 @@ static void *run(void *context)
     return NULL;
 }
 
-/* Ends the thread; `verdict`: what rank 0's needs to know. */
+/* Ends the thread. `verdict`: tells rank 0's thread the outcome. */
 static void join(struct checkpoint_local *l, enum verdict verdict)
 {
     atomic_store(&l->verdict, verdict);
@@ -212,7 +212,7 @@ static void warn(const struct checkpoint_local *l, const struct kiln_error *erro
                   (unsigned long long)l->generation, error->message);
 }
 
-/* Rank 0, once all ranks have copied their parts, or one could not: *status, *error. */
+/* Rank 0: finishes after all ranks have copied their parts, or one could not: *status, *error. */
 static void finish_copy(struct checkpoint_local *l, int status, struct kiln_error *error)
 {
     const struct kiln_checkpoint *c = l->c;
@@ -320,7 +320,7 @@ int checkpoint_local_begin(struct kiln_checkpoint *c, struct kiln_error *error)
 
 /* ---- what nodes have ---- */
 
-/* Calls `visit` for each rank's folder that the bake has on this node, until it returns false. */
+/* Calls `visit` for each rank's folder of this bake on this node, until it returns false. */
 typedef bool (*visit_rank)(void *context, const char *place, uint64_t rank);
 static void visit_ranks(const char *local, const char key[KEY_TEXT], visit_rank visit, void *context)
 {
@@ -366,7 +366,7 @@ static bool leads_node(MPI_Comm communicator)
     return rank == 0;
 }
 
-/* Collective. The bake's key on all ranks; false: it has none. */
+/* Collective. Shares the bake's key with all ranks; false: there is none. */
 static bool share_key(MPI_Comm communicator, const char *directory, char key[KEY_TEXT])
 {
     int rank, there = 0;
@@ -394,7 +394,8 @@ void checkpoint_local_remove(struct kiln_checkpoint *c)
         (void)rmdir(folder);
 }
 
-/* visit_rank. Removes what is newer than what the bake goes on from: the same numbers will be written again. */
+/* visit_rank callback. Removes generations newer than the one that the bake continues from: their numbers will be
+ * reused. */
 static bool prune_rank(void *context, const char *place, uint64_t rank)
 {
     const struct kiln_checkpoint *c = context;
@@ -435,7 +436,7 @@ struct bringing {
     bool leads;
     const char *directory, *local;
     char key[KEY_TEXT];
-    uint64_t above, below; /* generations between these are looked for */
+    uint64_t above, below; /* generations between these are searched */
     uint64_t newest;       /* of those on this node; 0: none */
     uint64_t generation;   /* that is brought */
     char *manifest;
@@ -489,7 +490,7 @@ static bool bring_part(void *context, const char *place, uint64_t rank)
     return b->status == KILN_OK;
 }
 
-/* Collective: the manifest of the lowest rank that has one. False: nobody has. */
+/* Collective: shares the manifest of the lowest rank that has one. False: no rank has one. */
 static bool share_manifest(struct bringing *b, struct kiln_error *error)
 {
     int ranks, holder;
@@ -518,13 +519,14 @@ static bool share_manifest(struct bringing *b, struct kiln_error *error)
     return b->part_count > 0;
 }
 
-/* Bytes of this node's parts; those of other nodes are not known yet, so that room is looked for part by part. */
+/* Begins a generation with the bytes of this node's parts. Those of other nodes are unknown yet, so free space is
+ * checked part by part. */
 static int begin_generation(const struct bringing *b)
 {
     return b->rank == 0 ? checkpoint_begin(b->directory, false, 0, b->generation, b->error) : KILN_OK;
 }
 
-/* Collective: brings one generation. *whole: all of its parts were found. */
+/* Collective: copies one generation to the bake's folder. *whole: all of its parts were found. */
 static int bring(struct bringing *b, bool *whole)
 {
     *whole = share_manifest(b, b->error);
@@ -548,7 +550,7 @@ static int bring(struct bringing *b, bool *whole)
     return kiln_agree(b->communicator, status, b->error);
 }
 
-/* Collective: the newest generation on any of these nodes that is still to be looked at; 0: none. */
+/* Collective: the newest generation on any node that has not been tried yet; 0: none. */
 static uint64_t newest_of_all(struct bringing *b)
 {
     b->newest = 0;

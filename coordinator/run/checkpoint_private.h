@@ -6,7 +6,7 @@
 #include "coordinator/files/publish.h"
 #include "coordinator/files/checksummed_json.h"
 
-/* Version of the format, of the manifest and of all records in blocks. It is checked before anything else is read, and
+/* Version of the format, of the manifest and of all records in arrays. It is checked before anything else is read, and
  * a checkpoint of another version is refused. */
 enum { KILN_CHECKPOINT_FORMAT = 11, CHECKPOINT_NAME = 96 };
 
@@ -16,7 +16,7 @@ struct checkpoint_block {
     uint64_t first, count, size, offset;
 };
 
-/* A file that is written. */
+/* A file of the generation being written. */
 struct checkpoint_part {
     uint64_t bytes;
     char hash[KILN_HASH_TEXT];
@@ -24,7 +24,7 @@ struct checkpoint_part {
     struct checkpoint_block blocks[KILN_BLOCKS_MAX];
 };
 
-/* A file that is read: its blocks are those of the checkpoint from number `first_block` on. */
+/* A file of the open generation. Its blocks are `block_count` blocks of the checkpoint from index `first_block` on. */
 struct checkpoint_entry {
     uint64_t bytes;
     char hash[KILN_HASH_TEXT];
@@ -32,7 +32,7 @@ struct checkpoint_entry {
     size_t first_block;
 };
 
-/* In a bake's folder: the name of what it has on disks of nodes (checkpoint_local.h). */
+/* File in a bake's folder that holds the key of its checkpoints on disks of nodes (checkpoint_local.h). */
 #define CHECKPOINT_KEY_FILE "checkpoint/local"
 
 struct checkpoint_local;
@@ -41,8 +41,8 @@ struct kiln_checkpoint {
     MPI_Comm communicator;
     int rank, ranks;
     char directory[KILN_PATH_SIZE]; /* folder of the bake */
-    char place[KILN_PATH_SIZE];     /* where generations are written: that folder, or the rank's own on its node */
-    struct checkpoint_local *local; /* checkpoint_local.c; NULL: they are written to the bake's folder */
+    char place[KILN_PATH_SIZE];     /* where generations are written: `directory`, or the rank's folder on its node */
+    struct checkpoint_local *local; /* checkpoint_local.c; NULL: generations are written to `directory` */
     /* the open generation */
     uint64_t generation;
     json_t *manifest;
@@ -59,7 +59,7 @@ struct kiln_checkpoint {
 /* Opens DIR/checkpoint/gen-N or, with `writing`, DIR/checkpoint/.writing-N (folder.h). */
 int checkpoint_open_generation(struct kiln_folder *folder, const char *directory, bool writing, uint64_t generation,
                                bool make, struct kiln_error *error);
-/* Names of its files, relative to DIR. */
+/* Names of a generation's files, relative to DIR. */
 void checkpoint_file_name(char name[CHECKPOINT_NAME], bool writing, uint64_t generation, size_t part);
 void checkpoint_manifest_name(char name[CHECKPOINT_NAME], bool writing, uint64_t generation);
 
@@ -81,16 +81,16 @@ int checkpoint_begin(const char *place, bool first, uint64_t bytes, uint64_t gen
 int checkpoint_publish(const char *place, uint64_t generation, const char *manifest, size_t size,
                        struct kiln_error *error);
 
-/* ---- checkpoint_local.c; c->local is there ---- */
+/* ---- checkpoint_local.c; all need c->local ---- */
 
 /* Collective, before a generation is written: makes c->place. */
 int checkpoint_local_begin(struct kiln_checkpoint *c, struct kiln_error *error);
-/* Collective. Begins to copy a generation of so many bytes on all ranks, which is whole on the nodes. */
+/* Collective. Begins to copy a generation that is complete on the nodes; `bytes`: its size on all ranks. */
 void checkpoint_local_copy(struct kiln_checkpoint *c, uint64_t generation, uint64_t bytes, const char *manifest,
                            size_t size);
 /* Collective. Removes all that this bake has on the nodes. */
 void checkpoint_local_remove(struct kiln_checkpoint *c);
-/* Ends copying, done or not. Not collective. */
+/* Ends copying, even if it is incomplete. Not collective. */
 void checkpoint_local_close(struct kiln_checkpoint *c);
 
 #endif

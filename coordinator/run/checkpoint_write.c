@@ -170,13 +170,13 @@ end:
     return status;
 }
 
-/* The text of a manifest, which all ranks need that write on disks of their own. */
+/* Text of a manifest; all ranks that write to disks of their own need it. */
 struct manifest_text {
     char *text;
     size_t size;
 };
 
-/* Collective: gathers the tables of all files, and makes the manifest of them. */
+/* Collective: gathers the tables of all files, and makes a manifest from them. */
 static int gather_manifest(const struct kiln_checkpoint *c, uint64_t generation, const json_t *identity,
                            const struct checkpoint_part *own, struct manifest_text *m, struct kiln_error *error)
 {

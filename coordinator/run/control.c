@@ -281,7 +281,7 @@ static int stop_reason(struct kiln_control *c)
     return reason;
 }
 
-/* The same for rounds, where only rank 0 checks the time and the stop file. */
+/* As stop_reason, for rounds, where only rank 0 checks the time and the stop file. */
 static int reason_in_rounds(struct kiln_control *c) { return c->rank == 0 ? stop_reason(c) : last_signal(c); }
 
 /* kiln_stop callback for phases without rounds. If a signal has reached this rank, creates the stop file, which the

@@ -11,10 +11,9 @@
  * by
  * --max-time. Within passes rank 0 checks the file and the time, and the rounds distribute the request. In phases
  * without rounds (import, BVH, surface, files) each rank checks for itself through kiln_control_stop and gives up with
- * KILN_STOPPED; the other ranks have checked too, and learn of it when they agree on the errors of that phase.
+ * KILN_STOPPED; the other ranks check too, and learn of the stop when the ranks agree on the errors of that phase.
  *
- * Hanging and lost ranks are found by the watchdog (watchdog.h), which gets the phase and progress of the rank from
- * here.
+ * The watchdog (watchdog.h) finds hanging and lost ranks. The control reports the phase and progress of the rank to it.
  *
  * A thread of rank 0 writes the status file (status_file.h). */
 #ifndef KILN_COORDINATOR_RUN_CONTROL_H
@@ -37,9 +36,9 @@ struct kiln_control_params {
     double checkpoint_every;             /* s; 0: a checkpoint is written only when the bake is stopped */
     struct kiln_watchdog *watchdog;      /* borrowed, must outlive the control; NULL: none */
     double limit;                        /* limit of the watchdog, s; 0: none */
-    bool no_locks;                       /* for tests: as kiln_lock_take has it */
-    const char *halt;                    /* for tests: "saved PASS": this rank stops itself (SIGSTOP) when it has saved
-                                            a checkpoint within that pass; borrowed; anything else, NULL: it does not */
+    bool no_locks;                       /* for tests: argument of kiln_lock_take */
+    const char *halt;                    /* for tests: with "saved PASS" this rank stops itself (SIGSTOP) after saving a
+                                            checkpoint within that pass; NULL, other text: ignored; borrowed */
     const volatile sig_atomic_t *signal; /* number of the last signal that asks to stop; 0: none */
 };
 
@@ -68,30 +67,30 @@ void kiln_control_follow(struct kiln_control *control, struct kiln_progress *pro
 void kiln_control_begin(struct kiln_control *control, const char *phase);
 /* Seconds that a batch should take: one, or less when checkpoints or heartbeats are wanted more often. */
 double kiln_control_batch_seconds(const struct kiln_control *control);
-/* s until the longest time of the run is over; INFINITY: it has none. */
+/* Seconds left until --max-time; INFINITY without it. */
 double kiln_control_seconds_left(const struct kiln_control *control);
-/* Returns at once what this rank has to do now. All ranks get the same events in the same order. `done`: this rank has
- * no more work in the pass. `progress`: fraction of its work that is done, 0 to 1. `batch`: seconds that its last batch
- * took. `failed`: its status; not KILN_OK ends the pass on all ranks. */
+/* Returns without waiting the event to which this rank must react now. All ranks get the same events in the same order.
+ * `done`: this rank has no more work in the pass. `progress`: completed fraction of its work, 0 to 1. `batch`: seconds
+ * of its last batch. `failed`: its status; any but KILN_OK ends the pass on all ranks. */
 enum kiln_event kiln_control_poll(struct kiln_control *control, bool done, double progress, double batch, int failed);
-/* The same for a rank that has nothing to compute. Waits, asleep, for an event, or until `news` (may be NULL) returns
- * true because the rank has something to compute or to report; then the event is KILN_EVENT_NONE. */
+/* Waits, asleep, for the next event; for a rank that has nothing to compute. Parameters as in kiln_control_poll. If
+ * `news` (may be NULL) returns true, as there is something to compute or to report, it returns KILN_EVENT_NONE. */
 enum kiln_event kiln_control_wait(struct kiln_control *control, bool done, double progress, int failed,
                                   bool (*news)(void *context), void *context);
 
-/* Collective. A barrier whose ranks sleep while they wait, and pass a signal on to the ranks that still work. Call it
- * after work that takes the ranks different times, before a call with a deadline of kiln_control_blocking. */
+/* Collective. Barrier in which waiting ranks sleep; they forward a signal to the ranks that still work. Call it after
+ * work that takes ranks different times, before a call with a deadline of kiln_control_blocking. */
 void kiln_control_meet(struct kiln_control *control);
 
-/* Seconds since the last checkpoint after which one between passes is due: --checkpoint-every, or fifty times the
- * predicted cost of a checkpoint, if that is less. So checkpoints after bounces take at most 2 % of the time. */
+/* Interval in seconds after which a checkpoint between passes is due: --checkpoint-every, or fifty times the predicted
+ * cost of a checkpoint if that is less. So checkpoints after bounces take at most 2 % of the time. */
 double kiln_control_due_after(double checkpoint_every, double cost);
 
 /* Collective. To be called between passes; returns KILN_EVENT_NONE, _SAVE (when one is due) or _STOP. `bytes` is the
  * size of a checkpoint, of all ranks together. */
 enum kiln_event kiln_control_between(struct kiln_control *control, uint64_t bytes);
 
-/* Records that checkpoint `generation` exists. `seconds`: the time that writing it took this rank. `written`: when, in
+/* Records that checkpoint `generation` exists. `seconds`: duration of writing on this rank. `written`: time of writing,
  * seconds since 1970. */
 void kiln_control_saved(struct kiln_control *control, uint64_t generation, double seconds, double written);
 
@@ -103,19 +102,19 @@ void kiln_control_blocking(struct kiln_control *control, const char *what, doubl
  * system takes. */
 const struct kiln_stop *kiln_control_stop(const struct kiln_control *control);
 
-/* Collective. To be called after a phase that all ranks left with KILN_STOPPED: finds out what asked to stop, for the
- * messages below. */
+/* Collective. Finds the source of the stop request (signal, `kiln stop`, --max-time), for the messages below. To be
+ * called after a phase that all ranks left with KILN_STOPPED. */
 void kiln_control_why(struct kiln_control *control);
 
-/* Returns KILN_STOPPED with the message that says what asked to stop ("SIGUSR1", "kiln stop", "--max-time") and that a
- * checkpoint has been written. */
+/* Returns KILN_STOPPED with a message that names the source of the stop request ("SIGUSR1", "kiln stop", "--max-time")
+ * and says that a checkpoint has been written. */
 int kiln_stopped(const struct kiln_control *control, struct kiln_error *error);
 
-/* The same if no checkpoint has been written in this run. `generation` is the checkpoint that the bake continued from;
- * 0: none. */
+/* Returns KILN_STOPPED with a message for a run that has written no checkpoint. `generation`: the checkpoint from which
+ * the bake continued; 0: none. */
 int kiln_stopped_early(const struct kiln_control *control, uint64_t generation, struct kiln_error *error);
 
-/* The same of what keeps nothing but results that are whole: states of kiln relight. */
+/* Returns KILN_STOPPED with a message for kiln relight, which keeps only complete results, its states. */
 int kiln_stopped_between(const struct kiln_control *control, struct kiln_error *error);
 
 /* Rank 0, before results are replaced: checks that this bake still holds the lock of the folder (kiln_lock_check). */

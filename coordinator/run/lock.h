@@ -1,5 +1,5 @@
-/* The lock of a bake's folder, DIR/.kiln.lock: lets one bake at a time write there, from before it writes anything
- * until after it has written everything.
+/* Lock of a bake's folder, DIR/.kiln.lock: only one bake at a time may write there. A bake holds it from before its
+ * first write until after its last.
  *
  * The file describes its holder as one JSON object: host, boot, process, started, since, command, locks. It is written
  * under a temporary name and linked to its final one, so no reader sees an incomplete file. The holder keeps an open
@@ -10,8 +10,8 @@
  * On a file system without locks the file is a lease. Its holder renews it by having the file server set its
  * modification time once a second (kiln_lock_beat). Another process may take it over after watching it unchanged for 15
  * s, or for 3 s if the holder's process does not exist on this host. It is also watched for 3 s if the lock is free but
- * the file names another host, since the locks of some mounts are invisible to other hosts. A holder that was itself
- * stopped for longer finds out by kiln_lock_check.
+ * the file names another host, since the locks of some mounts are invisible to other hosts. A holder that was suspended
+ * for longer finds out with kiln_lock_check.
  *
  * For one rank; nothing here is collective. */
 #ifndef KILN_COORDINATOR_RUN_LOCK_H
@@ -35,8 +35,8 @@ void kiln_lock_beat(const struct kiln_lock *lock);
 /* KILN_IO if another bake has taken the folder over. To be called before results are replaced. */
 int kiln_lock_check(const struct kiln_lock *lock, struct kiln_error *error);
 
-/* For commands that write beside the results of a bake: KILN_CANNOT_CREATE if a bake is at work in `directory`. Writes
- * nothing. */
+/* Checks that no bake is running in `directory`, for commands that write next to its results; otherwise
+ * KILN_CANNOT_CREATE. Writes nothing. */
 int kiln_lock_refuse(const char *directory, struct kiln_error *error);
 
 #endif

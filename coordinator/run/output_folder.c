@@ -40,7 +40,7 @@ static int read_mark(const char *directory, char owner[OWNER_SIZE], struct kiln_
     return status == KILN_OK || status == KILN_NO_INPUT ? KILN_OK : kiln_fail(error, status, "%s", unread.message);
 }
 
-/* Whether the name is of a lock (lock.h), of the mark, or of its temporary file. */
+/* Whether the name is that of a lock (lock.h), of the mark, or of the mark's temporary file. */
 static bool is_of_this_room(const char *name)
 {
     return strncmp(name, ".kiln.lock", strlen(".kiln.lock")) == 0 || strcmp(name, MARK) == 0 ||
@@ -60,7 +60,8 @@ static int find_others(const char *directory, bool *has_others, struct kiln_erro
     return KILN_OK;
 }
 
-/* nftw: removes a temporary file. What cannot be removed is in nobody's way until somebody writes the same file. */
+/* nftw callback: removes a temporary file. One that cannot be removed does no harm until the same file is written
+ * again. */
 static int remove_temporary(const char *path, const struct stat *found, int type, struct FTW *walk)
 {
     static const char ending[] = ".part";
@@ -105,7 +106,8 @@ end:
 
 /* ---- begin and end ---- */
 
-/* Another command that was refused may have removed the folder, which it had made: then it is made again. */
+/* Makes and locks the folder. Another command that was refused may remove the folder that it had made; then it is made
+ * again. */
 static int make_and_lock(struct kiln_output_folder *f, const struct kiln_output_folder_params *params,
                          struct kiln_error *error)
 {

@@ -6,7 +6,7 @@
 #include <string.h>
 #include <time.h>
 
-/* Seconds that all threads of the process have taken of processors. */
+/* CPU seconds of all threads of the process. */
 static double processor_time(void)
 {
     struct timespec time = {0, 0};

@@ -1,5 +1,5 @@
-/* Phase timer: measures how long each phase of a run takes on this rank, and what its threads take of the processor
- * meanwhile, and gathers the times of all ranks. */
+/* Phase timer: measures the wall-clock time and the processor time of all threads for each phase of a run on this rank,
+ * and gathers the times of all ranks. */
 #ifndef KILN_COORDINATOR_RUN_PHASES_H
 #define KILN_COORDINATOR_RUN_PHASES_H
 
@@ -15,7 +15,7 @@ enum { KILN_PHASES_MAX = 24 };
 struct kiln_phases {
     const char *name[KILN_PHASES_MAX]; /* static strings */
     double seconds[KILN_PHASES_MAX];
-    double processor[KILN_PHASES_MAX]; /* s of all threads; 0: of a phase that was measured elsewhere */
+    double processor[KILN_PHASES_MAX]; /* s of all threads; 0 for a phase that was measured elsewhere */
     size_t count;                      /* phases so far */
     size_t present;                    /* index of the present phase */
     double processor_since;            /* s of the process when the present phase began */
@@ -30,7 +30,7 @@ struct kiln_phases {
 void kiln_phase(struct kiln_phases *phases, const char *name);
 /* Adds time to a phase that was measured elsewhere. */
 void kiln_phase_add(struct kiln_phases *phases, const char *name, double seconds);
-/* Moves seconds of a phase that has ended to another, of which they were a part, and processor time in proportion. */
+/* Moves `seconds` of the ended phase `whole` to the phase `part`, and a proportional share of its processor time. */
 void kiln_phase_part(struct kiln_phases *phases, const char *whole, const char *part, double seconds);
 /* Adds the phase "other" with the time of the run that belongs to no phase, so that the phases of a rank add up to its
  * time. `before`: seconds of earlier runs of the same bake, whose phases were added with kiln_phase_add. */

@@ -15,7 +15,8 @@
 #include "worker/base/status.h"
 
 static volatile sig_atomic_t noted; /* global, since a signal handler can write to nothing else */
-/* Global for the same reason: whether SIGINT has come before; whether the process ends, and whom it tells. */
+/* Global for the same reason. interrupted: SIGINT has come before; ends: the process is ending; speaks_...: whom it
+ * tells. */
 static volatile sig_atomic_t interrupted, ends, speaks_to_user, speaks_json;
 
 /* Atomic, since the handler runs in the main thread, and all threads read. */
@@ -23,7 +24,7 @@ static void note_signal(int number)
 {
     const int before = errno;
     __atomic_store_n(&noted, number, __ATOMIC_RELAXED);
-    if (number == SIGINT && interrupted != 0) { /* the second one: it arrives when this function returns */
+    if (number == SIGINT && interrupted != 0) { /* second SIGINT: it ends the process on return */
         kiln_left_remove();
         (void)signal(SIGINT, SIG_DFL);
         (void)raise(SIGINT);
@@ -63,9 +64,9 @@ static void fill_descriptors(void)
             (void)open("/dev/null", descriptor == STDIN_FILENO ? O_WRONLY : O_RDONLY);
 }
 
-/* Without this the C library raises the size from which blocks go back to the system to that of the largest block that
- * was freed, 32 MiB at most. What a process then keeps of blocks below depends on the order in which threads free. A
- * smaller size costs page faults: with 4 MiB the Cornell box of 200,000 points takes 7 % more of the processor. */
+/* Fixes the size from which freed blocks return to the system. By default the C library raises it to the largest freed
+ * block, up to 32 MiB. The memory that a process then keeps depends on the order in which threads free blocks. A
+ * smaller size costs page faults: with 4 MiB the Cornell box of 200,000 points takes 7 % more CPU time. */
 static void settle_memory(void)
 {
 #ifdef __GLIBC__
@@ -82,8 +83,8 @@ void kiln_process_give_back(void)
 #endif
 }
 
-/* The stack of the main thread grows up to the limit of the moment. That of other threads is the C library's default,
- * which is the limit when the process began. */
+/* Raises the limit of the main thread's stack if it is too low: that stack grows up to the current limit. Other threads
+ * have the C library's default, which is the limit when the process began. */
 int kiln_process_need_stack(struct kiln_error *error)
 {
     enum { NEEDED = 4 << 20 };
@@ -118,7 +119,7 @@ void kiln_process_take_along(void)
     (void)setenv(PARENT, own, 1);
 }
 
-/* Ranks have another parent, which ends them; so have the children of this process. */
+/* Ends this process when its parent ends. Ranks and children of this process have another parent, which ends them. */
 static void follow_parent(void)
 {
     const char *text = getenv(PARENT);

@@ -7,23 +7,23 @@
 
 #include "worker/base/status.h"
 
-/* Call it first, also in child processes. Each of the descriptors 0 to 2 that is closed is opened on /dev/null, so that
- * no file or pipe gets its number and then the text that is meant for a terminal. /dev/null is opened in the wrong
- * direction for that descriptor, so that using it still fails. SIGXFSZ is ignored, so that a file beyond the size limit
- * (ulimit -f) gives EFBIG, which kiln can report. Blocks of 32 MiB and more go back to the system when they are freed,
- * whatever was freed before; smaller ones stay with the process. */
+/* Sets up the process; call it first, also in child processes. Opens closed descriptors among 0 to 2 on /dev/null;
+ * otherwise a file or pipe could get such a number and receive text meant for the terminal. /dev/null is opened in the
+ * wrong direction, so that using the descriptor still fails. Ignores SIGXFSZ, so that a file beyond the size limit
+ * (ulimit -f) gives EFBIG, which kiln can report. Freed blocks of 32 MiB and more always return to the system; smaller
+ * ones stay with the process. */
 void kiln_process_begin(void);
 
-/* Makes sure that the stack of this thread, and of threads that are started later, may have 4 MiB: a set of fields with
- * thousands of groups of lights has 0.5 MiB, and some functions have several. KILN_SYSTEM, with both sizes, if the hard
- * limit (ulimit -Hs) is lower. */
+/* Raises the stack limit of this thread and of later threads to at least 4 MiB. A field set with thousands of light
+ * groups takes 0.5 MiB, and some functions have several. KILN_SYSTEM, with both sizes, if the hard limit (ulimit -Hs)
+ * is lower. */
 int kiln_process_need_stack(struct kiln_error *error);
 
-/* Every kiln that this process starts from now on is killed when this process dies, however that happens, so that the
- * same command can be given again at once. Sets KILN_ENDS_WITH in the environment, for kiln_process_begin there. */
+/* Makes later child processes that run kiln die with this process, in whatever way it dies, so that the same command
+ * can be run again at once. Sets KILN_ENDS_WITH in the environment, for kiln_process_begin in the child. */
 void kiln_process_take_along(void);
 
-/* Gives memory that has been freed back to the system, so that the process' memory is what is in use. */
+/* Returns freed memory to the system, so that the memory of the process is the memory in use. */
 void kiln_process_give_back(void);
 
 /* From this call on SIGINT, SIGTERM, SIGUSR1 and SIGHUP are recorded, for code that can stop early. A second SIGINT
@@ -31,8 +31,8 @@ void kiln_process_give_back(void);
  * temporary ones are removed (files/left_behind.h). SIGHUP stays ignored if it was (nohup). SIGPIPE is ignored, since
  * the reader of the progress output may end. Before this call the signals end the process, which loses nothing. */
 void kiln_process_catch(void);
-/* For commands that write files and have nothing to save. From this call on the same signals end the process at once
- * with KILN_STOPPED, after its temporary files have been removed. `speaks`: it says so first, on stderr, and with
+/* Makes the signals of kiln_process_catch end the process at once with KILN_STOPPED, after removing its temporary
+ * files; for commands that write files and have nothing to save. `speaks`: prints a message first, on stderr, and with
  * `json` on stdout too. */
 void kiln_process_end_cleanly(bool speaks, bool json);
 /* The number of the last recorded signal; 0: none. Threads read it with __atomic_load_n. */

@@ -11,7 +11,7 @@ enum kiln_memory_figure {
     KILN_MEMORY_SHARE /* resident now; a page that n processes map counts 1/n (proportional set size) */
 };
 
-/* Bytes; 0 if the system does not tell. */
+/* Returns bytes; 0 if the system does not provide the figure. */
 uint64_t kiln_process_memory(enum kiln_memory_figure figure);
 
 #endif

@@ -18,7 +18,7 @@ struct kiln_progress;
  * here accept NULL and then show nothing. */
 struct kiln_progress *kiln_progress_create(bool quiet, int rank);
 
-/* Creates one that shows nothing, has no thread and only calls its observer. NULL when memory is short. */
+/* Creates a progress without display and thread, which only calls its observer. NULL when memory is short. */
 struct kiln_progress *kiln_progress_create_silent(void);
 
 /* The observer, called after each change by the thread that made it. `seconds_left` in the phase is -1 while unknown.

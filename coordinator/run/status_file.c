@@ -100,7 +100,7 @@ int kiln_bake_status_read(const char *directory, struct kiln_bake_status *s, str
     status = kiln_foreign_json(&json, KILN_JSON_CHILD, text, size, status_name, error);
     kiln_free(&text);
     if (status == KILN_SYSTEM)
-        return status; /* a file that is damaged says nothing */
+        return status; /* a damaged file tells nothing */
     *s = (struct kiln_bake_status){0};
     take_text(json, "state", s->state, sizeof s->state);
     take_text(json, "phase", s->phase, sizeof s->phase);

@@ -19,18 +19,18 @@ struct kiln_bake_status {
     double left;    /* remaining time of the phase, s; -1: unknown */
     double seconds; /* since this run of the bake began */
     int32_t ranks;
-    char host[64];    /* host of rank 0 */
-    int64_t process;  /* process number of rank 0 */
-    uint64_t started; /* when that process started, in the kernel's ticks; tells it from a later one with its number */
-    double updated;   /* when this was written, s since 1970 */
-    uint64_t beat;    /* how often the file has been written */
+    char host[64];       /* host of rank 0 */
+    int64_t process;     /* process number of rank 0 */
+    uint64_t started;    /* start of that process in kernel ticks; differs for a later process of this number */
+    double updated;      /* when this was written, s since 1970 */
+    uint64_t beat;       /* how often the file has been written */
     uint64_t generation; /* the last checkpoint; 0: none */
-    double saved;        /* when that was written, s since 1970 */
+    double saved;        /* time at which that checkpoint was written, s since 1970 */
     int32_t code;        /* exit status, when not running */
     char message[512];   /* the message, when not running */
 };
 
-/* None of these is collective. */
+/* The functions below are not collective. */
 
 /* Fills in host, process, started and updated for this process. */
 void kiln_bake_status_sign(struct kiln_bake_status *status);
@@ -40,11 +40,11 @@ void kiln_bake_status_write(const char *directory, const struct kiln_bake_status
 int kiln_bake_status_read(const char *directory, struct kiln_bake_status *status, struct kiln_error *error);
 void kiln_bake_status_remove(const char *directory);
 
-/* Whether the process that wrote the file is alive. On the same host its process number decides. Elsewhere the file is
- * watched for changes, for up to three seconds; a file older than 15 s is not watched and counts as dead. */
+/* Tells whether the process that wrote the file is alive. On the same host its process number decides. On another host
+ * the file is watched for changes for up to three seconds; if it is older than 15 s, the process counts as dead. */
 bool kiln_bake_status_alive(const char *directory, const struct kiln_bake_status *status);
 
-/* When a process of this host started, in the kernel's ticks; 0: it does not exist or is dead. */
+/* Start time of a process of this host, in kernel ticks; 0: it does not exist or is dead. */
 uint64_t kiln_process_started(int64_t process);
 
 /* Creates, looks for, and removes the stop file. */

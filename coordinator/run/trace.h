@@ -12,9 +12,9 @@
 #include "worker/base/status.h"
 
 /* Kinds of events. HELP: a batch that was stolen from another rank. EXCHANGE: the rank sends, receives or waits for
- * radiosity. TRAVEL: a group of points is under way while the rank does something else. BESIDE: threads that give way
- * prepare files while passes run. LOADING: threads start a
- * device and make its kernels while the scene is loaded. */
+ * radiosity. TRAVEL: the messages of a group of points are under way while the rank does something else. BESIDE:
+ * low-priority threads prepare files while passes run. LOADING: threads start a device and compile its kernels while
+ * the scene is loaded. */
 enum kiln_trace_row {
     KILN_TRACE_PHASE,
     KILN_TRACE_PASS,

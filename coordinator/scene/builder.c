@@ -163,10 +163,9 @@ static void mesh_corners(const struct kiln_vec3 *positions, uint64_t count, stru
         corner[c] = vec3(c & 1 ? high.x : low.x, c & 2 ? high.y : low.y, c & 4 ? high.z : low.z);
 }
 
-/* The origin of traced coordinates: the mean of the objects' middles, weighted with one over the square of their sizes.
- * Floats are precise near the origin and coarse far from it, so it belongs where the detail is: receivers at 1e-6 m and
- * at 1e6 m from one lamp are then both held to seven digits of their own distance. Among objects of similar size it is
- * the middle. */
+/* The origin of traced coordinates: the mean of the objects' centres, each with weight 1 / size². Floats are precise
+ * near the origin and coarse far from it, so the origin belongs where detail is: receivers at 1e-6 m and at 1e6 m from
+ * one lamp then both have seven digits of their own distance. For objects of similar size it is the centre. */
 struct origin {
     struct kiln_dvec3 sum;
     double weight;

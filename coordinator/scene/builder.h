@@ -1,6 +1,6 @@
-/* The builder: a scene under construction, as growing arrays with the element types of worker/scene/scene.h. Readers
- * (gltf.c, obj.c) append, coordinator/layout adds lightmap layouts and sizes, and kiln_builder_write checks the scene
- * and writes the scene file. */
+/* Scene builder: a scene under construction, as growing arrays with the element types of worker/scene/scene.h. Readers
+ * (gltf.c, obj.c) append elements. coordinator/layout adds lightmap layouts and sizes. kiln_builder_write checks the
+ * scene and writes the scene file. */
 #ifndef KILN_COORDINATOR_SCENE_BUILDER_H
 #define KILN_COORDINATOR_SCENE_BUILDER_H
 
@@ -20,7 +20,7 @@ struct kiln_builder {
     size_t mesh_capacity;
     uint64_t *mesh_turned; /* per mesh: number of triangles whose normals point to the back of their winding */
     size_t turned_capacity;
-    bool trust_normals; /* such triangles are flipped; otherwise their normals are reversed */
+    bool trust_normals; /* flips the winding of such triangles; false: reverses their normals */
     bool up_z;          /* an OBJ file's z points up, not its y */
     double unit;        /* m, of an OBJ file; 0: 1 m */
     bool strict;        /* missing pictures are an error */
@@ -42,11 +42,11 @@ void kiln_builder_destroy(struct kiln_builder **builder);
 /* Appends `count` elements (copied from `data`; zeroed if data is NULL). Gives the index of the first. */
 int kiln_builder_append(struct kiln_builder *builder, enum kiln_scene_section section, const void *data, size_t count,
                         size_t *first, struct kiln_error *error);
-/* Makes room for `count` elements of an empty section, so that it does not move while it grows to them. */
+/* Reserves memory for `count` elements of an empty section, so that it is not reallocated up to that size. */
 int kiln_builder_reserve(struct kiln_builder *builder, enum kiln_scene_section section, size_t count,
                          struct kiln_error *error);
-/* Whether the scene has that section of its vertices: normal-map coordinates only if it has normal maps, gloss
- * coordinates only if it has gloss, all others always. Materials are there before vertices. */
+/* Tells whether the scene has this vertex section: normal-map coordinates only if it has normal maps, gloss coordinates
+ * only if it has gloss, all others always. Materials must have been appended before. */
 bool kiln_builder_has(const struct kiln_builder *builder, enum kiln_scene_section section);
 /* Appends a string (at most `length` bytes). Gives its offset. */
 int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t length, uint32_t *offset,
@@ -58,7 +58,7 @@ int kiln_builder_note(struct kiln_builder *builder, uint32_t severity, struct ki
  * the builder's sections as it writes them, so that a scene with many texels is in memory once, not twice.
  * KILN_BAD_INPUT when an object extends beyond KILN_COORDINATE_MAX. */
 int kiln_builder_write(struct kiln_builder *builder, const char *path, struct kiln_error *error);
-/* The same into an open, empty file (O_RDWR), which stays open. `name` is used in error sentences. */
+/* Writes like kiln_builder_write, but to an open, empty file (O_RDWR), which stays open. `name` is for messages. */
 int kiln_builder_write_to(struct kiln_builder *builder, int file, const char *name, struct kiln_error *error);
 
 #endif

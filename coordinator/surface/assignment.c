@@ -62,9 +62,9 @@ static uint32_t first_rank_beyond(const struct kiln_build *build, uint64_t point
     return low;
 }
 
-/* Splits the global order between tile runs, with the result that kiln_partition_cut would have on the list of all tile
- * runs. No rank has that list: the rank that found the tile run in which a border should lie decides which end of it is
- * nearer, and a sum over the ranks, to which all others add 0, tells everybody. */
+/* Splits the global order between tile runs, as kiln_partition_cut would do with the list of all tile runs. No rank has
+ * this list. The rank that found the tile run at a border chooses its nearer end; a sum over the ranks, to which all
+ * others add 0, tells it to all. */
 static int split_between_tile_runs(struct kiln_build *build, const struct rank_bounds *bounds)
 {
     const struct kiln_surface_exchange *x = build->exchange;
@@ -112,7 +112,7 @@ static int choose_bounds(struct kiln_build *build, struct rank_bounds *bounds)
     return status;
 }
 
-/* A tile run with its place, as it is sent to its owner. */
+/* A tile run with its position, as sent to its owner. */
 struct placed_run {
     struct kiln_tile_run tile_run;
     uint64_t position;

@@ -6,11 +6,11 @@
 #include "worker/base/memory.h"
 #include "worker/scene/texel.h"
 
-static const uint64_t MOST_BRICKS = 1ull << 29; /* of one octree: its leaves have columns of 32 bits */
+static const uint64_t MOST_BRICKS = 1ull << 29; /* in one octree: columns of its leaves have 32-bit numbers */
 
 /* ---- the bricks of one triangle ---- */
 
-/* A triangle's depth over x and y, in bricks from its corner 0. */
+/* Depth of a triangle as a linear function of x and y, in bricks from its corner 0. */
 struct slope {
     double low, high; /* of the triangle */
     double along_x, along_y;
@@ -31,7 +31,7 @@ static struct slope slope_of(const double corner[3][2], const double depth[3])
     return s;
 }
 
-/* The range of depths that the triangle may have over the unit square of column (x, y). */
+/* Bounds of the triangle's depth over the unit square of column (x, y). */
 static void depths_over(const struct slope *s, const double corner[3][2], const double depth[3], double x, double y,
                         double *low, double *high)
 {
@@ -200,7 +200,7 @@ static int fill_slots(struct kiln_build *build)
     return status;
 }
 
-/* Puts the lists of all octrees one after the other. */
+/* Concatenates the lists of all octrees. */
 static int join_lists(struct kiln_build *build, const struct codes *lists)
 {
     struct kiln_surface *s = build->surface;
@@ -232,7 +232,7 @@ int kiln_bricks_find(struct kiln_build *build, bool (*has_backs)(const struct ki
     struct kiln_surface *s = build->surface;
     struct codes *lists = NULL;
     const int team = (int)build->threads;
-    /* a list of no bricks for now: it says that the surface has octrees */
+    /* an empty list for now, which marks the surface as one with octrees */
     int status = kiln_allocate(&s->bricks, 0, sizeof *s->bricks, "the bricks", build->error);
     if (status == KILN_OK)
         status = kiln_allocate(&lists, s->map_count, sizeof *lists, "the bricks of all octrees", build->error);

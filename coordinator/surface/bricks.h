@@ -1,11 +1,11 @@
-/* Bricks: which bricks of an octree's leaves (worker/scene/surface.h) the triangles of an object reach. */
+/* Bricks: finds the bricks (blocks of octree leaves, worker/scene/surface.h) that the triangles of an object reach. */
 #ifndef KILN_COORDINATOR_SURFACE_BRICKS_H
 #define KILN_COORDINATOR_SURFACE_BRICKS_H
 
 #include "coordinator/surface/build.h"
 
-/* Calls visit(context, place) for each brick that a world triangle reaches, and perhaps for some that it just misses,
- * with the brick's place (kiln_brick_place). A triangle without area reaches none. */
+/* Calls visit(context, place) for each brick that a world triangle reaches, with the brick's place (kiln_brick_place).
+ * Conservative: it may visit bricks that the triangle just misses. A triangle without area reaches none. */
 void kiln_bricks_of(const struct kiln_geometry *geometry, uint32_t triangle,
                     void (*visit)(void *context, uint64_t place), void *context);
 

@@ -2,7 +2,7 @@
  * what the steps before it left and adds its own.
  *
  *   bricks.c        the bricks of octrees
- *   points.c        lightmap sizes, blocks of tiles; covers the blocks of this rank: unplaced runs
+ *   points.c        lightmap sizes, ranges of tiles; covers the ranges of this rank: unplaced runs
  *   order.c         gives the unplaced runs their places in the global order; fills the map of all tiles on every rank
  *   assignment.c    splits the global order between the ranks and sends each tile run to the rank that owns it
  *   rank_surface.c  fills this rank's arrays: pieces, area, albedo of its own points */
@@ -15,7 +15,7 @@
 #include "coordinator/surface/coverage.h"
 #include "coordinator/surface/surface_build.h"
 
-/* Tiles of one lightmap that follow one another in Morton order. A block is covered by one thread of one rank. */
+/* Tiles of one lightmap that follow one another in Morton order. A range is covered by one thread of one rank. */
 enum { KILN_BLOCK_TILES = 512 };
 
 /* The points of one tile in one cell, before their place in the global order is known. Each becomes a tile run. */
@@ -50,7 +50,7 @@ struct kiln_build {
     const struct kiln_surface_params *params;
     /* never NULL; a process that works alone has one that exchanges nothing */
     const struct kiln_surface_exchange *exchange;
-    /* number of ranks that divide the blocks between them, and this rank's number among these */
+    /* number of ranks that divide the ranges between them, and this rank's number among these */
     uint32_t workers, worker;
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
@@ -60,13 +60,13 @@ struct kiln_build {
     struct kiln_grid grid;
     uint32_t *vertex_chart;
     double *object_area;         /* one per object: m2, sum of its triangles */
-    uint64_t *map_block;         /* one per lightmap, and one more at the end: its first block */
-    struct kiln_block *blocks;   /* the blocks of all ranks; only those of this rank have runs */
-    uint64_t own_first, own_end; /* blocks that this rank covers */
+    uint64_t *map_block;         /* one per lightmap, and one more at the end: its first range */
+    struct kiln_block *blocks;   /* the ranges of all ranks; only those of this rank have runs */
+    uint64_t own_first, own_end; /* ranges that this rank covers */
     uint64_t *cell_codes;        /* Morton codes of the occupied cells, ascending */
     struct kiln_units units;
-    struct kiln_texture_means **means; /* one per material, some shared or NULL; while points are filled */
-    uint32_t *owners;                  /* materials whose means are shared by none before them: `owner_count` */
+    struct kiln_texture_means **means; /* one per material, some shared or NULL; used by kiln_build_fill */
+    uint32_t *owners;                  /* the first material of each distinct mean: `owner_count` */
     size_t owner_count;
     /* the first failure of any thread; KILN_OK: none */
     int status;
@@ -75,21 +75,21 @@ struct kiln_build {
 
 /* Keeps the first failure of any thread. Thread-safe. */
 void kiln_build_fail(struct kiln_build *build, int status, const struct kiln_error *error);
-/* Whether a thread has failed or the user has asked to stop, which becomes a failure (KILN_STOPPED). Thread-safe. */
+/* Tells whether a thread has failed. A stop request of the user becomes a failure (KILN_STOPPED). Thread-safe. */
 bool kiln_build_failed(struct kiln_build *build);
 
-/* Calls work(build, map, threads) for every lightmap. Small lightmaps are worked on side by side, on one thread each;
+/* Calls work(build, map, threads) for every lightmap. Small lightmaps are processed in parallel, on one thread each;
  * large ones one after the other, each on all threads. `work` reports failures through kiln_build_fail. `wanted` (NULL:
- * all) marks with 0 the lightmaps to leave out. */
+ * all) is 0 for lightmaps to leave out. */
 void kiln_build_for_maps(struct kiln_build *build, const uint8_t *wanted,
                          void (*work)(struct kiln_build *build, uint32_t map, uint32_t threads, const void *context),
                          const void *context);
 
 /* The steps, in order. All are collective over the ranks of the exchange, return the same status on all of them, and
  * write the sentence into build->error. */
-/* lightmap sizes, grid of cells, blocks and their division between the ranks */
+/* lightmap sizes, grid of cells, ranges and their division between the ranks */
 int kiln_build_measure(struct kiln_build *build);
-int kiln_build_cover(struct kiln_build *build);  /* unplaced runs of this rank's blocks; areas of all */
+int kiln_build_cover(struct kiln_build *build);  /* unplaced runs of this rank's ranges; areas of all */
 int kiln_build_order(struct kiln_build *build);  /* occupied cells, units, global order, tiles and splits */
 int kiln_build_assign(struct kiln_build *build); /* this rank's range: tile_runs, piece_base, area_cdf_base */
 /* piece_count, pieces, area_cdf, albedo, area, visible of this rank's points */

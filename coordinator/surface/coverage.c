@@ -244,7 +244,7 @@ static void cover(const struct kiln_coverage *c, const struct tile_window *windo
 
 /* ---- leaves ---- */
 
-/* A triangle over one column of a brick's leaves. */
+/* A triangle over one column of leaves in a brick. */
 struct leaf_column {
     const struct kiln_coverage *coverage;
     uint32_t triangle;
@@ -273,7 +273,8 @@ static void cover_leaf(struct kiln_coverage_scratch *scratch, const struct leaf_
         add_leaf(scratch, at, layer, false, fraction * at->area, centroid.b1, centroid.b2);
 }
 
-/* Whether the triangle holds the whole square of the column within one layer, which is then in `low`. */
+/* Whether the triangle, over the column's square, stays within one layer of leaves. *low, *high: its range of depths.
+ */
 static bool is_one_layer(const struct kiln_texel_triangle *local, const struct kiln_clip_weights *w, double *low,
                          double *high)
 {
@@ -289,7 +290,7 @@ static bool is_one_layer(const struct kiln_texel_triangle *local, const struct k
     return floor(*low) >= floor(*high);
 }
 
-/* Adds the pieces in the leaves of a column, of a triangle that has area over x and y. */
+/* Adds the pieces in one column of leaves, for a triangle that has area over x and y. */
 static void cover_column(struct kiln_coverage_scratch *scratch, const struct leaf_column *at)
 {
     struct kiln_texel_triangle local;

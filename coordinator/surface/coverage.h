@@ -1,4 +1,4 @@
-/* Coverage: which triangles of an object cover which texels of its lightmap, tile by tile, with exact areas. */
+/* Coverage: finds, tile by tile, the triangles that cover each texel of an object's lightmap, with exact areas. */
 #ifndef KILN_COORDINATOR_SURFACE_COVERAGE_H
 #define KILN_COORDINATOR_SURFACE_COVERAGE_H
 
@@ -7,7 +7,7 @@
 #include "worker/scene/clip.h"
 #include "worker/scene/surface.h"
 
-/* The triangles of one lightmap or octree, binned by the tiles they touch. Exists while it is worked on. Borrows scene,
+/* The triangles of one lightmap or octree, binned by the tiles they touch. A temporary of the build. Borrows scene,
  * geometry and surface. */
 struct kiln_coverage {
     const struct kiln_scene *scene;
@@ -17,8 +17,8 @@ struct kiln_coverage {
     uint32_t width, height, tiles_x, tiles_y, shift; /* as in the lightmap */
     /* the lightmap is that of the object's backs: only double-sided triangles are binned */
     bool back;
-    bool leaves;   /* it is an octree, and its tiles are bricks: only the triangles of one side are binned */
-    uint32_t side; /* that side */
+    bool leaves;   /* an octree, whose tiles are bricks: only the triangles of side `side` are binned */
+    uint32_t side; /* with `leaves`: the side of the octree */
     /* one per tile, and one more at the end: its first entry in `triangles` */
     uint64_t *tile_first;
     uint32_t *triangles; /* world triangle numbers, ascending within a tile */
@@ -30,7 +30,7 @@ struct kiln_coverage_piece {
     double b1, b2; /* barycentric weights of the piece's centroid, for the triangle's corners 1 and 2 */
     uint32_t triangle;
     uint8_t bit; /* the texel's bit in its tile, kiln_morton8(x, y), or the leaf's in its brick, kiln_morton4 */
-    bool whole;  /* the triangle holds the whole square of the texel, or crosses the leaf over all of its square */
+    bool whole;  /* the triangle covers the whole square of the texel, or of the leaf in projection */
 };
 
 /* Working memory of one thread. Zero-initialise; free with kiln_coverage_scratch_destroy. */
@@ -46,10 +46,10 @@ int kiln_coverage_create(struct kiln_coverage *coverage, const struct kiln_scene
                          uint32_t threads, struct kiln_error *error);
 void kiln_coverage_destroy(struct kiln_coverage *coverage);
 
-/* Writes the pieces of tile number `tile` (y * tiles_x + x) into scratch->pieces, by ascending triangle: of the texels
- * whose bits `wanted` has at least, all of these. A triangle
- * without area in the world has no pieces. One without area in the lightmap has one piece, in the texel that holds its
- * centroid there. Thread-safe with one scratch for each thread. */
+/* Writes the pieces of tile number `tile` (y * tiles_x + x) into scratch->pieces, by ascending triangle: all pieces of
+ * the texels whose bits are set in `wanted`, perhaps also of others. A triangle without area in the world has no
+ * pieces. One without area in the lightmap has one piece, in the texel that holds its centroid there. Thread-safe with
+ * one scratch for each thread. */
 int kiln_coverage_tile(const struct kiln_coverage *coverage, uint32_t tile, uint64_t wanted,
                        struct kiln_coverage_scratch *scratch, struct kiln_error *error);
 void kiln_coverage_scratch_destroy(struct kiln_coverage_scratch *scratch);

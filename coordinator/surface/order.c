@@ -265,7 +265,7 @@ static void write_entry(struct map_writer *writer, uint64_t place, uint64_t mask
         receive_entries(writer->surface, &entry, 1);
 }
 
-/* Number of the block's runs, from run `i` on, that belong to one tile. */
+/* Number of the range's runs, from run `i` on, that belong to one tile. */
 static size_t runs_of_tile(const struct kiln_block *block, size_t i)
 {
     size_t next = i + 1;
@@ -290,7 +290,7 @@ static void write_block(struct map_writer *writer, const struct kiln_block *bloc
     }
 }
 
-/* Fills the map of tiles and splits on all ranks from their runs. Entries of `splits` are in the order of blocks.
+/* Fills the map of tiles and splits on all ranks from their runs. Entries of `splits` are in the order of ranges.
  * Collective. */
 static int fill_map(struct kiln_build *build, int status)
 {

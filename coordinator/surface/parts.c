@@ -11,7 +11,7 @@ static const char *const WHAT = "the parts of texels";
 
 /* A new point. */
 struct extra {
-    uint64_t cell, order; /* cell, and the tile's place in Morton order: what it is sorted by, with `map` and `bit` */
+    uint64_t cell, order; /* sort key: cell, place of the tile in Morton order, `map`, `bit` */
     uint32_t map, bit;
     uint32_t tile, part;
     size_t texel; /* index among the texels */
@@ -21,15 +21,15 @@ struct extra {
 /* A tile run of new points. */
 struct group {
     size_t first, count; /* among the extras */
-    uint64_t end;        /* where its cell ends among the points so far */
+    uint64_t end;        /* end of its cell in the old numbering of points */
     uint64_t tile;       /* index in the surface's tiles */
     struct kiln_tile_run run;
 };
 
-/* Piece of a rank's points, in order: a tile run so far, or a new one. */
+/* A contiguous range of a rank's points: an old tile run, or a new one. */
 struct span {
     bool is_new;
-    size_t index; /* among the surface's tile runs so far, or among the groups */
+    size_t index; /* among the surface's old tile runs, or among the groups */
 };
 
 struct adding {
@@ -133,7 +133,7 @@ static uint64_t end_of_cell(const struct adding *a, uint64_t cell)
     return a->s->cell_first != NULL ? a->s->cell_first[cell + 1] : a->point_count;
 }
 
-/* New points before a point so far: those of the cells that end there or before. */
+/* Number of new points before an old point: those in cells that end there or earlier. */
 static uint64_t extras_before(const struct adding *a, uint64_t point)
 {
     size_t low = 0, high = a->extra_count;
@@ -158,7 +158,7 @@ static int group_extras(struct adding *a, struct kiln_error *error)
     for (size_t i = 0; i < a->extra_count && status == KILN_OK; i++) {
         struct extra *x = &a->extras[i];
         const uint64_t end = end_of_cell(a, x->cell);
-        x->point = end + i; /* as many new points lie before it as there are before it in the list */
+        x->point = end + i; /* all old points up to the end of the cell come before it, and i new ones */
         a->texels[x->texel].divided.part[x->part] = (struct kiln_global_point){x->point};
         if (i == 0 || !is_same_run(&a->extras[i - 1], x))
             a->groups[a->group_count++] = (struct group){
@@ -177,7 +177,7 @@ static int group_extras(struct adding *a, struct kiln_error *error)
 
 static uint64_t tiles_of(const struct kiln_lightmap *map) { return (uint64_t)map->tiles_x * map->tiles_y; }
 
-/* The lightmaps of further parts: like those of part 0, where they have points. */
+/* Adds lightmaps for further parts: as large as that of part 0, where they have points. */
 static int add_lightmaps(struct adding *a, struct kiln_error *error)
 {
     struct kiln_surface *s = a->s;
@@ -209,7 +209,7 @@ end:
     return status;
 }
 
-/* Makes an array longer; what is new is 0. */
+/* Extends an array; new elements are 0. */
 static int lengthen(void *pointer, uint64_t from, uint64_t to, size_t size, const char *what, struct kiln_error *error)
 {
     void *old, *longer = NULL;
@@ -238,7 +238,7 @@ end:
     return status;
 }
 
-/* The points so far get their new numbers. */
+/* Renumbers the old points, to make room for new ones. */
 static void number_anew(struct adding *a, uint64_t tiles)
 {
     struct kiln_surface *s = a->s;
@@ -252,7 +252,7 @@ static void number_anew(struct adding *a, uint64_t tiles)
     s->point_count += a->extra_count;
 }
 
-/* Last, because all else asks where cells ended. */
+/* Renumbers the first points of cells. Comes last, since all other functions need the old ends of cells. */
 static void number_cells_anew(struct adding *a)
 {
     struct kiln_surface *s = a->s;
@@ -266,7 +266,7 @@ static void number_cells_anew(struct adding *a)
         s->cell_first[s->cell_count] = s->point_count;
 }
 
-/* Entries of `splits` of a tile: 0 if it has a single tile run. */
+/* Number of entries that a tile has in `splits`; 0 if it has a single tile run. */
 static uint64_t parts_of(const struct kiln_surface *s, const struct kiln_tile *tile)
 {
     uint64_t parts = 0;
@@ -276,9 +276,8 @@ static uint64_t parts_of(const struct kiln_surface *s, const struct kiln_tile *t
     return parts;
 }
 
-/* Room in `splits` for new entries: of new tiles' runs; and of divided texels with the entries of their tiles once
- * more.
- */
+/* Size of `splits` with new entries: one for each new tile run, one for each divided texel, and copies of the old
+ * entries of the divided texels' tiles. */
 static uint64_t room_for_splits(const struct adding *a)
 {
     uint64_t room = a->s->split_count + a->group_count;
@@ -303,7 +302,7 @@ static void enter_groups(struct adding *a, struct group *const *list)
     }
 }
 
-/* A divided texel, by its place among them and its tile. */
+/* A divided texel: its tile and bit, and its index among divided texels. */
 struct entry {
     uint64_t tile, number;
     uint32_t bit;
@@ -315,7 +314,8 @@ static int by_entry(const void *a, const void *b)
     return compare(x->tile, y->tile) != 0 ? compare(x->tile, y->tile) : compare(x->bit, y->bit);
 }
 
-/* Gives the tiles of divided texels new entries, of these before the others, at the end of `splits`. */
+/* Appends to `splits` new entries for each tile with divided texels: first its divided texels, then copies of its old
+ * entries. */
 static void enter_divided(struct adding *a, const struct entry *entries)
 {
     struct kiln_surface *s = a->s;
@@ -364,7 +364,7 @@ end:
     return status;
 }
 
-/* The texels by point, and their parts. */
+/* Lists the divided texels by point, and their parts. */
 static int list_parts(struct adding *a, struct kiln_error *error)
 {
     struct kiln_surface *s = a->s;
@@ -391,7 +391,7 @@ static void add_span(struct adding *a, bool is_new, size_t index)
     a->spans[a->span_count++] = (struct span){is_new, index};
 }
 
-/* This rank has the new points of the cells that end after its first point, up to its end. */
+/* Lists the rank's spans. Its new points are those of the cells that end after its first point and up to its end. */
 static int list_spans(struct adding *a, struct kiln_error *error)
 {
     const struct kiln_surface *s = a->s;
@@ -410,14 +410,14 @@ static int list_spans(struct adding *a, struct kiln_error *error)
     return status;
 }
 
-/* The texel that a point so far is of, after it has got its new number; NULL: a whole one. */
+/* The divided texel with this point, given by its new number; NULL: the texel is whole. */
 static const struct kiln_parted_texel *texel_of(const struct adding *a, uint64_t point)
 {
     const struct kiln_parted_texel key = {.divided = {.part = {{point}}}};
     return bsearch(&key, a->texels, a->count, sizeof *a->texels, by_texel);
 }
 
-/* The pieces of a part of a texel, which was known by the point `was`. */
+/* The pieces of a part of a texel; `was`: old number of the texel's point. */
 static const struct kiln_parted_piece *pieces_of(const struct adding *a, uint64_t was, uint32_t part, size_t *count)
 {
     size_t low = 0, high = a->piece_count;
@@ -436,7 +436,7 @@ static const struct kiln_parted_piece *pieces_of(const struct adding *a, uint64_
     return a->pieces + low;
 }
 
-/* The arrays of a rank while they are made anew. */
+/* The rank's arrays while they are rebuilt. */
 struct own {
     struct kiln_tile_run *tile_runs;
     uint64_t *piece_base, *area_cdf_base;
@@ -482,7 +482,7 @@ end:
     return status;
 }
 
-/* Appends the pieces of a part; `whole`: the flag of its point. */
+/* Appends the pieces of a part. `whole`: flag in the point's piece count. */
 static void add_part_pieces(struct own *o, const struct kiln_parted_piece *pieces, size_t count, uint16_t whole)
 {
     double total = 0.0, sum = 0.0;
@@ -510,8 +510,8 @@ static void add_new(struct own *o, const struct adding *a, const uint64_t *was, 
     }
 }
 
-/* A point so far, whose pieces and fractions of area begin at `piece` and `cdf`. Of a divided texel it becomes part 0.
- */
+/* Appends an old point, whose pieces and area fractions begin at `piece` and `cdf`. The point of a divided texel
+ * becomes its part 0. */
 static void add_old(struct own *o, const struct adding *a, const uint64_t *was, uint64_t old, uint64_t piece,
                     uint64_t cdf, uint64_t global)
 {
@@ -587,7 +587,7 @@ static void take_own(struct adding *a, struct own *o)
     s->area = o->area, o->area = before.area;
 }
 
-/* `was`: the numbers that the texels' points had. */
+/* Rebuilds the rank's arrays. `was`: old numbers of the texels' points. */
 static int make_own(struct adding *a, const uint64_t *was, struct kiln_error *error)
 {
     struct own o = {0};

@@ -5,9 +5,9 @@
 #include "coordinator/surface/charts.h"
 #include "worker/base/memory.h"
 
-/* A lightmap with more tiles or triangles than this is worked on by all threads together, and so is one that would keep
- * a thread busy when the others are done: with more than SOME_TILES, and more of all tiles than a part of a thread's
- * share. Smaller ones are worked on by one thread each. */
+/* LARGE_...: more tiles or triangles in a lightmap, and all threads process it together. So they do if it would keep
+ * one thread busy when the others are done: with more than SOME_TILES, and more of all tiles than 1 / PARTS_OF_SHARE of
+ * a thread's share. Each smaller lightmap is processed by one thread. */
 enum { LARGE_TILES = 4096, LARGE_TRIANGLES = 65536, SOME_TILES = 64, PARTS_OF_SHARE = 4 };
 
 void kiln_build_fail(struct kiln_build *build, int status, const struct kiln_error *error)
@@ -72,14 +72,14 @@ static bool publishes_backs(const struct kiln_build *build, size_t object)
     return (flags & KILN_OBJECT_BOTH_SIDES) != 0 || (build->params->both_sides && (flags & KILN_OBJECT_ONE_SIDE) == 0);
 }
 
-/* Backs that no ray meets and no file shows need no lightmap. */
+/* Whether an object needs a lightmap of backs: rays meet them, or files show them. */
 static bool has_backs(const struct kiln_build *build, size_t object)
 {
     const bool met = (build->scene->objects[object].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;
     return build->geometry->ranges[object].two_sided > 0 && (met || publishes_backs(build, object));
 }
 
-/* The number of lightmaps: one per object (of octrees one for each side) or, if any object has backs, twice that. */
+/* Number of lightmaps: one per object (in octrees one per side), or twice that if any object has backs. */
 static uint32_t count_maps(const struct kiln_build *build)
 {
     const size_t objects = build->scene->object_count, fronts = build->geometry->leaves != NULL ? KILN_SIDES : 1;
@@ -89,8 +89,8 @@ static uint32_t count_maps(const struct kiln_build *build)
     return (uint32_t)(fronts * objects);
 }
 
-/* Sets a lightmap's size. A lightmap of backs that is published is as fine as that of the front; one that only rays see
- * has half as many texels a side, unless charts would share some. */
+/* Sets a lightmap's size. A published lightmap of backs is as fine as that of the front. One that only rays read has
+ * half as many texels a side, unless charts would then share texels. */
 static void size_lightmap(const struct kiln_build *build, uint32_t number, struct kiln_lightmap *map)
 {
     const uint32_t o = kiln_map_object(build->surface, number);
@@ -171,7 +171,7 @@ static double work_of_tile(const struct kiln_build *build, size_t map)
                             : KILN_TILE_TEXELS * (texels + 4.0 * triangles + 10.0 * sqrt(triangles * texels)) / texels;
 }
 
-/* Says which lightmap each block belongs to, and divides the blocks between the ranks by estimated work. */
+/* Says which lightmap each range belongs to, and divides the ranges between the ranks by estimated work. */
 static int assign_blocks(struct kiln_build *build)
 {
     const uint64_t count = build->map_block[build->surface->map_count];
@@ -298,7 +298,7 @@ static int cover_tile(const struct kiln_build *build, const struct kiln_coverage
     return KILN_OK;
 }
 
-/* Shrinks a block's array to what it holds: there may be very many small objects. */
+/* Shrinks a range's array to what it holds: there may be very many small objects. */
 static int trim_block(struct kiln_block *block, struct kiln_error *error)
 {
     struct kiln_unplaced_run *exact = NULL;
@@ -383,7 +383,7 @@ end:
     kiln_free(&order);
 }
 
-/* Covers this rank's blocks. Needs the charts of their meshes during that time only. */
+/* Covers this rank's ranges. Needs the charts of their meshes during that time only. */
 static int cover_own(struct kiln_build *build)
 {
     uint8_t *wanted = NULL;
@@ -401,10 +401,10 @@ end:
     return status;
 }
 
-/* The sums of one block as they are sent to all ranks, so that all add the same numbers in the same order. */
+/* The sums of one range as they are sent to all ranks, so that all add the same numbers in the same order. */
 struct block_sums {
     uint64_t block, shared_texels;
-    double area, object_area; /* m2; object_area is used from an object's first block only */
+    double area, object_area; /* m2; object_area is used from an object's first range only */
 };
 
 /* kiln_surface_taker for a struct kiln_build */
@@ -448,7 +448,7 @@ static void report_areas(struct kiln_build *build)
                 area += build->blocks[b].area;
                 report->shared_texels += build->blocks[b].shared_texels;
             }
-        if (build->surface->bricks != NULL) /* the first octree of an object may have no blocks */
+        if (build->surface->bricks != NULL) /* the first octree of an object may have no ranges */
             build->object_area[o] = area_of(build, (uint32_t)o);
         report->area += area;
         report->geometry_area += build->object_area[o];

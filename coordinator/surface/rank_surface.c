@@ -12,9 +12,10 @@
 
 static const double DITHERED_ALBEDO = 0.95; /* below it rounding costs at most 1.6e-4 of the light */
 
-/* Places at which the colour of a texel is looked up where it is no mean of one texture: along a side, and in all. */
+/* Numbers of colour lookups in a texel, where no mean of a texture gives its colour: least and most per side, and most
+ * in all. */
 enum { LOOKS_LEAST = 4, LOOKS_SIDE = 16, LOOKS = LOOKS_SIDE * LOOKS_SIDE };
-enum { CELLS = 8 }; /* of a texture, along a texel's longer side */
+enum { CELLS = 8 }; /* cells of texture means along a texel's longer side */
 
 /* A triangle whose colour is sampled. */
 struct sampled {
@@ -23,12 +24,12 @@ struct sampled {
     const struct kiln_mesh *mesh;
     uint64_t stored;           /* the triangle among the scene's */
     bool flipped, see_through; /* its corners 1 and 2 are exchanged; it has opacity */
-    bool glossy;               /* its material is taken with its gloss; else `paint` is ready */
+    bool glossy;               /* its material has gloss; otherwise `paint` is ready */
     struct kiln_paint paint;
-    /* of its texture, by which all of its colour is found with `factor`; NULL: it is looked up */
+    /* texture means that, with `factor`, give all of its colour; NULL: colours are looked up */
     const struct kiln_texture_means *means;
     struct kiln_texture_factor factor;
-    double uv[3][2]; /* in the texture, of the stored corners */
+    double uv[3][2]; /* texture coordinates of the stored corners */
 };
 
 /* Working memory of one thread. */
@@ -48,7 +49,7 @@ struct color_sum {
 
 /* ---- means of textures ---- */
 
-/* Whether means of the texture can have the metal's in them, which is read at the same place (is_beside). */
+/* Whether the metallic texture has the same size and wrapping as the base texture, so that means can include it. */
 static bool goes_along(const struct kiln_scene *scene, uint32_t texture, uint32_t metal)
 {
     const struct kiln_texture *a = &scene->textures[texture], *b = &scene->textures[metal];
@@ -56,8 +57,9 @@ static bool goes_along(const struct kiln_scene *scene, uint32_t texture, uint32_
            a->nearest == b->nearest;
 }
 
-/* Finds how a material's texture is averaged. False: it has no texture, or not all of its colour and opacity is this
- * texture's, and perhaps that of its metal, times what is the same, or linear, all over a triangle. */
+/* Describes how a material's texture is averaged. False: no texture, or means cannot give its colour and opacity. They
+ * can if both are one texture, perhaps times a metallic texture, times factors that are constant or linear over a
+ * triangle. */
 static bool look_of(const struct kiln_scene *scene, uint32_t material, struct kiln_texture_look *look)
 {
     const struct kiln_material *m = &scene->materials[material];
@@ -81,7 +83,7 @@ static bool look_of(const struct kiln_scene *scene, uint32_t material, struct ki
     return goes_along(scene, look->texture, look->metal_texture);
 }
 
-/* Means that were made for another material and serve this look, too; NULL: there are none. */
+/* Means made for another material with an equal look; NULL: there are none. */
 static struct kiln_texture_means *means_of_other(const struct kiln_build *build, const struct kiln_texture_look *look)
 {
     for (size_t i = 0; i < build->owner_count; i++) {
@@ -123,7 +125,8 @@ static void destroy_means(struct kiln_build *build)
 
 /* ---- a triangle ---- */
 
-/* Vertex colours x `factor` x the coverage of a blended alpha, which is linear where the colours are not. */
+/* Computes the factor: vertex colours x `factor` x coverage of a blended alpha. False: it is not linear over the
+ * triangle. */
 static bool find_factor(struct sampled *t, const float factor[3], uint32_t alpha_mode, float alpha)
 {
     const uint32_t *corner = t->scene->triangles + 3 * t->stored;
@@ -144,7 +147,7 @@ static bool find_factor(struct sampled *t, const float factor[3], uint32_t alpha
     return true;
 }
 
-/* Whether the metal of the triangle's material has no texture, or reads it where the base colour is read. */
+/* Whether the material has no metallic texture, or reads it at the coordinates of the base colour. */
 static bool is_beside(const struct sampled *t, const struct kiln_gloss *gloss)
 {
     if (gloss == NULL || gloss->textures[KILN_GLOSS_METALLIC].texture == KILN_NONE)
@@ -160,7 +163,7 @@ static bool is_beside(const struct sampled *t, const struct kiln_gloss *gloss)
     return true;
 }
 
-/* Diffuse share: 1 - metallic, less what is let through, but for factors in the texture's means. */
+/* Diffuse share: 1 - metallic, less the transmitted share; without factors that are in the texture's means. */
 static float matt_of(const struct sampled *t, const struct kiln_gloss *gloss, const struct kiln_material *m)
 {
     const float third = 1.0f / 3.0f;
@@ -172,7 +175,7 @@ static float matt_of(const struct sampled *t, const struct kiln_gloss *gloss, co
     return kiln_bsdf_matt(p);
 }
 
-/* Whether means of its texture tell the triangle's colour; then they are ready. */
+/* Whether texture means give the triangle's colour; then prepares them. */
 static bool find_means(const struct kiln_build *build, struct sampled *t)
 {
     const uint32_t material = t->scene->triangle_materials[t->stored];
@@ -251,7 +254,7 @@ static void sample_colors(const struct sampled *t, const struct positions *at, s
     }
 }
 
-/* Number of looks that a texel needs along its side: its texture may be so many times as fine. */
+/* Number of lookups along a texel's side: twice the number of texture texels along it, within limits. */
 static int looks_along(const struct sampled *t, const double local[3][2])
 {
     double at[3][2];
@@ -266,8 +269,8 @@ static int looks_along(const struct sampled *t, const double local[3][2])
     return fine < LOOKS_SIDE / 2 ? (int)fmax(LOOKS_LEAST, ceil(2.0 * fine)) : LOOKS_SIDE;
 }
 
-/* The piece fills its texel: a place in each of side x side sub-squares, which hangs on the texel, so that no grid of
- * looks falls in step with what is regular in a texture. */
+/* Lookup positions in a piece that fills its texel: a jittered one in each of side x side sub-squares. The jitter
+ * depends on the texel, so that no regular grid of lookups aliases with regular patterns of a texture. */
 static void spread_in_square(const struct sampled *t, const double local[3][2], const struct kiln_texel_place *place,
                              double area, struct positions *at)
 {
@@ -283,8 +286,9 @@ static void spread_in_square(const struct sampled *t, const double local[3][2], 
     }
 }
 
-/* The piece does not fill its texel. Its bounding box is cut into equal rectangles, more of them the larger the piece
- * is; each has the centroid of what the piece covers of it. `fraction`: the piece's area / the point's area. */
+/* Lookup positions in a piece that does not fill its texel. Its bounding box is divided into equal rectangles, more for
+ * larger pieces; each has one at the centroid of its part of the piece. `fraction`: area of the piece / of the point.
+ */
 static void spread_in_polygon(const struct sampled *t, const struct kiln_texel_triangle *local, double area,
                               double fraction, struct positions *at)
 {
@@ -323,7 +327,7 @@ static void spread_in_polygon(const struct sampled *t, const struct kiln_texel_t
 
 /* ---- a piece ---- */
 
-/* Where a place of the triangle, by the world's weights, is in the texture. */
+/* Texture coordinates of a point of the triangle, given by world barycentrics. */
 static void texture_place(const struct sampled *t, double b1, double b2, double at[2])
 {
     const double first = t->flipped ? b2 : b1, second = t->flipped ? b1 : b2;
@@ -331,7 +335,7 @@ static void texture_place(const struct sampled *t, double b1, double b2, double 
         at[k] = t->uv[0][k] + first * (t->uv[1][k] - t->uv[0][k]) + second * (t->uv[2][k] - t->uv[0][k]);
 }
 
-/* Adds the mean over all that the piece has of the texel; false where the texture's means do not tell it. */
+/* Adds the mean colour of the piece in the texel; false if the texture means do not give it. */
 static bool add_mean(const struct sampled *t, const struct kiln_texel_triangle *local, bool whole, double area,
                      struct color_sum *sum)
 {
@@ -363,7 +367,7 @@ static bool add_mean(const struct sampled *t, const struct kiln_texel_triangle *
     return true;
 }
 
-/* Whether the colour or the opacity of a material may be another within a triangle, but for its vertex colours. */
+/* Whether colour or opacity of a material may vary within a triangle, apart from vertex colours. */
 static bool has_texture(const struct kiln_scene *scene, uint32_t material)
 {
     const struct kiln_material *m = &scene->materials[material];
@@ -397,16 +401,16 @@ static void add_piece_color(const struct kiln_build *build, const struct kiln_co
     sample_colors(t, &at, sum);
 }
 
-/* How texel (x, y) rounds a number between two whole ones: up where its fraction is above this. Neighbours differ as
- * much as can be, so that the mean of a few is the number (the R2 sequence of the plastic number). */
+/* Dither threshold of texel (x, y): a number is rounded up if its fraction is above it. Thresholds of neighbours differ
+ * strongly, so that the mean over a few texels is the number (R2 sequence of the plastic number). */
 static double threshold_of(uint32_t x, uint32_t y)
 {
     const double place = 0.5 + 0.7548776662466927 * (double)x + 0.5698402909980532 * (double)y;
     return place - floor(place);
 }
 
-/* Where nearly all light is reflected the last digit counts: in a furnace of albedo 0.999 the nearest of 65,536 values
- * is 0.7 % off in light. There neighbours round up and down in turn. */
+/* Rounds an albedo to 16 bits. Near 1 the last digit counts: in a furnace of albedo 0.999 rounding to the nearest of
+ * 65,536 values changes the light by 0.7 %. There the albedo is dithered. */
 static uint16_t albedo_of(const struct color_sum *sum, int channel, uint32_t x, uint32_t y)
 {
     const double value = sum->weight > 0.0 ? sum->opaque[channel] / sum->weight : sum->all[channel] / sum->area;
@@ -456,7 +460,7 @@ struct point_place {
     struct kiln_texel_place texel; /* the same, or its leaf */
 };
 
-/* Whether a texel has next to nothing of a surface that ends in it (kiln_texel_is_sliver). */
+/* Whether only a sliver of a surface that ends in the texel lies in it (kiln_texel_is_sliver). */
 static bool is_sliver(const struct kiln_build *build, const struct kiln_coverage_piece *pieces, const uint32_t *order,
                       uint32_t count, double area, const struct kiln_texel_place *texel)
 {

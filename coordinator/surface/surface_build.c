@@ -44,7 +44,7 @@ static const struct kiln_surface_exchange alone = {
 
 /* ---- building ---- */
 
-/* The tiles of the lightmaps of backs come after those of all fronts. */
+/* Counts the points on backs. Tiles of lightmaps of backs come after those of all fronts. */
 static uint64_t count_back_points(const struct kiln_surface *s)
 {
     uint64_t count = 0;

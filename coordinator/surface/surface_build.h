@@ -43,8 +43,8 @@ struct kiln_surface_params {
      * occupied cell holds 1024 points on average */
     double cell_size;
     enum kiln_partition partition;
-    bool whole_tiles; /* cells cut no tile: its points lie in the cell of the first one */
-    /* the lightmaps of backs of all objects are published, and as fine as those of the fronts */
+    bool whole_tiles; /* tiles are not split between cells: all points of a tile lie in the cell of its first point */
+    /* lightmaps of the backs of all objects are published, at the resolution of the fronts */
     bool both_sides;
     uint32_t rank, ranks; /* the rank whose points are wanted, and the number of ranks the surface is divided between */
     /* NULL: this process builds the surface alone; else all `ranks` call together and divide the work */
@@ -92,11 +92,11 @@ struct kiln_surface_report {
  * A point lies in the cell that holds the centroid of its covered part. With KILN_PARTITION_OBJECTS a tile is one tile
  * run whatever cells it lies in, and the tile run's `cell` is that of its first point.
  *
- * `albedo` is the area-weighted mean over the covered part: taken at the centroid of each piece or, where the base
- * colour is textured, as the texture's mean over the piece (worker/scene/texture_means.h), with that of its metal where
- * this is read at the same places. Where it is no such mean (a metal's texture of another size or place, one of
- * transmission, a mask under uneven vertex alpha) it is that of up to 256 looks at places drawn for the texel. Where
- * the surface has an alpha mask or is blended, each place is also weighted with its opacity. `visible` is set to 65535
+ * `albedo` is the area-weighted mean over the covered part. It is evaluated at the centroid of each piece. If the base
+ * colour is textured, it is the texture's mean over the piece (worker/scene/texture_means.h), including a metal texture
+ * that is read at the same places. If no such mean exists (a metal texture of another size or placement, a
+ * transmission texture, a mask under uneven vertex alpha), up to 256 random samples in the texel are averaged. If the
+ * surface has an alpha mask or is blended, each sample is also weighted with its opacity. `visible` is set to 65535
  * everywhere; the validity pass lowers it later.
  *
  * Ranks get whole cells (with KILN_PARTITION_OBJECTS whole lightmaps) if no rank then has more than 1.1 times the mean
@@ -108,7 +108,8 @@ struct kiln_surface_report {
 int kiln_surface_build(struct kiln_surface **surface, const struct kiln_surface_params *params,
                        struct kiln_surface_report *report, struct kiln_error *error);
 
-/* Ranks get whole cells (or objects) as long as the largest rank is at most so much above the mean; else tile runs. */
+/* Largest imbalance with which ranks get whole cells (or objects): points of the largest rank / mean - 1. Above it the
+ * partition splits between tile runs. */
 #define KILN_PARTITION_IMBALANCE 0.1
 
 /* Splits a row of units (cells, objects or tile runs in global order, with unit_points[i] points each) into `ranks`

@@ -8,19 +8,21 @@
 #include "coordinator/output/image.h"
 #include "worker/base/memory.h"
 
-/* Pixels along a block; from one block to the next; of a window to each side. */
+/* Pixels: side of a block; distance between blocks; radius of a window. */
 enum { BLOCK = 32, STRIDE = BLOCK / 2, RADIUS = 4 };
 
-/* Features: 1, normal, position, its squares; and a block's columns: these, and the light. */
+/* Indices of columns. Features: 1, normal, position, squared position; the light comes after the features. */
 enum { NORMAL = 1, POSITION = 4, SQUARE = 7, FEATURES = 10, COLUMNS = FEATURES + 3, MOST = BLOCK * BLOCK };
 
-/* A feature is left out if its squares, without what others explain, fall to this part. */
+/* Least part of a feature's sum of squares that earlier features must leave unexplained; below it the feature is left
+ * out. */
 static const float explained = 1e-6f;
 
 /* Sums over a window. */
 enum { WINDOW_PLANES = 3 };
 
-/* A pixel speaks for itself alone where its deviation is so many times the mean of its blocks. */
+/* A pixel whose deviation exceeds the mean of its blocks by this factor is an outlier: its fit uses its own variance
+ * only. */
 static const float outlier = 20.0f;
 
 /* Weighted sums of block fits, for each pixel. */
@@ -28,7 +30,7 @@ struct fitted {
     float *light[3], *leverage, *deviation, *weight;
 };
 
-/* The pixels of a block that take part, column by column. */
+/* The filtered pixels of a block, column by column. */
 struct block {
     size_t count;
     uint32_t pixel[MOST];
@@ -40,7 +42,7 @@ struct block {
 
 /* ---- one block ---- */
 
-/* 1 in the middle, 0 half a block from there. Over all blocks along an axis they add up to 1. */
+/* Weight in a block: 1 in the middle, 0 at the borders. The weights of overlapping blocks along an axis sum to 1. */
 static float tent(int64_t place) { return (1.0f - fabsf((float)place + 0.5f - (float)STRIDE) / (float)STRIDE); }
 
 static void collect_pixel(const struct kiln_bmfr *p, struct block *b, size_t pixel, float weight)
@@ -57,7 +59,7 @@ static void collect_pixel(const struct kiln_bmfr *p, struct block *b, size_t pix
     }
 }
 
-/* The block whose upper left corner is (x, y). */
+/* Collects the filtered pixels of the block whose upper left corner is (x, y). */
 static void collect(const struct kiln_bmfr *p, int64_t x, int64_t y, struct block *b)
 {
     b->count = 0;
@@ -101,7 +103,7 @@ static float dot(const float *a, const float *b, size_t count)
     return sum;
 }
 
-/* Takes what the features explain out of the light's columns: residuals are left there. */
+/* Projects the light onto the features and subtracts it: residuals are left in the light's columns. */
 static void project(struct block *b)
 {
     float before[FEATURES];
@@ -126,7 +128,7 @@ static void project(struct block *b)
     }
 }
 
-/* Fits a block and adds the fit to its pixels. A fit that would bring darkness below 0 brings 0. */
+/* Fits a block and adds the fit to its pixels. Negative values of a fit become 0. */
 static void fit_block(const struct kiln_bmfr *p, const struct fitted *sum, int64_t x, int64_t y, struct block *b)
 {
     collect(p, x, y, b);
@@ -147,7 +149,7 @@ static void fit_block(const struct kiln_bmfr *p, const struct fitted *sum, int64
     }
 }
 
-/* Blocks of one turn do not overlap; the turns come one after the other, so that sums have an order. */
+/* Fits all blocks in four turns. Blocks of one turn do not overlap, so that sums have a fixed order. */
 static void fit_all(const struct kiln_bmfr *p, const struct fitted *sum, struct block *blocks)
 {
     const int64_t left = (int64_t)(p->shift[0] % STRIDE) + STRIDE, up = (int64_t)(p->shift[1] % STRIDE) + STRIDE;
@@ -162,20 +164,20 @@ static void fit_all(const struct kiln_bmfr *p, const struct fitted *sum, struct 
 
 /* ---- from light to fit ---- */
 
-/* f - y of a pixel that takes part, of luminance. */
+/* Luminance of fit - light, f - y, of a filtered pixel. */
 static float away_at(const struct kiln_bmfr *p, const struct fitted *fit, size_t i)
 {
     return kiln_rgb_luminance(fit->light[0][i] - p->light[0][i], fit->light[1][i] - p->light[1][i],
                               fit->light[2][i] - p->light[2][i]);
 }
 
-/* Whether a pixel speaks for itself alone. */
+/* Whether a pixel is an outlier, for which only its own variance is used. */
 static bool is_outlier(const struct kiln_bmfr *p, const struct fitted *fit, size_t i)
 {
     return p->deviation[i] > outlier * fit->deviation[i];
 }
 
-/* Sums of v and (f - y)^2 along a row's windows, and the number of pixels in them. */
+/* Sums over a row's windows: of v and (f - y)^2, and the number of pixels. */
 static void sum_row(const struct kiln_bmfr *p, const struct fitted *fit, uint32_t y, float *const rows[WINDOW_PLANES])
 {
     for (uint32_t x = 0; x < p->width; x++) {
@@ -203,7 +205,7 @@ static float sum_column(const struct kiln_bmfr *p, const float *rows, uint32_t x
     return sum;
 }
 
-/* Turns what blocks have added to each pixel into means. */
+/* Divides the sums of each pixel by their weight. */
 static void divide(const struct kiln_bmfr *p, const struct fitted *fit)
 {
     const size_t count = (size_t)p->width * p->height;
@@ -217,7 +219,7 @@ static void divide(const struct kiln_bmfr *p, const struct fitted *fit)
     }
 }
 
-/* How far the light of a pixel goes towards its fit. */
+/* Step of a pixel from its light (0) to its fit (1). */
 static float part_of(const struct kiln_bmfr *p, const struct fitted *fit, float *const rows[WINDOW_PLANES], uint32_t x,
                      uint32_t y)
 {
@@ -229,7 +231,7 @@ static float part_of(const struct kiln_bmfr *p, const struct fitted *fit, float 
     return isfinite(part) ? part : 0.0f;
 }
 
-/* Moves the light towards the fit. `rows` has room for what is summed along rows. */
+/* Moves the light towards the fit. `rows`: room for the sums along rows. */
 static void shrink(const struct kiln_bmfr *p, const struct fitted *fit, float *const rows[WINDOW_PLANES])
 {
 #pragma omp parallel for schedule(dynamic, 4)

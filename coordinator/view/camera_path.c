@@ -177,7 +177,7 @@ void kiln_camera_path_destroy(struct kiln_camera_path **path)
 
 size_t kiln_camera_path_keys(const struct kiln_camera_path *path) { return path->count; }
 
-/* The tangent of a number at a key frame. */
+/* Slope of a key frame's number, for interpolation. */
 static double tangent(const struct kiln_camera_path *path, size_t key, int number)
 {
     const double(*keys)[NUMBERS] = (const double(*)[NUMBERS])path->keys;
@@ -190,7 +190,7 @@ static double tangent(const struct kiln_camera_path *path, size_t key, int numbe
     return (keys[after][number] - keys[before][number]) / (keys[after][TIME] - keys[before][TIME]);
 }
 
-/* A number at `u`, 0 to 1, of the interval after a key frame. */
+/* Interpolates a number at `u`, 0 to 1, in the interval after a key frame. */
 static double between(const struct kiln_camera_path *path, size_t key, double u, int number)
 {
     const double *a = path->keys[key], *b = path->keys[key + 1];
@@ -201,7 +201,7 @@ static double between(const struct kiln_camera_path *path, size_t key, double u,
            u * u * (3.0 - 2.0 * u) * b[number] - u * u * v * span * tangent(path, key + 1, number);
 }
 
-/* The last key frame, but that of the end, that is not after `passed`, counted from the first. */
+/* Index of the last key frame at or before `passed`, which counts from the first; the final key frame is excluded. */
 static size_t interval_at(const struct kiln_camera_path *path, double passed)
 {
     size_t low = 0, high = path->count - 1;

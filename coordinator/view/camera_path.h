@@ -7,9 +7,9 @@
  * are equally far apart in time.
  *
  * Between key frames each number follows a cubic Hermite curve whose tangent at key frame k is (p[k+1] - p[k-1]) /
- * (t[k+1] - t[k-1]): Catmull, Rom: A Class of Local Interpolating Splines (1974), for times that need not be equal. At
- * the ends the tangent is that of the one interval there, or, where the last key frame is the first again, that of the
- * closed curve. Not collective. */
+ * (t[k+1] - t[k-1]): Catmull, Rom: A Class of Local Interpolating Splines (1974), for unequal time intervals. At the
+ * ends the tangent is the slope of the first or last interval; if the last key frame equals the first, it is that of
+ * the closed curve. Not collective. */
 #ifndef KILN_COORDINATOR_VIEW_CAMERA_PATH_H
 #define KILN_COORDINATOR_VIEW_CAMERA_PATH_H
 
@@ -19,7 +19,7 @@
 
 struct kiln_camera_frame {
     double from[3], to[3]; /* world, m */
-    double field_of_view;  /* degrees, vertical; 0: the path does not say */
+    double field_of_view;  /* degrees, vertical; 0: not given in the file */
 };
 
 struct kiln_camera_path;
@@ -31,8 +31,8 @@ void kiln_camera_path_destroy(struct kiln_camera_path **path);
 /* The number of key frames, at least 2. */
 size_t kiln_camera_path_keys(const struct kiln_camera_path *path);
 
-/* Computes frame `index` of `count`, equally far apart in time. The first and the last are exactly the first and the
- * last key frame; a count of 1 gives the first. */
+/* Computes frame `index` of `count` frames at equal time steps. The first and the last frame are exactly the first and
+ * the last key frame; a count of 1 gives the first. */
 void kiln_camera_path_frame(const struct kiln_camera_path *path, size_t index, size_t count,
                             struct kiln_camera_frame *frame);
 

@@ -90,7 +90,7 @@ static int pair_images(struct pair *p, const struct kiln_image *a, const struct 
     if (status != KILN_OK)
         return status;
     memset(p->used, 2, count);
-    lower(p, a, "coverage.Y", 0.9995f, 1); /* just below 1: as a half, the next smaller value is 1 - 2^-11 */
+    lower(p, a, "coverage.Y", 0.9995f, 1); /* 1, with rounding: the next smaller half is 1 - 2^-11 */
     lower(p, b, "coverage.Y", 0.9995f, 1);
     lower(p, a, "validity.Y", 1.0f, 0);
     lower(p, b, "validity.Y", 1.0f, 0);
@@ -235,7 +235,7 @@ static void picture_codes(const struct pair *p, const float *const planes[], siz
         code[c] = floor(255.0 * code[c] + 0.5) / 255.0;
 }
 
-/* Sums up how the 8-bit pictures differ, and leaves the luminance of their codes. */
+/* Sums up the differences of the 8-bit pictures, and replaces the tone-mapped luminance by that of the 8-bit codes. */
 static void make_pictures(struct pair *p, struct kiln_difference *d)
 {
     const size_t count = (size_t)p->width * p->height;

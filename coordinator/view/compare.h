@@ -6,8 +6,8 @@
  *
  * - rmse: sqrt(1/(N M) sum (a - b)^2).
  *
- * - nrmse: the same over the texels wholly inside charts (coverage.Y = 1 in each image that has that channel), divided
- * by the mean of b over these texels and C; NaN unless that mean is above 0.
+ * - nrmse: rmse over the texels wholly inside charts (coverage.Y = 1 in each image that has that channel), divided by
+ * the mean of b over these texels and C; NaN unless that mean is above 0.
  *
  * - rel_rmse: sqrt(1/(N M) sum ((a - b) / (|b| + 0.01 m))^2), where m is the mean of |b| over T and C.
  *
@@ -18,21 +18,21 @@
  *   K2 = 0.03 and range 1. The tone mapping is t = e L / (1 + e L), with Rec. 709 luminance L and, for both images,
  *   e = 0.18 / exp(mean of ln L_b over the texels of T where L_b > 0), or 1 if there is no such texel.
  *
- * - picture_psnr, picture_dissimilarity: the same two of 8-bit pictures of both, as a screen shows them: sRGB codes k =
- *   round(255 srgb(e c / (1 + e L))), c in R, G, B, with L and e as above; one grey without R, G, B. picture_psnr is 20
- *   log10(255 / rmse of k) in dB; picture_dissimilarity is 1 / s - 1, where s is the structural similarity of the
- *   luminance of k / 255. Rodrigues (2021) and Sun (2020) judge views so.
+ * - picture_psnr, picture_dissimilarity: PSNR and dissimilarity of tone-mapped 8-bit pictures of both images: sRGB
+ *   codes k = round(255 srgb(e c / (1 + e L))), c in R, G, B, with L and e as above; one grey without R, G, B.
+ *   picture_psnr is 20 log10(255 / rmse of k) in dB; picture_dissimilarity is 1 / s - 1, where s is the structural
+ *   similarity of the luminance of k / 255. Rodrigues (2021) and Sun (2020) use these metrics for views.
  *
  * - dfpr: "deviation from pure radiosity" (Kahl 2023, equation 6.1): 1/N sum over T of the Euclidean length of (a - b)
  *   over C.
  *
- * - dfpr_unit: the same with both images divided by the largest value of b, to which Kahl's threshold of 0.025 applies.
+ * - dfpr_unit: dfpr with both images divided by the largest value of b. Kahl's threshold of 0.025 applies to it.
  *
- * - dfpr_8bit: the same as Kahl's own tool computes it: the mean over all pixels of the images, valid or not, of the
- *   Euclidean length over C of the difference of 8-bit codes over 255, k = round(255 min(max(v / l, 0), 1)). l is the
- *   largest value of b over T and C, or 1 where that is not above 0: in a lightmap that he saves the brightest light is
- *   1. His scenes have one lightmap, so l of several is the largest of all (kiln_compare_codes). A value that is not
- *   finite has code 0.
+ * - dfpr_8bit: dfpr as Kahl's own tool computes it: the mean over all pixels of the images, valid or not, of the
+ *   Euclidean length over C of the difference of k / 255, with 8-bit codes k = round(255 min(max(v / l, 0), 1)). l is
+ *   the largest value of b over T and C, or 1 if that is not above 0, since Kahl saves lightmaps with the brightest
+ *   light at 1. His scenes have one lightmap; with several, l is the largest value of all (kiln_compare_codes). A value
+ *   that is not finite has code 0.
  *
  * - worst: the texel of T with the greatest length of (a - b) over C, the first in row order among equals. */
 #ifndef KILN_COORDINATOR_VIEW_COMPARE_H
@@ -71,12 +71,12 @@ int kiln_compare_images(const struct kiln_image *a, const struct kiln_image *b, 
                         struct kiln_error *error);
 
 /* Adds the difference of one image to that of a set of images with the same channels. Initialise the set with zeros,
- * and identical = true. Each metric of the set is over all texels of all images, weighted by one->weight; m of
- * rel_rmse and e of dssim are those of each image, and l of dfpr_8bit until kiln_compare_codes. */
+ * and identical = true. Each metric of the set is over all texels of all images, weighted by one->weight. m of rel_rmse
+ * and e of dssim stay those of each image; so does l of dfpr_8bit, until kiln_compare_codes. */
 void kiln_difference_add(struct kiln_difference *set, const struct kiln_difference *one);
 
-/* Finds dfpr_8bit of a compared image again, with `largest` as l: that of a set, which is to be added up anew. Statuses
- * of kiln_compare_images. */
+/* Recomputes dfpr_8bit of a compared image with l = `largest`, the value of the whole set; the set must then be summed
+ * again. Statuses of kiln_compare_images. */
 int kiln_compare_codes(const struct kiln_image *a, const struct kiln_image *b, double largest,
                        struct kiln_difference *difference, struct kiln_error *error);
 

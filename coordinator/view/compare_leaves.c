@@ -36,7 +36,7 @@ end:
     return status;
 }
 
-/* Reads from run.json how wide leaves are; 0: there are none. */
+/* Reads the size of leaves from run.json; 0: there are none. */
 static int find_size(struct kiln_results *results, double *size, struct kiln_error *error)
 {
     json_t *run = NULL;

@@ -52,7 +52,7 @@ double kiln_object_area(const struct kiln_scene *scene, uint32_t object)
     return sum;
 }
 
-/* Whether both triangles have the same corners, up to rounding. */
+/* Whether both triangles have the same corners, up to rounding errors. */
 static bool same_corners(const struct kiln_dvec3 a[3], const struct kiln_dvec3 b[3])
 {
     for (int c = 0; c < 3; c++)
@@ -152,7 +152,7 @@ static double read_at(const float *values, const struct footprint *place)
     return sum;
 }
 
-/* The same in leaves, which have no margins. */
+/* As the lookup in a lightmap, for leaves, which have no margins. */
 static void read_leaf(const struct reader *r, uint64_t k, double b1, double b2, size_t to)
 {
     float rgb[3];
@@ -289,8 +289,8 @@ static double edge(const double p[2], const double q[2], double x, double y)
     return (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]);
 }
 
-/* Whether a place is on the inner side of the edge from p to q, where `inside` is edge() times the triangle's winding.
- * Of two triangles that share the edge, one has the places on it. */
+/* Whether a point is on the inner side of the edge from p to q. `inside`: edge() times the triangle's winding. Points
+ * on an edge belong to only one of the two triangles that share it. */
 static bool is_inside(const double p[2], const double q[2], double winding, double inside)
 {
     const double across = winding * (q[1] - p[1]), along = winding * (q[0] - p[0]);

@@ -2,9 +2,9 @@
  * or at the texels of one of them.
  *
  * The sample points of an object are spread evenly over its area: the triangles in order are divided into `count` parts
- * of equal area, and each part gets one point. At each point both lightmaps are read bilinearly, as an engine reads
- * them, and octrees as compare_leaves.h says. The result is two images of count x 1 texels for kiln_compare_images,
- * whose dssim has no meaning then. Nothing here is collective. */
+ * of equal area, and each part gets one point. At each point lightmaps are read bilinearly, as an engine reads them,
+ * and octrees by compare_leaves.h. The result is two images of count x 1 texels for kiln_compare_images; their dssim is
+ * meaningless. Nothing here is collective. */
 #ifndef KILN_COORDINATOR_VIEW_COMPARE_SURFACE_H
 #define KILN_COORDINATOR_VIEW_COMPARE_SURFACE_H
 
@@ -21,8 +21,7 @@ struct kiln_compared {
 };
 
 struct kiln_samples {
-    /* channels R G B; validity.Y, of the texel that contains the point; coverage.Y, the least of the texels that were
-     * read */
+    /* channels R G B; validity.Y of the texel that contains the point; coverage.Y, the minimum over the texels read */
     struct kiln_image *a, *b;
     double (*positions)[3]; /* of the sample points, world, m */
     size_t count;
@@ -36,9 +35,9 @@ int kiln_samples_take(struct kiln_samples *samples, const struct kiln_compared *
                       size_t count, struct kiln_error *error);
 void kiln_samples_destroy(struct kiln_samples *samples);
 
-/* Differences of two lightmaps of an object over the texels of the second, b: those whose centres lie on the object,
- * and which are buried in neither. The first is read bilinearly at these centres, so that lightmaps of one size and
- * layout are compared texel by texel. Each texel weighs by its area on the surface. */
+/* Differences of two lightmaps, a and b, of an object, over those texels of b whose centres lie on the object and that
+ * are buried in neither bake. Lightmap a is read bilinearly at these centres, so lightmaps of equal size and layout are
+ * compared texel by texel. Texels are weighted by their area on the surface. */
 enum { KILN_LAYERS = 3 }; /* all light, direct, indirect */
 struct kiln_texel_sums {
     uint64_t texels, not_finite; /* compared; left out because a value is NaN or infinite */

@@ -16,7 +16,7 @@
 
 enum { MARGIN = 8, BAR = 14, TEXT_TOP = 27, QUADS = 512, MISSING = 96, PAPER = 24, INK = 235, WIDE = 800 };
 static const uint8_t marked[3] = {255, 120, 0};
-static const double SHARE = 0.005; /* of the pixels that lie beyond each end of a scale */
+static const double SHARE = 0.005; /* of the pixels, to leave out beyond each end of a scale */
 
 /* ---- the range ---- */
 
@@ -56,7 +56,7 @@ int kiln_false_color_fit(struct kiln_picture *picture, struct kiln_error *error)
 
 /* ---- colours ---- */
 
-/* The colour of a value, 0 to 1, 8 bits of sRGB: dark violet, blue, green, yellow, each lighter than the one before. */
+/* Colour map for values 0 to 1, as 8-bit sRGB: dark violet, blue, green, yellow, with increasing lightness. */
 static void color_of(double value, uint8_t rgb[3])
 {
     /* of even steps in lightness (CIELAB 14 to 92) */
@@ -107,13 +107,13 @@ static void color_pixel(const struct kiln_picture *p, float *const planes[3], si
 struct canvas {
     uint8_t *bytes;
     uint32_t width, height, top; /* pixels; top: where the strip begins */
-    int zoom;                    /* pixels a side of what is drawn as one */
+    int zoom;                    /* pixels along a side of each dot */
 };
 
 /* Width of the strip, as drawn. */
 static int width_of_strip(const struct canvas *c) { return (int)c->width / c->zoom; }
 
-/* Draws one of the strip's dots, counted from its left upper corner. */
+/* Draws a dot of the strip, at x, y from its upper left corner. */
 static void put(const struct canvas *c, int x, int y, const uint8_t rgb[3])
 {
     for (int v = c->zoom * y; v < c->zoom * (y + 1); v++)
@@ -164,7 +164,7 @@ static void draw_scale(const struct canvas *c, const struct kiln_picture *p)
     write_text(c, right - width_of(text), TEXT_TOP, text);
 }
 
-/* Draws what red, green and blue stand for. */
+/* Draws a legend of what red, green and blue mean. */
 static void draw_places(const struct canvas *c, const struct kiln_picture *p)
 {
     static const char axes[] = "xyz";
@@ -183,7 +183,7 @@ static void draw_places(const struct canvas *c, const struct kiln_picture *p)
     }
 }
 
-/* Each pair of colours, in squares by turns, over its word. */
+/* Draws a legend: for each pair of colours a checkerboard, above its word. */
 static void draw_key(const struct canvas *c, const struct kiln_color_key *key)
 {
     const int part = (width_of_strip(c) - 2 * MARGIN) / key->pairs;

@@ -1,6 +1,6 @@
-/* Pictures of what has no colour: false colours with a scale, places as red, green and blue, and colours with a key.
- * Under the picture stands a strip with the scale and its numbers, or the key, where the picture is at least
- * KILN_LEGEND_LEAST pixels wide: KILN_LEGEND_HEIGHT pixels high, twice that below pictures of 800 pixels or more.
+/* Pictures of fields that are not colours: false colours with a scale, positions as red, green and blue, and colours
+ * with a key. A legend below the picture shows the scale with its numbers, or the key, if the picture is at least
+ * KILN_LEGEND_LEAST pixels wide. It is KILN_LEGEND_HEIGHT pixels high, twice that for pictures of 800 pixels or more.
  * Nothing here is collective. */
 #ifndef KILN_COORDINATOR_VIEW_FALSE_COLOR_H
 #define KILN_COORDINATOR_VIEW_FALSE_COLOR_H
@@ -9,14 +9,13 @@
 
 enum { KILN_LEGEND_LEAST = 160, KILN_LEGEND_HEIGHT = 44 };
 
-/* Sets low and high of a picture by its finite values, of KILN_FIELD_SCALE those from 0 on: of KILN_FIELD_SCALE those
- * that 0.5 % of the pixels lie below and above, the same for R, G, B; of KILN_FIELD_PLACE the least and the most of
- * each. All 0 without such values. KILN_SYSTEM.
- */
+/* Sets `low` and `high` of a picture from its finite values. KILN_FIELD_SCALE: the 0.5 % and 99.5 % percentiles of the
+ * values from 0 on, the same for R, G, B. KILN_FIELD_PLACE: the minimum and maximum of each channel. All 0 without such
+ * values. KILN_SYSTEM. */
 int kiln_false_color_fit(struct kiln_picture *picture, struct kiln_error *error);
 
-/* Publishes a picture of these two meanings, or with a key, as PNG at the destination (publish.h). Without a value:
- * grey; below 0 on a scale: orange, which marks one. */
+/* Publishes a picture of KILN_FIELD_SCALE, of KILN_FIELD_PLACE or with a key as PNG at the destination (publish.h).
+ * Pixels without a value are grey. Negative values on a scale are marked orange. */
 int kiln_false_color_write(const char *directory, const char *name, const struct kiln_picture *picture,
                            const char *description, struct kiln_error *error);
 

@@ -6,12 +6,12 @@
 #include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
-/* Least cosine between normals of a pixel and of one taken over; most pixels off its tangent plane; least sum of
- * weights; fractions of a pixel. */
+/* Conditions for reusing a pixel of the previous frame: least cosine between the normals; largest distance from the
+ * tangent plane, in pixels; least sum of weights. And steps per pixel to which places are rounded. */
 static const float cosine_least = 0.906f, pixels_off = 2.0f, weight_least = 0.01f;
 static const double steps = 64.0;
 
-/* The pixels of the frame before that one pixel takes over: 4 around a place, from the upper left on. */
+/* The 2 x 2 pixels of the previous frame that a pixel reuses, from the upper left one on, with their weights. */
 struct taps {
     int32_t x, y;
     float weight[4]; /* they add up to 1, or all are 0 */
@@ -105,7 +105,7 @@ static struct kiln_dvec3 vector_at(const float *const planes[3], size_t pixel)
     return dvec3((double)planes[0][pixel], (double)planes[1][pixel], (double)planes[2][pixel]);
 }
 
-/* Where a camera shows what lies `way` from it, in pixels from the upper left corner. False: behind it. */
+/* Projects the point at `way` from a camera to pixels from the upper left corner. False: it lies behind the camera. */
 static bool project(const struct kiln_history *h, const struct kiln_view_camera *c, struct kiln_dvec3 way, double at[2])
 {
     const double ahead = dvec3_dot(way, c->forward), scale = c->orthographic ? 1.0 : ahead;
@@ -116,7 +116,7 @@ static bool project(const struct kiln_history *h, const struct kiln_view_camera 
     return true;
 }
 
-/* Vector to the place where the pixel looks, from the camera of the frame before. */
+/* Vector from the camera of the previous frame to the surface seen in the pixel. */
 static struct kiln_dvec3 way_of(const struct kiln_history *h, const struct kiln_frame *f, size_t pixel)
 {
     if (f->surface[pixel])
@@ -130,7 +130,8 @@ static struct kiln_dvec3 way_of(const struct kiln_history *h, const struct kiln_
                            : dvec3_add(c->forward, aside);
 }
 
-/* Whether a pixel of the frame before sees what the new one does; `off` is how far from its plane, m. */
+/* Whether a pixel of the previous frame sees the same surface as the new one. `off`: its distance from the new pixel's
+ * tangent plane, m. */
 static bool agrees(const struct kiln_history *h, const struct kiln_frame *f, bool still, size_t pixel, double off,
                    int64_t x, int64_t y)
 {
@@ -151,7 +152,7 @@ static bool agrees(const struct kiln_history *h, const struct kiln_frame *f, boo
            fabs(dvec3_dot(own, apart)) <= off * dvec3_length(own);
 }
 
-/* The width of a pixel at the place that it sees, m. */
+/* Width of a pixel at the surface that it shows, m. */
 static double width_at(const struct kiln_frame *f, size_t pixel)
 {
     const struct kiln_view_camera *c = &f->camera;
@@ -203,7 +204,7 @@ void kiln_history_find(struct kiln_history *h, const struct kiln_frame *frame)
 
 /* ---- layers ---- */
 
-/* Value of a plane that a pixel takes over; a variance by the weights' squares, for pixels have noise of their own. */
+/* Reprojected value of a plane. A variance is summed with squared weights, since the noise of pixels is independent. */
 static float take_over(const struct kiln_history *h, const struct taps *taps, const float *plane, bool squared)
 {
     float sum = 0.0f;

@@ -1,17 +1,17 @@
-/* The frames before: what the pixels of a moving camera take over from them, by reprojection (Koskela et al.,
- * "Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing Reconstruction", ACM TOG 38(5), 2019, section
- * 3.1; Scherzer, Jeschke and Wimmer, "Pixel-correct shadow maps with temporal reprojection and shadow test confidence",
- * EGSR 2007).
+/* Temporal reprojection: accumulates the pixels of a moving camera over frames (Koskela et al., "Blockwise Multi-Order
+ * Feature Regression for Real-Time Path-Tracing Reconstruction", ACM TOG 38(5), 2019, section 3.1; Scherzer, Jeschke
+ * and Wimmer, "Pixel-correct shadow maps with temporal reprojection and shadow test confidence", EGSR 2007).
  *
- * The place that a pixel sees is projected onto the frame before, where it lies between four pixels. Their values are
- * interpolated bilinearly, without those that see something else: that lie further from the pixel's tangent plane than
- * two pixels are wide there, or whose normal is more than 25 degrees off. Surroundings meet surroundings, along the
- * same direction. A pixel n of whose frames are known then is the mean
+ * The position that a pixel sees is projected onto the previous frame, where it lies between four pixels. Their values
+ * are interpolated bilinearly. A pixel that sees another surface is left out: its position is further from the tangent
+ * plane than two pixel widths there, or its normal deviates by more than 25 degrees. Surroundings are matched with
+ * surroundings, along the same direction. With n frames accumulated, a pixel becomes the mean
  *
  *     value = a new + (1 - a) before,    a = max(1 / (n + 1), floor)
  *
- * which is that of all frames as long as 1 / (n + 1) > floor. A pixel without any such four begins anew. Places in the
- * frame before are rounded to a 64th of a pixel, so that a camera that stands still finds each pixel as it was.
+ * which is the mean of all frames as long as 1 / (n + 1) > floor. If all four pixels are left out, the pixel starts
+ * over. Positions in the previous frame are rounded to a 64th of a pixel, so that a camera at rest finds exactly the
+ * same pixels.
  *
  * Not collective; the same bits for any number of threads. */
 #ifndef KILN_COORDINATOR_VIEW_HISTORY_H
@@ -23,12 +23,12 @@
 struct kiln_frame {
     struct kiln_view_camera camera;
     uint32_t width, height;
-    double place;             /* where in a pixel positions are taken, from its upper left corner, pixels */
+    double place;             /* sample point of positions in a pixel: offset from its upper left corner, pixels */
     const float *normal[3];   /* about 1 long */
-    const float *position[3]; /* m, as the camera's; of pixels that see a surface */
-    const bool *surface;      /* whether the pixel sees one */
-    const bool *bound;        /* whether what it shows moves with the camera, as in mirrors: such pixels take nothing
-                               * over, and nothing is taken from them, unless the camera stands still */
+    const float *position[3]; /* m, in the camera's coordinates; only of pixels that see a surface */
+    const bool *surface;      /* whether the pixel sees a surface */
+    const bool *bound;        /* whether the content of the pixel moves with the camera, as in mirrors: it is not
+                               * reprojected, neither from nor to other frames, unless the camera is at rest */
 };
 
 struct kiln_history;
@@ -37,10 +37,11 @@ struct kiln_history;
 int kiln_history_create(struct kiln_history **history, uint32_t width, uint32_t height, struct kiln_error *error);
 void kiln_history_destroy(struct kiln_history **history);
 
-/* Finds for each pixel of the new frame those of the frame before, and remembers the new one in its place. */
+/* Finds the matching pixels of the previous frame for each pixel of the new frame. Then stores the new frame as the
+ * previous one. */
 void kiln_history_find(struct kiln_history *history, const struct kiln_frame *frame);
 
-/* Data from the frames before: `count` planes, and for each pixel the number of frames in them. */
+/* Accumulated planes of the previous frames: `count` planes, and for each pixel the number of frames in them. */
 enum { KILN_HISTORY_MOST = 4 };
 struct kiln_layer {
     size_t count;
@@ -52,9 +53,9 @@ int kiln_layer_create(struct kiln_layer *layer, const struct kiln_history *histo
                       struct kiln_error *error);
 void kiln_layer_destroy(struct kiln_layer *layer);
 
-/* Makes `planes`, layer->count ones of the frame that was found last, means over frames, and keeps these. With
- * `variance` the last plane is a variance of the others: the squares of all weights go with it, as if pixels had noise
- * of their own. KILN_SYSTEM. */
+/* Blends `planes`, the layer->count planes of the frame of the last kiln_history_find, with the layer: both become the
+ * means over frames. With `variance` the last plane is the variance of the others and is weighted with squared weights,
+ * as for independent noise of pixels. KILN_SYSTEM. */
 int kiln_layer_blend(struct kiln_layer *layer, const struct kiln_history *history, double floor, bool variance,
                      float *const *planes, struct kiln_error *error);
 

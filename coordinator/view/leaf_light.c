@@ -45,7 +45,7 @@ static bool is_at(const struct kiln_leaf_light *l, uint32_t i, const struct key 
     return !(off > 0.0f);
 }
 
-/* The slot of a leaf, or the empty one where it would be. */
+/* Returns the hash table slot of a leaf, or the empty slot for it. */
 static uint32_t *slot_of(const struct kiln_leaf_light *l, const struct key *k)
 {
     uint32_t i = begin_of(l, k);
@@ -62,14 +62,14 @@ static bool is_key(const float *values, uint32_t count)
     return values != NULL;
 }
 
-/* Finds the channels; false: one of them holds what leaves cannot have. */
+/* Finds the channels; false: a channel has a value that is impossible for leaves. */
 static bool find_channels(struct kiln_leaf_light *l, const char *dataset)
 {
     const uint32_t count = l->image->width;
     bool good = true;
     for (unsigned c = 0; c < 3; c++) {
         const float *values = kiln_rows_of(l->image, dataset, c);
-        l->rgb[c] = values == NULL && c > 0 ? l->rgb[c - 1] : values; /* one or two components: the last one again */
+        l->rgb[c] = values == NULL && c > 0 ? l->rgb[c - 1] : values; /* one or two components: repeat the last one */
         l->leaf[c] = kiln_rows_of(l->image, "/points/leaf", c);
         good = good && l->rgb[c] != NULL && is_key(l->leaf[c], count);
     }
@@ -96,7 +96,7 @@ static int fill_slots(struct kiln_leaf_light *l, struct kiln_error *error)
     return status;
 }
 
-/* Reads light and what tells leaves apart; only bakes with backs say which leaves are theirs. */
+/* Reads the light and the keys of leaves. Only bakes with backs tell which leaves belong to backs. */
 static int read_leaves(const struct kiln_view_source *source, const char *light, struct kiln_image **image,
                        struct kiln_error *error)
 {
@@ -135,7 +135,7 @@ void kiln_leaf_light_destroy(struct kiln_leaf_light **leaves)
     kiln_free(leaves);
 }
 
-/* A hit's place among leaves, along the axes of the world. */
+/* Position of a hit in the grid of leaves, along the world's axes. */
 static void place_of(const struct kiln_geometry *g, const struct kiln_hit *hit, float place[3])
 {
     const struct kiln_hit_record *record = &g->records[hit->triangle];

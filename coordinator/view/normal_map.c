@@ -18,7 +18,7 @@ const struct kiln_normal_map *kiln_normal_map_of(const struct kiln_scene *scene,
                    sizeof *scene->normal_maps, compare_materials);
 }
 
-/* The derivatives of the position by the texture coordinates, each times a number above 0. False: there are none. */
+/* Derivatives of the position by the texture coordinates, each up to a positive factor. False: they do not exist. */
 static bool derivatives(const struct kiln_scene *scene, const struct kiln_geometry *g, uint32_t triangle,
                         struct kiln_dvec3 *along_u, struct kiln_dvec3 *along_v)
 {

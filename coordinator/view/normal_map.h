@@ -1,16 +1,15 @@
-/* Normal maps in a view: how the irradiance E of a lightmap, which is about the shading normal n, changes when a normal
- * map turns the normal to m. A lightmap that was baked with --directional knows from where light comes, well enough for
- * a factor f, E' = f E. An engine may use the same formulas.
+/* Normal maps in a view: the irradiance E of a lightmap is for the shading normal n; a normal map turns the normal to
+ * m. Lightmaps baked with --directional store enough of the directions of light for a factor f, E' = f E. An engine may
+ * use the same formulas.
  *
- * With --directional sh1 a texel has, for each colour, spherical harmonics of bands 0 and 1 of the radiance that
- * arrives. What they say of the irradiance on any normal (worker/pass/directional.h) is smoothed, so it gives the ratio
- * only:
+ * With --directional sh1 a texel has, for each colour, spherical harmonics of bands 0 and 1 of the incident radiance.
+ * They give a smoothed irradiance on any normal (worker/pass/directional.h), from which only a ratio is used:
  *
  *     f = max(0, E_sh(m)) / E_sh(n),   E_sh(n) = pi Y_00 L_00 + (2 pi / 3) sum over m of Y_1m(n) L_1m
  *
- * One lamp in direction d has E_sh(n) = I (1/4 + n.d / 2), where the truth is I n.d: f is too near 1. It is exact for
- * light that is the same from everywhere (f = 1) and for a uniform hemisphere about n (f = (1 + n.m) / 2), and errs by
- * what bands 2 and up have for all else. pi Y_00 L_00 is the irradiance if the light came evenly from everywhere; light
+ * One lamp in direction d has E_sh(n) = I (1/4 + n.d / 2) instead of I n.d, so f is too near 1. f is exact for uniform
+ * light from all directions (f = 1) and for a uniform hemisphere about n (f = (1 + n.m) / 2). For other light the error
+ * is that of the missing bands 2 and up. pi Y_00 L_00 is the irradiance of uniform light from all directions. Light
  * from above n has E_sh(n) >= pi Y_00 L_00, and any light has E_sh <= 3 pi Y_00 L_00.
  *
  * With --directional dominant a texel has the unit direction d towards the light, and its directionality s: 0 for light
@@ -18,13 +17,13 @@
  *
  *     f = 1 + s (max(0, m.d) / (n.d) - 1)
  *
- * which is exact for one lamp (s = 1), for light from everywhere (s = 0), and, where s is the length of the mean
- * direction of the radiance, for a uniform hemisphere about n (d = n, s = 1/2). It has no
- * half-Lambert term, (1 + m.d) / 2, as some engines have: that is 3/4 for a lamp at 60 degrees where the truth is 1/2.
+ * which is exact for one lamp (s = 1) and for uniform light from all directions (s = 0). It is also exact for a uniform
+ * hemisphere about n (d = n, s = 1/2), if s is the length of the mean direction of the radiance. Unlike in some engines
+ * there is no half-Lambert term, (1 + m.d) / 2: for a lamp at 60 degrees it gives 3/4 instead of 1/2.
  *
- * Both divide by what can be near 0: light that grazes the surface, or comes from below it where shading and geometric
- * normals differ. There f - 1 has a weight t², where t falls linearly from 1, at E_sh(n) = pi Y_00 L_00 / 4 and at
- * n.d = 1/8 (82.8 degrees), to 0 at 0. So f is continuous, f = 1 where m = n, and f is at most 12 or 8. */
+ * Both denominators, E_sh(n) and n.d, can be near 0: when light grazes the surface, or comes from below it as shading
+ * and geometric normals differ. Then f - 1 is multiplied by t²; t falls linearly to 0 at 0 from 1 at E_sh(n) = pi Y_00
+ * L_00 / 4 or at n.d = 1/8 (82.8 degrees). So f is continuous, f = 1 for m = n, and f is at most 12 or 8. */
 #ifndef KILN_COORDINATOR_VIEW_NORMAL_MAP_H
 #define KILN_COORDINATOR_VIEW_NORMAL_MAP_H
 
@@ -35,7 +34,7 @@
 
 enum { KILN_NORMAL_HARMONICS = 4 };
 
-/* Irradiance on unit normal n by the harmonics L_00, L_1-1, L_10, L_11 of one colour's radiance. */
+/* Irradiance on unit normal n from the harmonics L_00, L_1-1, L_10, L_11 of one colour's radiance. */
 static inline double kiln_normal_sh_irradiance(const float sh[KILN_NORMAL_HARMONICS], struct kiln_dvec3 n)
 {
     double y[KILN_HARMONICS], sum = 0.0;
@@ -79,9 +78,9 @@ static inline double kiln_normal_factor_dominant(struct kiln_dvec3 direction, do
 const struct kiln_normal_map *kiln_normal_map_of(const struct kiln_scene *scene, uint64_t stored_triangle);
 
 /* Applies a normal map to the unit shading normal `n` at (u, v) of a world triangle, seen from its front: a unit
- * vector. The tangent frame is that of the triangle's texture coordinates (glTF 2.0, section 3.7.2.1: x along u, y
- * against v, both turned into the plane of n; mirrored coordinates give a left-handed one); a file's TANGENT is not
- * read. Returns `n` where the texture coordinates have no area, so that there is no such frame. Thread-safe. */
+ * vector. The tangent frame comes from the triangle's texture coordinates (glTF 2.0, section 3.7.2.1: x along u, y
+ * against v, both turned into the plane of n; left-handed for mirrored coordinates); TANGENT of a file is not read.
+ * Returns `n` if the texture coordinates have no area and so give no frame. Thread-safe. */
 struct kiln_dvec3 kiln_normal_map_apply(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
                                         const struct kiln_normal_map *map, uint32_t triangle, float u, float v,
                                         struct kiln_dvec3 n);

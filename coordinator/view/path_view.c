@@ -5,8 +5,8 @@
 #include "worker/base/memory.h"
 #include "worker/scene/gloss.h"
 
-/* Paths of a pixel that are asked for at once. The sums of such stretches are added up in their order, so this number
- * is part of every result's bits. */
+/* Samples of a pixel that are computed by one call. Sums of such groups are added in order, so this number affects the
+ * rounding of every result. */
 enum { STRETCH = 64, STRETCH_BIDIRECTIONAL = 8 };
 
 struct kiln_path_view kiln_path_view_of(const struct kiln_view_camera *camera, uint32_t width, uint32_t height,

@@ -12,7 +12,7 @@
 enum { TRIES = 4096, LOOKS = 64, TURNS = 24, CANDIDATES = 48 };
 enum { WIDE = 16, HIGH = 9, PATHS = 8, BOUNCES = 2 };      /* of the look at a candidate's light */
 static const double MOST_BACKS = 0.0, MOST_ESCAPING = 0.5; /* shares of the rays from a place */
-static const double LEAST_LIGHT = 0.1;                     /* of what the lightest quarter of the candidates has */
+static const double LEAST_LIGHT = 0.1;                     /* of the light at the brightest quarter of the candidates */
 static const double LEAST_NEAR = 0.01, LEAST_APART = 0.05; /* of the scene's diagonal */
 
 struct search {
@@ -24,7 +24,7 @@ struct search {
     double diagonal;
     size_t count;
     struct kiln_vec3 eyes[CANDIDATES], ways[CANDIDATES];
-    double light[CANDIDATES]; /* geometric mean of the radiance that is seen; 0: a part of it is black */
+    double light[CANDIDATES]; /* geometric mean of the radiance seen; 0: part of the picture is black */
 };
 
 static double fraction(double x) { return x - floor(x); }
@@ -36,8 +36,8 @@ static struct kiln_hit look(const struct search *s, struct kiln_vec3 origin, str
     return hit;
 }
 
-/* The k-th place: half-way along the normal of a point that is uniform over all surfaces. False: nothing is opposite.
- */
+/* Candidate k for an eye point: half-way along the normal from a point, uniform over all surfaces, to the opposite
+ * surface. False: there is no opposite surface. */
 static bool place_of(const struct search *s, uint32_t k, struct kiln_vec3 *eye)
 {
     const size_t n = s->geometry->triangle_count;
@@ -62,7 +62,7 @@ static bool place_of(const struct search *s, uint32_t k, struct kiln_vec3 *eye)
     return true;
 }
 
-/* Whether the place is open: in no solid, not outside, nothing close to it, and far from the others. */
+/* Whether the eye is in free space: in no solid, not outside, not close to a surface, and far from other places. */
 static bool is_open(const struct search *s, struct kiln_vec3 eye)
 {
     double backs = 0.0, escaping = 0.0, near = (double)INFINITY;
@@ -82,7 +82,7 @@ static bool is_open(const struct search *s, struct kiln_vec3 eye)
     return backs <= MOST_BACKS && escaping <= MOST_ESCAPING && near >= LEAST_NEAR * s->diagonal;
 }
 
-/* The level direction in which one sees farthest and yet something. */
+/* The horizontal direction in which the view reaches farthest but still ends at a surface. */
 static struct kiln_vec3 farthest(const struct search *s, struct kiln_vec3 eye)
 {
     struct kiln_vec3 best = vec3(0.0f, 0.0f, -1.0f);
@@ -99,7 +99,7 @@ static struct kiln_vec3 farthest(const struct search *s, struct kiln_vec3 eye)
     return best;
 }
 
-/* Measures the light that is seen from candidate i: more than half of the pixels have some, else it counts as dark. */
+/* Measures the light seen from candidate i. It counts as dark unless more than half of the pixels have light. */
 static int look_at_light(struct search *s, size_t i, struct kiln_error *error)
 {
     const struct kiln_vec3 way = s->ways[i], right = vec3(-way.z, 0.0f, way.x);
@@ -130,7 +130,7 @@ static int compare_numbers(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* Keeps the first candidates that see enough light. */
+/* Keeps the first `wanted` candidates that see enough light. */
 static void keep_lit(struct search *s, size_t wanted)
 {
     double sorted[CANDIDATES];

@@ -16,7 +16,7 @@ struct kiln_point_rows {
     const float *value[3], *object, *x, *y, *valid; /* valid NULL: all are */
     const float *side, *part;                       /* NULL: all are fronts; all are parts 0, which lightmaps show */
     uint32_t objects;
-    float *own;              /* in the place of the dataset; NULL: its values stand */
+    float *own;              /* values that replace the dataset; NULL: the dataset is used */
     uint32_t *first, *point; /* the points of each object: point[first[o]] to point[first[o + 1] - 1] */
     struct kiln_arena arena;
 };

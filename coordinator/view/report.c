@@ -163,7 +163,7 @@ static void add_caption(struct kiln_html *page, const json_t *object, const stru
         kiln_html_add(page, "<br>standard error %.2g %% of the mean", 100.0 * error);
 }
 
-/* Irradiance that the lights would give if they lit all surfaces alike; 0: unknown. */
+/* Irradiance if the light of all lamps were spread evenly over all surfaces; 0: unknown. */
 static double level_of(const struct report *r)
 {
     const double emitted = number(field(field(r->run, "energy"), "emitted")),
@@ -339,7 +339,7 @@ static void plot_ranks(struct report *r)
         const size_t here = json_array_size(field(json_array_get(phases, i), "per_rank"));
         ranks = here > ranks ? here : ranks;
     }
-    if (ranks <= 1 || !open_series(r, &s, ranks)) /* the balance of one rank means nothing */
+    if (ranks <= 1 || !open_series(r, &s, ranks)) /* with one rank there is no balance to show */
         return;
     for (size_t i = 0; i < json_array_size(phases) && i < MOST_BARS; i++)
         for (size_t rank = 0; rank < s.count; rank++) {

@@ -11,7 +11,7 @@
 #include "worker/base/memory.h"
 #include "worker/light/lights.h"
 
-#define NEAR 1e-4f /* of the way between two points: what is met nearer to either is its own surface */
+#define NEAR 1e-4f /* relative margin at both ends of a ray between points; hits there are the points' own surfaces */
 
 enum kind { SEEN_YES, SEEN_HIDDEN, SEEN_TURNED, SEEN_TEXEL, SEEN_KINDS };
 static const struct {
@@ -122,7 +122,7 @@ static int choose_texel(const struct points *p, const struct kiln_scene *scene, 
 
 /* ---- what it sees ---- */
 
-/* The rays from a point to those that face it. */
+/* Rays from a point to the points that face it. */
 struct looks {
     uint32_t count, *to;
     struct kiln_vec3 *origins, *directions;

@@ -5,7 +5,7 @@
 
 static const char group_prefix[] = "group:";
 
-/* Layers of kiln.h5 that are no fields of a bake. */
+/* Layers of kiln.h5 other than fields of a bake. */
 static const struct kiln_field points[] = {
     {.name = "position",
      .unit = "m",
@@ -21,7 +21,7 @@ static const struct kiln_field points[] = {
      .description = "shading normal of the surface points, world"},
 };
 
-/* Layers made of a bake for a picture. */
+/* Layers that are computed from a bake for a picture. */
 static const struct made {
     enum kiln_show_kind kind;
     struct kiln_field field;
@@ -57,7 +57,7 @@ static const struct made {
       .description = "view factors of the nodes that a texel gathers from; -1: the texel itself"}},
 };
 
-/* Sentences of --help; those of the rest are the descriptions of the fields. `meaning`: of fields, unless theirs. */
+/* Sentences of --help; other fields use their descriptions. `meaning`: of a field; 0: its own. */
 static const struct shown {
     const char *name, *unit, *sentence;
     enum kiln_field_meaning meaning;

@@ -1,5 +1,5 @@
-/* A texel by name, as --texel gives it: "OBJECT,X,Y", counted from the upper left of the object's lightmap, of its
- * front. Not collective. */
+/* Parser of --texel "OBJECT,X,Y": a texel, counted from the upper left of the lightmap of the object's front. Not
+ * collective. */
 #ifndef KILN_COORDINATOR_VIEW_TEXEL_PLACE_H
 #define KILN_COORDINATOR_VIEW_TEXEL_PLACE_H
 
@@ -9,12 +9,12 @@ struct kiln_texel_place {
     uint32_t object, x, y;
 };
 
-/* The object's name is what stands before the last two commas; of several objects of that name it is the first.
- * KILN_USAGE: it is no such text, or the scene has no object of that name. */
+/* Parses `texel`. The object's name is the text before the last two commas; the first object of that name is taken.
+ * KILN_USAGE if the text has another form or the scene has no such object. */
 int kiln_texel_place_read(struct kiln_texel_place *place, const struct kiln_scene *scene, const char *texel,
                           struct kiln_error *error);
 
-/* KILN_USAGE, and the sentence: no surface lies there. */
+/* Returns KILN_USAGE with the message that the texel has no surface. */
 int kiln_texel_place_refuse(const char *texel, struct kiln_error *error);
 
 #endif

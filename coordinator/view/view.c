@@ -26,7 +26,7 @@ static int make_picture(const struct kiln_view_source *source, const struct kiln
 {
     struct kiln_view_params params = {.source = *source, .side = side};
     *picture = (struct kiln_picture){.exposure = kiln_plain_exposure, .metering = KILN_METERED_NOTHING};
-    struct kiln_view_source lit = *source; /* whatever is shown, it is seen from where light would be */
+    struct kiln_view_source lit = *source; /* a view of any field is aimed as if light were shown */
     lit.field = NULL;
     int status = kiln_view_aim(&lit, wish, &params.camera, &params.width, &params.height, &picture->viewpoint, error);
     const struct kiln_view_renderer *renderer = source->renderer;
@@ -241,7 +241,7 @@ int kiln_picture_write(const char *directory, const char *name, const struct kil
 
 enum { METER_WIDTH = 96, METER_HEIGHT = 72, MOST_METERED = 48 };
 
-/* Renders a view small, into a picture of the size of *all, and puts it below the `index` pictures there. */
+/* Renders a small view into a picture of the size of *all, and copies it below the `index` pictures that are there. */
 static int meter_one(const struct kiln_view_source *source, const struct kiln_view_wish *wish, size_t index,
                      struct kiln_image *all, struct kiln_error *error)
 {

@@ -27,9 +27,9 @@ void kiln_view_look(struct kiln_view_camera *camera, struct kiln_dvec3 forward)
     camera->up = dvec3_cross(camera->right, forward);
 }
 
-/* Places the camera a little above the scene, as close as possible with all corners of the scene's box in the picture.
- * Returns its distance from the middle. `turn` 0 is in front, a little to the right; each further one is 1 / OUTSIDE of
- * a circle around the scene. */
+/* Places the camera slightly above the scene, as close as possible with all corners of the scene's box in the picture.
+ * Returns its distance from the middle. `turn`: 0 is in front, a little to the right; each step is 1 / OUTSIDE of a
+ * circle around the scene. */
 static double frame_all(const struct kiln_scene *scene, int turn, struct kiln_view_camera *camera)
 {
     const struct kiln_scene_header *h = scene->header;
@@ -136,7 +136,7 @@ static void note_places(const struct kiln_scene *scene, const struct kiln_view_c
     }
 }
 
-/* Applies the requested eye and target, which override everything else. */
+/* Applies the requested eye and target, which override any other camera. */
 static int turn(const struct kiln_scene *scene, const struct kiln_view_wish *wish, struct kiln_view_camera *camera,
                 double *distance, struct kiln_error *error)
 {

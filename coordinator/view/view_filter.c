@@ -11,29 +11,30 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 
-/* Least albedo; least weight of a new frame, gathered and filtered. */
+/* albedo_least: lower limit of an albedo that light is divided by. weight_floor, filtered_floor: least weight of a new
+ * frame in the mean before the filter, and after it. */
 static const float albedo_least = 0.02f;
 static const double weight_floor = 0.1, filtered_floor = 0.5;
 
-/* Coverage of a pixel that sees nothing but surfaces. */
+/* Coverage from which a pixel counts as fully covered by surfaces. */
 static const float full = 0.999f;
 
-/* Rays of a pixel along a side, which see surfaces. */
+/* Rays along a side of a pixel, to find its surfaces; SIDE_SEQUENCE: in sequences. */
 enum { SIDE = 4, SIDE_SEQUENCE = 2 };
 
-/* Planes of a layer: light, and in that of gathered frames its variance. */
+/* Planes of a layer: light; gathered frames also have its variance. */
 enum { LIGHT = 3, VARIANCE = 3, GATHERED = 4 };
 
 struct kiln_view_filter {
     bool sequence, denoise;
     uint32_t frame;
-    struct kiln_history *history;         /* of a sequence, from the first frame on */
+    struct kiln_history *history;         /* history of a sequence, made with the first frame */
     struct kiln_layer gathered, filtered; /* means over frames, before the filter and after it */
     uint32_t width, height;               /* of the history */
     double seconds, surface_seconds;
 };
 
-/* Data of a picture's pixels: planes in a row. */
+/* Data per pixel of a picture: planes one after the other. */
 struct seen {
     size_t count;
     float *values;
@@ -109,7 +110,7 @@ static float divisor(const struct seen *s, int c, size_t i)
     return fmaxf(s->surface[KILN_SEEN_ALBEDO + c][i], albedo_least);
 }
 
-/* Takes the colours out of the light of a pixel, or puts them back. */
+/* Divides the pixel's light by albedo after subtracting emission; join restores it. */
 static void split(struct seen *s, size_t i)
 {
     for (int c = 0; c < LIGHT && s->is_surface[i]; c++) {
@@ -124,7 +125,8 @@ static void join(const struct seen *s, size_t i)
         s->light[c][i] = s->light[c][i] * divisor(s, c, i) + s->surface[KILN_SEEN_EMISSION + c][i];
 }
 
-/* Emission and coverage of the nine pixels around one: paths may meet surfaces that its own rays miss. */
+/* Emission and coverage of the 3 x 3 pixels around a pixel, since paths may meet surfaces that the pixel's own rays
+ * miss. */
 struct around {
     float emission, least, most; /* least and most coverage */
 };
@@ -144,7 +146,8 @@ static struct around look_around(const struct seen *s, uint32_t width, size_t i)
     return a;
 }
 
-/* Which pixels are filtered, and which see what moves with the camera, or an edge of the surroundings or of a lamp. */
+/* Classifies a pixel. filtered: it is denoised. bound: its content moves with the camera (gloss), or it is at an edge
+ * of a lamp or of the surroundings. */
 static void sort_out(struct seen *s, uint32_t width, size_t i)
 {
     const struct around a = look_around(s, width, i);
@@ -160,8 +163,8 @@ static float luminance_at(float *const planes[LIGHT], size_t i)
     return kiln_rgb_luminance(planes[0][i], planes[1][i], planes[2][i]);
 }
 
-/* How far a pixel is from the mean of those of the four around it that are filtered too, squared; as if the light were
- * the same. */
+/* Estimates the variance of a pixel from its squared difference to the mean of its up to four filtered neighbours, as
+ * if their true light were equal. */
 static float variance_around(const struct seen *s, uint32_t width, size_t i)
 {
     const size_t x = i % width, around[4] = {i - 1, i + 1, i - width, i + width};
@@ -176,7 +179,7 @@ static float variance_around(const struct seen *s, uint32_t width, size_t i)
     return away * away * count / (count + 1.0f);
 }
 
-/* Fills in what the filter works with. */
+/* Prepares the input of the filter. */
 static int look(const struct kiln_view_filter *f, const struct kiln_view_params *params, const struct kiln_image *image,
                 struct seen *s, struct kiln_error *error)
 {
@@ -206,7 +209,7 @@ static int look(const struct kiln_view_filter *f, const struct kiln_view_params 
 
 /* ---- frames and filter ---- */
 
-/* Makes the history that fits the picture. */
+/* Creates the history, in the size of the picture. */
 static int open_history(struct kiln_view_filter *f, const struct kiln_view_params *params, struct kiln_error *error)
 {
     if (f->history != NULL && f->width == params->width && f->height == params->height)
@@ -223,7 +226,7 @@ end:
     return status;
 }
 
-/* Makes the light a mean over frames. */
+/* Averages the light over frames. */
 static int add_frames(struct kiln_view_filter *f, const struct kiln_view_params *params, const struct seen *s,
                       struct kiln_error *error)
 {
@@ -278,7 +281,7 @@ end:
     return status;
 }
 
-/* Replaces the image by one of the light alone. */
+/* Replaces the image by one with only the light. */
 static int put(const struct seen *s, struct kiln_image **image, struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};

@@ -1,22 +1,22 @@
-/* Filters against noise in path-traced views: one by known data of their surfaces (bmfr.h), means over the frames of a
- * path of cameras (history.h), or both.
+/* Denoising of path-traced views: by regression on features of their surfaces (bmfr.h), by accumulation over the frames
+ * of a camera path (history.h), or both.
  *
- * Both work on light without the colour of what is seen first: y = (radiance - emission) / max(albedo, 0.02), and so
- * keep the patterns of textures. What they return is y x albedo + emission again. The variance of y, which the filter
- * goes by, is that of the picture's halves (struct kiln_view_params, `spread`), or of a picture of one path a pixel how
- * far each pixel is from the four around it.
+ * Both work on demodulated light, y = (radiance - emission) / max(albedo, 0.02) with albedo and emission of the first
+ * hit, and so keep the patterns of textures. The result is y x albedo + emission. The regression needs the variance of
+ * y. It is estimated from the picture's halves (struct kiln_view_params, `spread`), or with one path per pixel from the
+ * difference between a pixel and its four neighbours.
  *
- * Filtered are pixels all of whose rays see a surface, with no lamp in them or beside them: edges of others are kept.
- * Of smooth mirrors and glass the filter's features are those of the surface that they show most of, where there is one
- * (view_surfaces.h), and emission and albedo are that surface's, with what of them comes by this way; of rough ones and
- * of what shows the surroundings they are those of their own surface, which says nothing about what is seen there; the
- * filter sees that itself, by the variance. In a sequence, pixels at edges of the surroundings and of lamps, and
- * those of surfaces whose material is taken with its gloss, are means over frames as long as the camera stands still.
- * Surfaces are those of 4 x 4 rays a pixel, in a sequence of 2 x 2.
+ * A pixel is filtered if all its rays see a surface, and neither it nor a neighbour shows a lamp; so the edges of
+ * others are kept. For smooth mirrors and glass, features come from the surface that they mostly show, if there is one
+ * (view_surfaces.h); emission and albedo, too, multiplied by the fraction transmitted on the way. Rough surfaces, and
+ * mirrors that show the surroundings, have the features of their own surface. These do not explain the light there,
+ * which the filter detects by the variance. In a sequence, pixels at edges of the surroundings and of lamps, and pixels
+ * of glossy materials, are accumulated only while the camera is at rest. Features are averaged over 4 x 4 rays per
+ * pixel, in a sequence over 2 x 2.
  *
- * A mean is over all frames until the newest one has 0.1 of the weight. With both, these means are filtered, each frame
- * in other blocks, and the filtered frames are averaged once more (Koskela et al. 2019), the newest one with 0.5 of the
- * weight: what the first mean has taken in slowly, a second slow one would keep from being seen.
+ * Accumulation averages all frames until the newest one has a weight of 0.1. With both methods, the accumulated frames
+ * are filtered, each with other block offsets, and accumulated once more (Koskela et al. 2019). There the newest frame
+ * has a weight of 0.5, so that this second mean does not delay changes further.
  *
  * Not collective. The same bits for any number of threads. */
 #ifndef KILN_COORDINATOR_VIEW_VIEW_FILTER_H
@@ -26,19 +26,19 @@
 
 struct kiln_view_filter;
 
-/* `sequence`: pictures are frames that follow each other. `denoise`: they are filtered by their surfaces. */
+/* Creates a filter. `sequence`: accumulate pictures as frames of a sequence. `denoise`: regression on features. */
 int kiln_view_filter_create(struct kiln_view_filter **filter, bool sequence, bool denoise, struct kiln_error *error);
 void kiln_view_filter_destroy(struct kiln_view_filter **filter);
 
-/* Says in params what the next picture has to be traced with: `spread`, and in a sequence `frame`. */
+/* Sets the fields of params that the filter needs for the next picture: `spread`, and in a sequence `frame`. */
 void kiln_view_filter_prepare(const struct kiln_view_filter *filter, struct kiln_view_params *params);
 
-/* Filters a picture of these params, which has channels R G B, and spread.R G B if it was asked for and has more than
- * one path a pixel. The image has R G B afterwards. KILN_SYSTEM, or the status of the backend, which sees surfaces. */
+/* Filters a picture of these params. It has channels R G B, and spread.R G B if `spread` was set and it has more than
+ * one path per pixel; afterwards only R G B. KILN_SYSTEM, or the status of the backend, which traces features. */
 int kiln_view_filter_run(struct kiln_view_filter *filter, const struct kiln_view_params *params,
                          struct kiln_image **image, struct kiln_error *error);
 
-/* Seconds that all pictures so far took here, and how many of them were for seeing surfaces. */
+/* Seconds of filtering for all pictures so far, and the part of them spent on tracing surface features. */
 void kiln_view_filter_seconds(const struct kiln_view_filter *filter, double *all, double *surfaces);
 
 #endif

@@ -11,33 +11,35 @@
 #include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"
 
-/* Rays that are traced together; surfaces of theirs that lamps light together, which take some 700 bytes each; surfaces
- * that one goes on from at most; and the key of the random numbers. A ray goes both ways from so many surfaces of
- * smooth glass one after another, and so becomes as many walkers; where both bring that much at least. */
+/* Limits. BAND_RAYS: rays traced together. LIT_PLACES: their surfaces that are lit by lamps together, some 700 bytes
+ * each. MOST_SURFACES: surfaces from which a ray goes on. KEY: key of the random numbers. PARTINGS: number of smooth
+ * glass surfaces at which a ray splits into reflection and refraction; each split adds walkers, if both branches have a
+ * weight of at least least_parted. */
 enum { BAND_RAYS = 1 << 16, LIT_PLACES = 1 << 13, MOST_SURFACES = 64, KEY = 0x76696577 };
 enum { PARTINGS = 2, WALKERS = 1 << PARTINGS };
 static const float least_parted = 1.0f / 128.0f;
 
-/* So many rays go through each place of a pixel, but in previews, which have 2 x 2 places, one. */
+/* TIMES: rays through each subpixel; in previews, which have 2 x 2 subpixels, one. */
 enum { TIMES = 4, PREVIEW_SIDE = 2 };
 
-/* Guides learn from as many rays of some pixels as these have in the picture: how far such pixels are apart at least,
- * along rows and columns; and how many there are at most, about. */
+/* Pixels for training the guides, which get as many rays as in the picture. APART_LEAST: least distance of such pixels
+ * along rows and columns. LESSON_PIXELS: largest number of them, about. */
 enum { APART_LEAST = 4, LESSON_PIXELS = 1 << 15 };
 
-/* A ray under way, and what it has brought. */
+/* A ray being followed, and the light that it has collected. */
 struct walker {
     uint32_t key, number;
     float weight[3], rgb[3];
-    uint32_t place, partings; /* among the walkers of a ray; how often it has gone both ways */
+    uint32_t place, partings; /* index among the walkers of its ray; number of splits so far */
     bool parts;               /* it has just done so */
-    bool rough;               /* it has met a rough lobe: what it brings from there on is grain, */
+    bool rough;               /* it has met a rough lobe: later light is grain, as in */
     float grain[3], share[3], alpha;
-    struct kiln_vec3 normal, position; /* and the rest is as in struct kiln_view_grain */
+    struct kiln_vec3 normal, position; /* struct kiln_view_grain */
     bool goes_on, lit;                 /* `lit`: the last surface has gloss */
     struct kiln_vec3 origin, direction;
     struct kiln_view_way way;
-    /* how it left the first surface with rough gloss, by what of the light that reaches the eye; and what it found */
+    /* the departure from the first surface with rough gloss: its region, the weight of light that reaches the eye from
+     * there, and the hit found beyond */
     uint32_t region; /* KILN_NONE: it has met none */
     bool leaves;     /* it has just left that surface */
     struct kiln_vec3 found;
@@ -48,16 +50,16 @@ struct kiln_view_gloss {
     const struct kiln_view_params *params;
     struct kiln_view_maps *maps;
     struct kiln_view_rays *rays;
-    struct walker *walkers;  /* WALKERS in a row for each ray, of which the first one is there from the beginning */
-    uint32_t *active, *next; /* walkers of the rays that are traced */
+    struct walker *walkers;  /* WALKERS per ray; the first exists from the beginning, the others after splits */
+    uint32_t *active, *next; /* indices of the walkers being traced; those of the next step */
     struct kiln_gloss_lobes *lobes;
     struct kiln_view_lamps *lamps;
     struct kiln_view_guides *guides;
-    struct kiln_view_lit *lit;      /* the surfaces with gloss that some of them have met, at most LIT_PLACES at once */
+    struct kiln_view_lit *lit;      /* surfaces with gloss that they have met, at most LIT_PLACES at once */
     uint32_t *lit_of;               /* the walkers of these */
-    uint32_t side, each;            /* places along a side of a pixel; rays of a pixel, in turn through all of them */
+    uint32_t side, each;            /* subpixels along a side of a pixel; rays of a pixel, in turn over all subpixels */
     uint32_t first;                 /* those of them that come first */
-    bool learns;                    /* rays are those that guides learn from */
+    bool learns;                    /* the rays train the guides */
     size_t part;                    /* pixels that there is room for */
     struct kiln_view_grain *grains; /* of the pixels that were drawn */
     size_t grain_count, grain_capacity;
@@ -72,11 +74,10 @@ static uint32_t spread_bits(uint32_t x)
     return (x | x << 1) & 0x55555555u;
 }
 
-/* Ray `number` of a pixel; those of another `key` have other chances. All rays of a
- * picture are of one sequence, in Morton order of their pixels: the rays of any square of pixels whose side is a power
- * of two are spread evenly, and what noise they have is one of neighbours, which a filter takes out (Ahmed and Wonka,
- * "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels", ACM TOG 39(6),
- * 2020). */
+/* Starts ray `number` of a pixel; `key` selects the random numbers. All rays of a picture use one sequence, in Morton
+ * order of their pixels. The rays of any square of pixels whose side is a power of two are then evenly distributed, and
+ * their noise differs between neighbours, so that a filter can remove it (Ahmed and Wonka, "Screen-Space Blue-Noise
+ * Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels", ACM TOG 39(6), 2020). */
 static void start(const struct kiln_view_gloss *b, uint32_t key, size_t pixel, uint32_t number, struct walker *w)
 {
     const struct kiln_view_params *p = b->params;
@@ -100,15 +101,15 @@ static void add(struct walker *w, const float factor[3], const float rgb[3])
     }
 }
 
-/* Hit of a ray, and the surface if it has gloss. */
+/* Hit of a ray, and the surface there if it has gloss. */
 struct met {
     struct kiln_hit hit;
     bool gloss; /* else only this and the hit are set */
     struct kiln_particle_place place;
-    float radiosity[3], emission[3]; /* W/(m2 sr): what its diffuse part sends, were all taken up; what it emits */
+    float radiosity[3], emission[3]; /* W/(m2 sr): radiance by its diffuse part, were all light taken up; emission */
 };
 
-/* Finds the glossy surface's own light: from its lightmap, and as a lamp. */
+/* Finds the diffuse and emitted radiance of the glossy surface, from its lightmap and as a lamp. */
 static void find_own(const struct kiln_view_gloss *b, struct met *met)
 {
     const struct kiln_hit *hit = &met->hit;
@@ -147,7 +148,7 @@ static void find_met(const struct kiln_view_gloss *b, size_t ray, struct kiln_ve
     find_own(b, met);
 }
 
-/* Adds light of a surface without gloss, or the environment, at the ray's end. */
+/* Adds the light at the end of the ray: that of a surface without gloss, or of the environment. */
 static void add_seen(const struct kiln_view_gloss *b, const struct kiln_hit *hit, struct kiln_vec3 direction,
                      double share, struct walker *w)
 {
@@ -165,7 +166,7 @@ static void add_seen(const struct kiln_view_gloss *b, const struct kiln_hit *hit
     add(w, (const float[3]){1.0f, 1.0f, 1.0f}, seen.rgb);
 }
 
-/* Begins grain at the rough lobes of a place. */
+/* Begins the grain: later light of the walker comes by the rough lobes of this place. */
 static void become_rough(const struct kiln_particle_place *place, struct walker *w)
 {
     const struct kiln_bsdf_albedo a = kiln_bsdf_albedo_of(place->lobes, place->o);
@@ -194,8 +195,8 @@ static void leave(struct walker *w, const struct kiln_particle_place *place, con
 
 static float largest(const float a[3], const float b[3]) { return fmaxf(a[0] * b[0], fmaxf(a[1] * b[1], a[2] * b[2])); }
 
-/* Has a walker go both ways from smooth glass: a second one, in a place of its own, goes the other. False: nothing is
- * done. */
+/* Splits a walker at smooth glass: it takes one of reflection and refraction, and a new walker takes the other. False:
+ * no split. */
 static bool part(const struct kiln_view_gloss *b, const struct met *met, const struct kiln_view_lit *lit, double share,
                  struct walker *w)
 {
@@ -216,7 +217,7 @@ static bool part(const struct kiln_view_gloss *b, const struct met *met, const s
     return true;
 }
 
-/* Takes in the hit of walker w's ray; `lit`: the surface, if it has gloss. */
+/* Processes the hit of walker w's ray. `lit`: the surface, if it has gloss. */
 static void meet(const struct kiln_view_gloss *b, const struct met *met, float passed, struct kiln_vec3 direction,
                  uint32_t surface, struct walker *w, struct kiln_view_lit *lit)
 {
@@ -226,7 +227,7 @@ static void meet(const struct kiln_view_gloss *b, const struct met *met, float p
     else if (w->leaves)
         w->found = vec3_madd(w->origin, direction, kiln_view_guides_far(b->guides));
     w->leaves = false;
-    /* nothing but rays comes through what a view does not show */
+    /* a view hides some surfaces, which light samples do not pass: beyond them rays bring all the light */
     const double share = passed > 0.0f ? 1.0 : kiln_view_lamps_share(b->lamps, &w->way, hit, direction);
     w->goes_on = w->parts = false;
     w->lit = met->gloss;
@@ -258,7 +259,7 @@ static void meet(const struct kiln_view_gloss *b, const struct met *met, float p
     leave(w, &lit->place, &turn);
 }
 
-/* Adds light of lamps at the glossy surfaces that `count` active walkers from the `first` on have met. */
+/* Adds the light of lamps at the glossy surfaces that active walkers [first, first + count) have met. */
 static int add_lamps(struct kiln_view_gloss *b, size_t first, size_t count, struct kiln_error *error)
 {
     size_t lit = 0;
@@ -269,13 +270,13 @@ static int add_lamps(struct kiln_view_gloss *b, size_t first, size_t count, stru
         b->lit_of[lit++] = b->active[first + i];
     }
     const int status = kiln_view_lamps_add(b->lamps, b->lit, lit, error);
-    for (size_t i = 0; i < lit && status == KILN_OK; i++) /* of mirrors and smooth glass there is none */
+    for (size_t i = 0; i < lit && status == KILN_OK; i++) /* mirrors and smooth glass get no light from samples */
         for (int c = 0; c < 3; c++)
             b->walkers[b->lit_of[i]].grain[c] += b->lit[i].rgb[c];
     return status;
 }
 
-/* Takes in the hits of `count` active walkers from the `first` on; at most LIT_PLACES. */
+/* Processes the hits of active walkers [first, first + count), at most LIT_PLACES. */
 static int meet_some(struct kiln_view_gloss *b, size_t first, size_t count, uint32_t surface, struct kiln_error *error)
 {
 #pragma omp parallel for schedule(dynamic, 64)
@@ -288,8 +289,8 @@ static int meet_some(struct kiln_view_gloss *b, size_t first, size_t count, uint
     return add_lamps(b, first, count, error);
 }
 
-/* Keeps those of the first `count` active walkers that go on, and has those that have come from them follow; how many
- * there are. */
+/* Compacts the first `count` active walkers to those that go on, each followed by the walker split off from it. Returns
+ * their number. */
 static size_t go_on(struct kiln_view_gloss *b, size_t count)
 {
     uint32_t *const before = b->active;
@@ -308,7 +309,7 @@ static size_t go_on(struct kiln_view_gloss *b, size_t count)
     return left;
 }
 
-/* One surface of the first `count` active walkers; how many then go on. */
+/* Traces the first `count` active walkers to their next surface. *count becomes the number that go on. */
 static int step(struct kiln_view_gloss *b, size_t *count, uint32_t surface, struct kiln_error *error)
 {
     struct kiln_view_rays *rays = b->rays;
@@ -326,7 +327,7 @@ end:
     return status;
 }
 
-/* Adds rays [from, to) of the i-th pixel under way to the active walkers; how many there are then. */
+/* Appends rays [from, to) of the i-th pixel in progress to the active walkers. Returns the new number of these. */
 static size_t list_rays(struct kiln_view_gloss *b, size_t i, uint32_t from, uint32_t to, size_t active)
 {
     for (uint32_t k = from; k < to; k++)
@@ -334,7 +335,7 @@ static size_t list_rays(struct kiln_view_gloss *b, size_t i, uint32_t from, uint
     return active;
 }
 
-/* Follows the listed rays of the pixels to their ends, and what comes from them. */
+/* Traces the listed rays, and the walkers split off from them, to their ends. */
 static int follow(struct kiln_view_gloss *b, uint32_t key, const size_t *pixels, size_t active,
                   struct kiln_error *error)
 {
@@ -350,8 +351,7 @@ static int follow(struct kiln_view_gloss *b, uint32_t key, const size_t *pixels,
     return status;
 }
 
-/* Adds up what the walkers of a ray have brought, from the first one on, to `rgb` and the grain; `found`: how many of
- * the pixel have met rough lobes. */
+/* Adds a walker's light, times `part`, to `rgb` and the grain. `found`: counts walkers that have met rough lobes. */
 static void add_ray(const struct walker *w, float part, float rgb[3], struct kiln_view_grain *grain, uint32_t *found)
 {
     for (int c = 0; c < 3; c++) {
@@ -372,7 +372,7 @@ static float grain_luminance(const struct kiln_view_grain *grain)
     return kiln_rgb_luminance(grain->light[0], grain->light[1], grain->light[2]);
 }
 
-/* Likewise all rays of a pixel; whether any has met rough lobes. */
+/* Adds up all rays of a pixel. Returns whether any has met rough lobes. */
 static bool add_pixel(const struct walker *walkers, uint32_t rays, float rgb[3], struct kiln_view_grain *grain)
 {
     const float part = 1.0f / (float)rays;
@@ -402,7 +402,7 @@ static bool add_pixel(const struct walker *walkers, uint32_t rays, float rgb[3],
     return true;
 }
 
-/* Whether a ray has met rough lobes: its first walker, or those that have come from it. */
+/* Whether any walker of a ray has met rough lobes. */
 static bool is_rough(const struct walker *w)
 {
     bool rough = w[0].rough;
@@ -411,7 +411,7 @@ static bool is_rough(const struct walker *w)
     return rough || (w[0].partings > 0 && w[1].partings > 1 && w[3].rough);
 }
 
-/* Adds up so many rays of the i-th pixel under way. */
+/* Adds up the first `rays` rays of the i-th pixel in progress. */
 static void finish(struct kiln_view_gloss *b, size_t i, size_t pixel, uint32_t rays, float rgb[3])
 {
     struct kiln_view_grain grain = {.pixel = pixel};
@@ -427,7 +427,7 @@ static int make_room(struct kiln_view_gloss *b, size_t count, struct kiln_error 
                            "the grain of a view", error);
 }
 
-/* At most as many pixels as there is room for. */
+/* Draws `count` pixels, at most b->part. */
 static int draw(struct kiln_view_gloss *b, const size_t *pixels, size_t count, float *rgb, bool *done,
                 struct kiln_error *error)
 {
@@ -452,7 +452,7 @@ end:
     return status;
 }
 
-/* Likewise the rays that `draw` has left. */
+/* Draws the rays that `draw` has left out, for as many pixels. */
 static int draw_rest(struct kiln_view_gloss *b, const size_t *pixels, size_t count, float *rgb,
                      struct kiln_error *error)
 {
@@ -471,9 +471,9 @@ static int draw_rest(struct kiln_view_gloss *b, const size_t *pixels, size_t cou
 
 /* ---- guides ---- */
 
-/* The pixels that guides learn from where these see gloss. */
+/* Grid of pixels that train the guides, if they see gloss. */
 struct grid {
-    size_t apart, wide, all; /* pixels; how many in a row of the grid, and in all */
+    size_t apart, wide, all; /* distance, pixels; number of them in a row, and in all */
 };
 static struct grid lesson_grid(const struct kiln_view_params *p)
 {
@@ -484,8 +484,8 @@ static struct grid lesson_grid(const struct kiln_view_params *p)
     return g;
 }
 
-/* Has guides learn from rays of `count` pixels, at most as many as there is room for. Where none of the first rays
- * meets rough gloss there is nothing to learn. */
+/* Trains the guides with the rays of `count` pixels, at most b->part. Ends early if none of the first rays meets rough
+ * gloss. */
 static int learn_some(struct kiln_view_gloss *b, const size_t *pixels, size_t count, struct kiln_error *error)
 {
     const uint32_t rays = b->each;
@@ -509,7 +509,7 @@ static int learn_some(struct kiln_view_gloss *b, const size_t *pixels, size_t co
     return status;
 }
 
-/* Those of `count` pixels that see gloss, in the midst of a pixel, come first; returns how many. */
+/* Moves the pixels to the front that see gloss at their centre. *count becomes their number. */
 static int keep_gloss(struct kiln_view_gloss *b, size_t *pixels, size_t *count, struct kiln_error *error)
 {
     size_t kept = 0;
@@ -524,7 +524,7 @@ static int keep_gloss(struct kiln_view_gloss *b, size_t *pixels, size_t *count, 
     return status;
 }
 
-/* Has guides learn from rays all over the picture. */
+/* Trains the guides with rays all over the picture. */
 static int learn(struct kiln_view_gloss *b, struct kiln_error *error)
 {
     const struct grid grid = lesson_grid(b->params);

@@ -7,21 +7,21 @@
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
-/* Rounds; pixels of a window to each side. */
+/* Rounds of the filter; radius and side of its window, in pixels. */
 enum { ROUNDS = 3, RADIUS = 2, SIDE = 2 * RADIUS + 1 };
 
 /* Weights along a window. */
 static const float bell[SIDE] = {1.0f / 16.0f, 1.0f / 4.0f, 3.0f / 8.0f, 1.0f / 4.0f, 1.0f / 16.0f};
 
-/* Units of difference: one less the cosine between normals, over alpha; distance from the tangent plane, over that to
- * the next pixel; alpha. And the least alpha. */
+/* Differences that count as one unit. by_normal: 1 - cosine between the normals, over alpha. by_plane: distance from
+ * the tangent plane, over the distance to the next pixel. by_alpha: of alpha. least: lower limit of alpha. */
 static const float by_normal = 1.0f / 16.0f, by_plane = 1.0f, by_alpha = 0.05f, least = 0.05f;
 
-/* Standard deviations added to one unit of luminance difference, over the root of a pixel's rays: the fewer they are,
- * the less they know the deviation. */
+/* Added to the standard deviations per unit of luminance difference, divided by the root of a pixel's ray count: with
+ * fewer rays the estimated deviation is less reliable. */
 static const float unsure = 6.0f;
 
-/* A pixel while it is filtered: y, its light over its share. */
+/* State of a pixel during filtering. y: its light divided by its share. */
 struct smooth {
     float y[3], luminance, variance;
     float deviation; /* over the pixels around */
@@ -31,14 +31,14 @@ struct smooth {
 /* Picture to filter. */
 struct picture {
     const struct kiln_view_grain *grains;
-    uint32_t *at; /* of each pixel the number of its grain; KILN_NONE: none */
+    uint32_t *at; /* per pixel: index of its grain; KILN_NONE: none */
     struct smooth *now, *next;
     size_t count;
     uint32_t width, height;
-    float by_luminance; /* standard deviations that count as one unit of difference */
+    float by_luminance; /* standard deviations of luminance per unit of difference */
 };
 
-/* The grain `right` and `down` of that of number i; KILN_NONE: there is none. */
+/* Grain of the pixel at offset (right, down) from that of grain i; KILN_NONE: none. */
 static uint32_t beside(const struct picture *p, size_t i, int right, int down)
 {
     const int64_t x = (int64_t)(p->grains[i].pixel % p->width) + right,
@@ -46,14 +46,14 @@ static uint32_t beside(const struct picture *p, size_t i, int right, int down)
     return x < 0 || y < 0 || x >= p->width || y >= p->height ? KILN_NONE : p->at[(size_t)y * p->width + (size_t)x];
 }
 
-/* A bell of x >= 0: 1 at 0, and 0 from 4 on. */
+/* Bell-shaped weight of x >= 0: 1 at 0, and 0 from 4 on. */
 static float fall(float x)
 {
     const float left = fmaxf(0.0f, 1.0f - 0.25f * x);
     return left * left * left * left;
 }
 
-/* How much the surfaces of two pixels differ that are so many pixels apart. */
+/* Difference between the surfaces of two pixels that are `apart` pixels apart. */
 static float differ(const struct picture *p, size_t i, size_t k, int apart)
 {
     const struct kiln_view_grain *a = &p->grains[i], *b = &p->grains[k];
@@ -86,7 +86,8 @@ static void begin(const struct picture *p, size_t i)
     s->step = isfinite(square) ? sqrtf(square) : 1.0f;
 }
 
-/* Into `next` the mean of the variances of the pixels around; where these are unknown, the variance among them. */
+/* Writes to `next` the mean variance of the neighbourhood; where the pixel's own variance is unknown, the variance of
+ * the neighbours' luminance. */
 static void look_around(const struct picture *p, size_t i)
 {
     float sum = 0.0f, squares = 0.0f, weights = 0.0f, variances = 0.0f;
@@ -123,7 +124,7 @@ static void find_deviation(const struct picture *p, size_t i)
     p->now[i].deviation = sqrtf(sum / weights);
 }
 
-/* One round of a pixel, over pixels so many apart. */
+/* One filter round for a pixel, with window pixels `step` apart (à trous). */
 static void average(const struct picture *p, size_t i, int step)
 {
     const struct smooth *own = &p->now[i];

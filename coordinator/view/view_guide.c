@@ -7,19 +7,18 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 
-/* Cells along the longest side, of surfaces with gloss and of what is found; regions; sources of
- * one, its own and those of the whole picture; the key of the
- * random numbers. */
+/* Cells along the scene's longest side: CELLS of surfaces with gloss, FOUND_CELLS of found sources. REGIONS: number of
+ * regions. Balls (sources) of a region: its own, and those of the whole picture. KEY: key of the random numbers. */
 enum { CELLS = 6, FOUND_CELLS = 12, SIDES = 6, REGIONS = 512 * SIDES };
 enum { OWN_BALLS = 12, ALL_BALLS = 6, MOST_BALLS = OWN_BALLS + ALL_BALLS, KEY = 0x67756964 };
 
-/* Largest share of rays by sources, and of these by the whole picture's; least alpha of lobes that have it; radius of a
- * ball over a cell's side. */
+/* most_guided: largest share of rays aimed at sources. left_to_all: share of these for sources of the whole picture.
+ * wide: alpha from which lobes have the largest share. radius: of a ball, in cells. */
 static const float most_guided = 0.5f, left_to_all = 0.25f, wide = 0.1f, radius = 0.75f;
 
 struct kiln_view_source_ball {
     struct kiln_vec3 middle;
-    float part; /* of the rays that go by sources; they add up to 1 */
+    float part; /* share of the rays aimed at sources; sums to 1 over a region */
 };
 
 /* Source found by a ray. */
@@ -36,7 +35,7 @@ struct kiln_view_guides {
     struct region {
         struct kiln_view_source_ball balls[MOST_BALLS];
         uint32_t count;
-        float differ; /* 0 to 1: of the second moment of what was found, what its mean does not explain */
+        float differ; /* 0 to 1: share of the findings' second moment that their mean does not explain */
     } regions[REGIONS];
 };
 
@@ -71,7 +70,7 @@ static struct kiln_particle_chance own_chance(const struct kiln_particle_chance 
         .key = kiln_hash1(chance->key ^ KEY), .number = chance->number, .surface = chance->surface};
 }
 
-/* The cell, of a side that fits `cells` times into the longest one, moved by parts of a cell. */
+/* Hash of a cell, with `cells` cells along the longest side; `moved`: offset in cells. */
 static uint32_t cell_of(const struct kiln_view_guides *g, int cells, struct kiln_vec3 p, struct kiln_dvec3 moved)
 {
     const double each = (double)cells / (double)g->longest;
@@ -108,7 +107,7 @@ void kiln_view_guides_learn(struct kiln_view_guides *guides, uint32_t region, st
 static int compare_u32(uint32_t a, uint32_t b) { return (a > b) - (a < b); }
 static int compare_floats(float a, float b) { return (a > b) - (a < b); }
 
-/* By cell; by all else too, so that sums have one order. */
+/* Orders lessons by region and cell; then by all other members, so that sums have a fixed order. */
 static int compare_lessons(const void *a, const void *b)
 {
     const struct lesson *p = a, *q = b;
@@ -121,7 +120,7 @@ static int compare_lessons(const void *a, const void *b)
     return 0;
 }
 
-/* Puts a ball among those of the region, the greatest part first, if there is room or a smaller one. */
+/* Inserts a ball into the region's list, which is sorted by descending part, if there is room or a smaller ball. */
 static void keep(struct region *r, uint32_t most, struct kiln_view_source_ball ball)
 {
     uint32_t at = r->count < most ? r->count++ : most;
@@ -132,7 +131,8 @@ static void keep(struct region *r, uint32_t most, struct kiln_view_source_ball b
         r->balls[at] = ball;
 }
 
-/* The lessons of one cell, for one region: its second moment, about the mean place. */
+/* Merges the lessons of one cell to a ball: second moment of the values, and their mean position weighted with squares.
+ */
 static struct kiln_view_source_ball gather(const struct lesson *lessons, size_t count, double *sum)
 {
     struct kiln_dvec3 place = {0.0, 0.0, 0.0};
@@ -147,7 +147,7 @@ static struct kiln_view_source_ball gather(const struct lesson *lessons, size_t 
                                           .part = (float)moment};
 }
 
-/* Makes a region from lessons, in the order of their cells. */
+/* Builds a region from its lessons, which are sorted by cell. */
 static void make_region(struct region *r, uint32_t most, const struct lesson *lessons, size_t count)
 {
     double sum = 0.0, moment = 0.0, kept = 0.0;
@@ -172,7 +172,7 @@ static int compare_regions(const void *a, const void *b)
     return by != 0 ? by : compare_lessons(a, b);
 }
 
-/* Has the region the sources of the whole picture too. */
+/* Adds the sources of the whole picture to a region. */
 static void add_all(struct region *r, const struct region *all)
 {
     const float left = r->count > 0 ? left_to_all : 1.0f;
@@ -218,7 +218,7 @@ struct kiln_view_guide kiln_view_guides_at(const struct kiln_view_guides *guides
                                     .share = most_guided * r->differ * fminf(alpha / wide, 1.0f)};
 }
 
-/* The cone in which a ball is seen: the cosine of half its angle; -1 from within the ball. */
+/* Cosine of half the angle of the cone in which a ball is seen; -1 from within the ball. */
 static float cone_of(const struct kiln_view_guide *guide, const struct kiln_view_source_ball *ball,
                      const struct kiln_particle_place *place, struct kiln_vec3 *axis)
 {
@@ -249,7 +249,7 @@ float kiln_view_guide_density(const struct kiln_view_guide *guide, const struct 
     return (1.0f - guide->share) * density + guide->share * own;
 }
 
-/* A direction into the cone of a ball that is drawn. */
+/* Draws a ball, and a direction within its cone. */
 static struct kiln_vec3 draw(const struct kiln_view_guide *guide, const struct kiln_particle_place *place,
                              const struct kiln_particle_chance *own)
 {

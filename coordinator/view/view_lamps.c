@@ -10,14 +10,14 @@
 /* A sample of a light at a place, and its shadow ray. */
 struct shadow {
     uint32_t place;
-    float length;    /* m: what the ray meets from here on is not in the way */
+    float length;    /* m: largest distance of an occluder */
     double value[3]; /* what it brings where nothing is */
 };
 
 struct kiln_view_lamps {
     const struct kiln_view_source *source;
     struct kiln_emission *emission; /* NULL: there are no lights */
-    struct shadow *shadows; /* of the places; the rays of those that are traced come first in the arrays below */
+    struct shadow *shadows;         /* shadow rays of all places; arrays below begin with those that are traced */
     uint32_t *traced;
     struct kiln_vec3 *origins, *directions;
     struct kiln_hit *hits;
@@ -64,12 +64,12 @@ static struct kiln_dvec3 along(struct kiln_dvec3 from, struct kiln_dvec3 directi
 
 /* ---- weights ---- */
 
-/* Whether the environment is sampled. */
+/* Whether the environment has an image, and is sampled. */
 static bool has_image(const struct kiln_lights *lights) { return lights->environment && lights->conditional != NULL; }
 
 static double share_of(double own, double other) { return own > 0.0 ? 1.0 / (1.0 + other / own * (other / own)) : 0.0; }
 
-/* The normal by which lights are chosen: on the side that is lit; none where both are. */
+/* Normal for choosing lights, on the lit side; zero if both sides are lit. */
 static struct kiln_dvec3 normal_of(const struct kiln_particle_place *p)
 {
     return p->lobes.glass > 0.0f ? dvec3(0.0, 0.0, 0.0) : dvec3_of(vec3_scale(p->normal, p->hit.back ? -1.0f : 1.0f));
@@ -82,7 +82,8 @@ struct kiln_view_way kiln_view_way(const struct kiln_particle_place *place, cons
                                   .density = turn->mirrored || kiln_particle_is_smooth(place) ? 0.0f : turn->density};
 }
 
-/* The density, per steradian, with which one sample of the lights at `position` finds a light at this place. */
+/* Probability density, per steradian, that one sample of the lights from way->position finds this place on the light.
+ */
 static double sampled_density(const struct kiln_emission *e, uint32_t light, const struct kiln_view_way *way,
                               struct kiln_dvec3 place, struct kiln_dvec3 direction)
 {
@@ -136,7 +137,7 @@ static bool draw_environment(const struct kiln_lights *lights, const struct kiln
     return density > 0.0;
 }
 
-/* Draws the sample of a round; `light`: of which light it is. False: there is none. */
+/* Draws a sample of a round. `light`: index of its light. False: no sample. */
 static bool draw_sample(const struct kiln_emission *e, size_t round, const struct kiln_view_lit *lit,
                         const struct kiln_view_way *way, struct kiln_light_sample *sample, uint32_t *light)
 {
@@ -174,7 +175,7 @@ static void attenuate(const struct kiln_particle_place *p, const struct kiln_lig
         value[c] *= (double)share[c];
 }
 
-/* Draws a place's sample of a round; false: it brings nothing. */
+/* Draws a sample of a round for a place, with its shadow ray; false: it contributes nothing. */
 static bool prepare(const struct kiln_view_lamps *lamps, size_t round, const struct kiln_view_lit *lit,
                     struct shadow *shadow, struct kiln_vec3 *origin, struct kiln_vec3 *direction)
 {
@@ -203,7 +204,7 @@ static bool prepare(const struct kiln_view_lamps *lamps, size_t round, const str
     return share > 0.0;
 }
 
-/* The samples of one round: those that may bring something are traced together. */
+/* Adds the samples of one round; those that can contribute are traced together. */
 static int add_round(struct kiln_view_lamps *lamps, size_t round, struct kiln_view_lit *places, size_t count,
                      struct kiln_error *error)
 {

@@ -1,11 +1,11 @@
-/* Light from lamps at the surfaces with gloss that rays of views meet (view_gloss.h).
+/* Light of lamps on glossy surfaces in views (view_gloss.h), by multiple importance sampling.
  *
- * Such a light finds the eye in two ways: a sample of the lights at the surface (worker/light/lights.h: one of the
- * tree, one of each directional light, one of an environment with an image, by its luminance), with a shadow ray; and
- * the ray that goes on from there and meets the lamp or the environment. Both are weighed by the power heuristic (Veach
- * and Guibas, "Optimally Combining Sampling Techniques for Monte Carlo Rendering", SIGGRAPH 1995: section 3, exponent
- * 2), with densities per steradian: no light counts twice. No ray meets points, spots and suns: all of these is the
- * samples'. Mirrors and smooth glass are left to rays, and so is a sky of one radiance all over.
+ * Two techniques are combined. Light sampling takes samples of the lights at the surface, with shadow rays
+ * (worker/light/lights.h: one of the light tree, one of each directional light, one of an environment image by
+ * luminance). Lobe sampling uses the continued ray when it hits a lamp or the environment. Both are weighted by the
+ * power heuristic with densities per steradian, so that no light counts twice (Veach and Guibas, "Optimally Combining
+ * Sampling Techniques for Monte Carlo Rendering", SIGGRAPH 1995: section 3, exponent 2). Point, spot and directional
+ * lights are only sampled, as no ray can hit them. Mirrors, smooth glass and a uniform sky are left to continued rays.
  *
  * Not collective. */
 #ifndef KILN_COORDINATOR_VIEW_VIEW_LAMPS_H
@@ -19,33 +19,33 @@
 struct kiln_view_lit {
     struct kiln_particle_place place;
     struct kiln_particle_chance chance;
-    struct kiln_view_guide guide; /* by which the ray goes on from there */
-    float weight[3];              /* what of the light that it sends reaches the eye, by colour */
-    float rgb[3];                 /* what lamps bring there, W/(m2 sr), is added */
+    struct kiln_view_guide guide; /* sampling distribution of the continued ray */
+    float weight[3];              /* throughput from the surface to the eye, by colour */
+    float rgb[3];                 /* sum to which the light of lamps is added, W/(m2 sr) */
 };
 
-/* How a ray has left the surface before; density 0: of the camera, or in the one direction of a mirror. */
+/* Departure of a ray from its previous surface; density 0: from the camera, or in the single direction of a mirror. */
 struct kiln_view_way {
-    struct kiln_dvec3 position, normal; /* of the place; of the normal as kiln_lights_sample is given it */
+    struct kiln_dvec3 position, normal; /* of the surface; the normal as passed to kiln_lights_sample */
     float density;                      /* per steradian */
 };
 
 struct kiln_view_lamps;
 
-/* Borrows the source; room for `capacity` places at once. KILN_SYSTEM. */
+/* Creates the state for up to `capacity` places at once. Borrows the source. KILN_SYSTEM. */
 int kiln_view_lamps_create(struct kiln_view_lamps **lamps, const struct kiln_view_source *source, size_t capacity,
                            struct kiln_error *error);
 void kiln_view_lamps_destroy(struct kiln_view_lamps **lamps);
 
-/* The way of a ray that goes on from a place. */
+/* Makes the departure record of a ray that continues from a place. */
 struct kiln_view_way kiln_view_way(const struct kiln_particle_place *place, const struct kiln_particle_turn *turn);
 
-/* The share of what a ray brings of the lamp or of the environment that it meets, 0 to 1. */
+/* Weight of a continued ray that hits a lamp or the environment, by the power heuristic, 0 to 1. */
 double kiln_view_lamps_share(const struct kiln_view_lamps *lamps, const struct kiln_view_way *way,
                              const struct kiln_hit *hit, struct kiln_vec3 direction);
 
-/* Samples the lights at `count` places, at most the capacity, and adds what they bring. The same bits for any number of
- * threads, and for any places together. The status of the backend. */
+/* Samples the lights at `count` places, at most the capacity, and adds their weighted light to `rgb`. The same bits for
+ * any number of threads and any grouping of places. Returns the status of the backend. */
 int kiln_view_lamps_add(struct kiln_view_lamps *lamps, struct kiln_view_lit *places, size_t count,
                         struct kiln_error *error);
 

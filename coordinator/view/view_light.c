@@ -21,7 +21,7 @@
 
 /* ---- lightmaps ---- */
 
-/* Channels of lightmaps that say from where light comes: --directional sh1, and dominant. */
+/* Numbers of lightmap channels: light; its direction for --directional sh1, and for dominant. */
 enum { LIGHT = 3, SH = 3 * KILN_NORMAL_HARMONICS, DOMINANT = 4, CHANNELS = LIGHT + SH + DOMINANT };
 
 /* Their names, those of light first. */
@@ -38,12 +38,12 @@ static void name_channels(const char *names[CHANNELS])
 }
 
 struct map {
-    struct kiln_image *image;   /* NULL until needed */
-    const float *planes[LIGHT]; /* of light, or of the field that is shown; one or two components: the last one again */
-    const float *sh[SH], *dominant[DOMINANT]; /* the first of each is NULL: without them, or not needed */
+    struct kiln_image *image;                 /* NULL until needed */
+    const float *planes[LIGHT];               /* light, or the field shown; missing components repeat the last */
+    const float *sh[SH], *dominant[DOMINANT]; /* sh[0], dominant[0]: NULL if missing or not needed */
     float scale_x, scale_y;                   /* from texels of the scene's lightmap to texels here */
     bool looked_for;                          /* of backs */
-    bool sparse;                              /* made of points: texels without one are NaN */
+    bool sparse;                              /* made from points: texels without a point are NaN */
 };
 
 struct kiln_view_maps {
@@ -51,8 +51,8 @@ struct kiln_view_maps {
     const struct kiln_view_source *source; /* = &own */
     uint32_t coarse;
     struct map *maps;               /* one for each object, then one for the back of each object */
-    struct kiln_leaf_light *leaves; /* of an octree, in their place; NULL: not needed, or not yet */
-    struct kiln_point_rows *rows;   /* of a field that lightmaps do not have; NULL: likewise */
+    struct kiln_leaf_light *leaves; /* leaves, for octrees, instead of maps; NULL: not needed, or not loaded */
+    struct kiln_point_rows *rows;   /* rows of a field that lightmaps lack; NULL: as above */
 };
 
 int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse,
@@ -90,7 +90,7 @@ void kiln_view_maps_destroy(struct kiln_view_maps **maps)
     kiln_free(maps);
 }
 
-/* Whether lightmaps are needed with the directions of light. */
+/* Whether the directions of light are needed besides the lightmaps. */
 static bool needs_directions(const struct kiln_view_maps *maps)
 {
     const struct kiln_view_source *s = maps->source;
@@ -189,7 +189,7 @@ static bool find_planes(const struct kiln_view_source *source, struct map *map)
     return true;
 }
 
-/* Adds the groups of lights that the bake has told apart, the first ones of many. */
+/* Lists the groups of lights that the bake separates; of many, only the first ones. */
 static void list_groups(const struct kiln_view_source *source, char *list, size_t size)
 {
     enum { FEW = 8 };
@@ -208,7 +208,7 @@ static void list_groups(const struct kiln_view_source *source, char *list, size_
     json_decref(run);
 }
 
-/* KILN_NO_INPUT: the lightmap `name` lacks the field that is to be shown. */
+/* Fails with KILN_NO_INPUT: the lightmap `name` does not have the field to show. */
 static int no_field(const struct kiln_view_source *source, const char *name, struct kiln_error *error)
 {
     const struct kiln_field *fields[KILN_FIELDS_MAX];
@@ -226,7 +226,7 @@ static int no_field(const struct kiln_view_source *source, const char *name, str
                      source->directory, name, kiln_field_shown_name(source->field), list);
 }
 
-/* Makes a lightmap of what kiln.h5 has of the field at the object's points. */
+/* Makes a lightmap from a field's values in kiln.h5 at the object's points. */
 static int load_points(struct kiln_view_maps *maps, uint32_t object, bool back, struct kiln_error *error)
 {
     const struct kiln_view_source *s = maps->source;
@@ -326,7 +326,8 @@ static inline float between(float x, float most)
     return some < most ? some : most;
 }
 
-/* The values of the texel at a place; of one without a point those of the nearest within `around` texels; else NaN. */
+/* Values of the texel at a place. If it has no point, those of the nearest texel within `around` texels; if there is
+ * none, NaN. */
 static void look_up_nearest(const struct map *map, const float at[2], int around, float values[LIGHT])
 {
     const struct kiln_image *image = map->image;
@@ -390,8 +391,8 @@ static void look_up(const struct map *map, const float at[2], const float *const
     }
 }
 
-/* Light, or the field that is shown, at a place in the lightmap. A texel on whose edge a surface ends may have no
- * point: its neighbour's value, at most `around` texels off, is shown there. */
+/* Light, or the field shown, at a place in the lightmap. A texel at the edge of a surface may have no point: then the
+ * value of a neighbour at most `around` texels away. */
 static void look_up_light(const struct kiln_view_source *source, const struct map *map, const float at[2], int around,
                           float rgb[3])
 {
@@ -451,7 +452,7 @@ void kiln_view_map_at(const struct kiln_view_maps *maps, uint32_t object, const 
     look_up_light(maps->source, &maps->maps[object], at, 0, rgb);
 }
 
-/* Multiplies irradiance by what the material's normal map makes of it. */
+/* Applies the material's normal map to irradiance. */
 static void apply_normal_map(const struct kiln_view_maps *maps, const struct kiln_hit *hit, uint64_t stored,
                              float rgb[3], struct kiln_view_seen *seen)
 {
@@ -466,7 +467,7 @@ static void apply_normal_map(const struct kiln_view_maps *maps, const struct kil
         return;
     struct kiln_dvec3 n = dvec3_of(kiln_triangle_shading_normal(s->scene, s->geometry, hit->triangle, hit->u, hit->v));
     struct kiln_dvec3 m = kiln_normal_map_apply(s->scene, s->geometry, normals, hit->triangle, hit->u, hit->v, n);
-    if (hit->back && !kiln_view_shows_front(maps, hit)) { /* what stands out at the front is a dent at the back */
+    if (hit->back && !kiln_view_shows_front(maps, hit)) { /* seen from behind, bumps of the front are dents */
         n = dvec3_scale(n, -1.0);
         m = dvec3_scale(m, -1.0);
     }
@@ -540,7 +541,7 @@ void kiln_view_emission(const struct kiln_view_maps *maps, const struct kiln_hit
     kiln_surface_emission(s->scene, mesh, s->geometry->stored_triangle[hit->triangle], b1, b2, rgb);
 }
 
-/* The values of the field that is shown; where there is none, NaN if their colours have a range, else 0. */
+/* Values of the field shown. Where there are none: NaN if the colours have a range, else 0. */
 static void field_color(const struct kiln_view_maps *maps, const struct kiln_hit *hit, struct kiln_view_seen *seen)
 {
     const enum kiln_field_meaning meaning = maps->source->field->meaning;

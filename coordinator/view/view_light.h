@@ -6,8 +6,8 @@
 #include "coordinator/view/point_map.h"
 #include "coordinator/view/view_rays.h"
 
-/* Reads the lightmaps of the objects at hits 0..count-1; for hits on backs, that in lightmaps/back if it was baked
- * (--sides two). KILN_NO_INPUT, KILN_BAD_INPUT. */
+/* Reads the lightmaps of the objects at hits 0..count-1; for hits on backs, the lightmap in lightmaps/back if it was
+ * baked (--sides two). KILN_NO_INPUT, KILN_BAD_INPUT. */
 int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits, size_t count,
                         struct kiln_error *error);
 
@@ -15,17 +15,18 @@ int kiln_view_maps_load(struct kiln_view_maps *maps, const struct kiln_hit *hits
  * bilinearly and clamped at the edge; 0 on a caster-only object, which has no lightmap. Thread-safe. */
 void kiln_view_irradiance(const struct kiln_view_maps *maps, const struct kiln_hit *hit, float rgb[3]);
 
-/* The same for the atlas: reads the lightmap of an object's front; light or the field in it at a place, in texels from
- * its upper left corner, NaN where it has no value; the checkerboard's colour there, seen straight on. */
+/* Functions for the atlas. The first reads the lightmap of an object's front. The second gives its light or field at a
+ * position in texels from the upper left corner; NaN if there is no value. The third gives the colour of the
+ * checkerboard there, viewed perpendicularly. */
 int kiln_view_maps_load_object(struct kiln_view_maps *maps, uint32_t object, struct kiln_error *error);
 void kiln_view_map_at(const struct kiln_view_maps *maps, uint32_t object, const float at[2], float rgb[3]);
 void kiln_view_texel_color(uint32_t object, const float at[2], float rgb[3]);
 
-/* Takes over what the source's field has at each point, in the place of reading it from kiln.h5; *rows becomes NULL.
- * Before a lightmap is loaded. */
+/* Sets the values of the source's field at all points, instead of reading them from kiln.h5. Takes ownership: *rows
+ * becomes NULL. To be called before a lightmap is loaded. */
 void kiln_view_maps_take_rows(struct kiln_view_maps *maps, struct kiln_point_rows **rows);
 
-/* Whether the hit is on a back without a lightmap of its own, which is shown with the light of its front. */
+/* Tells whether the hit is on a back that has no lightmap and is shown with the light of its front. */
 bool kiln_view_shows_front(const struct kiln_view_maps *maps, const struct kiln_hit *hit);
 
 /* The radiance along a ray, and how much of it is approximate. */
@@ -37,7 +38,7 @@ struct kiln_view_seen {
     float front_light; /* 1: a back that is shown with the light of its front; else 0 */
     float flat;        /* 1: a material with a normal map, without it: the lightmap lacks directions; else 0 */
     float mapped;      /* 1: a material with a normal map, with it; else 0 */
-    /* E, where base colour x E / pi + emission is seen through nothing; else -1 */
+    /* E, if the ray shows base colour x E / pi + emission of an opaque hit; else -1 */
     float irradiance[3];
 };
 

@@ -8,13 +8,13 @@
 
 enum { RAYS_ASIDE = 64 };                   /* in each direction at most */
 static const double PIXELS_LEAST = 32 * 32; /* that a picture counts as having */
-static const double NEAREST = 1e-4; /* depth that counts, of the scene's extent: cells of merging have a number each */
-static const double STEPS = 8.0;    /* to which depths are rounded, from one to its double */
+static const double NEAREST = 1e-4; /* least depth, relative to the scene's extent: limits the number of merge cells */
+static const double STEPS = 8.0;    /* depths are rounded to this many steps per octave */
 
 struct looks {
     struct kiln_vec3 origins[RAYS_ASIDE * RAYS_ASIDE], directions[RAYS_ASIDE * RAYS_ASIDE];
     struct kiln_hit hits[RAYS_ASIDE * RAYS_ASIDE];
-    double depths[RAYS_ASIDE * RAYS_ASIDE]; /* along the camera's axis, m, of what is met */
+    double depths[RAYS_ASIDE * RAYS_ASIDE]; /* depths of the hits along the camera's axis, m */
 };
 
 static int compare_depths(const void *a, const void *b)
@@ -35,7 +35,7 @@ static size_t make_rays(const struct kiln_view_params *params, struct looks *loo
     return (size_t)columns * rows;
 }
 
-/* The median of what `count` rays meet, m; of nothing, the scene's extent. */
+/* Median depth of `count` rays' hits, m; the scene's extent if there are none. */
 static double median_depth(struct looks *looks, size_t count, struct kiln_dvec3 forward, double extent)
 {
     size_t met = 0;

@@ -73,7 +73,8 @@ bool kiln_view_is_seen(const struct kiln_view_source *source, const struct kiln_
     return !hit->back || (record->material & KILN_RECORD_DOUBLE_SIDED) != 0 || kiln_view_goes_on(source, hit);
 }
 
-/* Finds the rays that continue beyond a back; puts their indices into `active` and returns their number. */
+/* Finds the rays that pass through a hidden back and continue. Writes their indices to `active`; returns their number.
+ */
 static size_t step_behind_backs(const struct kiln_view_source *source, struct kiln_view_rays *r, size_t count)
 {
     const struct kiln_geometry *g = source->geometry;

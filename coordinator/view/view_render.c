@@ -6,28 +6,29 @@
 #include "coordinator/view/view_light.h"
 #include "worker/base/memory.h"
 
-/* Rays that are traced together: of a band of pixel rows, or of some of its pixels; 33 MB, with the pixels of previews,
- * which have the fewest rays each. */
+/* Rays traced together, for a band of pixel rows or some of its pixels; 33 MB with the pixels of previews, which have
+ * the fewest rays each. */
 enum { BAND_RAYS = 128 << 10 };
 
-/* With 4 x 4 rays a pixel, 4 come first, one of each row and column; the places in the order of the rays. */
+/* 4 x 4 rays of a pixel; the first 4 lie in different rows and columns. `places`: subpixels in the order of rays. */
 enum { SIDE = 4, FIRST = 4 };
 static const uint8_t places[SIDE * SIDE] = {1, 7, 8, 14, 0, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13, 15};
 
 /* Previews have 2 x 2 rays, and before them one in the middle of the pixel. */
 enum { PREVIEW_SIDE = 2, PREVIEW_RAYS = 5 };
 
-/* By how much, as a share of the largest value, what the first rays see may differ if they are to suffice: those of a
- * pixel, where they meet one triangle in even light and where they do not; those of the pixel and the eight around it;
- * and what is even light. */
+/* Limits for the relative difference between the first rays' values, up to which no more rays are needed. WITHIN_FLAT:
+ * within a pixel, on one triangle in even light; WITHIN: within any other pixel; AROUND: within the 3 x 3 pixels. EVEN:
+ * difference up to which light is even. */
 static const float WITHIN_FLAT = 0.12f, WITHIN = 0.06f, AROUND = 0.25f, EVEN = 0.1f;
-/* Likewise of previews: what the nine pixels' rays see. */
+/* As AROUND, for previews, which have one first ray per pixel. */
 static const float AROUND_ONE = 0.06f;
 
-/* Rows of the band before that are still at hand: one whose pixels may get more rays, and the one above it. */
+/* Rows of the previous band that are kept: one whose pixels may get more rays, and the row above it. */
 enum { ROWS_BEFORE = 2 };
 
-/* Fate of a pixel after its first rays: they suffice; the others meet what they met; the others are traced. */
+/* Result of a pixel's first rays. FEW: they suffice. FLAT: the other rays hit the same triangle, and need no tracing.
+ * TRACED: the other rays are traced. */
 enum fate { FEW, FLAT, TRACED };
 
 /* Results of a pixel's rays; `low` and `high` of the first ones. */
@@ -35,24 +36,24 @@ struct pixel {
     float sum[3], low[3], high[3];
     float metal, front_light, flat, mapped; /* sums */
     float irradiance[3];                    /* mean of the first ones */
-    uint32_t triangle;                      /* opaque one that all first rays meet, in even light; KILN_NONE: no such */
+    uint32_t triangle;                      /* opaque triangle that all first rays hit, in even light; else KILN_NONE */
     bool back;                              /* from behind */
-    bool gloss;                             /* a ray meets a surface that it goes on from (view_gloss.h); */
-    bool done; /* all rays that go on are drawn; before: they are wanted, for the first ray meets a rough surface */
+    bool gloss;                             /* a ray hits a surface from which it goes on (view_gloss.h) */
+    bool done; /* all rays that go on are drawn; before: all are wanted, since the first hits a rough surface */
     enum fate fate;
 };
 
 struct renderer {
     const struct kiln_view_params *params;
-    uint32_t rays, first; /* of a pixel: all, and those that come first */
+    uint32_t rays, first; /* rays of a pixel: all, and the first ones */
     struct kiln_view_maps *maps;
     struct kiln_view_rays *batch;
     struct kiln_view_gloss *gloss; /* NULL: none was needed yet */
     float *planes[3];
-    uint32_t rows, begin;              /* of a band; the first row of the present one */
+    uint32_t rows, begin;              /* rows of a band; first row of the present band */
     struct pixel *pixels;              /* ROWS_BEFORE rows and the band's */
-    size_t *traced;                    /* those of them whose other rays are traced */
-    struct kiln_view_approximate sums; /* over pixels, of the means of their rays */
+    size_t *traced;                    /* pixels whose other rays are traced */
+    struct kiln_view_approximate sums; /* sums over pixels of the mean over their rays */
 };
 
 static void make_ray(const struct renderer *r, uint32_t x, uint32_t y, uint32_t k, struct kiln_vec3 *origin,
@@ -67,7 +68,7 @@ static void make_ray(const struct renderer *r, uint32_t x, uint32_t y, uint32_t 
                       (double)y + ((double)(place / side) + 0.5) / side, origin, direction);
 }
 
-/* The first pixel of an image's row that is at hand. */
+/* Index in `pixels` of the first pixel in an image row. */
 static size_t row_at(const struct renderer *r, uint32_t y)
 {
     return (size_t)(y + ROWS_BEFORE - r->begin) * r->params->width;
@@ -120,7 +121,7 @@ static void widen(float low[3], float high[3], const float value[3])
     }
 }
 
-/* Whether what a hit goes on from is rough. */
+/* Whether a hit goes on from a rough surface. */
 static bool is_rough(const struct kiln_view_source *source, const struct kiln_hit *hit)
 {
     if (hit->triangle == KILN_NONE)
@@ -130,7 +131,7 @@ static bool is_rough(const struct kiln_view_source *source, const struct kiln_hi
     return gloss != NULL && gloss->mean_roughness > 0.0f;
 }
 
-/* Begins a pixel with its first rays, the batch's from `from` on. */
+/* Begins a pixel with its first rays, which are rays from `from` on in the batch. */
 static void shade_first(const struct renderer *r, size_t from, struct pixel *p)
 {
     struct kiln_view_seen seen;
@@ -150,8 +151,8 @@ static void shade_first(const struct renderer *r, size_t from, struct pixel *p)
     p->back = r->batch->hits[from].back;
 }
 
-/* Lists the pixels of rows [from, to) with mirrors, gloss or glass in them, but those that need no more rays: by their
- * number in the image. Returns how many. */
+/* Lists the pixels of rows [from, to) with mirrors, gloss or glass, by their index in the image; with `traced` only
+ * those that need more rays. Returns their number. */
 static size_t list_gloss(const struct renderer *r, uint32_t from, uint32_t to, bool traced)
 {
     const size_t first = row_at(r, from), place = (size_t)from * r->params->width;
@@ -176,7 +177,7 @@ static void put_gloss(const struct renderer *r, struct pixel *p, const float rgb
         p->sum[c] = rgb[c] * (float)r->first;
 }
 
-/* The first rays of the band's pixels with mirrors, gloss or glass in them, which go on. */
+/* Follows the first rays of the band's pixels that contain mirrors, gloss or glass. */
 static int look_on(struct renderer *r, uint32_t rows, struct kiln_error *error)
 {
     const size_t count = list_gloss(r, r->begin, r->begin + rows, false);
@@ -208,7 +209,7 @@ end:
     return status;
 }
 
-/* The first rays of the band's pixels. */
+/* Traces the first rays of the band's pixels. */
 static int look_first(struct renderer *r, uint32_t rows, struct kiln_error *error)
 {
     const uint32_t width = r->params->width, first = r->first;
@@ -236,14 +237,14 @@ static bool touch(const struct kiln_geometry *g, uint32_t a, uint32_t b)
     return common;
 }
 
-/* Finds the fate of a pixel of a preview, by the rays in the middle of it and of the eight around it. */
+/* Decides about a pixel of a preview, by the rays through the centres of the 3 x 3 pixels. */
 static enum fate fate_by_middles(const struct renderer *r, uint32_t x, uint32_t y)
 {
     const uint32_t width = r->params->width, height = r->params->height, left = x > 0 ? x - 1 : 0,
                    right = x + 1 < width ? x + 1 : x;
     const struct pixel *own = &r->pixels[row_at(r, y) + x];
     float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, lit[2][3];
-    bool alike = true; /* what rough lobes bring is not known yet */
+    bool alike = true; /* light by rough lobes is unknown at this stage */
     for (uint32_t v = y > 0 ? y - 1 : 0; v <= y + 1 && v < height; v++)
         for (uint32_t u = left; u <= right; u++) {
             const struct pixel *other = &r->pixels[row_at(r, v) + u];
@@ -264,7 +265,7 @@ static enum fate fate_by_middles(const struct renderer *r, uint32_t x, uint32_t 
     return flat && !differ(lit[0], lit[1], EVEN) ? FLAT : TRACED;
 }
 
-/* Finds the fate of a pixel, by its first rays and those of the eight around it. */
+/* Decides about a pixel, by the first rays of the 3 x 3 pixels. */
 static enum fate fate_of(const struct renderer *r, uint32_t x, uint32_t y)
 {
     const uint32_t width = r->params->width, height = r->params->height;
@@ -285,7 +286,7 @@ static enum fate fate_of(const struct renderer *r, uint32_t x, uint32_t y)
     return flat ? FLAT : TRACED;
 }
 
-/* Where a ray crosses the plane of a triangle; false: beside the triangle. */
+/* Intersects a ray with the plane of a triangle; false: outside the triangle. */
 static bool cross(const struct kiln_geometry *g, struct kiln_vec3 origin, struct kiln_vec3 direction,
                   struct kiln_hit *hit)
 {
@@ -299,8 +300,8 @@ static bool cross(const struct kiln_geometry *g, struct kiln_vec3 origin, struct
     return hit->u >= 0.0f && hit->v >= 0.0f && hit->u + hit->v <= 1.0f;
 }
 
-/* Adds the other rays of a pixel as if they met the triangle of the first ones, in their light. False, and nothing is
- * added, where one would not. */
+/* Shades the other rays of a pixel without tracing, as hits of the first rays' triangle with their mean irradiance.
+ * False, with nothing added, if a ray misses the triangle. */
 static bool shade_flat(const struct renderer *r, uint32_t x, uint32_t y)
 {
     struct pixel *p = &r->pixels[row_at(r, y) + x];
@@ -320,7 +321,8 @@ static bool shade_flat(const struct renderer *r, uint32_t x, uint32_t y)
     return true;
 }
 
-/* Decides on the pixels of rows [from, to), and lists those whose other rays are to be traced; returns how many. */
+/* Decides about the pixels of rows [from, to), and lists those whose other rays must be traced. Returns their number.
+ */
 static size_t list_traced(struct renderer *r, uint32_t from, uint32_t to)
 {
     const uint32_t width = r->params->width;
@@ -340,7 +342,7 @@ static size_t list_traced(struct renderer *r, uint32_t from, uint32_t to)
     return count;
 }
 
-/* The rays that are left of `count` listed pixels. */
+/* Traces the remaining rays of `count` listed pixels. */
 static int look_again(struct renderer *r, const size_t *list, size_t count, struct kiln_error *error)
 {
     const uint32_t width = r->params->width, left = r->rays - r->first;
@@ -363,7 +365,7 @@ static int look_again(struct renderer *r, const size_t *list, size_t count, stru
     return KILN_OK;
 }
 
-/* The rays that are left of pixels of rows [from, to) with mirrors, gloss or glass in them. */
+/* Follows the remaining rays of pixels in rows [from, to) that contain mirrors, gloss or glass. */
 static int look_on_again(struct renderer *r, uint32_t from, uint32_t to, struct kiln_error *error)
 {
     const size_t count = list_gloss(r, from, to, true);
@@ -402,7 +404,8 @@ static void put_rows(struct renderer *r, uint32_t from, uint32_t to)
     }
 }
 
-/* Draws a band of `rows` rows, but for its last one if the image goes on, and the last one of the band before. */
+/* Renders a band of `rows` rows, and finishes its pixels and the last row of the previous band; the band's own last row
+ * waits, unless it is the image's last. */
 static int render_band(struct renderer *r, uint32_t rows, struct kiln_error *error)
 {
     const uint32_t width = r->params->width, left = r->rays - r->first, end = r->begin + rows;

@@ -8,7 +8,7 @@ enum {
     PLACES = 1024, /* number of surface points, and the largest number of candidate positions */
     LOOKS = 96,    /* rays from each candidate in all directions; the first points down, the second up */
     CHOSEN = 40,   /* candidates whose views are scored */
-    TURNS = 12,    /* horizontal directions of the views of a candidate, */
+    TURNS = 12,    /* horizontal view directions of a candidate */
     TILTS = 2,     /* each horizontal and tilted down */
     WIDE = 32,     /* rays across the picture of a view */
     HIGH = 24,
@@ -33,9 +33,9 @@ struct view {
     double score, distance;
 };
 
-/* A point of the surfaces, over which they are spread evenly, and more on small objects. */
+/* A sample point on the surfaces: evenly distributed, but denser on small objects. */
 struct spot {
-    struct kiln_dvec3 position, normal; /* normal: of the side that it stands for */
+    struct kiln_dvec3 position, normal; /* normal: on the side that the spot represents */
     struct kiln_hit hit;                /* a ray that would meet it */
     double light;                       /* 0 to 1 */
 };
@@ -48,9 +48,9 @@ struct seek {
     size_t place_count, enclosed, roofed;
     struct spot *spots; /* PLACES */
     size_t spot_count;
-    double room;  /* m: how far one sees from the widest tenth of the enclosed candidates */
-    double light; /* median luminance of the irradiance that they see */
-    double box;   /* m: side of the boxes of space that separate items */
+    double room;  /* m: distance seen from the widest tenth of the enclosed candidates */
+    double light; /* median luminance of irradiance seen from enclosed candidates */
+    double box;   /* m: side of the grid cells that distinguish items */
 };
 
 /* ---- fixed directions and points ---- */
@@ -101,7 +101,7 @@ static void leave_surface(const struct seek *s, uint64_t triangle, size_t k)
             .triangle = (uint32_t)triangle, .u = (float)u, .v = (float)v, .back = other, .tint = {1.0f, 1.0f, 1.0f}}};
 }
 
-/* State of the spreading: the next point lies where the running sum of weights passes its number. */
+/* State of the spreading: point k lies where the running sum of weights passes k. */
 struct spread {
     double sum, step;
     size_t count;
@@ -136,7 +136,7 @@ static int spread_points(const struct seek *s, size_t *count, struct kiln_error 
     return status;
 }
 
-/* Adds the candidate for a surface point; none if its ray hits nothing or a back. */
+/* Adds the candidate above a surface point, unless its ray hits nothing or a back. */
 static void stand(struct seek *s, size_t ray)
 {
     const struct kiln_hit *hit = &s->rays->hits[ray];
@@ -228,7 +228,7 @@ static void leave_out_nooks(struct seek *s)
     }
 }
 
-/* Computes `room` and `light` over the enclosed candidates. */
+/* Measures `room` and `light` over the enclosed candidates. */
 static int take_measure(struct seek *s, struct kiln_error *error)
 {
     double *values = NULL;
@@ -348,7 +348,7 @@ static int compare_things(const void *a, const void *b)
     return (t->key > u->key) - (t->key < u->key);
 }
 
-/* The axis direction, one of six, that a surface faces. */
+/* Which of the six axis directions a surface faces. */
 static uint64_t side_of(const struct kiln_geometry *g, uint64_t triangle)
 {
     struct kiln_vec3 c[3];
@@ -356,8 +356,8 @@ static uint64_t side_of(const struct kiln_geometry *g, uint64_t triangle)
     return kiln_view_side(vec3_cross(vec3_sub(c[1], c[0]), vec3_sub(c[2], c[0])));
 }
 
-/* The item that a ray shows, and its weight. Items are told apart by a hash; a collision only lowers the entropy a
- * little. */
+/* Identifies the item that a ray shows, and its weight. Items are distinguished by a hash; a collision only lowers the
+ * entropy a little. */
 static struct thing thing_at(const struct seek *s, size_t ray)
 {
     const struct kiln_geometry *g = s->source->geometry;
@@ -406,7 +406,7 @@ static double openness(const struct seek *s, size_t first)
     return sum / VIEW_RAYS;
 }
 
-/* Finds how much light the spots have, from 0 to that of what enclosed candidates see in the median. */
+/* Computes the light at each spot, from 0 up to the median of enclosed candidates. */
 static int light_spots(struct seek *s, struct kiln_error *error)
 {
     for (size_t i = 0; i < s->spot_count; i++)
@@ -418,7 +418,7 @@ static int light_spots(struct seek *s, struct kiln_error *error)
     return status;
 }
 
-/* Whether each spot is seen from the place, whichever way one looks. */
+/* Finds the spots visible from the eye, in any direction. */
 static int see_spots(struct seek *s, struct kiln_dvec3 eye, bool *seen, struct kiln_error *error)
 {
     for (size_t i = 0; i < s->spot_count; i++) {
@@ -437,7 +437,7 @@ static int see_spots(struct seek *s, struct kiln_dvec3 eye, bool *seen, struct k
     return status;
 }
 
-/* How much of all light on the spots a view shows; `seen` from where it stands. */
+/* Share of all light on the spots that a view shows. `seen`: spots visible from its eye. */
 static double shown(const struct seek *s, const bool *seen, const struct kiln_view_camera *c)
 {
     double sum = 0.0;
@@ -516,7 +516,7 @@ static int measure_light(struct seek *s, size_t count, struct kiln_error *error)
     return status;
 }
 
-/* Finds the best of the cameras outside, with a slight preference for the first. */
+/* Finds the best camera outside the scene, with a slight preference for the first. */
 static int compare_outside(struct seek *s, const struct kiln_view_camera *outside, size_t count, size_t *best,
                            struct kiln_error *error)
 {

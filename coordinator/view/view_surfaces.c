@@ -9,10 +9,10 @@
 #include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"
 
-/* Rays of a pixel along a side, of pictures; rays that are traced together. */
+/* Rays along a side of a pixel, in pictures; rays traced together. */
 enum { SIDE = 4, BAND_RAYS = 1 << 18 };
 
-/* Mirrors and glass that a ray goes on from at most. */
+/* Largest number of mirrors and glass surfaces from which a ray goes on. */
 enum { MOST_SURFACES = 16 };
 
 enum {
@@ -29,13 +29,13 @@ static const char *const names[] = {"albedo.R", "albedo.G", "albedo.B", "emissio
                                     "Z",        "R",        "G",        "B"};
 enum { CHANNELS = sizeof names / sizeof *names };
 
-/* End of a ray's way, and the share of its light that comes back, by colour. */
+/* Last hit of a ray, and the share of its light that returns to the eye, by colour. */
 struct reached {
     struct kiln_hit hit;
     float share[3];
 };
 
-/* The way of a ray by mirrors and glass. */
+/* Path of a ray through mirrors and glass. */
 struct way {
     size_t ray;
     float share[3];
@@ -48,7 +48,7 @@ struct seeing {
     uint32_t side;
     struct kiln_view_rays *rays;
     float *const *planes;
-    /* below, NULL: rays end at what they see first */
+    /* for following rays through mirrors and glass; NULL: rays end at their first hit */
     struct kiln_gloss_lobes *lobes;
     struct kiln_view_rays *onward; /* where ways lead */
     struct way *ways;
@@ -62,14 +62,14 @@ static void put(float *const planes[], uint32_t plane, size_t pixel, float x, fl
     planes[plane + 2][pixel] += z;
 }
 
-/* The shading normal on the side that is met. */
+/* The shading normal on the side of the hit. */
 static struct kiln_vec3 normal_at(const struct kiln_view_source *s, const struct kiln_hit *hit)
 {
     const struct kiln_vec3 n = kiln_triangle_shading_normal(s->scene, s->geometry, hit->triangle, hit->u, hit->v);
     return hit->back ? vec3_scale(n, -1.0f) : n;
 }
 
-/* Adds what one ray of a pixel sees, which is `share` of it. */
+/* Adds the first hit of a ray, with weight `share` in the pixel. */
 static void add_hit(const struct seeing *v, const struct kiln_hit *hit, float share, size_t pixel)
 {
     const struct kiln_view_source *s = &v->params->source;
@@ -81,7 +81,7 @@ static void add_hit(const struct seeing *v, const struct kiln_hit *hit, float sh
         v->planes[KILN_SEEN_GLOSS][pixel] += share;
 }
 
-/* Adds what one ray of a pixel reaches, which is `share` of it. */
+/* Adds the last hit of a ray, with weight `share` in the pixel. */
 static void add_reached(const struct seeing *v, const struct reached *r, float share, size_t pixel)
 {
     const struct kiln_view_source *s = &v->params->source;
@@ -142,9 +142,9 @@ static void shade(const struct seeing *v, size_t first, size_t pixel)
     }
 }
 
-/* ---- what mirrors and glass show ---- */
+/* ---- surfaces seen through mirrors and glass ---- */
 
-/* Has way k, whose ray has met this, go on if it does: where to, and what of its light is left. */
+/* Continues way k from the hit of its ray, if the surface reflects or transmits: new ray, and share of light. */
 static void turn(const struct seeing *v, const struct kiln_hit *hit, float passed, size_t k)
 {
     struct way *way = &v->ways[k];
@@ -191,7 +191,7 @@ static void meet(const struct seeing *v, size_t k)
         v->reached[way->ray] = r;
 }
 
-/* Brings the ways that go on to the front, of the first `count`; returns how many. */
+/* Moves the ways that go on, among the first `count`, to the front. Returns their number. */
 static size_t gather(const struct seeing *v, size_t count)
 {
     size_t left = 0;
@@ -205,7 +205,7 @@ static size_t gather(const struct seeing *v, size_t count)
     return left;
 }
 
-/* Follows the first `count` rays to what they reach. */
+/* Follows the first `count` rays to their last hits. */
 static int follow(const struct seeing *v, size_t count, struct kiln_error *error)
 {
     int status = KILN_OK;

@@ -1,4 +1,4 @@
-/* GLSL to SPIR-V by libglslang: version 1.5, as Vulkan 1.2 takes it. Any function may be called by several threads. */
+/* Compiles GLSL to SPIR-V 1.5, for Vulkan 1.2, by libglslang. All functions are thread-safe. */
 #ifndef KILN_SHADERS_COMPILE_GLSL_H
 #define KILN_SHADERS_COMPILE_GLSL_H
 
@@ -27,8 +27,8 @@ class compiler
     compiler(const compiler &) = delete;
     compiler &operator=(const compiler &) = delete;
 
-    /* The kernel's text after preprocessing, without empty lines: two kernels with the same text and stage become the
-     * same words. Throws std::runtime_error with the compiler's messages. */
+    /* Returns the preprocessed text without empty lines. Two kernels with the same text and stage compile to the same
+     * words. Throws std::runtime_error with the compiler's messages. */
     std::string preprocess(const kernel &k);
     /* The words of SPIR-V, with names. Throws likewise. */
     std::vector<uint32_t> compile(const kernel &k);
@@ -37,11 +37,11 @@ class compiler
     std::string root;
 };
 
-/* The words without what only a reader of them needs: names, sources and lines. */
+/* Removes debug information: names, sources and lines. */
 std::vector<uint32_t> strip(const std::vector<uint32_t> &words);
 
-/* Bit i: the module asks for its specialisation constant i, and does not only declare it. A literal that happens to be
- * the same number counts too. */
+/* Finds the specialisation constants that the module uses: bit i is set if constant i is not only declared. A literal
+ * equal to its id also sets the bit. */
 uint32_t constants_asked(const std::vector<uint32_t> &words);
 
 } // namespace kiln

@@ -1,4 +1,4 @@
-/* Lamps that light paths leave towards targets, and the rays that they begin with (worker/light/aims.h). */
+/* Structs of aimed light paths: lamps, and the first rays from them towards targets (worker/light/aims.h). */
 #ifndef KILN_SHADERS_SHARED_AIMED_RAY_H
 #define KILN_SHADERS_SHARED_AIMED_RAY_H
 
@@ -13,27 +13,27 @@
 struct kiln_lamp {
     KILN_U32 kind;         /* KILN_LAMP_... */
     KILN_U32 first, count; /* area: the lights' emitting triangles; else `first` is the light's number of its kind */
-    kiln_real flux;        /* area: luminance of all that it sends, W */
+    kiln_real flux;        /* area: luminance of the emitted power, W */
 #ifndef KILN_GLSL
     uint32_t cell; /* environment: an image's cell of the sky */
     struct kiln_dvec3 centre;
 #endif
 };
 
-/* The ray that a path begins with. */
+/* First ray of a light path. */
 struct kiln_aimed_ray {
     KILN_VECTOR origin, direction; /* m from the scene's centre; unit */
-    KILN_REAL_RGB(flux);           /* W over the density, of one path of the aim */
-    kiln_real range;               /* m: of a lamp that has one (kiln_light_range); 0: none */
-    KILN_U32 light;                /* its number, as of worker/light/emission.h */
-    kiln_real3 place;              /* on the lamp; of lamps that are outside `origin` */
-    kiln_real cosine;              /* of the direction at the lamp; 1 where it has no surface */
-    bool has_place, is_point;      /* it begins in the scene, not outside; no ray meets it */
-    KILN_U32 triangle;             /* that was picked; KILN_NONE: it goes by sphere or box */
+    KILN_REAL_RGB(flux);           /* emitted light over the density of one path of the aim, W */
+    kiln_real range;               /* range of the lamp, m (kiln_light_range); 0: unlimited */
+    KILN_U32 light;                /* number of the light (worker/light/emission.h) */
+    kiln_real3 place;              /* on the lamp; equals `origin` for lamps outside the scene */
+    kiln_real cosine;              /* cosine of the direction at the lamp; 1 where it has no surface */
+    bool has_place, is_point;      /* the lamp is in the scene, not outside; no ray can hit the lamp */
+    KILN_U32 triangle;             /* the picked target triangle; KILN_NONE: aimed at sphere or box */
 };
 
-/* Random numbers in (0, 1) for such a ray: triangle of the lamp; side of it or of a box, or triangle of the target;
- * place; direction. */
+/* Random numbers in (0, 1) for an aimed ray. `triangle` picks the lamp's triangle; `side` its side, the side of a box,
+ * or the target's triangle; s and t give the place on the lamp; u and v the direction. */
 struct kiln_aim_numbers {
     kiln_real triangle, side, s, t, u, v;
 };

@@ -1,18 +1,19 @@
-/* Where light paths that land begin, and how densely: worker/light/aims.h says how rays are aimed.
+/* Sampling of the first rays of landing light paths, and their densities; worker/light/aims.h explains how rays are
+ * aimed.
  *
- * KILN_CONTEXT(kiln_aims, aims) has the arrays `lamps`, `until`, `lamp_of` and `first`. Before this header stand
- * shaders/shared/lights.h and, as each language has them (worker/light/aims.c, shaders/aims.glsl):
+ * KILN_CONTEXT(kiln_aims, aims) has the arrays `lamps`, `until`, `lamp_of` and `first`. The including file must define
+ * before, for its language (worker/light/aims.c, shaders/aims.glsl), shaders/shared/lights.h and:
  *
  *   KILN_AIM_COUNT(aims), KILN_AIM_LAMP(aims, aim), KILN_AIM_TARGET(aims, aim), KILN_AIM_AT(aims, lamp, target)
- *   KILN_AIM_EVEN(aims, aim)                 how many of an aim's paths go evenly over triangles
+ *   KILN_AIM_EVEN(aims, aim)                 number of an aim's paths that are uniform over triangles
  *   KILN_TARGET(aims, index), KILN_TARGET_OF(aims, triangle), KILN_TARGET_PICK(aims, target, pick)
  *   struct kiln_box_seen, with `omega`, kiln_target_see_box and kiln_box_direction (worker/light/targets.h)
  *   KILN_AIM_CENTRE(aims), KILN_AIM_RADIUS(aims)        of a sphere about the scene
  *   KILN_AIM_LAMP_NUMBER(aims, light, direction)        the lamp that a light is a part of
  *   KILN_AIM_SUNS(aims), KILN_AIM_SKY(aims)             the numbers of the first directional light, of the environment
- *   kiln_aim_sky_sample, KILN_AIM_PER_CELL(aims, lamp, density)   an image's cells of the sky
- *   KILN_AIM_NORMAL(aims, triangle), kiln_aim_corner, kiln_aim_place   of world triangles: the normal, corner 0, a
- * place KILN_AIM_OFFSET(aims, triangle, normal)             m, before a surface, where rays begin
+ *   kiln_aim_sky_sample, KILN_AIM_PER_CELL(aims, lamp, density)   sampling of the cells of a sky image
+ *   KILN_AIM_NORMAL(aims, triangle), kiln_aim_corner, kiln_aim_place   normal, corner 0, a point of a world triangle
+ *   KILN_AIM_OFFSET(aims, triangle, normal)             offset of ray origins from a surface, m
  *   KILN_AREA_LUMINANCE(light) */
 #ifndef KILN_SHADERS_SHARED_AIMS_H
 #define KILN_SHADERS_SHARED_AIMS_H
@@ -21,15 +22,15 @@
 #include "shaders/shared/lights.h"
 #include "shaders/shared/targets.h"
 
-/* The cone is so wide that directions are drawn by the cosine; and sr, of a box that is better than that cone, for an
- * emitting triangle. */
+/* For emitting triangles: whether a cone is so wide that directions are drawn by the cosine instead; and the largest
+ * solid angle, sr, at which a box is sampled rather than the cone. */
 KILN_FUNCTION bool kiln_cone_is_wide(kiln_real height) { return height > KILN_RATIO(1, 2); }
 KILN_FUNCTION kiln_real kiln_box_most(kiln_real height)
 {
     return 2 * KILN_REAL_PI * (kiln_cone_is_wide(height) ? KILN_RATIO(1, 2) : height);
 }
 
-/* The cone that a point or spot sends to: 1 less the cosine of half its angle, and its axis. */
+/* Cone of directions that are sampled at a point or spot light: 1 - cosine of its half-angle, and its axis. */
 KILN_FUNCTION kiln_real kiln_point_cone(KILN_IN(KILN_STRUCT kiln_point_light) light,
                                         KILN_IN(KILN_STRUCT kiln_target) target, KILN_OUT(kiln_real3) axis)
 {
@@ -45,18 +46,18 @@ KILN_FUNCTION kiln_real kiln_area_sides(KILN_IN(KILN_STRUCT kiln_area_light) lig
     return kiln_real_of(KILN_AT(light).two_sided ? 2 : 1);
 }
 
-/* W, as luminance. */
+/* Luminance of the power of an area light, W. */
 KILN_FUNCTION kiln_real kiln_area_flux(KILN_IN(KILN_STRUCT kiln_area_light) light)
 {
     return KILN_REAL_PI * KILN_AT(light).area * kiln_area_sides(light) * KILN_AREA_LUMINANCE(light);
 }
 
-/* Per m2, of places on an emitting triangle that is chosen by its flux among those of its lamp. */
+/* Density per m2 of points on an emitting triangle, if triangles of the lamp are chosen by flux. */
 KILN_FUNCTION kiln_real kiln_area_chance(KILN_IN(KILN_STRUCT kiln_area_light) light, kiln_real lamp_flux)
 {
     return kiln_area_flux(light) / lamp_flux / KILN_AT(light).area;
 }
-/* 1 over it; rounded otherwise in GLSL, which has the chance. */
+/* 1 / kiln_area_chance, in m2. GLSL rounds differently, since it divides by the chance. */
 KILN_FUNCTION kiln_real kiln_area_spread(KILN_IN(KILN_STRUCT kiln_area_light) light, kiln_real lamp_flux)
 {
 #ifdef KILN_GLSL
@@ -72,9 +73,9 @@ KILN_FUNCTION void kiln_aimed_set_flux(KILN_INOUT(KILN_STRUCT kiln_aimed_ray) ra
         KILN_AT(ray).flux[c] = kiln_real_of(light[c]) * factor;
 }
 
-/* ---- rays by sphere or box ---- */
+/* ---- rays aimed at a target's sphere or box ---- */
 
-/* From outside the scene, through a place at the target. */
+/* Sets a ray that starts outside the scene and goes through a point at the target. */
 KILN_FUNCTION void kiln_aim_outside(KILN_CONTEXT(kiln_aims, aims) KILN_IN(KILN_STRUCT kiln_target) target,
                                     kiln_real3 back, kiln_real3 through, KILN_INOUT(KILN_STRUCT kiln_aimed_ray) ray)
 {
@@ -108,7 +109,8 @@ KILN_FUNCTION void kiln_aim_point(KILN_IN(KILN_STRUCT kiln_point_light) light, K
                         (by_box ? box.omega : 2 * KILN_REAL_PI * used) * kiln_punctual_profile(light, direction));
 }
 
-/* The emitting triangle of a lamp that `pick` falls to: the first whose share ends above it, else the last. */
+/* Picks an emitting triangle of a lamp by inverting the CDF `until`: the first triangle whose value is above `pick`,
+ * else the last. */
 KILN_FUNCTION KILN_U32 kiln_aim_area_of(KILN_CONTEXT(kiln_aims, aims) KILN_IN(KILN_STRUCT kiln_lamp) lamp,
                                         kiln_real pick)
 {
@@ -123,7 +125,8 @@ KILN_FUNCTION KILN_U32 kiln_aim_area_of(KILN_CONTEXT(kiln_aims, aims) KILN_IN(KI
     return low;
 }
 
-/* The ray leaves an emitting triangle at the place `on` from its corner 0, and has `factor` of its radiance. */
+/* Sets a ray that leaves an emitting triangle at the point `on`, relative to its corner 0. Its flux is `factor` times
+ * the radiance there. */
 KILN_FUNCTION bool kiln_aim_leave(KILN_CONTEXT(kiln_aims, aims) KILN_U32 index, kiln_real3 on, kiln_real side,
                                   kiln_real3 direction, kiln_real factor, KILN_INOUT(KILN_STRUCT kiln_aimed_ray) ray)
 {
@@ -159,7 +162,7 @@ KILN_FUNCTION bool kiln_aim_area(KILN_CONTEXT(kiln_aims, aims) KILN_IN(KILN_STRU
     const kiln_real height = kiln_cone_height(target, at);
     KILN_STRUCT kiln_box_seen box;
     const bool by_box = kiln_target_see_box(target, at, kiln_box_most(height), KILN_TO(box));
-    /* area over the chance of the triangle; what the direction's density adds */
+    /* factor: area / probability of the triangle, later also 1 / density of the direction */
     kiln_real factor = kiln_area_spread(light, KILN_AT(lamp).flux), side = 1;
     kiln_real3 direction;
     if (!by_box && kiln_cone_is_wide(height)) {
@@ -178,8 +181,8 @@ KILN_FUNCTION bool kiln_aim_area(KILN_CONTEXT(kiln_aims, aims) KILN_IN(KILN_STRU
     return kiln_aim_leave(KILN_PASS(aims) index, on, side, direction, factor, ray);
 }
 
-/* Towards what a directional light or the environment sends its light, `rgb`, from; returns the density of that
- * direction. */
+/* Samples the direction `back` towards a directional light or the environment, and its light `rgb`. Returns the density
+ * of the direction. */
 KILN_FUNCTION kiln_real kiln_aim_from_outside(KILN_CONTEXT(kiln_aims, aims) KILN_IN(KILN_STRUCT kiln_lamp) lamp,
                                               KILN_STRUCT kiln_aim_numbers n, KILN_OUT(kiln_real3) back,
                                               KILN_RGB_OUT(rgb), KILN_INOUT(KILN_STRUCT kiln_aimed_ray) ray)
@@ -218,9 +221,9 @@ KILN_FUNCTION bool kiln_aim_by_outline(KILN_CONTEXT(kiln_aims, aims) KILN_IN(KIL
     return density > 0;
 }
 
-/* ---- rays that go evenly over the target's triangles ---- */
+/* ---- rays uniform over the target's triangles ---- */
 
-/* The density of those that go to one: per m2 across the direction, or per steradian from a place. */
+/* Density of uniform rays to a triangle: per m2 perpendicular to a fixed direction; or per steradian from a point. */
 KILN_FUNCTION kiln_real kiln_even_across(KILN_CONTEXT(kiln_aims, aims) KILN_U32 triangle, kiln_real area,
                                          kiln_real3 direction)
 {
@@ -239,7 +242,8 @@ KILN_FUNCTION kiln_real kiln_even_from(KILN_CONTEXT(kiln_aims, aims) KILN_U32 tr
     return far * far / (area * real_abs(cosine));
 }
 
-/* The same by the lamp, with the density of the place on an emitting triangle, or of the sky's direction. */
+/* Density of uniform rays to a triangle for any lamp, including the density of the point on an emitting triangle, or of
+ * the direction of the sky. */
 KILN_FUNCTION kiln_real kiln_even_density(KILN_CONTEXT(kiln_aims, aims) KILN_IN(KILN_STRUCT kiln_lamp) lamp,
                                           KILN_U32 light, KILN_U32 triangle, kiln_real3 place, kiln_real3 direction)
 {
@@ -259,8 +263,8 @@ KILN_FUNCTION kiln_real kiln_even_density(KILN_CONTEXT(kiln_aims, aims) KILN_IN(
     return KILN_AIM_PER_CELL(aims, lamp, density) * across;
 }
 
-/* From an emitting triangle of the lamp to the place `to` on the ray's triangle, which was drawn evenly; likewise from
- * outside. */
+/* Sets a ray from an emitting triangle of the lamp to `to`, a uniform point on the picked target triangle. The next
+ * function does so for lamps outside the scene. */
 KILN_FUNCTION bool kiln_aim_area_evenly(KILN_CONTEXT(kiln_aims, aims) KILN_IN(KILN_STRUCT kiln_lamp) lamp,
                                         KILN_STRUCT kiln_aim_numbers n, kiln_real3 to,
                                         KILN_INOUT(KILN_STRUCT kiln_aimed_ray) ray)
@@ -305,7 +309,7 @@ KILN_FUNCTION bool kiln_aim_evenly(KILN_CONTEXT(kiln_aims, aims) KILN_IN(KILN_ST
     return kiln_aim_outside_evenly(KILN_PASS(aims) lamp, target, n, to, ray);
 }
 
-/* ---- both ---- */
+/* ---- rays of both kinds ---- */
 
 /* The number of the first light of a lamp. */
 KILN_FUNCTION KILN_U32 kiln_aim_light_of(KILN_CONTEXT(kiln_aims, aims) KILN_IN(KILN_STRUCT kiln_lamp) lamp)
@@ -319,7 +323,7 @@ KILN_FUNCTION KILN_U32 kiln_aim_light_of(KILN_CONTEXT(kiln_aims, aims) KILN_IN(K
     return before + KILN_AT(lamp).first;
 }
 
-/* Draws the ray of path number k of an aim. False: it brings nothing. */
+/* Draws the first ray of path number k of an aim. False: the path carries no light. */
 KILN_FUNCTION bool kiln_aim_draw(KILN_CONTEXT(kiln_aims, aims) KILN_U32 aim, KILN_U64 k, KILN_STRUCT kiln_aim_numbers n,
                                  KILN_INOUT(KILN_STRUCT kiln_aimed_ray) ray)
 {
@@ -335,7 +339,7 @@ KILN_FUNCTION bool kiln_aim_draw(KILN_CONTEXT(kiln_aims, aims) KILN_U32 aim, KIL
                                         : kiln_aim_by_outline(KILN_PASS(aims) lamp, target, n, ray);
 }
 
-/* The aim of a path of an iteration. */
+/* Finds the aim of a path, given its number in the iteration. */
 KILN_FUNCTION KILN_U32 kiln_aim_find(KILN_CONTEXT(kiln_aims, aims) KILN_U64 path)
 {
     KILN_U32 low = 0u, high = KILN_AIM_COUNT(aims); /* first[low] <= path < first[high] */
@@ -385,7 +389,7 @@ KILN_FUNCTION kiln_real kiln_aim_point_density(KILN_IN(KILN_STRUCT kiln_point_li
     return kiln_cone_density(axis, height, direction);
 }
 
-/* Returns the density, at a ray, of so many paths whose rays go by sphere or box. */
+/* Returns `paths` times the density of a ray aimed at the target's sphere or box. */
 KILN_FUNCTION kiln_real kiln_outline_density(KILN_CONTEXT(kiln_aims, aims) KILN_IN(KILN_STRUCT kiln_lamp) lamp,
                                              KILN_U32 light, KILN_IN(KILN_STRUCT kiln_target) target, kiln_real paths,
                                              kiln_real3 place, kiln_real3 direction)
@@ -404,7 +408,8 @@ KILN_FUNCTION kiln_real kiln_outline_density(KILN_CONTEXT(kiln_aims, aims) KILN_
     return KILN_AIM_PER_CELL(aims, lamp, density) / kiln_target_outline(target, back);
 }
 
-/* Returns the factor for the flux of an aim's ray that has met this world triangle first. 0: it does not count. */
+/* Returns the balance-heuristic weight for the flux of an aim's ray that has first hit this world triangle. 0: the path
+ * is dropped, since it has missed its target or its picked triangle. */
 KILN_FUNCTION kiln_real kiln_aim_met(KILN_CONTEXT(kiln_aims, aims) KILN_U32 aim,
                                      KILN_IN(KILN_STRUCT kiln_aimed_ray) ray, KILN_U32 triangle)
 {
@@ -423,8 +428,8 @@ KILN_FUNCTION kiln_real kiln_aim_met(KILN_CONTEXT(kiln_aims, aims) KILN_U32 aim,
     return own > 0 ? all * own / (by_outline + by_triangle) : kiln_real_of(0);
 }
 
-/* How densely an iteration's paths that are aimed from the lamp of `light` at the target of a world triangle, and count
- * there, begin by this ray (kiln_aims_density). */
+/* Density of an iteration's accepted paths at this ray, from the lamp of `light` to the target of a world triangle
+ * (kiln_aims_density). */
 KILN_FUNCTION kiln_real kiln_aim_density(KILN_CONTEXT(kiln_aims, aims) KILN_U32 light, KILN_U32 triangle,
                                          kiln_real3 place, kiln_real3 direction)
 {

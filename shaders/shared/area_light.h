@@ -1,21 +1,23 @@
-/* Emissive triangles: where samples lie on them, and where their shadow rays end. */
+/* Sampling of emissive triangles: sample points on them, and the ends of shadow rays. */
 #ifndef KILN_SHADERS_SHARED_AREA_LIGHT_H
 #define KILN_SHADERS_SHARED_AREA_LIGHT_H
 
 #include "shaders/shared/spherical_triangle.h"
 
-/* A lone area light is sampled for all places of a point alike (worker/light/area_light_sampler.h) where the point's
- * spread over its height above the light's plane is at most the first, and no two corners of the light are as far apart
- * as this cosine: beyond it floats lose the sum of the corners' directions. */
+/* Limits for sampling a lone area light with one distribution for all places of a surface point
+ * (worker/light/area_light_sampler.h). The first bounds the point's spread / its height above the light's plane. The
+ * second bounds the cosine between the directions to two corners of the light from below: with nearly opposite corners,
+ * floats lose the sum of the directions. */
 #define KILN_TARGET_SPREAD_MOST KILN_RATIO(1, 8)
 #define KILN_TARGET_OPPOSITE KILN_RATIO(-99, 100)
 
-/* In the light's own plane, as far as floats tell, nothing of it is seen: a lamp laid flush on a ceiling does not light
- * it. Heights count from this many times the rounding of the light's corners on. */
+/* Smallest height of a point above the light's plane, as a multiple of the rounding of the light's corners. Below it
+ * the point counts as in the plane and sees nothing of the light: a lamp flush with a ceiling does not light it. */
 #define KILN_AREA_LIGHT_HEIGHT 1
 #define KILN_TARGET_HEIGHT 4
 
-/* Whether the rule above holds; `height` of the point's centre over the light's front, m. */
+/* Tests of the two limits KILN_TARGET_SPREAD_MOST and KILN_TARGET_OPPOSITE. `height`: of the point's centre above the
+ * light's front, m. */
 KILN_FUNCTION bool kiln_target_is_near(kiln_real height, kiln_real rounding, kiln_real spread)
 {
     return height > KILN_TARGET_HEIGHT * rounding && spread <= KILN_TARGET_SPREAD_MOST * height;
@@ -25,15 +27,15 @@ KILN_FUNCTION bool kiln_target_is_apart(KILN_STRUCT kiln_spherical_triangle t)
     return real_min(real_min(real3_dot(t.a, t.b), real3_dot(t.b, t.c)), real3_dot(t.c, t.a)) > KILN_TARGET_OPPOSITE;
 }
 
-/* From corner 0 to a place on the triangle of edges e1 and e2, even in area. */
+/* Samples a point on the triangle of edges e1 and e2 uniformly in area; returns it relative to corner 0. */
 KILN_FUNCTION kiln_real3 kiln_triangle_place(kiln_real3 e1, kiln_real3 e2, kiln_real u, kiln_real v)
 {
     const kiln_real root = real_sqrt(u);
     return real3_add(real3_scale(e1, root * (1 - v)), real3_scale(e2, root * v));
 }
 
-/* Barycentric weights of corners 1 and 2 of the place `on` from corner 0 in the triangle's plane (Cramer's rule), held
- * within the triangle. */
+/* Computes the barycentric weights of corners 1 and 2 for the point `on`, relative to corner 0, in the triangle's plane
+ * (Cramer's rule). They are clamped to the triangle. */
 KILN_FUNCTION void kiln_triangle_weights(kiln_real3 e1, kiln_real3 e2, kiln_real3 on, KILN_OUT(kiln_real) b1,
                                          KILN_OUT(kiln_real) b2)
 {
@@ -43,9 +45,9 @@ KILN_FUNCTION void kiln_triangle_weights(kiln_real3 e1, kiln_real3 e2, kiln_real
     KILN_AT(b2) = real_clamp((y * e11 - x * e12) / below, kiln_real_of(0), 1 - KILN_AT(b1));
 }
 
-/* Parts of an emitting triangle (worker/light/lamp_parts.h): the way to the part that a place is in, the first step in
- * the highest bit. A triangle (v0, v1, v2) has the halves (m, v0, v1) and (m, v2, v0), with m the middle of the edge
- * from v1 to v2. `turn`: v0 is the triangle's corner of that number. */
+/* Parts of an emitting triangle (worker/light/lamp_parts.h), by repeated bisection. Returns the bit path to the part
+ * that contains a point, first step in the highest bit. A triangle (v0, v1, v2) has the halves (m, v0, v1) and (m, v2,
+ * v0), with m the midpoint of the edge from v1 to v2. `turn`: the number of the corner that is v0 at first. */
 #define KILN_PART_DEPTH 32u
 KILN_FUNCTION KILN_U32 kiln_part_path(kiln_real b1, kiln_real b2, KILN_U32 turn)
 {
@@ -71,14 +73,14 @@ KILN_FUNCTION KILN_U32 kiln_part_path(kiln_real b1, kiln_real b2, KILN_U32 turn)
     return path;
 }
 
-/* How much before a light at `distance` a shadow ray ends, m: the light's corners are floats, off by `rounding`, and
- * the ray meets the light at this cosine. */
+/* Distance before a light at which a shadow ray ends, m. The light's corners are floats with an error of `rounding`;
+ * `distance` is that of the light and `cosine` that of the ray at the light. */
 KILN_FUNCTION kiln_real kiln_light_backoff(kiln_real rounding, kiln_real distance, kiln_real cosine)
 {
     return real_min(distance / 2, rounding / real_max(KILN_RATIO(1, 1000000), cosine));
 }
 
-/* Part of its length that a shadow ray goes: what lies at its end is not in its way. 1 - 2^-20. */
+/* Fraction of its length that a shadow ray is traced, so that the surface at its end does not block it: 1 - 2^-20. */
 #define KILN_SHADOW_LENGTH KILN_RATIO(1048575, 1048576)
 
 #endif

@@ -1,5 +1,5 @@
-/* A lone area light as all places of one surface point see it: what its samples have in common, and the rest
- * (worker/light/area_light_sampler.h says why and when). */
+/* Sampler of a lone area light for all places of one surface point: a common view of the light from the point's centre,
+ * and the samples (worker/light/area_light_sampler.h says why and when). */
 #ifndef KILN_SHADERS_SHARED_AREA_SAMPLER_H
 #define KILN_SHADERS_SHARED_AREA_SAMPLER_H
 
@@ -8,13 +8,13 @@
 
 struct kiln_area_view {
     KILN_STRUCT kiln_spherical_triangle seen; /* the light, from the centre */
-    bool spherical;                           /* by solid angle, else by area */
-    kiln_real3 towards; /* unit, normal to the light's plane, on the centre's side pointing at it */
+    bool spherical;                           /* sampled by solid angle, else by area */
+    kiln_real3 towards; /* unit normal of the light's plane, pointing from the centre towards it */
     kiln_real height;   /* m: of the centre above that plane */
     kiln_real3 to0;     /* m: from the centre to the light's corner 0 */
 };
 
-/* Whether the light may be sampled so from points within `spread` metres of the centre, as far as its height tells. */
+/* Tests, by the height alone, whether the sampler may be used for places within `spread` metres of the centre. */
 KILN_FUNCTION bool kiln_area_is_near(KILN_IN(KILN_STRUCT kiln_area_light) light, kiln_stored3 centre, kiln_real spread)
 {
     const kiln_stored side = stored3_dot(stored3_sub(centre, KILN_AT(light).p0), KILN_AT(light).normal);
@@ -36,8 +36,8 @@ KILN_FUNCTION KILN_STRUCT kiln_area_view kiln_area_view_of(KILN_IN(KILN_STRUCT k
     return v;
 }
 
-/* From the centre along a direction, unit, to the light's plane; `area`: m2, 1 over the density of that place on the
- * light where directions are even in solid angle. */
+/* Intersects a unit direction from the centre with the light's plane; returns the point relative to the centre. `area`
+ * receives 1 / density of the point on the light, m2, for directions uniform in solid angle. */
 KILN_FUNCTION kiln_real3 kiln_area_place(KILN_IN(KILN_STRUCT kiln_area_view) v, kiln_real3 direction,
                                          KILN_OUT(kiln_real) area)
 {
@@ -46,8 +46,9 @@ KILN_FUNCTION kiln_real3 kiln_area_place(KILN_IN(KILN_STRUCT kiln_area_view) v, 
     return real3_scale(direction, far);
 }
 
-/* A sample `on` the light, from the centre, as the place `from` the centre sees it, which is `to` from there; `cosine`:
- * at the light. Returns sr, 1 over the density of its direction. */
+/* Converts a sample `on` the light to a place of the surface point; `on` and the place `from` are relative to the
+ * centre. Gives the vector `to` from the place to the sample, its length, and the cosine at the light. Returns 1 /
+ * density of its direction, sr. */
 KILN_FUNCTION kiln_real kiln_area_see(KILN_IN(KILN_STRUCT kiln_area_view) v, kiln_real3 on, kiln_real3 from,
                                       kiln_real area, KILN_OUT(kiln_real3) to, KILN_OUT(kiln_real) distance,
                                       KILN_OUT(kiln_real) cosine)

@@ -1,4 +1,4 @@
-/* The bidirectional pass (worker/pass/bidirectional.h): what both backends share of it beside the weights. */
+/* Code of the bidirectional pass (worker/pass/bidirectional.h) common to both backends, except for the weights. */
 #ifndef KILN_SHADERS_SHARED_BIDIRECTIONAL_H
 #define KILN_SHADERS_SHARED_BIDIRECTIONAL_H
 
@@ -6,21 +6,24 @@
 #include "shaders/shared/path.h"
 #include "shaders/shared/random.h"
 
-/* With the seed's upper half, in place of it: paths of light draw other numbers than the camera's. */
+/* Combined with the upper half of the seed, so that light paths draw other random numbers than camera paths. */
 #define KILN_LIGHT_PATH_SEED 0x6c696774u
 
-/* The same of the paths from surface points (worker/pass/reference.h), whose own numbers hang on it too. */
+/* Seed constant for light paths of the reference pass (worker/pass/reference.h), whose paths from surface points also
+ * depend on the upper half of the seed. */
 #define KILN_REFERENCE_LIGHT_SEED 0x6c697266u
 
-/* The numbers of a path's first ray have the uses of a surface that no path has: which light; the place; the direction.
- */
+/* Use of the random numbers for a light path's first ray, that of a surface no path reaches. The numbers choose the
+ * light, the place and the direction. */
 #define KILN_EMISSION_USE 0x40000000u
 
-/* Paths of light sample no lights: these numbers of a surface choose the place on the lens that it is connected to. */
+/* Use of the random numbers for the lens point to which a surface is connected. Light paths do not sample lights, so
+ * they have these numbers free. */
 #define KILN_LENS_USE KILN_PATH_LIGHT
 
-/* Returns the density of the camera's rays, per m2, at a place with this cosine. `towards`: unit, from the place to the
- * camera, at a distance in m; `pixel`: m2, at 1 m before the camera, or of an orthographic one anywhere. */
+/* Returns the density of the camera's rays, per m2 of a surface at a place with this cosine. `towards`: unit direction
+ * from the place to the camera; `distance`: m; `pixel`: area of a pixel at 1 m before the camera, or of an orthographic
+ * camera at any distance, m2. */
 KILN_FUNCTION kiln_real kiln_camera_density(bool orthographic, KILN_VECTOR towards, KILN_VECTOR forward,
                                             kiln_real distance, kiln_real cosine, kiln_real pixel)
 {
@@ -30,8 +33,9 @@ KILN_FUNCTION kiln_real kiln_camera_density(bool orthographic, KILN_VECTOR towar
     return cosine / (pixel * ahead * ahead * ahead * distance * distance);
 }
 
-/* Cells of photons are as wide as twice the radius of merging: a coordinate of the cell of a place, m, shifted by a
- * share of a cell; and the bucket that a cell falls into, of one more than `mask`. */
+/* Hash grid of photons, with cells twice as wide as the merging radius. kiln_photon_cell gives one coordinate of the
+ * cell of a place (m), shifted by a fraction of a cell. kiln_photon_bucket gives the bucket of a cell, of `mask` + 1
+ * buckets. */
 #ifdef KILN_GLSL
 #    define KILN_CELL int
 #    define KILN_TO_CELL(x) int(x)

@@ -1,8 +1,8 @@
-/* How the techniques of bidirectional paths weigh against each other: the balance heuristic (Veach, "Robust Monte Carlo
- * Methods for Light Transport Simulation", 1997, section 9.2), by the recursion of vertex connection and merging
+/* Weights of the techniques of bidirectional path tracing: the balance heuristic (Veach, "Robust Monte Carlo Methods
+ * for Light Transport Simulation", 1997, section 9.2), by the recursion of vertex connection and merging
  * (Georgiev, Krivanek, Davidovic and Slusallek, "Light Transport Simulation with Vertex Connection and Merging",
  * SIGGRAPH Asia 2012; Georgiev, "Implementing Vertex Connection and Merging", technical report, 2012, equations 31 to
- * 38). A path that has s vertices of a light's subpath and t of an eye's can be found
+ * 38). A path with s vertices of a light subpath and t of an eye subpath can be found by these techniques:
  *
  *     s = 0              the eye's subpath meets the emitter;
  *     s = 1              a sample of the lights is connected to the eye's subpath;
@@ -11,9 +11,9 @@
  *     merged             a vertex of light lies within the radius of the eye's vertex: for each inner vertex.
  *
  * Each subpath carries three sums, from which the weight of each technique follows at once. Densities are those with
- * which subpaths are drawn, per steradian where they say `density`; chances of going on (roulette) and of surfaces that
- * let light through are no part of them: for one path they are the same numbers in all its weights, whose sum is 1
- * whatever they are. Pure functions. */
+ * which subpaths are sampled, per steradian where named `density`. They exclude the probabilities of Russian roulette
+ * and of passing through transparent surfaces: these would be the same in all weights of a path, which sum to 1 without
+ * them, too. Pure functions. */
 #ifndef KILN_SHADERS_SHARED_BIDIRECTIONAL_WEIGHTS_H
 #define KILN_SHADERS_SHARED_BIDIRECTIONAL_WEIGHTS_H
 
@@ -24,14 +24,14 @@ struct kiln_path_sums {
     kiln_real vcm, vc, vm;
 };
 
-/* Which techniques there are: m2, pi times the squared radius times the light subpaths that may be merged with; and one
- * over it. Both 0: no merging. (Merging alone needs no weights.) */
+/* Factors of merging: `merges` is pi x radius^2 x number of light subpaths for merging, m2; `connections` is 1 /
+ * merges. Both 0: no merging. (Merging alone needs no weights.) */
 struct kiln_path_techniques {
     kiln_real merges, connections;
 };
 
-/* A subpath of light leaves its light: `connect` and `emission` are densities of kiln_emission_connect and
- * kiln_emission_density, `cosine` that at the light; `is_point`: the eye's subpath cannot meet it. */
+/* Starts the sums of a light subpath. `connect` and `emission` are the densities of kiln_emission_connect and
+ * kiln_emission_density, `cosine` that at the light; `is_point`: no eye subpath can hit the light. */
 KILN_FUNCTION KILN_STRUCT kiln_path_sums kiln_path_begin_light(KILN_IN(KILN_STRUCT kiln_path_techniques) t,
                                                                kiln_real connect, kiln_real emission, kiln_real cosine,
                                                                bool is_point)
@@ -44,8 +44,8 @@ KILN_FUNCTION KILN_STRUCT kiln_path_sums kiln_path_begin_light(KILN_IN(KILN_STRU
     return s;
 }
 
-/* A subpath arrives at a surface. `squared`: m2, of the distance; 1 from the environment and directional lights.
- * `cosine`: of the geometric normal there. */
+/* Updates the sums when a subpath arrives at a surface. `squared`: squared distance, m2; 1 from the environment and
+ * directional lights. `cosine`: at the surface, with the geometric normal. */
 KILN_FUNCTION void kiln_path_arrive(KILN_INOUT(KILN_STRUCT kiln_path_sums) s, kiln_real squared, kiln_real cosine)
 {
     KILN_AT(s).vcm *= squared / cosine;
@@ -53,8 +53,8 @@ KILN_FUNCTION void kiln_path_arrive(KILN_INOUT(KILN_STRUCT kiln_path_sums) s, ki
     KILN_AT(s).vm /= cosine;
 }
 
-/* The subpath leaves the surface. `forward`, `backward`: densities of the way on, and of the way back from there;
- * `cosine`: of the way on. */
+/* Updates the sums when the subpath leaves the surface. `forward`: density of the new direction; `backward`: density of
+ * the reverse scattering; `cosine`: of the new direction. */
 KILN_FUNCTION void kiln_path_leave(KILN_IN(KILN_STRUCT kiln_path_techniques) t,
                                    KILN_INOUT(KILN_STRUCT kiln_path_sums) s, kiln_real cosine, kiln_real forward,
                                    kiln_real backward, bool delta)
@@ -71,16 +71,16 @@ KILN_FUNCTION void kiln_path_leave(KILN_IN(KILN_STRUCT kiln_path_techniques) t,
     KILN_AT(s).vcm = 1 / forward;
 }
 
-/* s = 0, of an eye's subpath with at least one surface before the emitter, or before it leaves the scene. */
+/* Weight for s = 0: an eye subpath that hits the emitter or leaves the scene after at least one surface. */
 KILN_FUNCTION kiln_real kiln_path_weight_met(KILN_IN(KILN_STRUCT kiln_path_sums) eye, kiln_real connect,
                                              kiln_real emission)
 {
     return 1 / (1 + connect * KILN_AT(eye).vcm + emission * KILN_AT(eye).vc);
 }
 
-/* s = 1. `towards`: the cosine at the eye's vertex over the squared distance, without the latter from outside. `hit`:
- * density with which the eye's subpath meets the sample, in the measure of `connect`; 0 of points. `backward`: density
- * with which a subpath of light goes on the way that the eye's has come. */
+/* Weight for s = 1. `towards`: the cosine at the eye's vertex / squared distance; for light from outside the scene the
+ * cosine alone. `hit`: density with which the eye subpath hits the sample, in the measure of `connect`; 0 for point
+ * lights. `backward`: density with which a light subpath continues along the eye subpath, in reverse. */
 KILN_FUNCTION kiln_real kiln_path_weight_sampled(KILN_IN(KILN_STRUCT kiln_path_techniques) t,
                                                  KILN_IN(KILN_STRUCT kiln_path_sums) eye, kiln_real connect,
                                                  kiln_real emission, kiln_real towards, kiln_real hit,
@@ -90,8 +90,8 @@ KILN_FUNCTION kiln_real kiln_path_weight_sampled(KILN_IN(KILN_STRUCT kiln_path_t
                 emission / connect * towards * (KILN_AT(t).merges + KILN_AT(eye).vcm + KILN_AT(eye).vc * backward));
 }
 
-/* t = 1. `camera`: density per m2 of the camera's rays at the vertex, over the number of subpaths of light. `backward`:
- * density with which an eye's subpath goes on the way that light has come. */
+/* Weight for t = 1. `camera`: density per m2 of the camera's rays at the vertex / number of light subpaths. `backward`:
+ * density with which an eye subpath continues along the light subpath, in reverse. */
 KILN_FUNCTION kiln_real kiln_path_weight_seen(KILN_IN(KILN_STRUCT kiln_path_techniques) t,
                                               KILN_IN(KILN_STRUCT kiln_path_sums) light, kiln_real camera,
                                               kiln_real backward)
@@ -99,8 +99,9 @@ KILN_FUNCTION kiln_real kiln_path_weight_seen(KILN_IN(KILN_STRUCT kiln_path_tech
     return 1 / (1 + camera * (KILN_AT(t).merges + KILN_AT(light).vcm + KILN_AT(light).vc * backward));
 }
 
-/* Two vertices connected: densities per m2 with which the eye's subpath finds the light's vertex and the other way
- * round, and those of going on the ways that the other subpath has come. */
+/* Weight for two connected vertices. `finds_light`, `finds_eye`: densities per m2 with which the eye subpath samples
+ * the light vertex, and vice versa. `light_backward`, `eye_backward`: densities of then continuing along the light, or
+ * the eye subpath, in reverse. */
 KILN_FUNCTION kiln_real kiln_path_weight_connected(KILN_IN(KILN_STRUCT kiln_path_techniques) t,
                                                    KILN_IN(KILN_STRUCT kiln_path_sums) eye,
                                                    KILN_IN(KILN_STRUCT kiln_path_sums) light, kiln_real finds_light,
@@ -111,8 +112,8 @@ KILN_FUNCTION kiln_real kiln_path_weight_connected(KILN_IN(KILN_STRUCT kiln_path
                 finds_eye * (KILN_AT(t).merges + KILN_AT(eye).vcm + KILN_AT(eye).vc * eye_backward));
 }
 
-/* Merged at the eye's vertex: densities of the way that light has come, by the eye's subpath, and of the way that the
- * eye's has come, by light. */
+/* Weight for merging at the eye's vertex. `light_backward`: density with which the eye subpath continues along the
+ * light subpath, in reverse; `eye_backward`: the same with the subpaths exchanged. */
 KILN_FUNCTION kiln_real kiln_path_weight_merged(KILN_IN(KILN_STRUCT kiln_path_techniques) t,
                                                 KILN_IN(KILN_STRUCT kiln_path_sums) eye,
                                                 KILN_IN(KILN_STRUCT kiln_path_sums) light, kiln_real light_backward,

@@ -1,16 +1,17 @@
-/* The scattering functions of whole materials, in float, the same in C and GLSL: f(o, i), how it is sampled, densities
- * both ways, albedos.
+/* Scattering functions (BSDF) of whole materials, in float, the same in C and GLSL: values f(o, i), sampling, forward
+ * and reverse densities, albedos.
  *
  * Directions are unit, point away from the surface, and are given in the frame whose z is the shading normal of the
  * front and whose x is the tangent of anisotropy; z < 0 lies behind the face. o is where a path came from, i where it
  * goes on. Along paths from the eye (KILN_RADIANCE) light arrives from i and leaves to o; along paths from lights
  * (KILN_IMPORTANCE) it arrives from o and leaves to i. The two differ by the square of the indices where light is
  * refracted: f(o, i) of one is f(i, o) of the other (Veach, "Robust Monte Carlo Methods for Light Transport
- * Simulation", 1997, section 5.2). kiln_shading_correction is the rest, for normals that are not the geometric ones.
+ * Simulation", 1997, section 5.2). Importance also needs kiln_shading_correction if the shading normal is not the
+ * geometric one.
  *
- * `lobes` says which parts are asked: KILN_LOBE_DIFFUSE is the diffuse surface, KILN_LOBE_GLOSS all else of the base,
- * KILN_LOBE_COAT the clear coat's reflection. Mirrors and smooth glass have no density: kiln_bsdf_evaluate and
- * kiln_bsdf_density leave them out, kiln_bsdf_draw says so in `delta`. */
+ * `lobes` selects parts: KILN_LOBE_DIFFUSE is the diffuse surface, KILN_LOBE_GLOSS the rest of the base, KILN_LOBE_COAT
+ * the clear coat's reflection. Mirrors and smooth glass are deltas without a density: kiln_bsdf_evaluate and
+ * kiln_bsdf_density leave them out, kiln_bsdf_draw sets `delta`. */
 #ifndef KILN_SHADERS_SHARED_BSDF_H
 #define KILN_SHADERS_SHARED_BSDF_H
 
@@ -26,18 +27,18 @@
 
 /* ---- albedos and choices ---- */
 
-/* Shares of light from a direction that the lobes send on, about; the lobes are chosen by them. */
+/* Approximate albedos of the lobes for light from a direction; the probabilities of lobes derive from them. */
 struct kiln_bsdf_albedo {
     KILN_VECTOR diffuse, gloss, coat;
-    KILN_VECTOR spread_near, spread_far; /* what facets give back, on the direction's side and on the other */
+    KILN_VECTOR spread_near, spread_far; /* multiple scattering of facets, on the direction's side and on the other */
 };
 
-/* Chances of the ways of drawing a direction; their sum is 1, or all are 0. */
+/* Probabilities of sampling each lobe; their sum is 1, or all are 0. */
 struct kiln_bsdf_choice {
     float coat, gloss, diffuse, near, far;
 };
 
-/* Light that a facet of the base reflects and lets through, and the chance that a drawn direction is the former's. */
+/* Reflectance and transmittance of a facet of the base, and the probability of sampling reflection. */
 struct kiln_bsdf_split {
     KILN_VECTOR reflected, through;
     float chance;
@@ -64,7 +65,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_split kiln_bsdf_split_at(KILN_STRUCT kiln_bs
         const KILN_VECTOR eta = kiln_bsdf_eta(l.p, front);
         KILN_STRUCT kiln_bsdf_fresnel f = kiln_bsdf_fresnel_at(l.p, cosine, eta);
         if (!front && l.coat.strength > 0.0f &&
-            l.p.thin_wall == 0u) { /* what the coat reflects of what comes through goes back */
+            l.p.thin_wall == 0u) { /* the coat reflects part of the transmitted light back */
             const float outside = kiln_refracted_cosine(cosine, eta.y);
             f.reflected =
                 vec3_madd(f.reflected, f.through, kiln_bsdf_mirrored_share(l) * kiln_coat_albedo(l.coat, outside));
@@ -77,9 +78,9 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_split kiln_bsdf_split_at(KILN_STRUCT kiln_bs
     return s;
 }
 
-/* Light that the base's glass gives back, on the same side and on the other: l(o) l(i) n(i)^2 / (pi sum over both sides
- * of n^2 mean l), with l the share that is lost from a direction. Light that has been scattered often comes out as in a
- * furnace. */
+/* Multiple scattering (energy compensation) of rough glass, on the same side and on the other: l(o) l(i) n(i)^2 / (pi
+ * sum over both sides of n^2 mean l), where l is the fraction that single scattering loses from a direction. Light that
+ * has been scattered often leaves as in a furnace, independently of its origin. */
 struct kiln_bsdf_forgotten {
     KILN_VECTOR same, other; /* without l(i) / pi; `other` with n(i)^2, which is importance */
 };
@@ -100,7 +101,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_forgotten kiln_bsdf_forgotten_of(KILN_STRUCT
     s.same = front ? of_front : of_back;
     s.other = front ? of_back : of_front;
     if (l.coat.strength > 0.0f && l.p.thin_wall == 0u) {
-        if (front) /* the coat lets less in, and what it holds back on the way out goes round again */
+        if (front) /* the coat admits less light, and light that it reflects on the way out is scattered again */
             s.same = vec3_scale(s.same, l.glass_lost_front / float_max(l.glass_lost_coat, KILN_FLOAT_TINY));
         else
             s.same =
@@ -138,7 +139,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     return a;
 }
 
-/* Luminances of the albedos, of which kiln_bsdf_choice_of makes chances: for who asks for several sets of lobes. */
+/* Computes the luminances of the albedos. kiln_bsdf_choice_of turns them into probabilities for a set of lobes; several
+ * sets can share the luminances. */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_shares_of(KILN_STRUCT kiln_bsdf_albedo a)
 {
     KILN_STRUCT kiln_bsdf_choice c;
@@ -179,9 +181,9 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_choice kiln_bsdf_choose(KILN_STRUCT kiln_bsd
 
 /* ---- values and densities ---- */
 
-/* Density for drawing light that facets spread after reflecting it several times (kiln_bsdf_given_back). It is
- * proportional to mu / (mu^2 + (2 alpha)^2), mu the cosine. That is close to how the light is spread, since the part
- * that facets lose falls with (alpha / mu)^2. */
+/* Density for sampling multiple scattering of facets (kiln_bsdf_given_back). It is proportional to mu / (mu^2 + (2
+ * alpha)^2), with mu the cosine. This approximates the lobe, since the fraction that facets lose falls with (alpha /
+ * mu)^2. */
 KILN_FUNCTION float kiln_bsdf_spread_norm(float alpha) { return float_log(1.0f + 0.25f / (alpha * alpha)); }
 KILN_FUNCTION float kiln_bsdf_spread_density(float alpha, float mu)
 {
@@ -198,10 +200,10 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_spread_draw(float alpha, float u, float v)
 
 struct kiln_bsdf_value {
     KILN_VECTOR value; /* f(o, i) |i.z|, per steradian */
-    float density;     /* of i by kiln_bsdf_draw from o, per steradian */
+    float density;     /* density with which kiln_bsdf_draw samples i from o, per steradian */
 };
 
-/* GGX's part of what two directions on one side have in common: value is facets * G2 / (4 o.z i.z) * i.z. */
+/* GGX reflection without Fresnel, for two directions on one side: value is D * G2 / (4 o.z i.z) * i.z, D of facets. */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_facets(KILN_VECTOR o, KILN_VECTOR i, KILN_VECTOR h, float alpha_x,
                                                            float alpha_y)
 {
@@ -214,9 +216,9 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_facets(KILN_VECTOR o, KILN_V
     return s;
 }
 
-/* Correction of the reflection of kiln_bsdf_split_at, for light from behind that a coat over rough glass sends back
- * into the mirror direction. kiln_bsdf_split_at takes the coat's albedo at the cosine to the facet. kiln_bsdf_mirrored
- * takes it at the cosines to the surface. Returns the difference; o, i, h are cosines to the surface, `cosine` is that
+/* Correction of the reflection of kiln_bsdf_split_at, for light from behind that a coat over rough glass reflects into
+ * the mirror direction. kiln_bsdf_split_at evaluates the coat's albedo at the cosine to the facet, kiln_bsdf_mirrored
+ * at the cosines to the surface. Returns the difference. o, i and h are cosines to the surface, `cosine` is the cosine
  * to the facet. */
 KILN_FUNCTION KILN_VECTOR kiln_bsdf_returned(KILN_STRUCT kiln_bsdf_lobes l, float o, float i, float h, float cosine)
 {
@@ -244,7 +246,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_reflection(KILN_STRUCT kiln_
     return s;
 }
 
-/* Returns the share of light that the coat lets through where light crosses the face. */
+/* Returns the coat's transmittance for light that crosses the face from one side to the other. */
 KILN_FUNCTION float kiln_bsdf_crossing(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o, KILN_VECTOR i)
 {
     if (l.p.thin_wall != 0u)
@@ -252,9 +254,9 @@ KILN_FUNCTION float kiln_bsdf_crossing(KILN_STRUCT kiln_bsdf_lobes l, bool front
     return 1.0f - kiln_bsdf_coat_albedo(l, true, float_abs(front ? o.z : i.z));
 }
 
-/* Refraction of one colour (Walter et al. 2007, equations 17 and 21): o.z > 0 > i.z, `eta` the index behind the face
- * over that before it. The value is radiance's, without what a facet lets through; both have the same bits from either
- * side. The cosines are those to the facet, 0 where there is none. */
+/* Refraction of one colour (Walter et al. 2007, equations 17 and 21), with o.z > 0 > i.z. `eta`: index behind the face
+ * / index before it. The value is for radiance, without the transmittance of a facet; value and density have the same
+ * bits from either side. The cosines are to the facet; 0 if no facet refracts o to i. */
 struct kiln_bsdf_refraction {
     float value, density, cosine_o, cosine_i;
 };
@@ -283,7 +285,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_refraction kiln_bsdf_refract(KILN_STRUCT kil
     return s;
 }
 
-/* The same times what facets let through of each colour, and the density with the chance of refraction. */
+/* Refraction of one colour index with the facets' transmittance for each colour; the density includes the probability
+ * of refraction. */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_refracted(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o,
                                                               KILN_VECTOR i, float eta, KILN_U32 mode)
 {
@@ -297,7 +300,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_refracted(KILN_STRUCT kiln_b
     return s;
 }
 
-/* Light through rough glass; o.z > 0 > i.z. */
+/* Transmission through rough glass; o.z > 0 > i.z. */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_transmission(KILN_STRUCT kiln_bsdf_lobes l, bool front,
                                                                  KILN_VECTOR o, KILN_VECTOR i, KILN_U32 mode)
 {
@@ -312,7 +315,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_transmission(KILN_STRUCT kil
     }
     s.value = vec3(0.0f, 0.0f, 0.0f);
     s.density = 0.0f;
-    const int colors = l.disperses != 0u ? 3 : 1; /* a part of the directions is drawn for each colour */
+    const int colors = l.disperses != 0u ? 3 : 1; /* each colour is sampled with equal probability */
     for (int c = 0; c < colors; c++) {
         const float eta = c == 0 ? l.p.eta.x : c == 1 ? l.p.eta.y : l.p.eta.z;
         const KILN_STRUCT kiln_bsdf_value color = kiln_bsdf_refracted(l, front, o, i, eta, mode);
@@ -324,7 +327,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_transmission(KILN_STRUCT kil
     return s;
 }
 
-/* Returns the value of the light that the base's facets give back; z as above. */
+/* Returns the value of multiple scattering by the base's facets; o.z > 0. */
 KILN_FUNCTION KILN_VECTOR kiln_bsdf_given_back(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o, KILN_VECTOR i,
                                                KILN_U32 mode)
 {
@@ -386,7 +389,7 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_diffuse(KILN_STRUCT kiln_bsdf_lobes l, KILN_
     return vec3_scale(kiln_diffuse_color(l), in_ * out_ * float_abs(i.z) * KILN_INVERSE_PI);
 }
 
-/* `choice`: of o. */
+/* Evaluates value and density of i. `choice`: the probabilities of lobes for o. */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT kiln_bsdf_lobes l,
                                                                     KILN_STRUCT kiln_bsdf_choice choice, KILN_VECTOR o,
                                                                     KILN_VECTOR i, KILN_U32 mode, KILN_U32 lobes)
@@ -447,8 +450,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate(KILN_STRUCT kiln_bs
     return kiln_bsdf_evaluate_chosen(l, kiln_bsdf_choose(l, o, lobes), o, i, mode, lobes);
 }
 
-/* Density of i by kiln_bsdf_draw from o, per steradian, without mirrors and smooth glass. The density the other way is
- * kiln_bsdf_density(l, i, o, lobes). */
+/* Density with which kiln_bsdf_draw samples i from o, per steradian, without mirrors and smooth glass. The reverse
+ * density is kiln_bsdf_density(l, i, o, lobes). */
 KILN_FUNCTION float kiln_bsdf_density(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, KILN_VECTOR i, KILN_U32 lobes)
 {
     return kiln_bsdf_evaluate(l, o, i, KILN_RADIANCE, lobes).density;
@@ -459,12 +462,12 @@ KILN_FUNCTION float kiln_bsdf_density(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR
 struct kiln_bsdf_drawn {
     KILN_VECTOR i;
     KILN_VECTOR weight; /* f(o, i) |i.z| / density; 0: the path ends */
-    float density;      /* of i, per steradian; of a delta its chance */
+    float density;      /* of i, per steradian; for a delta its probability */
     KILN_U32 lobe;      /* the one drawn from, KILN_LOBE_... */
     bool delta;         /* a mirror or smooth glass: only this direction */
 };
 
-/* A direction by the cosine, for u and v in (0, 1). */
+/* Samples a cosine-distributed direction, by u and v in (0, 1). */
 KILN_FUNCTION KILN_VECTOR kiln_bsdf_cosine(float u, float v)
 {
     const float r = float_sqrt(v);
@@ -473,7 +476,7 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_cosine(float u, float v)
     return vec3(r * cosine, r * sine, float_sqrt(1.0f - v));
 }
 
-/* Through the facet h, for the colour 0, 1 or 2 that has the index eta; the length is 0 where all is reflected. */
+/* Refracts o through the facet h with the index eta of one colour. Returns the zero vector for total reflection. */
 KILN_FUNCTION KILN_VECTOR kiln_bsdf_through(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, KILN_VECTOR h, float eta)
 {
     if (l.p.thin_wall != 0u) {
@@ -484,7 +487,7 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_through(KILN_STRUCT kiln_bsdf_lobes l, KILN_
     return behind > 0.0f ? kiln_refracted(o, h, 1.0f / eta, cosine, behind) : vec3(0.0f, 0.0f, 0.0f);
 }
 
-/* Draws from the smooth base; o.z > 0. `pick` in (0, 1) is what the choice of the lobe has left. */
+/* Samples the smooth base; o.z > 0. `pick` in (0, 1) is the random number, rescaled after the choice of the lobe. */
 KILN_FUNCTION void kiln_bsdf_draw_mirror(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o, float pick,
                                          float gloss, KILN_U32 mode, KILN_INOUT(KILN_STRUCT kiln_bsdf_drawn) d)
 {
@@ -516,7 +519,7 @@ KILN_FUNCTION void kiln_bsdf_draw_mirror(KILN_STRUCT kiln_bsdf_lobes l, bool fro
         vec3_scale(color, i.z == 0.0f ? 0.0f : kiln_bsdf_crossing(l, front, o, i) / (KILN_AT(d).density * squared));
 }
 
-/* A direction from the rough base's facets; o.z > 0. */
+/* Samples a direction by the facets of the rough base; o.z > 0. Zero vector: none. */
 KILN_FUNCTION KILN_VECTOR kiln_bsdf_draw_gloss(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o, float pick,
                                                float u, float v)
 {
@@ -546,8 +549,8 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_draw_gloss(KILN_STRUCT kiln_bsdf_lobes l, bo
     return i.z < 0.0f ? i : vec3(0.0f, 0.0f, 0.0f);
 }
 
-/* Draws as kiln_bsdf_draw, without weight and density where it is no delta: for kernels that evaluate in one place
- * only, as the code of kiln_bsdf_evaluate is long. `c`: kiln_bsdf_choose of o. */
+/* Samples a direction as kiln_bsdf_draw does; gives weight and density for deltas only. For kernels that contain
+ * kiln_bsdf_evaluate only once, since its code is long. `c`: kiln_bsdf_choose of o. */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_propose(KILN_STRUCT kiln_bsdf_lobes l,
                                                             KILN_STRUCT kiln_bsdf_choice c, KILN_VECTOR o, float pick,
                                                             float u, float v, KILN_U32 mode)
@@ -596,7 +599,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_propose(KILN_STRUCT kiln_bsd
     return d;
 }
 
-/* The next direction of a path that comes from o; pick, u and v are random numbers in (0, 1). */
+/* Samples the next direction of a path that comes from o; pick, u and v are random numbers in (0, 1). */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_draw(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, float pick,
                                                          float u, float v, KILN_U32 mode, KILN_U32 lobes)
 {
@@ -610,7 +613,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_draw(KILN_STRUCT kiln_bsdf_l
     return d;
 }
 
-/* The density with which a path that comes from d.i is drawn on to o, per steradian; of a delta its chance. */
+/* Reverse density: with which a path that comes from d.i is continued to o, per steradian; for a delta its probability.
+ */
 KILN_FUNCTION float kiln_bsdf_reverse(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, KILN_STRUCT kiln_bsdf_drawn d,
                                       KILN_U32 lobes)
 {
@@ -627,11 +631,11 @@ KILN_FUNCTION float kiln_bsdf_reverse(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR
 
 /* ---- shading normals ---- */
 
-/* Whether both normals have a direction on one side; where not, nothing is scattered (Veach 1997, section 5.3.3).
- * `normal` is the geometric normal of the front, in the frame of the shading normal. */
+/* Tells whether a direction is on the same side of the shading and the geometric normal; otherwise nothing is scattered
+ * (Veach 1997, section 5.3.3). `normal` is the geometric normal of the front, in the frame of the shading normal. */
 KILN_FUNCTION bool kiln_shading_agrees(KILN_VECTOR w, KILN_VECTOR normal) { return w.z * vec3_dot(w, normal) > 0.0f; }
 
-/* Values of importance are multiplied by this (Veach 1997, equation 5.19). */
+/* Factor on values of importance, for shading normals (Veach 1997, equation 5.19). */
 KILN_FUNCTION float kiln_shading_correction(KILN_VECTOR o, KILN_VECTOR i, KILN_VECTOR normal)
 {
     return float_abs(o.z * vec3_dot(i, normal)) / float_max(float_abs(vec3_dot(o, normal) * i.z), KILN_FLOAT_TINY);

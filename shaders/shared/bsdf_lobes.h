@@ -1,18 +1,17 @@
-/* The material at a point, and what of its scattering does not depend on directions; part of shaders/shared/bsdf.h.
+/* Material at a point, and the quantities of its BSDF that do not depend on directions; part of shaders/shared/bsdf.h.
  *
  * The layers are those of glTF 2.0 (appendix B) with KHR_materials_specular, _ior, _transmission, _volume, _clearcoat,
- * _anisotropy and _dispersion. A clear coat (a dielectric of index 1.5, on the front alone; on
- * both sides of a thin wall) lies over a base, and the
- * base is a mixture of three: metal, glass and matt, by area.
+ * _anisotropy and _dispersion. A clear coat (a dielectric of index 1.5, on the front only, or on both sides of a thin
+ * wall) lies over a base. The base is a mixture of three, by area:
  *
- *   metal   GGX with Schlick's reflectance, which the base colour is at normal incidence
- *   glass   GGX by visible normals that reflects and refracts, exact Fresnel; what goes through has the base colour.
- *           A thin wall lets light go on straight: the reflected lobe, turned over to the other side
+ *   metal   GGX with Schlick's reflectance; the base colour is the reflectance at normal incidence
+ *   glass   GGX by visible normals that reflects and refracts, exact Fresnel; transmitted light has the base colour.
+ *           A thin wall transmits without refraction: the reflected lobe, mirrored to the other side
  *   matt    the reflection of a dielectric over a diffuse surface of the base colour
  *
- * Light that facets lose to each other is given back: by metals as Kulla and Conty (2017) do it; by glass on both
- * sides, as if several scatterings forget where light came from; the matt layer gets it in the diffuse surface below,
- * which is (1 - E(o)) (1 - E(i)) / (pi (1 - mean E)) of its colour, E the albedo of all above it. */
+ * Energy that single scattering of facets loses is compensated. Metals: as in Kulla and Conty (2017). Glass: on both
+ * sides, as if multiple scattering forgets the origin of light. Matt: by the diffuse surface below, whose value is (1 -
+ * E(o)) (1 - E(i)) / (pi (1 - mean E)) times its colour, with E the albedo of all above it. */
 #ifndef KILN_SHADERS_SHARED_BSDF_LOBES_H
 #define KILN_SHADERS_SHARED_BSDF_LOBES_H
 
@@ -25,14 +24,14 @@
 #define KILN_BSDF_LAYERS 0u /* as above */
 /* base_color / pi + specular_color (n + 2) / (2 pi) cos^n of the angle to the mirror direction */
 #define KILN_BSDF_PHONG 1u
-/* base_color / pi + Beckmann's facets with Schlick's reflectance, which specular_color is at normal incidence */
+/* base_color / pi + Beckmann facets with Schlick's reflectance; specular_color: reflectance at normal incidence */
 #define KILN_BSDF_COOK_TORRANCE 2u
 
 /* A material at a point. Colours are linear, 0 to 1. */
 struct kiln_bsdf {
     KILN_VECTOR base_color;
     KILN_VECTOR specular_color; /* KHR_materials_specular; of the other models the reflectance of the specular part */
-    KILN_VECTOR eta;            /* index of the medium behind the face over that before it, for red, green and blue */
+    KILN_VECTOR eta;            /* index of refraction behind the face / before it, for red, green and blue */
     float metallic, transmission, specular; /* 0 to 1; `specular` is 1 by default */
     float alpha_x, alpha_y;                 /* roughness squared (kiln_bsdf_alphas); Beckmann's is alpha_x */
     float coat, coat_alpha;                 /* KHR_materials_clearcoat; its roughness squared */
@@ -41,7 +40,7 @@ struct kiln_bsdf {
     KILN_U32 model;
 };
 
-/* Values that are prepared at a point for all directions; for use within bsdf.h. */
+/* Precomputed quantities at a point, valid for all directions; for use within bsdf.h. */
 struct kiln_bsdf_lobes {
     KILN_STRUCT kiln_bsdf p;
     float metal, glass, matt; /* shares of the base; their sum is 1 */
@@ -49,20 +48,20 @@ struct kiln_bsdf_lobes {
     KILN_U32 base_is_mirror, coat_is_mirror, disperses; /* 0 or 1: buffers hold no bool */
     KILN_U32 holds;                                     /* 0 or 1: `held` is known */
     KILN_U32 brushed_low, brushed_high;                 /* address of a struct kiln_brushed_table; 0: there is none */
-    float brushed_part;                                 /* of the way to the next layer */
+    float brushed_part;                                 /* fraction of the way to the next layer */
     KILN_STRUCT kiln_interface face;
     KILN_STRUCT kiln_boundary boundary; /* set for a rough boundary of glass */
     KILN_STRUCT kiln_coat coat;
-    KILN_VECTOR metal_spread; /* colour of what metals give back */
-    float lost_mean;          /* means over the hemisphere by the cosine: of what facets lose, */
-    float glass_lost_front, glass_lost_back, glass_lost_coat; /* glass, on both sides, and what the coat passes of it */
-    float under_front, under_back; /* and of what reaches the diffuse surface; 1 where there is none */
-    KILN_STRUCT kiln_curve held;   /* kiln_bsdf_held, in Chebyshev polynomials of 2 sqrt(mu) - 1, */
-    float held_mean;               /* and its mean; 0 where it is not known */
+    KILN_VECTOR metal_spread; /* colour of multiple scattering by metals */
+    float lost_mean;          /* cosine-weighted mean over the hemisphere of the loss by facets; likewise below: */
+    float glass_lost_front, glass_lost_back, glass_lost_coat; /* loss by glass on each side; front times the coat's T */
+    float under_front, under_back; /* fraction that reaches the diffuse surface; 1 if there is none */
+    KILN_STRUCT kiln_curve held;   /* kiln_bsdf_held, in Chebyshev polynomials of 2 sqrt(mu) - 1 */
+    float held_mean;               /* mean of `held`; 0 if unknown */
 };
 
-/* Roughnesses along the tangent and across it, of glTF's roughness and anisotropy strength, 0 to 1
- * (KHR_materials_anisotropy). The tangent is turned by the caller. */
+/* Computes alphas along the tangent and across it, from glTF's roughness and anisotropy strength, 0 to 1
+ * (KHR_materials_anisotropy). The caller rotates the tangent. */
 KILN_FUNCTION void kiln_bsdf_alphas(float roughness, float strength, KILN_OUT(float) alpha_x, KILN_OUT(float) alpha_y)
 {
     const float alpha = roughness * roughness;
@@ -70,9 +69,9 @@ KILN_FUNCTION void kiln_bsdf_alphas(float roughness, float strength, KILN_OUT(fl
     KILN_AT(alpha_y) = alpha;
 }
 
-/* Alpha of facets whose lobe is about as wide as Phong's of that exponent (Walter et al. 2007, section 5.2). */
+/* Alpha of facets whose lobe is about as wide as a Phong lobe of this exponent (Walter et al. 2007, section 5.2). */
 KILN_FUNCTION float kiln_bsdf_phong_alpha(float exponent) { return float_sqrt(2.0f / (exponent + 2.0f)); }
-/* Stands for a mirror over a diffuse surface in Phong's model: a lobe of a quarter of a degree. */
+/* Exponent that represents a mirror over a diffuse surface in Phong's model: a lobe of a quarter of a degree. */
 #define KILN_BSDF_PHONG_MIRROR 1.0e5f
 
 /* Share of the base that is diffuse. */
@@ -91,16 +90,16 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_gray(float a) { return vec3(a, a, a); }
 /* ---- the reflectance of a dielectric with KHR_materials_specular ---- */
 
 struct kiln_bsdf_fresnel {
-    KILN_VECTOR reflected, through; /* through: 1 - the largest channel, so that no colour comes in by that */
+    KILN_VECTOR reflected, through; /* through: 1 - the largest channel, so that it is not coloured */
 };
-/* One channel: exact index, at normal incidence `normal` times color is reflected. */
+/* Reflectance of one channel: the exact one, scaled to `normal` times color at normal incidence. */
 KILN_FUNCTION float kiln_bsdf_scaled(KILN_STRUCT kiln_bsdf p, float exact, float normal, float color)
 {
     return kiln_fresnel_scaled(p.specular, exact, normal, color);
 }
 KILN_FUNCTION float kiln_bsdf_largest(KILN_VECTOR rgb) { return float_max(rgb.x, float_max(rgb.y, rgb.z)); }
 
-/* At a facet, from a medium on whose other side the index is eta times as large. */
+/* Computes reflectance and transmittance at a facet; eta: relative index of the medium on the other side. */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_fresnel kiln_bsdf_fresnel_at(KILN_STRUCT kiln_bsdf p, float cosine, KILN_VECTOR eta)
 {
     KILN_STRUCT kiln_bsdf_fresnel f;
@@ -110,7 +109,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_fresnel kiln_bsdf_fresnel_at(KILN_STRUCT kil
     const float x = eta.x == eta.y ? y : kiln_fresnel(cosine, eta.x);
     const float z = eta.z == eta.y ? y : kiln_fresnel(cosine, eta.z);
     const float nx = kiln_fresnel_normal(eta.x), ny = kiln_fresnel_normal(eta.y), nz = kiln_fresnel_normal(eta.z);
-    /* total reflection is total whatever the colour */
+    /* total reflection ignores the specular colour */
     f.reflected = vec3(x < 1.0f ? kiln_bsdf_scaled(p, x, nx, color.x) : 1.0f,
                        y < 1.0f ? kiln_bsdf_scaled(p, y, ny, color.y) : 1.0f,
                        z < 1.0f ? kiln_bsdf_scaled(p, z, nz, color.z) : 1.0f);
@@ -120,9 +119,9 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_fresnel kiln_bsdf_fresnel_at(KILN_STRUCT kil
     return f;
 }
 
-/* ---- shares ---- */
+/* ---- coat, losses and albedos ---- */
 
-/* Index of the other side of glass over that of this side. */
+/* Relative index of glass: of the other side / of this side. */
 KILN_FUNCTION KILN_VECTOR kiln_bsdf_eta(KILN_STRUCT kiln_bsdf p, bool front)
 {
     if (front || p.thin_wall != 0u)
@@ -130,10 +129,10 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_eta(KILN_STRUCT kiln_bsdf p, bool front)
     return vec3(1.0f / p.eta.x, 1.0f / p.eta.y, 1.0f / p.eta.z);
 }
 
-/* Directions in a quarter turn, for means over brushed facets. */
+/* Number of directions in a quarter turn, for means over the azimuth of anisotropic facets. */
 #define KILN_TURN_POINTS 4
 
-/* Where the coat lies, what it reflects, and the factor of what the base scatters. */
+/* Tells whether a side has the coat. The next function gives the coat's albedo on that side. */
 KILN_FUNCTION bool kiln_bsdf_coated(KILN_STRUCT kiln_bsdf_lobes l, bool front)
 {
     return l.coat.strength > 0.0f && (front || l.p.thin_wall != 0u);
@@ -142,8 +141,8 @@ KILN_FUNCTION float kiln_bsdf_coat_albedo(KILN_STRUCT kiln_bsdf_lobes l, bool fr
 {
     return kiln_bsdf_coated(l, front) ? kiln_coat_albedo(l.coat, mu) : 0.0f;
 }
-/* Whether what brushed facets do is in a table of the material's (shaders/shared/brushed.h). `face` has their means
- * over the azimuth then. */
+/* Tells whether the material has a table for its brushed (anisotropic) facets (shaders/shared/brushed.h). Then `face`
+ * has the means over the azimuth. */
 KILN_FUNCTION bool kiln_bsdf_has_table(KILN_STRUCT kiln_bsdf_lobes l)
 {
     return KILN_BRUSHED_THERE && (l.brushed_low | l.brushed_high) != 0u;
@@ -154,7 +153,7 @@ KILN_FUNCTION float kiln_bsdf_from_table(KILN_STRUCT kiln_bsdf_lobes l, KILN_VEC
                            value);
 }
 
-/* The factor of what the base scatters under a coat, for a direction of either sign of z. */
+/* Factor of the coat on the base's scattering, for a direction with either sign of z. */
 KILN_FUNCTION float kiln_bsdf_coat_factor(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR w)
 {
     if (!kiln_bsdf_coated(l, front))
@@ -164,7 +163,8 @@ KILN_FUNCTION float kiln_bsdf_coat_factor(KILN_STRUCT kiln_bsdf_lobes l, bool fr
     return kiln_coat_factor(l.coat, float_abs(w.z));
 }
 
-/* Share that facets lose of light from a direction, were all reflected, and its mean over directions of one cosine. */
+/* Fraction of light from a direction that perfectly reflecting facets lose; and, in the next function, its mean over
+ * the azimuth at one cosine. */
 KILN_FUNCTION float kiln_bsdf_facets_lost(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
 {
     if (l.alpha_x == l.alpha_y || l.base_is_mirror != 0u)
@@ -187,14 +187,14 @@ KILN_FUNCTION float kiln_bsdf_facets_lost_about(KILN_STRUCT kiln_bsdf_lobes l, f
     return sum / KILN_TO_F32(KILN_TURN_POINTS);
 }
 
-/* The largest channel of what the matt layer's interface reflects: of shares that facets lose and that they reflect of
- * the rest. */
+/* Reflectance of the matt layer's interface, its largest channel. `lost`: the fraction that facets lose; `exact`: exact
+ * Fresnel reflectance of the rest. */
 KILN_FUNCTION float kiln_bsdf_matt_share(KILN_STRUCT kiln_bsdf_lobes l, float lost, float exact)
 {
     return (1.0f - lost) *
            kiln_bsdf_scaled(l.p, exact, kiln_fresnel_normal(l.face.index), kiln_bsdf_largest(l.p.specular_color));
 }
-/* The same for light of a cosine, the mean over azimuths; and for light from a direction. */
+/* Reflectance of the matt layer's interface at a cosine, as the mean over azimuths; and, below, for a direction. */
 KILN_FUNCTION float kiln_bsdf_matt_about(KILN_STRUCT kiln_bsdf_lobes l, float mu)
 {
     const float exact = kiln_interface_fresnel(l.face, mu);
@@ -208,7 +208,8 @@ KILN_FUNCTION float kiln_bsdf_matt_albedo(KILN_STRUCT kiln_bsdf_lobes l, KILN_VE
     return kiln_bsdf_matt_about(l, float_abs(w.z));
 }
 
-/* Returns the share that glass loses of light from a direction on one side. `facets`: kiln_bsdf_facets_lost of it. */
+/* Returns the fraction of light from a direction that glass loses. `front`: its side; `facets`: kiln_bsdf_facets_lost
+ * of the direction. */
 KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR w, float facets)
 {
     if (l.base_is_mirror != 0u)
@@ -223,13 +224,13 @@ KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool fro
 
 /* ---- light from behind a coat over rough glass ----
  *
- * The coat sends back a part of what facets let through. A share of that goes into the facets' mirror directions,
- * shared by both ends so that it is the same both ways: by the geometric mean of what the coat reflects of light that a
- * facet lets out from either. The rougher the facets the less that is like what happens, and the smaller the share, so
- * that it is nowhere more than what was held back. The rest is `held`, spread as held(o) held(i) / (pi mean held), as
- * Kulla and Conty ("Revisiting Physically Based Shading at Imageworks", 2017) do with what facets lose. It
- * hangs on the cosine, the index and both roughnesses, and is found for each material by adding up what its facets send
- * on: 377 facets at each of 9 cosines. That is too much at each hit of a material with textures, which has a table. */
+ * The coat reflects back a part of the light that facets transmit. Two terms model it. The first goes into the facets'
+ * mirror directions. For reciprocity it is the geometric mean of the coat's reflectances for the light that a facet
+ * transmits from o and from i. The approximation gets worse with roughness, so the term is scaled down with it, and
+ * never exceeds the light sent back. The rest is `held`, a diffuse lobe held(o) held(i) / (pi mean held), as Kulla and
+ * Conty ("Revisiting Physically Based Shading at Imageworks", 2017) use for the facets' loss. `held` depends on the
+ * cosine, the index and both roughnesses. It is computed per material by summing over its facets: 377 facets at each of
+ * 9 cosines. That is too slow at each hit of a textured material, which has a table instead. */
 
 KILN_FUNCTION bool kiln_bsdf_holds(KILN_STRUCT kiln_bsdf_lobes l)
 {
@@ -240,8 +241,8 @@ KILN_FUNCTION float kiln_bsdf_mirrored_share(KILN_STRUCT kiln_bsdf_lobes l)
     return l.holds != 0u ? 1.0f / (1.0f + 2.4f * l.face.alpha) : 1.0f;
 }
 
-/* Returns the share that the coat sends into the mirror direction, of light from behind that a facet h lets through at
- * `cosine` to it. o, i and h are cosines to the surface. */
+/* Returns the fraction that the coat reflects into the mirror direction, for light from behind transmitted by a facet h
+ * at `cosine` to the facet. o, i and h are cosines to the surface. */
 KILN_FUNCTION float kiln_bsdf_mirrored(KILN_STRUCT kiln_bsdf_lobes l, float o, float i, float h, float cosine)
 {
     const float eta = kiln_bsdf_eta(l.p, false).y;
@@ -252,7 +253,8 @@ KILN_FUNCTION float kiln_bsdf_mirrored(KILN_STRUCT kiln_bsdf_lobes l, float o, f
     return kiln_bsdf_mirrored_share(l) * float_sqrt(of_o * of_i);
 }
 
-/* Returns the share that the facet h sends on, to both sides, of light from behind in direction o, z > 0 there. */
+/* Returns the fraction of light from behind, from direction o (z > 0 behind), that the facet h scatters to both sides.
+ */
 KILN_FUNCTION float kiln_bsdf_sent_behind(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, KILN_VECTOR h)
 {
     const float eta = kiln_bsdf_eta(l.p, false).y, cosine = vec3_dot(o, h);
@@ -286,15 +288,15 @@ KILN_FUNCTION KILN_STRUCT kiln_curve kiln_bsdf_held_curve(KILN_STRUCT kiln_bsdf_
         kiln_turn((KILN_TO_F32(k) + 0.5f) / KILN_TO_F32(2 * KILN_HELD_POINTS), KILN_TO(sine), KILN_TO(x));
         const float root = 0.5f * (1.0f + x), mu = root * root;
         const KILN_VECTOR o = vec3(float_sqrt((1.0f - mu) * (1.0f + mu)), 0.0f, mu);
-        for (int j = 0; j < KILN_HELD_FACETS; j++) { /* on one side of the plane of o: those on the other are alike */
+        for (int j = 0; j < KILN_HELD_FACETS; j++) { /* on one side of the plane of o; the other is symmetric */
             const float u = KILN_TO_F32(j * 233 % KILN_HELD_FACETS) / KILN_TO_F32(2 * KILN_HELD_FACETS);
             const float v = (KILN_TO_F32(j) + 0.5f) / KILN_TO_F32(KILN_HELD_FACETS);
             sent += kiln_bsdf_sent_behind(l, o, kiln_ggx_sample(o, l.alpha_x, l.alpha_y, u, v));
         }
         sent /= KILN_TO_F32(KILN_HELD_FACETS);
         const float missing = 1.0f - sent - kiln_boundary_lost(l.boundary, mu, l.p.eta.y >= 1.0f);
-        /* a little less, so that a furnace is hardly ever too bright; where facets are nearly smooth, what is missing
-         * has too narrow a peak for the polynomials, and is hardly anything */
+        /* reduced a little, so that a furnace is hardly ever too bright; for nearly smooth facets the missing part is
+         * tiny and its peak too narrow for the polynomials */
         const float held = (missing - 0.0038f) * l.face.alpha / (l.face.alpha + 0.005f);
         float before = x, now = 1.0f; /* Chebyshev's polynomials at x */
         for (int j = 0; j < KILN_HELD_POINTS; j++) {
@@ -307,7 +309,7 @@ KILN_FUNCTION KILN_STRUCT kiln_curve kiln_bsdf_held_curve(KILN_STRUCT kiln_bsdf_
     return s;
 }
 
-/* Returns the share of light from behind that the coat holds back and sends back in no certain direction. */
+/* Returns the fraction of light from behind that the coat sends back diffusely. */
 KILN_FUNCTION float kiln_bsdf_held(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
 {
     if (kiln_bsdf_has_table(l))
@@ -322,17 +324,17 @@ KILN_FUNCTION float kiln_bsdf_held(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
     return float_max(x * a - b + l.held.c[0], 0.0f);
 }
 
-/* The curve by roughness, for a material whose roughness has a texture: `bare` where the coat's strength is 0, `coated`
- * where it is 1, at equal steps of roughness and, where that has a texture too, of the coat's. It is linear in the
- * strength, and between steps in both roughnesses. */
+/* Table of the curve `held` over roughness, for a material with a roughness texture. `bare` is for coat strength 0,
+ * `coated` for 1, at equal steps of the roughness and, if that has a texture too, of the coat's roughness. It is
+ * interpolated linearly in the strength and in both roughnesses. */
 #define KILN_BSDF_HELD_LAYERS 17
 #define KILN_BSDF_HELD_COATS 9
 struct kiln_bsdf_held_table {
-    float first, last;           /* places of the first and the last roughness, 0 to KILN_BSDF_HELD_LAYERS - 1, */
-    float coat_first, coat_last; /* and of the coat's, 0 to KILN_BSDF_HELD_COATS - 1; the same where there is one */
+    float first, last;           /* steps of the first and the last roughness, 0 to KILN_BSDF_HELD_LAYERS - 1 */
+    float coat_first, coat_last; /* steps of the coat's roughness, 0 to KILN_BSDF_HELD_COATS - 1; equal: one only */
     KILN_STRUCT kiln_curve bare[KILN_BSDF_HELD_LAYERS];
     KILN_STRUCT kiln_curve
-        coated[KILN_BSDF_HELD_COATS * KILN_BSDF_HELD_LAYERS]; /* of the coat's roughness, of roughness */
+        coated[KILN_BSDF_HELD_COATS * KILN_BSDF_HELD_LAYERS]; /* by the coat's roughness, then roughness */
 };
 #ifdef KILN_GLSL
 KILN_ARRAY(BsdfHeldTables, kiln_bsdf_held_table, 4);
@@ -344,12 +346,13 @@ KILN_ARRAY(BsdfHeldTables, kiln_bsdf_held_table, 4);
         (*(const struct kiln_bsdf_held_table *)(uintptr_t)((uint64_t)(high) << 32 | (uint64_t)(low)))
 #endif
 
-/* ---- the diffuse surface, for what stores its radiosity ----
+/* ---- the diffuse surface, for code that stores its radiosity ----
  *
- * Irradiance counts with weight `in` of the direction that it comes from; with the reflectance `color` it becomes
- * radiosity B; the radiance that leaves towards a direction is B / pi times `out` of that direction. Directions have
- * z < 0, and cosines a sign, behind the face. Both hang on the azimuth under brushed facets; who does not know it of
- * light that comes takes the mean, `in_about`: as much light is sent on of what comes from all azimuths alike. */
+ * Irradiance from a direction is weighted by kiln_diffuse_in of the direction. Multiplied by the reflectance
+ * kiln_diffuse_color it becomes radiosity B. The radiance leaving towards a direction is B / pi times kiln_diffuse_out.
+ * Directions behind the face have z < 0, and cosines are negative there. Under brushed facets both functions depend on
+ * the azimuth. If the azimuth of incoming light is unknown, kiln_diffuse_in_about gives the mean, which is exact for
+ * light that is uniform over azimuths. */
 KILN_FUNCTION KILN_VECTOR kiln_diffuse_color(KILN_STRUCT kiln_bsdf_lobes l)
 {
     return vec3_scale(l.p.base_color, l.matt);
@@ -382,7 +385,7 @@ KILN_FUNCTION void kiln_bsdf_mean_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l
             KILN_MEAN_WEIGHTS[k] * kiln_bsdf_held(KILN_AT(l), vec3(0.0f, 0.0f, KILN_MEAN_COSINES[k]));
 }
 
-/* Fills in `holds`, `held` and `held_mean`, of lobes that are prepared but for these. */
+/* Fills in `holds`, `held` and `held_mean`; all else in the lobes must be prepared. */
 KILN_FUNCTION void kiln_bsdf_find_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
 {
     KILN_AT(l).holds = kiln_bsdf_holds(KILN_AT(l)) && KILN_AT(l).base_is_mirror == 0u ? 1u : 0u;
@@ -396,7 +399,7 @@ KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
 {
     float lost = 0.0f, front = 0.0f, back = 0.0f, coat = 0.0f, under_front = 0.0f, under_back = 0.0f;
     const bool matt = KILN_AT(l).matt > 0.0f;
-    const bool two = KILN_AT(l).coat.strength > 0.0f && KILN_AT(l).p.thin_wall == 0u; /* sides differ by the coat */
+    const bool two = KILN_AT(l).coat.strength > 0.0f && KILN_AT(l).p.thin_wall == 0u; /* only the front has the coat */
     for (int k = 0; k < KILN_MEAN_POINTS; k++) {
         const float mu = KILN_MEAN_COSINES[k], w = KILN_MEAN_WEIGHTS[k];
         const float facets = kiln_bsdf_facets_lost_about(KILN_AT(l), mu);
@@ -410,7 +413,7 @@ KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
             const float there = w * kiln_bsdf_glass_lost(KILN_AT(l), true, any, facets);
             front += there;
             back += w * kiln_bsdf_glass_lost(KILN_AT(l), false, any, facets);
-            coat += there * (1.0f - kiln_bsdf_coat_albedo(KILN_AT(l), true, mu)); /* of a boundary */
+            coat += there * (1.0f - kiln_bsdf_coat_albedo(KILN_AT(l), true, mu)); /* for a boundary */
         }
     }
     KILN_AT(l).lost_mean = lost;
@@ -421,13 +424,13 @@ KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
     KILN_AT(l).under_back = two && matt ? float_max(under_back, KILN_FLOAT_TINY) : KILN_AT(l).under_front;
 }
 
-/* Kulla and Conty 2017: reflectance of light that is scattered more than once, of the mean reflectance of a facet. */
+/* Reflectance of multiply scattered light, from the mean reflectance of a facet (Kulla and Conty 2017). */
 KILN_FUNCTION float kiln_bsdf_spread(float facet, float lost_mean)
 {
     return facet * facet * (1.0f - lost_mean) / (1.0f - facet * lost_mean);
 }
 
-/* Gives prepared lobes another base colour, on which nothing else in them hangs. */
+/* Sets another base colour in prepared lobes. Only metal_spread depends on it. */
 KILN_FUNCTION void kiln_bsdf_dye(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KILN_VECTOR color)
 {
     const float lost = KILN_AT(l).lost_mean;
@@ -437,7 +440,7 @@ KILN_FUNCTION void kiln_bsdf_dye(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KILN
              kiln_bsdf_spread(kiln_schlick_mean(color.z), lost));
 }
 
-/* Lobes but for what tables have of them, for means and for the colour of what metals give back. */
+/* Begins lobes: fills in all but the means, the quantities from tables, and metal_spread. */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_begin(KILN_STRUCT kiln_bsdf p)
 {
     KILN_STRUCT kiln_bsdf_lobes l;
@@ -447,7 +450,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_begin(KILN_STRUCT kiln_bsdf 
     l.metal = layers ? p.metallic : 0.0f;
     l.glass = layers ? (1.0f - p.metallic) * p.transmission : 0.0f;
     l.matt = kiln_bsdf_matt(p);
-    /* what hardly bends light is hardly seen, however rough: no facet hides another */
+    /* glass with an index near 1 is hardly visible even if rough; so reduce its alpha, as facets do not mask others */
     const float seen = l.glass > 0.0f && p.thin_wall == 0u ? float_min((index - 1.0f) * 20.0f, 1.0f) : 1.0f;
     l.alpha_x = float_min(p.alpha_x, 1.0f) * seen;
     l.alpha_y = float_min(p.alpha_y, 1.0f) * seen;
@@ -473,14 +476,15 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_begin(KILN_STRUCT kiln_bsdf 
     return l;
 }
 
-/* ---- with the tables that a material with textures has ---- */
+/* ---- lobes from the tables of a textured material ---- */
 
 struct kiln_bsdf_tables {
     KILN_U32 brushed_low, brushed_high; /* address of the first layer of brushed facets; 0: there is none */
     KILN_U32 held_low, held_high;       /* of a struct kiln_bsdf_held_table */
 };
 
-/* The matt layer's share of all light, from what a coat lets in, what facets keep of it, and their Fresnel share. */
+/* Fraction of all light that reaches the matt layer. `let_in`: fraction that the coat transmits; `kept`: times what
+ * facets do not lose; `share`: times their Fresnel share (struct kiln_brushed_means). */
 KILN_FUNCTION float kiln_bsdf_under(KILN_STRUCT kiln_bsdf_lobes l, float let_in, float kept, float share)
 {
     const float normal = kiln_fresnel_normal(l.face.index), largest = kiln_bsdf_largest(l.p.specular_color);
@@ -502,12 +506,12 @@ KILN_FUNCTION void kiln_curve_add(KILN_INOUT(KILN_STRUCT kiln_curve) sum, KILN_S
     KILN_AT(sum).c[8] += weight * a.c[8];
 }
 
-/* Means `part` of the way from a layer on. */
+/* Interpolates the means of four layers from `layer` on, at coordinate `part` relative to it. */
 KILN_FUNCTION KILN_STRUCT kiln_brushed_means kiln_brushed_means_at(KILN_U32 low, KILN_U32 high, KILN_I32 layer,
                                                                    float part)
 {
     KILN_STRUCT kiln_brushed_means sum = KILN_BRUSHED_TABLE(low, high, layer).means;
-    for (KILN_I32 k = 0; k < 4; k++) { /* what is there already counts less by 1 */
+    for (KILN_I32 k = 0; k < 4; k++) { /* layer 0 is already in the sum with weight 1 */
         const float weight = kiln_brushed_weight(k, part) - (k == 0 ? 1.0f : 0.0f);
         const KILN_STRUCT kiln_brushed_means m = KILN_BRUSHED_TABLE(low, high, layer + k).means;
         sum.lost += weight * m.lost;
@@ -527,7 +531,7 @@ KILN_FUNCTION KILN_STRUCT kiln_brushed_means kiln_brushed_means_at(KILN_U32 low,
     return sum;
 }
 
-/* Has lobes use layers, and fills in their means. */
+/* Sets the brushed layers that lobes use, by roughness, and fills in the means. */
 KILN_FUNCTION void kiln_bsdf_take_layers(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KILN_U32 low, KILN_U32 high)
 {
     const float first = KILN_BRUSHED_TABLE(low, high, 0).first, last = KILN_BRUSHED_TABLE(low, high, 0).last;
@@ -589,7 +593,7 @@ KILN_FUNCTION void kiln_bsdf_take_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l
     kiln_bsdf_mean_held(l);
 }
 
-/* Lobes of what a hit has. */
+/* Prepares the lobes at a hit, with the tables of its material. */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare_hit(KILN_STRUCT kiln_bsdf p,
                                                                 KILN_STRUCT kiln_bsdf_tables tables)
 {
@@ -604,7 +608,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare_hit(KILN_STRUCT kiln
     return l;
 }
 
-/* Lobes of a material: some tenths of a millisecond where a coat lies over rough glass. */
+/* Prepares the lobes of a material without tables. Takes some tenths of a millisecond for a coat over rough glass. */
 KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare(KILN_STRUCT kiln_bsdf p)
 {
     KILN_STRUCT kiln_bsdf_lobes l = kiln_bsdf_begin(p);

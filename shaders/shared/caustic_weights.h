@@ -1,5 +1,5 @@
-/* The weights of caustics' techniques that both backends reckon: worker/pass/caustic_weights.h says what they are, and
- * what the names here mean. Pure functions. */
+/* MIS weights of the techniques for caustics, computed by both backends. worker/pass/caustic_weights.h explains the
+ * weights and the names used here. Pure functions. */
 #ifndef KILN_SHADERS_SHARED_CAUSTIC_WEIGHTS_H
 #define KILN_SHADERS_SHARED_CAUSTIC_WEIGHTS_H
 
@@ -11,7 +11,7 @@ const uint KILN_MIS_POWER = 1u, KILN_MIS_UNIFORM = 2u;
 enum kiln_mis { KILN_MIS_BALANCE = 0, KILN_MIS_POWER = 1, KILN_MIS_UNIFORM = 2 };
 #endif
 
-/* Returns the term that a technique whose density is r times as large adds to the inverse of a weight. */
+/* Returns a technique's term in the inverse of the weight of another; r: ratio of their densities. */
 KILN_FUNCTION kiln_real kiln_mis_share(KILN_U32 mis, kiln_real r)
 {
     if (mis == KILN_MIS_UNIFORM)
@@ -21,14 +21,13 @@ KILN_FUNCTION kiln_real kiln_mis_share(KILN_U32 mis, kiln_real r)
 
 /* ---- from the texel ---- */
 
-/* Sums of a gather ray's subpath. `land`: the density of light paths over that of hits, but for what the lamp's end
- * adds. `sampled`: one over the density of the last direction; 0 after a mirror or smooth glass, where no sample of the
- * lights finds what comes that way. */
+/* Sums of a gather ray's subpath. `land`: density of light paths / density of hits, without the factors at the lamp.
+ * `sampled`: 1 / density of the last direction; 0 after a mirror or smooth glass, where light samples find nothing. */
 struct kiln_caustic_gathered {
     kiln_real land, sampled;
 };
 
-/* A ray leaves x. `area`: m2, A. */
+/* Starts the sums of a gather ray at x. `area`: A, m2; `rays`: n. */
 KILN_FUNCTION KILN_STRUCT kiln_caustic_gathered kiln_caustic_gather(kiln_real area, kiln_real rays)
 {
     KILN_STRUCT kiln_caustic_gathered g;
@@ -37,7 +36,7 @@ KILN_FUNCTION KILN_STRUCT kiln_caustic_gathered kiln_caustic_gather(kiln_real ar
     return g;
 }
 
-/* The ray arrives at a surface; `squared`: m2, of the distance. */
+/* Updates the sums when the ray arrives at a surface; `squared`: squared distance, m2. */
 KILN_FUNCTION void kiln_caustic_arrive(KILN_INOUT(KILN_STRUCT kiln_caustic_gathered) g, kiln_real squared,
                                        kiln_real cosine)
 {
@@ -45,7 +44,8 @@ KILN_FUNCTION void kiln_caustic_arrive(KILN_INOUT(KILN_STRUCT kiln_caustic_gathe
     KILN_AT(g).sampled *= squared / cosine;
 }
 
-/* The ray leaves a surface with gloss. `delta`: by a mirror or smooth glass, whose densities are chances. */
+/* Updates the sums when the ray leaves a glossy surface. `delta`: by a mirror or smooth glass, with probabilities
+ * instead of densities. */
 KILN_FUNCTION void kiln_caustic_leave(KILN_INOUT(KILN_STRUCT kiln_caustic_gathered) g, kiln_real cosine,
                                       kiln_real forward, kiln_real backward, bool delta)
 {
@@ -53,8 +53,8 @@ KILN_FUNCTION void kiln_caustic_leave(KILN_INOUT(KILN_STRUCT kiln_caustic_gather
     KILN_AT(g).sampled = delta ? kiln_real_of(0) : 1 / forward;
 }
 
-/* The weight of a hit. `connect`: the density of a sample of the lights at the lamp's place, per m2, or per steradian
- * of the environment; `emission`: N times that of the aim's rays, per m2 and steradian (kiln_aims_density). */
+/* Weight of a gather ray that hits a lamp. `connect`: density of a light sample there, per m2, or per steradian for the
+ * environment; `emission`: N times the density of the aim's rays, per m2 and steradian (kiln_aims_density). */
 KILN_FUNCTION kiln_real kiln_caustic_weight_hit(KILN_U32 mis, KILN_IN(KILN_STRUCT kiln_caustic_gathered) g,
                                                 kiln_real connect, kiln_real emission)
 {
@@ -62,9 +62,9 @@ KILN_FUNCTION kiln_real kiln_caustic_weight_hit(KILN_U32 mis, KILN_IN(KILN_STRUC
            (1 + kiln_mis_share(mis, connect * KILN_AT(g).sampled) + kiln_mis_share(mis, emission * KILN_AT(g).land));
 }
 
-/* The weight of a sample of the lights at z_1. `towards`: the cosine at z_1 over the
- * squared distance, without the latter from outside. `hit`: the density with which the gather ray would go on to the
- * lamp's place, in the measure of `connect`; 0 where no ray meets it. */
+/* Weight of a light sample at z_1. `towards`: cosine at z_1 / squared distance; for light from outside the scene the
+ * cosine alone. `hit`: density with which the gather ray would continue to the sample, in the measure of `connect`; 0
+ * if no ray can hit the lamp. */
 KILN_FUNCTION kiln_real kiln_caustic_weight_sampled(KILN_U32 mis, KILN_IN(KILN_STRUCT kiln_caustic_gathered) g,
                                                     kiln_real connect, kiln_real emission, kiln_real towards,
                                                     kiln_real hit, kiln_real backward)
@@ -75,14 +75,14 @@ KILN_FUNCTION kiln_real kiln_caustic_weight_sampled(KILN_U32 mis, KILN_IN(KILN_S
 
 /* ---- from the lamp ---- */
 
-/* Densities of hits and of samples over that of a light path, but for n / A and what x adds. */
+/* Densities of hits and of light samples / density of a light path, without n / A and the factors at x. */
 struct kiln_caustic_landing {
     kiln_real hit, sampled;
 };
 
-/* A light path leaves the lamp: `connect` and `emission` as above, `cosine` that at the lamp, 1 from outside.
- * `is_point`: no ray meets the lamp. The path arrives at z_1 after `squared` m2, 1 from outside, with the cosine
- * `arrival`. */
+/* Starts the densities of a light path from the lamp to z_1. `connect`, `emission`: as in kiln_caustic_weight_hit.
+ * `cosine`: at the lamp, 1 from outside the scene. `is_point`: no ray can hit the lamp. `squared`: squared distance to
+ * z_1, m2, 1 from outside. `arrival`: cosine at z_1. */
 KILN_FUNCTION KILN_STRUCT kiln_caustic_landing kiln_caustic_emit(kiln_real connect, kiln_real emission,
                                                                  kiln_real cosine, bool is_point, kiln_real squared,
                                                                  kiln_real arrival)
@@ -93,7 +93,7 @@ KILN_FUNCTION KILN_STRUCT kiln_caustic_landing kiln_caustic_emit(kiln_real conne
     return l;
 }
 
-/* The path leaves a surface with gloss, z_1 if it is the `first`, by the cosine `leaving`. */
+/* Updates the densities when the path leaves a glossy surface with the cosine `leaving`. `first`: at z_1. */
 KILN_FUNCTION void kiln_caustic_pass_on(KILN_INOUT(KILN_STRUCT kiln_caustic_landing) l, bool first, kiln_real leaving,
                                         kiln_real forward, kiln_real backward, bool delta)
 {
@@ -102,14 +102,14 @@ KILN_FUNCTION void kiln_caustic_pass_on(KILN_INOUT(KILN_STRUCT kiln_caustic_land
     KILN_AT(l).sampled *= first ? (delta ? kiln_real_of(0) : ratio) : ratio * backward;
 }
 
-/* The path arrives at a later surface with gloss. */
+/* Updates the densities when the path arrives at a glossy surface after z_1. */
 KILN_FUNCTION void kiln_caustic_meet(KILN_INOUT(KILN_STRUCT kiln_caustic_landing) l, kiln_real cosine)
 {
     KILN_AT(l).hit /= cosine;
     KILN_AT(l).sampled /= cosine;
 }
 
-/* The path lands. Returns what the owner of the texel needs for its weight, besides n / A. */
+/* Ends a light path that lands. Returns the sum from which the owner of the texel computes the weight, with n / A. */
 KILN_FUNCTION kiln_real kiln_caustic_others(KILN_U32 mis, KILN_IN(KILN_STRUCT kiln_caustic_landing) l)
 {
     const kiln_real sum = kiln_mis_share(mis, KILN_AT(l).hit) + kiln_mis_share(mis, KILN_AT(l).sampled);

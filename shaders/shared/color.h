@@ -1,4 +1,4 @@
-/* Luminance of linear RGB (weights of ITU-R BT.709), W/m2 of W/m2 or whatever the colour's unit is. */
+/* Luminance of linear RGB (weights of ITU-R BT.709), in the unit of the colour, such as W/m2. */
 #ifndef KILN_SHADERS_SHARED_COLOR_H
 #define KILN_SHADERS_SHARED_COLOR_H
 
@@ -31,7 +31,7 @@ static inline double kiln_luminance_of_floats(const float rgb[3])
     return KILN_RED_WEIGHT(KILN_RATIO) * (double)rgb[0] + KILN_GREEN_WEIGHT(KILN_RATIO) * (double)rgb[1] +
            KILN_BLUE_WEIGHT(KILN_RATIO) * (double)rgb[2];
 }
-/* Luminance of a colour in float, calculated in float: where millions of them are. */
+/* Luminance of a colour in float, calculated in float, for millions of values. */
 static inline float kiln_luminance_in_float(const float rgb[3])
 {
     return KILN_RED_WEIGHT(KILN_RATIO32) * rgb[0] + KILN_GREEN_WEIGHT(KILN_RATIO32) * rgb[1] +

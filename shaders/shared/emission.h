@@ -1,24 +1,24 @@
-/* Where light begins: the rays with which paths of light leave the lights, and how likely each is
- * (worker/light/emission.h says how they are drawn).
+/* Emission sampling: the rays with which light paths leave the lights, and their densities (worker/light/emission.h
+ * explains the sampling).
  *
- * KILN_CONTEXT(kiln_emission, emission) has the arrays `chance`, `up_to`, `parent` and `leaf` of that struct. Before
- * this header stand shaders/shared/lights.h and, as each language has them (worker/light/emission.c,
+ * KILN_CONTEXT(kiln_emission, emission) has the arrays `chance`, `up_to`, `parent` and `leaf` of that struct. The
+ * including file must include shaders/shared/lights.h before, and define for its language (worker/light/emission.c,
  * shaders/emission.glsl): KILN_EMISSION_DIRECTIONAL(emission) and KILN_EMISSION_ENVIRONMENT(emission), the numbers of
- * the first directional light and of the environment, KILN_EMISSION_CENTRE(emission) and KILN_EMISSION_RADIUS(emission)
- * of the sphere about the scene. */
+ * the first directional light and of the environment; KILN_EMISSION_CENTRE(emission) and
+ * KILN_EMISSION_RADIUS(emission) of the sphere about the scene. */
 #ifndef KILN_SHADERS_SHARED_EMISSION_H
 #define KILN_SHADERS_SHARED_EMISSION_H
 
 #include "shaders/shared/emitted.h"
 #include "shaders/shared/lights.h"
 
-/* m2: of the disc from which light comes from outside. */
+/* Area of the disc on which rays from outside the scene start, m2. */
 KILN_FUNCTION kiln_real kiln_emission_disc(kiln_real radius) { return KILN_REAL_PI * radius * radius; }
 
 /* ---- densities ---- */
 
-/* The density of the ray that leaves a light's place in a direction with this cosine: as struct kiln_emitted's.
- * `direction`: unit, from the light; of the environment it says which. */
+/* Density of a ray that leaves a point of a light with this cosine, as `density` of struct kiln_emitted. `direction`:
+ * unit, from the light; used for the environment only. */
 KILN_FUNCTION kiln_real kiln_emitted_density(KILN_CONTEXT(kiln_emission, emission) KILN_U32 light, kiln_real cosine,
                                              kiln_real3 direction)
 {
@@ -38,7 +38,7 @@ KILN_FUNCTION kiln_real kiln_emitted_density(KILN_CONTEXT(kiln_emission, emissio
            kiln_emission_disc(KILN_EMISSION_RADIUS(emission));
 }
 
-/* The chance of the light among all of the tree, as kiln_pick_light goes down. */
+/* Probability with which kiln_pick_light, descending the light tree, picks this light. */
 KILN_FUNCTION kiln_real kiln_tree_chance(KILN_CONTEXT(kiln_emission, emission) KILN_U32 light, kiln_real3 p,
                                          kiln_real3 n)
 {
@@ -58,7 +58,7 @@ KILN_FUNCTION kiln_real kiln_tree_chance(KILN_CONTEXT(kiln_emission, emission) K
     return chance;
 }
 
-/* Per m2, of a place on the light, seen from p. */
+/* Density per m2 with which sampling from p finds a point on the area light. */
 KILN_FUNCTION kiln_real kiln_area_light_density(KILN_IN(KILN_STRUCT kiln_area_light) light, kiln_real3 p,
                                                 kiln_real3 place)
 {
@@ -74,7 +74,7 @@ KILN_FUNCTION kiln_real kiln_area_light_density(KILN_IN(KILN_STRUCT kiln_area_li
                                              : 1 / KILN_AT(light).area;
 }
 
-/* How likely one sample of the lights is to find this place of a light from p (kiln_emission_connect). */
+/* Density with which one light sample from p finds this point of a light (kiln_emission_connect). */
 KILN_FUNCTION kiln_real kiln_light_connect(KILN_CONTEXT(kiln_emission, emission) KILN_U32 light, kiln_real3 p,
                                            kiln_real3 n, kiln_real3 place, kiln_real3 direction)
 {
@@ -90,14 +90,14 @@ KILN_FUNCTION kiln_real kiln_light_connect(KILN_CONTEXT(kiln_emission, emission)
                : kiln_sky_direction_density(KILN_PASS(lights) real3_negate(direction));
 }
 
-/* The area light at a place of a world triangle, where its corners 1 and 2 have these weights; KILN_NONE: there is
- * none. */
+/* Finds the area light at a point of a world triangle, given by the barycentric weights of corners 1 and 2. KILN_NONE:
+ * there is none. */
 KILN_FUNCTION KILN_U32 kiln_area_light_at(KILN_CONTEXT(kiln_lights, lights) KILN_U32 triangle, kiln_real b1,
                                           kiln_real b2)
 {
     const KILN_U32 count = KILN_TO_U32(KILN_GET(lights, area_count));
     KILN_U32 low = 0u, high = count;
-    while (low < high) { /* they are in the order of the triangles */
+    while (low < high) { /* area lights are sorted by triangle */
         const KILN_U32 middle = (low + high) / 2u;
         if (KILN_AT(KILN_LOAD(lights, areas, middle)).triangle < triangle)
             low = middle + 1u;
@@ -109,7 +109,7 @@ KILN_FUNCTION KILN_U32 kiln_area_light_at(KILN_CONTEXT(kiln_lights, lights) KILN
     if (!KILN_MAY_BE(KILN_GPU_KIND_TEXTURED) || KILN_AT(KILN_LOAD(lights, areas, low)).depth == 0u)
         return low;
     const KILN_U32 path = kiln_part_path(b1, b2, KILN_AT(KILN_LOAD(lights, areas, low)).turn);
-    for (high = count; low + 1u < high;) { /* the last of the triangle whose path is not beyond */
+    for (high = count; low + 1u < high;) { /* the last light of the triangle whose path is not above */
         const KILN_U32 middle = (low + high) / 2u;
         if (KILN_AT(KILN_LOAD(lights, areas, middle)).triangle == triangle &&
             KILN_AT(KILN_LOAD(lights, areas, middle)).path <= path)
@@ -123,7 +123,7 @@ KILN_FUNCTION KILN_U32 kiln_area_light_at(KILN_CONTEXT(kiln_lights, lights) KILN
 
 /* ---- drawing ---- */
 
-/* The light that `pick` falls on. */
+/* Picks a light by inverting the CDF `up_to` at `pick`. */
 KILN_FUNCTION KILN_U32 kiln_emission_pick(KILN_CONTEXT(kiln_emission, emission) kiln_real pick)
 {
     KILN_U32 low = 0u, high = KILN_EMISSION_ENVIRONMENT(emission); /* the last */
@@ -176,7 +176,8 @@ KILN_FUNCTION void kiln_draw_from_point(KILN_CONTEXT(kiln_emission, emission) KI
     kiln_emitted_set_flux(ray, KILN_AT(light).intensity, kiln_punctual_profile(light, KILN_AT(ray).direction));
 }
 
-/* Begins outside of the scene, on a disc across the direction, and brings `light`, radiance or irradiance. */
+/* Samples a ray that starts outside the scene, on a disc perpendicular to its direction. `light`: radiance or
+ * irradiance that it carries. */
 KILN_FUNCTION void kiln_draw_from_outside(KILN_CONTEXT(kiln_emission, emission) KILN_RGB_IN(light), kiln_real u,
                                           kiln_real v, KILN_INOUT(KILN_STRUCT kiln_emitted) ray)
 {
@@ -190,7 +191,7 @@ KILN_FUNCTION void kiln_draw_from_outside(KILN_CONTEXT(kiln_emission, emission) 
     kiln_emitted_set_flux(ray, light, kiln_real_of(1));
 }
 
-/* Draws a ray by random numbers in (0, 1). False: it brings nothing. There is light. */
+/* Samples a ray by random numbers in (0, 1). False: it carries no light. The scene must have lights. */
 KILN_FUNCTION bool kiln_draw_emitted(KILN_CONTEXT(kiln_emission, emission) kiln_real pick, kiln_real u, kiln_real v,
                                      kiln_real s, kiln_real t, KILN_OUT(KILN_STRUCT kiln_emitted) ray)
 {

@@ -13,13 +13,13 @@ struct kiln_emitted {
 #else
     double flux[3];
 #endif
-    kiln_real density; /* of the ray: 1/(m2 sr) with the light's choice; without what is no choice at all */
+    kiln_real density; /* of the ray, 1/(m2 sr), with the light's probability; fixed point or direction: no factor */
     kiln_real cosine;  /* of the direction at the light; 1 where it has no surface */
-    bool has_place;    /* it begins in the scene, not outside */
-    bool is_point;     /* no ray meets it: a point, a spot, a directional light */
+    bool has_place;    /* the ray starts in the scene, not outside */
+    bool is_point;     /* no ray can hit the light: a point, spot or directional light */
 };
 
-/* The factor goes over the density first in GLSL, where three products cost less than three quotients. */
+/* Sets the flux to light x factor / density. GLSL divides first: three products cost less than three quotients. */
 KILN_FUNCTION void kiln_emitted_set_flux(KILN_INOUT(KILN_STRUCT kiln_emitted) ray, KILN_RGB_IN(light), kiln_real factor)
 {
 #ifdef KILN_GLSL

@@ -1,8 +1,8 @@
-/* A lat-long image as light from outside, piecewise constant, sampled by luminance x sin(theta): rows by the cumulative
- * distribution `marginal`, columns by that of their row in `conditional`. Column 0 begins at -z turned by half a turn
- * and `rotation`, radians about +y; row 0 is about +y.
+/* Environment light: a piecewise constant lat-long image, sampled by luminance x sin(theta). Rows are sampled by the
+ * cumulative distribution `marginal`, columns by that of their row in `conditional`. Column 0 begins at -z turned by
+ * half a turn and `rotation`, radians about +y; row 0 is about +y.
  *
- * GLSL names the type of an array of floats, KILN_FLOATS, and KILN_FLOAT_OF(array, i), before. */
+ * GLSL must define before KILN_FLOATS, the type of an array of floats, and KILN_FLOAT_OF(array, i). */
 #ifndef KILN_SHADERS_SHARED_ENVIRONMENT_H
 #define KILN_SHADERS_SHARED_ENVIRONMENT_H
 
@@ -30,14 +30,15 @@ KILN_FUNCTION KILN_U32 kiln_sky_row(kiln_real3 d, KILN_U32 height)
     return KILN_TO_U32(real_min(kiln_real_of(height) - 1, v * kiln_real_of(height)));
 }
 
-/* The chance of entry `index` of a cumulative table whose entry 0 is array[first]. */
+/* Probability of entry `index` of a cumulative table whose entry 0 is array[first]. */
 KILN_FUNCTION kiln_real kiln_step_chance(KILN_FLOATS cumulative, KILN_INDEX first, KILN_U32 index)
 {
     return kiln_real_of(KILN_FLOAT_OF(cumulative, first + index)) -
            (index == 0u ? kiln_real_of(0) : kiln_real_of(KILN_FLOAT_OF(cumulative, first + index - 1u)));
 }
 
-/* The first entry above u of such a table; gives the place within it too, below 1. */
+/* Finds the first entry above u in a cumulative table that begins at array[first]. `within` receives the relative
+ * position of u in the entry, below 1. */
 KILN_FUNCTION KILN_U32 kiln_step_find(KILN_FLOATS cumulative, KILN_INDEX first, KILN_U32 count, kiln_real u,
                                       KILN_OUT(kiln_real) within)
 {
@@ -61,13 +62,13 @@ KILN_FUNCTION KILN_U32 kiln_step_find(KILN_FLOATS cumulative, KILN_INDEX first, 
     return low;
 }
 
-/* Density per steradian of a texel, from its chance and how far the cosines of its row's edges are apart. */
+/* Density per steradian of a texel. `chance`: its probability; `band`: difference of the cosines at its row's edges. */
 KILN_FUNCTION kiln_real kiln_sky_density(kiln_real chance, kiln_real band, KILN_U32 width)
 {
     return chance / (band * 2 * KILN_REAL_PI / kiln_real_of(width));
 }
 
-/* The direction at the place (fx, fy) within texel x of a row, cosines `top` and `bottom` at its edges. */
+/* Direction at position (fx, fy) within texel x of a row with the cosines `top` and `bottom` at its edges. */
 KILN_FUNCTION kiln_real3 kiln_sky_direction(KILN_U32 x, kiln_real fx, kiln_real fy, kiln_real top, kiln_real bottom,
                                             KILN_U32 width, kiln_real rotation)
 {
@@ -78,16 +79,16 @@ KILN_FUNCTION kiln_real3 kiln_sky_direction(KILN_U32 x, kiln_real fx, kiln_real 
     return real3_make(r * sine, height, -r * cosine);
 }
 
-/* Pi times the density of a direction of which half are drawn by the cosine about the geometric normal, half about the
- * shading normal, when these are the two cosines, one of them above 0. Directions about the geometric normal alone,
- * weighted by the second cosine over the first, have a variance without bound (the integral of 1 / n.w). */
+/* Pi times the density of a direction sampled by a mixture: half cosine-distributed about the geometric normal, half
+ * about the shading normal. The arguments are its two cosines, at least one above 0. Sampling about the geometric
+ * normal alone, with weight shading cosine / geometric cosine, has unbounded variance (the integral of 1 / n.w). */
 KILN_FUNCTION kiln_real kiln_sky_two_cosines(kiln_real cosine, kiln_real shading_cosine)
 {
     return KILN_RATIO(1, 2) * (real_max(kiln_real_of(0), cosine) + real_max(kiln_real_of(0), shading_cosine));
 }
 
-/* Density of a direction that is drawn in turn by the image and by the cosine, an odd sample being the image's (balance
- * heuristic: Veach and Guibas, "Optimally Combining Sampling Techniques for Monte Carlo Rendering", 1995). */
+/* Density of a direction sampled alternately by the cosine (even samples) and by the image (odd samples), for the
+ * balance heuristic (Veach and Guibas, "Optimally Combining Sampling Techniques for Monte Carlo Rendering", 1995). */
 KILN_FUNCTION kiln_real kiln_sky_cosine_density(KILN_U32 samples, kiln_real by_sky, kiln_real by_cosine)
 {
     const kiln_real share = kiln_real_of(samples / 2u) / kiln_real_of(samples);

@@ -1,5 +1,5 @@
-/* How a dispatch with more workgroups than a device takes at once is folded into z; for gpu/submit.c and
- * shaders/main.glsl. */
+/* Folding of large dispatches: if there are more workgroups than a device takes in y, they continue in z, KILN_FOLD_Y
+ * rows for each z. For gpu/submit.c and shaders/main.glsl. */
 #ifndef KILN_SHADERS_FOLD_H
 #define KILN_SHADERS_FOLD_H
 

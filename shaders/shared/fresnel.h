@@ -1,6 +1,6 @@
-/* How much light an interface between two media reflects, in float. Cosines are between a direction and the normal of
- * the surface or microfacet, 0 to 1; an index `eta` is that of the medium behind the interface over that of the medium
- * which the light is in. */
+/* Fresnel reflectance of an interface between two media, in float. Cosines are between a direction and the normal of
+ * the surface or microfacet, 0 to 1. `eta` is the relative index: of the medium behind the interface / of the medium
+ * that the light is in. */
 #ifndef KILN_SHADERS_SHARED_FRESNEL_H
 #define KILN_SHADERS_SHARED_FRESNEL_H
 
@@ -8,7 +8,7 @@
 
 #define KILN_COAT_INDEX 1.5f /* KHR_materials_clearcoat */
 
-/* The cosine on the other side; 0 where the reflection is total (Snell's law). */
+/* Cosine of the refracted direction (Snell's law); 0 for total reflection. */
 KILN_FUNCTION float kiln_refracted_cosine(float cosine, float eta)
 {
     return float_sqrt(float_max(0.0f, 1.0f - (1.0f - cosine) * (1.0f + cosine) / (eta * eta)));
@@ -26,41 +26,42 @@ KILN_FUNCTION float kiln_fresnel(float cosine, float eta)
     return float_min(0.5f * (s * s + p * p), 1.0f);
 }
 
-/* At normal incidence. */
+/* Reflectance at normal incidence. */
 KILN_FUNCTION float kiln_fresnel_normal(float eta)
 {
     const float a = (eta - 1.0f) / (eta + 1.0f);
     return a * a;
 }
 
-/* Gain over the reflectance at normal incidence, as a share of what is missing there to that at grazing: Schlick ("An
- * Inexpensive BRDF Model for Physically-based Rendering", EUROGRAPHICS 1994, equation 15), for metals, whose base
- * colour is the reflectance at normal incidence (glTF 2.0, appendix B.2.3), */
+/* Interpolation factor of the reflectance between normal (0) and grazing incidence (1), for metals: Schlick ("An
+ * Inexpensive BRDF Model for Physically-based Rendering", EUROGRAPHICS 1994, equation 15). The base colour of a metal
+ * is its reflectance at normal incidence (glTF 2.0, appendix B.2.3). */
 KILN_FUNCTION float kiln_schlick_share(float cosine)
 {
     const float a = 1.0f - cosine, b = a * a;
     return b * b * a;
 }
-/* and for dielectrics, from the exact reflectance, so that the exact one comes back where colour and factor of
- * KHR_materials_specular are 1. `normal`: the exact one at normal incidence. */
+/* Interpolation factor for dielectrics, from the exact reflectance: with colour and factor of KHR_materials_specular 1
+ * the result is the exact reflectance. `normal`: the exact reflectance at normal incidence. */
 KILN_FUNCTION float kiln_fresnel_share(float exact, float normal)
 {
     return float_max(exact - normal, 0.0f) / (1.0f - normal);
 }
 
-/* Reflectance of one channel of a dielectric with KHR_materials_specular, `specular` strong: the exact one, scaled so
- * that `normal`, the exact one at normal incidence, becomes normal times color there. */
+/* Reflectance of one channel of a dielectric with KHR_materials_specular of strength `specular`: the exact reflectance,
+ * scaled so that at normal incidence it changes from `normal` to normal x color. */
 KILN_FUNCTION float kiln_fresnel_scaled(float specular, float exact, float normal, float color)
 {
     const float low = float_min(normal * color, 1.0f) * specular;
     return low + (specular - low) * kiln_fresnel_share(exact, normal);
 }
 
-/* Mean of Schlick's reflectance over a hemisphere by the cosine. */
+/* Cosine-weighted mean of Schlick's reflectance over the hemisphere. */
 KILN_FUNCTION float kiln_schlick_mean(float normal) { return (20.0f * normal + 1.0f) * KILN_RATIO32(1, 21); }
 
-/* Index of a medium for red, green and blue (KHR_materials_dispersion): Cauchy's law by `index`, that at 587.56 nm, and
- * the Abbe number, 20 / dispersion; at 611.4, 549.1 and 464.3 nm, the dominant wavelengths of sRGB's primaries. */
+/* Index of a medium for red, green and blue (KHR_materials_dispersion), by Cauchy's law with the index at 587.56 nm and
+ * the Abbe number, 20 / dispersion. The wavelengths are the dominant ones of sRGB's primaries: 611.4, 549.1 and 464.3
+ * nm. */
 KILN_FUNCTION KILN_VECTOR kiln_dispersed_index(float index, float dispersion)
 {
     const float spread = (index - 1.0f) * dispersion * 0.05f;

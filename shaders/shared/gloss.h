@@ -1,13 +1,13 @@
-/* Materials that are not only diffuse at a place: from what they and their textures say there to what scattering
- * functions read (struct kiln_bsdf), and the frame of their highlights. How textures are read is apart, see
- * shaders/shared/language.h. */
+/* Glossy materials at a point: converts factors times texture values to the input of scattering functions (struct
+ * kiln_bsdf), and finds the frame of anisotropic highlights. Texture lookup differs between C and GLSL and is not here
+ * (shaders/shared/language.h). */
 #ifndef KILN_SHADERS_SHARED_GLOSS_H
 #define KILN_SHADERS_SHARED_GLOSS_H
 
 #include "shaders/shared/bsdf.h"
 #include "shaders/shared/warp.h"
 
-/* Each factor times what its texture says there. */
+/* Material values at a point: each factor times its texture's value. */
 struct kiln_gloss_values {
     KILN_VECTOR base_color, specular_color, filter_color;
     KILN_VECTOR eta; /* index of refraction for red, green and blue */
@@ -58,8 +58,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf kiln_gloss_scattering(KILN_IN(KILN_STRUCT ki
     return p;
 }
 
-/* Where a texture of anisotropy turns the tangent to, whose cosine and sine from the u axis on are given without it;
- * `texel`: its red and green. */
+/* Rotates the tangent by an anisotropy texture. On entry (cosine, sine) is the angle of the tangent from the u axis
+ * without the texture; red and green are the texture's value. */
 KILN_FUNCTION void kiln_gloss_turn(float red, float green, KILN_INOUT(float) cosine, KILN_INOUT(float) sine)
 {
     const float x = 2.0f * red - 1.0f, y = 2.0f * green - 1.0f, far = KILN_LENGTH2(x, y), c = KILN_AT(cosine),
@@ -75,9 +75,9 @@ KILN_FUNCTION void kiln_gloss_turn(float red, float green, KILN_INOUT(float) cos
     KILN_AT(sine) = s * a + c * b;
 }
 
-/* The frame about z in which anisotropic highlights are long along x, which is turned by (cosine, sine) from the
- * direction in which u grows. The edges go from corner 0 to 1 and to 2, b and c are the same in the texture. False:
- * nothing tells a direction there. */
+/* Computes the frame about z of anisotropic highlights, which are stretched along x; x is turned by (cosine, sine) from
+ * the direction of increasing u. edge1 and edge2 go from corner 0 to corners 1 and 2; b and c are these edges in
+ * texture coordinates. False: they define no direction. */
 KILN_FUNCTION bool kiln_gloss_axes(KILN_VECTOR z, float bx, float by, float cx, float cy, KILN_VECTOR edge1,
                                    KILN_VECTOR edge2, float cosine, float sine, KILN_OUT(KILN_VECTOR) x,
                                    KILN_OUT(KILN_VECTOR) y)
@@ -95,8 +95,8 @@ KILN_FUNCTION bool kiln_gloss_axes(KILN_VECTOR z, float bx, float by, float cx, 
     return is_there;
 }
 
-/* Share of one colour of light that comes through `distance` m of what a face of the material bounds (Beer's law);
- * `over`: the distance that leaves `color`, 0: nothing is lost. */
+/* Transmittance of one colour over `distance` m in the medium that faces of the material bound (Beer's law). `over`:
+ * the distance at which the transmittance is `color`; 0: no absorption. */
 KILN_FUNCTION float kiln_gloss_left(float color, float over, float distance)
 {
     return over > 0.0f ? float_pow(color, distance / over) : 1.0f;

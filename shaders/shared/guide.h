@@ -1,7 +1,7 @@
-/* The guide of a tile run (worker/pass/guided.h), in both languages: a density over the unit square, constant in each
- * of KILN_GUIDE_SIDE x KILN_GUIDE_SIDE cells; a coarser guide has equal ones. It is one array of floats: the edges of
- * the rows, from 0 to 1; the edges of the columns, of each row; from KILN_GUIDE_WEIGHTS on 1 / density of each cell.
- * worker/backend/guide.h makes it. */
+/* Path guide of a tile run (worker/pass/guided.h), in C and GLSL: a density over the unit square, constant in each of
+ * KILN_GUIDE_SIDE x KILN_GUIDE_SIDE cells; in a coarser guide, groups of cells have equal densities. It is one array of
+ * floats: the edges of the rows, from 0 to 1; for each row the edges of its columns; from KILN_GUIDE_WEIGHTS on 1 /
+ * density of each cell. worker/backend/guide.h makes it. */
 #ifndef KILN_SHADERS_SHARED_GUIDE_H
 #define KILN_SHADERS_SHARED_GUIDE_H
 
@@ -13,7 +13,7 @@
 #define KILN_GUIDE_WEIGHTS (KILN_GUIDE_EDGES * KILN_GUIDE_EDGES)
 #define KILN_GUIDE_SIZE (KILN_GUIDE_WEIGHTS + KILN_GUIDE_SIDE * KILN_GUIDE_SIDE)
 
-#define KILN_GUIDE_FLOATS 4u /* values that are learnt, so many for each point of the tile run */
+#define KILN_GUIDE_FLOATS 4u /* number of training values for each point of the tile run */
 
 #ifdef KILN_GLSL /* shaders/kernel.glsl comes before */
 KILN_ARRAY(GuideRef, float, 4);
@@ -24,8 +24,8 @@ KILN_ARRAY(GuideRef, float, 4);
 #    define KILN_GUIDE_AT(guide, i) (guide)[i]
 #endif
 
-/* Where x in (0, 1) falls among the intervals whose edges begin at `first`: four halvings. No branch, so that C
- * compilers do this for many lanes at once. */
+/* Finds the interval that contains x in (0, 1), by four bisections; the edges begin at `first`. Branch-free, so that C
+ * compilers vectorise it. */
 KILN_FUNCTION KILN_U32 kiln_guide_interval(KILN_GUIDE guide, KILN_U32 first, float x)
 {
     KILN_U32 i = x >= KILN_GUIDE_AT(guide, first + 8u) ? 8u : 0u;
@@ -34,7 +34,7 @@ KILN_FUNCTION KILN_U32 kiln_guide_interval(KILN_GUIDE guide, KILN_U32 first, flo
     return i + (x >= KILN_GUIDE_AT(guide, first + i + 1u) ? 1u : 0u);
 }
 
-/* Interval i as wide as the others; below 1. */
+/* Maps x from interval i to the i-th of 16 equal intervals; the result is below 1. */
 KILN_FUNCTION float kiln_guide_stretch(KILN_GUIDE guide, KILN_U32 first, KILN_U32 i, float x)
 {
     const float low = KILN_GUIDE_AT(guide, first + i), t = (x - low) / (KILN_GUIDE_AT(guide, first + i + 1u) - low);
@@ -42,8 +42,8 @@ KILN_FUNCTION float kiln_guide_stretch(KILN_GUIDE guide, KILN_U32 first, KILN_U3
     return y < KILN_FLOAT_BELOW_ONE ? y : KILN_FLOAT_BELOW_ONE;
 }
 
-/* Warps a point of the unit square that is uniform to one that has the density. Gives the cell, row * KILN_GUIDE_SIDE +
- * column; returns 1 / density there. */
+/* Warps a uniform point of the unit square to one distributed by the guide's density. `cell` receives row *
+ * KILN_GUIDE_SIDE + column; returns 1 / density there. */
 KILN_FUNCTION float kiln_guide_warp(KILN_GUIDE guide, KILN_INOUT(float) u, KILN_INOUT(float) v, KILN_OUT(KILN_U32) cell)
 {
     const KILN_U32 i = kiln_guide_interval(guide, 0u, KILN_AT(u)), row = (i + 1u) * KILN_GUIDE_EDGES,
@@ -54,7 +54,7 @@ KILN_FUNCTION float kiln_guide_warp(KILN_GUIDE guide, KILN_INOUT(float) u, KILN_
     return KILN_GUIDE_AT(guide, KILN_GUIDE_WEIGHTS + KILN_AT(cell));
 }
 
-/* Returns the one of side x side cells that a cell of the guide lies in; `side` divides KILN_GUIDE_SIDE. */
+/* Returns the coarse cell, of side x side, that contains a cell of the guide; `side` divides KILN_GUIDE_SIDE. */
 KILN_FUNCTION KILN_U32 kiln_guide_coarse(KILN_U32 cell, KILN_U32 side)
 {
     return cell / KILN_GUIDE_SIDE * side / KILN_GUIDE_SIDE * side + cell % KILN_GUIDE_SIDE * side / KILN_GUIDE_SIDE;

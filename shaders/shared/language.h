@@ -1,33 +1,34 @@
-/* The language layer: what the other headers of shaders/shared need so that C and GLSL both compile them.
+/* Language layer: macros with which C and GLSL both compile the other headers of shaders/shared.
  *
- * A shared function is written in the common part of both languages: declarations, arithmetic, if, for, calls. What the
- * languages write differently has a name below. KILN_GLSL is defined in GLSL. The numbers that light is calculated
- * with, kiln_real, and their functions are in shaders/shared/real.h: kernels that have no use for them must not see a
- * double.
+ * A shared function is written in the common subset of both languages: declarations, arithmetic, if, for, calls. Macros
+ * below stand for constructs that differ. KILN_GLSL is defined in GLSL. The number type of light calculations,
+ * kiln_real, and its functions are in shaders/shared/real.h, separately, since kernels that do not use it must not see
+ * a double.
  *
- * Arrays are reached by macros, too: KILN_LOAD(lights, areas, i) is &lights->areas[i] in C, whose functions are given
- * the struct (KILN_CONTEXT, KILN_PASS), and in GLSL kiln_lights_areas(i), which knows where it lies.
+ * Arrays are accessed by macros, too. KILN_LOAD(lights, areas, i) is &lights->areas[i] in C, where functions get the
+ * struct as a parameter (KILN_CONTEXT, KILN_PASS). In GLSL it is kiln_lights_areas(i), a function that knows the
+ * array's address.
  *
- * Both sides give the same bits as long as a formula is only sums, products, quotients and square roots of doubles, in
- * the order in which it stands here. Sines, arc tangents and so on are the C library's in C and those of
- * shaders/real.glsl in GLSL; floats differ from doubles; and a GPU may contract a product and a sum.
+ * Both languages give the same bits for formulas with only sums, products, quotients and square roots of doubles, in
+ * the written order. Differences arise from transcendental functions (the C library's in C, those of shaders/real.glsl
+ * in GLSL), from floats in place of doubles, and from a GPU that contracts a product and a sum.
  *
- * Kept apart, because one side could not take the other's form without changing its results or its speed:
+ * Code that is written separately, because the form of one language would change results or speed of the other:
  *
  *   - the volume of a spherical triangle: divisions in C, reciprocals in GLSL (spherical_triangle.h)
- *   - sines and cosines: C's library; how an angle is brought near 0, in C's lanes and in GLSL (area_light_sampler.c,
+ *   - sines and cosines: C's library; range reduction of angles, in C's lanes and in GLSL (area_light_sampler.c,
  *     real.glsl)
  *   - cosine-distributed directions of the bounce pass: C adds them up axis by axis of the world, GLSL along the
  *     tangents (embree/rays.c, hemisphere.glsl)
- *   - choices among lights: a list in C, made again where one is asked for in GLSL, whose registers are few (lights.c,
+ *   - choices among lights: a list in C, recomputed on demand in GLSL to save registers (lights.c,
  *     light_choices.glsl); the cut through the light tree is written once (lights.h)
  *   - flux of emitted rays: a factor over the density, one quotient in GLSL and three in C (emitted.h, aims.h)
- *   - what is seen of a target's box: C keeps the parts, GLSL finds them again (targets.c, box_seen.glsl)
+ *   - visible sides of a target's box: C stores them, GLSL recomputes them (targets.c, box_seen.glsl)
  *   - texture coordinates: doubles in C, fixed point in GLSL (texture.c, material.glsl)
  *   - vertex colours and samples of footprints: bytes and polygons in C, floats and triangles in GLSL
- *   - where a texture turns highlights: a product in C, quotients in GLSL (gloss.h)
- *   - what comes through several surfaces: sums of optical depths in Embree's filters and in the ray-tracing pipeline,
- *     a product in the compute kernels (passage.c, trace/payload.glsl, trace/alpha.glsl)
+ *   - rotation of highlights by a texture: a product in C, quotients in GLSL (gloss.h)
+ *   - transmittance of several surfaces: sums of optical depths in Embree's filters and in the ray-tracing pipeline, a
+ *     product in the compute kernels (passage.c, trace/payload.glsl, trace/alpha.glsl)
  *
  * tests/unit/test_shared.c, test_vulkan_lights.c, test_vulkan_materials.c, test_vulkan_probes.c and test_vulkan_bsdf.c
  * compare both sides.
@@ -38,26 +39,26 @@
 #ifdef GL_core_profile
 
 #    define KILN_GLSL
-#    define KILN_CONTEXT(type, name)           /* a parameter: the struct type whose arrays the function reads, */
-#    define KILN_PASS(context)                 /* the argument for it, */
-#    define KILN_CONTEXT_IS(type, name, value) /* or a local one; */
-#    define KILN_GET(context, member) (KILN_CONTEXT_##context.member)        /* a number of it; */
-#    define KILN_LOAD(context, array, index) kiln_##context##_##array(index) /* an element of an array of it, */
-#    define KILN_ITEM(type) type                                             /* and that one's type */
+#    define KILN_CONTEXT(type, name)           /* parameter: the struct whose arrays the function reads */
+#    define KILN_PASS(context)                 /* argument for KILN_CONTEXT */
+#    define KILN_CONTEXT_IS(type, name, value) /* local variable in its place */
+#    define KILN_GET(context, member) (KILN_CONTEXT_##context.member)        /* scalar member of the struct */
+#    define KILN_LOAD(context, array, index) kiln_##context##_##array(index) /* element of its arrays */
+#    define KILN_ITEM(type) type                                             /* type of such an element */
 #    define KILN_RGB(name) vec3 name                                         /* a colour, name[0] to name[2]; */
 #    define KILN_RGB_IN(name) vec3 name                                      /* a parameter; */
-#    define KILN_RGB_OUT(name) out vec3 name                                 /* one that the function sets */
+#    define KILN_RGB_OUT(name) out vec3 name                                 /* output parameter */
 #    define KILN_U32 uint                                                    /* an unsigned number of 32 bits */
-#    define KILN_U64 uint64_t            /* one of 64 bits; GLSL needs an extension for it */
+#    define KILN_U64 uint64_t            /* unsigned number of 64 bits; GLSL needs an extension */
 #    define KILN_I32 int                 /* a signed one */
 #    define KILN_VECTOR vec3             /* three floats; vec3(x, y, z) makes one in both languages */
 #    define KILN_FUNCTION                /* before every function */
 #    define KILN_STRUCT                  /* before the name of a struct that is used as a type */
-#    define KILN_IN(type) type           /* a struct that the function reads, which C has the address of; a */
-#    define KILN_OUT(type) out type      /* a parameter that the function sets, */
-#    define KILN_INOUT(type) inout type  /* or changes; */
-#    define KILN_AT(parameter) parameter /* its value in the function; */
-#    define KILN_TO(variable) variable   /* and the argument for it */
+#    define KILN_IN(type) type           /* input struct, by address in C */
+#    define KILN_OUT(type) out type      /* output parameter, by address in C */
+#    define KILN_INOUT(type) inout type  /* parameter that is read and changed */
+#    define KILN_AT(parameter) parameter /* value of these three in the function */
+#    define KILN_TO(variable) variable   /* argument for these three */
 #    define KILN_TO_U32(x) uint(x)       /* conversions */
 #    define KILN_TO_U64(x) uint64_t(x)
 #    define KILN_TO_I32(x) int(x)

@@ -2,9 +2,9 @@
 #ifndef KILN_SHADERS_LAYOUT_GUIDE_H
 #define KILN_SHADERS_LAYOUT_GUIDE_H
 
-/* Word of each point of a chunk on its tile run: the point's number in it; the number of its last; sides of its guide,
- * in eights of cells (0: it has none); and the number of the guide that it follows, counted from 1 in the chunk (0: the
- * cosine). */
+/* Word of a point of a chunk, from its lowest bits on: the point's number in its tile run; the number of the run's last
+ * point; the side of its guide in units of 8 cells (0: no guide); and the number, from 1 in the chunk, of the guide
+ * that its rays follow (0: cosine sampling). */
 #define KILN_GPU_GUIDE_LAST_SHIFT 6u
 #define KILN_GPU_GUIDE_SIDE_SHIFT 12u
 #define KILN_GPU_GUIDE_NUMBER_SHIFT 14u
@@ -12,16 +12,16 @@
 #define KILN_GPU_GUIDE_BIAS 256
 KILN_FUNCTION KILN_U32 kiln_gpu_guide_side(KILN_U32 word) { return (word >> KILN_GPU_GUIDE_SIDE_SHIFT & 3u) * 8u; }
 
-/* Root of the data that a chunk of the guided pass has besides, in front of the words and guides. */
+/* Data of a chunk in the guided pass only, in front of the words and guides. */
 struct kiln_gpu_guided {
-    KILN_ADDRESS near_probes; /* words: of each point of the block, which probes it sees; 0: nobody knows */
+    KILN_ADDRESS near_probes; /* words: probes that each point of the block sees; 0: unknown */
     KILN_ADDRESS words;       /* of each point of the chunk, as above */
     KILN_ADDRESS guides;      /* KILN_GUIDE_SIZE floats each (shaders/shared/guide.h) */
-    /* Where the pass learns, else 0. Words: of ray k of point x at k * total + x, what it found and where
+    /* Words, if the pass learns, else 0: luminance and cell found by ray k of point x, at k * total + x
      * (kiln_gpu_guide_ray) */
     KILN_ADDRESS rays;
-    KILN_ADDRESS squares; /* floats: of cell c of the rays of point x at c * total + x, */
-    /* words: the squares of point x are over 2^(2 e), with e + KILN_GPU_GUIDE_BIAS here; KILN_GPU_NONE: the device
+    KILN_ADDRESS squares; /* floats: sum of squares in cell c of point x, at c * total + x */
+    /* words: e + KILN_GPU_GUIDE_BIAS, where the squares of point x are divided by 2^(2 e); KILN_GPU_NONE: the device
      * ended its loops early */
     KILN_ADDRESS exponents;
 };
@@ -34,7 +34,8 @@ struct kiln_gpu_guided_result { /* struct kiln_guided_result */
 KILN_SIZE_IS(kiln_gpu_guided_result, 84);
 
 #ifdef KILN_GLSL
-/* A luminance, its last eight bits given for a cell: its error is below 2^-15. */
+/* Packs a luminance and a cell in a word: the cell replaces the last eight bits. The luminance is off by less than
+ * 2^-15. */
 uint kiln_gpu_guide_ray(float luminance, uint cell) { return (floatBitsToUint(luminance) & 0xffffff00u) | cell; }
 float kiln_gpu_guide_luminance(uint ray) { return uintBitsToFloat(ray & 0xffffff00u); }
 uint kiln_gpu_guide_cell(uint ray) { return ray & 0xffu; }

@@ -11,22 +11,22 @@
 #define KILN_GPU_LIGHT_HAS_TEXTURE 2u
 #define KILN_GPU_LIGHT_IS_SPOT 1u /* flag of point lights */
 
-/* The arrays hold the structs of shaders/shared/layout_light_real.h, in double where the device has it and else in
- * float. */
+/* Lights. The arrays hold structs of shaders/shared/layout_light_real.h, in double if the device has it, else in float.
+ */
 struct kiln_gpu_lights {
     KILN_ADDRESS nodes, areas, points, directionals;
     KILN_ADDRESS marginal, conditional; /* float: as in struct kiln_lights */
-    /* real: cos(pi y / height), y = 0 .. height; then how much each is above the next, which for many rows is less than
-     * floats could tell from the cosines */
+    /* real: cos(pi y / height), y = 0 .. height; then the difference of each to the next, which with many rows is too
+     * small to compute from the cosines in floats */
     KILN_ADDRESS rows;
     KILN_ADDRESS texels; /* float: the image, RGB, times its factor */
-    KILN_ADDRESS groups; /* struct kiln_gpu_light_groups; 0: nobody asks for their light */
+    KILN_ADDRESS groups; /* struct kiln_gpu_light_groups; 0: no light by groups is computed */
     KILN_WORD area_count, directional_count;
     KILN_WORD width, height; /* of the image */
     KILN_REAL32 rotation;    /* radians about +y */
     KILN_REAL32 sky[3];      /* radiance of a constant sky */
     KILN_REAL32 mean[3];     /* mean radiance of the environment */
-    KILN_WORD environment;   /* 0 or 1: there is one that shines */
+    KILN_WORD environment;   /* 1: the environment emits light */
 };
 KILN_SIZE_IS(kiln_gpu_lights, 120);
 
@@ -47,9 +47,9 @@ KILN_SIZE_IS(kiln_gpu_light_block, 32);
 /* Choices that choose.comp leaves for the kernels that trace. `what`: kind in the two highest bits, index in the
  * others. */
 #define KILN_GPU_CHOICE_KIND_SHIFT 30u
-/* in `samples`: a lone area light, to be reckoned in doubles where the device has them */
+/* flag in `samples`: a single area light, computed in doubles if the device has them */
 #define KILN_GPU_CHOICE_PRECISE 0x80000000u
-/* a kind beside those of shaders/lights.glsl: a node that is a target (shaders/area_light_sampler.glsl) */
+/* kind in addition to those of shaders/lights.glsl: a node that is a target (shaders/area_light_sampler.glsl) */
 #define KILN_GPU_CHOICE_TARGET 3u
 struct kiln_gpu_choice {
     KILN_WORD what, samples;
@@ -74,23 +74,23 @@ KILN_SIZE_IS(kiln_gpu_choice, 8);
  *                directional_count + 1
  *   float luminances[slots * rows * room], for each choice i as the sums are: sum over the row's samples of choice i,
  *                for choices of KILN_QUARTERS_FROM samples and more
- *   word counts[room]: choices of a point; with KILN_GPU_COUNT_PRECISE where some of them are precise
+ *   word counts[room]: number of choices of a point; with KILN_GPU_COUNT_PRECISE where some of them are precise
  *   word pilot_rays[room]: where directional lights have pilots (direct_pilot.comp)
  *   float groups[count * GROUP_FLOATS * rows * room], where the light of groups is found besides: of each group
  *                (shaders/light_groups.glsl) GROUP_FLOATS floats, for each of these as the sums are: sums over the
  *                samples of all choices, each divided by how many its choice has */
 #define KILN_GPU_COUNT_PRECISE 0x80000000u
-#define KILN_GPU_DIRECT_ROW_BITS 26 /* the 6 others: up to 64 points of a tile run */
+#define KILN_GPU_DIRECT_ROW_BITS 26 /* 6 bits are left, for up to 64 points of a tile run */
 struct kiln_gpu_direct {
-    /* struct kiln_gpu_result, one a point of the chunk; of direct_groups.comp GROUP_FLOATS floats for each group */
+    /* one struct kiln_gpu_result a point of the chunk; for direct_groups.comp GROUP_FLOATS floats a group */
     KILN_ADDRESS results;
     KILN_ADDRESS sobol; /* words: dimension d's points from d * sobol_stride on */
     KILN_ADDRESS scratch;
-    KILN_ADDRESS rays; /* word: shadow rays of a point of the chunk */
+    KILN_ADDRESS rays; /* words: number of shadow rays of each point of the chunk */
     KILN_WORD room, slots, samples, limit, sobol_stride;
-    KILN_WORD row_first; /* thread (x, y) is y + row_first of its point's */
+    KILN_WORD row_first; /* thread (x, y) takes row y + row_first of point x */
     KILN_WORD slices, split;
     KILN_WORD stream;
-    KILN_WORD software; /* 1: the device is one (kiln_slices_of) */
+    KILN_WORD software; /* 1: a software device (kiln_slices_of) */
 };
 KILN_SIZE_IS(kiln_gpu_direct, 72);

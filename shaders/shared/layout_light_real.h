@@ -4,7 +4,7 @@
 
 struct KILN_STORED_NAME(kiln_gpu_light_node) { /* struct kiln_light_node, made ready */
     KILN_STORED_REAL centre[3];
-    KILN_STORED_REAL radius, floor2; /* half the box's diagonal, and a quarter of its square */
+    KILN_STORED_REAL radius, floor2; /* half the diagonal of the box, and radius^2 / 4 */
     KILN_STORED_REAL axis[3];
     KILN_STORED_REAL cos_o, sin_o, cos_e, power;
     KILN_WORD left, right; /* children; of a leaf left == KILN_GPU_NONE and right = the light */
@@ -16,7 +16,7 @@ struct KILN_STORED_NAME(kiln_gpu_area_light) { /* struct kiln_area_light */
     KILN_STORED_REAL area, rounding;
     KILN_REAL32 radiance[3];
     KILN_WORD triangle, flags;
-    KILN_REAL32 at[6]; /* weights of the triangle's corners 1 and 2 at its own corners */
+    KILN_REAL32 at[6]; /* barycentric weights of the world triangle's corners 1 and 2 at this light's corners */
     KILN_WORD path, depth, turn;
 };
 
@@ -33,9 +33,9 @@ struct KILN_STORED_NAME(kiln_gpu_directional_light) { /* struct kiln_directional
     KILN_WORD reserved;
 };
 
-struct KILN_STORED_NAME(kiln_gpu_direct_sums) { /* of a row of a point's samples, written by the device alone */
+struct KILN_STORED_NAME(kiln_gpu_direct_sums) { /* sums of one row of a point's samples; only the device writes them */
     KILN_STORED_REAL incident[3], irradiance[3];
-    KILN_STORED_REAL variance; /* of the choices that are not in `luminances` */
+    KILN_STORED_REAL variance; /* variance of the choices that are not in `luminances` */
     KILN_WORD rays;
     KILN_WORD stopped; /* 1: the device ended a loop early */
 };

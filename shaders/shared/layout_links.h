@@ -1,6 +1,6 @@
 /* Links on the device (worker/pass/links.h); part of shaders/shared/push.h. */
 
-/* Parts of struct kiln_link_node that sums need. */
+/* Members of struct kiln_link_node that are needed to evaluate links. */
 struct kiln_gpu_link_node {
     KILN_VECTOR centre, normal;
     KILN_REAL32 radius, height, bend, area, most_area;
@@ -10,7 +10,7 @@ struct kiln_gpu_link_node {
 };
 KILN_SIZE_IS(kiln_gpu_link_node, 80);
 
-/* A point that sends light, in the tree's order. */
+/* Leaf: a point that sends light, in the tree's order. */
 struct kiln_gpu_link_leaf {
     KILN_VECTOR centre, normal, edge_s, edge_t;
     KILN_REAL32 area;
@@ -25,7 +25,7 @@ struct kiln_gpu_link_sent {
 };
 KILN_SIZE_IS(kiln_gpu_link_sent, 64);
 
-/* And behind them points, in the tree's order. */
+/* Light that leaf points send, in the tree's order; stored after that of the nodes. */
 struct kiln_gpu_link_leaf_light {
     KILN_REAL32 radiosity[3];
     KILN_REAL32 now, before;
@@ -40,11 +40,11 @@ struct kiln_gpu_linked_point {
 };
 KILN_SIZE_IS(kiln_gpu_linked_point, 32);
 
-/* A tile run of a chunk: where its links stand, and how many they are; then those of single points through what has a
- * colour. Masks are of bits of the tile, the lower half first. */
+/* A tile run of a chunk: its range of links, and its range of links to single points through coloured surfaces. Masks
+ * have a bit for each point of the tile, the lower half first. */
 struct kiln_gpu_link_run {
     KILN_WORD first, count, tinted_first, tinted_count;
-    KILN_WORD shares[2]; /* points of the tile that send light */
+    KILN_WORD shares[2]; /* mask of the tile's points that send light */
     KILN_REAL32 texel;   /* m: the longest edge of a point */
     KILN_REAL32 sharing; /* kiln_links_shared */
 };
@@ -61,8 +61,8 @@ struct kiln_gpu_tinted_link { /* struct kiln_tinted_link */
 };
 KILN_SIZE_IS(kiln_gpu_tinted_link, 20);
 
-/* Links lie in rows of so many, one a thread; a row of a point has so many floats: incident, irradiance (3 each), the
- * sum of its factors, and variance. */
+/* A row is the links that one thread sums. Its result is 8 floats: incident, irradiance (3 each), sum of factors,
+ * variance. */
 #define KILN_GPU_LINKS_A_ROW 256u
 #define KILN_GPU_LINK_FLOATS 8u
 
@@ -74,7 +74,7 @@ struct kiln_gpu_link_sums { /* of all rows */
 };
 KILN_SIZE_IS(kiln_gpu_link_sums, 44);
 
-/* A ray between two points: one by its global index, with KILN_GPU_LINK_BACK in case the ray ends there, and one by its
+/* A ray between two points: `own` by its global index, with KILN_GPU_LINK_BACK if the ray ends there; `other` by its
  * place in the tree's order. */
 #define KILN_GPU_LINK_BACK 0x80000000u
 struct kiln_gpu_link_ray {

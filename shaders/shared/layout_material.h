@@ -1,22 +1,23 @@
 /* Materials and textures on the device; part of shaders/shared/layout.h.
  *
- * Only what kernels ask for is there: surfaces that may let rays through, and surfaces whose emission has a texture. A
- * scene with neither has address 0 everywhere. Once paths are traced, all surfaces are there, with their gloss. */
+ * Only surfaces that kernels read are there: surfaces that may let rays through, and surfaces whose emission has a
+ * texture. A scene with neither has address 0 everywhere. Once paths are traced, all surfaces are there, with their
+ * gloss. */
 
 struct kiln_gpu_material { /* struct kiln_material, with its index in the scene */
     KILN_REAL32 base_alpha, alpha_cutoff, emission[3];
     KILN_WORD alpha_mode;
     KILN_WORD base_color_texture, emission_texture; /* KILN_GPU_NONE: none */
-    KILN_REAL32 base_color[3];                      /* times what is not metal */
+    KILN_REAL32 base_color[3];                      /* diffuse part: base colour times (1 - metallic) */
     KILN_REAL32 transmission;
     KILN_WORD transmission_texture;
-    KILN_REAL32 seen_color[3]; /* the base colour itself: as what a camera sees metals */
+    KILN_REAL32 seen_color[3]; /* the base colour itself, with which the camera sees metals */
     KILN_STRUCT kiln_pane pane;
 };
 KILN_SIZE_IS(kiln_gpu_material, 80);
 
 struct kiln_gpu_texture { /* struct kiln_texture */
-    KILN_ADDRESS texels;  /* words of RGBA, red lowest; 0: no kernel asks for this texture */
+    KILN_ADDRESS texels;  /* words of RGBA, red lowest; 0: no kernel reads this texture */
     KILN_WORD width, height, srgb, nearest, wrap_u, wrap_v;
 };
 KILN_SIZE_IS(kiln_gpu_texture, 32);
@@ -50,14 +51,14 @@ struct kiln_gpu_gloss_texture { /* struct kiln_gloss_texture */
 };
 KILN_SIZE_IS(kiln_gpu_gloss_texture, 32);
 
-#define KILN_GPU_GLOSS_TAKEN 1u  /* else the material is diffuse to light transport, and nothing else here is set */
-#define KILN_GPU_GLOSS_VOLUME 2u /* faces bound a body */
+#define KILN_GPU_GLOSS_TAKEN 1u  /* set: gloss is used; else the material is diffuse, and no other bit is set */
+#define KILN_GPU_GLOSS_VOLUME 2u /* faces bound a volume */
 #define KILN_GPU_GLOSS_MIRROR 4u
 #define KILN_GPU_GLOSS_PHONG 8u
-#define KILN_GPU_GLOSS_TEXTURED 16u  /* one of the textures is there */
-#define KILN_GPU_GLOSS_TRANSMITS 32u /* light may come through */
-#define KILN_GPU_GLOSS_PREPARED 64u  /* its lobes are the same all over, but for their colour: see `lobes` */
-#define KILN_GPU_GLOSS_DYED 128u     /* and they have the surface's colour, else their own */
+#define KILN_GPU_GLOSS_TEXTURED 16u  /* has at least one texture */
+#define KILN_GPU_GLOSS_TRANSMITS 32u /* may transmit light */
+#define KILN_GPU_GLOSS_PREPARED 64u  /* its lobes are constant but for colour: see `lobes` */
+#define KILN_GPU_GLOSS_DYED 128u     /* prepared lobes take the surface's colour, else their own */
 
 struct kiln_gpu_gloss { /* struct kiln_gloss of the material of the same index */
     KILN_WORD flags;
@@ -67,7 +68,7 @@ struct kiln_gpu_gloss { /* struct kiln_gloss of the material of the same index *
     KILN_REAL32 coat, coat_roughness, anisotropy, exponent;
     KILN_REAL32 turn_cosine, turn_sine; /* of anisotropy_rotation */
     KILN_STRUCT kiln_gpu_gloss_texture textures[KILN_GPU_GLOSS_USES];
-    KILN_WORD brushed[2], held[2]; /* struct kiln_bsdf_tables, of what is not PREPARED */
+    KILN_WORD brushed[2], held[2]; /* struct kiln_bsdf_tables, unless PREPARED */
 };
 KILN_SIZE_IS(kiln_gpu_gloss, 368);
 
@@ -79,7 +80,7 @@ KILN_SIZE_IS(kiln_gpu_gloss_place, 24);
 struct kiln_gpu_materials {
     KILN_ADDRESS materials, textures;
     KILN_ADDRESS coatings;
-    /* of world triangle slot_first + i: index of its coating, with KILN_GPU_FLIPPED; KILN_GPU_NONE: none */
+    /* index of the coating of world triangle slot_first + i, with KILN_GPU_FLIPPED; KILN_GPU_NONE: none */
     KILN_ADDRESS slots;
     KILN_ADDRESS linear_of_srgb; /* 256 floats */
     KILN_WORD slot_first, reserved;

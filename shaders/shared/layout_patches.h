@@ -1,7 +1,7 @@
 /* Patches on the device (worker/pass/patches.h); part of shaders/shared/push.h. */
 
-/* Parts of struct kiln_patch that a gathering point needs, and its albedo; its tile run among the own ones, and its
- * place in that. */
+/* Members of struct kiln_patch that a gathering point needs, with its albedo, its tile run among this rank's, and its
+ * place in that run. */
 struct kiln_gpu_patch {
     KILN_VECTOR place, normal;
     KILN_WORD number;
@@ -10,7 +10,7 @@ struct kiln_gpu_patch {
 };
 KILN_SIZE_IS(kiln_gpu_patch, 48);
 
-/* Parts of struct kiln_patch_node that tell whether it faces a point, which is asked of every pair; */
+/* Members of struct kiln_patch_node that decide whether a node faces a point: read for every pair. */
 struct kiln_gpu_node_facing {
     KILN_VECTOR centre;
     KILN_REAL32 area;
@@ -19,26 +19,26 @@ struct kiln_gpu_node_facing {
 };
 KILN_SIZE_IS(kiln_gpu_node_facing, 32);
 
-/* and the rest. */
+/* Other members of struct kiln_patch_node, read only for nodes that face the point. */
 struct kiln_gpu_node_shape {
     KILN_VECTOR place, edge_s, edge_t;
     KILN_REAL32 radiosity[3];
 };
 KILN_SIZE_IS(kiln_gpu_node_shape, 48);
 
-/* Nodes lie in rows, one a thread; a row of a point has so many floats: incident, irradiance (3 each), the sum of its
- * factors, and three numbers of pairs, of which a row has KILN_GPU_PAIRS_BASE - 1 at most: those that face each other
- * times KILN_GPU_PAIRS_BASE^2, of these those that were known times KILN_GPU_PAIRS_BASE, and those that were traced. */
+/* A row is the nodes that one thread sums. Its result for a point is 8 floats: incident, irradiance (3 each), sum of
+ * factors, and three counts of pairs packed in base KILN_GPU_PAIRS_BASE: facing pairs times base^2, known ones of these
+ * times base, and traced ones. A row has at most KILN_GPU_PAIRS_BASE - 1 pairs. */
 #define KILN_GPU_PATCH_FLOATS 8u
 #define KILN_GPU_PAIRS_BASE 128u
-#define KILN_GPU_PAIRS_WORDS 3u /* of a point: traced, known, facing */
+#define KILN_GPU_PAIRS_WORDS 3u /* counts of a point: traced, known, facing */
 
-/* Means besides rays to find the sight of pairs: patches.comp's own constant. */
-#define KILN_GPU_SIGHT_VOXELS 1u /* in the place of rays */
-#define KILN_GPU_SIGHT_KEPT 2u   /* what is known is not asked again, and what is found is kept */
+/* Ways to find the visibility of pairs other than rays: bits of patches.comp's specialisation constant. */
+#define KILN_GPU_SIGHT_VOXELS 1u /* voxels replace rays */
+#define KILN_GPU_SIGHT_KEPT 2u   /* known visibility is reused, and new results are kept */
 
-/* The grid (worker/scene/voxels.h), and what is kept (worker/backend/vulkan/visibility.h). `reals` are of the kernel's
- * `real`: the grid's corner, and cells a metre. */
+/* The voxel grid (worker/scene/voxels.h), and kept visibility (worker/backend/vulkan/visibility.h). `reals`, in the
+ * kernel's `real`, are the grid's corner and cells a metre. */
 struct kiln_gpu_sight {
     KILN_ADDRESS words, reals;
     KILN_ADDRESS runs; /* struct kiln_gpu_sight_run of each own tile run */
@@ -48,25 +48,25 @@ struct kiln_gpu_sight {
 KILN_SIZE_IS(kiln_gpu_sight, 40);
 #define KILN_GPU_GRID_REALS 4u
 
-/* Stored sight of a tile run: words, in this order, with g groups and n points: known columns of each group (2 g),
- * columns that some pair is partly open in (2 g), where the tile pair's bits are (g), what its pairs were found to be
- * (g), and for each tile pair with bits those of its points (2 n). */
+/* Kept visibility of a tile run: words, in this order, with g groups and n points: mask of known columns of each group
+ * (2 g), mask of columns with a partly open pair (2 g), place of the tile pair's bits (g), states found (g), and for
+ * each tile pair with bits the bits of its points (2 n). */
 struct kiln_gpu_sight_run {
     KILN_ADDRESS words;                   /* 0: there is no room */
-    KILN_WORD count, room, used;          /* points; tile pairs that may have bits, and that have some */
-    KILN_WORD open, shut, mixed, unknown; /* tile pairs, as struct kiln_visibility_counts has them */
+    KILN_WORD count, room, used;          /* points; tile pairs with bits: capacity, and number used */
+    KILN_WORD open, shut, mixed, unknown; /* numbers of tile pairs, as in struct kiln_visibility_counts */
     KILN_WORD reserved;
 };
 KILN_SIZE_IS(kiln_gpu_sight_run, 40);
 
-/* Where a tile pair's bits are, if it has none; else its number among those with bits. */
+/* Place of a tile pair's bits: a number among those with bits, or one of these values. */
 #define KILN_GPU_PAIRS_NONE 0xffffffffu    /* unknown */
-#define KILN_GPU_PAIRS_NOTHING 0xfffffffeu /* no pair was asked for */
+#define KILN_GPU_PAIRS_NOTHING 0xfffffffeu /* no pair was requested */
 #define KILN_GPU_PAIRS_ALL_OPEN 0xfffffffdu
 #define KILN_GPU_PAIRS_ALL_SHUT 0xfffffffcu
-#define KILN_GPU_PAIRS_BITS 0xfffffffbu /* numbers are below */
+#define KILN_GPU_PAIRS_BITS 0xfffffffbu /* numbers of tile pairs with bits are below this */
 
-/* States that pairs were found in, as enum kiln_pairs has them; KILN_GPU_PAIRS_NEW: in this step. */
+/* Visibility states of pairs, as in enum kiln_pairs; KILN_GPU_PAIRS_NEW: found in this step. */
 #define KILN_GPU_PAIRS_OPEN 1u
 #define KILN_GPU_PAIRS_SHUT 2u
 #define KILN_GPU_PAIRS_PARTIAL 4u
@@ -78,27 +78,27 @@ struct kiln_gpu_patch_sums { /* of all rows */
 };
 KILN_SIZE_IS(kiln_gpu_patch_sums, 28);
 
-/* Rays to bright patches (worker/pass/directions.h): what the points of a chunk choose by. `sums`, `cluster_power` and
- * `power` are of the kernel's `real`. */
+/* Distribution by which a chunk's points choose rays to bright patches (worker/pass/directions.h). `sums`,
+ * `cluster_power` and `power` are in the kernel's `real`. */
 struct kiln_gpu_bright {
-    KILN_ADDRESS clusters;      /* two words each: its first point among the members, and their end */
-    KILN_ADDRESS cluster_power; /* of each */
-    KILN_ADDRESS members;       /* words: numbers of points */
-    KILN_ADDRESS cluster_of;    /* word of each point; KILN_GPU_NONE: of none */
-    KILN_ADDRESS power;         /* of each point */
+    KILN_ADDRESS clusters;      /* two words each: begin and end of its points in `members` */
+    KILN_ADDRESS cluster_power; /* power of each cluster */
+    KILN_ADDRESS members;       /* words: numbers of the clusters' points */
+    KILN_ADDRESS cluster_of;    /* words: cluster of each point; KILN_GPU_NONE: none */
+    KILN_ADDRESS power;         /* power of each point */
     KILN_ADDRESS patches;       /* struct kiln_gpu_bright_patch of each point */
-    KILN_ADDRESS receiver_of;   /* word of each point of the chunk */
+    KILN_ADDRESS receiver_of;   /* words: receiver of each point of the chunk */
     KILN_ADDRESS receivers;     /* struct kiln_gpu_bright_receiver */
-    KILN_ADDRESS sums;          /* rows of `count`: of the clusters' weights up to each */
+    KILN_ADDRESS sums;          /* rows of `count`: cumulative weights of the clusters */
     KILN_WORD count;            /* of clusters */
-    KILN_REAL32 scale;          /* of all radiosity */
+    KILN_REAL32 scale;          /* scale of all radiosity */
 };
 KILN_SIZE_IS(kiln_gpu_bright, 80);
 KILN_OFFSET_IS(kiln_gpu_bright, count, 72);
 
 struct kiln_gpu_bright_receiver {
-    KILN_WORD by_cosine; /* of its points' samples */
-    KILN_WORD row;       /* of `sums`; any, where all samples are by the cosine */
+    KILN_WORD by_cosine; /* number of its points' samples that are cosine-distributed */
+    KILN_WORD row;       /* row of `sums`; unused if all samples are cosine-distributed */
 };
 KILN_SIZE_IS(kiln_gpu_bright_receiver, 8);
 

@@ -1,13 +1,13 @@
-/* The path pass: what C and GLSL share of its data; part of shaders/shared/push.h. */
+/* Data of the path pass that C and GLSL share; part of shaders/shared/push.h. */
 
-/* A world triangle as paths meet it. */
+/* A world triangle, with the data that paths need at a hit. */
 struct kiln_gpu_path_triangle {
     KILN_VECTOR p, e1, e2;                    /* corner 0, and the edges to corners 1 and 2 */
     KILN_VECTOR normal;                       /* geometric, unit */
-    KILN_VECTOR shading0, shading1, shading2; /* of each corner, unit; unused but for smooth ones */
-    KILN_REAL32 offset;                       /* m along the normal, on either side, from which rays start */
+    KILN_VECTOR shading0, shading1, shading2; /* shading normal of each corner, unit; only for smooth triangles */
+    KILN_REAL32 offset;                       /* m: offset along the normal, on either side, at which rays start */
     KILN_WORD flags;
-    KILN_REAL32 lift[3]; /* of smooth ones: struct kiln_lift of edges 0 1, 0 2 and 1 2, below 0 where of the back */
+    KILN_REAL32 lift[3]; /* smooth triangles: struct kiln_lift of edges 0 1, 0 2, 1 2; below 0: of the back */
 };
 KILN_SIZE_IS(kiln_gpu_path_triangle, 104);
 #define KILN_GPU_PATH_SMOOTH 1u

@@ -1,12 +1,13 @@
-/* The probes' pass: what C and GLSL share of it. */
+/* The probe pass: data that C and GLSL share. */
 
-/* samples a slice: of the sphere, and of the lights; some devices do not stand long loops */
+/* samples a slice, over the sphere or of lights; short, as some devices stop long loops */
 #define KILN_GPU_PROBE_SAMPLES 16u
 
-/* Floats a slice of a probe, and a probe's answer: those of struct kiln_probe_result in order, and last the shadow
- * rays. A mean distance below 0: the device ended a loop early, the answer is not good. */
+/* Floats of a slice, and of a probe's answer: the members of struct kiln_probe_result in order, then the number of
+ * shadow rays. A mean distance below 0 marks a wrong answer: the device ended a loop early. */
 #define KILN_GPU_PROBE_FLOATS 48u
-/* Floats of a group of lights at a probe: those that are light. The first below 0: likewise. */
+/* Floats of a light group at a probe: the light members of its answer. The first below 0: the device ended a loop
+ * early. */
 #define KILN_GPU_PROBE_GROUP_FLOATS 45u
 /* Bytes that are kept of a ray over the sphere, and of a light sample: shaders/probe_found.glsl. */
 #define KILN_GPU_PROBE_FOUND_BYTES 16u

@@ -12,7 +12,7 @@ struct kiln_gpu_brick_slot { /* struct kiln_brick_slot of worker/scene/surface.h
 };
 KILN_SIZE_IS(kiln_gpu_brick_slot, 16);
 
-/* The arrays of kiln_store_arrays, in their order; those that a store has no use for are empty. */
+/* The arrays of kiln_store_arrays, in their order; those that a store does not use are empty. */
 struct kiln_gpu_store {
     KILN_ADDRESS lightmaps, tiles, splits, divided, leaves, slots;
 };

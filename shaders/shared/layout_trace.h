@@ -1,17 +1,17 @@
 /* Data for tracing on the device; part of shaders/shared/layout.h. worker/backend/vulkan/bvh.c makes the layouts, the
  * files of shaders/trace walk them.
  *
- * TRAVERSAL, a specialisation constant, is one of these layouts. Hits do not depend on it: every layout applies the
- * same triangle test and gives the nearest triangle, of equally near ones that of the lowest number. */
+ * TRAVERSAL, a specialisation constant, selects one of these layouts. Hits do not depend on it: every layout applies
+ * the same triangle test and gives the nearest triangle, of equally near ones that of the lowest number. */
 #define KILN_TRAVERSAL_FOUR 0u
 #define KILN_TRAVERSAL_EIGHT 1u /* compressed */
 /* the device's own acceleration structure, in kernels compiled with KILN_PIPELINE */
 #define KILN_TRAVERSAL_PIPELINE 2u
 
-/* A triangle as it is traced, 48 bytes; world numbers as in worker/scene/geometry.h. */
+/* A triangle for tracing, 48 bytes; world numbers as in worker/scene/geometry.h. */
 struct kiln_gpu_triangle {
     KILN_REAL32 a[3];
-    KILN_WORD number; /* KILN_GPU_NONE: a stand-in that nothing meets, for a world without triangles */
+    KILN_WORD number; /* KILN_GPU_NONE: a placeholder that no ray hits, for a world without triangles */
     KILN_REAL32 b[3];
     KILN_WORD unused_b;
     KILN_REAL32 c[3];
@@ -25,34 +25,34 @@ KILN_SIZE_IS(kiln_gpu_triangle, 48);
 #define KILN_GPU_LEAF_COUNT_SHIFT 29u
 #define KILN_GPU_LEAF_FIRST 0x1fffffffu
 
-/* Four children, 128 bytes, a value a child: lower x, upper x, lower y, ... upper z. A child that is not there has a
- * box whose lower bounds are above its upper ones. */
+/* Node with four children, 128 bytes. Each row of bounds has a value a child: lower x, upper x, lower y, ... upper z. A
+ * missing child has a box whose lower bounds are above its upper ones. */
 struct kiln_gpu_node4 {
     KILN_REAL32 bounds[6][4];
     KILN_WORD child[4], unused[4];
 };
 KILN_SIZE_IS(kiln_gpu_node4, 128);
 
-/* Eight children, 80 bytes (Ylitie, Karras and Laine, "Efficient incoherent ray traversal on GPUs through compressed
- * wide BVHs", 2017, section 3). Boxes are counted in steps of 2^(exponent - 127) from `origin`. `meta` of a child: 0
- * none; a node 1 << 5 | 24 + slot; a leaf its count in unary digits << 5 | place of its first triangle after
- * triangle_first. */
+/* Compressed node with eight children, 80 bytes (Ylitie, Karras and Laine, "Efficient incoherent ray traversal on GPUs
+ * through compressed wide BVHs", 2017, section 3). Bounds are stored in steps of 2^(exponent - 127) from `origin`.
+ * `meta` of a child: 0 none; a node 1 << 5 | 24 + slot; a leaf its count in unary digits << 5 | place of its first
+ * triangle after triangle_first. */
 struct kiln_gpu_node8 {
     KILN_REAL32 origin[3];
-    KILN_WORD exponents_inner; /* exponent of x, y, z in a byte each, and which slots are nodes */
+    KILN_WORD exponents_inner; /* exponents of x, y, z in a byte each; mask of the slots that are nodes */
     KILN_WORD node_first, triangle_first;
     KILN_WORD meta[2];      /* bytes */
     KILN_WORD bounds[6][2]; /* bytes: lower x, y, z, upper x, y, z */
 };
 KILN_SIZE_IS(kiln_gpu_node8, 80);
 
-/* Entries of a thread's stack in each layout (one more for the end); bvh.c makes trees that need no more. */
+/* Stack entries of a thread in each layout (one more for the end); bvh.c builds trees that need no more. */
 #define KILN_GPU_STACK4 124u
 #define KILN_GPU_STACK8 44u
 
-/* Boxes are wider than what they hold by this share of the world's extent: more than the errors of the triangle test
- * (14 units of 2^-24 of a coordinate and the origin's together) and of the box test (5) for origins within 2.5 extents
- * of the world's centre. */
+/* Boxes are enlarged by this share of the world's extent. This exceeds the errors of the triangle test (14 units of
+ * 2^-24 of a coordinate and the origin's together) and of the box test (5), for origins within 2.5 extents of the
+ * world's centre. */
 #define KILN_GPU_BOX_MARGIN 3.814697265625e-6f /* 2^-18 */
 
 struct kiln_gpu_hit { /* an answer of intersect.comp; struct kiln_hit */

@@ -1,37 +1,37 @@
-/* How much light a cluster of lights may bring to a point, and how samples are dealt out by it.
+/* Importance of a cluster of lights at a point: an estimate of the light that it brings. Samples are distributed by it.
  *
  * Conty Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018, section 4; bounds
- * as in pbrt-v4, section 12.6. Importance is zero only where the light surely is. */
+ * as in pbrt-v4, section 12.6. Importance is zero only where the cluster surely brings no light. */
 #ifndef KILN_SHADERS_SHARED_LIGHT_IMPORTANCE_H
 #define KILN_SHADERS_SHARED_LIGHT_IMPORTANCE_H
 
 #include "shaders/shared/real.h"
 
-#define KILN_CUT_MAX 24u /* clusters that a point's lights are cut into, at most */
+#define KILN_CUT_MAX 24u /* maximum number of clusters in a point's cut through the light tree */
 
-/* The same for a point that has so many samples for them: two a cluster. */
+/* Maximum number of clusters for a point with `samples` light samples: two samples a cluster. */
 KILN_FUNCTION KILN_U32 kiln_cut_limit(KILN_U32 samples) { return word_max(1u, word_min(samples / 2u, KILN_CUT_MAX)); }
 
-/* A cluster with at most this share of the importance of a point's lights is not split: one sample is enough for it. So
- * small, because what the important lights seem to bring may be hidden from the point. */
+/* A cluster with at most this share of the total importance at a point is not split: one sample is enough for it. The
+ * share is small because the seemingly important lights may be hidden from the point. */
 #define KILN_CUT_SHARE KILN_RATIO(1, 1048576)
 
-/* Where a cluster is, which way it shines, how much. */
+/* Bounds of a cluster: position, directions of emission, power. */
 struct kiln_light_bounds {
     kiln_real3 centre, axis;       /* m; unit */
     kiln_real radius;              /* m: half the diagonal of its box */
-    kiln_real floor2;              /* m2: a quarter of its square */
+    kiln_real floor2;              /* m2: radius^2 / 4, minimum of the squared distance */
     kiln_real cos_o, sin_o, cos_e; /* spread of normals about the axis; emission beyond it */
     kiln_real power;               /* luminance of radiance x area, or of intensity */
     bool two_sided, shines;        /* shines: power > 0, before it was rounded to kiln_real */
 };
 
-/* Whether n stands for every direction: a probe, or a point with several normals. */
+/* Whether n is zero, which stands for every direction: a probe, or a point with several normals. */
 KILN_FUNCTION bool kiln_any_direction(kiln_real3 n) { return n.x == 0 && n.y == 0 && n.z == 0; }
 
 KILN_FUNCTION kiln_real kiln_sine_of_cosine(kiln_real c) { return real_sqrt(real_max(kiln_real_of(0), 1 - c * c)); }
 
-/* cos(max(0, a - b)) and the sine of it, from cosines and sines. */
+/* kiln_cosine_less: cos(max(0, a - b)); kiln_sine_less: sin(max(0, a - b)); from cosines and sines of a and b. */
 KILN_FUNCTION kiln_real kiln_cosine_less(kiln_real sin_a, kiln_real cos_a, kiln_real sin_b, kiln_real cos_b)
 {
     return cos_a > cos_b ? kiln_real_of(1) : cos_a * cos_b + sin_a * sin_b;
@@ -41,8 +41,8 @@ KILN_FUNCTION kiln_real kiln_sine_less(kiln_real sin_a, kiln_real cos_a, kiln_re
     return cos_a > cos_b ? kiln_real_of(0) : sin_a * cos_b - cos_a * sin_b;
 }
 
-/* About the irradiance that the cluster may bring to points within `spread` metres of p (normal n; n = 0: any): bound
- * of the power x cosines over squared distance. Beyond the cluster's own size the inverse square holds; within it the
+/* Estimates the irradiance that the cluster brings to points within `spread` metres of p (normal n; n = 0: any): a
+ * bound of power x cosines over squared distance. The inverse square holds beyond the cluster's own size; within it the
  * light cannot fill more than a hemisphere. */
 KILN_FUNCTION kiln_real kiln_light_importance(KILN_STRUCT kiln_light_bounds b, kiln_real3 p, kiln_real spread,
                                               kiln_real3 n)
@@ -77,24 +77,24 @@ KILN_FUNCTION kiln_real kiln_light_importance(KILN_STRUCT kiln_light_bounds b, k
     return importance > 0 && !real_is_infinite(importance) ? importance : b.shines ? KILN_REAL_TINY : kiln_real_of(0);
 }
 
-/* Importance of a directional light of that luminance, W/m2; `cosine` with the normal, 1 for any direction. 0: behind
- * the point. */
+/* Importance of a directional light with luminance `luminance`, W/m2. `cosine`: with the normal, 1 for any direction.
+ * 0: the light is behind the point. */
 KILN_FUNCTION kiln_real kiln_sun_importance(kiln_real luminance, kiln_real cosine)
 {
     return cosine > 0 ? luminance * cosine : kiln_real_of(0);
 }
 
-/* Importance of an environment whose mean radiance has that luminance. */
+/* Importance of an environment; `luminance` is that of its mean radiance. */
 KILN_FUNCTION kiln_real kiln_sky_importance(kiln_real luminance) { return KILN_REAL_PI * luminance; }
 
-/* Samples of a choice that has the share `part` of all importance. */
+/* Number of samples of a choice whose share of the total importance is `part`. */
 KILN_FUNCTION KILN_U32 kiln_choice_samples(kiln_real part, KILN_U32 samples)
 {
     return word_max(1u, KILN_TO_U32(part * kiln_real_of(samples) + KILN_RATIO(1, 2)));
 }
 
-/* One step down the light tree, to the left with the chance `chance`. `pick` in (0, 1) is random and stays so; `weight`
- * is 1 / probability of the way so far. Returns whether the way goes left. */
+/* Takes one step down the light tree: to the left with probability `chance`. `pick` in (0, 1) is a random number, and
+ * is rescaled to one. `weight` is 1 / probability of the path so far. Returns whether it goes left. */
 KILN_FUNCTION bool kiln_light_tree_step(kiln_real chance, KILN_INOUT(kiln_real) pick, KILN_INOUT(kiln_real) weight)
 {
     const bool left = KILN_AT(pick) < chance;

@@ -7,16 +7,17 @@
 
 /* An emissive triangle, or a part of one (worker/light/lamp_parts.h). */
 struct kiln_area_light {
-    kiln_stored3 p0;          /* corner 0; of a triangle in the world's order, */
-    kiln_real3 e1, e2;        /* and the edges to corners 1 and 2 */
+    kiln_stored3 p0;          /* corner 0, in the world triangle's order */
+    kiln_real3 e1, e2;        /* edges from corner 0 to corners 1 and 2 */
     kiln_stored3 normal;      /* unit, front face */
     kiln_real area;           /* m2 */
-    kiln_real rounding;       /* m: what the corners' floats may be off by */
-    KILN_RGB(radiance);       /* mean over it, of what is there: emission x opacity */
+    kiln_real rounding;       /* m: rounding error of the corners' floats */
+    KILN_RGB(radiance);       /* mean radiance over its area: emission x opacity */
     KILN_U32 triangle;        /* world triangle */
-    bool two_sided, textured; /* textured: its radiance is not the same all over */
-    /* where `textured`: barycentric weights of the world triangle's corners 1 and 2 at its own corners; the way to it
-     * from the triangle, `depth` highest bits, 0: it is the triangle; shaders/shared/area_light.h */
+    bool two_sided, textured; /* textured: its radiance varies over it */
+    /* only if `textured`: barycentric weights of the world triangle's corners 1 and 2 at this light's corners; path of
+     * subdivision from the triangle to this light, `depth` highest bits, 0: it is the whole triangle;
+     * shaders/shared/area_light.h */
 #ifdef KILN_GLSL
     float at[6];
 #else
@@ -40,7 +41,7 @@ struct kiln_light_choice {
     KILN_U32 index;   /* node or directional light */
     KILN_U32 samples; /* set by kiln_lights_allot */
 #ifndef KILN_GLSL
-    double importance; /* about the irradiance it may bring, W/m2 */
+    double importance; /* estimate of the irradiance that it brings, W/m2 */
 #endif
 };
 
@@ -50,10 +51,10 @@ struct kiln_light_sample {
     kiln_real3 direction; /* unit */
     kiln_real distance;   /* m; infinite for light from outside */
     KILN_REAL_RGB(value); /* radiance / density of the direction */
-    /* m: stop the shadow ray this much before the light (rounding of the light's own position) */
+    /* m: distance before the light at which the shadow ray ends (rounding of the light's position) */
     kiln_real backoff;
-    bool has_extent; /* a ray may meet it: an emitting triangle, or the environment */
-    KILN_U32 light;  /* which of the tree's it is, areas first, then points; KILN_NONE: none of these */
+    bool has_extent; /* a ray can hit the light: an emitting triangle, or the environment */
+    KILN_U32 light;  /* index of the light in the tree, areas first, then points; KILN_NONE: not in the tree */
 };
 
 #endif

@@ -1,8 +1,8 @@
-/* The lights of a scene: choosing among them and sampling them (worker/light/lights.h says how and why).
+/* Choosing and sampling the lights of a scene (worker/light/lights.h explains the method).
  *
  * KILN_CONTEXT(kiln_lights, lights) has the arrays `nodes`, `areas`, `points` and `directionals`, and the numbers
- * area_count, point_count and directional_count. Before this header stand, as each language has them
- * (worker/light/lights.c, shaders/lights.glsl):
+ * area_count, point_count and directional_count. Each language defines before this header (worker/light/lights.c,
+ * shaders/lights.glsl):
  *
  *   KILN_MAY_BE(kinds)               whether the scene has lights of these kinds, KILN_GPU_KIND_...; C does not ask
  *   KILN_SKY_IS_IMAGE(lights)        whether the environment is an image, and of that image
@@ -26,7 +26,8 @@
 
 /* ---- candidates ---- */
 
-/* The most important cluster of a cut that can be split and is worth it (KILN_CUT_SHARE); `count`: there is none. */
+/* Returns the most important cluster of a cut that can be split and is worth it (KILN_CUT_SHARE), or `count` if there
+ * is none. */
 KILN_FUNCTION KILN_U32 kiln_cut_best(KILN_CONTEXT(kiln_lights, lights) KILN_CUT cut, KILN_U32 count)
 {
     KILN_U32 best = count;
@@ -41,7 +42,7 @@ KILN_FUNCTION KILN_U32 kiln_cut_best(KILN_CONTEXT(kiln_lights, lights) KILN_CUT 
     return most > KILN_CUT_SHARE * total ? best : count;
 }
 
-/* Puts a cluster's children that may bring light in its place; returns how many clusters the cut has then. */
+/* Replaces a cluster by those of its children that may bring light. Returns the number of clusters in the cut. */
 KILN_FUNCTION KILN_U32 kiln_cut_split(KILN_CONTEXT(kiln_lights, lights) KILN_CUT cut, KILN_U32 count, KILN_U32 best,
                                       kiln_real3 p, kiln_real spread, kiln_real3 n)
 {
@@ -63,8 +64,8 @@ KILN_FUNCTION KILN_U32 kiln_cut_split(KILN_CONTEXT(kiln_lights, lights) KILN_CUT
     return count;
 }
 
-/* Splits the most important inner cluster until there is room for no more or none is worth it; `limit` <= KILN_CUT_MAX.
- * Returns how many clusters there are. Needs a tree. */
+/* Builds a cut: splits the most important inner cluster until `limit` (<= KILN_CUT_MAX) is reached or no split is worth
+ * it. Returns the number of clusters. Needs a tree. */
 KILN_FUNCTION KILN_U32 kiln_cut_tree(KILN_CONTEXT(kiln_lights, lights) KILN_CUT cut, kiln_real3 p, kiln_real spread,
                                      kiln_real3 n, KILN_U32 limit)
 {
@@ -82,7 +83,7 @@ KILN_FUNCTION KILN_U32 kiln_cut_tree(KILN_CONTEXT(kiln_lights, lights) KILN_CUT 
     return count;
 }
 
-/* 0 for a directional light that is behind the point. */
+/* Importance of a directional light; 0 if it is behind the point. */
 KILN_FUNCTION kiln_real kiln_sun_importance_at(KILN_CONTEXT(kiln_lights, lights) KILN_U32 index, kiln_real3 n)
 {
     const KILN_ITEM(kiln_directional_light) light = KILN_LOAD(lights, directionals, index);
@@ -100,7 +101,7 @@ KILN_FUNCTION kiln_real kiln_sky_texel_density(KILN_CONTEXT(kiln_lights, lights)
     return kiln_sky_density(chance, KILN_SKY_BAND(lights, y), width);
 }
 
-/* The direction at the place (fx, fy) in a texel. */
+/* Direction at the place (fx, fy) within the texel (x, y). */
 KILN_FUNCTION kiln_real3 kiln_sky_in_texel(KILN_CONTEXT(kiln_lights, lights) KILN_U32 x, KILN_U32 y, kiln_real fx,
                                            kiln_real fy)
 {
@@ -108,7 +109,7 @@ KILN_FUNCTION kiln_real3 kiln_sky_in_texel(KILN_CONTEXT(kiln_lights, lights) KIL
                               KILN_SKY_WIDTH(lights), KILN_SKY_ROTATION(lights));
 }
 
-/* Density per steradian of kiln_sky_sample. */
+/* Probability density per steradian with which kiln_sky_sample draws a direction. */
 KILN_FUNCTION kiln_real kiln_sky_direction_density(KILN_CONTEXT(kiln_lights, lights) kiln_real3 direction)
 {
     if (!KILN_SKY_IS_IMAGE(lights))
@@ -118,7 +119,7 @@ KILN_FUNCTION kiln_real kiln_sky_direction_density(KILN_CONTEXT(kiln_lights, lig
                                   kiln_sky_row(direction, KILN_SKY_HEIGHT(lights)));
 }
 
-/* A direction, outwards, by luminance, for u and v in (0, 1). */
+/* Samples a direction of the environment in proportion to luminance; u and v are in (0, 1). */
 KILN_FUNCTION kiln_real3 kiln_sky_sample(KILN_CONTEXT(kiln_lights, lights) kiln_real u, kiln_real v,
                                          KILN_OUT(kiln_real) density)
 {
@@ -134,9 +135,10 @@ KILN_FUNCTION kiln_real3 kiln_sky_sample(KILN_CONTEXT(kiln_lights, lights) kiln_
     return kiln_sky_in_texel(KILN_PASS(lights) x, y, fx, fy);
 }
 
-/* An image is sampled in turn by its own luminance and by the cosine, weighted by the balance heuristic; a constant
- * sky, or a lone sample, by the cosine only (a probe: by the sky only). Half of the directions by the cosine are about
- * the shading normal where that is another (kiln_sky_two_cosines). */
+/* Number of strategies that sample a choice. Samples of an environment image are drawn alternately by its luminance and
+ * by the cosine, weighted by the balance heuristic. A constant sky, or a single sample, is drawn by the cosine only (a
+ * probe: by the sky only). If the shading normal differs from the geometric one, half of the cosine-distributed
+ * directions are about it (kiln_sky_two_cosines). */
 KILN_FUNCTION KILN_U32 kiln_choice_strategies(KILN_CONTEXT(kiln_lights, lights) KILN_IN(KILN_STRUCT kiln_light_choice)
                                                   choice,
                                               kiln_real3 n)
@@ -197,7 +199,7 @@ KILN_FUNCTION bool kiln_sample_point_light(KILN_IN(KILN_STRUCT kiln_point_light)
     return factor > 0 && !real_is_infinite(factor); /* the square of a float's smallest distances is 0 */
 }
 
-/* How much before the light a shadow ray ends, m; where samples are floats they are off by as much again. */
+/* Distance before the light at which a shadow ray ends, m. Samples in float add as large an error again. */
 KILN_FUNCTION kiln_real kiln_area_light_backoff(KILN_IN(KILN_STRUCT kiln_area_light) light, kiln_real distance,
                                                 kiln_real cosine)
 {
@@ -213,9 +215,9 @@ KILN_FUNCTION bool kiln_sample_area_light(KILN_CONTEXT(kiln_lights, lights) KILN
                                           KILN_INOUT(KILN_STRUCT kiln_light_sample) s)
 {
     const kiln_stored3 stored0 = stored3_sub(KILN_AT(light).p0, KILN_TO_STORED3(p));
-    /* of p above the front face */
+    /* height of p above the front face */
     const kiln_real side = kiln_real_of(-stored3_dot(stored0, KILN_AT(light).normal)), height = real_abs(side);
-    /* In the light's own plane, as far as floats tell, nothing of it is seen. */
+    /* A point in the light's own plane, within the precision of floats, sees nothing of the light. */
     if ((KILN_AT(light).two_sided ? height : side) <= KILN_AREA_LIGHT_HEIGHT * KILN_AT(light).rounding)
         return false;
     const kiln_real3 to0 = KILN_TO_REAL3(stored0), e1 = KILN_AT(light).e1, e2 = KILN_AT(light).e2;
@@ -244,7 +246,8 @@ KILN_FUNCTION bool kiln_sample_area_light(KILN_CONTEXT(kiln_lights, lights) KILN
     return true;
 }
 
-/* Walks from a cluster down to one light, each child by its importance for p; gives 1 / probability. */
+/* Walks from a cluster down to one light, choosing children in proportion to their importance at p; `weight` gets 1 /
+ * probability. */
 KILN_FUNCTION bool kiln_pick_light(KILN_CONTEXT(kiln_lights, lights) KILN_U32 node, kiln_real3 p, kiln_real3 n,
                                    kiln_real pick, KILN_OUT(KILN_U32) light, KILN_OUT(kiln_real) weight)
 {
@@ -263,8 +266,8 @@ KILN_FUNCTION bool kiln_pick_light(KILN_CONTEXT(kiln_lights, lights) KILN_U32 no
     return true;
 }
 
-/* Draws the choice's `index`-th sample with random numbers in (0, 1): `pick` goes down the tree, u and v over the
- * light. False when it brings nothing. */
+/* Draws sample number `index` of a choice with random numbers in (0, 1): `pick` selects a light in the tree, u and v a
+ * place on it. Returns false if the sample brings no light. */
 KILN_FUNCTION bool kiln_sample_choice(KILN_CONTEXT(kiln_lights, lights) KILN_IN(KILN_STRUCT kiln_light_choice) choice,
                                       KILN_U32 index, kiln_real3 p, kiln_real3 n, kiln_real3 shading, kiln_real pick,
                                       kiln_real u, kiln_real v, KILN_OUT(KILN_STRUCT kiln_light_sample) s)
@@ -286,7 +289,7 @@ KILN_FUNCTION bool kiln_sample_choice(KILN_CONTEXT(kiln_lights, lights) KILN_IN(
         return false;
     KILN_U32 light;
     kiln_real weight;
-    /* light from below one of the normals may count by the other */
+    /* light below the horizon of one normal may count for the other */
     const kiln_real3 any = real3_make(kiln_real_of(0), kiln_real_of(0), kiln_real_of(0));
     if (!kiln_pick_light(KILN_PASS(lights) KILN_AT(choice).index, p, real3_differ(shading, n) ? any : n, pick,
                          KILN_TO(light), KILN_TO(weight)))

@@ -1,7 +1,7 @@
-/* Where on a surface point something may be, the same in C and GLSL: the square of (s, t) in (0, 1)^2 from which places
- * of the point are drawn is cut into 16 x 16 cells, and a bit says of each whether its places are drawn. Cell (x, y) is
- * bit 32 w + b of word w, whose binary digits are those of x and y in turn, x lowest: consecutive bits are neighbours,
- * so that places which were drawn in strata stay so. */
+/* Masks of a surface point, the same in C and GLSL. The square (s, t) in (0, 1)^2, from which places of the point are
+ * drawn, has 16 x 16 cells. A bit for each cell says whether places in it are drawn. Cell (x, y) is bit b of word w,
+ * where the binary digits of 32 w + b are those of x and y in turn, x lowest. Consecutive bits are so neighbouring
+ * cells, which keeps stratified places stratified. */
 #ifndef KILN_SHADERS_MASK_H
 #define KILN_SHADERS_MASK_H
 
@@ -16,7 +16,7 @@
 #    define KILN_COUNT_BITS(x) ((uint32_t)__builtin_popcount(x))
 #endif
 
-/* Place of the n-th set bit of `word`, n from 0 on: there must be more than n. */
+/* Position of the n-th set bit of `word`, n from 0 on; the word must have more than n set bits. */
 KILN_FUNCTION KILN_U32 kiln_set_bit(KILN_U32 word, KILN_U32 n)
 {
     KILN_U32 at = 0u;
@@ -39,7 +39,8 @@ KILN_FUNCTION KILN_U32 kiln_cell_column(KILN_U32 cell)
 /* Largest float below 1. */
 #define KILN_FLOAT_BELOW_ONE 0.999999940395355224609375f
 
-/* A place's s, times the set cells' number `count`, is the n-th of them and where in it. */
+/* Chooses among `count` set cells by the coordinate s of a place: the integer part of s * count is the cell's number,
+ * the fraction, in `rest`, the coordinate within it. */
 KILN_FUNCTION KILN_U32 kiln_mask_choose(float s, KILN_U32 count, KILN_OUT(float) rest)
 {
     const float scaled = s * KILN_TO_F32(count);
@@ -48,7 +49,7 @@ KILN_FUNCTION KILN_U32 kiln_mask_choose(float s, KILN_U32 count, KILN_OUT(float)
     return n;
 }
 
-/* The place (s, t) within a cell as one of the whole square. */
+/* Coordinates in the whole square of the place (s, t) within a cell. */
 KILN_FUNCTION float kiln_mask_s(KILN_U32 cell, float s)
 {
     return (KILN_TO_F32(kiln_cell_column(cell)) + s) / KILN_TO_F32(KILN_MASK_SIDE);

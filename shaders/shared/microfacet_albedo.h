@@ -1,10 +1,10 @@
-/* How much light a rough interface (GGX) sends on after one scattering, as fitted polynomials, in float. From it
- * follows what facets lose to each other, which shaders/shared/bsdf.h gives back (Kulla and Conty, "Revisiting
- * Physically Based Shading at Imageworks", SIGGRAPH course 2017), and what is left for what lies beneath.
+/* Albedo of a rough GGX interface after one scattering, as fitted polynomials, in float. From it follow the energy lost
+ * between facets, which shaders/shared/bsdf.h adds again (Kulla and Conty, "Revisiting Physically Based Shading at
+ * Imageworks", SIGGRAPH course 2017), and the light that is left for the layer beneath.
  *
- * Fits are over cosines to the normal, `mu`; roughness alpha, 0.001 to 1; and `index`, that of the denser medium over
- * that of the other, 1.05 to 3 (outside the nearest of these is taken). tests/bench/albedo_fit.py makes them. With
- * alpha and index given, a polynomial in near = sqrt(mu / (mu + 2 alpha)) is left, a `curve`. */
+ * Variables of the fits: `mu`, the cosine to the normal; roughness alpha, 0.001 to 1; `index`, the refractive index of
+ * the denser medium over that of the other, clamped to 1.05 to 3. tests/bench/albedo_fit.py makes the fits. For given
+ * alpha and index there remains a `curve`: a polynomial in near = sqrt(mu / (mu + 2 alpha)). */
 #ifndef KILN_SHADERS_SHARED_MICROFACET_ALBEDO_H
 #define KILN_SHADERS_SHARED_MICROFACET_ALBEDO_H
 
@@ -15,28 +15,28 @@
 #define KILN_MIRROR_ALPHA 1.0e-3f
 
 struct kiln_curve {
-    float c[9]; /* of powers of 2 near - 1 */
+    float c[9]; /* coefficients of powers of 2 near - 1 */
 };
 KILN_FUNCTION float kiln_curve_at(KILN_STRUCT kiln_curve curve, float x)
 {
     const float high = ((curve.c[8] * x + curve.c[7]) * x + curve.c[6]) * x + curve.c[5];
     return ((((high * x + curve.c[4]) * x + curve.c[3]) * x + curve.c[2]) * x + curve.c[1]) * x + curve.c[0];
 }
-/* Where a curve is asked: 2 near - 1. */
+/* Argument of a curve: 2 near - 1. */
 KILN_FUNCTION float kiln_curve_place(float mu, float alpha)
 {
     return 2.0f * float_sqrt(mu / float_max(mu + 2.0f * alpha, KILN_FLOAT_TINY)) - 1.0f;
 }
-/* The variable of the index, -1 to 1. */
+/* Maps the index to the fits' variable, -1 to 1. */
 KILN_FUNCTION float kiln_fit_index(float index)
 {
     return 2.0f * float_sqrt(1.5f * (1.0f - 1.0f / float_min(float_max(index, 1.05f), 3.0f))) - 1.0f;
 }
 
-/* The interface of a medium, seen from outside: what it reflects. */
+/* Reflection of a medium's interface, seen from outside. */
 struct kiln_interface {
     float alpha, index;
-    KILN_STRUCT kiln_curve lost;      /* 1 - albedo, were all reflected: error 0.0003 */
+    KILN_STRUCT kiln_curve lost;      /* 1 - albedo of a perfect reflector: error 0.0003 */
     KILN_STRUCT kiln_curve effective; /* the cosine at which a smooth interface reflects the same share */
 };
 
@@ -64,19 +64,19 @@ KILN_FUNCTION KILN_STRUCT kiln_interface kiln_interface_of(float alpha, float in
     return s;
 }
 
-/* Share that is lost by a fit, between its bounds: small where facets are flat. */
+/* Clamps a fit's lost share to its bounds, which are small for flat facets. */
 KILN_FUNCTION float kiln_lost(float fit, float mu, float alpha)
 {
     const float slope = 2.0f * alpha / float_max(mu, KILN_FLOAT_TINY);
     return float_max(float_min(fit, float_min(slope, 1.0f) * float_min(slope, 1.0f)), 0.0f);
 }
-/* Lost were all reflected, 0 to 1. */
+/* Share of light that a perfect reflector loses, 0 to 1. */
 KILN_FUNCTION float kiln_interface_lost(KILN_STRUCT kiln_interface s, float mu)
 {
     return kiln_lost(kiln_curve_at(s.lost, kiln_curve_place(mu, s.alpha)), mu, s.alpha);
 }
-/* The mean exact Fresnel reflectance over the facets that mu sees, weighted by what they reflect. Times the whole
- * albedo it is the reflected share: error 0.005. */
+/* Mean exact Fresnel reflectance over the facets visible at mu, weighted by what they reflect. Multiplied by the
+ * perfect reflector's albedo it is the reflected share: error 0.005. */
 KILN_FUNCTION float kiln_interface_fresnel(KILN_STRUCT kiln_interface s, float mu)
 {
     const float off = float_sqrt(s.alpha) * kiln_curve_at(s.effective, kiln_curve_place(mu, s.alpha));
@@ -87,10 +87,10 @@ KILN_FUNCTION float kiln_interface_albedo(KILN_STRUCT kiln_interface s, float mu
     return (1.0f - kiln_interface_lost(s, mu)) * kiln_interface_fresnel(s, mu);
 }
 
-/* ---- what brushed facets lose ---- */
+/* ---- energy lost by anisotropic (brushed) facets ---- */
 
-/* Coefficient i of the power of the place: polynomials in a, t and r. No loops: a table that a loop reads, GPUs'
- * compilers keep in memory, or turn into a ladder of branches at each call. */
+/* Coefficient i of the curve: a polynomial in a, t and r. Written without loops: GPU compilers keep a table that a loop
+ * reads in memory, or turn it into a ladder of branches at each call. */
 #define KILN_ACROSS_A(n)                                                                                               \
     (((KILN_FIT_ACROSS[(n) + 3] * a + KILN_FIT_ACROSS[(n) + 2]) * a + KILN_FIT_ACROSS[(n) + 1]) * a +                  \
      KILN_FIT_ACROSS[n])
@@ -102,8 +102,8 @@ KILN_FUNCTION float kiln_interface_albedo(KILN_STRUCT kiln_interface s, float mu
          r +                                                                                                           \
      KILN_ACROSS_T(80 * (i)))
 
-/* As kiln_interface_lost, of two roughnesses: error 0.006. What is lost hangs on the roughness in the direction's own
- * plane, `along`, and on both: light along smooth facets is thrown sideways by rough ones. */
+/* As kiln_interface_lost, for two roughnesses: error 0.006. The loss depends on `along`, the roughness in the plane of
+ * the direction, and on both roughnesses: rough facets scatter light sideways that comes along smooth ones. */
 KILN_FUNCTION float kiln_across_lost(KILN_VECTOR w, float alpha_x, float alpha_y)
 {
     const float wide = float_max(alpha_x, alpha_y), narrow = float_min(alpha_x, alpha_y);
@@ -126,16 +126,16 @@ KILN_FUNCTION float kiln_across_lost(KILN_VECTOR w, float alpha_x, float alpha_y
 #undef KILN_ACROSS_T
 #undef KILN_ACROSS_A
 
-/* ---- what a boundary of glass loses, reflected and refracted light together ---- */
+/* ---- energy lost at a rough glass boundary, reflected and refracted light together ---- */
 
 struct kiln_boundary {
     float alpha, critical;                /* cosine of the critical angle in the denser medium */
-    KILN_STRUCT kiln_curve thin;          /* from the medium with the lower index: error 0.003 */
-    KILN_STRUCT kiln_curve dense, beyond; /* from the other: error 0.004 */
+    KILN_STRUCT kiln_curve thin;          /* lost share of light from the medium with the lower index: error 0.003 */
+    KILN_STRUCT kiln_curve dense, beyond; /* from the denser one; its change beyond the critical angle: 0.004 */
 };
 
-/* Coefficients of the curves. The calls below are not loops: an array that a loop writes, GPUs' compilers keep in
- * memory, and copy at each call that it is handed to. */
+/* Coefficients of the curves. The calls below are not loops: GPU compilers keep an array that a loop writes in memory,
+ * and copy it at each call that it is passed to. */
 KILN_FUNCTION float kiln_fit_thin(int i, float r, float z)
 {
     float sum = 0.0f;
@@ -216,10 +216,10 @@ KILN_FUNCTION float kiln_boundary_lost(KILN_STRUCT kiln_boundary s, float mu, bo
 
 struct kiln_coat {
     float strength; /* 0: there is none */
-    float partial;  /* share of the base whose facets do not send on all light: the matt layer, a body of glass */
+    float partial;  /* share of the base whose facets do not send on all light: diffuse layer, glass body */
     KILN_STRUCT kiln_interface face;
     float base_alpha;
-    KILN_STRUCT kiln_curve effective; /* the cosine at which light that base and coat scatter leaves */
+    KILN_STRUCT kiln_curve effective; /* effective cosine at which light from base and coat leaves */
 };
 
 KILN_FUNCTION float kiln_fit_coat(int i, float r, float z)
@@ -258,10 +258,11 @@ KILN_FUNCTION float kiln_coat_albedo(KILN_STRUCT kiln_coat s, float mu)
 {
     return s.strength * kiln_interface_albedo(s.face, mu);
 }
-/* The base's scattering is multiplied by this of both directions. With it a white base sends on, from each direction,
- * what the coat lets in: h(o) integral h(i) f(o, i) |cos| di = 1 - coat albedo(o), to 0.003 (balanced after
- * Sinkhorn). For a mirror it is sqrt(1 - E), for a matt surface (1 - E) / sqrt(1 - mean E). What facets of a dielectric
- * reflect lies nearer to the horizon, where the coat lets less out: its factor is nearer to the mirror's. */
+/* Factor of the base's scattering for one direction; the base is multiplied by the factors of both directions. With it
+ * a white base sends on, from each direction, exactly what the coat lets in: h(o) integral h(i) f(o, i) |cos| di = 1 -
+ * coat albedo(o), to 0.003 (balanced after Sinkhorn). For a mirror the factor is sqrt(1 - E), for a matt surface (1 -
+ * E) / sqrt(1 - mean E). Facets of a dielectric reflect more towards the horizon, where the coat lets less out: their
+ * factor is nearer to the mirror's. */
 KILN_FUNCTION float kiln_coat_factor(KILN_STRUCT kiln_coat s, float mu)
 {
     const float scale = s.base_alpha / float_sqrt(float_max(mu + s.base_alpha, KILN_FLOAT_TINY));
@@ -272,7 +273,7 @@ KILN_FUNCTION float kiln_coat_factor(KILN_STRUCT kiln_coat s, float mu)
     return metal + s.partial * float_min((3.0f - s.base_alpha) * mu, 1.0f) * (float_sqrt(through) - metal);
 }
 
-/* ---- means over a hemisphere by the cosine: Gauss's rule over the root of the cosine ---- */
+/* ---- cosine-weighted means over a hemisphere: Gauss's rule in the square root of the cosine ---- */
 
 #define KILN_MEAN_POINTS 8
 KILN_CONSTANT float KILN_MEAN_COSINES[8] = {0.000394223874f, 0.0103361304f, 0.0562798735f, 0.166694746f,

@@ -1,12 +1,12 @@
-/* Coefficients for shaders/shared/microfacet_albedo.h, which says what they mean; made by
- * tests/bench/albedo_fit.py. Powers of 2 x - 1, of each variable x; the last variable is the fastest. */
+/* Coefficients of the fits of shaders/shared/microfacet_albedo.h, which explains them; made by
+ * tests/bench/albedo_fit.py. They belong to powers of 2 x - 1 of each variable x; the last variable varies fastest. */
 #ifndef KILN_SHADERS_SHARED_MICROFACET_FIT_H
 #define KILN_SHADERS_SHARED_MICROFACET_FIT_H
 
 #include "shaders/shared/language.h"
 
 /* clang-format off */
-/* 1 - albedo where all is reflected, 9 x 8: near, root of alpha */
+/* 1 - albedo of a perfect reflector, 9 x 8: near, root of alpha */
 KILN_CONSTANT float KILN_FIT_WHOLE[72] = {
     1.41949267e-01f, 1.79203933e-01f, 2.48513986e-01f, 1.18976512e-01f, -3.17323657e-02f, -3.34453622e-02f,
     -4.56429406e-03f, -7.89676467e-03f, 1.58936518e-01f, 1.50750988e-01f, 2.42284407e-01f, 1.87276092e-01f,
@@ -141,7 +141,7 @@ KILN_CONSTANT float KILN_FIT_EFFECTIVE[60] = {
     -2.76474464e-01f, -1.03188276e+00f, 1.06933716e+00f, 7.70708829e-03f, -2.28159757e-01f, 1.88126705e-01f,
     -4.50822505e-02f, -2.52184570e-01f, 2.75708789e-01f, -3.09079514e-01f, -7.47806659e-01f, 8.30505400e-01f,
     -1.09565935e-01f, -5.81066789e-01f, 6.64187513e-01f, 1.39514109e-01f, 6.75290713e-02f, -5.78246018e-02f};
-/* lost from the side of the lower index, 8 x 6 x 4: near, root of alpha, index */
+/* share lost by light from the medium of lower index, 8 x 6 x 4: near, root of alpha, index */
 KILN_CONSTANT float KILN_FIT_LOST[192] = {
     9.60812926e-02f, -4.72101013e-02f, 6.50901422e-02f, -3.61327108e-02f, 1.21986399e-01f, -9.71519917e-02f,
     -1.40749841e-02f, 7.47521661e-02f, 1.04367148e-01f, 1.50891439e-01f, -2.30106525e-01f, 1.53402461e-01f,
@@ -175,7 +175,7 @@ KILN_CONSTANT float KILN_FIT_LOST[192] = {
     -3.07036784e+00f, 4.38284077e-01f, 2.78485531e+00f, -1.49778524e+00f, -2.09202697e+00f, 2.51171174e+00f,
     -5.29937904e-01f, 5.67912293e-01f, 9.65271158e+00f, -8.17041221e+00f, -4.19020124e-01f, 1.50907118e+00f,
     2.22077340e+00f, -3.15749399e+00f, 5.74781055e-01f, -1.12601135e+00f, -2.56869665e+00f, 3.03996087e+00f};
-/* lost from the other side, 8 x 6 x 4, */
+/* share lost by light from the denser medium, 8 x 6 x 4: near, root of alpha, index */
 KILN_CONSTANT float KILN_FIT_DENSE[192] = {
     7.71104058e-01f, -3.31859439e-01f, 2.25427417e-01f, -2.40709374e-02f, 1.37278948e+00f, -1.91206821e-01f,
     2.99445616e-01f, 3.82723275e-01f, 2.64087052e-02f, 1.49444973e+00f, -7.71902239e-01f, 9.61464844e-01f,
@@ -209,7 +209,7 @@ KILN_CONSTANT float KILN_FIT_DENSE[192] = {
     -1.56625194e+01f, 9.10863792e+00f, 1.43080273e+01f, -2.43762792e+01f, 4.30694165e+01f, -3.23801342e+01f,
     1.30848835e+01f, -4.85001700e+01f, 7.09120102e+01f, -3.72673082e+01f, 6.11656052e+00f, -3.04435470e+01f,
     3.06617522e+01f, -9.35679777e+00f, -6.06192095e-03f, -2.38759533e+00f, 4.50206876e+00f, -2.18529102e+00f};
-/* and what beyond the critical angle is not, 8 x 6 x 4 */
+/* term added to DENSE around the critical angle, 8 x 6 x 4: near, root of alpha, index */
 KILN_CONSTANT float KILN_FIT_BEYOND[192] = {
     -2.00101630e+01f, -4.53998684e+01f, -2.15718617e+01f, 9.43648591e+00f, 6.64168601e+01f, 1.26157727e+02f,
     -7.20232338e+00f, -7.90316957e+01f, -1.01297009e+02f, -1.37194556e+02f, 1.07616654e+02f, 1.43062261e+02f,

@@ -1,5 +1,5 @@
-/* The path pass (worker/pass/path.h): what both backends share of it. Camera rays, the random numbers of a path, and
- * how long paths are that have no last bounce. */
+/* Parts of the path pass (worker/pass/path.h) that both backends share: camera rays, random numbers of a path, and
+ * termination of paths without a maximum number of bounces. */
 #ifndef KILN_SHADERS_SHARED_PATH_H
 #define KILN_SHADERS_SHARED_PATH_H
 
@@ -8,27 +8,27 @@
 
 /* ---- random numbers ---- */
 
-/* With the seed's upper half, in place of it: pixels draw other numbers than texels and probes. */
+/* XORed with the seed's upper half for pixels, so that they draw other numbers than texels and probes. */
 #define KILN_PATH_SEED 0x70617468u
 
-/* Uses of a path's numbers: the place in the pixel, and for each surface that the path meets KILN_PATH_USES more, from
- * 1 + KILN_PATH_USES * (number of the surface) on. */
+/* Uses of a path's random numbers. Use 0 is the place in the pixel. Each surface that the path meets has KILN_PATH_USES
+ * more, from 1 + KILN_PATH_USES * (number of the surface) on. */
 #define KILN_PATH_BOUNCE 0u /* the direction in which the path goes on, or came to this surface */
 #define KILN_PATH_LIGHT 1u  /* the place on a light */
 #define KILN_PATH_PICK 2u   /* which light */
 #define KILN_PATH_SKY 3u    /* the direction to the environment, by the cosine; then by its luminance */
-#define KILN_PATH_CHANCE 5u /* what is there of surfaces that let light through, on the way to this surface */
+#define KILN_PATH_CHANCE 5u /* which partly transparent surfaces are hit on the way to this surface */
 #define KILN_PATH_END 6u    /* whether the path ends here */
-#define KILN_PATH_LOBE 7u   /* which lobes of the surface send the path on */
+#define KILN_PATH_LOBE 7u   /* which lobes of the surface scatter the path */
 #define KILN_PATH_USES 8u
 KILN_FUNCTION KILN_U32 kiln_path_use(KILN_U32 surface, KILN_U32 use) { return 1u + KILN_PATH_USES * surface + use; }
 
 /* Key of the numbers of a pixel's paths for one use; `key` is the pixel's. */
 KILN_FUNCTION KILN_U32 kiln_path_key(KILN_U32 key, KILN_U32 use) { return kiln_hash2(key, use); }
 
-/* Sobol' points of 32 bits, whose table would be too long, in the first two dimensions, as fractions of 2^32. The
- * second one's matrix is Pascal's triangle modulo 2: the digits are the coefficients of the index, taken for a
- * polynomial in t, in powers of t + 1. */
+/* Second dimension of a 32-bit Sobol' point, computed since a table would be too long, as a fraction of 2^32. The
+ * dimension's matrix is Pascal's triangle modulo 2: if the index's digits are coefficients of a polynomial in t, the
+ * point's digits are its coefficients in powers of t + 1. */
 KILN_FUNCTION KILN_U32 kiln_path_sobol_second(KILN_U32 index)
 {
     KILN_U32 x = index;
@@ -40,9 +40,9 @@ KILN_FUNCTION KILN_U32 kiln_path_sobol_second(KILN_U32 index)
     return kiln_reverse_bits(x);
 }
 
-/* Two numbers of sample k for the use with this key, as fractions of 2^32: a Sobol' point, Owen-scrambled, of an index
- * that is shuffled by Owen's scrambling too, so that the points of two uses are independent of each other, and the
- * first 2^m samples are a net in each (Burley, "Practical Hash-based Owen Scrambling", JCGT 2020, section 5). */
+/* Two random numbers of sample k for the use of this key, as fractions of 2^32: an Owen-scrambled Sobol' point. Its
+ * index is shuffled by Owen scrambling, too, so that the points of two uses are independent, and the first 2^m samples
+ * of each are a net (Burley, "Practical Hash-based Owen Scrambling", JCGT 2020, section 5). */
 KILN_FUNCTION void kiln_path_numbers(KILN_U32 key, KILN_U32 k, KILN_OUT(KILN_U32) u, KILN_OUT(KILN_U32) v)
 {
     const KILN_U32 index = kiln_owen_scramble(k, kiln_hash1(key + 1u));
@@ -52,12 +52,13 @@ KILN_FUNCTION void kiln_path_numbers(KILN_U32 key, KILN_U32 k, KILN_OUT(KILN_U32
 
 /* ---- the camera ---- */
 
-/* Numbers of a place on the lens, in place of a surface's use. */
+/* Use of the numbers of a place on the lens, instead of a surface's use. */
 #define KILN_PATH_LENS 0x6c656e73u
 
-/* Where on a lens of this radius (m) a camera ray starts, from its middle; `right` and `up` are the camera's axes, of
- * any length, and u and v are in (0, 1). A ray through the middle towards p goes from there towards p, where p lies at
- * the distance on which the lens is focused (Cook, Porter and Carpenter, "Distributed Ray Tracing", SIGGRAPH 1984). */
+/* Offset on a lens of radius `radius` (m), from its middle, at which a camera ray starts. `right` and `up` are the
+ * camera's axes, of any length; u and v are in (0, 1). Let p be the point in focus on the ray through the lens' middle:
+ * the new ray goes from the offset place through p (Cook, Porter and Carpenter, "Distributed Ray Tracing", SIGGRAPH
+ * 1984). */
 KILN_FUNCTION KILN_VECTOR kiln_path_lens(KILN_VECTOR right, KILN_VECTOR up, float radius, float u, float v)
 {
     const KILN_VECTOR disc = kiln_bsdf_cosine(u, v);
@@ -67,13 +68,13 @@ KILN_FUNCTION KILN_VECTOR kiln_path_lens(KILN_VECTOR right, KILN_VECTOR up, floa
 
 /* ---- lengths of paths ---- */
 
-/* In place of the number of bounces: paths end by chance alone. */
+/* Value for the number of bounces: no limit, paths end by chance alone. */
 #define KILN_PATH_ALL_BOUNCES 0xffffffffu
-/* From this surface on they go on with a chance that is the largest of the colours of what light a path would bring
- * yet, at most KILN_PATH_CHANCE_MOST, and count the more for it (Arvo and Kirk, "Particle Transport and Image
- * Synthesis", SIGGRAPH 1990). */
+/* Number of the surface from which on paths end by chance (Russian roulette). The survival probability is the largest
+ * colour channel of the light that the path could still bring, at most KILN_PATH_CHANCE_MOST; survivors are weighted by
+ * its inverse (Arvo and Kirk, "Particle Transport and Image Synthesis", SIGGRAPH 1990). */
 #define KILN_PATH_CERTAIN 4u
-#define KILN_PATH_CHAIN 8u /* and so do paths that meet so many mirrors, glass or gloss one after another */
+#define KILN_PATH_CHAIN 8u /* the same after so many mirrors, glass or gloss surfaces in a row */
 #define KILN_PATH_CHANCE_MOST KILN_RATIO32(19, 20)
 KILN_FUNCTION float kiln_path_chance(float red, float green, float blue)
 {
@@ -81,7 +82,7 @@ KILN_FUNCTION float kiln_path_chance(float red, float green, float blue)
     return most < KILN_PATH_CHANCE_MOST ? most : KILN_PATH_CHANCE_MOST;
 }
 
-/* In place of the length of paths at most: they may have any. */
+/* Value for the maximum length of paths: no limit. */
 #define KILN_PATH_LENGTH_ANY 0u
 /* Whether paths may have so many rays between light and camera. */
 KILN_FUNCTION bool kiln_path_allows(KILN_U32 length, KILN_U32 rays)
@@ -91,11 +92,12 @@ KILN_FUNCTION bool kiln_path_allows(KILN_U32 length, KILN_U32 rays)
 
 /* ---- lobes ---- */
 
-/* Up to this alpha of its facets a lobe is sharp: light of lamps and sky that it sends on is what the path's own rays
- * meet. The light of others is what samples of lamps and sky bring. Of lights that no ray can meet all is theirs. */
+/* Lobes whose facets have an alpha up to this are sharp. Light of lamps and sky by sharp lobes is found by the path's
+ * own rays when they hit it; by other lobes it is found by light samples. Lights that no ray can hit are always
+ * sampled. */
 #define KILN_PATH_SHARP KILN_RATIO32(1, 5)
 
-/* The sharp lobes of a material: all that glass lets through is. */
+/* Returns the sharp lobes of a material; all that glass transmits counts as sharp. */
 KILN_FUNCTION KILN_U32 kiln_path_sharp(float alpha_x, float alpha_y, float coat_alpha, bool glass)
 {
     const bool base = glass || float_max(alpha_x, alpha_y) <= KILN_PATH_SHARP;
@@ -104,7 +106,8 @@ KILN_FUNCTION KILN_U32 kiln_path_sharp(float alpha_x, float alpha_y, float coat_
 
 /* ---- what the camera sees ---- */
 
-/* A camera ray goes on behind so many surfaces that it does not see, at most, and so far behind each of them. */
+/* Maximum number of surfaces hidden from the camera that a camera ray passes; kiln_path_beyond gives the distance at
+ * which it continues behind one. */
 #define KILN_PATH_UNSEEN 64u
 KILN_FUNCTION float kiln_path_beyond(float distance, float extent)
 {

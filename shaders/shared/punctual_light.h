@@ -1,7 +1,7 @@
-/* Point and spot lights as glTF's KHR_lights_punctual has them: the only place that says what one sends.
+/* Point and spot lights after glTF's KHR_lights_punctual: the only place that defines their emission.
  *
- * kiln_punctual_profile is the share of the intensity in a direction, kiln_punctual_angle and kiln_punctual_sample are
- * the directions that may have any, kiln_punctual_share is what a place at a distance gets. */
+ * kiln_punctual_profile is the relative intensity in a direction. kiln_punctual_angle and kiln_punctual_sample describe
+ * the directions with any intensity. kiln_punctual_share is what arrives at a place at a distance. */
 #ifndef KILN_SHADERS_SHARED_PUNCTUAL_LIGHT_H
 #define KILN_SHADERS_SHARED_PUNCTUAL_LIGHT_H
 
@@ -27,13 +27,13 @@ KILN_FUNCTION kiln_real kiln_punctual_profile(KILN_IN(KILN_STRUCT kiln_point_lig
     return t * t;
 }
 
-/* 1 less the cosine of half the cone that the light sends into: 2 all round. */
+/* 1 - cosine of the half-angle of the cone of emission; 2 for a light that emits all round. */
 KILN_FUNCTION kiln_real kiln_punctual_cone(KILN_IN(KILN_STRUCT kiln_point_light) light)
 {
     return KILN_AT(light).spot ? 1 - KILN_AT(light).cos_outer : kiln_real_of(2);
 }
 
-/* sr, of that cone: the directions that kiln_punctual_sample draws from, evenly. */
+/* Solid angle of the cone of emission, sr, over which kiln_punctual_sample draws uniformly. */
 KILN_FUNCTION kiln_real kiln_punctual_angle(KILN_IN(KILN_STRUCT kiln_point_light) light)
 {
     return 2 * KILN_REAL_PI * kiln_punctual_cone(light);
@@ -50,7 +50,7 @@ KILN_FUNCTION kiln_real3 kiln_punctual_sample(KILN_IN(KILN_STRUCT kiln_point_lig
     return kiln_about_axis(KILN_AT(light).direction, r * cosine, r * sine, z);
 }
 
-/* Share of light that the range, m, leaves at a distance. A range of 0 is none. */
+/* Attenuation at a distance by the light's range, m. A range of 0 is unlimited. */
 KILN_FUNCTION kiln_real kiln_light_range(kiln_real range, kiln_real distance)
 {
     if (range <= 0)
@@ -59,7 +59,8 @@ KILN_FUNCTION kiln_real kiln_light_range(kiln_real range, kiln_real distance)
     return real_clamp(1 - q * q * q * q, kiln_real_of(0), kiln_real_of(1));
 }
 
-/* The share of the intensity, times `weight`, that is left at the distance, m, in unit `direction` from the light. */
+/* Returns `weight` times the share of the intensity that is left at the distance, m, in unit `direction` from the
+ * light. */
 KILN_FUNCTION kiln_real kiln_punctual_share(KILN_IN(KILN_STRUCT kiln_point_light) light, kiln_real3 direction,
                                             kiln_real distance, kiln_real weight)
 {

@@ -1,6 +1,7 @@
-/* Push constants: what each kernel is started with, one struct a kernel or family of kernels. A kernel says which with
- * KILN_PUSH(struct) (shaders/kernel.glsl) and reads push.scene and so on; the host fills in the same struct. The first
- * member is always the address of struct kiln_gpu_scene. At most 128 bytes, which every device takes. */
+/* Push constants: the arguments of each kernel, one struct a kernel or family of kernels. A kernel selects its struct
+ * with KILN_PUSH(struct) (shaders/kernel.glsl) and reads push.scene and so on; the host fills in the same struct. The
+ * first member is always the address of struct kiln_gpu_scene. The size is at most 128 bytes, which every device
+ * supports. */
 #ifndef KILN_SHADERS_SHARED_PUSH_H
 #define KILN_SHADERS_SHARED_PUSH_H
 
@@ -14,7 +15,7 @@
         _Static_assert(offsetof(struct type, member) == (offset), "shaders and C disagree on " #member " of " #type)
 #endif
 
-/* trace/trace.rahit, trace.rchit, trace.rmiss: they read the scene of the kernel that traces. */
+/* trace/trace.rahit, trace.rchit, trace.rmiss: shaders that read the scene of the kernel that traces. */
 struct kiln_gpu_trace_push {
     KILN_ADDRESS scene;
 };
@@ -31,12 +32,12 @@ struct kiln_gpu_intersect_push {
 KILN_SIZE_IS(kiln_gpu_intersect_push, 40);
 KILN_OFFSET_IS(kiln_gpu_intersect_push, count, 32);
 
-/* validity.comp: how many places of each point are buried. */
+/* validity.comp: counts the buried places of each point. */
 struct kiln_gpu_validity_push {
     KILN_ADDRESS scene;
-    KILN_STRUCT kiln_gpu_chunk chunk; /* `list`: the points of the second look */
+    KILN_STRUCT kiln_gpu_chunk chunk; /* `list`: points that are tested a second time */
     KILN_ADDRESS sobol;               /* words: dimension d's samples from d * sobol_stride on */
-    KILN_ADDRESS counts;              /* word of thread x */
+    KILN_ADDRESS counts;              /* words: count of thread x */
     KILN_WORD stream, sobol_stride, looks;
     KILN_WORD reserved;
 };
@@ -68,8 +69,8 @@ struct kiln_gpu_gather_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_STRUCT kiln_gpu_hemisphere hemisphere;
-    KILN_ADDRESS probes;      /* struct kiln_gpu_radiance_probes; 0: rays have no end */
-    KILN_ADDRESS near_probes; /* words: of each point of the block, which probes it sees */
+    KILN_ADDRESS probes;      /* struct kiln_gpu_radiance_probes; 0: rays have unlimited length */
+    KILN_ADDRESS near_probes; /* words: mask of the probes that each point of the block sees */
 };
 KILN_SIZE_IS(kiln_gpu_gather_push, 128);
 KILN_OFFSET_IS(kiln_gpu_gather_push, hemisphere, 56);
@@ -80,7 +81,7 @@ struct kiln_gpu_rows_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_STRUCT kiln_gpu_hemisphere hemisphere;
-    KILN_ADDRESS weights; /* of rays of smooth meshes, as row_weights.comp leaves them; 0: nobody asks */
+    KILN_ADDRESS weights; /* weights of rays at smooth meshes, written by row_weights.comp; 0: none needed */
     KILN_ADDRESS rows;    /* words: the row of the chunk's point x from x * (1 + samples) on */
 };
 KILN_SIZE_IS(kiln_gpu_rows_push, 128);
@@ -116,19 +117,19 @@ struct kiln_gpu_occlusion_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_STRUCT kiln_gpu_hemisphere hemisphere;
-    KILN_REAL32 distance; /* m: what is farther away does not count */
+    KILN_REAL32 distance; /* m: surfaces farther away do not occlude */
     KILN_WORD reserved;
 };
 KILN_SIZE_IS(kiln_gpu_occlusion_push, 120);
 KILN_OFFSET_IS(kiln_gpu_occlusion_push, hemisphere, 56);
 KILN_OFFSET_IS(kiln_gpu_occlusion_push, distance, 112);
 
-/* gather_reduce.comp, occlusion_reduce.comp, directional_reduce.comp: they add up the slices. */
+/* gather_reduce.comp, occlusion_reduce.comp, directional_reduce.comp: kernels that add up the slices. */
 struct kiln_gpu_hemisphere_reduce_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_ADDRESS slices, results;
-    KILN_ADDRESS rays; /* word: shadow rays of a point of the chunk, where there are any */
+    KILN_ADDRESS rays; /* words: shadow rays of each point of the chunk, if there are any */
     KILN_WORD samples, per_quarter, split;
     KILN_WORD reserved;
 };
@@ -136,7 +137,7 @@ KILN_SIZE_IS(kiln_gpu_hemisphere_reduce_push, 96);
 KILN_OFFSET_IS(kiln_gpu_hemisphere_reduce_push, slices, 56);
 KILN_OFFSET_IS(kiln_gpu_hemisphere_reduce_push, samples, 80);
 
-/* guided_learn.comp, guided_reduce.comp: the same of the guided pass. */
+/* guided_learn.comp, guided_reduce.comp: kernels that add up the slices of the guided pass. */
 struct kiln_gpu_guided_reduce_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
@@ -152,22 +153,22 @@ KILN_OFFSET_IS(kiln_gpu_guided_reduce_push, guided, 96);
 #include "shaders/shared/layout_held.h"
 #include "shaders/shared/layout_regression.h"
 
-/* replay.comp, replay_held.comp, replay_groups.comp: the gather pass from rows; replay_take.comp, which takes answers
+/* replay.comp, replay_held.comp, replay_groups.comp: the gather pass from stored rows; replay_take.comp: takes answers
  * over on the device. */
 struct kiln_gpu_replay_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
-    KILN_ADDRESS lights;  /* packed radiosity: of point i under light l pair i * lights + l, of so many lights */
+    KILN_ADDRESS lights;  /* packed radiosity: point i under light l at i * lights + l; `lights` is set in the kernel */
     KILN_ADDRESS rows;    /* words: the row of the chunk's point x from x * (1 + samples) on */
     KILN_ADDRESS weights; /* row_weights.comp */
-    /* of point x under light l: number x * lights + l; of replay_held.comp and replay_groups.comp floats */
+    /* point x under light l has number x * lights + l; floats for replay_held.comp and replay_groups.comp */
     KILN_ADDRESS results;
     KILN_ADDRESS held; /* of replay_take.comp: struct kiln_gpu_held */
-    KILN_WORD64 first; /* likewise: the own point of x = 0 */
+    KILN_WORD64 first; /* for replay_take.comp: this rank's point of x = 0 */
     KILN_WORD samples;
-    /* of a whole point a slice has so many samples, of a partly buried one `split` times fewer */
+    /* samples a slice of a point that is not buried; a partly buried point has `split` times fewer */
     KILN_WORD slice, split;
-    /* of replay_groups.comp: lights, and all surface points (rows that nobody asks for may name others) */
+    /* for replay_groups.comp: number of lights, and of all surface points (unused rows may name others) */
     KILN_WORD groups, points;
     KILN_WORD reserved;
 };
@@ -179,10 +180,10 @@ KILN_OFFSET_IS(kiln_gpu_replay_push, first, 96);
 struct kiln_gpu_held_push {
     KILN_ADDRESS scene;
     KILN_ADDRESS held;      /* struct kiln_gpu_held */
-    KILN_ADDRESS bytes;     /* of held.comp: what the host has brought of a light, or fetches */
-    KILN_WORD light;        /* whose that is */
-    KILN_WORD groups;       /* of held_powers.comp: whose sums are added */
-    KILN_WORD first, count; /* of held_direct.comp: points */
+    KILN_ADDRESS bytes;     /* for held.comp: buffer of one light's data to or from the host */
+    KILN_WORD light;        /* the light of `bytes` */
+    KILN_WORD groups;       /* for held_powers.comp: number of groups whose sums are added */
+    KILN_WORD first, count; /* for held_direct.comp: range of points */
 };
 KILN_SIZE_IS(kiln_gpu_held_push, 40);
 
@@ -192,13 +193,13 @@ struct kiln_gpu_probes_push {
     KILN_ADDRESS positions; /* three floats each */
     KILN_ADDRESS sobol;     /* words: dimension d's samples from d * sobol_stride on */
     KILN_ADDRESS slices; /* floats: component c of slice s of probe x at (s * KILN_GPU_PROBE_FLOATS + c) * count + x */
-    KILN_WORD64 index;   /* of the first probe among all */
+    KILN_WORD64 index;   /* global number of the first probe */
     KILN_WORD count, samples, slice_first, slice_count, sobol_stride, seed;
     KILN_REAL32 far;  /* m: stands in for the distance of escapes */
     KILN_WORD leaves; /* struct kiln_probe_parameters */
-    KILN_WORD lights; /* light samples of a probe that are kept at most; */
+    KILN_WORD lights; /* maximum number of light samples of a probe that are kept */
     KILN_WORD reserved;
-    KILN_ADDRESS found; /* what is kept (probe_found.glsl); 0: nothing */
+    KILN_ADDRESS found; /* kept rays and light samples (probe_found.glsl); 0: none are kept */
 };
 KILN_SIZE_IS(kiln_gpu_probes_push, 88);
 KILN_OFFSET_IS(kiln_gpu_probes_push, count, 40);
@@ -208,8 +209,8 @@ KILN_OFFSET_IS(kiln_gpu_probes_push, found, 80);
 /* probes_groups.comp: the light of groups at probes. */
 struct kiln_gpu_probe_groups_push {
     KILN_ADDRESS scene;
-    KILN_ADDRESS found;     /* as above, as are lights, count and samples */
-    KILN_ADDRESS radiosity; /* packed, of each point that of all groups */
+    KILN_ADDRESS found;     /* as in struct kiln_gpu_probes_push, as are lights, count and samples */
+    KILN_ADDRESS radiosity; /* packed radiosity of each point for all groups */
     KILN_ADDRESS results;   /* KILN_GPU_PROBE_GROUP_FLOATS floats of each group of each probe */
     KILN_WORD count, samples, lights, groups;
 };
@@ -245,14 +246,14 @@ KILN_OFFSET_IS(kiln_gpu_probes_reduce_push, count, 24);
 struct kiln_gpu_path_push {
     KILN_ADDRESS scene;
     KILN_ADDRESS sums; /* struct kiln_gpu_path_sums of thread x */
-    KILN_WORD64 index; /* of the first pixel in the picture */
+    KILN_WORD64 index; /* number in the picture of the first pixel */
     KILN_WORD count, first_sample, samples, seed, width, height, bounces;
     KILN_WORD orthographic;                   /* 0 or 1 */
     KILN_VECTOR position, forward, right, up; /* struct kiln_path_parameters */
     KILN_REAL32 extent;                       /* m, of the scene */
     KILN_REAL32 lens_radius, focus_distance;
-    KILN_WORD path_length; /* KILN_PATH_LENGTH_ANY, or what it is at most */
-    KILN_ADDRESS turn; /* struct kiln_gpu_path_turn, in scenes with gloss; of path_add.comp also words to set to 0 */
+    KILN_WORD path_length; /* maximum number of rays of a path, or KILN_PATH_LENGTH_ANY */
+    KILN_ADDRESS turn;     /* struct kiln_gpu_path_turn, in scenes with gloss; for path_add.comp also words to clear */
 };
 KILN_SIZE_IS(kiln_gpu_path_push, 128);
 KILN_OFFSET_IS(kiln_gpu_path_push, count, 24);
@@ -261,41 +262,41 @@ KILN_OFFSET_IS(kiln_gpu_path_push, extent, 104);
 
 #include "shaders/shared/layout_bidirectional.h"
 
-/* The kernels of the bidirectional pass, and of light paths that land. A slot has a path under way. */
+/* Kernels of the bidirectional pass, and of light paths that land. Each unfinished path has a slot. */
 struct kiln_gpu_both_push {
     KILN_ADDRESS scene;
     KILN_ADDRESS both;    /* struct kiln_gpu_both */
-    KILN_ADDRESS sums;    /* struct kiln_gpu_path_sums or kiln_gpu_landing of slot 0; or words to set to 0 */
-    KILN_ADDRESS list;    /* words: the slots that threads have; 0: thread x has slot x */
-    KILN_ADDRESS onward;  /* words: the slots whose paths go on are put here, or those sorted by what they met */
+    KILN_ADDRESS sums;    /* struct kiln_gpu_path_sums or kiln_gpu_landing of slot 0; or words to clear */
+    KILN_ADDRESS list;    /* words: slots of the threads; 0: thread x has slot x */
+    KILN_ADDRESS onward;  /* words: output, slots of the paths that go on, or slots sorted by what they hit */
     KILN_ADDRESS tally;   /* struct kiln_gpu_both_tally */
-    KILN_ADDRESS counter; /* a word: what is to be done, no more than `count` from `offset` on; 0: all of `count` is */
-    KILN_WORD64 pixel;    /* of slot 0, or its light path that lands; of splats: the first that light is connected to */
-    KILN_WORD64 pixels;   /* of splats: how many there are from it on */
+    KILN_ADDRESS counter; /* word: number of items, of which at most `count` from `offset` on are done; 0: `count` */
+    KILN_WORD64 pixel;    /* pixel, or landing light path, of slot 0; splats: first pixel that light is connected to */
+    KILN_WORD64 pixels;   /* splats: number of pixels from there on */
     KILN_WORD count;      /* threads */
-    KILN_WORD offset;     /* thread 0 is number `offset` of the list, the slots, pairs, rays or vertices */
-    KILN_WORD path;       /* of light: that in slot 0 */
-    KILN_WORD first;      /* the path of light whose last vertex is the first of `last` */
-    KILN_WORD seed, light_key; /* of the camera's paths; of this sample's paths of light */
-    KILN_WORD sampled;         /* the camera's sample */
+    KILN_WORD offset;     /* first item: thread 0 takes number `offset` of the list, slots, pairs, rays or vertices */
+    KILN_WORD path;       /* number of the light path in slot 0 */
+    KILN_WORD first;      /* the light path whose last vertex is the first of `last` */
+    KILN_WORD seed, light_key; /* seed of the camera paths; key of this sample's light paths */
+    KILN_WORD sampled;         /* number of the camera's sample */
     KILN_WORD stage;           /* KILN_GPU_PHOTONS_... of photons.comp, KILN_GPU_STAGE_... of paths */
-    KILN_WORD light;           /* KILN_GPU_OF_...: whose the paths are */
-    KILN_WORD room;            /* path_pairs.comp: room for pairs; path_rays.comp: first of gloss in `onward` */
-    KILN_ADDRESS halts[2];     /* words: nothing is to be done where one of them is not 0; 0: no such word */
+    KILN_WORD light;           /* KILN_GPU_OF_...: kind of the paths */
+    KILN_WORD room;            /* path_pairs.comp: capacity for pairs; path_rays.comp: begin of gloss in `onward` */
+    KILN_ADDRESS halts[2];     /* words: if one is not 0, the kernel does nothing; 0: no such word */
 };
 KILN_SIZE_IS(kiln_gpu_both_push, 128);
 KILN_OFFSET_IS(kiln_gpu_both_push, count, 72);
-#define KILN_GPU_OF_CAMERA 0u       /* or surface points, */
-#define KILN_GPU_OF_LIGHT 1u        /* light, numbered over the whole sample, */
-#define KILN_GPU_OF_LIGHT_OWN 2u    /* or by the surface point whose own it is */
+#define KILN_GPU_OF_CAMERA 0u       /* paths of the camera or of surface points */
+#define KILN_GPU_OF_LIGHT 1u        /* light paths, numbered over the whole sample */
+#define KILN_GPU_OF_LIGHT_OWN 2u    /* light paths, numbered by the surface point that owns them */
 #define KILN_GPU_STAGE_BEGIN 0u     /* the first ray of a path */
-#define KILN_GPU_STAGE_ARRIVE 1u    /* what it has met, and the next ray */
-#define KILN_GPU_STAGE_END 2u       /* what paths of the camera have brought is added to their pixels */
-#define KILN_GPU_RAYS_NEXT 0u       /* path_rays.comp: the next surface of each path, */
-#define KILN_GPU_RAYS_TO_PATHS 1u   /* what is in the way of light to paths, */
-#define KILN_GPU_RAYS_TO_CAMERA 2u  /* to the camera */
-#define KILN_GPU_PAIRS_CONNECTED 0u /* path_pairs.comp: vertices of light of the pixel's own path, */
-#define KILN_GPU_PAIRS_OWN 1u       /* photons of that path, */
+#define KILN_GPU_STAGE_ARRIVE 1u    /* evaluates the hit, and samples the next ray */
+#define KILN_GPU_STAGE_END 2u       /* adds the radiance of camera paths to their pixels */
+#define KILN_GPU_RAYS_NEXT 0u       /* path_rays.comp: traces each path to its next surface */
+#define KILN_GPU_RAYS_TO_PATHS 1u   /* shadow rays of light to paths */
+#define KILN_GPU_RAYS_TO_CAMERA 2u  /* shadow rays of light to the camera */
+#define KILN_GPU_PAIRS_CONNECTED 0u /* path_pairs.comp: light vertices of the pixel's own light path */
+#define KILN_GPU_PAIRS_OWN 1u       /* photons of the pixel's own light path */
 #define KILN_GPU_PAIRS_NEAR 2u      /* photons of all paths */
 #define KILN_GPU_PHOTONS_CLEAR 0u
 #define KILN_GPU_PHOTONS_COUNT 1u
@@ -311,9 +312,9 @@ struct kiln_gpu_weighed_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_STRUCT kiln_gpu_hemisphere hemisphere;
-    KILN_ADDRESS both;  /* struct kiln_gpu_both, of which the light tree and the number of lights are set; before it
-                         * lies a struct kiln_gpu_land */
-    KILN_ADDRESS areas; /* floats: of each point of the chunk m2 that are not buried */
+    KILN_ADDRESS both;  /* struct kiln_gpu_both, with only the light tree and the number of lights set; a struct
+                         * kiln_gpu_land lies before it */
+    KILN_ADDRESS areas; /* floats: unburied area of each point of the chunk, m2 */
 };
 KILN_SIZE_IS(kiln_gpu_weighed_push, 128);
 KILN_OFFSET_IS(kiln_gpu_weighed_push, hemisphere, 56);
@@ -321,7 +322,7 @@ KILN_OFFSET_IS(kiln_gpu_weighed_push, both, 112);
 
 #include "shaders/shared/layout_patches.h"
 
-/* patches.comp: pairs of points and nodes. */
+/* patches.comp: sums the light of patch nodes at points. */
 struct kiln_gpu_patches_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
@@ -333,7 +334,7 @@ struct kiln_gpu_patches_push {
     KILN_REAL32 most_factor, most_added; /* struct kiln_patches_parameters */
     KILN_WORD reserved;
     KILN_ADDRESS sight; /* struct kiln_gpu_sight */
-    KILN_ADDRESS open;  /* words: w of point x at w * chunk.total + x; two a group, bits of open pairs */
+    KILN_ADDRESS open;  /* words: masks of open pairs, two words a group; word w of point x at w * chunk.total + x */
 };
 KILN_SIZE_IS(kiln_gpu_patches_push, 128);
 KILN_OFFSET_IS(kiln_gpu_patches_push, nodes, 88);
@@ -350,24 +351,24 @@ struct kiln_gpu_patches_reduce_push {
 KILN_SIZE_IS(kiln_gpu_patches_reduce_push, 88);
 KILN_OFFSET_IS(kiln_gpu_patches_reduce_push, rows, 80);
 
-/* sight_forget.comp: group x of own tile run y. */
+/* sight_forget.comp: thread (x, y) clears outdated visibility of group x of this rank's tile run y. */
 struct kiln_gpu_sight_forget_push {
     KILN_ADDRESS sight;
-    KILN_ADDRESS same;   /* two words a group: columns of which something may be known still */
-    KILN_ADDRESS forget; /* word of each own tile run: 1: nothing is */
+    KILN_ADDRESS same;   /* two words a group: mask of columns whose known visibility is still valid */
+    KILN_ADDRESS forget; /* word of each of this rank's tile runs: 1: forget everything */
     KILN_WORD runs;
     KILN_WORD reserved;
 };
 KILN_SIZE_IS(kiln_gpu_sight_forget_push, 32);
 
-/* sight_open.comp and sight_store.comp: word y of point x of a chunk, between what is kept and what patches.comp reads
- * and writes. sight_close.comp: tile run x of the chunk. */
+/* sight_open.comp and sight_store.comp: copy word y of point x of a chunk from kept visibility to the masks of
+ * patches.comp, and back. sight_close.comp: processes tile run x of the chunk. */
 struct kiln_gpu_sight_push {
     KILN_ADDRESS sight;
     KILN_ADDRESS points, open; /* as in struct kiln_gpu_patches_push */
-    KILN_ADDRESS columns;      /* two words a group: those of the step's nodes */
-    KILN_WORD total;           /* points, */
-    KILN_WORD run_first, runs; /* and own tile runs */
+    KILN_ADDRESS columns;      /* two words a group: mask of the columns of the step's nodes */
+    KILN_WORD total;           /* points of the chunk */
+    KILN_WORD run_first, runs; /* this rank's tile runs */
     KILN_WORD reserved;
 };
 KILN_SIZE_IS(kiln_gpu_sight_push, 48);
@@ -379,8 +380,8 @@ struct kiln_gpu_links_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_ADDRESS points;               /* struct kiln_gpu_linked_point of each point of the chunk */
-    KILN_ADDRESS runs, links, tinted;  /* of the chunk */
-    KILN_ADDRESS nodes, leaves, light; /* of the tree */
+    KILN_ADDRESS runs, links, tinted;  /* arrays of the chunk */
+    KILN_ADDRESS nodes, leaves, light; /* arrays of the link tree */
     KILN_ADDRESS slices; /* floats: c of row r of a point at (r * KILN_GPU_LINK_FLOATS + c) * chunk.total + x */
     KILN_WORD row_first; /* row of y = 0 */
     KILN_WORD node_count;
@@ -397,12 +398,12 @@ struct kiln_gpu_links_reduce_push {
 };
 KILN_SIZE_IS(kiln_gpu_links_reduce_push, 88);
 
-/* link_rays.comp: what comes through between two places. */
+/* link_rays.comp: transmission between two places. */
 struct kiln_gpu_link_rays_push {
     KILN_ADDRESS scene;
     KILN_ADDRESS rays;           /* struct kiln_gpu_link_ray */
-    KILN_ADDRESS through;        /* floats: one of each ray, or three where surfaces let light through in part */
-    KILN_ADDRESS places, others; /* struct kiln_gpu_link_place: of all points; of those in the tree's order */
+    KILN_ADDRESS through;        /* floats: transmission of each ray, three a ray if surfaces are partly transparent */
+    KILN_ADDRESS places, others; /* struct kiln_gpu_link_place: of all points; of leaf points in the tree's order */
     KILN_WORD count;
     KILN_WORD reserved;
 };

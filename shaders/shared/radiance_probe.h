@@ -1,35 +1,35 @@
-/* Radiance probes that answer gather rays which end at the tracing range (worker/scene/radiance_probes.h): their grid,
- * which of them a ray asks, in which direction, and which element of a map that is. The same in C and GLSL.
+/* Radiance probes that answer gather rays which end at the tracing range (worker/scene/radiance_probes.h), the same in
+ * C and GLSL: their grid, the probe and direction that a ray looks up, and the map element of a direction.
  *
- * A map is a square, for octahedral maps, or six, for cube maps, of side x side elements. A place of a map is a point
- * of an octahedron or a cube about the probe; its direction is the point's. A map's squares unfold without stretching,
- * so an area of the map at the point p stands for a solid angle that is proportional to 1 / |p|^3. */
+ * A map is one square (octahedral) or six (cube), of side x side elements each. A place on a map is a point of an
+ * octahedron or a cube about the probe, and its direction is the direction of this point. The squares unfold without
+ * stretching, so an area of the map at the point p has a solid angle proportional to 1 / |p|^3. */
 #ifndef KILN_SHADERS_SHARED_RADIANCE_PROBE_H
 #define KILN_SHADERS_SHARED_RADIANCE_PROBE_H
 
 #include "shaders/shared/language.h"
 
-/* Bases of a probe's radiance: coefficients of spherical harmonics (shaders/shared/harmonics.h), or the radiance of
- * each element of a map; three floats each. The rays of harmonics are spread over an octahedral map. */
+/* Representations of a probe's radiance: coefficients of spherical harmonics (shaders/shared/harmonics.h), or the
+ * radiance of each element of a map; three floats each. Rays for harmonics are distributed over an octahedral map. */
 #define KILN_PROBE_HARMONICS 0u
 #define KILN_PROBE_OCTAHEDRAL 1u
 #define KILN_PROBE_CUBE 2u
 
-/* A surface point's word about the probes near it: the cell of the grid that it lies in, by the number of the cell's
- * first corner, above KILN_PROBE_CORNERS bits that say which of the cell's corners have a probe that the point sees.
- * Bit c is the corner one step up x where c & 1, y where c & 2, z where c & 4. */
+/* A surface point's word of nearby probes. The upper bits are the cell of the grid that it lies in, by the number of
+ * the cell's first corner. The lower KILN_PROBE_CORNERS bits say which corners have a probe that the point sees. Bit c
+ * is the corner one step up x if c & 1, y if c & 2, z if c & 4. */
 #define KILN_PROBE_CORNERS 8u
 #define KILN_PROBE_SEEN 0xffu
 
 struct kiln_probe_grid {
-    KILN_VECTOR origin;    /* of probe (0, 0, 0), m from the scene's centre */
+    KILN_VECTOR origin;    /* position of probe (0, 0, 0), m from the scene's centre */
     float spacing;         /* m */
     KILN_U32 size[3];      /* probe (x, y, z) has the number (z * size[1] + y) * size[0] + x */
     KILN_U32 basis;        /* KILN_PROBE_HARMONICS, ... */
-    KILN_U32 side;         /* elements along a side of the map that rays are spread over */
-    KILN_U32 floats;       /* of a probe */
+    KILN_U32 side;         /* elements along a side of the map over which rays are distributed */
+    KILN_U32 floats;       /* floats of a probe */
     float range;           /* m: gather rays end there */
-    float projection;      /* m along a ray, of the place towards which its probe looks; 0: where it leaves the box */
+    float projection;      /* m: distance along a ray of the place that its probe looks at; 0: end of the box */
     KILN_VECTOR low, high; /* the scene's box, m from its centre */
 };
 
@@ -75,7 +75,7 @@ KILN_FUNCTION KILN_VECTOR kiln_probe_point(KILN_U32 basis, KILN_U32 side, KILN_U
     return kiln_octahedron_point(u, v);
 }
 
-/* The column or row at u, from -1 to 1. */
+/* Returns the column or row of elements at u, from -1 to 1. */
 KILN_FUNCTION KILN_U32 kiln_probe_column(float u, KILN_U32 side)
 {
     return word_min(KILN_TO_U32(float_max((0.5f * u + 0.5f) * KILN_TO_F32(side), 0.0f)), side - 1u);
@@ -111,15 +111,15 @@ KILN_FUNCTION KILN_U32 kiln_probe_element(KILN_U32 basis, KILN_U32 side, KILN_VE
     return basis == KILN_PROBE_CUBE ? kiln_cube_element(side, d) : kiln_octahedron_element(side, d);
 }
 
-/* ---- which probe a ray asks ---- */
+/* ---- the probe that a ray looks up ---- */
 
-/* How far along its cell a place is, 0 to 1. */
+/* Relative position of a place in its cell along one axis, 0 to 1. */
 KILN_FUNCTION float kiln_probe_fraction(float place, float origin, float spacing, KILN_U32 cell)
 {
     return float_min(float_max((place - origin) / spacing - KILN_TO_F32(cell), 0.0f), 1.0f);
 }
 
-/* Trilinear weight of a corner; a little more, so that one alone has some everywhere. */
+/* Trilinear weight of a corner, plus a small constant so that a lone visible corner has some weight everywhere. */
 KILN_FUNCTION float kiln_probe_weight(KILN_U32 corner, KILN_VECTOR f)
 {
     const float x = (corner & 1u) != 0u ? f.x : 1.0f - f.x;
@@ -128,8 +128,8 @@ KILN_FUNCTION float kiln_probe_weight(KILN_U32 corner, KILN_VECTOR f)
     return x * y * z + 1.0e-4f;
 }
 
-/* One of the corners that `seen` names (at least one), by their weights at the place f of the cell and the random
- * number u in (0, 1). */
+/* Chooses one of the corners in the mask `seen` (at least one bit), in proportion to their weights at the relative
+ * position f in the cell; u in (0, 1) is the random number. */
 KILN_FUNCTION KILN_U32 kiln_probe_choose(KILN_U32 seen, KILN_VECTOR f, float u)
 {
     float left = 0.0f;
@@ -156,7 +156,7 @@ KILN_FUNCTION float kiln_probe_leave(float at, float direction, float low, float
     return float_max(((direction > 0.0f ? high : low) - at) / direction, 0.0f);
 }
 
-/* Distance at which a ray from `at` leaves the scene's box: nothing is behind. */
+/* Distance at which a ray from `at` leaves the scene's box, behind which there is nothing. */
 KILN_FUNCTION float kiln_probe_far(KILN_STRUCT kiln_probe_grid grid, KILN_VECTOR at, KILN_VECTOR d)
 {
     const float x = kiln_probe_leave(at.x, d.x, grid.low.x, grid.high.x);
@@ -165,8 +165,9 @@ KILN_FUNCTION float kiln_probe_far(KILN_STRUCT kiln_probe_grid grid, KILN_VECTOR
     return float_min(x, float_min(y, z));
 }
 
-/* Where a probe is to look for a ray from `at` with direction d that leaves the box at `far`: from the probe towards
- * that place, or towards one at a fixed distance along the ray; not of unit length. */
+/* Direction in which a probe is looked up for a ray from `at` with direction d that leaves the box at `far`: from the
+ * probe to the place where the ray leaves, or to a fixed distance along the ray (grid.projection). Not of unit length.
+ */
 KILN_FUNCTION KILN_VECTOR kiln_probe_direction(KILN_STRUCT kiln_probe_grid grid, KILN_VECTOR at, KILN_VECTOR d,
                                                float far, KILN_VECTOR probe)
 {
@@ -177,27 +178,27 @@ KILN_FUNCTION KILN_VECTOR kiln_probe_direction(KILN_STRUCT kiln_probe_grid grid,
     return is_none ? d : to;
 }
 
-/* The cell that a place lies in, along one axis; the nearest one outside of the grid. */
+/* Index along one axis of the cell that a place lies in; outside the grid the nearest cell. */
 KILN_FUNCTION KILN_U32 kiln_probe_cell_along(float at, float origin, float spacing, KILN_U32 size)
 {
     const float last = KILN_TO_F32(size > 1u ? size - 2u : 0u);
     return KILN_TO_U32(float_min(float_max((at - origin) / spacing, 0.0f), last));
 }
 
-/* The corners that a cell has: where the grid is one probe thick, the first ones. */
+/* Mask of the corners that a cell has: along an axis on which the grid is one probe thick, only the first ones. */
 KILN_FUNCTION KILN_U32 kiln_probe_corners(KILN_STRUCT kiln_probe_grid grid)
 {
     return KILN_PROBE_SEEN & (grid.size[0] > 1u ? 0xffu : 0x55u) & (grid.size[1] > 1u ? 0xffu : 0x33u) &
            (grid.size[2] > 1u ? 0xffu : 0x0fu);
 }
 
-/* A ray's end, in ranges: a little before the range, so that what begins there is on this side of a wall that the ray
- * has all but met. */
+/* End of a gather ray as a share of the range. It lies a little before the range, so that a probe lookup begins on this
+ * side of a wall that the ray has almost reached. */
 #define KILN_PROBE_END 0.999f
-/* Nothing may stand nearer behind a probe that is seen, in spacings: else from the other side of a thin wall the probe
- * would seem to be on this side of it. */
+/* Least distance, in spacings, from a visible probe to a surface behind it. Otherwise a probe beyond a thin wall would
+ * seem to be on this side of it. */
 #define KILN_PROBE_CLEAR 1.0e-3f
-/* x of the position of a probe that is off. */
+/* Value of the x coordinate of a probe that is switched off. */
 #define KILN_PROBE_OFF 3.0e38f
 
 #endif

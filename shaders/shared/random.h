@@ -5,8 +5,8 @@
  * Transparency", 2011; Burley, "Practical Hash-based Owen Scrambling", 2020; constants of Vegdahl, 2021), then shifted
  * digitally per texel. In the dimensions that choose a ray's direction the shift leaves the leading digits alone, so
  * that the k-th rays of all texels of a tile share a stratum; with 4^c <= samples, c shared digits a dimension, each
- * texel still visits all 4^c strata equally often, and what neighbours share carries no noise (the mean over a stratum
- * does not depend on the shared scramble). Which number hangs on what: shaders/shared/streams.h. */
+ * texel still visits all 4^c strata equally often, and sharing adds no noise (the mean over a stratum does not depend
+ * on the shared scramble). shaders/shared/streams.h lists what each number depends on. */
 #ifndef KILN_SHADERS_RANDOM_H
 #define KILN_SHADERS_RANDOM_H
 

@@ -1,5 +1,6 @@
-/* The language layer's numbers of light; for the rest see shaders/shared/language.h. C calculates in double. GLSL in
- * `real`, double or float (shaders/kernel.glsl). A vector's parts are .x, .y and .z in both.
+/* Number types for light calculations in the language layer; for the rest see shaders/shared/language.h. C calculates
+ * in double, GLSL in `real`, which is double or float (shaders/kernel.glsl). A vector's components are .x, .y and .z in
+ * both.
  *
  * A constant with a fraction is KILN_RATIO(a, b), the number nearest to a / b, both integers: GLSL writes decimal
  * fractions of doubles with a suffix that C does not have.
@@ -38,7 +39,7 @@
 #    define real3_differ(a, b) ((a) != (b))
 #    define real3_negate(a) (-(a))
 #    define real3_normalize(a) normalize(a)
-#    define KILN_DEVICE_UNIT(a) real_unit_vector(a) /* where C leaves a length of 1 as rounding made it */
+#    define KILN_DEVICE_UNIT(a) real_unit_vector(a) /* normalises again; C accepts rounding errors */
 #    define KILN_REAL_INFINITE real(KILN_INFINITY)
 #    define KILN_REAL_RGB(name) kiln_real3 name /* a colour, name[0] to name[2] */
 /* Values in memory, and differences of them (shaders/kernel.glsl) */

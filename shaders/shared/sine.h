@@ -1,11 +1,11 @@
-/* Taylor's series of sine and cosine for angles within a quarter turn about 0, in doubles: C's lanes and GLSL, which
- * has no sine of doubles, reduce any angle to them. Errors are below 1e-15. */
+/* Taylor series of sine and cosine in doubles, for angles within a quarter turn about 0. Vectorised C, and GLSL, which
+ * has no sine of doubles, reduce any angle to this range. Errors are below 1e-15. */
 #ifndef KILN_SHADERS_SHARED_SINE_H
 #define KILN_SHADERS_SHARED_SINE_H
 
 #include "shaders/shared/real.h"
 
-/* 1 / n! of n from 12 on, by n! / 12!; n! itself is above 2^32. */
+/* 1 / n! for n from 12 on; `rest` is n! / 12!, since n! itself exceeds 2^32. */
 #define KILN_ONE_OVER_12_TIMES(rest) (1 / (kiln_real_of(479001600) * (rest)))
 
 /* `r2` is the square of r. */

@@ -1,4 +1,4 @@
-/* Which patch of the sky a direction is in: worker/light/sky_patches.h says what these are. */
+/* Patch of the sky that contains a direction; worker/light/sky_patches.h describes the patches. */
 #ifndef KILN_SHADERS_SHARED_SKY_PATCH_H
 #define KILN_SHADERS_SHARED_SKY_PATCH_H
 
@@ -13,8 +13,8 @@ KILN_FUNCTION kiln_real kiln_sky_band_height(KILN_U32 n)
     return KILN_RATIO(1, 2) * KILN_REAL_PI / (7 * kiln_real_of(n) + KILN_RATIO(1, 2));
 }
 
-/* The patch that a unit direction away from the scene is in, of n divisions; the number of patches for one below the
- * horizon. */
+/* Returns the patch that contains a unit direction away from the scene, for n divisions; below the horizon it returns
+ * the number of patches. */
 KILN_FUNCTION KILN_U32 kiln_sky_patch(kiln_real3 d, KILN_U32 n)
 {
     const kiln_real altitude = real_asin(real_min(real_max(d.y, kiln_real_of(-1)), kiln_real_of(1))),

@@ -1,18 +1,18 @@
-/* How a GPU deals out the samples of a point to its threads. */
+/* Distribution of a point's samples over a GPU's threads. */
 #ifndef KILN_SHADERS_SHARED_SLICES_H
 #define KILN_SHADERS_SHARED_SLICES_H
 
 #include "shaders/shared/language.h"
 
-#define KILN_SLICE_WORTH 16u    /* samples that are worth a thread */
-#define KILN_SLICES_ENOUGH 256u /* of a quarter: from there on slices are longer instead, for their sums take room */
-#define KILN_SLICE_ENOUGH 64u   /* samples: from there on there are more slices again, for each has to end in time */
-#define KILN_SLICES_MOST 1024u  /* threads of a quarter of the samples */
+#define KILN_SLICE_WORTH 16u    /* least number of samples that justify a thread */
+#define KILN_SLICES_ENOUGH 256u /* slices a quarter: beyond this slices get longer, as their sums take memory */
+#define KILN_SLICE_ENOUGH 64u   /* samples a slice: beyond this there are more slices again, as each must end in time */
+#define KILN_SLICES_MOST 1024u  /* maximum number of threads a quarter of the samples */
 
-/* Each quarter of a point's samples is dealt out in `per_quarter` slices of `samples` each, one a thread. Of a partly
- * buried point each slice goes to `split` threads, which divides `samples`: a software device ends a thread's loops
- * after 65,535 rounds in all, which such a point needs for a dozen samples. (Slices are not that small for all points,
- * for it executes code at least once wherever no thread has anything to do in it.) */
+/* Each quarter of a point's samples is divided into `per_quarter` slices of `samples` each, one a thread. For a partly
+ * buried point each slice is divided among `split` threads; `split` divides `samples`. The reason: a software device
+ * ends a thread's loops after 65,535 rounds in all, which such a point needs for a dozen samples. (Slices are not that
+ * small for all points, since such a device executes code at least once even where no thread has work.) */
 struct kiln_slices {
     KILN_U32 samples, per_quarter, split;
 };

@@ -1,4 +1,4 @@
-/* Directions about an axis: even over the sphere, or by the cosine. */
+/* Sampling of directions about an axis: uniform over the sphere, or cosine-distributed. */
 #ifndef KILN_SHADERS_SHARED_SPHERE_H
 #define KILN_SHADERS_SHARED_SPHERE_H
 
@@ -16,7 +16,7 @@ KILN_FUNCTION kiln_real3 kiln_sphere_direction(kiln_real u, kiln_real v)
     return real3_make(r * cosine, r * sine, z);
 }
 
-/* (x, y, z) with z along the unit axis; tangents are floats (kiln_basis). */
+/* Turns (x, y, z) so that z lies along the unit axis; tangents are floats (kiln_basis). */
 KILN_FUNCTION kiln_real3 kiln_about_axis(kiln_real3 axis, kiln_real x, kiln_real y, kiln_real z)
 {
     KILN_VECTOR s, t;
@@ -25,7 +25,8 @@ KILN_FUNCTION kiln_real3 kiln_about_axis(kiln_real3 axis, kiln_real x, kiln_real
                      real3_scale(axis, z));
 }
 
-/* Cosine-distributed about the unit axis, for u and v in (0, 1); its length is 1 but for rounding. */
+/* Samples a cosine-distributed direction about the unit axis, for u and v in (0, 1); its length is 1 but for rounding.
+ */
 KILN_FUNCTION kiln_real3 kiln_cosine_about(kiln_real3 axis, kiln_real u, kiln_real v)
 {
     const kiln_real r = real_sqrt(u);

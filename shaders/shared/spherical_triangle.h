@@ -1,14 +1,14 @@
-/* A triangle as seen from a point, and directions that are even in its solid angle.
+/* Uniform sampling of the solid angle in which a point sees a triangle.
  *
  * Arvo, "Stratified Sampling of Spherical Triangles", 1995: of corners a b c, the point c2 on the arc from a to c cuts
- * off the share u of the solid angle, and the direction lies on the arc from b to c2. His formulas want arc cosines,
- * and lose digits in thin and in small triangles. Instead, with m = a + c2, the formula of Van Oosterom and Strackee,
- * 1983, for the triangle a b c2 is
+ * off the share u of the solid angle, and the direction lies on the arc from b to c2. His formulas need arc cosines,
+ * and lose precision in thin and in small triangles. Instead, with m = a + c2, the formula of Van Oosterom and
+ * Strackee, 1983, for the triangle a b c2 is
  *
  *     tan(u omega / 2) = |a . (b x m)| / (m . (a + b))
  *
- * which is linear in m, a mix of a and c: so the same c2 comes without an arc cosine and without differences of nearly
- * equal numbers. */
+ * which is linear in m, a combination of a and c. So it gives the same c2 without an arc cosine and without differences
+ * of nearly equal numbers. */
 #ifndef KILN_SHADERS_SHARED_SPHERICAL_TRIANGLE_H
 #define KILN_SHADERS_SHARED_SPHERICAL_TRIANGLE_H
 
@@ -20,16 +20,16 @@ struct kiln_spherical_triangle {
     kiln_real omega;             /* sr */
 };
 
-/* sr: smaller ones are better sampled by area, whose density varies little there. */
+/* sr: smaller triangles are better sampled by area, where the density varies little. */
 #define KILN_SPHERICAL_FROM KILN_RATIO(2, 100)
-/* But not long ones, however thin: along them the density varies much. Long: two corners are farther apart than this
- * cosine, 18 degrees; a triangle that is half a square of less than 0.02 sr is not. What is smaller than the last is
- * nothing that floats could tell. */
+/* Exception: long triangles, however thin, are sampled by solid angle, as the area density varies much along them. A
+ * triangle is long if two corners are farther apart than 18 degrees, the angle of this cosine; half a square of less
+ * than 0.02 sr is not. Below the last value, sr, floats cannot resolve the triangle. */
 #define KILN_SPHERICAL_LONG KILN_RATIO(95, 100)
 #define KILN_SPHERICAL_LEAST KILN_RATIO(1, 1000000000)
 
-/* A triangle of `area` m2, whose plane is `height` > 0 m away: `to0` to corner 0, edges e1 and e2 from there, in
- * metres. */
+/* Makes a triangle of `area` m2 in a plane `height` > 0 m away. `to0` leads to corner 0, e1 and e2 are the edges from
+ * there, in metres. */
 KILN_FUNCTION KILN_STRUCT kiln_spherical_triangle kiln_spherical_triangle_of(kiln_real3 to0, kiln_real3 e1,
                                                                              kiln_real3 e2, kiln_real area,
                                                                              kiln_real height)
@@ -41,7 +41,7 @@ KILN_FUNCTION KILN_STRUCT kiln_spherical_triangle kiln_spherical_triangle_of(kil
     t.a = real3_scale(to0, scale0);
     t.b = real3_scale(to1, scale1);
     t.c = real3_scale(to2, scale2);
-    /* cancels nowhere; GPUs multiply by what they have rather than divide again */
+    /* no cancellation; GPUs multiply by known reciprocals instead of dividing again */
 #ifdef KILN_GLSL
     t.volume = 2 * area * scale0 * (height * scale1) * scale2;
 #else
@@ -53,7 +53,7 @@ KILN_FUNCTION KILN_STRUCT kiln_spherical_triangle kiln_spherical_triangle_of(kil
     return t;
 }
 
-/* Whether samples of the triangle are to be even in its solid angle; else in its area. */
+/* Whether the triangle is sampled uniformly in its solid angle; else in its area. */
 KILN_FUNCTION bool kiln_spherical_triangle_wanted(KILN_STRUCT kiln_spherical_triangle t)
 {
     if (t.omega > KILN_SPHERICAL_FROM)
@@ -62,7 +62,7 @@ KILN_FUNCTION bool kiln_spherical_triangle_wanted(KILN_STRUCT kiln_spherical_tri
     return t.omega > KILN_SPHERICAL_LEAST && least < KILN_SPHERICAL_LONG;
 }
 
-/* The direction, unit, for u and v in (0, 1), from the sine and cosine of u omega / 2. */
+/* Returns the unit direction for u and v in (0, 1), from the sine and cosine of u omega / 2. */
 KILN_FUNCTION kiln_real3 kiln_spherical_triangle_turn(KILN_STRUCT kiln_spherical_triangle t, kiln_real sine,
                                                       kiln_real cosine, kiln_real v)
 {

@@ -12,7 +12,8 @@ KILN_FUNCTION float kiln_texel_coordinate(float corner, float along_u, float alo
     return corner + u * along_u + v * along_v;
 }
 
-/* Column or row of the texel there, from 0 to `last`: rounding may put a hit on the rim a little outside. */
+/* Column or row of the texel at a coordinate, from 0 to `last`: rounding may put a hit at the border a little outside.
+ */
 KILN_FUNCTION KILN_I32 kiln_texel_of(float coordinate, KILN_I32 last)
 {
     return integer_clamp(KILN_TO_I32(coordinate), 0, last);

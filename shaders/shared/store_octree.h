@@ -10,7 +10,7 @@
 #define KILN_SIDES 6
 #define KILN_BRICK_SIDE 4 /* leaves along a side of a brick */
 
-/* Leaf of a coordinate that kiln_texel_coordinate (shaders/shared/store_lightmap.h) gives. */
+/* Index of the leaf at a coordinate from kiln_texel_coordinate (shaders/shared/store_lightmap.h). */
 KILN_FUNCTION KILN_U32 kiln_leaf_of(float coordinate)
 {
     return KILN_TO_U32(integer_clamp(KILN_TO_I32(coordinate), 0, KILN_LEAVES_ALONG - 1));
@@ -26,7 +26,7 @@ KILN_FUNCTION KILN_U32 kiln_morton4(KILN_U32 x, KILN_U32 y, KILN_U32 layer)
 KILN_FUNCTION KILN_U32 kiln_brick_low(KILN_U32 x, KILN_U32 y) { return x | y << 19; }
 KILN_FUNCTION KILN_U32 kiln_brick_high(KILN_U32 y, KILN_U32 layer) { return y >> 13 | layer << 6; }
 
-/* Where the search for a brick of an octree begins among the slots, whose number is a power of two. */
+/* Slot at which the search for an octree's brick begins (hash); the number of slots is a power of two. */
 KILN_FUNCTION KILN_U32 kiln_brick_hash(KILN_U32 low, KILN_U32 high, KILN_U32 octree)
 {
     return kiln_hash2(low, kiln_hash2(high, octree));

@@ -1,49 +1,53 @@
-/* Samples of a directional light under a sky. Nearly all places are either lit or shadowed by such a light as a whole,
- * which a few samples say as well as many, and there the samples are better spent on the sky; but at an edge of a
- * shadow its noise is that of the picture. So where a scene has an environment, a pilot of a few rays decides how many
- * samples the light has at a point, and the point's other lights share what is left.
+/* Samples of a directional light under a sky. Nearly all places are wholly lit or wholly in shadow: there a few samples
+ * suffice, and the others are better spent on the sky. At the edge of a shadow, however, this light causes most of the
+ * noise. So in a scene with an environment, a pilot of a few rays decides how many samples the light gets at a point.
+ * The point's other lights share the rest.
  *
- * The pilot's numbers are its own and nothing of it goes into the answer, which so stays without bias (Kirk and Arvo,
- * "Unbiased Sampling Techniques for Image Synthesis", SIGGRAPH 1991). Its first half starts at places of the point, its
- * second half at such places with their distance from the point's centre times 1 + KILN_SUN_PILOT_BEYOND, for an edge
- * that just touches the texel. */
+ * The pilot uses separate random numbers, and its results are not part of the answer, which so stays unbiased (Kirk and
+ * Arvo, "Unbiased Sampling Techniques for Image Synthesis", SIGGRAPH 1991). The first half of its rays starts at places
+ * of the point. For the second half the distance of places from the point's centre is multiplied by 1 +
+ * KILN_SUN_PILOT_BEYOND, to detect an edge that just touches the texel. */
 #ifndef KILN_SHADERS_SHARED_SUN_PILOT_H
 #define KILN_SHADERS_SHARED_SUN_PILOT_H
 
 #include "shaders/shared/real.h"
 
 #define KILN_SUN_PILOT_BEYOND 2.0f
-/* The light of the pilot's places differs where the least is less than so much of the most. */
+/* The pilot finds a difference if the least light of its places is below this share of the greatest. */
 #define KILN_SUN_SAME 0.75f
-/* There the light has so many times the samples that its importance gives it. */
+/* Factor of the light's samples, relative to its importance, where the pilot finds a difference. */
 #define KILN_SUN_TIMES 3u
 
-/* Rays of the pilot of a point that has so many samples in all; even. */
+/* Number of pilot rays, even, of a point with `samples` samples in all. */
 KILN_FUNCTION KILN_U32 kiln_sun_pilot(KILN_U32 samples) { return word_max(8u, word_min(samples / 4u, 64u)) / 2u * 2u; }
 
-/* Samples of the light where the pilot finds no difference. */
+/* Number of samples of the light where the pilot finds no difference. */
 KILN_FUNCTION KILN_U32 kiln_sun_few(KILN_U32 samples) { return word_max(4u, samples / 4u); }
 
-/* Samples that a pilot and few samples cost. A light that has no more than that by its importance keeps its own. */
+/* Cost in samples of a pilot with few light samples. A light whose importance gives it no more than that has no pilot.
+ */
 KILN_FUNCTION KILN_U32 kiln_sun_least(KILN_U32 samples) { return kiln_sun_pilot(samples) + kiln_sun_few(samples); }
 
-/* Samples left of `rest` after `spent` more. */
+/* Number of samples left of `rest` after spending `spent`. */
 KILN_FUNCTION KILN_U32 kiln_samples_left(KILN_U32 rest, KILN_U32 spent) { return rest - word_min(rest, spent); }
 
-/* Samples of another choice that had so many of the `others` samples of all of them, when `rest` are left. */
+/* Rescales another choice's samples: it had `samples` of the `others` samples of all other choices, which now share
+ * `rest`. */
 KILN_FUNCTION KILN_U32 kiln_sun_other(KILN_U32 samples, KILN_U32 others, KILN_U32 rest)
 {
     return word_max(1u, KILN_TO_U32((KILN_TO_U64(samples) * rest + others / 2u) / others));
 }
 
-/* How a point's samples are shared out, choice by choice; zero but for `samples` and `rest`, which are those of all. */
+/* Running sums that distribute a point's samples, choice by choice. Initially zero, but `samples` and `rest` are the
+ * point's total. */
 struct kiln_sun_sharing {
-    KILN_U32 samples, rest; /* in all; not spent on directional lights and their pilots */
+    KILN_U32 samples, rest; /* samples in all; samples not spent on directional lights and their pilots */
     KILN_U32 others;        /* of the other choices */
-    bool any;               /* some light has a pilot: the other choices have kiln_sun_other then */
+    bool any;               /* a light has a pilot: the other choices then have kiln_sun_other samples */
 };
 
-/* Takes a choice with so many samples by its importance. Whether it is a directional light with a pilot. */
+/* Adds a choice to the sums; `samples` is its number by importance. Returns whether it is a directional light with a
+ * pilot. */
 KILN_FUNCTION bool kiln_sun_asks(KILN_INOUT(KILN_STRUCT kiln_sun_sharing) s, bool is_sun, KILN_U32 samples)
 {
     const KILN_U32 least = kiln_sun_least(KILN_AT(s).samples);
@@ -56,7 +60,7 @@ KILN_FUNCTION bool kiln_sun_asks(KILN_INOUT(KILN_STRUCT kiln_sun_sharing) s, boo
     return asks;
 }
 
-/* The samples of such a choice, whose light differs around the point or does not. */
+/* Number of samples of a directional light with a pilot; `differs`: the pilot found a difference. */
 KILN_FUNCTION KILN_U32 kiln_sun_samples(KILN_IN(KILN_STRUCT kiln_sun_sharing) s, KILN_U32 samples, bool differs)
 {
     return differs ? KILN_SUN_TIMES * samples : kiln_sun_few(KILN_AT(s).samples);

@@ -1,4 +1,4 @@
-/* Targets of light paths from afar: what is seen of a sphere or a box, and places on it (worker/light/targets.h). */
+/* Targets of distant light paths: projected area of a sphere or box, and places on it (worker/light/targets.h). */
 #ifndef KILN_SHADERS_SHARED_TARGETS_H
 #define KILN_SHADERS_SHARED_TARGETS_H
 
@@ -8,21 +8,21 @@ struct kiln_target {
     kiln_real3 centre;     /* of sphere and box, m from the scene's centre */
     kiln_real3 low, high;  /* the box's corners, m */
     kiln_real radius;      /* of the sphere, m */
-    kiln_real area;        /* m2, of the triangles, where rays go evenly over them, */
-    KILN_U32 first, count; /* and where they are listed */
+    kiln_real area;        /* m2: area of the triangles, if rays are spread evenly over them */
+    KILN_U32 first, count; /* range of the listed triangles */
 #ifndef KILN_GLSL
-    double even; /* the part of its rays that go evenly over its triangles */
+    double even; /* share of its rays that are spread evenly over its triangles */
     uint32_t object;
 #endif
 };
 
-/* m2, of the sphere. */
+/* Area of the sphere's disc, m2. */
 KILN_FUNCTION kiln_real kiln_target_disc(KILN_IN(KILN_STRUCT kiln_target) t)
 {
     return KILN_REAL_PI * KILN_AT(t).radius * KILN_AT(t).radius;
 }
 
-/* m2: what each pair of the box's sides shows along a direction. */
+/* Projected areas, m2, of the box's three pairs of sides along a direction. */
 KILN_FUNCTION kiln_real3 kiln_target_shades(KILN_IN(KILN_STRUCT kiln_target) t, kiln_real3 direction)
 {
     const kiln_real3 size = real3_sub(KILN_AT(t).high, KILN_AT(t).low);
@@ -30,14 +30,15 @@ KILN_FUNCTION kiln_real3 kiln_target_shades(KILN_IN(KILN_STRUCT kiln_target) t, 
                       real_abs(direction.z) * size.x * size.y);
 }
 
-/* m2: what is seen of the sphere or of the box, whichever is less, along `direction`, unit. */
+/* Projected area, m2, of the sphere or the box, whichever is less, along unit `direction`. */
 KILN_FUNCTION kiln_real kiln_target_outline(KILN_IN(KILN_STRUCT kiln_target) t, kiln_real3 direction)
 {
     const kiln_real3 shades = kiln_target_shades(t, direction);
     return real_min(kiln_target_disc(t), shades.x + shades.y + shades.z);
 }
 
-/* A place on what is seen along `back`, unit, towards who looks; even over the outline. `pick`, u and v in (0, 1). */
+/* Samples a place on the visible side, uniformly over the projected area. `back`: unit, towards the viewer; `pick`, u
+ * and v are in (0, 1). */
 KILN_FUNCTION kiln_real3 kiln_target_place(KILN_IN(KILN_STRUCT kiln_target) t, kiln_real3 back, kiln_real pick,
                                            kiln_real u, kiln_real v)
 {
@@ -57,7 +58,7 @@ KILN_FUNCTION kiln_real3 kiln_target_place(KILN_IN(KILN_STRUCT kiln_target) t, k
     return real3_make(low.x + u * size.x, low.y + v * size.y, back.z > 0 ? high.z : low.z);
 }
 
-/* m, from the centre: nothing of a target is farther away. */
+/* Radius about the centre, m, that encloses the target. */
 KILN_FUNCTION kiln_real kiln_target_reach(KILN_IN(KILN_STRUCT kiln_target) t)
 {
     return real_max(KILN_AT(t).radius, real3_length(real3_sub(KILN_AT(t).high, KILN_AT(t).low)) / 2);
@@ -65,7 +66,7 @@ KILN_FUNCTION kiln_real kiln_target_reach(KILN_IN(KILN_STRUCT kiln_target) t)
 
 /* ---- cones ---- */
 
-/* 1 less the cosine of half the cone in which a target's sphere is seen; 2 from within. */
+/* 1 - cosine of the half-angle of the cone in which a target's sphere is seen; 2 from inside the sphere. */
 KILN_FUNCTION kiln_real kiln_cone_height(KILN_IN(KILN_STRUCT kiln_target) target, kiln_real3 from)
 {
     const kiln_real3 to = real3_sub(KILN_AT(target).centre, from);
@@ -73,7 +74,7 @@ KILN_FUNCTION kiln_real kiln_cone_height(KILN_IN(KILN_STRUCT kiln_target) target
     return sine2 < 1 ? sine2 / (1 + real_sqrt(1 - sine2)) : kiln_real_of(2);
 }
 
-/* Evenly over the cone about the axis, of which 1 less the cosine of half its angle is `height`. */
+/* Samples a direction uniformly in the cone about the axis; `height` is 1 - cosine of its half-angle. */
 KILN_FUNCTION kiln_real3 kiln_cone_direction(kiln_real3 axis, kiln_real height, kiln_real u, kiln_real v)
 {
     const kiln_real below = u * height, r = real_sqrt(below * (2 - below));
@@ -82,7 +83,7 @@ KILN_FUNCTION kiln_real3 kiln_cone_direction(kiln_real3 axis, kiln_real height, 
     return kiln_about_axis(axis, r * cosine, r * sine, 1 - below);
 }
 
-/* Per steradian, of a direction in the cone about the axis; 0 beyond it, but for rounding. */
+/* Density per steradian of a direction in the cone about the axis; 0 outside, but for rounding. */
 #define KILN_CONE_SLACK KILN_RATIO(10001, 10000)
 KILN_FUNCTION kiln_real kiln_cone_density(kiln_real3 axis, kiln_real height, kiln_real3 direction)
 {

@@ -1,5 +1,5 @@
-/* C's vectors of three: float for tracing (relative to the centre of the scene), double for areas, totals and world
- * positions. GLSL has its own, vec3 and dvec3. */
+/* Vectors of three components in C: float for tracing (relative to the centre of the scene), double for areas, totals
+ * and world positions. GLSL has its own, vec3 and dvec3. */
 #ifndef KILN_SHADERS_SHARED_VECTOR_H
 #define KILN_SHADERS_SHARED_VECTOR_H
 

@@ -1,10 +1,10 @@
-/* View factors from a small piece of surface to a parallelogram: see worker/light/view_factor.h. */
+/* View factors from a small surface element to a parallelogram: see worker/light/view_factor.h. */
 #ifndef KILN_SHADERS_SHARED_VIEW_FACTOR_H
 #define KILN_SHADERS_SHARED_VIEW_FACTOR_H
 
 #include "shaders/shared/real.h"
 
-#define KILN_CLIPPED_MOST 6u /* corners of a parallelogram clipped twice */
+#define KILN_CLIPPED_MOST 6u /* maximum number of corners of a parallelogram clipped twice */
 
 struct kiln_clipped {
     kiln_real3 corner[KILN_CLIPPED_MOST];
@@ -27,7 +27,7 @@ KILN_FUNCTION KILN_STRUCT kiln_clipped kiln_clip(KILN_STRUCT kiln_clipped from, 
     return to;
 }
 
-/* Returns the view factor of the parallelogram about `centre`, with edges from a corner: of its part above the horizons
+/* Returns the view factor of the parallelogram with this centre and these edges, clipped to its part above the horizons
  * of n and `about`. */
 KILN_FUNCTION kiln_real kiln_view_factor(kiln_real3 centre, kiln_real3 edge_s, kiln_real3 edge_t, kiln_real3 n,
                                          kiln_real3 about)

@@ -1,6 +1,6 @@
-/* Lines through a grid of voxels (worker/scene/voxels.h), in both languages: the cells between two places, one after
- * the other (Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987). Before it is
- * included each language says where the grid lies:
+/* Traversal of a voxel grid (worker/scene/voxels.h) along a line, in both languages: it visits the cells between two
+ * places in order (Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987). Before
+ * including it each language defines the grid:
  *
  *     KILN_VOXEL_GRID                    the type that its functions take
  *     KILN_VOXEL_LOW(grid)               corner of the first cell, m, a kiln_real3
@@ -13,21 +13,22 @@
 #include "shaders/shared/mask.h"
 #include "shaders/shared/real.h"
 
-#define KILN_VOXEL_NEVER kiln_real_of(1.0e30f) /* farther along a line than its end */
+#define KILN_VOXEL_NEVER kiln_real_of(1.0e30f) /* parameter beyond the end of a line: no border */
 
-/* A line on its way along one axis: the share of it at which the next border lies, and what lies between two. */
+/* State of a line along one axis: the line parameter (0 to 1) of the next cell border, and the distance between
+ * borders. */
 struct kiln_voxel_axis {
     kiln_real next, apart;
     KILN_U32 stride;
 };
 
-/* An end of a line, in cells: its place, the plane of its surface, its cell. */
+/* An end of a line, in units of cells: its place, the normal of its surface, its cell. */
 struct kiln_voxel_end {
     kiln_real3 at, n;
     KILN_I32 x, y, z;
 };
 
-/* The cell that a line is in, and how many borders are left. */
+/* State of a line: its current cell, and the number of borders that are left to cross. */
 struct kiln_voxel_line {
     KILN_STRUCT kiln_voxel_axis x, y, z;
     KILN_U32 at;
@@ -88,7 +89,7 @@ KILN_FUNCTION KILN_STRUCT kiln_voxel_line kiln_voxel_line_of(KILN_VOXEL_GRID gri
     return line;
 }
 
-/* Goes on to the next cell; returns the axis that it lies along. */
+/* Moves to the next cell; returns the axis of the step. */
 KILN_FUNCTION KILN_I32 kiln_voxel_step(KILN_INOUT(KILN_STRUCT kiln_voxel_line) line)
 {
     KILN_AT(line).left--;
@@ -107,7 +108,7 @@ KILN_FUNCTION KILN_I32 kiln_voxel_step(KILN_INOUT(KILN_STRUCT kiln_voxel_line) l
     return 2;
 }
 
-/* Rounding may take a line past the grid's border. */
+/* Whether a cell's bit is set; false beyond the grid, where rounding may take a line. */
 KILN_FUNCTION bool kiln_voxel_is_solid(KILN_VOXEL_GRID grid, KILN_U32 at)
 {
     const KILN_U32 cells = KILN_TO_U32(KILN_VOXEL_COUNT(grid, x)) * KILN_TO_U32(KILN_VOXEL_COUNT(grid, y)) *
@@ -115,7 +116,7 @@ KILN_FUNCTION bool kiln_voxel_is_solid(KILN_VOXEL_GRID grid, KILN_U32 at)
     return at < cells && (KILN_VOXEL_WORD(grid, at / 32u) >> at % 32u & 1u) != 0u;
 }
 
-/* Whether the cell at `at` touches the end's, or its surface's plane goes through it. */
+/* Whether the cell at `at` touches the end's cell, or the plane of the end's surface crosses it. */
 KILN_FUNCTION bool kiln_voxel_is_of_end(KILN_VOXEL_GRID grid, KILN_U32 at, KILN_IN(KILN_STRUCT kiln_voxel_end) end)
 {
     const KILN_U32 nx = KILN_TO_U32(KILN_VOXEL_COUNT(grid, x)), ny = KILN_TO_U32(KILN_VOXEL_COUNT(grid, y));
@@ -132,8 +133,8 @@ KILN_FUNCTION bool kiln_voxel_is_of_end(KILN_VOXEL_GRID grid, KILN_U32 at, KILN_
     return real_abs(off) <= reach;
 }
 
-/* Whether no cell that counts lies between two places, but those of their own surfaces. It ends after as many borders
- * as lie between the two. */
+/* Whether the line between two places crosses no solid cell except those of the places' own surfaces. The loop ends
+ * after as many steps as there are borders between the two. */
 KILN_FUNCTION bool kiln_voxel_lets_see(KILN_VOXEL_GRID grid, kiln_real3 from, kiln_real3 from_normal, kiln_real3 to,
                                        kiln_real3 to_normal)
 {

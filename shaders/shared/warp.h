@@ -5,8 +5,8 @@
 
 #include "shaders/shared/language.h"
 
-/* Centre of the 2^-23 interval that a 32-bit fraction lies in: exact, so strictly inside (0, 1) in float (2^-24 would
- * round to 1). */
+/* Returns the centre of the 2^-23 interval that contains a 32-bit fraction. It is exact, and so strictly inside (0, 1)
+ * in float (2^-24 would round to 1). */
 KILN_FUNCTION float kiln_unit_float(KILN_U32 fraction)
 {
     return (KILN_TO_F32(fraction >> 9) + 0.5f) * KILN_RATIO32(1, 8388608);
@@ -35,25 +35,26 @@ KILN_FUNCTION float kiln_sine_turn(float x)
 /* Sine and cosine of `turns` whole turns, in 0 .. 1; errors below 3e-7. */
 KILN_FUNCTION void kiln_turn(float turns, KILN_OUT(float) sine, KILN_OUT(float) cosine)
 {
-    const float t = turns - 0.5f, a = float_abs(t); /* half a turn less: both change their signs */
+    const float t = turns - 0.5f, a = float_abs(t); /* half a turn less: sine and cosine change their signs */
     const float s = kiln_sine_turn(float_min(a, 0.5f - a));
     KILN_AT(sine) = t < 0.0f ? s : -s;
     KILN_AT(cosine) = kiln_sine_turn(a - 0.25f);
 }
 
-/* A direction about the axis half-way between the geometric and the shading normal s. Cosine-distributed about it, it
- * has the density (n.w + s.w) / |n + s| over pi: the irradiance about either normal is a mean with weights that stay
- * below 2 wherever both cosines are positive, where sampling about n alone has s.w / n.w without bound.
+/* Weights of directions that are cosine-distributed about the axis half-way between the geometric normal n and the
+ * shading normal s. A direction w has the density (n.w + s.w) / |n + s| over pi: the irradiance about either normal is
+ * a mean with weights that stay below 2 wherever both cosines are positive, where sampling about n alone has s.w / n.w
+ * without bound.
  *
- * Weight for what arrives about the geometric normal; 0: the direction lies below the surface. The wedge that lies
- * above the surface but below the axis' horizon is not drawn; the factor 2 / (1 + cos tilt) makes up for its share, so
- * that the weights' mean is 1 and no energy is lost. `above`, `tilt` and `cosine` are the cosines between direction and
- * normal, normal and axis, direction and axis. */
+ * kiln_facet_weight is the weight for irradiance about the geometric normal; 0: the direction lies below the surface.
+ * The wedge above the surface but below the axis' horizon is never drawn; the factor 2 / (1 + cos tilt) makes up for
+ * its share, so that the weights' mean is 1 and no energy is lost. `above`, `tilt` and `cosine` are the cosines between
+ * direction and normal, normal and axis, direction and axis. */
 KILN_FUNCTION float kiln_facet_weight(float above, float tilt, float cosine)
 {
     return above > 0.0f ? 2.0f / (1.0f + tilt) * above / cosine : 0.0f;
 }
-/* Weight for what arrives about the shading normal, `shading` being its cosine with the direction. */
+/* Weight for irradiance about the shading normal; `shading` is the normal's cosine with the direction. */
 KILN_FUNCTION float kiln_shading_weight(float shading, float cosine)
 {
     return shading > 0.0f ? shading / cosine : 0.0f;

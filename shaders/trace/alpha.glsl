@@ -1,4 +1,4 @@
-/* Answers to rays from surfaces that let light through: as worker/backend/embree/passage.h. */
+/* Passage of rays through surfaces that let light through: as worker/backend/embree/passage.h. */
 #ifndef KILN_SHADERS_TRACE_ALPHA_GLSL
 #define KILN_SHADERS_TRACE_ALPHA_GLSL
 
@@ -14,13 +14,13 @@ bool kiln_is_hole(uint triangle, float u, float v)
     return alpha_cutoff.x < alpha_cutoff.y;
 }
 
-/* Whether a ray that looks for solids passes the triangle. */
+/* Whether a ray that searches for solids passes the triangle. */
 bool kiln_is_clear(uint triangle)
 {
     return (MaterialWords(SCENE.records + uint64_t(triangle) * 32ul).at[7] & KILN_RECORD_CLEAR) != 0u;
 }
 
-/* Whether the ray goes on behind the surface; if so, what is left of its light. */
+/* Whether the ray continues behind the surface; if so, multiplies `share` by the light let through. */
 bool kiln_passes(uint question, uint seed, uint triangle, float u, float v, vec3 direction, inout vec3 share)
 {
     if (question == KILN_SOLID)

@@ -1,11 +1,12 @@
-/* Tracing in compute: the ray, the triangle test, and the choice of the layout. Part of shaders/trace/trace.glsl.
+/* Ray tracing in compute shaders: the ray, the triangle test, and the choice of the BVH layout. Part of
+ * shaders/trace/trace.glsl.
  *
- * Watertight after Woop, Benthin and Wald, "Watertight ray/triangle intersection" (2013): corners are laid flat along
- * the ray, each always by the same operations, so that triangles share their flat corners exactly; then the ray is
- * inside where the three edge functions of the flat triangle do not differ in sign. An edge function is the difference
- * of two rounded products (never fused): exactly antisymmetric, and never of the wrong sign, only zero when in doubt;
- * and zero counts as inside. Instead of shears along the ray's main axis, which want the axes permuted, corners are
- * laid flat by two vectors across the ray. */
+ * Watertight after Woop, Benthin and Wald, "Watertight ray/triangle intersection" (2013). Corners are projected along
+ * the ray, each always by the same operations, so that triangles with a common corner get exactly the same projection.
+ * The ray is inside where the three edge functions of the projected triangle do not differ in sign. An edge function is
+ * the difference of two rounded products (never fused): exactly antisymmetric, and never of the wrong sign, only zero
+ * when in doubt; zero counts as inside. Shears along the ray's main axis would permute the axes; instead corners are
+ * projected onto two vectors perpendicular to the ray. */
 #include "shaders/trace/alpha.glsl"
 
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer TraceQuads { uvec4 at[]; };
@@ -13,20 +14,21 @@ layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Tr
 struct kiln_ray {
     vec3 origin, direction;
     vec3 across, up;   /* right-handed: across x up = direction */
-    float after;       /* what lies up to here was met before and let the ray through: */
-    uint after_number; /* at this very distance, triangles up to this number */
+    float after;       /* hits up to this distance were found before, and let the ray through; */
+    uint after_number; /* at exactly this distance: triangles up to this number */
     uint preferred;    /* KILN_EITHER, ... */
 };
 
-/* The nearest triangle so far; `distance` begins as the ray's limit. Of a face that another is preferred to it has
- * kiln_behind in it. */
+/* The nearest hit so far; `distance` begins as the ray's limit, and for a face with a lower preference includes
+ * kiln_behind. */
 struct kiln_found {
     float distance, u, v;
     uint triangle;
     bool back;
 };
 
-/* Two unit vectors across the ray (Duff et al., "Building an orthonormal basis, revisited", 2017). */
+/* Makes the ray, with two perpendicular unit vectors (Duff et al., "Building an orthonormal basis, revisited", 2017).
+ */
 kiln_ray kiln_ray_of(vec3 origin, vec3 direction, uint preferred)
 {
     const float s = direction.z < 0.0 ? -1.0 : 1.0;
@@ -37,8 +39,8 @@ kiln_ray kiln_ray_of(vec3 origin, vec3 direction, uint preferred)
     return kiln_ray(origin, direction, across, up, 0.0, KILN_GPU_NONE, preferred);
 }
 
-/* For slabs, t = (plane - origin) / direction; finite also where the direction has a zero (margins of boxes hide the
- * change). */
+/* Inverse direction, for slab tests t = (plane - origin) / direction; finite even if the direction has a zero (the
+ * margins of boxes cover the change). */
 vec3 kiln_inverse(vec3 direction)
 {
     const float tiny = 1.0e-18;
@@ -61,8 +63,8 @@ float kiln_edge(vec2 p, vec2 q)
     return difference;
 }
 
-/* Returns kiln_edge with the rounding of its two products put back, for the triangles, very narrow as the ray sees
- * them, that have nothing else. Where fma is not fused this adds nothing. */
+/* Returns kiln_edge with the rounding errors of its two products added, for triangles that are very narrow as seen from
+ * the ray, whose edge functions are otherwise all zero. Where fma is not fused this adds nothing. */
 float kiln_edge_remainder(vec2 p, vec2 q)
 {
     precise const float forward = p.x * q.y, backward = p.y * q.x;
@@ -73,9 +75,10 @@ float kiln_edge_remainder(vec2 p, vec2 q)
 
 bool kiln_same_sign(vec3 w) { return min(min(w.x, w.y), w.z) >= 0.0 || max(max(w.x, w.y), w.z) <= 0.0; }
 
-/* Where a ray from 0 meets the triangle, of weights w / area. From the plane's normal: the weights of a needle are good
- * to no more than its length over its width, and along the axes the normal has no error at all. Of a triangle seen
- * edge-on, less than half a degree, the weights tell better. In no case nearer or farther than the corners. */
+/* Distance of a hit of a ray from the origin 0, with barycentric weights w / area. Computed from the plane's normal,
+ * since weights of a needle are imprecise by its length over its width, and along the axes the normal is exact. If the
+ * triangle is seen edge-on, at less than half a degree, the weights are more precise. The distance is clamped to those
+ * of the corners. */
 float kiln_hit_distance(vec3 a, vec3 b, vec3 c, vec3 direction, vec3 w, float scale)
 {
     precise const vec3 normal = cross(b - a, c - a);
@@ -86,8 +89,8 @@ float kiln_hit_distance(vec3 a, vec3 b, vec3 c, vec3 direction, vec3 w, float sc
     return clamp(edge_on ? weighted : height / steepness, min(min(at_a, at_b), at_c), max(max(at_a, at_b), at_c));
 }
 
-/* Whether faces of this side count as farther than they are. Only kernels that ask whether places are buried have rays
- * that prefer something which the scene does not. */
+/* Whether faces of this side are treated as farther away. Only in kernels that test for buried positions do rays have a
+ * preference of their own, instead of the scene's. */
 bool kiln_is_later(const kiln_ray ray, bool back)
 {
     if (KILN_ASKS_BURIED && ray.preferred != KILN_EITHER)
@@ -95,7 +98,7 @@ bool kiln_is_later(const kiln_ray ray, bool back)
     return HAS_COINCIDENT != 0u && back;
 }
 
-/* How much farther such a face counts than it is, m. */
+/* Distance by which such a face is treated as farther away, m. */
 float kiln_behind(vec3 a, vec3 b, vec3 c, vec3 direction)
 {
     const vec3 normal = cross(b - a, c - a);
@@ -103,7 +106,7 @@ float kiln_behind(vec3 a, vec3 b, vec3 c, vec3 direction)
     return SCENE.trace.extent * KILN_COINCIDENT / max(cosine, KILN_COINCIDENT_LEAST_COSINE);
 }
 
-/* Tests a triangle; true when it is now the one found. */
+/* Tests a triangle; true if it is the new nearest hit. */
 bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_found found)
 {
     const uvec4 first = triangles.at[3u * index];
@@ -141,11 +144,11 @@ bool kiln_test(const kiln_ray ray, TraceQuads triangles, uint index, inout kiln_
     return true;
 }
 
-/* Whether what was found ends a search for anything in the way: not what may let the ray through, for there may be more
+/* Whether a hit ends an any-hit search. A triangle that may let the ray through does not, since there may be more
  * before it. */
 bool kiln_ends(const kiln_found found) { return HAS_ALPHA == 0u || found.triangle < SCENE.opaque_count; }
 
-/* Tests a leaf's triangles; true when the search is over. */
+/* Tests the triangles of a leaf; true if the search is over. */
 bool kiln_test_leaf(const kiln_ray ray, TraceQuads triangles, uint leaf, bool any, inout kiln_found found)
 {
     const uint first = leaf & KILN_GPU_LEAF_FIRST, end = first + (leaf >> KILN_GPU_LEAF_COUNT_SHIFT & 3u) + 1u;
@@ -168,10 +171,10 @@ kiln_found kiln_walk_once(const kiln_ray ray, float limit, bool any)
     return found;
 }
 
-/* Surfaces that let light through are asked outside of the walk, whose loops stay small, and the walk begins anew
- * behind those that the ray passes: inside it the lookup made the whole kernel up to 400 times slower. Drivers lay the
- * text of a function down wherever it is called, so the walk is called in one place, or kernels take long to make; and
- * a return from within this loop lost what `share` had on Mesa's software device. */
+/* Traverses the BVH. Surfaces that let light through are evaluated outside the traversal loops, which restart behind
+ * each one that the ray passes: inside, the lookup made the whole kernel up to 400 times slower. Drivers inline
+ * functions at every call, so the traversal is called in one place, or compiling takes long. A return from within this
+ * loop lost the value of `share` on Mesa's software device. */
 kiln_found kiln_walk(vec3 origin, vec3 direction, float limit, bool any, uint question, uint preferred, uint seed,
                      inout vec3 share)
 {

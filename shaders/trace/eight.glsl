@@ -1,13 +1,12 @@
-/* Walking struct kiln_gpu_node8 (Ylitie, Karras and Laine 2017, sections 3 and 4). Part of trace/compute.glsl.
+/* Traversal of struct kiln_gpu_node8 (Ylitie, Karras and Laine 2017, sections 3 and 4). Part of trace/compute.glsl.
  *
- * A group of nodes is two words: the index of the first, and the slots still to be visited (bits 24 to 31, in the order
- * of the ray's octant) with those that are nodes (bits 0 to 7). A group of triangles: the first, and those still to be
- * tested. */
+ * A group of nodes is two words: the index of the first; and a mask of slots still to be visited (bits 24 to 31, in the
+ * order of the ray's octant) and of slots that are nodes (bits 0 to 7). A group of triangles: the index of the first,
+ * and a mask of those still to be tested. */
 
 float kiln_byte(uint word, int which) { return float(bitfieldExtract(word, 8 * which, 8)); }
 
-/* The children of a node that the ray meets: bits 24 to 31 nodes, in the order of the octant, bits 0 to 23 triangles.
- */
+/* Hit mask of a node's children: bits 24 to 31 nodes, in the order of the octant; bits 0 to 23 triangles. */
 uint kiln_meets_eight(uvec4 quads[5], vec3 origin, vec3 inverse, uint octant, float limit)
 {
     const vec3 step_size = uintBitsToFloat(

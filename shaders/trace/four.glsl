@@ -1,4 +1,5 @@
-/* Walking struct kiln_gpu_node4, children in the order in which the ray enters them. Part of trace/compute.glsl. */
+/* Traversal of struct kiln_gpu_node4, children in the order in which the ray enters them. Part of trace/compute.glsl.
+ */
 
 /* Puts the nearer of two children first. */
 void kiln_order(inout float near_a, inout uint child_a, inout float near_b, inout uint child_b)
@@ -35,7 +36,7 @@ void kiln_walk_four(const kiln_ray ray, bool any, inout kiln_found found)
             const vec4 enter = max(max(near_x, near_y), max(near_z, vec4(0.0)));
             const vec4 leave = min(min(far_x, far_y), min(far_z, vec4(found.distance)));
             vec4 near = mix(vec4(infinity), enter, lessThanEqual(enter, leave));
-            if (any) { /* any order will do: only what is met has to come first */
+            if (any) { /* any order will do, but hit children must come first */
                 kiln_order(near.x, child.x, near.z, child.z);
                 kiln_order(near.y, child.y, near.w, child.w);
                 kiln_order(near.x, child.x, near.y, child.y);

@@ -1,16 +1,16 @@
-/* Payload that the shaders of the ray-tracing pipeline hand each other, 16 bytes; floats as their bits.
+/* Payload exchanged between the shaders of the ray-tracing pipeline, 16 bytes; floats as their bits.
  *
- * The flags of a ray tell the any-hit shader what it asks of surfaces that let light through
- * (shaders/trace/alpha.glsl). Until an answer takes its place, the payload holds:
+ * The flags of a ray tell the any-hit shader how to treat surfaces that let light through (shaders/trace/alpha.glsl).
+ * Until the result replaces it, the payload contains:
  *
- * No flags: which surface is the nearest? `v` is KILN_SOLID or KILN_BY_CHANCE, `u` the seed; `distance` becomes 1 when
- * something with a colour was passed, which the closest-hit shader hands on.
+ * No flags: search for the nearest surface. `v` is KILN_SOLID or KILN_BY_CHANCE, `u` the seed; `distance` becomes 1 if
+ * a coloured surface was passed, which the closest-hit shader reports.
  *
  * Skip closest hit: tint. `triangle_back` is the seed; u, v, distance are the optical depths of red, green and blue.
  *
- * Skip closest hit, end on first hit: through. Likewise, without a seed.
+ * Skip closest hit, end on first hit: light let through. The same, without a seed.
  *
- * Any-hit shaders are called in any order. So a product of what surfaces let through is a sum of optical depths, -log2,
+ * Any-hit shaders are called in any order. So products of transmittances are computed as sums of optical depths, -log2,
  * in units of 2^-24. */
 #define KILN_PAYLOAD_BACK 0x80000000u /* with the triangle's number; KILN_GPU_NONE alone: nothing was met */
 #define KILN_PAYLOAD_TINTED 0x40000000u

@@ -7,12 +7,12 @@ layout(location = 0) rayPayloadEXT kiln_payload kiln_answer;
 
 const float kiln_far = 3.0e38; /* a finite number stands for "no limit" */
 
-/* Rays begin here: the device's own triangle test knows distances less well than kiln's (on an H200 rays met, from 0
- * on, the triangle they had left: 0.3 % of all light was lost). */
+/* Least distance of hits: the device's own triangle test is less precise than kiln's (on an H200 rays hit, from
+ * distance 0 on, the triangle that they had left: 0.3 % of all light was lost). */
 float kiln_start() { return SCENE.trace.extent * (1.0 / 262144.0); }
 
-/* After a triangle was met: one that coincides with it and whose other side is met takes its place (KILN_COINCIDENT;
- * the margin is kiln_start's, since the device knows distances no better). `cull` leaves out those that are not to. */
+/* Replaces a hit by a coincident triangle whose other side is hit (KILN_COINCIDENT; the margin is kiln_start's, since
+ * the device's distances are no more precise). `cull`: flag that leaves out faces of the wrong side. */
 void kiln_prefer(vec3 origin, vec3 direction, uint question, uint seed, uint cull)
 {
     const kiln_payload met = kiln_answer;
@@ -51,7 +51,7 @@ const float KILN_ENDLESS = kiln_far;
 
 kiln_hit kiln_trace(vec3 origin, vec3 direction, float limit, uint preferred)
 {
-    if (!(limit > kiln_start())) /* traceRayEXT wants the far end not before the near one */
+    if (!(limit > kiln_start())) /* traceRayEXT requires near <= far */
         return kiln_hit(KILN_GPU_NONE, 0.0, 0.0, 0.0, false);
     return kiln_nearest(origin, direction, min(limit, kiln_far), KILN_SOLID, preferred, 0u);
 }
@@ -60,7 +60,7 @@ kiln_hit kiln_trace_within(vec3 origin, vec3 direction, float limit, uint seed, 
 {
     const float far = min(limit, kiln_far);
     tint = vec3(1.0);
-    if (!(far > kiln_start())) /* traceRayEXT wants the far end not before the near one */
+    if (!(far > kiln_start())) /* traceRayEXT requires near <= far */
         return kiln_hit(KILN_GPU_NONE, 0.0, 0.0, 0.0, false);
     const kiln_hit hit = kiln_nearest(origin, direction, far, KILN_BY_CHANCE, KILN_EITHER, seed);
     if (HAS_ALPHA < KILN_PASSAGE_TINT)
@@ -82,7 +82,7 @@ kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 t
 
 vec3 kiln_through(vec3 origin, vec3 direction, float limit)
 {
-    if (!(limit > kiln_start())) /* traceRayEXT wants the far end not before the near one */
+    if (!(limit > kiln_start())) /* traceRayEXT requires near <= far */
         return vec3(1.0);
     kiln_answer.triangle_back = 0u; /* stays, unless the miss shader runs */
     if (HAS_ALPHA >= KILN_PASSAGE_BLEND)
@@ -97,7 +97,7 @@ vec3 kiln_through(vec3 origin, vec3 direction, float limit)
 
 bool kiln_is_met(vec3 origin, vec3 direction, float limit, uint seed)
 {
-    if (HAS_ALPHA < KILN_PASSAGE_BLEND) /* nothing is left to chance, and any triangle will do */
+    if (HAS_ALPHA < KILN_PASSAGE_BLEND) /* no random decisions: the nearest triangle is not needed, any will do */
         return kiln_through(origin, direction, limit) == vec3(0.0);
     if (!(limit > kiln_start())) /* as in kiln_through */
         return false;

@@ -2,33 +2,33 @@
  *
  *     kiln_hit kiln_trace_by_chance(vec3 origin, vec3 direction, uint seed, out vec3 tint);
  *
- * is the nearest triangle; one that is partly there with a chance that is its opacity. `tint`: the share of what it
- * sends that arrives.
+ * finds the nearest triangle; one with an opacity is hit with this probability. `tint`: share of its light that arrives
+ * at the origin.
  *
  *     kiln_hit kiln_trace_within(vec3 origin, vec3 direction, float limit, uint seed, out vec3 tint);
  *
- * is the same, of what is nearer than `limit`.
+ * does the same, for triangles nearer than `limit`.
  *
  *     bool kiln_is_met(vec3 origin, vec3 direction, float limit, uint seed);
  *
- * is whether there is such a triangle before `limit`.
+ * tells whether there is such a triangle before `limit`.
  *
  *     kiln_hit kiln_trace(vec3 origin, vec3 direction, float limit, uint preferred);
  *
- * is the nearest triangle that lets no light through anywhere and is nearer than `limit` (KILN_ENDLESS: any): for what
- * tells solids by. `preferred`: of a front and a back that coincide (KILN_COINCIDENT) which is met: KILN_FRONT or
- * KILN_BACK; KILN_EITHER: as of all other rays, the front where HAS_COINCIDENT is not 0, else rounding decides. The
- * others' distances are not exact, and only where KILN_ASKS_BURIED are they known.
+ * finds the nearest triangle that is opaque everywhere and nearer than `limit` (KILN_ENDLESS: any), to recognize
+ * solids. `preferred`: which face of a coincident front and back is hit (KILN_COINCIDENT): KILN_FRONT or KILN_BACK;
+ * KILN_EITHER: as for all other rays, the front where HAS_COINCIDENT is not 0, else rounding decides. With KILN_FRONT
+ * or KILN_BACK distances are not exact, and they are supported only where KILN_ASKS_BURIED.
  *
  *     vec3 kiln_through(vec3 origin, vec3 direction, float limit);
  *
- * is the share of light that comes from `limit` away: 0 with an opaque triangle in between.
+ * returns the share of light that arrives from `limit` away: 0 with an opaque triangle in between.
  *
- * Directions are of unit length; a hit lies at a distance above 0. (u, v) are the weights of the triangle's corners 1
- * and 2. Triangles that may let rays through (worker/scene/geometry.h) are asked what they do when HAS_ALPHA is not 0.
+ * Directions are unit vectors; hits have a distance above 0. (u, v) are the weights of the triangle's corners 1 and 2.
+ * Triangles that may let rays through (worker/scene/geometry.h) are evaluated when HAS_ALPHA is not 0.
  *
- * Kernels for compute walk the layout that TRAVERSAL tells; those compiled with KILN_PIPELINE call the device's own ray
- * tracing. */
+ * Compute kernels traverse the layout that TRAVERSAL selects; kernels compiled with KILN_PIPELINE use the device's own
+ * ray tracing. */
 #ifndef KILN_SHADERS_TRACE_GLSL
 #define KILN_SHADERS_TRACE_GLSL
 

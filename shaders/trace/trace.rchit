@@ -10,7 +10,7 @@ hitAttributeEXT vec2 kiln_weights;
 void main()
 {
     uint triangle = uint(gl_PrimitiveID);
-    if (gl_GeometryIndexEXT != 0) /* the second geometry: what may let rays through */
+    if (gl_GeometryIndexEXT != 0) /* the second geometry has the triangles that may let rays through */
         triangle += SCENE.opaque_count;
     if (gl_HitKindEXT == gl_HitKindBackFacingTriangleEXT)
         triangle |= KILN_PAYLOAD_BACK;

@@ -1,5 +1,5 @@
-/* How a backend is made: the struct of functions that embree/ and vulkan/ fill in, and those that stand in front of
- * another backend (fallback.c, verify.c). Whoever only uses one needs backend.h, and here and there extended.h. */
+/* Interface that a backend implements: a struct of functions, which embree/ and vulkan/ fill in, and so do wrappers of
+ * another backend (fallback.c, verify.c). Mere users of a backend need backend.h, and occasionally extended.h. */
 #ifndef KILN_WORKER_BACKEND_API_H
 #define KILN_WORKER_BACKEND_API_H
 
@@ -15,9 +15,8 @@ struct kiln_ray_hints;
 struct kiln_regression_work;
 struct kiln_sphere;
 
-/* Functions that only some backends have; NULL: this one has not. extended.h says what each does, and what is done
- * without it. Backends in front of others have those of the backends behind, and are not asked: none of these is handed
- * on by a function of its own. */
+/* Optional functions of a backend; NULL: not implemented. extended.h describes each, and what is done without it.
+ * Wrappers do not implement them: the caller goes to the wrapped backend instead. */
 struct kiln_backend_extras {
     int (*clearance)(struct kiln_backend *backend, const struct kiln_sphere *spheres, size_t count, float *clear,
                      struct kiln_error *error);
@@ -37,43 +36,45 @@ struct kiln_backend_extras {
 
 struct kiln_backend_api {
     const char *name;
-    /* Part of the creation without scene, geometry, lights; `create` then goes on with *backend. NULL: there is none */
+    /* First part of creation, which needs no scene, geometry or lights; `create` then continues with *backend. NULL:
+     * none */
     int (*begin)(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error);
     int (*create)(struct kiln_backend **backend, const struct kiln_backend_params *params, struct kiln_error *error);
     void (*destroy)(struct kiln_backend **backend);
     int (*devices)(struct kiln_device *list, size_t room, size_t *count, struct kiln_error *error);
     void (*info)(const struct kiln_backend *backend, struct kiln_backend_info *info);
-    /* backend->given has a resource anew, and backend->surface is what passes run over from now on. */
+    /* Notifies of a new resource in backend->given. Passes from now on run over backend->surface. */
     int (*set)(struct kiln_backend *backend, enum kiln_resource_index index, struct kiln_error *error);
-    /* Passes that `run` takes with any numbers in samples_each: bit KILN_PASS_INDEX_...; `samples` is the largest then.
-     * For other passes over tile runs each number is `samples` or 0, for those over positions samples_each is NULL. */
+    /* Passes (bits KILN_PASS_INDEX_...) for which `run` accepts any numbers in samples_each, with `samples` as the
+     * largest. For other passes over tile runs each number is `samples` or 0; for passes over positions samples_each is
+     * NULL. */
     uint32_t mixed;
-    uint32_t claims; /* likewise passes whose batches `run` claims part by part; it claims others as a whole */
+    uint32_t claims; /* passes (bits) whose batches `run` claims part by part; it claims others as a whole */
     bool (*takes)(const struct kiln_backend *backend, const struct kiln_pass *pass,
-                  const void *parameters); /* NULL: any */
+                  const void *parameters); /* NULL: it takes every pass */
     void (*expect)(struct kiln_backend *backend, const struct kiln_pass *pass,
-                   const void *parameters); /* NULL: nothing is to be done */
-    /* The arguments of kiln_backend_run, checked; at least one item */
+                   const void *parameters); /* NULL: no preparation needed */
+    /* Runs a pass with the arguments of kiln_backend_run, already checked; at least one item */
     int (*run)(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
-    /* At least one ray; a backend may leave hints alone */
+    /* Traces at least one ray; a backend may ignore the hints */
     int (*intersect)(struct kiln_backend *backend, const struct kiln_vec3 *origins, const struct kiln_vec3 *directions,
                      size_t count, const struct kiln_ray_hints *hints, struct kiln_hit *hits, struct kiln_error *error);
     const struct kiln_backend_extras *extras; /* NULL: it has none */
-    /* Returns the backend behind one that stands in front of it, as it is now. That one is asked in its place for
-     * `takes`, `expect`, `intersect` and the extras. NULL: it stands in front of none. */
+    /* Returns the backend that a wrapper currently wraps. Callers ask that one for `takes`, `expect`, `intersect` and
+     * the extras. NULL: the backend is no wrapper. */
     struct kiln_backend *(*inner)(const struct kiln_backend *backend);
-    /* After the inner one has failed with `status`: KILN_OK if there is another one now, which is to be asked again;
-     * else the status. NULL: there never is. */
+    /* Replaces the inner backend after it has failed with `status`: returns KILN_OK if there is another one, which is
+     * then asked again; else the status. NULL: never replaces. */
     int (*replace)(struct kiln_backend *backend, int status, struct kiln_error *error);
 };
 
 extern const struct kiln_backend_api kiln_backend_embree;
 extern const struct kiln_backend_api kiln_backend_vulkan;
 
-/* The backend behind all that stand in front of it. */
+/* Returns the backend behind all wrappers. */
 struct kiln_backend *kiln_backend_innermost(const struct kiln_backend *backend);
-/* `replace` of the first that has it. */
+/* Calls `replace` of the first wrapper that has it. */
 int kiln_backend_replace(struct kiln_backend *backend, int status, struct kiln_error *error);
 
 #endif

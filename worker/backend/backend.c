@@ -46,7 +46,7 @@ void kiln_backend_begin(struct kiln_backend_start **start, const char *name, con
         kiln_backend_start_run(start, api, best, params);
 }
 
-/* Does the part of the creation that needs no scene, or takes it as it was begun. */
+/* Does the part of the creation that needs no scene, unless it has been begun already. */
 static int begin(struct kiln_backend **backend, const struct kiln_backend_api *api,
                  const struct kiln_backend_params *params, struct kiln_error *error)
 {
@@ -62,7 +62,7 @@ static int begin(struct kiln_backend **backend, const struct kiln_backend_api *a
     return status;
 }
 
-/* The backend itself, and around it what the parameters ask for: going on without the device, then checking it. */
+/* Creates the backend, and the layers around it that the parameters request: fallback to Embree, then verification. */
 static int create(struct kiln_backend **backend, const struct kiln_backend_api *api,
                   const struct kiln_backend_params *params, struct kiln_error *error)
 {
@@ -78,7 +78,7 @@ end:
     return status;
 }
 
-/* A GPU that does not work is no reason not to bake. */
+/* Creates the best available backend: Embree if no GPU works. */
 static int create_best(struct kiln_backend **backend, const struct kiln_backend_params *params,
                        struct kiln_error *error)
 {
@@ -127,7 +127,7 @@ int kiln_backend_set_radiosity(struct kiln_backend *backend, const uint64_t *rad
     return kiln_backend_give(backend, KILN_RESOURCE_radiosity, &(struct kiln_resources){.radiosity = radiosity}, error);
 }
 
-/* Whether a call of kiln_backend_run keeps to the pass's row. */
+/* Whether the arguments of kiln_backend_run are as the pass's description requires. */
 static bool is_well_formed(const struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                            const struct kiln_batch *batch)
 {
@@ -140,7 +140,7 @@ static bool is_well_formed(const struct kiln_backend *backend, const struct kiln
            (batch->samples_each != NULL ? pass->is_sampled : (batch->samples > 0) == pass->is_sampled);
 }
 
-/* The least of the batch's numbers of samples above `number`; 0: there is none. */
+/* The least of the batch's numbers of samples that exceeds `number`; 0: none. */
 static uint32_t number_above(const struct kiln_batch *batch, uint32_t number)
 {
     uint32_t least = 0;
@@ -158,7 +158,7 @@ static uint32_t greatest_number(const struct kiln_batch *batch)
     return most;
 }
 
-/* Runs the batch once for each of its numbers of samples, and leaves the items of others out. */
+/* Runs the batch once for each of its numbers of samples, each time leaving out items with another number. */
 static int run_by_numbers(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                           const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
@@ -176,7 +176,7 @@ static int run_by_numbers(struct kiln_backend *backend, const struct kiln_pass *
     return status;
 }
 
-/* Runs stretches of positions or pixels that have the same number of samples. */
+/* Runs ranges of positions or pixels with equal numbers of samples. */
 static int run_by_stretches(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                             const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
@@ -203,7 +203,7 @@ static int run_mixed(struct kiln_backend *backend, const struct kiln_pass *pass,
     return all.samples > 0 ? backend->api->run(backend, pass, parameters, &all, rays, error) : KILN_OK;
 }
 
-/* Whether what runs the batch asks for it part by part. */
+/* Whether the backend claims the batch part by part. */
 static bool is_claimed(const struct kiln_backend *backend, const struct kiln_pass *pass, const struct kiln_batch *batch)
 {
     const bool mixed = (backend->api->mixed >> pass->index & 1u) != 0;

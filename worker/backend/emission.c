@@ -1,7 +1,7 @@
-/* Light traced from the lights, for the energy ledger: what share of it meets front faces, back faces, nothing, and is
- * taken by mirrors, gloss and glass, by way of which it goes on until diffuse surfaces have taken it up. It
- * shares no code with the direct pass but the lights' description, so that agreement of the two means something.
- * Particles are made here, on the host; every backend finds with its own tracer what they hit. */
+/* Light traced from the lights, for the energy ledger: the shares that hit front faces, back faces or nothing, and that
+ * mirrors, gloss and glass absorb; these reflect the rest until diffuse surfaces take it up. It shares no code with the
+ * direct pass except the description of lights, so that agreement of the two is meaningful. Particles are made here, on
+ * the host; every backend finds their hits with its own tracer. */
 #include <assert.h>
 #include <math.h>
 #include <omp.h>
@@ -25,27 +25,28 @@ enum { BATCH = 1 << 16 }; /* particles traced at once */
 
 /* One particle: where it starts, where it goes, the flux it carries (W, RGB). */
 struct particle {
-    uint32_t light, index; /* the index-th particle of this light in its group */
+    uint32_t light, index; /* light, and index of the particle among the light's in its group */
     double scale;          /* share of the light's flux that it stands for */
     struct kiln_vec3 origin;
     struct kiln_dvec3 direction;
     double flux[3];
     const struct kiln_point_light *ranged; /* its range cuts the flux down at the hit */
-    uint32_t surface;                      /* how many surfaces with gloss it has met before */
-    float weight[3];                       /* what of its flux at the light is left */
+    uint32_t surface;                      /* number of surfaces with gloss that it has hit before */
+    float weight[3];                       /* share of its initial flux that is left */
     bool unfound;                          /* no gather ray finds its way */
 };
 
-/* Light that comes to an object straight from suns and sky: to its front; to its back, as that of a room's wall or
- * otherwise; and the number of particles. */
+/* Light of suns and sky that hits an object directly: its front; its back, if that is the outer side of a room's wall;
+ * other backs; and the number of particles. */
 struct from_outside {
     double front, room, back;
     uint64_t count;
 };
 
-/* Particles straight from suns and sky that have met backs of single-sided surfaces, which go on behind these. */
+/* Particles directly from suns and sky that have hit backs of single-sided surfaces. They are traced on behind these.
+ */
 struct beyond {
-    struct kiln_enclosures *enclosures; /* NULL: no light comes from outside, and there is no room for particles */
+    struct kiln_enclosures *enclosures; /* NULL: no light comes from outside, and no particles are stored */
     size_t count;
     struct kiln_vec3 *origins, *directions; /* BATCH of each of these */
     struct kiln_hit *hits;
@@ -60,21 +61,21 @@ struct emission {
     int threads;
     double radius; /* of the sphere about the scene */
     struct kiln_vec3 centre;
-    size_t light_count, inside; /* of all lights; of those that are no suns and no sky, which come first */
+    size_t light_count, inside; /* number of lights; of lights other than suns and sky, which come first */
     double total;               /* flux_of all lights */
     struct particle *particles; /* BATCH of each of these */
     struct kiln_vec3 *origins, *directions;
     struct kiln_hit *hits;
-    struct kiln_gloss_lobes *lobes;   /* of each material; NULL: none is taken with its gloss */
-    struct kiln_particle_turn *turns; /* where something is taken with its gloss; else NULL */
+    struct kiln_gloss_lobes *lobes;   /* per material; NULL: no material has gloss */
+    struct kiln_particle_turn *turns; /* NULL: no material has gloss */
     struct beyond beyond;
     struct kiln_arena arena;
 };
 
-/* How far a group has come in dealing out its particles. The choice is systematic: a light gets those whose place on
- * the line of fluxes is its own. */
+/* Progress of a group in distributing its particles over lights by systematic sampling: a light gets the particles
+ * whose position on the cumulative flux is in its interval. */
 struct walk {
-    uint32_t base, samples, next; /* hash of the group; particles in all, dealt out */
+    uint32_t base, samples, next; /* hash of the group; number of particles; number distributed */
     double step, start;
     size_t light;
     uint32_t index;
@@ -83,7 +84,7 @@ struct walk {
 
 static double area_flux(const struct kiln_area_light *a) { return KILN_PI * a->area * (a->two_sided ? 2.0 : 1.0); }
 
-/* Luminance of the flux of light i (areas, points, directionals, environment), the one weight that all use. */
+/* Luminance of the flux of light i (areas, points, directionals, environment): the weight used everywhere. */
 static double flux_of(const struct emission *e, size_t i)
 {
     const struct kiln_lights *l = e->params->lights;
@@ -132,7 +133,7 @@ static void from_point(const struct kiln_point_light *l, const double r[5], stru
     p->ranged = l->range > 0.0 ? l : NULL;
 }
 
-/* From outside: a point of the disk that the sphere shows to the direction. */
+/* Starts a particle from outside: at a point of the disk that the scene's sphere projects to along the direction. */
 static void from_outside(const struct emission *e, struct kiln_dvec3 towards, const double r[5], struct particle *p)
 {
     const double radius = e->radius * sqrt(r[0]), phi = 2.0 * KILN_PI * r[1];
@@ -180,7 +181,7 @@ static void begin_group(const struct emission *e, struct walk *w, uint32_t group
     w->reached = w->flux;
 }
 
-/* Deals out the next particles, light after light, at most BATCH. */
+/* Makes the next particles, light after light, at most BATCH. */
 static size_t deal(const struct emission *e, struct walk *w)
 {
     size_t count = 0;
@@ -215,7 +216,7 @@ static void make_batch(const struct emission *e, uint32_t base, size_t count)
     }
 }
 
-/* Adds what has arrived at surfaces; `target` is that sum, or another for what arrives elsewhere. */
+/* Adds flux that has arrived. `target`: the sum of received flux, or that of escaped or blocked flux. */
 static void receive(const struct particle *p, const double flux[3], double target[3], struct kiln_emission_result *out)
 {
     for (int c = 0; c < 3; c++) {
@@ -231,7 +232,7 @@ static bool is_textured(const struct emission *e, uint32_t light)
     return light < l->area_count && l->areas[light].textured;
 }
 
-/* Adds the emission of triangles with textures, by the textures' integrals. */
+/* Adds the emission of triangles with textures, as the textures' integrals. */
 static void add_textured(const struct emission *e, struct kiln_emission_result *out)
 {
     const struct kiln_lights *l = e->params->lights;
@@ -266,7 +267,7 @@ static void land(const struct emission *e, const struct particle *p, const struc
         receive(p, arrives, target, out);
 }
 
-/* Adds particle j of the batch to those that go on behind a back. */
+/* Continues particle j of the batch behind the back that it has hit. */
 static void go_beyond(const struct emission *e, size_t j, struct beyond *b)
 {
     const struct kiln_geometry *g = e->params->geometry;
@@ -279,7 +280,7 @@ static void go_beyond(const struct emission *e, size_t j, struct beyond *b)
         kiln_offset_origin(vec3_madd(e->origins[j], direction, hit->distance), ahead, g, hit->triangle);
 }
 
-/* Whether what stands behind a back shows that this is a room's, seen from outside. */
+/* Whether the surface behind a back shows that the back is the outer side of a room's wall. */
 static bool is_room(const struct emission *e, struct kiln_enclosures *enclosures, const struct kiln_hit *back,
                     const struct kiln_hit *behind)
 {
@@ -291,7 +292,7 @@ static bool is_room(const struct emission *e, struct kiln_enclosures *enclosures
     return records[behind->triangle].object != object || kiln_encloses(enclosures, object);
 }
 
-/* Luminance of what arrives of a particle. */
+/* Luminance of the flux of a particle that arrives. */
 static double arrives(const struct particle *p, const struct kiln_hit *hit)
 {
     double flux[3];
@@ -300,7 +301,7 @@ static double arrives(const struct particle *p, const struct kiln_hit *hit)
     return kiln_luminance(flux);
 }
 
-/* Adds what came straight from suns and sky to surfaces of the batch, by the sides that it met. */
+/* Adds the flux of particles directly from suns and sky to the objects that they hit in the batch, by side. */
 static void meet_objects(const struct emission *e, struct beyond *b, size_t count, struct kiln_emission_result *out)
 {
     const struct kiln_hit_record *records = e->params->geometry->records;
@@ -323,7 +324,7 @@ static void meet_objects(const struct emission *e, struct beyond *b, size_t coun
     }
 }
 
-/* The same, and what of it fell on rooms. */
+/* Does the same, and finds the part that fell on the outside of rooms. */
 static int look_beyond(const struct emission *e, struct beyond *b, size_t count, struct kiln_emission_result *out,
                        struct kiln_error *error)
 {
@@ -344,8 +345,8 @@ static int look_beyond(const struct emission *e, struct beyond *b, size_t count,
     return status;
 }
 
-/* How much more objects have on their backs than what falls there as on a room's wall, and twice in front. Those that
- * few particles meet count together. */
+/* Sums up light on the wrong side of objects: flux on backs, less that on outer walls of rooms, less twice that on
+ * fronts. Objects with few particles are summed together. */
 static void find_astray(const struct emission *e, struct beyond *b, struct kiln_emission_result *out)
 {
     enum { FEW = 16 };
@@ -362,14 +363,14 @@ static void find_astray(const struct emission *e, struct beyond *b, struct kiln_
     memset(b->objects, 0, e->params->scene->object_count * sizeof *b->objects);
 }
 
-/* Whether the light has no size, so that no ray of a chain can meet it. */
+/* Whether the light has no size, so that no ray of a chain can hit it. */
 static bool has_no_size(const struct emission *e, uint32_t light)
 {
     const struct kiln_lights *l = e->params->lights;
     return light >= l->area_count && light < l->area_count + l->point_count + l->directional_count;
 }
 
-/* Adds what a surface with gloss takes of a particle; returns whether the particle goes on. */
+/* Adds the flux that a surface with gloss takes from a particle; returns whether the particle continues. */
 static bool take_turn(const struct emission *e, struct particle *p, const struct kiln_hit *hit,
                       const struct kiln_particle_turn *turn, struct kiln_emission_result *out)
 {
@@ -394,8 +395,8 @@ static bool take_turn(const struct emission *e, struct particle *p, const struct
     return any;
 }
 
-/* Adds what surfaces with gloss take of the particles that have met them, and moves those that go on to the front.
- * Returns the number of these. */
+/* Adds the flux that surfaces with gloss take from particles that have hit them, and moves those that continue to the
+ * front. Returns their number. */
 static size_t turn_on(const struct emission *e, uint32_t base, size_t count, struct kiln_emission_result *out)
 {
     size_t left = 0;
@@ -421,7 +422,7 @@ static size_t turn_on(const struct emission *e, uint32_t base, size_t count, str
     return left;
 }
 
-/* Sums in the order of the particles, whatever the batches. */
+/* Traces a group. Sums are in the order of the particles, whatever the batches. */
 static int trace_group(struct emission *e, uint32_t group, uint32_t samples, struct kiln_emission_result *out,
                        struct kiln_error *error)
 {
@@ -447,7 +448,7 @@ static int trace_group(struct emission *e, uint32_t group, uint32_t samples, str
     return KILN_OK;
 }
 
-/* The standard error of the mean of the groups' numbers, by their spread. */
+/* Standard error of the mean over groups, estimated from their spread. */
 static double spread_of(const double numbers[GROUPS])
 {
     double mean = 0.0, square = 0.0;

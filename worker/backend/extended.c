@@ -22,7 +22,7 @@ int kiln_backend_replace(struct kiln_backend *backend, int status, struct kiln_e
     return backend->api->replace != NULL ? backend->api->replace(backend, status, error) : status;
 }
 
-/* Returns a backend's extras. All NULL: none. */
+/* Returns a backend's optional functions; all NULL: none. */
 static const struct kiln_backend_extras *extras_of(const struct kiln_backend *backend)
 {
     static const struct kiln_backend_extras nothing = {.clearance = NULL};
@@ -43,7 +43,7 @@ int kiln_backend_set_probes(struct kiln_backend *backend, const struct kiln_radi
     return kiln_backend_give(backend, KILN_RESOURCE_probes, &(struct kiln_resources){.probes = probes}, error);
 }
 
-/* Rows and groups are read by the passes, and brought nowhere before: that does not fail. */
+/* Sets the rows. Like groups, rows are read by the passes themselves and not copied before, so this cannot fail. */
 void kiln_backend_set_rows(struct kiln_backend *backend, struct kiln_rows *rows)
 {
     (void)kiln_backend_give(backend, KILN_RESOURCE_rows, &(struct kiln_resources){.rows = rows}, NULL);
@@ -75,7 +75,7 @@ void kiln_backend_expect(struct kiln_backend *backend, const struct kiln_pass *p
         b->api->expect(b, pass, parameters);
 }
 
-/* ---- what only some backends have ---- */
+/* ---- functions that only some backends have ---- */
 
 int kiln_backend_clearance(struct kiln_backend *backend, const struct kiln_sphere *spheres, size_t count, float *clear,
                            struct kiln_error *error)

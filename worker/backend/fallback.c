@@ -10,7 +10,7 @@ struct fallback_backend {
     struct kiln_backend base;
     struct kiln_backend_api api;          /* the device's name, our functions */
     struct kiln_backend *device, *embree; /* one of them is NULL */
-    struct kiln_backend_info last;        /* of the device, when it was given up */
+    struct kiln_backend_info last;        /* information on the device when it was given up */
 };
 
 /* ---- changing over ---- */
@@ -21,7 +21,7 @@ static struct kiln_backend *present(const struct kiln_backend *backend)
     return f->embree != NULL ? f->embree : f->device;
 }
 
-/* After a call on the device returned `status`: KILN_OK when Embree has taken over and the call is to be made again. */
+/* Handles `status` of a call on the device: returns KILN_OK if Embree has taken over and the call must be repeated. */
 static int change_over(struct kiln_backend *backend, int status, struct kiln_error *error)
 {
     struct fallback_backend *f = (struct fallback_backend *)backend;
@@ -53,13 +53,13 @@ static int change_over(struct kiln_backend *backend, int status, struct kiln_err
 
 struct watched_run {
     const struct kiln_batch *batch; /* the caller's */
-    size_t next;                    /* first item not handed over; or, where items differ in their samples, */
-    uint32_t *left;                 /* the samples of each, 0 once it is handed over; else NULL */
-    size_t end;                     /* of the items that are claimed so far */
+    size_t next;                    /* first item not handed over; or, if items differ in their samples, */
+    uint32_t *left;                 /* number of samples of each, 0 once handed over; else NULL */
+    size_t end;                     /* end of the items claimed so far */
     int taken;                      /* what the caller said last */
 };
 
-/* kiln_take_results that remembers how far it came. */
+/* kiln_take_results callback that records its progress. */
 static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     struct watched_run *w = context;
@@ -71,7 +71,7 @@ static int take_part(void *context, size_t first, size_t count, const void *resu
     return w->taken;
 }
 
-/* kiln_claims that remembers likewise. */
+/* kiln_claims callback that records its progress. */
 static size_t claim_part(void *context, size_t first, size_t count)
 {
     struct watched_run *w = context;
@@ -81,7 +81,7 @@ static size_t claim_part(void *context, size_t first, size_t count)
     return claimed;
 }
 
-/* Returns the claimed items that have not been handed over. `left` has to last as long as that. */
+/* Returns the claimed items that have not been handed over. `left` must outlive the result. */
 static struct kiln_batch rest_of(const struct watched_run *w)
 {
     const struct kiln_batch *batch = w->batch;
@@ -92,7 +92,7 @@ static struct kiln_batch rest_of(const struct watched_run *w)
     return rest;
 }
 
-/* Keeps what the device has handed over. Embree goes on with the rest if the device fails. */
+/* Runs the pass, and keeps results that the device has handed over. If the device fails, Embree computes the rest. */
 static int fallback_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                         const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
@@ -119,7 +119,7 @@ static int fallback_run(struct kiln_backend *backend, const struct kiln_pass *pa
     return status;
 }
 
-/* Embree is given all when it takes over. */
+/* Sets a resource. Embree gets all of them when it takes over. */
 static int fallback_set(struct kiln_backend *backend, enum kiln_resource_index index, struct kiln_error *error)
 {
     const int status = kiln_backend_give(present(backend), index, &backend->given, error);

@@ -1,7 +1,7 @@
-/* A backend that goes on with Embree once its device has failed for good: the bake ends later, not with an error. It
- * says so on stderr, once. What the device has finished is kept; a pass that is under way, whichever it is, goes on
- * with the first item that has not been handed over. A caller's own failure, returned by its kiln_take_results, is no
- * failure of the device. */
+/* Wrapper of a device's backend that continues with Embree after the device has failed for good: the bake then ends
+ * later instead of with an error. It reports this once on stderr. Finished results are kept. A running pass of any kind
+ * continues with the first item whose result was not handed over. A failure of the caller's kiln_take_results does not
+ * count as a failure of the device. */
 #ifndef KILN_WORKER_BACKEND_FALLBACK_H
 #define KILN_WORKER_BACKEND_FALLBACK_H
 

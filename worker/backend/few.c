@@ -11,11 +11,11 @@ struct few_run {
     const struct kiln_surface *surface;
     size_t bytes; /* of a result */
     /* one an item of the batch */
-    struct kiln_selection *points, *others; /* those that take fewer samples, and those that do not */
+    struct kiln_selection *points, *others; /* masks: points that take fewer samples, and the other points */
     uint32_t *samples;                      /* of `points`; 0: it has none */
     size_t *place;                          /* where its results begin in `kept`; and the end */
     char *kept;
-    struct kiln_groups *groups; /* whose light is found besides; NULL: none */
+    struct kiln_groups *groups; /* whose light is computed as well; NULL: none */
     size_t group_floats;        /* of a point */
     float *kept_groups;         /* as `kept` */
     char *whole;                /* a part's results put together */
@@ -38,7 +38,7 @@ end:
     return status;
 }
 
-/* Which points are which, and where results are kept. */
+/* Divides the points of each item by their number of samples, and finds where results are kept. */
 static int divide(struct few_run *r, struct kiln_error *error)
 {
     const struct kiln_batch *batch = r->batch;
@@ -61,7 +61,7 @@ static int divide(struct few_run *r, struct kiln_error *error)
                : status;
 }
 
-/* Keeps the groups' answers of a tile run, or puts them back. Points with fewer samples have those from `place` on. */
+/* Keeps the groups' answers of a tile run, or restores them. Points with fewer samples have theirs from `place` on. */
 static void move_groups(const struct few_run *r, const struct kiln_tile_run *run, uint64_t points, size_t place,
                         bool back)
 {
@@ -92,7 +92,7 @@ static int keep(void *context, size_t first, size_t count, const void *results, 
     return KILN_OK;
 }
 
-/* kiln_take_results of the others: hands all on. */
+/* kiln_take_results callback for the other points: passes on all results. */
 static int put_together(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     struct few_run *r = context;

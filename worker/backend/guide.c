@@ -6,7 +6,7 @@
 #define DEFENSIVE 0.3 /* share of the cosine in the density */
 enum { MOST = KILN_GUIDE_SIDE, EDGES = KILN_GUIDE_EDGES, SMOOTHED = 2 };
 
-/* One round over neighbours: v is a circle, u ends. */
+/* Smooths the cells once over neighbours: v is periodic, u is not. */
 static void smooth(double cells[MOST][MOST], uint32_t side)
 {
     double before[MOST][MOST];
@@ -20,7 +20,7 @@ static void smooth(double cells[MOST][MOST], uint32_t side)
         }
 }
 
-/* The cumulative shares of positive values. */
+/* Cumulative sums of positive values, divided by their total. */
 static void accumulate(const double values[MOST], float *cumulative)
 {
     double all = 0.0, sum = 0.0;
@@ -33,7 +33,7 @@ static void accumulate(const double values[MOST], float *cumulative)
     cumulative[MOST] = 1.0f;
 }
 
-/* The weights are those of the cumulative shares as rounded: so that the mean is right. */
+/* Makes a guide from a density. Weights are computed from the rounded cumulative sums, so that the mean is exact. */
 static void make(float *guide, double density[MOST][MOST])
 {
     double rows[MOST] = {0};

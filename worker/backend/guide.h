@@ -1,4 +1,4 @@
-/* The guide of a tile run (worker/pass/guided.h), for both backends: made from what was learnt. */
+/* Guide of a tile run (worker/pass/guided.h), made from learnt values; for both backends. */
 #ifndef KILN_WORKER_BACKEND_GUIDE_H
 #define KILN_WORKER_BACKEND_GUIDE_H
 
@@ -9,11 +9,11 @@
 #include "shaders/shared/warp.h"
 #include "worker/pass/guided.h"
 
-/* Makes the density of side x side values that were learnt: KILN_GUIDE_SIZE floats (shaders/shared/guide.h). False: the
+/* Makes the guide's density from side x side learnt values: KILN_GUIDE_SIZE floats (shaders/shared/guide.h). False: the
  * cosine is as good. */
 bool kiln_guide_make(float *guide, const float *learnt, uint32_t side);
 
-/* Returns the cell, of side x side, in which a point lies once it is warped; the point in fractions of 2^32. */
+/* Returns the cell, of side x side, into which the guide warps a point (u, v), given in fractions of 2^32. */
 static inline uint32_t kiln_guide_cell(const float *guide, uint32_t side, uint32_t u, uint32_t v)
 {
     const uint32_t i = kiln_guide_interval(guide, 0, kiln_unit_float(u)),

@@ -3,8 +3,8 @@
 
 #include "worker/backend/link_run.h"
 
-#define ALIKE 0.5     /* cosine between normals of points that share a ray */
-#define TOGETHER 1.25 /* texels, over the points in a row: how far apart those are */
+#define ALIKE 0.5     /* least cosine between normals of points that share a ray */
+#define TOGETHER 1.25 /* largest distance of such points, in texels per point in a row */
 
 enum { STACK = 512 };
 
@@ -34,7 +34,7 @@ static void enter_point(struct kiln_link_run *w, uint32_t bit, uint64_t index)
         w->texel, sqrt((double)fmaxf(vec3_dot(patch->edge_s, patch->edge_s), vec3_dot(patch->edge_t, patch->edge_t))));
 }
 
-/* Whether points that share a ray are in one place, and look much the same way: not those of two charts. */
+/* Whether points can share a ray: they are close together, with similar normals; not those of two charts. */
 static bool lie_together(const struct kiln_link_run *w, uint64_t points, double within)
 {
     const uint32_t lead = (uint32_t)__builtin_ctzll(points);
@@ -63,7 +63,7 @@ static void find_together(struct kiln_link_run *w)
     }
 }
 
-/* The points of the run, and others of its tile, as their patches are: what is shared must not hang on cells. */
+/* Enters the points of the run, and others of its tile: shared rays must not depend on cells. */
 void kiln_link_run_enter(struct kiln_link_run *w, const struct kiln_surface *s, const struct kiln_tile_run *run)
 {
     const struct kiln_tile *tile = &s->tiles[s->lightmaps[run->map].tile_first + run->tile];
@@ -84,7 +84,7 @@ void kiln_link_run_enter(struct kiln_link_run *w, const struct kiln_surface *s, 
     find_together(w);
 }
 
-/* Their shading normals, and which have light. */
+/* Enters the points' shading normals, and which points receive light. */
 void kiln_link_run_enter_found(struct kiln_link_run *w)
 {
     w->valid = 0;
@@ -137,7 +137,7 @@ uint32_t kiln_link_shared_by(const struct kiln_link_run *w, uint32_t to)
     return 4.0 * w->texel <= radius ? 16 : 2.0 * w->texel <= radius ? 4 : 1;
 }
 
-/* The point that a question is asked of: its place in the tree's order. */
+/* The point to which a question's ray goes: its index in the tree's order. */
 static uint32_t asked_of(const struct kiln_link_run *w, const struct kiln_link_question *q)
 {
     const uint32_t to = w->found.to[q->link];
@@ -145,7 +145,7 @@ static uint32_t asked_of(const struct kiln_link_run *w, const struct kiln_link_q
                                       : kiln_link_choose(w->p, &w->p->nodes[to], to, w->patch[q->bit]->number);
 }
 
-/* Asks who traces, if the two face each other; k: the other's place in the tree's order. */
+/* Requests the ray, if the two points face each other; k: the other point's index in the tree's order. */
 static int ask(const struct kiln_link_run *w, const struct kiln_link_question *q, uint32_t k, struct kiln_error *error)
 {
     const struct kiln_link_leaf *other = &w->p->leaves[k];
@@ -159,7 +159,7 @@ static int ask(const struct kiln_link_run *w, const struct kiln_link_question *q
     return w->ask(w->context, q->link, q->of, &sight, error);
 }
 
-/* All choices first: memory is waited for together. */
+/* Requests the rays of all questions. Chooses all points first, so that their memory accesses overlap. */
 static int ask_all(struct kiln_link_run *w, struct kiln_error *error)
 {
     uint32_t k[KILN_LINK_QUESTIONS];
@@ -172,7 +172,7 @@ static int ask_all(struct kiln_link_run *w, struct kiln_error *error)
     return status;
 }
 
-/* Notes the question whether the point at `bit` sees what link `link` goes to, for the points `of`. */
+/* Queues the question whether the point at `bit` sees the target of link `link`, on behalf of the points `of`. */
 static int note(struct kiln_link_run *w, uint32_t link, uint32_t bit, uint64_t of, struct kiln_error *error)
 {
     const uint32_t to = w->found.to[link];
@@ -192,7 +192,8 @@ static uint32_t one_of(uint64_t mask, uint32_t hash)
     return (uint32_t)__builtin_ctzll(mask);
 }
 
-/* Links the points of the mask to a node or a point; those of `whole` have it whole before them, and may share rays. */
+/* Links the points of the mask to a node or a point. Points in `whole` see all of it in front of them, and may share
+ * rays. */
 static int link_to(struct kiln_link_run *w, uint32_t to, uint64_t mask, uint64_t whole, struct kiln_error *error)
 {
     struct kiln_found_links *f = &w->found;
@@ -216,7 +217,7 @@ static int link_to(struct kiln_link_run *w, uint32_t to, uint64_t mask, uint64_t
     return status;
 }
 
-/* From the root down, children in their order. */
+/* Finds links from the root down, children in their order. */
 int kiln_link_run_find(struct kiln_link_run *w, struct kiln_error *error)
 {
     const struct kiln_links_parameters *p = w->p;

@@ -2,12 +2,12 @@
 
 #include "worker/base/clones.h"
 
-#define NEAREST 1.5       /* radii from which a node may be linked to */
-#define VARIES 8.0        /* of rho and the deviation of a node's light, what it may be off by when links are opened */
-#define LEAST_FACTOR 1e-3 /* over the square of the error: nodes below are left out */
+#define NEAREST 1.5       /* least distance of a linked node, in radii */
+#define VARIES 8.0        /* allowed error when links are refined, over rho x the deviation of a node's light */
+#define LEAST_FACTOR 1e-3 /* least factor of a node, over the square of the error; smaller ones are left out */
 #define FLAT 1e-5         /* what of a cosine is rounding */
 
-enum { GROUP = 8 }; /* lanes that are looked at together, if one of them is asked for */
+enum { GROUP = 8 }; /* lanes tested together, if any of them is wanted */
 
 static inline struct kiln_dvec3 lane_of(const double v[3][KILN_TILE_TEXELS], uint32_t lane)
 {
@@ -28,7 +28,7 @@ static inline uint64_t bits_of(const uint64_t is[GROUP], uint32_t first)
     return bits;
 }
 
-/* Decides what one point does with a node; without branches, for lanes. */
+/* Decides whether a point links to a node, opens it or leaves it out; without branches, for SIMD lanes. */
 static inline void judge(const struct kiln_node_view *v, const struct kiln_link_node *node, double square_error,
                          uint64_t *open, uint64_t *stands, uint64_t *whole)
 {
@@ -96,7 +96,7 @@ KILN_CLONES void kiln_link_lanes_factors(const struct kiln_link_lanes *lanes, co
     f->whole &= mask;
 }
 
-/* A group's lanes as numbers: 1 where the bit is set, else 0. */
+/* Converts a group's mask bits to numbers 1 and 0. */
 static inline void numbers_of(uint64_t bits, double is[GROUP])
 {
     for (uint32_t l = 0; l < GROUP; l++)
@@ -108,8 +108,8 @@ struct group {
     double seen[GROUP], any[GROUP], whole[GROUP];
 };
 
-/* Adds a colour of the light that arrives in a group's lanes: F B, and where a node is seen whole the slope of F times
- * the moment of B, which together never fall below 0. */
+/* Adds one colour of light that arrives in a group's lanes: F B; if a node is seen whole, also the slope of F times the
+ * moment of B. The sum is clamped to 0. */
 static inline void add_light(double *restrict sum, const double *restrict factor, const double *restrict slope,
                              const double *restrict light, const struct kiln_link_lane_link *restrict link, int c,
                              const struct group *restrict g)
@@ -132,7 +132,7 @@ static inline void add_error(double *restrict row, double *restrict variance, do
                              const double *restrict inverse, const struct kiln_link_lane_link *restrict link,
                              const double *restrict unsure, const struct group *restrict g)
 {
-    const double of_part = link->reach > 0.0 ? link->square : 0.0, /* of what is seen in part, or of a point */
+    const double of_part = link->reach > 0.0 ? link->square : 0.0, /* if partly visible, or of a point */
         reach = link->reach, more = link->more, through = link->through, square = link->square,
                  light = through * link->now;
 #pragma omp simd

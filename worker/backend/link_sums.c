@@ -3,12 +3,12 @@
 #include "worker/backend/link_run.h"
 #include "worker/base/color.h"
 
-/* Error of light that varies over a node, over its radius / distance x the light's deviation. */
+/* Error of light that varies over a node, relative to radius / distance x the light's standard deviation. */
 #define SPREAD 1.5
 
 enum { AHEAD = 4 };
 
-/* The mask with the points of squares of `side` points in a row exchanged in pairs: Morton order. */
+/* Exchanges adjacent squares of `side` points (consecutive in Morton order) in the mask. */
 static uint64_t exchanged(uint64_t mask, uint32_t side)
 {
     static const uint64_t first[] = {0x5555555555555555u, 0x3333333333333333u, 0x0f0f0f0f0f0f0f0fu,
@@ -17,9 +17,9 @@ static uint64_t exchanged(uint64_t mask, uint32_t side)
     return (mask & even) << side | (mask >> side & even);
 }
 
-/* The variance of what points see by a link, estimated of the points beside them that have rays of their own. */
+/* Masks for estimating the variance of a link's visibility from neighbouring points with rays of their own. */
 struct unsure {
-    uint64_t asked[3], other[3]; /* by neighbour: who has one that has asked, and whose sees what it does not or not */
+    uint64_t asked[3], other[3]; /* by neighbour: points whose neighbour has a ray too; those with another result */
 };
 
 static struct unsure unsure_of(const struct kiln_link_run *w, uint32_t link)
@@ -43,7 +43,7 @@ static struct unsure unsure_of(const struct kiln_link_run *w, uint32_t link)
     return u;
 }
 
-/* The variance of what the points of the mask see. */
+/* Computes the variance of the link's visibility for the points of the mask. */
 static void find_unsure(const struct unsure *u, uint64_t mask, double unsure[KILN_TILE_TEXELS])
 {
     for (uint64_t rest = mask; rest != 0; rest &= rest - 1) {
@@ -57,7 +57,7 @@ static void find_unsure(const struct unsure *u, uint64_t mask, double unsure[KIL
     }
 }
 
-/* The light that errors are of: so far and before this bounce; or the first, over its mean. */
+/* Light that determines errors: now and before this bounce; or the first light, over its mean. */
 static struct kiln_link_light light_of(const struct kiln_link_run *w, uint32_t to)
 {
     const struct kiln_links_parameters *p = w->p;
@@ -72,7 +72,7 @@ static struct kiln_link_light light_of(const struct kiln_link_run *w, uint32_t t
     return (struct kiln_link_light){.now = node->level, .spread_now = node->spread * node->spread};
 }
 
-/* Enters the factors of a lane, which are by one point, and what that sends. */
+/* Stores the factors of a lane that uses a single point, and that point's radiosity. */
 static void enter_factors(struct kiln_link_lane_factors *f, uint32_t bit, struct kiln_patch_factors by,
                           const struct kiln_link_leaf *leaf)
 {
@@ -93,8 +93,8 @@ static void find_leaf_factors(struct kiln_link_run *w, uint32_t k, uint64_t mask
     }
 }
 
-/* Factors of a link to a node, of the points of the mask: of those that have it whole before them the mean over it, of
- * the others that of the point by which they look at it. */
+/* Factors of a link to a node for the points of the mask: for points that see the node whole, the mean over it; for
+ * others that of the point chosen to represent it. */
 static void find_node_factors(struct kiln_link_run *w, uint32_t to, uint64_t mask)
 {
     const struct kiln_links_parameters *p = w->p;
@@ -118,7 +118,7 @@ static void find_factors(struct kiln_link_run *w, uint32_t to, uint64_t mask)
         find_node_factors(w, to, mask);
 }
 
-/* A link to `to` of which so much is let through; nobody has it yet. */
+/* Initializes a link to `to` with the share `through` of light let through; no point has it yet. */
 static void begin_link(const struct kiln_link_run *w, uint32_t to, const float through[3],
                        struct kiln_link_lane_link *link)
 {
@@ -142,8 +142,8 @@ static void begin_link(const struct kiln_link_run *w, uint32_t to, const float t
     }
 }
 
-/* Adds what the points `of` gather by a link that was found. Points that see nothing by it, though some beside them do,
- * are not sure of that. */
+/* Adds what the points `of` gather by a found link. Points that do not see the target, though some neighbours do, get
+ * the variance of this. */
 static void add_found(struct kiln_link_run *w, uint32_t i, uint64_t of)
 {
     static const float all[3] = {1.0f, 1.0f, 1.0f};
@@ -201,8 +201,8 @@ void kiln_link_run_close(struct kiln_link_run *w)
     }
 }
 
-/* Standard error of the luminance of irradiance, as that is closed: of what closes a row by far the links that are
- * seen, and not those that are not, whose view would have closed it. */
+/* Standard error of the luminance of irradiance, after rows are closed. If a row is closed mostly by scaling, the error
+ * comes from the visible links, not from the invisible ones. */
 static double error_of(double scale, const struct kiln_link_sums *s)
 {
     const double irradiance = kiln_luminance(s->irradiance), own = sqrt(fmax(0.0, s->variance)),
@@ -238,8 +238,8 @@ struct kiln_point_result kiln_link_answer(const struct kiln_linked_point *point,
     return r;
 }
 
-/* Whether the errors that first light has by the links found, in the root of their mean square over the tile's points,
- * are above the target. */
+/* Whether the error of first light by the links found exceeds the target: root of the mean squared relative error over
+ * the tile's points. */
 static bool is_above_target(struct kiln_link_run *w)
 {
     const struct kiln_links_parameters *p = w->p;

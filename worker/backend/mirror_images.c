@@ -9,17 +9,17 @@
 #include "worker/scene/footprint.h"
 #include "worker/scene/gloss.h"
 
-#define STRAIGHT 1e-4         /* by how much shading normals may differ from the plane's */
-#define NORMAL_STEP 0x1p-14   /* normals and distances of one plane are the same in such steps */
+#define STRAIGHT 1e-4         /* largest difference between shading normals and the plane's normal */
+#define NORMAL_STEP 0x1p-14   /* grid step of the key: normals and distances of a plane round to equal values */
 #define DISTANCE_STEP 0x1p-17 /* of the world's extent */
-#define SLACK 1e-5            /* of the world's extent: what boxes are wider by */
-/* Margins far beyond rounding. Of the world's extent: the least height of boxes of places over a plane, and what boxes
- * in the plane are wider by. Then the least steepness of light from outside. */
+#define SLACK 1e-5            /* enlargement of boxes, over the world's extent */
+/* Margins far above rounding errors. LEAST_HEIGHT: least height over a plane of boxes of positions, and enlargement of
+ * boxes within the plane, over the world's extent. Then the least slope of light from outside. */
 #define LEAST_HEIGHT 1e-6
 #define ROUNDING 1e-8
 #define LEAST_FALL 1e-3
 
-/* A triangle that reflects. Those of one plane have the same key. */
+/* A triangle that reflects. Faces in one plane have the same key. */
 struct face {
     int64_t key[4];
     uint32_t triangle;
@@ -27,7 +27,7 @@ struct face {
 
 /* ---- which triangles reflect ---- */
 
-/* Finds which materials are mirrors. The caller frees the array. */
+/* Finds which materials are flat mirrors. The caller frees the array. */
 static int find_mirrors(bool **mirrors, const struct kiln_scene *scene, struct kiln_error *error)
 {
     const int status = kiln_allocate(mirrors, scene->material_count, sizeof **mirrors, "the mirrors", error);
@@ -124,7 +124,7 @@ static size_t find_groups(const struct kiln_geometry *g, const struct face *face
     return n;
 }
 
-/* Means by area of normals and distances, which differ by rounding; and the box. */
+/* Means of normals and distances, weighted by area, since they differ by rounding; and the bounding box. */
 static struct kiln_mirror_plane make_plane(const struct kiln_lights *l, const struct face *faces, size_t count)
 {
     const struct kiln_geometry *g = l->geometry;
@@ -219,7 +219,8 @@ static bool is_within(const struct kiln_mirror_plane *plane, struct kiln_dvec3 p
            p.z >= plane->minimum.z && p.z <= plane->maximum.z;
 }
 
-/* m2: what a spot's beam has across where its axis meets the plane; INFINITY: it does not meet its front. */
+/* m2: area of a spot's beam, perpendicular to its axis, where the axis crosses the plane; INFINITY: it does not hit the
+ * front. */
 static double beam_area(const struct kiln_point_light *spot, const struct kiln_mirror_plane *plane)
 {
     const double height = dvec3_dot(plane->normal, spot->position) - plane->distance,
@@ -286,13 +287,13 @@ bool kiln_mirror_image(const struct kiln_mirror_plane *plane, const struct kiln_
         return false;
     const struct kiln_dvec3 image = dvec3_sub(lamp->place, dvec3_scale(n, 2.0 * height)),
                             way = lamp->outside ? image : dvec3_sub(image, p);
-    /* the plane's share of the way; from outside it is its length */
+    /* the plane's share of the distance; for light from outside the distance itself */
     const double until = above / (lamp->outside ? height : above + height);
     *direction = dvec3_scale(way, 1.0 / dvec3_length(way));
     return is_within(plane, dvec3_add(p, dvec3_scale(way, until)));
 }
 
-/* Where p, which is above the plane, sees the lamp in it. */
+/* The point of the plane where p, above it, sees the lamp mirrored. */
 static struct kiln_dvec3 place_in_plane(const struct kiln_mirror_plane *plane, const struct kiln_mirror_lamp *lamp,
                                         double height, double above, struct kiln_dvec3 p)
 {
@@ -301,8 +302,8 @@ static struct kiln_dvec3 place_in_plane(const struct kiln_mirror_plane *plane, c
                          : dvec3_add(p, dvec3_scale(dvec3_sub(image, p), above / (above + height)));
 }
 
-/* Returns whether a place in the box may see the lamp. Places between others see it between where these see it, so the
- * corners tell of the whole box. */
+/* Returns whether any position in the box may see the lamp mirrored. A position between others sees it at a point of
+ * the plane between theirs, so testing the box's corners suffices. */
 bool kiln_mirror_may_show(const struct kiln_mirror_plane *plane, const struct kiln_mirror_lamp *lamp,
                           struct kiln_dvec3 minimum, struct kiln_dvec3 maximum, double extent)
 {

@@ -26,7 +26,7 @@ bool kiln_particle_turns(const struct kiln_backend_params *params, const struct 
     return gloss != NULL && (has_points(params, hit) || gloss->transmission > 0.0f);
 }
 
-/* The normal of the mesh, on the same side of the ray as the geometric one. */
+/* Shading normal of the mesh, flipped to the geometric normal's side of the ray. */
 static struct kiln_vec3 shading_normal(const struct kiln_particle_place *p, const struct kiln_mesh *mesh,
                                        struct kiln_vec3 back)
 {
@@ -70,7 +70,7 @@ struct kiln_particle_place kiln_particle_place(const struct kiln_backend_params 
     return p;
 }
 
-/* Where a ray starts that leaves the place in this direction. */
+/* Start of a ray that leaves the place in this direction. */
 static struct kiln_vec3 start_of(const struct kiln_particle_place *p, struct kiln_vec3 direction)
 {
     const float side = vec3_dot(p->normal, direction) > 0.0f ? 1.0f : -1.0f;
@@ -122,7 +122,7 @@ void kiln_particle_draw(const struct kiln_particle_chance *chance, uint32_t use,
     *v = kiln_unit_double(b);
 }
 
-/* The way on, in the frame, and its weight; false: nothing goes on. */
+/* Draws a direction in the frame, with its weight; false: nothing continues. */
 static bool send(const struct kiln_particle_place *p, const struct kiln_particle_chance *chance, float pick,
                  uint32_t mode, struct kiln_bsdf_drawn *d)
 {
@@ -144,11 +144,12 @@ static bool send(const struct kiln_particle_place *p, const struct kiln_particle
     return kiln_shading_agrees(d->i, front);
 }
 
-/* How much more than light that is traced from lamps rays from the eye weigh when chance decides whether they go on:
- * what of a dark surface is seen is what it mirrors. */
+/* Factor on the survival probability of rays from the eye, relative to light traced from lamps: dark surfaces are seen
+ * mostly by what they mirror. */
 static const float weight_of_rays = 8.0f;
 
-/* Has `share` of what arrives go on in a direction, times `factor`, which chance does not heed. */
+/* Continues with `share` of the arriving light in a direction, times `factor`, which does not affect the survival
+ * probability. */
 static void go_on(const struct kiln_particle_place *p, const float weight[3], const struct kiln_particle_chance *chance,
                   double rest, struct kiln_vec3 share, float factor, uint32_t mode, struct kiln_particle_turn *turn)
 {

@@ -1,10 +1,10 @@
-/* Resources that a backend has while passes run, as one table: the surface, the radiosity of its points, probes, the
- * rows and groups that passes fill beside their results. Backends that stand in front of others (fallback.c, verify.c)
- * walk the table and know no resource by name.
+/* Table of the resources that a backend uses while passes run: the surface, the radiosity of its points, probes, and
+ * the rows and groups that passes fill in addition to their results. Wrappers of other backends (fallback.c, verify.c)
+ * loop over the table and know no resource by name.
  *
- * A new resource called NAME is: NAME in KILN_RESOURCE_LIST, a member below, a row in resources.c, and a function
- * kiln_backend_set_NAME (backend.h or extended.h). A backend reads it in `given`; where it has to bring it somewhere,
- * its `set` does (api.h). */
+ * To add a resource called NAME, add: NAME in KILN_RESOURCE_LIST, a member below, a row in resources.c, and a function
+ * kiln_backend_set_NAME (backend.h or extended.h). A backend reads it from `given`; if it must be uploaded, the
+ * backend's `set` does that (api.h). */
 #ifndef KILN_WORKER_BACKEND_RESOURCES_H
 #define KILN_WORKER_BACKEND_RESOURCES_H
 
@@ -21,7 +21,7 @@ struct kiln_radiance_probes;
 struct kiln_rows;
 struct kiln_surface;
 
-/* In the order in which they are given to a backend that has none yet. */
+/* Resources in the order in which a new backend receives them. */
 #define KILN_RESOURCE_LIST(DO)                                                                                         \
     DO(surface)                                                                                                        \
     DO(others)                                                                                                         \
@@ -35,19 +35,19 @@ struct kiln_surface;
 enum kiln_resource_index { KILN_RESOURCE_LIST(KILN_RESOURCE_OF) KILN_RESOURCE_COUNT };
 #undef KILN_RESOURCE_OF
 
-/* Tile runs of another rank: some of its surface, which has the same map. Zero: none. */
+/* Tile runs of another rank: a part of its surface, which has the same map. Zero: none. */
 struct kiln_others {
     const struct kiln_surface *surface; /* borrowed; NULL: none */
     size_t first, count;                /* its tile runs */
 };
 
-/* Resources that a backend was given last, all borrowed; NULL: nothing yet, or nothing any more. */
+/* Resources that a backend was last given, all borrowed; NULL: none yet, or withdrawn. */
 struct kiln_resources {
-    const struct kiln_surface *surface; /* the own one */
+    const struct kiln_surface *surface; /* this rank's surface */
     struct kiln_others others;
     const uint64_t *radiosity;
     const struct kiln_radiance_probes *probes;
-    const struct kiln_lights *light; /* those of its parameters, once they have changed in their place */
+    const struct kiln_lights *light; /* lights of its parameters, once they have been changed in place */
     struct kiln_rows *rows;
     struct kiln_groups *groups;
 };
@@ -55,16 +55,16 @@ struct kiln_resources {
 /* A row of the table. */
 struct kiln_resource {
     const char *name;
-    size_t offset, bytes; /* of the member of struct kiln_resources, which begins with a pointer */
-    bool is_filled;       /* passes leave answers in it: who only checks another backend's results has none of it */
+    size_t offset, bytes; /* offset and size of the member of struct kiln_resources, which begins with a pointer */
+    bool is_filled;       /* passes write answers to it: backends that only verify others do not get it */
 };
 extern const struct kiln_resource kiln_resources[KILN_RESOURCE_COUNT];
 
 /* Whether it is there. */
 bool kiln_resource_is_given(const struct kiln_resources *given, enum kiln_resource_index index);
 
-/* Gives the backend what `from` has of a resource: NULL takes away what it had. With a surface of its own the tile runs
- * of others go. */
+/* Gives the backend the resource in `from`; NULL withdraws it. A new surface of its own also withdraws the tile runs of
+ * other ranks. */
 int kiln_backend_give(struct kiln_backend *backend, enum kiln_resource_index index, const struct kiln_resources *from,
                       struct kiln_error *error);
 

@@ -13,7 +13,7 @@ static const double MOST_ERRORS = 6.0, ROUNDING = 1e-4;
 
 struct texel {
     uint32_t object, x, y;
-    double got, expected; /* the figures' levels, in the pass's unit */
+    double got, expected; /* mean values of both, in the pass's unit */
 };
 
 /* Results of one pass so far. */
@@ -27,7 +27,7 @@ struct tally {
 
 struct verify_backend {
     struct kiln_backend base;
-    struct kiln_backend_api api; /* the checked backend's name, our functions */
+    struct kiln_backend_api api; /* the checked backend's name, with our functions */
     struct kiln_backend *checked, *embree;
     struct tally tallies[KILN_PASS_COUNT];
 };
@@ -39,7 +39,7 @@ struct verified_run {
     const void *parameters;
     struct tally *tally;
     const struct kiln_batch *batch; /* the caller's */
-    const char *got;                /* results of the tile runs that are traced again */
+    const char *got;                /* results of the tile runs that are computed again */
 };
 
 /* ---- comparing ---- */
@@ -93,14 +93,14 @@ static void compare_tile_run(const struct verified_run *run, const struct kiln_t
         struct kiln_pass_figures theirs, ours;
         pass->figures(got + i * pass->result_bytes, &theirs);
         pass->figures(expected + i * pass->result_bytes, &ours);
-        /* what lacks radiosity is computed again when that is there; the two may differ in what they meet */
+        /* results without radiosity are computed again later; the two backends may differ in their hits */
         if (run->batch->may_lack && pass->lacks != NULL &&
             (pass->lacks(got + i * pass->result_bytes) != 0 || pass->lacks(expected + i * pass->result_bytes) != 0))
             continue;
         compare_texel(t, &theirs, &ours, texel_of(s, f, mask));
         for (size_t c = 0; c < pass->figure_count; c++) {
             difference[c] += (double)theirs.value[c] - (double)ours.value[c];
-            total[c] += fabs((double)ours.value[c]); /* directions have signs, and may sum to nothing */
+            total[c] += fabs((double)ours.value[c]); /* directions have signs, and may cancel out */
         }
     }
     for (size_t c = 0; c < pass->figure_count; c++) {
@@ -110,7 +110,7 @@ static void compare_tile_run(const struct verified_run *run, const struct kiln_t
     }
 }
 
-/* kiln_take_results of the run that traces tile runs again. */
+/* kiln_take_results callback for the tile runs computed again. */
 static int take_again(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     (void)error;
@@ -127,7 +127,7 @@ static int take_again(void *context, size_t first, size_t count, const void *res
 
 /* ---- judging ---- */
 
-/* Returns whether something is wrong, and writes the words to `text`. */
+/* Returns whether the results differ too much, and writes the message to `text`. */
 static bool complains(const struct kiln_pass *pass, const struct tally *t, char text[96])
 {
     const char *wrong = NULL, *suffix = "";
@@ -187,7 +187,7 @@ static int trace_again(struct verified_run *run, size_t first, size_t count, str
     return kiln_backend_run(run->v->embree, run->pass, run->parameters, &chosen, &rays, error);
 }
 
-/* kiln_take_results of the checked backend's run: looks before the caller takes. */
+/* kiln_take_results callback for the checked backend: compares the results before the caller takes them. */
 static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     struct verified_run *run = context;
@@ -253,7 +253,7 @@ static struct kiln_backend *verify_inner(const struct kiln_backend *backend)
     return ((const struct verify_backend *)backend)->checked;
 }
 
-/* Gives a resource to both backends; one that passes fill, to the checked backend alone. */
+/* Sets a resource of both backends; one that passes fill, only of the checked backend. */
 static int verify_set(struct kiln_backend *backend, enum kiln_resource_index index, struct kiln_error *error)
 {
     struct verify_backend *v = (struct verify_backend *)backend;

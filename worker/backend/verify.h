@@ -1,6 +1,6 @@
-/* A backend that checks another. It hands every call on to it, and runs the passes whose row says how results compare
- * (kiln_pass.figures) again over a pseudo-random share of the tile runs, with an Embree backend of its own. Which tile
- * runs is a hash of (seed, lightmap, tile, stream): the same on any ranks.
+/* Wrapper that verifies another backend. It passes every call on, and repeats passes that define how to compare results
+ * (kiln_pass.figures) over a pseudo-random share of the tile runs, with its own Embree backend. A hash of (seed,
+ * lightmap, tile, stream) selects the tile runs: the same on any ranks.
  *
  * All backends draw the same random numbers. So a healthy device differs from Embree by rounding, and here and there by
  * a ray that passes an edge on the other side, which moves a texel by about its own standard error. A pass has failed

@@ -32,8 +32,8 @@ static inline int kiln_fsync(int descriptor)
     return result;
 }
 
-/* Lets the system begin to bring the bytes from `begin` up to `end` to disk, so that a later kiln_fsync waits less;
- * that one reports failures. The last page may still be written to. */
+/* Asks the system to start writing the bytes from `begin` up to `end` to disk, so that a later kiln_fsync waits less.
+ * Errors are reported by kiln_fsync. The last, incomplete page is left out, since it may still be written to. */
 static inline void kiln_begin_sync(int descriptor, uint64_t begin, uint64_t end)
 {
     const uint64_t whole = end & ~(uint64_t)4095;

@@ -1,4 +1,4 @@
-/* Seconds of the monotonic clock, whose zero means nothing: for differences. */
+/* Time in seconds by the monotonic clock. Its zero has no meaning: use differences only. */
 #ifndef KILN_WORKER_BASE_CLOCK_H
 #define KILN_WORKER_BASE_CLOCK_H
 
@@ -12,11 +12,11 @@ static inline double kiln_clock_seconds(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Work that was done beside other work. */
+/* Time span of work that ran in the background, beside other work. */
 struct kiln_aside {
-    double begin, end; /* s of this clock; 0: there was none */
-    double waited;     /* s, of these, in which its result was waited for */
-    uint64_t count;    /* of what it made */
+    double begin, end; /* s, kiln_clock_seconds; 0: no such work */
+    double waited;     /* s within the span that others waited for the result */
+    uint64_t count;    /* number of things made */
 };
 
 #endif

@@ -1,5 +1,5 @@
-/* KILN_CLONES: compiles a function once for each instruction set, for loops over SIMD lanes. Floating-point contraction
- * is off, so all versions give the same bits. */
+/* KILN_CLONES: attribute that compiles a function once for each instruction set (AVX2 and the default), for functions
+ * with loops over SIMD lanes. Floating-point contraction is off, so all versions give the same bits. */
 #ifndef KILN_WORKER_BASE_CLONES_H
 #define KILN_WORKER_BASE_CLONES_H
 

@@ -18,8 +18,8 @@ static_assert(alignof(max_align_t) >= 2 * sizeof(void *) && ALIGNMENT >= 2 * siz
 
 void **kiln_memory_link(void *array) { return (void **)array - 2; }
 
-/* Blocks that are cleared come from calloc(), which leaves the pages of a large one to the system: these are cleared
- * when they are first written, by the thread that writes them. */
+/* Cleared blocks come from calloc(), which leaves large ones to the system: their pages are cleared when first written,
+ * by the thread that writes them. */
 static void *aligned_block(size_t count, size_t size, bool cleared)
 {
     if (size != 0 && count > (SIZE_MAX - ALIGNMENT) / size)

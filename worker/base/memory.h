@@ -13,11 +13,11 @@
  * kiln_free. */
 int kiln_allocate(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error);
 
-/* The same without zeroing: elements are not initialised. */
+/* As kiln_allocate, but elements are not initialised. */
 int kiln_allocate_bare(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error);
 
-/* Says that an array of kiln_allocate or kiln_allocate_bare is about to be written from end to end: a large one gets
- * large pages where the system has some, so that its memory comes in fewer steps. */
+/* Announces that an array of kiln_allocate or kiln_allocate_bare will be written from end to end. A large array then
+ * gets large pages, if the system has some, so that it takes fewer page faults. */
 void kiln_expect_whole(void *array, size_t count, size_t size);
 
 /* Grows *pointer (from kiln_allocate or NULL) to at least `needed` elements. *capacity is the present number of
@@ -32,8 +32,8 @@ void kiln_free(void *pointer);
 void **kiln_memory_link(void *array);
 
 /* An allocator for large, lasting arrays, such as memory that several processes share. `allocate` and `release` promise
- * what kiln_allocate and kiln_free do, but a release may take effect later. Users copy the struct; the context is
- * borrowed. */
+ * what kiln_allocate and kiln_free do, but a release may take effect later. Users keep copies of this struct; the
+ * context is borrowed. */
 struct kiln_allocator {
     int (*allocate)(void *context, void *pointer, size_t count, size_t size, const char *what,
                     struct kiln_error *error);

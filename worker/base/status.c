@@ -8,7 +8,7 @@
 
 #include "worker/base/text.h"
 
-/* Formats the sentence and makes it plain: one line without control characters, whatever names and files it quotes. */
+/* Formats the message as plain text: one line without control characters, whatever names and files it contains. */
 static void take(struct kiln_error *error, const char *format, va_list arguments) __attribute__((format(printf, 2, 0)));
 static void take(struct kiln_error *error, const char *format, va_list arguments)
 {

@@ -28,8 +28,8 @@ struct kiln_error {
     char message[2048];
 };
 
-/* Goes on where `call` returns KILN_OK. Else goes to the function's label `end`, where what it has taken is released,
- * with the code in its variable `status`. */
+/* Checks a call that returns a status. KILN_OK: goes on. Any other code: stores it in the function's variable `status`
+ * and goes to its label `end`, where resources are released. */
 #define KILN_TRY(call)                                                                                                 \
     do {                                                                                                               \
         status = (call);                                                                                               \

@@ -1,7 +1,7 @@
 /* A request to stop early, polled by long-running work so that it returns soon.
  *
  * Work that stops returns KILN_STOPPED (kiln_give_up) and leaves its unfinished results to be destroyed as after any
- * failure. The caller knows who asked and what is kept, and reports it. */
+ * failure. The caller knows who asked for the stop and which results are saved, and reports both. */
 #ifndef KILN_WORKER_BASE_STOP_H
 #define KILN_WORKER_BASE_STOP_H
 

@@ -1,4 +1,4 @@
-/* Threads beside the program's own. */
+/* Helper threads, beside the main thread. */
 #ifndef KILN_WORKER_BASE_THREAD_H
 #define KILN_WORKER_BASE_THREAD_H
 
@@ -9,8 +9,8 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
-/* Starts a thread that blocks all signals, so that the program's own thread gets them. False: there is none to be had.
- * Else it must be joined. */
+/* Starts a thread with all signals blocked, so that the main thread receives them. Returns false if no thread can be
+ * created; else the thread must be joined. */
 static inline bool kiln_thread_start(pthread_t *thread, void *(*run)(void *context), void *context)
 {
     sigset_t all, before;
@@ -21,7 +21,7 @@ static inline bool kiln_thread_start(pthread_t *thread, void *(*run)(void *conte
     return started;
 }
 
-/* The thread that calls this gives way to all others from now on. */
+/* Gives the calling thread the lowest priority, from now on. */
 static inline void kiln_thread_give_way(void)
 {
     enum { LOWEST_PRIORITY = 19 };

@@ -1,4 +1,4 @@
-/* Vectors of three: shaders/shared/vector.h, which the headers that C and GLSL share need too. */
+/* 3D vectors: shaders/shared/vector.h, as headers shared by C and GLSL use them, too. */
 #ifndef KILN_WORKER_BASE_VECTOR_H
 #define KILN_WORKER_BASE_VECTOR_H
 

@@ -1,6 +1,6 @@
 /* Versions of kiln whose results have the same bits. Checkpoints, sums of views and kept transport hold part of a
- * result, and only a version that would give the same whole may go on from them. CMakeLists.txt names the first
- * version that has the bits of this one (KILN_SAME_BITS_SINCE). What a file's layout is, its own format number says. */
+ * result. Only a version that computes the same bits may continue them. CMakeLists.txt names the first version that has
+ * the bits of this one (KILN_SAME_BITS_SINCE). The layout of a file has a format number of its own. */
 #ifndef KILN_WORKER_BASE_VERSION_H
 #define KILN_WORKER_BASE_VERSION_H
 

@@ -1,4 +1,4 @@
-/* Definitions that shaders/shared/lights.h asks for, in C. Private to worker/light. */
+/* Macros and functions in C that shaders/shared/lights.h expects its includer to define. Private to worker/light. */
 #ifndef KILN_WORKER_LIGHT_ACCESS_H
 #define KILN_WORKER_LIGHT_ACCESS_H
 
@@ -19,7 +19,7 @@
 #define KILN_NODE_IMPORTANCE(lights, index, p, spread, n)                                                              \
     kiln_light_node_importance(&(lights)->nodes[index], p, spread, n)
 
-/* Radiance at the place `on` from the light's corner 0. */
+/* Radiance of an area light at a place; `on`: the place relative to the light's corner 0. */
 static inline void kiln_area_light_radiance_on(const struct kiln_lights *lights, const struct kiln_area_light *light,
                                                struct kiln_dvec3 on, float rgb[3])
 {
@@ -29,7 +29,7 @@ static inline void kiln_area_light_radiance_on(const struct kiln_lights *lights,
     kiln_area_light_radiance(lights, light, b1, b2, rgb);
 }
 
-/* Choices before they are allotted samples. */
+/* A cut of the light tree: an array of choices that have no samples yet. */
 #define KILN_CUT struct kiln_light_choice *
 #define KILN_CUT_NODE(cut, i) ((cut)[i].index)
 #define KILN_CUT_IMPORTANCE(cut, i) ((cut)[i].importance)

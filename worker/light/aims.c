@@ -10,15 +10,15 @@
 #include "worker/scene/footprint.h"
 
 #define SLACK 1.0001 /* of a sphere's radius, for rounding */
-#define LEARNT 0.9   /* part of the paths that goes by what was learnt */
+#define LEARNT 0.9   /* share of the paths that follow learnt probabilities */
 
 enum {
     CELLS_MOST = 16, /* of an image */
-    CELL_AIMS = 64,  /* and no more than one for so many aims that there may be */
-    CELL_LOOKS = 4   /* the square of it: directions that say how much of a target a cell sees */
+    CELL_AIMS = 64,  /* at most one cell for so many aims */
+    CELL_LOOKS = 4   /* per side; their squares: directions that estimate how much of a target a cell sees */
 };
 
-/* ---- what shaders/shared/aims.h asks for ---- */
+/* ---- declarations that shaders/shared/aims.h needs ---- */
 
 #define KILN_AIM_COUNT(aims) ((uint32_t)(aims)->count)
 #define KILN_AIM_LAMP(aims, aim) ((aims)->aims[aim].lamp)
@@ -63,7 +63,7 @@ static struct kiln_dvec3 kiln_aim_place(const struct kiln_aims *a, uint32_t tria
                                                  dvec3_sub(dvec3_of(corner[2]), origin), u, v));
 }
 
-/* The lamp that a light is a part of: they are in the order of the lights. */
+/* The lamp that a light belongs to. Lamps are in the order of the lights. */
 static uint32_t lamp_number(const struct kiln_aims *a, uint32_t light, struct kiln_dvec3 direction)
 {
     const uint32_t areas = (uint32_t)a->lights->area_count;
@@ -79,7 +79,7 @@ static uint32_t lamp_number(const struct kiln_aims *a, uint32_t light, struct ki
 
 /* ---- lamps ---- */
 
-/* Emitting triangles that follow each other and are of one object. */
+/* Makes a lamp from consecutive emitting triangles of one object. */
 static void area_lamp(struct kiln_aims *a, size_t first, size_t end)
 {
     const struct kiln_area_light *areas = a->lights->areas;
@@ -136,7 +136,7 @@ end:
 
 /* ---- aims ---- */
 
-/* m2: what the light of a cell of the sky sees of a target, about. */
+/* m2: approximate area of a target as seen from a cell of the sky. */
 static double cell_outline(const struct kiln_aims *a, size_t cell, const struct kiln_target *target)
 {
     double sum = 0.0, density;

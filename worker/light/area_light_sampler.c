@@ -19,8 +19,7 @@ bool kiln_area_light_sampler(const struct kiln_lights *lights, const struct kiln
     return kiln_target_is_apart(target->view.seen);
 }
 
-/* Sine and cosine for angles of a few turns at most; absolute error below 1e-15. By blends, so that lanes go together.
- */
+/* Sine and cosine of angles up to a few turns; absolute error below 1e-15. Without branches, for SIMD lanes. */
 static inline void sine_cosine(double x, double *sine, double *cosine)
 {
     const double rounder = 0x1.8p52, quarters = (x * 0.63661977236758134308 + rounder) - rounder;
@@ -36,8 +35,8 @@ static inline void sine_cosine(double x, double *sine, double *cosine)
 static inline double at_most(double x, double most) { return x < most ? x : most; }
 static inline double at_least(double x, double least) { return x > least ? x : least; }
 
-/* Lane l's sample `on` the light, from the centre, as its own place sees it; `area`: 1 / density of the sample on the
- * light, m2. */
+/* Converts lane l's sample `on` the light, relative to the centre, to one seen from the lane's own position. `area`: 1
+ * / density of the sample on the light, m2. */
 static inline void see_from_place(const struct kiln_area_light_sampler *restrict t,
                                   struct kiln_area_light_samples *restrict s, int l, struct kiln_dvec3 on, double area)
 {
@@ -51,7 +50,7 @@ static inline void see_from_place(const struct kiln_area_light_sampler *restrict
     s->backoff[l] = at_most(0.5 * distance, t->light->rounding / at_least(seen, 1e-6));
 }
 
-/* Directions from the centre, as far as the light's plane. */
+/* Draws directions from the centre, and intersects them with the light's plane. */
 KILN_CLONES static void sample_spherical(const struct kiln_area_light_sampler *restrict target,
                                          struct kiln_area_light_samples *restrict s)
 {
@@ -74,7 +73,7 @@ KILN_CLONES static void sample_flat(const struct kiln_area_light_sampler *restri
                        light->area);
 }
 
-/* Where on the light the samples are. */
+/* Computes the barycentric weights of the samples on the light. */
 static void find_weights(const struct kiln_area_light_sampler *t, struct kiln_area_light_samples *s)
 {
     for (int l = 0; l < KILN_TARGET_LANES; l++) {

@@ -1,16 +1,16 @@
-/* A lone area light as all places of one surface point see it: what its samples have in common is reckoned once a
- * point, and samples are drawn several at a time.
+/* Sampler of one area light for all places of one surface point. Values common to its samples are computed once a
+ * point, and samples are drawn several at a time (SIMD).
  *
- * A sample is a place on the light, chosen as the point's centre c would choose it: evenly in solid angle
- * (shaders/shared/spherical_triangle.h), or evenly in area where the light is small. Its density is known for any other
- * place p,
+ * A sample is a place on the light, drawn as for the point's centre c: evenly in solid angle
+ * (shaders/shared/spherical_triangle.h), or evenly in area where the light is small. Seen from any other place p, its
+ * density is
  *
  *     density of the direction from p = |y - p|^2 / cos_p  x  cos_c / (omega |y - c|^2)
  *
- * with y the place on the light, omega the solid angle from c, the cosines those at the light. Places must be near c
- * compared with the light's plane, so that densities stay close to even, and corners of the light not opposite each
- * other as c sees them, so that floats do (shaders/area_light_sampler.glsl); for others there is kiln_lights_sample.
- * Pure and thread-safe. */
+ * with y the place on the light, omega the solid angle from c, the cosines those at the light. Two conditions hold.
+ * Places must be closer to c than to the light's plane by far, so that the density stays almost even. Corners of the
+ * light must not lie in opposite directions from c, so that floats suffice (shaders/area_light_sampler.glsl). In all
+ * other cases use kiln_lights_sample. Pure and thread-safe. */
 #ifndef KILN_WORKER_LIGHT_AREA_LIGHT_SAMPLER_H
 #define KILN_WORKER_LIGHT_AREA_LIGHT_SAMPLER_H
 
@@ -25,7 +25,7 @@ struct kiln_area_light_sampler {
     struct kiln_area_view view;
 };
 
-/* Samples in structures of arrays; all lanes are reckoned, whether used or not. */
+/* Samples as a structure of arrays; all lanes are computed, used or not. */
 struct kiln_area_light_samples {
     double u[KILN_TARGET_LANES], v[KILN_TARGET_LANES]; /* in: random, in (0, 1) */
     double place[3][KILN_TARGET_LANES];                /* in: where the light is seen from */
@@ -36,8 +36,8 @@ struct kiln_area_light_samples {
     double b1[KILN_TARGET_LANES], b2[KILN_TARGET_LANES]; /* on the light; of textured ones only */
 };
 
-/* Makes a choice ready for a point within `spread` metres of the centre; false where it is none for this: a cluster,
- * another kind of light, seen from behind, or too near. */
+/* Prepares the sampler of a choice for a point within `spread` metres of the centre. Returns false if this sampler
+ * cannot be used: the choice is a cluster or another kind of light, or the light is seen from behind or too near. */
 bool kiln_area_light_sampler(const struct kiln_lights *lights, const struct kiln_light_choice *choice,
                              struct kiln_dvec3 centre, double spread, struct kiln_area_light_sampler *target);
 

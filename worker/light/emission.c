@@ -14,7 +14,7 @@
 
 /* ---- what the lights emit ---- */
 
-/* W as luminance, of a light by its number. */
+/* Power of a light by its number, W as luminance. */
 static double power_of(const struct kiln_emission *e, uint32_t number)
 {
     const struct kiln_lights *l = e->lights;

@@ -7,19 +7,19 @@
 #include "worker/base/memory.h"
 #include "worker/light/lamp_textures.h"
 
-enum { ROUGH = 48, CELLS = 128 }; /* of textures, along a part: to decide on cuts, and for what it sends */
+enum { ROUGH = 48, CELLS = 128 }; /* texture cells along a part: to decide about cuts; to find its emission */
 
-/* A triangle's parts are even enough where the variance of a sample, for light that comes alike from all of them, is
- * this share of the light's square. */
+/* Largest variance of a sample, over the squared light, with which a triangle's parts are even enough; for light that
+ * arrives equally from all parts. */
 static const double UNEVEN = 0.5;
 
 struct part {
     uint32_t triangle, path, depth, turn;
-    uint32_t whole;  /* number of its triangle among those that are cut */
-    double at[3][2]; /* of its corners, in the triangle; the edge from [1] to [2] is the next to be cut */
+    uint32_t whole;  /* index of its triangle among the triangles that are cut */
+    double at[3][2]; /* corners, in the triangle; the edge from [1] to [2] is cut next */
     double area;     /* m2 */
     double radiance[3];
-    double power, excess; /* luminance x area; and by how much area x the integral of its square is more, over it */
+    double power, excess; /* luminance x area; (area x integral of its square - power²) / power */
 };
 
 struct whole {
@@ -45,7 +45,7 @@ static void measure(const struct kiln_lights *lights, uint32_t cells, struct par
     p->excess = mean > 0.0 ? fmax(0.0, p->area * (square / mean - mean)) : 0.0;
 }
 
-/* Child 0 and 1: shaders/shared/area_light.h. */
+/* Makes child 0 or 1 of a part: shaders/shared/area_light.h. */
 static struct part child_of(const struct part *p, uint32_t child)
 {
     struct part c = *p;
@@ -86,7 +86,7 @@ static int by_excess(const void *a, const void *b)
     return x->excess > y->excess ? -1 : x->excess < y->excess ? 1 : x->part < y->part ? -1 : x->part > y->part;
 }
 
-/* Marks the parts that are cut in this round, of which there is room for so many. Returns how many. */
+/* Marks the parts to cut in this round, at most `room`. *count: their number. */
 static int choose(struct cutting *c, size_t room, size_t *count, struct kiln_error *error)
 {
     struct want *wants = NULL;
@@ -140,7 +140,7 @@ end:
     return KILN_OK;
 }
 
-/* Cuts what is chosen, and leaves out the dark halves. */
+/* Cuts the marked parts, and removes dark halves. */
 static void cut(struct cutting *c)
 {
     size_t count = 0;
@@ -149,7 +149,7 @@ static void cut(struct cutting *c)
         if (c->chosen[i])
             c->next[count++] = child_of(&c->parts[i], 1);
     }
-    uint8_t *fresh = c->chosen; /* of those in `next`: their children are one longer */
+    uint8_t *fresh = c->chosen; /* flags of parts in `next`, where each cut part has become two */
     for (size_t i = count, j = c->count; j-- > 0;) {
         const uint8_t chosen = c->chosen[j];
         fresh[--i] = chosen;
@@ -215,13 +215,13 @@ static void make_light(const struct kiln_area_light *whole, const struct part *p
     light->area = p->area;
     for (int i = 0; i < 3; i++)
         light->radiance[i] = (float)p->radiance[i];
-    if (p->depth == 0) /* as it is, in the triangle's own order */
+    if (p->depth == 0) /* not cut: keeps the triangle's own order */
         memcpy(light->at, whole->at, sizeof light->at);
     else
         light->p0 = corner[0], light->e1 = dvec3_sub(corner[1], corner[0]), light->e2 = dvec3_sub(corner[2], corner[0]);
 }
 
-/* All lights anew, in the order of their triangles. */
+/* Makes the list of all lights anew, in the order of their triangles. */
 static int put_together(struct cutting *c, struct kiln_error *error)
 {
     struct kiln_lights *l = c->lights;

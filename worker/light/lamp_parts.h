@@ -1,9 +1,9 @@
-/* Parts of emitting triangles whose textures make some places of them brighter than others: lights of their own, each
- * about as bright all over, so that a bright spot in a large dark texture is found as a small lamp is.
+/* Parts of emitting triangles with uneven textures. Each part has about the same radiance all over and is an area light
+ * of its own, so that a bright spot in a large dark texture is sampled like a small lamp.
  *
- * A triangle is cut in two where its longest edge has its middle, and its parts again at the edge across from the last
- * cut (newest vertex bisection), those first whose light is spread most unevenly. Parts without any light are left
- * out. */
+ * A triangle is bisected at the middle of its longest edge, its parts at the edge opposite the newest vertex (newest
+ * vertex bisection). The part whose light is spread most unevenly is cut first. Parts without any light are left out.
+ */
 #ifndef KILN_WORKER_LIGHT_LAMP_PARTS_H
 #define KILN_WORKER_LIGHT_LAMP_PARTS_H
 
@@ -11,9 +11,9 @@
 
 enum { KILN_LAMP_PARTS = 1 << 16 };
 
-/* Puts parts in the place of the area lights that are `textured`, in the order of triangles, then of their paths; no
- * more than KILN_LAMP_PARTS in addition to the triangles; those that are dark all over have none. Sets the numbers of
- * triangles. Uses lights->textures. Not collective. KILN_SYSTEM. */
+/* Replaces the area lights that are `textured` by their parts, ordered by triangle, then by path of bisection. At most
+ * KILN_LAMP_PARTS parts are added; dark parts are dropped. Sets triangle_count and textured_count. Uses
+ * lights->textures. Not collective. KILN_SYSTEM. */
 int kiln_lamp_parts_cut(struct kiln_lights *lights, struct kiln_error *error);
 
 #endif

@@ -7,15 +7,14 @@
 #include "worker/scene/texture.h"
 #include "worker/scene/texture_means.h"
 
-enum { LOOKS_LEAST = 8, LOOKS_MOST = 64 }; /* along a side of a triangle whose textures' means do not tell it */
-/* Where looks find no light, so much of it is taken to be there as its opacity 1/64 would leave: they may have missed
- * what there is. */
+enum { LOOKS_LEAST = 8, LOOKS_MOST = 64 }; /* lookups along a side of a triangle without usable texture means */
+/* Assumed opacity where lookups find no light, since they may have missed some. */
 static const double UNSEEN = 1.0 / 64.0;
 
 struct kiln_lamp_textures {
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
-    struct kiln_texture_means **emission, **opacity; /* of each material; NULL: it has no texture of it */
+    struct kiln_texture_means **emission, **opacity; /* per material; NULL: it has no such texture */
 };
 
 static bool emits(const struct kiln_material *m)
@@ -154,7 +153,7 @@ static double luminance(const double rgb[3])
     return kiln_luminance_of_floats(slim);
 }
 
-/* Over n^2 equal small triangles of triangle (0, i, i + 1) of the polygon, which counts by `weight`. */
+/* Averages over n^2 equal triangles within triangle (0, i, i + 1) of the polygon, with the weight `weight`. */
 static void look_over(const struct lamp *l, const double (*p)[2], uint32_t i, int n, double weight, double rgb[3],
                       double *square)
 {
@@ -171,7 +170,7 @@ static void look_over(const struct lamp *l, const double (*p)[2], uint32_t i, in
         }
 }
 
-/* Texels of a texture along the polygon's bounds. */
+/* Number of texels of a texture along the polygon's bounds. */
 static double texels_along(const struct lamp *l, uint32_t texture, const struct kiln_vec2 *texcoord,
                            const double (*p)[2], uint32_t corners)
 {
@@ -199,7 +198,7 @@ static void look_at_all(const struct lamp *l, const double (*p)[2], uint32_t cor
                                                  l->scene->texcoord_base, p, corners)));
     const int n = (int)fmin(fmax(4.0 * texels, LOOKS_LEAST), LOOKS_MOST);
     double whole = 0.0;
-    for (int pass = 0; pass < 2; pass++) /* the sum of the areas, then parts of it */
+    for (int pass = 0; pass < 2; pass++) /* first the sum of the areas, then shares of it */
         for (uint32_t i = 1; i + 1 < corners; i++) {
             const double area =
                 fabs((p[i][0] - p[0][0]) * (p[i + 1][1] - p[0][1]) - (p[i + 1][0] - p[0][0]) * (p[i][1] - p[0][1]));
@@ -210,8 +209,7 @@ static void look_at_all(const struct lamp *l, const double (*p)[2], uint32_t cor
         }
 }
 
-/* The part of the opacity that is the same all over the triangle. False: what is left is not its alpha texture alone.
- */
+/* Finds the factor of the opacity that is constant over the triangle. False: the rest is not just the alpha texture. */
 static bool even_opacity(const struct lamp *l, double *opacity)
 {
     const struct kiln_material *m = l->material;
@@ -244,7 +242,7 @@ static double twice_texels(const struct kiln_scene *scene, uint32_t texture, con
            t->width * t->height;
 }
 
-/* By the means of its textures: cells of the finer one, and the other at their middles. */
+/* Averages by texture means: over cells of the finer texture, with the other one at the cells' middles. */
 static bool mean_of_textures(const struct lamp *l, const struct kiln_texture_means *emission,
                              const struct kiln_texture_means *opacity, double even, const double (*p)[2],
                              uint32_t corners, uint32_t most, struct kiln_texture_mean *mean)

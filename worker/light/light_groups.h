@@ -1,6 +1,6 @@
-/* Groups of lights: each light of a scene is in one, so that its light can be told from that of the others. What emits
- * may be cut into blocks, and the sky into patches (sky_patches.h), each a group. Borrowed by those who read it, and
- * not changed. */
+/* Groups of lights. Each light of a scene is in one group, and the light of each group is baked apart. Emitting objects
+ * may be cut into blocks, and the sky into patches (sky_patches.h); each block or patch is a group. Read-only after
+ * creation; users borrow it. */
 #ifndef KILN_WORKER_LIGHT_LIGHT_GROUPS_H
 #define KILN_WORKER_LIGHT_LIGHT_GROUPS_H
 
@@ -8,25 +8,24 @@
 #include "worker/light/lights.h"
 #include "worker/light/sky_patches.h"
 
-/* An emitting triangle of a group with blocks: which column and row each place of it is in, as numbers that are linear
- * over it. Columns go with u and rows with v of what emits. */
+/* Block coordinates of an emitting triangle: column and row as linear functions over it. Columns go along u, rows along
+ * v of the emitting object. */
 struct kiln_light_block {
-    uint32_t columns, rows; /* columns 0: it is in no such group */
+    uint32_t columns, rows; /* number; columns 0: not cut into blocks */
     double at[2];           /* column and row at corner 0 */
-    double along[2][2];     /* and what they grow by to corner 1 and to corner 2, as the world triangle has them */
+    double along[2][2];     /* their increments towards corners 1 and 2 of the world triangle */
 };
 
 struct kiln_light_groups {
     uint32_t count;
-    uint32_t *of_tree;        /* of each light of the tree, areas first, then points: as kiln_light_sample.light */
+    uint32_t *of_tree;        /* group of each light of the tree, numbered as kiln_light_sample.light */
     uint32_t *of_directional; /* of each directional light */
-    uint32_t of_environment;  /* or its first patch, if sky_divisions is not 0: kiln_sky_patch; then the ground */
+    uint32_t of_environment;  /* group; first patch (kiln_sky_patch) if sky_divisions > 0; the ground is last */
     uint32_t sky_divisions;
-    struct kiln_light_block
-        *block_of; /* of each emitting triangle: its group is the first block; NULL: there are none */
+    struct kiln_light_block *block_of; /* by emitting triangle, whose group is that of block 0; NULL: no blocks */
 };
 
-/* The block of a group that a place on an emitting triangle is in. */
+/* Block number of a place on an emitting triangle, within its group. */
 static inline uint32_t kiln_light_block(const struct kiln_light_block *b, const struct kiln_area_light *light,
                                         struct kiln_dvec3 place)
 {
@@ -41,7 +40,7 @@ static inline uint32_t kiln_light_block(const struct kiln_light_block *b, const 
     return at[1] * b->columns + at[0];
 }
 
-/* The group of a sample of a choice, which was drawn at `place`; `light`: kiln_light_sample.light. */
+/* Group of the light that a sample of a choice, drawn at `place`, goes to; `light`: kiln_light_sample.light. */
 static inline uint32_t kiln_light_group(const struct kiln_light_groups *g, const struct kiln_lights *lights,
                                         const struct kiln_light_choice *choice, uint32_t light, struct kiln_dvec3 place,
                                         struct kiln_dvec3 direction, double distance)

@@ -41,8 +41,7 @@ static bool make_area_light(const struct kiln_lights *lights, uint32_t triangle,
     return light->area > 0.0 && kiln_luminance_of_floats(light->radiance) > 0.0;
 }
 
-/* Consecutive triangles that one thread takes at a time: where their area lights begin in the list, and how many there
- * are. */
+/* Range of triangles that one thread processes at a time: where its area lights begin in the list, and their number. */
 struct area_block {
     size_t first, count;
 };
@@ -78,7 +77,7 @@ static size_t make_block(const struct kiln_lights *lights, size_t block, struct 
     return count;
 }
 
-/* Has room for every triangle that may be a light, and closes the gaps that the dark ones leave. */
+/* Reserves room for every triangle that may be a light, and then closes the gaps left by dark ones. */
 static int make_blocks(struct kiln_lights *lights, struct area_block *blocks, size_t count, struct kiln_error *error)
 {
     size_t most = 0;

@@ -1,11 +1,11 @@
 /* All light sources of a scene, and choosing among them.
  *
- * Emissive triangles (where textures make them uneven their parts), point and spot lights hang in a light tree (Conty
- * Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018; bounds as in pbrt-v4
- * section 12.6). For a shaded point the tree is cut into at most KILN_CUT_MAX clusters by splitting the most important
- * one again and again, as long as it may bring enough of all (KILN_CUT_SHARE); directional lights and the environment
- * are choices of their own. Each choice then gets a fixed number of samples, in proportion to its importance, so that a
- * lone light has no choice noise at all. Importance is zero only where the contribution is.
+ * Emissive triangles (or their parts, if textures make them uneven), point and spot lights are the leaves of a light
+ * tree (Conty Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018; bounds as in
+ * pbrt-v4 section 12.6). For a shaded point the tree is cut into at most KILN_CUT_MAX clusters by splitting the most
+ * important one again and again, while its share of the total importance is at least KILN_CUT_SHARE; directional lights
+ * and the environment are choices of their own. Each choice then gets a fixed number of samples, in proportion to its
+ * importance, so that the choice of a single light adds no noise. Importance is zero only if the contribution is zero.
  *
  * Lights are built once and only read afterwards: safe to share between threads. Positions are relative to the scene's
  * centre. Radiance in W m-2 sr-1, intensity in W/sr, directional lights in W/m2. */
@@ -28,7 +28,7 @@ struct kiln_light_node {
     struct kiln_dvec3 minimum, maximum;
     struct kiln_dvec3 axis; /* unit */
     double cos_o, cos_e;    /* spread of normals about the axis; emission beyond it */
-    /* luminance of radiance x area, or of intensity: over a squared distance the irradiance that it may bring */
+    /* luminance of radiance x area, or of intensity; divided by a squared distance, it bounds the irradiance */
     double power;
     /* children; a leaf has left == KILN_NONE and right = index of the light (areas first, then points) */
     uint32_t left, right;
@@ -39,7 +39,7 @@ struct kiln_lights {
     const struct kiln_scene *scene;
     const struct kiln_geometry *geometry;
     size_t area_count, point_count, directional_count;
-    size_t triangle_count, textured_count; /* emissive triangles of which the areas are parts; those with textures */
+    size_t triangle_count, textured_count; /* emissive triangles, whose parts the areas are; textured ones of these */
     struct kiln_lamp_textures *textures;   /* of emissive triangles (lamp_textures.h) */
     struct kiln_area_light *areas;         /* ascending by triangle, then by path */
     struct kiln_point_light *points;
@@ -55,16 +55,16 @@ struct kiln_lights {
 /* Borrows scene and geometry. Not collective. Destroy with kiln_lights_destroy. */
 int kiln_lights_create(struct kiln_lights **lights, const struct kiln_scene *scene,
                        const struct kiln_geometry *geometry, struct kiln_error *error);
-/* The same without the triangles that emit. */
+/* As kiln_lights_create, but without emissive triangles. */
 int kiln_lights_create_without_areas(struct kiln_lights **lights, const struct kiln_scene *scene,
                                      const struct kiln_geometry *geometry, struct kiln_error *error);
 void kiln_lights_destroy(struct kiln_lights **lights);
-/* Whether nothing shines. */
+/* Whether the scene has no light at all. */
 bool kiln_lights_are_none(const struct kiln_lights *lights);
 
 /* Choices for points within `spread` metres of p with unit normal n (n = 0: every direction counts, as for a probe or a
- * texel with several normals), in a fixed order. Directional lights beyond the cut's room are all kept: `choices` must
- * hold KILN_CUT_MAX + directional_count + 1. Returns how many. */
+ * texel with several normals), in a fixed order. All directional lights are kept, even beyond the size of the cut:
+ * `choices` must hold KILN_CUT_MAX + directional_count + 1. Returns the number of choices. */
 size_t kiln_lights_choices(const struct kiln_lights *lights, struct kiln_dvec3 p, double spread, struct kiln_dvec3 n,
                            size_t node_limit, struct kiln_light_choice *choices);
 /* Shares out `samples` by importance, at least one each; returns the total given (at most samples + count). */
@@ -77,8 +77,8 @@ uint32_t kiln_lights_strategies(const struct kiln_lights *lights, const struct k
                                 struct kiln_dvec3 n);
 
 /* Draws the choice's `index`-th sample with random numbers in (0,1): `pick` goes down the tree, u and v over the light.
- * False when it brings nothing. n as above; `shading` is the shading normal there, n where it has no other: directions
- * are then on the front of either normal. */
+ * False: the sample brings no light. n as above. `shading`: the shading normal, or n if there is none; directions are
+ * on the front side of both normals. */
 bool kiln_lights_sample(const struct kiln_lights *lights, const struct kiln_light_choice *choice, uint32_t index,
                         struct kiln_dvec3 p, struct kiln_dvec3 n, struct kiln_dvec3 shading, double pick, double u,
                         double v, struct kiln_light_sample *sample);

@@ -8,10 +8,10 @@
 #include "worker/base/memory.h"
 #include "worker/light/environment.h"
 
-#define SUN_PART 0.125    /* of the brightest texel's luminance: as bright as it, a texel is of the sun */
-#define SUN_WIDTH 0.04    /* of the image's width and height: a sun is within so much of the brightest texel */
-#define SUN_BRIGHTER 20.0 /* than the mean of the image is a sun, by its own mean */
-#define LEAST_GAIN 1e-3   /* of all light: cuts that gain less are not made */
+#define SUN_PART 0.125    /* least luminance of a sun's texel, over that of the brightest */
+#define SUN_WIDTH 0.04    /* of the image's width and height: largest distance of a sun's texel from the brightest */
+#define SUN_BRIGHTER 20.0 /* least mean luminance of a sun, over that of the image */
+#define LEAST_GAIN 1e-3   /* of all light: least gain of a cut */
 
 enum { MOMENTS = 4 }; /* flux, and flux times direction */
 
@@ -84,7 +84,7 @@ static struct sums less(const struct sums *all, const struct sums *part)
     return rest;
 }
 
-/* The better of a cut and those between these rows or columns, the first of which is `first`. */
+/* Tries the cuts between these rows or columns, from number `first` on; keeps the best in *best. */
 static void try_cuts(const struct sums *lines, uint32_t count, uint32_t first, bool along_rows, struct cut *best)
 {
     struct sums all = {{0}}, part = {{0}};
@@ -99,7 +99,7 @@ static void try_cuts(const struct sums *lines, uint32_t count, uint32_t first, b
     }
 }
 
-/* Finds the cut that leaves the least spread. */
+/* Finds the cut with the least spread of directions. */
 static struct cut best_cut(const struct cutting *w, const struct kiln_sky_cell *cell)
 {
     struct cut best = {0};
@@ -109,7 +109,7 @@ static struct cut best_cut(const struct cutting *w, const struct kiln_sky_cell *
     return best;
 }
 
-/* Cuts a cell in two; not where nothing is on one side of the cut. The new one comes last. */
+/* Cuts a cell in two, unless one side would be empty. The new cell is appended. */
 static void cut_at(const struct cutting *w, size_t index, bool along_rows, uint32_t at)
 {
     struct kiln_sky_cell *cell = &w->cells->all[index], *other = &w->cells->all[w->cells->count];
@@ -131,7 +131,7 @@ static double share_of(const struct kiln_lights *lights, const struct kiln_sky_c
     return sum;
 }
 
-/* The share of the sphere that a cell is. */
+/* Solid angle of a cell, as a share of the sphere. */
 static double size_of(const struct cutting *w, const struct kiln_sky_cell *cell)
 {
     const double height = (double)w->e->height;
@@ -141,7 +141,7 @@ static double size_of(const struct cutting *w, const struct kiln_sky_cell *cell)
 
 static uint32_t below(uint32_t at, uint32_t by) { return at > by ? at - by : 0; }
 
-/* The texels about the brightest one that are about as bright. */
+/* Finds the sun: the texels near the brightest one with a similar luminance. */
 static struct kiln_sky_cell sun_of(const struct cutting *w)
 {
     const uint32_t width = w->e->width, height = w->e->height;
@@ -169,7 +169,7 @@ static struct kiln_sky_cell sun_of(const struct cutting *w)
     return sun;
 }
 
-/* Cuts the sun out of the one cell, if there is a sun and room for what is around it. */
+/* Cuts the sun out of the single cell, if there is a sun, and room for the cells around it. */
 static void cut_sun_out(const struct cutting *w, size_t most)
 {
     const struct kiln_sky_cell sun = sun_of(w);
@@ -199,7 +199,7 @@ static void cut_all(const struct cutting *w, size_t most)
     }
 }
 
-/* Makes the tables that directions are drawn by. */
+/* Makes the tables for drawing directions. */
 static int make_tables(struct kiln_sky_cells *cells, struct kiln_error *error)
 {
     const struct kiln_lights *l = cells->lights;
@@ -257,7 +257,7 @@ void kiln_sky_cells_release(struct kiln_sky_cells *cells)
     cells->count = 0;
 }
 
-/* The first row of a cell up to whose end there is more than v; v becomes the place within it. */
+/* Finds the first row of a cell whose cumulative probability exceeds v; v becomes the position in this row. */
 static uint32_t find_row(const struct kiln_sky_cells *cells, const struct kiln_sky_cell *cell, double *v)
 {
     const double *until = cells->until + cell->first_row;

@@ -1,9 +1,9 @@
-/* Cells of the sky: an image from outside, cut into directions from which light comes together, so that light paths are
- * shared out among them (worker/light/aims.h).
+/* Cells of the sky: an environment image cut into regions of similar directions, among which light paths are shared out
+ * (worker/light/aims.h).
  *
- * A cell is a rectangle of the image's texels. First what is much brighter than the rest and small, a sun, is cut out
- * by four cuts; then the cell is cut whose light comes from the most different directions, where that leaves the least
- * of it: of a cell the luminance of its flux less the length of the sum of its flux times direction. Within a cell
+ * A cell is a rectangle of the image's texels. First a sun, a small region much brighter than the rest, is cut out by
+ * four cuts. Then, again and again, the cell with the largest angular spread is cut where the parts have the least. The
+ * spread of a cell is the luminance of its flux minus the length of the sum of flux times direction. Within a cell
  * directions are drawn by luminance, as of the whole image (shaders/shared/environment.h).
  *
  * Not collective; a pure function of the lights and `most`. Read by several threads at once. */
@@ -22,7 +22,7 @@ struct kiln_sky_cells {
     const struct kiln_lights *lights; /* borrowed */
     size_t count;                     /* 0: there is no image */
     struct kiln_sky_cell *all;
-    double *until; /* of each row of each cell: share of the cell up to its end */
+    double *until; /* by row of each cell: cumulative share of the cell, the row included */
 };
 
 /* At most `most` cells, at least one where there is an image. Borrows the lights. KILN_SYSTEM. Release with
@@ -31,7 +31,7 @@ int kiln_sky_cells_create(struct kiln_sky_cells *cells, const struct kiln_lights
                           struct kiln_error *error);
 void kiln_sky_cells_release(struct kiln_sky_cells *cells);
 
-/* Draws a direction, outwards, for u and v in (0, 1); its density per steradian within the cell. */
+/* Draws a direction (outwards) from u and v in (0, 1); *density: per steradian, within the cell. */
 struct kiln_dvec3 kiln_sky_cell_sample(const struct kiln_sky_cells *cells, size_t cell, double u, double v,
                                        double *density);
 /* The cell of a direction, outwards. */

@@ -1,9 +1,9 @@
 /* Patches of the sky: Tregenza's 145 ("Subdivision of the sky hemisphere for luminance measurements", Lighting Research
- * and Technology 1987) and Reinhart's finer ones, which cut each of these but the one at the zenith into n x n.
+ * and Technology 1987) and Reinhart's subdivision, which cuts each of them except the zenith patch into n x n.
  *
  * The sky has 7 n bands of 90 / (7 n + 1/2) degrees from the horizon up, and a cap at the zenith of half of that as its
  * radius. Bands have 30, 30, 24, 24, 18, 12 and 6 times n patches, n of them each. Patches are counted from the horizon
- * up, and in a band from the one about -z by way of +x, that is east of a north at -z. */
+ * up, and within a band from -z towards +x, that is from north eastwards if north is -z. */
 #ifndef KILN_WORKER_LIGHT_SKY_PATCHES_H
 #define KILN_WORKER_LIGHT_SKY_PATCHES_H
 

@@ -11,11 +11,11 @@
 #include "worker/scene/gloss.h"
 
 #define SLACK 1e-4     /* of a radius or box, for rounding */
-#define ROUNDING 4.0   /* and so many times what floats round places of the scene by */
-#define WORTH 0.9      /* a cut pays if what it leaves has at most this part of the outline */
-#define BOX_LEAST 1e-9 /* sr: of a box whose solid angle has digits */
-/* Part of a target's rays that go evenly over its triangles: so many times the mean squared sine of how far normals
- * lean; less than the least is none. */
+#define ROUNDING 4.0   /* multiple of the float rounding of positions in the scene, to be added */
+#define WORTH 0.9      /* largest outline of the parts, over that of the whole, with which a cut pays */
+#define BOX_LEAST 1e-9 /* sr: least solid angle of a box that is numerically precise */
+/* Share of a target's rays that are uniform over its triangles, as a multiple of the mean squared sine between shading
+ * and geometric normals; below EVEN_LEAST it is 0. */
 #define EVEN_A_SQUARE 1.5
 #define EVEN_LEAST 0.02
 #define EVEN_MOST 0.2
@@ -53,7 +53,7 @@ static struct kiln_dvec3 middle_of(const struct box *box)
                  0.5 * (box->low[2] + box->high[2]));
 }
 
-/* m2: what is seen of a box with these sides, on average over all directions (Cauchy: a quarter of its surface). */
+/* m2: mean projected area of a box over all directions (Cauchy: a quarter of its surface). */
 static double mean_shade(double x, double y, double z) { return 0.5 * (x * y + y * z + z * x); }
 
 static double box_shade(const struct box *box)
@@ -65,13 +65,13 @@ static double box_shade(const struct box *box)
 
 /* ---- cuts ---- */
 
-/* Triangles [first, end) of the list, which a target has or two parts of it, `parts` and the next node. */
+/* A node with triangles [first, end) of the list. They form one target, or two parts: node `parts` and the next one. */
 struct node {
     size_t first, end, parts; /* parts 0: it is whole */
     uint32_t object;
     bool stays; /* it cannot be cut */
     struct box box;
-    double outline, least; /* m2: of the whole; of it or of its parts */
+    double outline, least; /* m2: outline of the whole; the smaller one of the whole and its parts */
 };
 
 struct cutting {
@@ -114,7 +114,8 @@ static void add_node(struct cutting *w, size_t first, size_t end)
     n->outline = fmin(KILN_PI * radius * radius, box_shade(&n->box));
 }
 
-/* Returns the mean seen area of both sides of a node cut at the middle of the axis, m2; INFINITY: one is empty. */
+/* Returns the mean projected area of both sides of a node cut at `middle` of the axis, m2; INFINITY: one side is empty.
+ */
 static double try_cut(const struct cutting *w, const struct node *n, int axis, double middle)
 {
     struct box sides[2] = {nothing, nothing};
@@ -126,7 +127,7 @@ static double try_cut(const struct cutting *w, const struct node *n, int axis, d
                : INFINITY;
 }
 
-/* Cuts a node in two; not where all its triangles have one centre. */
+/* Cuts a node in two, unless all its triangles have the same centre. */
 static void cut(struct cutting *w, struct node *n)
 {
     double best = INFINITY, where = 0.0;
@@ -171,7 +172,7 @@ static struct node *largest(const struct cutting *w)
     return found;
 }
 
-/* Cuts while there are fewer than `most`, and takes back what does not pay. */
+/* Cuts nodes while there are fewer than `most`, and then undoes cuts that do not pay. */
 static void cut_all(struct cutting *w, size_t most)
 {
     struct node *n;
@@ -210,7 +211,7 @@ static double area_of(const struct kiln_geometry *g, uint32_t triangle)
                                           dvec3_sub(dvec3_of(corner[2]), dvec3_of(corner[0]))));
 }
 
-/* The mean squared sine between a triangle's normal and those of its corners. */
+/* Mean squared sine between a triangle's normal and its corners' normals. */
 static double lean_of(const struct kiln_lights *l, uint32_t triangle)
 {
     static const float corners[3][2] = {{0.0f, 0.0f}, {1.0f, 0.0f}, {0.0f, 1.0f}};
@@ -225,7 +226,7 @@ static double lean_of(const struct kiln_lights *l, uint32_t triangle)
     return sum / 3.0;
 }
 
-/* Says which part of a target's rays goes evenly over its triangles, and lists these. */
+/* Sets the share of a target's rays that are uniform over its triangles, and lists the triangles. */
 static void spread(struct kiln_targets *targets, const struct kiln_lights *l, struct kiln_target *t,
                    const uint32_t *triangles, size_t count)
 {
@@ -248,7 +249,7 @@ static void spread(struct kiln_targets *targets, const struct kiln_lights *l, st
         targets->until[t->first + i] /= sum;
 }
 
-/* Adds the target of a whole node, or the targets of its parts. */
+/* Adds the target of a node that is whole, or the targets of its parts. */
 static void add_targets(const struct cutting *w, const struct kiln_lights *l, const struct node *n, double rounding,
                         struct kiln_targets *targets)
 {
@@ -271,8 +272,7 @@ static void add_targets(const struct cutting *w, const struct kiln_lights *l, co
     spread(targets, l, t, w->triangles + n->first, n->end - n->first);
 }
 
-/* The triangles with gloss, object by object, each in the order of their numbers; `ends` has where each object's end.
- */
+/* Sorts the triangles with gloss by object, then by number; `ends`: end of each object's triangles. */
 static void sort_triangles(const struct kiln_lights *l, uint32_t *triangles, size_t *ends)
 {
     size_t sum = 0;
@@ -371,7 +371,7 @@ double kiln_target_mean_outline(const struct kiln_target *target)
 
 /* ---- from a place ---- */
 
-/* Adds a side of the box: `to` its corner, edges from there, and how far its plane is. */
+/* Adds a visible side of the box. `to`: its corner; then its edges, and its distance. */
 static bool add_side(struct kiln_box_seen *seen, struct kiln_dvec3 to, struct kiln_dvec3 a, struct kiln_dvec3 b,
                      double height)
 {

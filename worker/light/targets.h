@@ -1,14 +1,14 @@
-/* Targets: what light paths are aimed at (worker/light/aims.h).
+/* Targets: groups of glossy triangles that light paths are aimed at (worker/light/aims.h).
  *
- * The triangles of objects with materials that are taken with their gloss are parted among targets: at first one an
- * object, then large ones are cut. Where the box of a target's triangles is large, less of what is sent towards it
- * meets them: frames of wire, and what lies in several places. A cut is at the middle of the triangles' centres along
- * the axis that leaves the least of a box; the largest target is cut next, until there are as many as may be or none
- * can be cut; then cuts are taken back that did not pay, so that what fills its sphere stays whole. Each target has a
- * sphere and a box about its triangles, with some slack for rounding. Rays are sent through whichever is seen smaller.
+ * The triangles of objects with materials that are taken with their gloss are grouped into targets: at first one an
+ * object, then large ones are cut. Many rays miss triangles that fill little of their box, such as wire frames or
+ * scattered pieces. A cut is at the median of the triangles' centres, along the axis that leaves the smallest boxes.
+ * The largest target is cut next, until `most` is reached or none can be cut. Cuts without a gain are then undone, so
+ * that a shape that fills its sphere stays one target. Each target has a sphere and a box about its triangles, with
+ * some slack for rounding. Rays are sent through the one with the smaller solid angle.
  *
- * Where smooth normals lean far from the true ones, because triangles are few, a part of a target's rays is sent evenly
- * over its triangles: what little is seen of one that is met edge on may bring much light (worker/NOTES.md).
+ * On coarse meshes smooth normals lean far from the geometric ones. There some of a target's rays are spread evenly
+ * over its triangles: a triangle seen edge on has a small solid angle but may send on much light (worker/NOTES.md).
  *
  * Not collective; a pure function of scene and `most`. Read by several threads at once. */
 #ifndef KILN_WORKER_LIGHT_TARGETS_H
@@ -22,10 +22,10 @@
 struct kiln_targets {
     size_t count;
     struct kiln_target *all; /* object by object */
-    uint32_t *of_triangle;   /* of each world triangle its target; KILN_NONE: it is of none. NULL where count is 0 */
+    uint32_t *of_triangle;   /* target of each world triangle; KILN_NONE: none. NULL if count is 0 */
     size_t listed;           /* triangles of targets whose `even` is not 0, target by target */
     uint32_t *triangles;
-    double *until; /* of each the share of its target's area up to its end */
+    double *until; /* by listed triangle: cumulative share of its target's area, itself included */
     struct kiln_arena arena;
 };
 
@@ -35,31 +35,31 @@ int kiln_targets_create(struct kiln_targets *targets, const struct kiln_lights *
                         struct kiln_error *error);
 void kiln_targets_release(struct kiln_targets *targets);
 
-/* ---- from afar: shaders/shared/targets.h ---- */
+/* ---- targets seen from afar: shaders/shared/targets.h ---- */
 
-/* m2: kiln_target_outline from anywhere, the mean. */
+/* Mean over all directions of the projected area kiln_target_outline, m2. */
 double kiln_target_mean_outline(const struct kiln_target *target);
 
-/* The triangle of a target whose `even` is not 0 that `pick`, in (0, 1), falls to, by area. */
+/* Picks a triangle by area with `pick` in (0, 1), from a target whose `even` is not 0. */
 uint32_t kiln_targets_pick(const struct kiln_targets *targets, const struct kiln_target *target, double pick);
 
-/* ---- from a place ---- */
+/* ---- targets seen from a place ---- */
 
 enum { KILN_BOX_PARTS = 6 };
 
-/* The sides of a box that a place sees, as triangles. */
+/* The sides of a target's box that are visible from a place, as triangles. */
 struct kiln_box_seen {
     double omega; /* sr, of all */
     size_t count;
     struct kiln_spherical_triangle parts[KILN_BOX_PARTS];
 };
 
-/* Whether the box is seen from there under less than `most` sr. Not from within, nor where it is so far, or so near,
- * that its solid angle has no digits left. */
+/* Finds the visible sides of a target's box. Returns true if their solid angle is below `most` sr. False also inside
+ * the box, and where it is so far or so near that the solid angle has no accurate digits. */
 bool kiln_target_see_box(const struct kiln_target *target, struct kiln_dvec3 from, double most,
                          struct kiln_box_seen *seen);
 
-/* A direction to the box, unit, even in solid angle. */
+/* Draws a unit direction to the box, uniform in solid angle. */
 struct kiln_dvec3 kiln_box_direction(const struct kiln_box_seen *seen, double pick, double u, double v);
 
 #endif

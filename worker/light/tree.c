@@ -44,7 +44,7 @@ static struct kiln_light_node leaf_of(const struct kiln_lights *lights, uint32_t
     return node;
 }
 
-/* Smallest cone about both (pbrt-v4 section 3.8.4: Union of DirectionCones). */
+/* Smallest cone that contains both (pbrt-v4 section 3.8.4: Union of DirectionCones). */
 static void merge_cones(const struct kiln_light_node *a, const struct kiln_light_node *b, struct kiln_light_node *out)
 {
     out->cos_e = fmin(a->cos_e, b->cos_e);
@@ -107,10 +107,10 @@ static struct sort_key middle_of(struct sort_key a, struct sort_key b, struct so
     return is_before(c, low) ? low : is_before(high, c) ? high : c;
 }
 
-/* Puts the `half` first of the keys in front. No two are equal, so which these are does not hang on how it is done. */
+/* Moves the `half` smallest keys to the front. No keys are equal, so the result does not depend on the method. */
 static void split_keys(struct sort_key *keys, size_t count, size_t half)
 {
-    size_t low = 0, high = count; /* between them lies what is not in its half yet */
+    size_t low = 0, high = count; /* keys between them are not in their half yet */
     for (int steps = 0; high - low > 32 && low < half && half < high; steps++) {
         if (steps == 64) { /* they were unlucky each time */
             qsort(keys + low, high - low, sizeof *keys, by_key);
@@ -129,7 +129,7 @@ static void split_keys(struct sort_key *keys, size_t count, size_t half)
             keys[i] = keys[j];
             keys[j] = moved;
         }
-        /* before i none is above the pivot, from i on none is below it */
+        /* keys before i are at most the pivot, those from i on at least */
         if (half <= i)
             high = i;
         else
@@ -147,8 +147,8 @@ struct tree_builder {
 
 enum { TASK_LEAVES = 512 }; /* the least that is worth a task of its own */
 
-/* Cuts along the longest side of the centres' box at the median: balanced, so that depth stays near log2. The nodes
- * of `count` lights are the 2 count - 1 from `index` on, the left ones first. */
+/* Builds the nodes of a range of lights: cuts along the longest side of the centres' box at the median, for a balanced
+ * tree with a depth near log2. `count` lights have 2 count - 1 nodes from `index` on, the left subtree first. */
 static void build_range(const struct tree_builder *b, size_t index, size_t first, size_t count)
 {
     if (count == 1) {
@@ -211,7 +211,7 @@ end:
     return status;
 }
 
-/* In line: called for every node that a point looks at, and most of it is not wanted of most nodes. */
+/* Inline, because it is called for every node that a point tests, and most members are usually unused. */
 static inline __attribute__((always_inline)) struct kiln_light_bounds bounds_of(const struct kiln_light_node *node)
 {
     const struct kiln_dvec3 half = dvec3_scale(dvec3_sub(node->maximum, node->minimum), 0.5);

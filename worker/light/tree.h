@@ -7,7 +7,7 @@
 /* Builds lights->nodes over all area and point lights. */
 int kiln_light_tree_build(struct kiln_lights *lights, struct kiln_error *error);
 
-/* Returns the bounds of a cluster that importance needs. */
+/* Returns the bounds of a cluster, in the form that kiln_light_importance takes. */
 struct kiln_light_bounds kiln_light_bounds_of(const struct kiln_light_node *node);
 
 /* kiln_light_importance of the cluster. */

@@ -1,5 +1,5 @@
-/* View factors from a small piece of surface to a parallelogram: the share of what leaves the piece, by the cosine,
- * that would meet the parallelogram if nothing lay between. Pure functions. */
+/* View factors from a small piece of surface to a parallelogram: the share of the piece's diffuse emission that would
+ * arrive at the parallelogram if nothing lay between. Pure functions. */
 #ifndef KILN_WORKER_LIGHT_VIEW_FACTOR_H
 #define KILN_WORKER_LIGHT_VIEW_FACTOR_H
 
@@ -10,11 +10,11 @@ struct kiln_parallelogram {
     struct kiln_dvec3 centre, edge_s, edge_t;
 };
 
-/* Returns the view factor about the unit normal `about` of the part that lies above its horizon and that of the unit
- * normal n: for irradiance about a shading normal. For the plain factor both are n. Either face of the parallelogram
- * counts. Lambert's formula for polygons (1760; Baum, Rushmeier and Winget, "Improving Radiosity Solutions Through the
- * Use of Analytically Determined Form-Factors", SIGGRAPH 1989, equation 9), exact but for rounding: 1e-9 of 1, which
- * counts where the parallelogram is far off. */
+/* Returns the view factor with cosines about the unit normal `about`. Only the part of the parallelogram above the
+ * horizons of both `about` and the unit normal n counts. Pass a shading normal as `about`, or n itself for the plain
+ * factor. Either face of the parallelogram counts. Lambert's formula for polygons (1760; Baum, Rushmeier and Winget,
+ * "Improving Radiosity Solutions Through the Use of Analytically Determined Form-Factors", SIGGRAPH 1989, equation 9),
+ * exact but for an absolute rounding error of 1e-9, which matters if the parallelogram is far away. */
 double kiln_view_factor_near(const struct kiln_parallelogram *parallelogram, struct kiln_dvec3 n,
                              struct kiln_dvec3 about);
 

@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-/* Margins by which a little less is given back than is lost, so that a furnace is hardly ever too bright: between its
- * points a table is up to so much too high. */
+/* Safety margins: slightly less energy is given back than is lost, so that a furnace is hardly ever too bright. Between
+ * its points a table may be too high by this. */
 #define WHOLE_LESS 0.0008
 #define THIN_LESS 0.0025
 #define DENSE_LESS 0.0045
@@ -12,12 +12,12 @@
 #define COAT_LESS 0.0006
 #define HELD_BETWEEN_LESS 0.0004f /* between roughnesses */
 #define COAT_BETWEEN_LESS 0.0008f
-#define FRESNEL_MORE 0.0006 /* the matt layer gets what is not reflected */
+#define FRESNEL_MORE 0.0006 /* the diffuse layer gets the light that is not reflected */
 
-/* Facets of a direction: a lattice of Fibonacci numbers. */
+/* Number of facets for a direction: a Fibonacci lattice, for which the Fibonacci number before is needed, too. */
 enum { FACETS = 987, FACETS_BEFORE = 610, FEW_FACETS = 377, FEW_FACETS_BEFORE = 233 };
 enum { BALANCINGS = 4 };
-/* The directions of means: equal parts of the squared cosine and of a quarter turn. */
+/* Directions for hemispherical means: equal intervals of the squared cosine, and of a quarter turn. */
 enum { RINGS = 48, SECTORS = 48 };
 
 bool kiln_brushed_wanted(const struct kiln_bsdf_lobes *l)
@@ -48,17 +48,17 @@ void kiln_brushed_move(struct kiln_bsdf_lobes *l, uint64_t address)
     l->brushed_high = (uint32_t)(address >> 32);
 }
 
-/* ---- facets that a direction sees ----
+/* ---- facets visible from a direction ----
  *
- * Loops over facets have no branches and no calls that stay, so that compilers make lanes of them. */
+ * Loops over facets have no branches, and only calls that are inlined, so that compilers vectorize them. */
 
-/* Points of the unit square that facets are drawn by, the same for all directions. */
+/* Lattice points in the unit square for drawing facets, equal for all directions. */
 struct lattice {
     int count;
     float cosine[FACETS], sine[FACETS], v[FACETS];
 };
 
-/* count and `before` are neighbours among Fibonacci's numbers. */
+/* count and `before`: consecutive Fibonacci numbers. */
 static void lattice_make(struct lattice *g, int count, int before)
 {
     g->count = count;
@@ -68,13 +68,13 @@ static void lattice_make(struct lattice *g, int count, int before)
     }
 }
 
-/* Facets, the cosine to them, the cosine to the normal of the direction they reflect to, and how much of that is seen:
- * G2 / G1, 0 beyond the horizon. */
+/* Facet normals; the cosine to the facet; the visible share of the reflected direction: G2 / G1, 0 below the horizon.
+ */
 struct facets {
     float x[FACETS], y[FACETS], z[FACETS], cosine[FACETS], share[FACETS];
 };
 
-/* G2 / G1 of a direction on either side; `own` is the stretch of the one that light comes from, over its cosine. */
+/* G2 / G1 of a direction on either side. `own`: stretch of the direction that light comes from, over its cosine. */
 static inline float seen(float alpha_x, float alpha_y, float own, struct kiln_vec3 i)
 {
     return (1.0f + own) / (own + kiln_ggx_stretch(i, alpha_x, alpha_y) / fabsf(i.z));
@@ -85,7 +85,7 @@ static inline float own_of(const struct kiln_bsdf_lobes *l, struct kiln_vec3 o)
     return kiln_ggx_stretch(o, l->alpha_x, l->alpha_y) / o.z;
 }
 
-/* Those that o sees, as kiln_ggx_sample draws them. */
+/* Draws the facets visible from o, as kiln_ggx_sample does. */
 static void see(struct facets *f, const struct lattice *g, const struct kiln_bsdf_lobes *l, struct kiln_vec3 o)
 {
     const float alpha_x = l->alpha_x, alpha_y = l->alpha_y, own = own_of(l, o);
@@ -114,7 +114,7 @@ static double mean_of(const float *values, int count)
     return sum / count;
 }
 
-/* Returns the share that facets reflect, as an interface with the index does. */
+/* Returns the share of light that the facets reflect, as an interface with this index. */
 static double reflected(const struct facets *f, int count, float index)
 {
     float of[FACETS];
@@ -123,7 +123,7 @@ static double reflected(const struct facets *f, int count, float index)
     return mean_of(of, count);
 }
 
-/* Returns the share that goes through facets, into a medium `eta` times as dense. */
+/* Returns the share of light that passes the facets into a medium `eta` times as dense. */
 static double through(const struct facets *f, int count, const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, float eta)
 {
     const float alpha_x = l->alpha_x, alpha_y = l->alpha_y, own = own_of(l, o), ratio = 1.0f / eta;
@@ -141,7 +141,7 @@ static double through(const struct facets *f, int count, const struct kiln_bsdf_
     return mean_of(of, count);
 }
 
-/* Returns the share that facets send on, to both sides, from behind a coat. */
+/* Returns the share of light that facets behind a coat scatter to both sides. */
 static double sent_behind(const struct facets *f, int count, const struct kiln_bsdf_lobes *l, struct kiln_vec3 o)
 {
     double sum = 0.0;
@@ -197,8 +197,8 @@ static struct kiln_vec3 direction_of(float mu, int sector)
 
 /* ---- under a coat ---- */
 
-/* Shares of the base that send light on to its front: that which reflects all, and that whose facets reflect as glass.
- */
+/* Shares of the base that scatter light to its front: `all` reflects all light, the facets of `partial` reflect as
+ * glass. */
 struct base {
     double all, partial;
 };
@@ -210,7 +210,8 @@ static struct base base_of(const struct kiln_bsdf_lobes *l)
     return s.all + s.partial > 0.0 ? s : (struct base){0.0, 1.0};
 }
 
-/* Finds the share of light from o that facets reflect, without the coat's factor of where it goes and with it. */
+/* Finds the share of light from o that facets reflect, without and with the coat's factor for the reflected direction.
+ */
 static void reflect(const struct lattice *g, const struct kiln_bsdf_lobes *l, struct base base, struct kiln_vec3 o,
                     double *without, double *with)
 {
@@ -230,7 +231,7 @@ static void reflect(const struct lattice *g, const struct kiln_bsdf_lobes *l, st
     *with = mean_of(share, g->count);
 }
 
-/* Returns the mean of the coat's factor for light that facets give back, weighted by what they lose. */
+/* Returns the mean of the coat's factor over light that compensates the facets' losses, weighted by these losses. */
 static double given_back_by(const struct kiln_bsdf_lobes *l)
 {
     double lost = 0.0, sent = 0.0;
@@ -243,8 +244,8 @@ static double given_back_by(const struct kiln_bsdf_lobes *l)
     return lost > 0.0 ? sent / lost : 1.0;
 }
 
-/* Finds the coat's factor h, with which a white base sends on what the coat lets in from each direction: h(o) integral
- * h(i) f(o, i) |cos| di = (1 - coat albedo(o)) integral f(o, i) |cos| di, by Sinkhorn's balancing. */
+/* Finds the coat's factor h, which makes a white base reflect all light that the coat lets in, for each direction: h(o)
+ * integral h(i) f(o, i) |cos| di = (1 - coat albedo(o)) integral f(o, i) |cos| di, by Sinkhorn's balancing. */
 static void balance(struct kiln_brushed_table *table, const struct lattice *g, const struct kiln_bsdf_lobes *l)
 {
     const struct base base = base_of(l);
@@ -268,7 +269,7 @@ static void balance(struct kiln_brushed_table *table, const struct lattice *g, c
     }
 }
 
-/* The matt layer gets what is let in and not reflected. */
+/* Finds the share for the diffuse layer: light that the coat lets in and facets do not reflect. */
 static void reflect_by_coat(struct kiln_brushed_table *table, const struct lattice *g, const struct kiln_bsdf_lobes *l)
 {
 #pragma omp parallel for schedule(dynamic)
@@ -307,7 +308,7 @@ void kiln_brushed_tabulate(struct kiln_brushed_table *table, const struct kiln_b
 
 /* ---- means ---- */
 
-/* Means over the hemisphere by the cosine, as kiln_bsdf_means finds them. */
+/* Means over the hemisphere, weighted by the cosine, as kiln_bsdf_means computes them. */
 static void find_means(struct kiln_bsdf_lobes *l)
 {
     double lost = 0.0, front = 0.0, back = 0.0, coat = 0.0, under_front = 0.0, under_back = 0.0, held = 0.0;
@@ -338,7 +339,7 @@ static void find_means(struct kiln_bsdf_lobes *l)
 
 enum { KNOTS = 9 };
 
-/* The polynomial through values at places, in powers (Newton's divided differences). */
+/* The polynomial in powers of x that interpolates values (Newton's divided differences). */
 static struct kiln_curve curve_through(const double x[KNOTS], const double y[KNOTS])
 {
     double divided[KNOTS], power[KNOTS] = {0.0};
@@ -371,7 +372,7 @@ static double cosine_of(double share, float index)
     return 0.5 * (low + high);
 }
 
-/* Finds the shares that facets lose and reflect of light of one cosine, over all azimuths. */
+/* Finds the shares that facets lose and reflect for one cosine, averaged over all azimuths. */
 static void about(const struct kiln_bsdf_lobes *l, float mu, double *lost, double *fresnel)
 {
     double sent = 0.0, reflected = 0.0;
@@ -402,7 +403,7 @@ static void find_face(struct kiln_bsdf_lobes *l)
 
 /* ---- layers ---- */
 
-/* The means that lobes of a layer have, of lobes that use it. */
+/* Means for lobes that use a layer of the table. */
 static struct kiln_brushed_means means_of(const struct kiln_bsdf_lobes *l)
 {
     double in[2] = {0.0, 0.0}, kept[2] = {0.0, 0.0}, share[2] = {0.0, 0.0};

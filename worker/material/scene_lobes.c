@@ -8,7 +8,7 @@
 #include "worker/material/brushed.h"
 #include "worker/scene/texture.h"
 
-/* ---- numbers that a texture changes ---- */
+/* ---- ranges of numbers that vary by texture ---- */
 
 struct range {
     float least, most;
@@ -47,7 +47,7 @@ static bool varies(struct range r) { return r.least != r.most; }
 
 enum kind { NO_TABLE, BRUSHED, HELD };
 
-/* A table, before it is made. Tables of the same plan are the same. */
+/* A table to be made. Equal plans give equal tables. */
 struct plan {
     uint32_t kind;
     struct kiln_bsdf material;
@@ -62,8 +62,8 @@ static size_t plan_bytes(const struct plan *p)
                               : 0;
 }
 
-/* All that tables do not depend on is the same for all: colours, roughness, and what is shared among lobes where no
- * coat lies over them. */
+/* Returns a material with default values for all that tables do not depend on: colours, roughness, and the mix of lobes
+ * that no coat covers. */
 static struct kiln_bsdf bare_material(const struct kiln_gloss *gloss)
 {
     const struct kiln_vec3 white = vec3(1.0f, 1.0f, 1.0f);
@@ -77,7 +77,7 @@ static struct kiln_bsdf bare_material(const struct kiln_gloss *gloss)
                               .model = KILN_BSDF_LAYERS};
 }
 
-/* Layers for roughnesses from r.least to r.most: four at least, for polynomials to go through, and one beyond. */
+/* Layers for roughnesses from r.least to r.most: at least four, for interpolation by polynomials, and one beyond. */
 static struct kiln_layers brushed_layers(struct range r)
 {
     const float low = kiln_brushed_layer(r.least * r.least), high = kiln_brushed_layer(r.most * r.most);
@@ -89,7 +89,7 @@ static struct kiln_layers brushed_layers(struct range r)
     return (struct kiln_layers){first, last, 1 + (int)(last - first)};
 }
 
-/* Not where the strength of anisotropy or the coat varies over the surface, or where a body hardly bends light. */
+/* Plans a table, unless anisotropy or coat strength vary over the surface, or a body hardly refracts light. */
 static void plan_brushed(struct plan *p, const struct kiln_scene *scene, const struct kiln_gloss *gloss,
                          struct range roughness, float anisotropy)
 {
@@ -102,7 +102,7 @@ static void plan_brushed(struct plan *p, const struct kiln_scene *scene, const s
     p->kind = BRUSHED;
     p->anisotropy = anisotropy;
     p->layers = brushed_layers(roughness);
-    if (coat.most > 0.0f) { /* its factor is that of the mean base */
+    if (coat.most > 0.0f) { /* the coat's factor is that of the mean base */
         p->material.coat = coat.most;
         p->material.coat_alpha = coat_roughness.most * coat_roughness.most;
         p->material.metallic = gloss->mean_metallic;
@@ -135,7 +135,7 @@ static void plan_of(struct plan *p, const struct kiln_scene *scene, const struct
         return;
     p->material = bare_material(gloss);
     if (!(gloss->anisotropy > 0.0f) && !(gloss->clearcoat > 0.0f && p->material.transmission > 0.0f))
-        return; /* most: before textures are gone through */
+        return; /* usual case, before textures are searched */
     const struct range roughness = number_range(scene, gloss, gloss->roughness, KILN_GLOSS_ROUGHNESS);
     const struct range anisotropy = range_of(scene, gloss->anisotropy, &gloss->textures[KILN_GLOSS_ANISOTROPY], 2);
     if (varies(anisotropy))
@@ -155,7 +155,7 @@ static bool same_plan(const struct plan *a, const struct plan *b)
            memcmp(&a->coats, &b->coats, sizeof a->coats) == 0;
 }
 
-/* The first material whose table serves this one too. */
+/* The first material with the same table. */
 static size_t same_table(const struct kiln_gloss_lobes *lobes, const struct plan *plans, size_t material)
 {
     size_t first = 0;
@@ -176,7 +176,7 @@ static void make_table(void *table, const struct plan *p, const struct kiln_glos
         kiln_bsdf_held_tabulate(table, &p->material, p->layers, p->coats);
 }
 
-/* Has a material use a table of its own or of a material before it, which stand in the same place. */
+/* Sets the table of a material, its own or that of an earlier material, which have the same offset. */
 static void use_table(struct kiln_gloss_lobes *of, const struct plan *p, const void *table)
 {
     const uint64_t address = (uint64_t)(uintptr_t)table;
@@ -191,7 +191,7 @@ static void use_table(struct kiln_gloss_lobes *of, const struct plan *p, const v
     }
 }
 
-/* `firsts`: same_table of each material. */
+/* Adds the tables behind the lobes. `firsts`: same_table of each material. */
 static int add_tables(struct kiln_gloss_lobes **lobes, size_t count, const struct plan *plans, const size_t *firsts,
                       const void **tables, struct kiln_error *error)
 {
@@ -262,7 +262,7 @@ end:
 
 /* ---- what is there ---- */
 
-/* How far behind the lobes a table ends; 0: there is none. */
+/* End of a table, in bytes after the lobes; 0: no table. */
 static size_t end_of(const struct kiln_gloss_lobes *lobes, size_t count, uint32_t low, uint32_t high, size_t bytes)
 {
     const uint64_t address = (uint64_t)high << 32 | low;

@@ -4,12 +4,13 @@
 
 #include "worker/material/surface_bsdf.h"
 
-/* NULL where no material is taken with its gloss. Tables stand in one piece of memory behind the lobes, one for all
- * materials that it serves; that takes some hundredths of a second for each. The caller frees all with kiln_free.
- * KILN_SYSTEM. */
+/* Creates the lobes of all materials; *lobes is NULL if no material is taken with its gloss. The tables stand behind
+ * the lobes in the same allocation. Materials share a table if they can; each table takes some hundredths of a second.
+ * The caller frees all with kiln_free. KILN_SYSTEM. */
 int kiln_scene_lobes(struct kiln_gloss_lobes **lobes, const struct kiln_scene *scene, struct kiln_error *error);
 
-/* These tables, of `count` materials, and their bytes; some of brushed facets, some of what coats hold back. */
+/* The tables behind the lobes of `count` materials, and their size in bytes: all; tables of brushed facets; tables of
+ * light that coats hold back. */
 static inline const void *kiln_scene_tables(const struct kiln_gloss_lobes *lobes, size_t count)
 {
     return lobes + count;

@@ -27,7 +27,7 @@ static struct spot spot_at(const struct kiln_scene *scene, const struct kiln_glo
     return s;
 }
 
-/* Linear RGBA of the texture for that use; false, and ones: it has none. */
+/* Reads the texture for a use, as linear RGBA; false, and ones, if there is none. */
 static bool texel_of(const struct spot *s, enum kiln_gloss_use use, float rgba[4])
 {
     const struct kiln_gloss_texture *t = &s->gloss->textures[use];
@@ -47,7 +47,7 @@ static float number_of(const struct spot *s, enum kiln_gloss_use use)
     return rgba[s->gloss->textures[use].channel];
 }
 
-/* Strength of anisotropy; the direction of the tangent, from the u axis on, as cosine and sine. */
+/* Strength of anisotropy, and cosine and sine of the tangent's angle from the u axis. */
 static float anisotropy_of(const struct spot *s, float *cosine, float *sine)
 {
     float rgba[4];

@@ -1,12 +1,11 @@
 /* The bidirectional pass: the radiance that pixels of a camera see, by paths that begin at the camera and at the
  * lights.
  *
- * The light is that of the path pass (path.h), whose words stand there: the same camera, materials, rules of what is
- * seen, lens, number of diffuse surfaces after the first and length of paths. What differs: light of points, spots and
- * directional lights that mirrors and glass send on is found here, and not by the path pass, whose shadow rays do not
- * bend.
+ * It computes the same light as the path pass (path.h, which defines the terms): same camera, lens, materials,
+ * visibility rules, number of diffuse surfaces after the first and length of paths. One thing differs: caustics of
+ * points, spots and directional lights are found here but not by the path pass, whose shadow rays do not bend.
  *
- * Sample k of a pixel is one path from the camera; with it go as many paths of light as the picture has pixels,
+ * Sample k of a pixel is one path from the camera. Each sample also has as many light paths as the picture has pixels,
  * numbered over the whole picture: path i of sample k is a function of (seed, i, k) and the scene alone. Methods:
  *
  *   light       paths of light, of which each vertex is connected to the camera; the camera's rays see emission only
@@ -18,22 +17,22 @@
  *               merged (Hachisuka and Jensen, "Stochastic Progressive Photon Mapping", SIGGRAPH Asia 2009).
  *               With ppm the camera's paths are those of sample 0 in every sample, with sppm new ones
  *
- * Light that comes to a facet from below (path.h) is found from the camera's side alone: no path of light meets the
- * facet from there, so that the densities of techniques by which one would have to are 0. With light, ppm and sppm
- * there is no such light.
+ * Light that reaches a facet from below (path.h) is found by camera paths alone. Light paths never arrive at a facet
+ * from below, so techniques that need one have density 0. With the methods light, ppm and sppm such light is missing.
  *
  * A vertex is merged with those within the radius, which in sample k is `radius` (k + 1)^((alpha - 1) / 2), alpha 3/4
- * (Knaus and Zwicker, "Progressive Photon Mapping: A Probabilistic Approach", TOG 2011): merging blurs, and less and
- * less. Embree sums vertices in a fixed order, Vulkan in whole units of the film's, whose sums have no order.
+ * (Knaus and Zwicker, "Progressive Photon Mapping: A Probabilistic Approach", TOG 2011): merging blurs, less with each
+ * sample. Embree adds vertices in a fixed order; Vulkan adds integers in the film's unit, whose sum does not depend on
+ * order.
  *
- * A vertex of light that the camera sees goes to any pixel: such light is added to `film`, of the whole picture, in
- * fixed point, whose sums have no order. So any threads, and any pixels that are computed together or elsewhere, give
- * the same bits. A path of light adds to the film with the item of its number. Methods that merge have each caller
- * trace all paths of light of the picture, whatever its items are: on R ranks that part of the work is done R times.
+ * A light vertex that the camera sees may fall into any pixel. Its light is added to `film`, which covers the whole
+ * picture, in fixed point; so the sum does not depend on order, threads, or which pixels a rank computes. Light path i
+ * adds to the film when item i is computed. Methods that merge have each caller trace all paths of light of the
+ * picture, whatever its items are: on R ranks that part of the work is done R times.
  *
- * Items: pixels of the camera. Result: struct kiln_path_result, without the film's light, of which the squares know
- * nothing either. Samples: paths of a pixel. Memory: where there is merging, 64 bytes for each vertex of a sample's
- * paths of light, twice; on a device 136. */
+ * Items: pixels of the camera. Result: struct kiln_path_result; neither its radiance nor its squares include the film's
+ * light. Samples: paths of a pixel. Memory: where there is merging, 64 bytes for each vertex of a sample's paths of
+ * light, twice; on a device 136. */
 #ifndef KILN_WORKER_PASS_BIDIRECTIONAL_H
 #define KILN_WORKER_PASS_BIDIRECTIONAL_H
 

@@ -2,19 +2,20 @@
 
 #include <math.h>
 
-/* How far what is flat reaches along a direction with this cosine to its normal; else all of it. */
+/* Extent of a flat cluster along a direction with this cosine to its normal; the whole extent if it is not flat. */
 static double reach(const struct kiln_bright_cluster *c, double cosine)
 {
     return (double)c->radius * (c->is_flat ? sqrt(fmax(0.0, 1.0 - cosine * cosine)) : 1.0);
 }
 
-/* Cosine of what lies at d, at most: `above` its height over the plane of `c`, `beyond` how far it reaches there. */
+/* Upper bound of the cosine at cluster `c` to a cluster at distance `length`. `above`: height of that cluster over the
+ * plane of `c`; `beyond`: its extent along the plane's normal. */
 static double cosine_bound(const struct kiln_bright_cluster *c, double above, double beyond, double length)
 {
     return c->is_flat ? fmin(1.0, fmax(0.0, above + beyond - 1e-4 * length) / length) : 1.0;
 }
 
-/* About the light, W/m2, that what is bright of the second cluster brings to the first. */
+/* Approximate irradiance, W/m2, that bright points of the second cluster cause at the first. */
 static double bound_light(const struct kiln_bright_cluster *to, const struct kiln_bright_cluster *from)
 {
     const struct kiln_dvec3 d = dvec3_sub(dvec3_of(from->centre), dvec3_of(to->centre));
@@ -27,7 +28,7 @@ static double bound_light(const struct kiln_bright_cluster *to, const struct kil
            cosine_bound(from, -dvec3_dot(m, d), reach(to, between), length) / (KILN_PI * square);
 }
 
-/* The share of rays to patches, where these bring so much light, W/m2. */
+/* Share of rays that go to patches, if these cause an irradiance of `light` W/m2. */
 static double share_of(const struct kiln_bright *bright, double light)
 {
     const double share = light > 0.0 ? light / (light + bright->rest) : 0.0;

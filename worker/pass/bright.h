@@ -1,17 +1,17 @@
-/* How points choose bright patches (directions.h): the points of one cluster alike. */
+/* Choice of bright patches (directions.h) by the points of a cluster, all of which choose alike. */
 #ifndef KILN_WORKER_PASS_BRIGHT_H
 #define KILN_WORKER_PASS_BRIGHT_H
 
 #include "worker/pass/directions.h"
 
 struct kiln_bright_receiver {
-    uint32_t cluster;   /* KILN_NO_CLUSTER: its points are of none, and choose no patch */
-    uint32_t by_cosine; /* of its points' samples; the others go to patches */
-    double share;       /* of the others among all */
-    double *sums;       /* of the weights of clusters up to each; the last is that of all. Borrowed, bright->count */
+    uint32_t cluster;   /* KILN_NO_CLUSTER: the points belong to none and choose no patch */
+    uint32_t by_cosine; /* number of samples by the cosine; the others go to patches */
+    double share;       /* share of samples that go to patches */
+    double *sums;       /* cumulative weights of the bright->count clusters; borrowed */
 };
 
-/* The receiver whose cluster and sums' room are given, of points with so many samples. */
+/* Fills in a receiver with this number of samples; its `cluster` and the array `sums` are set by the caller. */
 void kiln_bright_begin(const struct kiln_bright *bright, uint32_t samples, struct kiln_bright_receiver *receiver);
 
 #endif

@@ -1,8 +1,8 @@
-/* How the three ways of finding a caustic's light weigh against each other: multiple importance sampling (Veach,
- * "Robust Monte Carlo Methods for Light Transport Simulation", 1997, section 9.2) by a recursion like that of vertex
- * connection and merging (Georgiev, "Implementing Vertex Connection and Merging", technical report, 2012, section 4),
- * of which only these techniques are left. A path is a lamp's place y, surfaces with gloss z_1 ... z_k, k >= 1, z_1 met
- * first by light, and a place x in a texel. It is found by
+/* Weights of the three techniques that find a caustic's light: multiple importance sampling (Veach, "Robust Monte Carlo
+ * Methods for Light Transport Simulation", 1997, section 9.2) by a recursion like that of vertex connection and merging
+ * (Georgiev, "Implementing Vertex Connection and Merging", technical report, 2012, section 4), reduced to these
+ * techniques. A path is a lamp's place y, surfaces with gloss z_1 ... z_k, k >= 1, z_1 met first by light, and a place
+ * x in a texel. It is found by
  *
  *     hit     a gather ray of x that goes on by z_k ... z_1 and meets the emitter or leaves for the sky; density
  *             (n / A) p(x -> z_k) ... p(z_1 -> y)
@@ -10,27 +10,28 @@
  *     land    a light path that is aimed from y at the target of z_1 (worker/light/aims.h) and lands at x; density
  *             N p(y -> z_1) ... p(z_k -> x)
  *
- * with n gather rays of the point, the texel's area A that is there to be lit, and N light paths of the aim in all.
- * Each subpath carries the densities of the techniques of the other side over its own, as a product over its surfaces;
- * from these each weight follows at once: with r the densities of the other techniques over a technique's own,
+ * with n the gather rays of the point, A the present (not cut out) area of the texel, and N all light paths of the aim.
+ * Each subpath carries the ratios of the other side's densities to its own, as a product over its surfaces; from these
+ * each weight follows at once: with r the densities of the other techniques over a technique's own,
  *
  *     balance   1 / (1 + sum of r)          power     1 / (1 + sum of r^2)
  *     uniform   1 / (1 + how many r are above 0)
  *
- * Densities are per steradian where they say `forward` (with which the subpath is drawn on from a surface) or
- * `backward` (with which a subpath of the other side would leave by the way that this one has come); cosines are those
- * of geometric normals, absolute. At x gather rays count as drawn by the cosine to the geometric normal. Roulette,
- * chances of surfaces that let light through, and the chance of landing on a side with gloss are in no density: the
- * weights of a path add up to 1 all the same. What devices reckon too is in shaders/shared/caustic_weights.h.
- * Pure functions. */
+ * Densities are per steradian: `forward` is the density with which the subpath is continued from a surface, `backward`
+ * the density with which a subpath of the other side would leave along the way this one came; cosines are those of
+ * geometric normals, absolute. At x gather rays count as drawn by the cosine to the geometric normal. Roulette, chances
+ * of surfaces that let light through, and the chance of landing on a side with gloss are left out of all densities; the
+ * weights of a path still add up to 1. Code shared with devices is in shaders/shared/caustic_weights.h. Pure functions.
+ */
 #ifndef KILN_WORKER_PASS_CAUSTIC_WEIGHTS_H
 #define KILN_WORKER_PASS_CAUSTIC_WEIGHTS_H
 
 #include "shaders/shared/caustic_weights.h"
 
-/* ---- landed ---- */
+/* ---- weight of landed light paths ---- */
 
-/* The weight of a landing by what kiln_caustic_others has said, `rays` gather rays of the point and its area, m2. */
+/* The weight of a landed light path. `others`: from kiln_caustic_others; `rays`: gather rays of the point; `area`: m2,
+ * of the point. */
 static inline double kiln_caustic_weight_landed(enum kiln_mis mis, double others, double rays, double area)
 {
     if (!(others > 0.0))

@@ -1,30 +1,30 @@
-/* The directions pass: light that arrives at surface points from other surface points, one bounce, as the gather pass
- * (gather.h) finds it, by other directions than those drawn by the cosine (Kahl, "RTX Radiosity", 2023, section 5.4,
- * and his future work).
+/* The directions pass: one bounce of light between surface points, the same as in the gather pass (gather.h), but with
+ * rays in other directions than cosine-distributed ones (Kahl, "RTX Radiosity", 2023, section 5.4, and his future
+ * work).
  *
  *     E(x) = mean over rays of  w B(hit(x, ray))
  *
- * By a set, the same for all points, turned about each point's normal by an angle that chance gives it for each stream:
- * w is the weight of the direction. Weights come to 1 in the mean, so a closed furnace is exact. What is the same all
- * about the normal a turn does not spread: the mean over many streams is off by what the set itself is off by.
+ * Direction set: all points use the same directions, turned about each point's normal by a random angle for each
+ * stream; w is the weight of the direction. The mean weight is 1, so a closed furnace is exact. A turn does not vary
+ * the angle to the normal, so the mean over many streams keeps the error that the set itself has in that angle.
  *
- * To bright patches: of n rays the last n_b go to places of patches, and the others are drawn by the cosine. The two
- * are combined by the balance heuristic (Veach and Guibas, "Optimally Combining Sampling Techniques for Monte Carlo
+ * Bright patches: the last n_b of n rays are aimed at places on patches, the others are cosine-distributed. The two are
+ * combined by the balance heuristic (Veach and Guibas, "Optimally Combining Sampling Techniques for Monte Carlo
  * Rendering", SIGGRAPH 1995), so the mean is that of the gather pass:
  *
  *     w = 1 / (1 - s + s q / c),   s = n_b / n,  c = cos(x) / pi,  q = sum over k of  p(k) r(k)^2 / (A(k) cos(k))
  *
- * for a ray that meets a point of a cluster (below), over the patches k of that cluster whose parallelogram
- * (patches.h), drawn out by KILN_BRIGHT_SPREAD, the ray crosses at distance r(k); A(k) is its area. A ray to a patch
- * brings nothing if it meets a point of another cluster. Parallelograms are drawn out because those of texels that are
- * no square of one triangle may lie askew, and what they leave bare only the cosine would find.
+ * for a ray that meets a point of a cluster (below). The sum is over the patches k of this cluster whose parallelogram
+ * (patches.h), enlarged by KILN_BRIGHT_SPREAD, is crossed by the ray at distance r(k); A(k) is its area. A ray to a
+ * patch brings nothing if it meets a point of another cluster. Parallelograms are enlarged because those of partial
+ * texels may lie askew; gaps between them would be found by cosine rays only.
  *
- * A patch is bright by as much as its radiosity is above the mean over all area, for what is even the cosine finds well
+ * The brightness of a patch is its radiosity minus the mean over all area, because cosine rays find even light well
  * (Karlik et al., "MIS Compensation: Optimizing Sampling Techniques in Multiple Importance Sampling", SIGGRAPH Asia
- * 2019). Patches stand in clusters of up to 4 x 4 texels. A point's cluster chooses another by
- * power cos cos / (pi r^2), which is bounded where they are near or not flat, and in that a patch by power. The sum of
- * these is about the light that bright patches bring; s is its share in that and in what is left of the mean, rounded
- * to 0, 1/8, 1/4 or 1/2.
+ * 2019). Patches are grouped into clusters of up to 4 x 4 texels. A point's cluster chooses another cluster with weight
+ * power cos cos / (pi r^2), bounded if the two are near or not flat, and then a patch in it by power. The sum of these
+ * weights estimates the light of bright patches; s is the share of this light in the sum of it and of the rest of the
+ * mean, rounded to 0, 1/8, 1/4 or 1/2.
  *
  * Items: tile runs. Result: struct kiln_point_result. Samples: rays of a point. Streams: as the gather pass. Rays: the
  * samples of all valid points. Devices leave scenes whose materials are taken with their gloss to Embree. */
@@ -39,21 +39,21 @@
 
 struct kiln_bright_cluster {
     struct kiln_vec3 centre, normal; /* m from the scene's centre; unit; weighted by area */
-    float radius;                    /* m: of a sphere about the centre that has all patches' middles */
+    float radius;                    /* m: bounding sphere of the patches' middles, about the centre */
     bool is_flat;                    /* all normals are the same */
-    double power;                    /* W, by luminance, of what is bright of its patches */
+    double power;                    /* W, luminance: brightness times area of its patches */
     uint32_t first, end;             /* of its points among `members` */
 };
 
-/* All arrays are borrowed; those of points are of all surface points, by global index. */
+/* All arrays are borrowed. Arrays "of points" have an entry for each surface point, by global index. */
 struct kiln_bright {
     const struct kiln_patch *points;
     const uint32_t *cluster_of; /* of points; KILN_NO_CLUSTER: none */
-    const float *power;         /* of points, W: what is bright, by luminance, times the area */
+    const float *power;         /* of points, W: luminance of the brightness times the area */
     const uint32_t *members;    /* global indices */
     const struct kiln_bright_cluster *clusters;
     uint32_t count; /* of clusters */
-    double rest;    /* W/m2: mean luminance of what is not bright */
+    double rest;    /* W/m2: mean luminance of the rest of the radiosity */
 };
 
 struct kiln_directions_parameters {

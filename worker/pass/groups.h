@@ -1,9 +1,9 @@
-/* The light of each group of lights (worker/light/light_groups.h), which the passes of direct light and of gathers find
- * beside the light of all, with the same rays: a shadow ray's light counts for the group of the light that it was sent
- * to, and a gather ray reads the radiosity of each group where it reads that of all. So the groups of a point add up to
- * its light, but for how sums and radiosity are rounded. The probe pass does the same at places in space.
+/* Light by group of lights (worker/light/light_groups.h). The direct and gather passes compute it with the same rays as
+ * the total light: a shadow ray's light is added to the group of its light, and a gather ray reads the radiosity of
+ * each group beside the total. So the groups of a point add up to its light, but for the rounding of sums and
+ * radiosity. The probe pass does the same at places in space.
  *
- * Of gather rays that end at the first surface that they meet: without radiance probes, gloss and tinted surfaces. */
+ * Gather rays must end at their first hit: groups work without radiance probes, gloss and tinted surfaces only. */
 #ifndef KILN_WORKER_PASS_GROUPS_H
 #define KILN_WORKER_PASS_GROUPS_H
 
@@ -13,20 +13,20 @@
 
 struct kiln_light_groups;
 
-/* Floats of an answer: incident light RGB and irradiance RGB, sums as those of struct kiln_point_result. */
+/* Floats of a group's answer at a surface point: incident light RGB and irradiance RGB, sums as in struct
+ * kiln_point_result. */
 enum { KILN_GROUP_FLOATS = 6 };
-/* Floats of an answer of the probe pass: coefficients of radiance, then irradiance along the axes, as struct
- * kiln_probe_result has them. */
+/* Floats of a group's answer at a probe: coefficients of radiance, then irradiance along the axes, as in struct
+ * kiln_probe_result. */
 enum { KILN_GROUP_PROBE_FLOATS = 27 + 18 };
 
 /* Groups of lights, as a backend is given them (kiln_backend_set_groups). */
 struct kiln_groups {
     const struct kiln_light_groups *lights; /* borrowed */
     const uint64_t *radiosity;              /* packed, of all surface points: `lights->count` for each; borrowed */
-    bool changed; /* the radiosity is not what it was when the backend last read it, which sets this to false */
-    /* Answers of the part of a batch that is being taken: its first surface point in the global order, or its first
-     * probe, and `lights->count` answers for each from there on. The backend fills them in; release `answers` with
-     * kiln_free. */
+    bool changed; /* the radiosity has changed since the backend last read it; reading sets false */
+    /* Answers for the current part of a batch, filled in by the backend: `lights->count` for each surface point or
+     * probe. `first`: the first point in the global order, or the first probe. Release `answers` with kiln_free. */
     uint64_t first;
     float *answers;
     size_t room; /* floats */

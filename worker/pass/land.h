@@ -1,37 +1,35 @@
 /* The land pass: light paths from the lamps through mirrors, glass and gloss to where diffuse surfaces take them up.
  *
- * A path begins by an aim (worker/light/aims.h) with the flux of its lamp over the density of its ray, and counts only
- * if the first surface that it meets is of its target, and that surface's material is taken with its gloss. From there
- * on it goes by the adjoint of the scattering functions (shaders/shared/bsdf.h: KILN_IMPORTANCE, with
- * kiln_shading_correction; Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, chapter 5),
- * through their lobes that are not diffuse, and what bodies absorb multiplies its weight. It lands on the first surface
- * that is only diffuse. On a side with surface points of a material with gloss, too, chance has it land: by the diffuse
- * part's share of what the surface sends on, kiln_land_least (shaders/shared/land.h) at least, so that the lightmaps of
- * mirrors have their light; else it goes on. It counts the more for either. It ends by chance like the chains of gather
- * rays (shaders/shared/chain.h: kiln_chain_chance), where it meets nothing, and on the backs of single-sided surfaces
- * that are not taken with their gloss. So a path lands once at most, and only after an event that is not diffuse: light
- * that lamps send straight is the direct pass's. With N paths of which those that land in the texel of point x carry
- * the flux phi, in W,
+ * A path starts by an aim (worker/light/aims.h) with the flux of its lamp divided by the density of its ray. It counts
+ * only if its first hit is on the aim's target, on a material taken with its gloss. It is continued by the adjoint of
+ * the scattering functions (shaders/shared/bsdf.h: KILN_IMPORTANCE, with kiln_shading_correction; Veach, "Robust Monte
+ * Carlo Methods for Light Transport Simulation", 1997, chapter 5), through lobes that are not diffuse; absorption in
+ * bodies multiplies its weight. It lands on the first purely diffuse surface. On a glossy surface whose side has
+ * surface points it lands by chance, so that the lightmaps of mirrors get light, too. The probability is the diffuse
+ * part's share of the scattered light, but at least kiln_land_least (shaders/shared/land.h). The weight is divided by
+ * the probability of landing or of going on. It ends by roulette like the chains of gather rays
+ * (shaders/shared/chain.h: kiln_chain_chance), where it meets nothing, and on backs of single-sided surfaces that are
+ * not taken with their gloss. So a path lands at most once, and only after a non-diffuse event: unscattered light of
+ * lamps belongs to the direct pass. With phi, in W, the flux of each path that lands in the texel of point x,
  *
- *     E(x) = sum of phi / (area of the texel that is there to be lit)
+ *     E(x) = sum of phi / (present area of the texel, the part not cut out by opacity)
  *
- * whose mean is what the texel gets of such light: nothing is blurred, and no path is cut without the others counting
- * the more. Each phi is already divided by the number of the aim's paths. The variance of E is the sum of phi^2 over
- * the squared area, less what is due to paths being better than independent ones.
+ * This is an unbiased estimate of the texel's mean: nothing is blurred, and paths cut by roulette are compensated by
+ * the others. Each phi is already divided by the number of the aim's paths. The variance of E is at most the sum of
+ * phi^2 over the squared area, since stratified paths are better than independent ones.
  *
  * Surfaces that let light straight through are passed by chance, as by gather rays. Receiver-only objects, which no ray
- * meets, get nothing: theirs is gathered. A place of a texel that a wall divides lands nowhere where it lies beyond the
- * wall.
+ * meets, get nothing here: their caustics are gathered. In a texel divided by a wall, a path that hits a place beyond
+ * the wall lands at no point.
  *
- * Paths for probes leave light in the spheres that they cross (spheres.h), from the first surface on, which sends them
- * on by its sharp lobes alone; they land only on surfaces that are only diffuse, and their landings are of no use:
- * devices do not hand them over.
+ * Paths for probes add light to the spheres that they cross (spheres.h), from their first surface on. That surface
+ * scatters them by its sharp lobes only. They land on purely diffuse surfaces only; these landings are not used, and
+ * devices do not report them.
  *
- * Items: light paths, numbered over the whole bake from 0 on; path i is number i % aims->paths of iteration
- * i / aims->paths. A result is a function of seed, i and the aims alone. Random numbers: those of path.h
- * (shaders/shared), of sample k = number of the path among those of its aim; surfaces count from 1 on, the ray that a
- * path begins with is 0. Rays: all. Devices
- * take none where they trace by their ray-tracing pipeline (kiln_backend_takes). */
+ * Items: light paths, numbered over the whole bake from 0 on; path i is number i % aims->paths of iteration i /
+ * aims->paths. A result is a function of seed, i and the aims alone. Random numbers: as in shaders/shared/path.h, with
+ * the sample index k = number of the path within its aim, and depth 0 for the first ray, 1 for the first surface, and
+ * so on. Rays: all. Devices that trace with their ray-tracing pipeline do not run this pass (kiln_backend_takes). */
 #ifndef KILN_WORKER_PASS_LAND_H
 #define KILN_WORKER_PASS_LAND_H
 
@@ -42,30 +40,29 @@ struct kiln_caustic_techniques;
 struct kiln_probe_spheres;
 
 struct kiln_land_parameters {
-    const struct kiln_aims *aims; /* borrowed; shared out (kiln_aims_share) */
-    /* borrowed: what landings share their light with (weighed.h); NULL: they bring all of it */
+    const struct kiln_aims *aims; /* borrowed; paths are distributed (kiln_aims_share) */
+    /* borrowed: other techniques to weight landings against (weighed.h); NULL: landings bring the full light */
     const struct kiln_caustic_techniques *techniques;
-    /* borrowed, without techniques: spheres to which this call's paths add what they leave there; NULL: they land */
+    /* borrowed; spheres that this call's paths add light to, if `techniques` is NULL; NULL: paths land on surfaces */
     const struct kiln_probe_spheres *spheres;
 };
 
 /* How a path ends. */
 enum kiln_land_end {
-    KILN_LAND_ASTRAY, /* what it met first was not its target: it does not count */
+    KILN_LAND_ASTRAY, /* the first hit was not the target: the path does not count */
     KILN_LAND_LANDED, /* on a surface; beside every surface point where `point` says so */
     KILN_LAND_ESCAPED,
     KILN_LAND_BLOCKED, /* on the back of a single-sided surface */
-    KILN_LAND_ABSORBED /* by gloss, or by chance: what it carried has been added to other paths, or is nothing */
+    KILN_LAND_ABSORBED /* by gloss, or ended by roulette, which other paths make up for */
 };
 
 struct kiln_land_result {
     uint64_t point; /* global number of the surface point; KILN_NO_POINT: none */
     float flux[3];  /* W, where the path ends; of ASTRAY and ABSORBED 0 */
-    float shading;  /* times flux: what counts for the irradiance about the shading normal */
-    float taken_up; /* times flux: what counts for `incident` (kiln_chain_taken_up; 1 on surfaces that are only diffuse)
-                     */
-    /* where there are other techniques, kiln_caustic_others: who knows the texel's area and rays weighs with it
-     * (kiln_caustic_weight_landed); else 0 */
+    float shading;  /* factor of `flux` for the irradiance about the shading normal */
+    float taken_up; /* factor of `flux` for `incident` (kiln_chain_taken_up); 1 on diffuse surfaces */
+    /* kiln_caustic_others if there are other techniques, else 0; the owner of the texel, who knows its area and rays,
+     * turns it into a weight (kiln_caustic_weight_landed) */
     float others;
     uint32_t aim;
     uint16_t end;    /* enum kiln_land_end */

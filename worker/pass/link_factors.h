@@ -1,4 +1,4 @@
-/* View factors of links (links.h): how a point sees a node of the tree. */
+/* View factors of links (links.h), from a point to a node of the tree. */
 #ifndef KILN_WORKER_PASS_LINK_FACTORS_H
 #define KILN_WORKER_PASS_LINK_FACTORS_H
 
@@ -8,18 +8,18 @@
 #include "worker/pass/patch_factors.h"
 #include "worker/sampling/keys.h"
 
-#define KILN_NODE_FLAT 0.1 /* bend of nodes that count as flat */
-/* The square of how far a rectangle's sides are, in standard deviations: 3, less what rounding may be: a wall's node
- * that stands on the floor lies above it. */
+#define KILN_NODE_FLAT 0.1 /* nodes with a smaller bend count as flat */
+/* Squared distance of a rectangle's sides from its centre, in variances: 3, less a margin for rounding, so that the
+ * node of a wall standing on the floor lies above the floor. */
 #define KILN_NODE_RECTANGLE 2.9
 enum { KILN_LINK_DRAWS = 4 };
 
-/* How a point sees a node. */
+/* Geometry of a node as seen from a point. */
 struct kiln_node_view {
     struct kiln_dvec3 d;
-    double distance, inverse, other; /* inverse: 1 / distance; other: -d about the node's normal */
-    double height, reach; /* the highest that it may stand over the point's horizon; and the point over its */
-    bool whole;           /* all of it is above the horizon and faces the point */
+    double distance, inverse, other; /* inverse: 1 / distance; other: -d . the node's normal */
+    double height, reach;            /* upper bounds: of the node over the point's horizon, of the point over its */
+    bool whole;                      /* the whole node is above the point's horizon and faces the point */
 };
 
 /* The covariance of the node's surface times a vector. */
@@ -31,8 +31,8 @@ static inline struct kiln_dvec3 kiln_node_covariance_times(const struct kiln_lin
                  (double)c[4] * v.x + (double)c[5] * v.y + (double)c[2] * v.z);
 }
 
-/* Whether a node whose centre stands so high over a plane with this normal lies above it: as a ball, or, where it is
- * flat, as the rectangle that has its covariance. */
+/* Whether a node lies above a plane with normal n. `height`: of its centre over the plane. The node is taken as a ball
+ * or, if it is flat, as the rectangle that has its covariance. */
 static inline bool kiln_node_is_above(const struct kiln_link_node *node, struct kiln_dvec3 n, double height)
 {
     const double radius = (double)node->radius,
@@ -41,7 +41,7 @@ static inline bool kiln_node_is_above(const struct kiln_link_node *node, struct 
     return (height >= radius) | (flat & (height > 0.0) & (height * height >= least));
 }
 
-/* How a point at `at` with the normal n sees the node. */
+/* Returns the view of the node from a point at `at` with the normal n. */
 static inline struct kiln_node_view kiln_node_view_of(const struct kiln_link_node *node, struct kiln_dvec3 n,
                                                       struct kiln_dvec3 at)
 {
@@ -57,8 +57,8 @@ static inline struct kiln_node_view kiln_node_view_of(const struct kiln_link_nod
     return v;
 }
 
-/* n.d / |d|^4, in the mean over the node's surface, over |d|^-4 at its centre: to the second order. That of a
- * disc that faces the point is (1 + x)^-2, x half of what it is less by to that order. */
+/* Mean of n.d / |d|^4 over the node's surface, divided by |d|^-4 at its centre, to the second order. For a disc that
+ * faces the point it is (1 + x)^-2, where 2 x is the loss to that order. */
 static inline double kiln_node_mean_height(const struct kiln_link_node *node, struct kiln_dvec3 n,
                                            const struct kiln_node_view *v)
 {
@@ -71,7 +71,7 @@ static inline double kiln_node_mean_height(const struct kiln_link_node *node, st
     return mean > 0.0 ? mean : 0.0;
 }
 
-/* F of a node that the point has whole before it, about the normal n. */
+/* F of a node that is wholly visible from the point, about the normal n. */
 static inline double kiln_node_factor(const struct kiln_link_node *node, struct kiln_dvec3 n,
                                       const struct kiln_node_view *v)
 {
@@ -79,7 +79,7 @@ static inline double kiln_node_factor(const struct kiln_link_node *node, struct 
     return far * kiln_node_mean_height(node, n, v);
 }
 
-/* The gradient of F by the place of a small node, about the normal n. */
+/* Gradient of F with respect to the position of a small node, about the normal n. */
 static inline struct kiln_dvec3 kiln_node_slope(const struct kiln_link_node *node, struct kiln_dvec3 n,
                                                 const struct kiln_node_view *v)
 {
@@ -98,8 +98,8 @@ static inline double kiln_link_draw(uint32_t to, uint32_t number)
     return u - floor(u);
 }
 
-/* The point of the node that the view with this number is taken by: its place in the tree's order. `to`: the node's
- * number. Points of less area than others are taken less often. */
+/* Chooses the point of a node that stands for it in the link of receiver `number`; returns its place in the tree's
+ * order. `to`: the node's number. Points with less area are chosen less often. */
 static inline uint32_t kiln_link_choose(const struct kiln_links_parameters *p, const struct kiln_link_node *node,
                                         uint32_t to, uint32_t number)
 {
@@ -117,14 +117,14 @@ static inline uint32_t kiln_link_choose(const struct kiln_links_parameters *p, c
     return k;
 }
 
-/* Has the point fetched that kiln_link_choose looks at first, and mostly takes: points lie far apart in memory. */
+/* Prefetches the point that kiln_link_choose tries first and mostly takes: points lie far apart in memory. */
 static inline void kiln_link_fetch(const struct kiln_links_parameters *p, const struct kiln_link_node *node,
                                    uint32_t to, uint32_t number)
 {
     __builtin_prefetch(&p->leaves[node->first + (uint32_t)(kiln_link_draw(to, number) * (double)node->count)]);
 }
 
-/* Has a link's point fetched. */
+/* Prefetches the point of a link to a single point. */
 static inline void kiln_link_fetch_leaf(const struct kiln_links_parameters *p, uint32_t k)
 {
     const char *patch = (const char *)&p->points[p->order[k]];
@@ -133,7 +133,7 @@ static inline void kiln_link_fetch_leaf(const struct kiln_links_parameters *p, u
     __builtin_prefetch(patch + sizeof(struct kiln_patch) - 1);
 }
 
-/* Factors of a node's surface, as if all of it were at this point of it; zeros: one does not see the other. */
+/* Factors of a node as if its whole area were at its point `by`; zeros if one does not face the other. */
 static inline struct kiln_patch_factors kiln_node_factors_by(const struct kiln_patch_receiver *receiver,
                                                              struct kiln_dvec3 at, const struct kiln_link_leaf *by,
                                                              double area)
@@ -146,7 +146,7 @@ static inline struct kiln_patch_factors kiln_node_factors_by(const struct kiln_p
     return (struct kiln_patch_factors){far * cosine, far * fmax(0.0, dvec3_dot(receiver->s, d))};
 }
 
-/* Factors of a single point; zeros: one does not see the other. */
+/* Factors of a link to a single point; zeros if one does not face the other. */
 static inline struct kiln_patch_factors kiln_leaf_factors(const struct kiln_patch_receiver *receiver,
                                                           struct kiln_dvec3 at, const struct kiln_patch *from)
 {
@@ -157,8 +157,8 @@ static inline struct kiln_patch_factors kiln_leaf_factors(const struct kiln_patc
     return kiln_patch_factors(receiver, from, d, dvec3_dot(d, d), cosine, other);
 }
 
-/* F of a link of the point at `at` with this number; *v: how it sees the node, which is not whole where it is a point.
- */
+/* F of a link to `to` from the point at `at`, which has this number. *v: view of the node; a single point is never
+ * `whole`. */
 static inline struct kiln_patch_factors kiln_link_factors(const struct kiln_links_parameters *p,
                                                           const struct kiln_patch_receiver *receiver,
                                                           struct kiln_dvec3 at, uint32_t number, uint32_t to,

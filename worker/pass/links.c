@@ -5,15 +5,15 @@
 
 #include "worker/base/memory.h"
 
-/* The code of a tile run: flags; the numbers of links and of tinted ones; of each point what its rays have met, and its
- * shading normal; then link by link. Numbers have seven bits a byte, the highest of which says that more follow. A link
- * has one such number: what it goes to, as the step from the node, or the point, of the link before, and two bits that
- * say whether masks come behind it: of those that have asked, where they are others than at the link before, by what
- * differs; and of those that see, where not all of these do. A mask is a byte that has a bit for each byte of it that
- * is not 0, then these. */
-#define SAMPLES 0.4 /* of a net, whose error goes with their power of -3/4 (Mitchell 1996) */
+/* Encoding of a tile run's links: flags; numbers of links and of tinted ones; for each point its ray statistics, and
+ * perhaps its shading normal; then the links. Numbers have seven bits per byte; the highest bit tells that more bytes
+ * follow. Each link begins with a number: its target, as the difference to the node or point of the previous link, and
+ * two bits that tell which masks follow. The mask of points that have asked follows if it differs from the previous
+ * link's, as the XOR of both; the mask of points that see the target follows if not all of these do. A mask is a byte
+ * with a bit for each of its bytes that is not 0, followed by these bytes. */
+#define SAMPLES 0.4 /* samples of a net; their error is proportional to their number ^ (-3/4) (Mitchell 1996) */
 enum { LEAST_SAMPLES = 16 };
-#define SHARED 0.7 /* radii of a node; more with the square of the error, where that is above the next */
+#define SHARED 0.7 /* radii of a node; grows with the squared error where that is above SHARED_AT */
 #define SHARED_AT 0.02
 enum { HAS_GLASS = 1, HAS_PRESENT = 2, IS_SMOOTH = 4, OPENED_SHIFT = 3 }; /* of the flags' byte */
 enum { TO_LEAF = 1, OTHERS_ASKED = 2, SOME_SEEN = 4, STEP_SHIFT = 3 };
@@ -61,7 +61,7 @@ uint64_t kiln_links_bytes(const struct kiln_kept_links *l) { return sizeof *l + 
 
 /* ---- writing ---- */
 
-/* A code that grows; status: whether all had room. */
+/* Writer of an encoding, which grows; status: whether memory sufficed. */
 struct writer {
     uint8_t *code;
     size_t size, room;
@@ -190,7 +190,7 @@ int kiln_links_encode(struct kiln_kept_links **kept, const struct kiln_found_lin
 
 /* ---- reading ---- */
 
-/* Unread rest of a code; bad: it ended too early. */
+/* Rest of an encoding to read; bad: it ended too early. */
 struct reader {
     const uint8_t *at;
     size_t left;
@@ -281,7 +281,7 @@ static int say_damaged(const struct kiln_kept_links *kept, struct kiln_error *er
                      (unsigned long long)kept->first);
 }
 
-/* The code's flags, and the numbers of links. */
+/* Reads the flags, and the numbers of links. */
 static uint8_t get_head(struct reader *r, const struct kiln_kept_links *kept, uint64_t *count, uint64_t *tinted)
 {
     uint8_t flags;
@@ -350,8 +350,8 @@ void kiln_links_close(struct kiln_kept_links *kept, uint64_t mask, const float s
 
 /* ---- checking ---- */
 
-#define MOST_RAYS 1e9f   /* sums over a point's samples; what mirrors and glass take may be below 0 */
-#define MOST_SCALE 1e18f /* of a row: of one that is very short it is large, but what it brings must stay finite */
+#define MOST_RAYS 1e9f   /* limit of sums over a point's samples; light absorbed by mirrors and glass may be negative */
+#define MOST_SCALE 1e18f /* limit of a row's scale, which is large for very short rows; light must stay finite */
 #define MOST_TINT 1e3f
 #define MOST_UNIT 1.01f /* of a part of a normal */
 

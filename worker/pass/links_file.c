@@ -76,7 +76,7 @@ static int check_runs(struct file *f, struct kiln_links_entry *entries, struct k
     int status = KILN_OK;
     for (uint64_t i = 0; i < h->runs && status == KILN_OK; i += ENTRIES) {
         const uint64_t some = h->runs - i < ENTRIES ? h->runs - i : ENTRIES,
-                       ahead = i + some < h->runs ? some + 1 : some; /* the next one says where the last one ends */
+                       ahead = i + some < h->runs ? some + 1 : some; /* the next entry tells where the last one ends */
         status = kiln_links_read_at(f->descriptor, f->path, entries, (size_t)ahead * sizeof *entries,
                                     KILN_LINKS_BEGIN + i * sizeof *entries, error);
         for (uint64_t k = 0; k < some && status == KILN_OK; k++)

@@ -1,4 +1,4 @@
-/* Passes: each is one way of asking rays about many items, with one answer an item, and a row of a table.
+/* Passes: kinds of ray-traced computations over many items, with one result an item. Each pass is a row of a table.
  *
  * A pass takes parameters of its own and a batch (the items, their samples, the random stream) and gives an array of
  * results, one an item. What a particular pass takes and gives, with its formula and units, stands in its own header:
@@ -23,7 +23,7 @@
 #include "worker/base/status.h"
 #include "worker/base/vector.h"
 
-/* The names of all passes: those that every backend has, and those that only processors run, which devices refuse with
+/* Names of all passes: first passes that every backend has, then passes of CPU backends only, which devices refuse with
  * KILN_USAGE. */
 #define KILN_PASS_LIST_OF_ALL(DO)                                                                                      \
     DO(validity)                                                                                                       \
@@ -39,7 +39,7 @@
 #define KILN_PASS_LIST_OF_PROCESSORS(DO) DO(shapes)
 #define KILN_PASS_LIST(DO) KILN_PASS_LIST_OF_ALL(DO) KILN_PASS_LIST_OF_PROCESSORS(DO)
 
-/* Where a pass stands in kiln_passes: KILN_PASS_INDEX_direct and so on. */
+/* Index of a pass in kiln_passes: KILN_PASS_INDEX_direct and so on. */
 #define KILN_PASS_INDEX_OF(name) KILN_PASS_INDEX_##name,
 enum kiln_pass_index { KILN_PASS_LIST(KILN_PASS_INDEX_OF) KILN_PASS_COUNT };
 #undef KILN_PASS_INDEX_OF
@@ -57,36 +57,36 @@ enum kiln_pass_domain {
     KILN_DOMAIN_LIGHT_PATHS
 };
 
-/* The figures of one result by which the verifying backend compares it with another backend's: means over samples. */
+/* Figures of one result, means over samples. The verifying backend compares them with another backend's. */
 enum { KILN_PASS_FIGURES = 6 };
 struct kiln_pass_figures {
     uint32_t count; /* samples that the result is of; 0: the point is not valid */
     double level;   /* the figure that stands for the whole result, in the pass's unit: a luminance, a share */
     double error;   /* its standard error, same unit; 0: unknown */
     float value[KILN_PASS_FIGURES]; /* all figures: kiln_pass.figure_count of them */
-    bool sound;                     /* all are finite and none is below what is possible */
+    bool sound;                     /* all figures are finite and not below their possible minimum */
 };
 
 /* A row of the table. */
 struct kiln_pass {
     enum kiln_pass_index index;
     const char *name; /* as in KILN_PASS_LIST */
-    const char *what; /* what it finds, in messages: "direct light" */
+    const char *what; /* name of its result in messages: "direct light" */
     enum kiln_pass_domain domain;
     size_t parameter_bytes; /* of its struct of parameters; 0: it has none, NULL is given */
     size_t result_bytes;    /* of one result */
-    bool is_sampled;        /* it takes kiln_batch.samples; else it has a number of its own, and 0 is given */
-    bool has_streams;       /* it tells streams apart; else kiln_batch.stream is 0 */
-    bool is_divisible;      /* it takes kiln_batch.first_sample; else that is 0 */
+    bool is_sampled;        /* it uses kiln_batch.samples; else that is 0 and the number is fixed */
+    bool has_streams;       /* it uses kiln_batch.stream; else that is 0 */
+    bool is_divisible;      /* it uses kiln_batch.first_sample; else that is 0 */
     bool is_masked;         /* it takes kiln_batch.selections; else that is NULL */
     bool reads_radiosity;   /* kiln_backend_set_radiosity must come before it */
-    /* In which channels a result lacks radiosity that was absent (worker/scene/radiosity.h): bit 0 red, 1 green, 2
-     * blue; 0: none. NULL: the pass does not tell; all radiosity must be there. */
+    /* Returns the colour channels of a result for which some radiosity was absent (worker/scene/radiosity.h): bit 0
+     * red, 1 green, 2 blue; 0: none. NULL: the pass cannot detect this, so all radiosity must be present. */
     uint32_t (*lacks)(const void *result);
-    /* A rank may run it over tile runs of another rank of its node (work stealing): it needs no more than that rank's
-     * surface, and nothing that the ranks exchange hangs on who ran it. */
+    /* A rank may run it on tile runs of another rank of its node (work stealing): it needs only that rank's surface,
+     * and exchanged data do not depend on which rank ran it. */
     bool is_stealable;
-    bool is_whole; /* a batch is not cut up: its items share what is computed once */
+    bool is_whole; /* a batch is never split: its items share a common precomputation */
     /* Comparison of results, for the verifying backend. NULL: results are not verified; then the rest is unused. */
     void (*figures)(const void *result, struct kiln_pass_figures *figures);
     size_t figure_count;                         /* at most KILN_PASS_FIGURES */
@@ -111,14 +111,14 @@ static inline float kiln_mean(float sum, uint32_t count)
 /* Takes results. Called on the thread that called kiln_backend_run, for consecutive parts of a batch, in order, while a
  * device may already be busy with the next part. `first` and `count` are items. `results` points to an array of the
  * pass's result struct, for all points of the tile runs or for each position or pixel, in order; it is only lent until
- * the call returns. A status other than KILN_OK ends the run with that status. Where items differ in their number of
- * samples, the order holds among items of one number only. */
+ * the call returns. A status other than KILN_OK ends the run with that status. If items have different numbers of
+ * samples, order is kept only among items with the same number. */
 typedef int (*kiln_take_results)(void *context, size_t first, size_t count, const void *results,
                                  struct kiln_error *error);
 
-/* A batch whose items others may take until they are begun. Before a part is begun, claim() is asked whether this
- * backend computes its items, [first, first + count), and says how many of them, from the first on. It is asked for the
- * others again; 0 ends the run. By the thread that called kiln_backend_run, in order. */
+/* Work stealing: other ranks may take items of a batch that were not begun. Before each part, claim() is called with
+ * its items [first, first + count) and returns how many of them, from the first on, this backend computes. It is called
+ * again for the remaining ones; 0 ends the run. Called on the thread of kiln_backend_run, in order. */
 struct kiln_claims {
     size_t (*claim)(void *context, size_t first, size_t count);
     void *context;
@@ -130,27 +130,28 @@ struct kiln_selection {
     uint64_t few; /* those of them that have fewer samples than the others (kiln_batch_few) */
 };
 
-/* A range of items and what is done with them. Any length: a backend cuts it up as suits its device. */
+/* A range of items, and the settings and receiver of their results. Any length: a backend splits it to suit its device.
+ */
 struct kiln_batch {
-    size_t first, count; /* items. Tile runs: of the backend's surface. Positions: of all that there are; random numbers
-                          * are a function of the item's number */
+    size_t first, count; /* items. Tile runs: of the backend's surface. Positions: numbers among all positions; the
+                          * random numbers depend on them */
     const struct kiln_vec3
         *positions;   /* `count` positions, m from the scene's centre; NULL unless items are positions */
     uint32_t stream;  /* tells runs of one pass apart in the random numbers */
     uint32_t samples; /* of every point or position */
-    /* The samples are numbers first_sample, first_sample + 1, ... of an endless sequence: batches that share an item's
-     * sequence out in stretches have samples that are as well distributed together as those of one batch. */
+    /* The samples are first_sample, first_sample + 1, ... of an endless sequence. Several batches that take consecutive
+     * stretches of it are together as well distributed as one batch. */
     uint32_t first_sample;
     /* NULL: all items have `samples`. Else `count` numbers, one an item, for adaptive sampling; an item with 0 is left
-     * out (its results are not computed and not taken). An item's results are the same bits as in a batch where all
-     * items have its number of samples. Unless the backend takes any numbers for the pass, kiln_backend_run runs the
-     * batch once for each number, and leaves the other items out: a few different numbers run faster. */
+     * out (not computed, not passed to `take`). An item's results have the same bits as in a batch where all items have
+     * its number. If the backend needs one number for this pass, kiln_backend_run runs the batch once for each number;
+     * then few different numbers are faster. */
     const uint32_t *samples_each;
     /* NULL: all points of a tile run are computed. Else `count`, one a tile run. The result of a computed point is the
      * same bits as without; of one of few samples, as in a batch of that many. The others' results are all zeros, as
      * those of points that are not valid. */
     const struct kiln_selection *selections;
-    bool may_lack; /* some radiosity is absent: who takes the results looks at them (kiln_pass.lacks) */
+    bool may_lack;                    /* some radiosity may be absent: `take` checks with kiln_pass.lacks */
     const struct kiln_claims *claims; /* NULL: all items are computed */
     kiln_take_results take;           /* NULL: results are dropped */
     void *context;                    /* given to `take` */
@@ -161,7 +162,7 @@ static inline bool kiln_batch_leaves_out(const struct kiln_batch *batch, size_t 
     return batch->samples_each != NULL && batch->samples_each[item - batch->first] == 0;
 }
 
-/* The points of a tile run that are computed: bit k says that its k-th is. */
+/* Mask of the points of a tile run that are computed, bit k for its k-th point. */
 static inline uint64_t kiln_batch_points(const struct kiln_batch *batch, size_t item)
 {
     return batch->selections != NULL ? batch->selections[item - batch->first].computed : UINT64_MAX;
@@ -182,7 +183,8 @@ static inline uint32_t kiln_batch_few(uint32_t samples)
     return samples >= 16 ? samples / 8 : samples < 2 ? samples : 2;
 }
 
-/* Where the stretch of items from `first` on ends, before `end`, of which all are left out or none. */
+/* Returns the end, at most `end`, of the longest stretch of items from `first` on that are all left out or all
+ * computed. */
 static inline size_t kiln_batch_stretch(const struct kiln_batch *batch, size_t first, size_t end)
 {
     size_t i = first + 1;
@@ -191,7 +193,7 @@ static inline size_t kiln_batch_stretch(const struct kiln_batch *batch, size_t f
     return i;
 }
 
-/* The items [first, first + count) of the batch, which lie in it; all are computed. */
+/* Returns the part [first, first + count) of the batch, without claims. */
 static inline struct kiln_batch kiln_batch_part(const struct kiln_batch *batch, size_t first, size_t count)
 {
     struct kiln_batch part = *batch;

@@ -59,8 +59,8 @@ static uint32_t channels_without(const float rgb[3])
     return (isnan(rgb[0]) ? 1u : 0u) | (isnan(rgb[1]) ? 2u : 0u) | (isnan(rgb[2]) ? 4u : 0u);
 }
 
-/* Channels that a gather result lacks. The guided pass's begins with the same struct: it shares this and the figures.
- */
+/* Channels that are missing in a gather result. The guided pass's result begins with the same struct, and shares this
+ * function and the figures. */
 static uint32_t gather_lacks(const void *result)
 {
     return channels_without(((const struct kiln_point_result *)result)->incident);
@@ -77,7 +77,7 @@ static uint32_t directional_lacks(const void *result)
     .figures = point_figures, .figure_count = 6, .unit = "W/m2",                                                       \
     .figure_names = {"irradiance", "irradiance", "irradiance", "incident light", "incident light", "incident light"}
 
-/* Not verified: a look decides by yes or no, and the two looks are few; a point that differs shows in its light. */
+/* Not verified: its tests have yes-or-no answers, and few of them; errors of a point show in its light. */
 const struct kiln_pass kiln_pass_validity = {.index = KILN_PASS_INDEX_validity,
                                              .name = "validity",
                                              .what = "validity",
@@ -110,7 +110,7 @@ const struct kiln_pass kiln_pass_gather = {.index = KILN_PASS_INDEX_gather,
                                            .is_stealable = true,
                                            POINT_FIGURES};
 
-/* Not verified: a probe carries no standard error to compare by. */
+/* Not verified: probes have no standard error to compare with. */
 const struct kiln_pass kiln_pass_probes = {.index = KILN_PASS_INDEX_probes,
                                            .name = "probes",
                                            .what = "light at probes",
@@ -135,7 +135,7 @@ const struct kiln_pass kiln_pass_occlusion = {
     .unit = "of the hemisphere",
     .figure_names = {"open share", "open direction", "open direction", "open direction"}};
 
-/* Not verified: it carries no standard error to compare by. */
+/* Not verified: it has no standard error to compare with. */
 const struct kiln_pass kiln_pass_directional = {.index = KILN_PASS_INDEX_directional,
                                                 .name = "directional",
                                                 .what = "light by direction",
@@ -147,7 +147,7 @@ const struct kiln_pass kiln_pass_directional = {.index = KILN_PASS_INDEX_directi
                                                 .lacks = directional_lacks,
                                                 .is_stealable = true};
 
-/* Not verified: the verifying backend looks at tile runs. */
+/* Not verified: the verifying backend processes tile runs only. */
 const struct kiln_pass kiln_pass_path = {.index = KILN_PASS_INDEX_path,
                                          .name = "path",
                                          .what = "path-traced light",
@@ -157,7 +157,7 @@ const struct kiln_pass kiln_pass_path = {.index = KILN_PASS_INDEX_path,
                                          .is_sampled = true,
                                          .is_divisible = true};
 
-/* Not verified: it carries no standard error to compare by. */
+/* Not verified: it has no standard error to compare with. */
 const struct kiln_pass kiln_pass_radiance = {.index = KILN_PASS_INDEX_radiance,
                                              .name = "radiance",
                                              .what = "radiance at probes",
@@ -195,7 +195,7 @@ const struct kiln_pass kiln_pass_caustic = {.index = KILN_PASS_INDEX_caustic,
                                             .is_stealable = true,
                                             POINT_FIGURES};
 
-/* Not verified: a path tells nothing that could be compared. */
+/* Not verified: single paths cannot be compared. */
 const struct kiln_pass kiln_pass_land = {.index = KILN_PASS_INDEX_land,
                                          .name = "land",
                                          .what = "light that lands",
@@ -203,7 +203,7 @@ const struct kiln_pass kiln_pass_land = {.index = KILN_PASS_INDEX_land,
                                          .parameter_bytes = sizeof(struct kiln_land_parameters),
                                          .result_bytes = sizeof(struct kiln_land_result)};
 
-/* Not verified: the verifying backend looks at tile runs. */
+/* Not verified: the verifying backend processes tile runs only. */
 const struct kiln_pass kiln_pass_bidirectional = {.index = KILN_PASS_INDEX_bidirectional,
                                                   .name = "bidirectional",
                                                   .what = "bidirectionally traced light",
@@ -244,7 +244,7 @@ const struct kiln_pass kiln_pass_shapes = {.index = KILN_PASS_INDEX_shapes,
                                            .domain = KILN_DOMAIN_TILE_RUNS,
                                            .result_bytes = sizeof(struct kiln_shape_result)};
 
-/* Not verified: it has no standard error to compare by. */
+/* Not verified: it has no standard error to compare with. */
 const struct kiln_pass kiln_pass_patches = {.index = KILN_PASS_INDEX_patches,
                                             .name = "patches",
                                             .what = "light between patches",
@@ -256,7 +256,7 @@ const struct kiln_pass kiln_pass_patches = {.index = KILN_PASS_INDEX_patches,
                                             .reads_radiosity = true,
                                             .is_stealable = true};
 
-/* Not verified: its standard error is not of what rounding decides. */
+/* Not verified: its standard error does not cover differences by rounding. */
 const struct kiln_pass kiln_pass_links = {.index = KILN_PASS_INDEX_links,
                                           .name = "links",
                                           .what = "light by links",

@@ -4,8 +4,8 @@
 
 #include "worker/light/view_factor.h"
 
-/* The mean over a parallelogram of n.d / |d|^4, over |d|^-4 at its middle, to the second order in its size: the other
- * cosine is the same all over it. */
+/* Mean over a parallelogram of n.d / |d|^4, divided by |d|^-4 at its centre, to second order in its size; the other
+ * cosine is constant over it. */
 static double mean_height(const struct kiln_patch *from, struct kiln_dvec3 n, struct kiln_dvec3 d, double square)
 {
     const struct kiln_dvec3 edges[2] = {dvec3_of(from->edge_s), dvec3_of(from->edge_t)};
@@ -19,7 +19,8 @@ static double mean_height(const struct kiln_patch *from, struct kiln_dvec3 n, st
     return fmax(0.0, sum);
 }
 
-/* Whether a patch at d counts as a polygon: it is near, or crosses the horizon. `square`: of the distance. */
+/* Whether a patch at d must be integrated as a polygon: it is near, or crosses the horizon. `square`: squared distance.
+ */
 static bool is_near(const struct kiln_patch_receiver *point, const struct kiln_patch *from, double cosine,
                     double square)
 {

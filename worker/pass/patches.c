@@ -31,7 +31,7 @@ double kiln_patches_row_scale(const struct kiln_point_result *gathered, double r
     const double samples = (double)mean.count, lost = (double)mean.escaped + (double)mean.blocked,
                  glass = ((double)mean.glass[0] + (double)mean.glass[1] + (double)mean.glass[2]) / 3.0,
                  met = fmax(0.0, 1.0 - lost - glass), off = met - row,
-                 few = lost * pow(fmin(fmax(met, row), 1.0), 0.25), /* what few rays meet, or none has met */
+                 few = lost * pow(fmin(fmax(met, row), 1.0), 0.25), /* losses where few or no rays have hit anything */
         chance = 3.0 * fmax(sqrt(fmax(0.0, lost * (1.0 - lost))), few) * pow(samples, -0.75);
     if (!(row > 0.0))
         return 1.0;

@@ -6,15 +6,14 @@
 
 #include "worker/pass/pass.h"
 
-/* Sums over a point's samples, and how many samples these are: results of batches with different numbers of samples can
- * be added. kiln_point_mean divides. All zeros for a point that is not valid (kiln_point_valid): no sample is taken
- * there.
+/* Sums over a point's samples, and their number, so that results of batches with different numbers of samples can be
+ * added. kiln_point_mean divides. All zeros for a point that is not valid (kiln_point_valid): no sample is taken there.
  *
  * The direct pass shares a point's samples out to several lights, each with its own part of them: there a sum is
  * `count` times the estimate of the mean.
  *
- * Sums are floats and must stay below 3.4e38: with radiance L and n samples pi L n must, which 1e25 W/(m2 sr) and 1e6
- * samples do. */
+ * Sums are floats and must stay below 3.4e38. With radiance L and n samples a sum is at most pi L n; 1e25 W/(m2 sr) and
+ * 1e6 samples are safe. */
 struct kiln_point_result {
     float irradiance[3]; /* about the shading normal, W/m2: the lightmap's quantity */
     float incident[3];   /* about the geometric normal, W/m2: what is absorbed or reflected */
@@ -23,20 +22,20 @@ struct kiln_point_result {
     float error;
     float escaped; /* number of gather rays that met nothing (0 in the direct pass) */
     float blocked; /* number of gather rays that met the back of a single-sided surface (0 in the direct pass) */
-    /* by colour: what tinted surfaces on the way take of what gather rays find, in rays; 0 without any */
+    /* absorption by tinted surfaces, by colour, in rays: the share of the gather rays' light that they take on the way;
+     * 0 without any */
     float glass[3];
-    /* by colour: what mirrors, glass and gloss on the way take of what gather rays find, in rays
-     * (shaders/shared/chain.h): what of a ray has neither escaped nor been blocked nor been taken up by a diffuse part.
-     * It may be below 0, for points on what is metal or glass in part count too much as incident. 0 without any gloss,
-     * and in the direct and the caustic pass */
+    /* absorption by mirrors, glass and gloss, by colour, in rays (shaders/shared/chain.h): the share of rays that
+     * neither escapes, nor is blocked, nor reaches a diffuse part. May be negative, since points on partly metallic or
+     * glass surfaces count too much as incident. 0 without gloss, and in the direct and the caustic pass */
     float gloss[3];
-    /* no sum: mean opacity of the point (kiln_surface_opacity), the share of its area that is there to be lit; 1 for
-     * opaque ones */
+    /* not a sum: mean opacity of the point (kiln_surface_opacity), the share of its area not cut out; 1 for opaque
+     * points */
     float present;
     uint32_t count; /* samples */
 };
 
-/* Whether glass or gloss has taken anything. */
+/* Whether `glass` or `gloss` is not 0. */
 static inline bool kiln_point_is_tinted(const struct kiln_point_result *r)
 {
     uint32_t bits[6], any = 0;
@@ -47,7 +46,7 @@ static inline bool kiln_point_is_tinted(const struct kiln_point_result *r)
     return any != 0;
 }
 
-/* The same for one sample, on the average; all zeros where no sample was taken. */
+/* Means over a point's samples; all zeros if no sample was taken. */
 struct kiln_point_mean {
     float irradiance[3], incident[3];           /* W/m2 */
     float error;                                /* standard error of the luminance of `irradiance`, W/m2 */

@@ -90,14 +90,14 @@ void kiln_resident_light(const uint64_t *radiosity, uint64_t points, uint32_t la
 typedef float floats __attribute__((vector_size(16)));
 typedef double doubles __attribute__((vector_size(32)));
 
-/* Light that the rays of a point find: of each light red, green and blue, as incident light and as irradiance, and the
+/* Light that a point's rays find: for each light red, green and blue, as incident light and as irradiance; and the
  * luminance of irradiance by quarters of the samples. */
 struct sums {
     double incident[3 * KILN_RESIDENT_LANES], irradiance[3 * KILN_RESIDENT_LANES];
     double quarter[QUARTERS][KILN_RESIDENT_LANES];
 };
 
-/* Where the light of what a ray has met stands: beyond the points all is 0. */
+/* Index of the radiosity for a ray's hit; entries beyond the points are 0. */
 static inline uint64_t place_of(uint32_t word, uint64_t points) { return word < KILN_ROW_POINTS ? word : points; }
 
 static inline floats load(const float *from)
@@ -107,13 +107,14 @@ static inline floats load(const float *from)
     return value;
 }
 
-/* Element by element, which compilers make one conversion of; of __builtin_convertvector some make several. */
+/* Converts element by element, which compilers turn into one instruction; for __builtin_convertvector some emit
+ * several. */
 #define WIDEN(v) ((doubles){(double)(v)[0], (double)(v)[1], (double)(v)[2], (double)(v)[3]})
 
-enum { AHEAD = 12 }; /* rays: so far ahead light is fetched */
+enum { AHEAD = 12 }; /* prefetch distance of radiosity, in rays */
 
-/* Sums in the order of the samples, as the gather pass has them: of 4 lanes floats that stand side by side, the last
- * `lanes` of which are luminance, and are taken away at the end of each quarter. `weights`: NULL: all are 1. */
+/* Sums up samples in order, as the gather pass does: groups of 4 adjacent floats. The last `lanes` groups are
+ * luminance, which is subtracted at the end of each quarter. `weights`: NULL: all are 1. */
 static inline __attribute__((always_inline)) void sum_row(struct sums *restrict s, const uint32_t *restrict words,
                                                           const float *restrict weights, uint32_t samples,
                                                           const float *restrict light, uint64_t points,
@@ -201,7 +202,7 @@ static void sum_smooth(struct sums *s, const uint32_t *words, const float *weigh
         sum_smooth_8(s, words, weights, samples, light, points);
 }
 
-/* As the Embree backend's rays_quarters_error: standard error of the sum, of the means of its quarters. */
+/* Standard error of the sum, from the means of its quarters: as the Embree backend's rays_quarters_error. */
 static float error_of(const struct sums *s, uint32_t lane, uint32_t samples)
 {
     if (samples < QUARTERS)

@@ -11,7 +11,7 @@ uint32_t kiln_row_chain_check(uint64_t key, uint64_t point, const struct kiln_ro
     return check != 0 ? check : 1;
 }
 
-#define MOST 1e12f /* a weight, or a sum over a point's samples: what it brings must stay finite */
+#define MOST 1e12f /* limit of a weight, or of a sum over a point's samples: light must stay finite */
 
 /* False for what is not finite, too. */
 static bool are_within(const void *floats, size_t count)
@@ -25,7 +25,7 @@ static bool are_within(const void *floats, size_t count)
     return within;
 }
 
-/* Words of the chain whose points begin at `at`; 0: it is not sound. */
+/* Number of words of the chain whose points begin at `at`; 0: it is invalid. */
 static uint64_t chain_words(const uint32_t *stream, uint64_t at, uint64_t words, uint64_t points)
 {
     const uint64_t begin = at;

@@ -6,7 +6,7 @@
 #include "worker/base/memory.h"
 #include "worker/pass/spheres.h"
 
-/* The cells that a sphere is in along an axis, by their numbers among those that there are. */
+/* Range of cell indices that a sphere overlaps along an axis. */
 static void find_range(const struct kiln_sphere_cells *c, const struct kiln_probe_spheres *s,
                        const struct kiln_sphere *sphere, int axis, int64_t range[2])
 {
@@ -17,7 +17,7 @@ static void find_range(const struct kiln_sphere_cells *c, const struct kiln_prob
     range[1] = (int64_t)(fmin(last, floor(middle + reach)) - first);
 }
 
-/* Does something with each cell that a sphere is in. */
+/* Callback for each cell that a sphere overlaps. */
 typedef void (*each_cell)(struct kiln_sphere_cells *c, size_t cell, const struct kiln_cell_sphere *sphere);
 
 static void count(struct kiln_sphere_cells *c, size_t cell, const struct kiln_cell_sphere *sphere)

@@ -1,23 +1,23 @@
 /* Spheres about the probes of an irradiance volume, in which the light paths of the land pass (land.h) leave light.
  *
- * Gather rays of a probe (probes.h) cannot find a lamp that has no size by way of a mirror or smooth glass, and hardly
- * a small one. Light paths can: of a path that carries the flux phi, in W, along a chord of length s of a sphere,
- * coming from direction w, the mean over the sphere's volume V gets (the track-length estimator of particle transport:
+ * Gather rays of a probe (probes.h) cannot reach a lamp without size by a mirror or smooth glass, and rarely reach a
+ * small one. Light paths can. If a path with flux phi, in W, crosses a sphere along a chord of length s, coming from
+ * direction w, it adds to the mean over the sphere's volume V (the track-length estimator of particle transport:
  * Spanier and Gelbard, "Monte Carlo Principles and Neutron Transport Problems", 1969)
  *
  *     L_lm += phi s / V  Y_lm(w),        E of an axis a += phi s / V  max(0, w.a)
  *
- * Who finds what. By the first event after the lamp: what lobes that are not sharp (kiln_path_sharp,
- * shaders/shared/path.h) send on is found by the samples of lights that chains of gather rays draw. What a sharp lobe
- * sends on is the light paths' of those kinds of lamps that `leaves` names, and found by rays that meet the lamp of the
- * others. A sky of one radiance all over is the rays'. So each way of light counts once. What lamps send straight to a
- * probe is not counted here: paths leave light from their first surface on.
+ * Division of light, by the first scattering event after the lamp. Lobes that are not sharp (kiln_path_sharp,
+ * shaders/shared/path.h): chains of gather rays find the light by sampling lights. Sharp lobes: light paths find the
+ * light of the kinds of lamps in `leaves`; for other lamps, and for a constant sky, chains find it by hitting the lamp.
+ * So each light path counts once. Unscattered light of lamps is not counted here: paths add light to spheres from their
+ * first surface on.
  *
- * Sight. Only such places of a sphere count as its middle is seen from: a wall divides it. Of each chord one place is
- * drawn, and a ray from the middle says whether it counts; the volume V is that of all places that count, which are the
- * part of the sphere before what rays from the middle meet. So a probe beside a wall has the mean of its own side.
+ * Visibility. Only the part of a sphere that is visible from its middle counts, as walls may divide the sphere. On each
+ * chord one place is drawn, and a ray from the middle decides whether the chord counts. V is the volume of the visible
+ * part, measured by rays from the middle. So a probe beside a wall gets the mean of its own side.
  *
- * What is kept are sums in whole numbers, which have no order: the same for any threads and ranks. */
+ * Sums are integers, so they do not depend on order, threads or ranks. */
 #ifndef KILN_WORKER_PASS_SPHERES_H
 #define KILN_WORKER_PASS_SPHERES_H
 
@@ -31,21 +31,22 @@
  * kiln_probe_result. */
 enum { KILN_SPHERE_WEIGHTS = 9 + 6, KILN_SPHERE_SUMS = 3 * KILN_SPHERE_WEIGHTS };
 
-/* `first` and `count` say which probes of the grid; then spheres, `clear` and cells are made for them. */
+/* Spheres of the probes [first, first + count) of a grid. Set these two first; `sphere`, `clear` and `cells` are then
+ * made for them. */
 struct kiln_probe_spheres {
-    /* the grid: the place of probe (0, 0, 0), m from the scene's centre. A probe lies within its box of the grid, and
-     * its radius is half of the smallest spacing at most */
+    /* the grid; origin: the place of probe (0, 0, 0), m from the scene's centre. A probe lies within its box of the
+     * grid. A sphere's radius is at most half of the smallest spacing */
     double origin[3], spacing[3], radius; /* m; radius: the largest */
-    uint32_t leaves;                      /* KILN_LEAVES_... (shaders/shared/streams.h) */
+    uint32_t leaves;                      /* kinds of lamps: KILN_LEAVES_... (shaders/shared/streams.h) */
     uint64_t size[3];
     uint64_t first, count;            /* the probes that get light, in z-major order */
     const struct kiln_sphere *sphere; /* count; borrowed, like what follows */
-    const float *clear;               /* m: within which of a sphere's middle nothing is (kiln_backend_clearance) */
+    const float *clear;               /* m: no surface is nearer to a sphere's middle (kiln_backend_clearance) */
     struct kiln_sphere_cells cells;
     double unit;    /* W m */
     uint64_t *sums; /* count x KILN_SPHERE_SUMS whole numbers of the unit, of either sign */
-    /* of each aim: sums of the squares of luminance of phi x paths of the aim / flux of the aim, times s / (2 radius),
-     * in 1 / KILN_SPHERE_MOMENT */
+    /* by aim: sum of squares of [luminance of phi x paths of the aim / flux of the aim x s / (2 radius)], in units of
+     * 1 / KILN_SPHERE_MOMENT */
     uint64_t *moments;
 };
 

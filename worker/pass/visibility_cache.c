@@ -6,19 +6,19 @@
 #include "worker/base/clock.h"
 #include "worker/base/memory.h"
 
-/* Values in place of a tile pair's place among the bits, where it has none. */
+/* Special values of entry.at, for tile pairs without bits. */
 #define NONE UINT32_MAX           /* unknown */
 #define NOTHING (UINT32_MAX - 1u) /* no pair faces each other */
 #define OPEN (UINT32_MAX - 2u)
 #define SHUT (UINT32_MAX - 3u)
-#define BITS (UINT32_MAX - 4u) /* below: its number among the tile pairs with bits */
+#define BITS (UINT32_MAX - 4u) /* values below: index among the tile pairs with bits */
 
 /* Known pairs of a tile run, in one piece of memory. */
 struct entry {
     uint64_t places; /* its points that were computed */
     uint64_t bytes;
     uint64_t *known; /* of each group */
-    uint64_t *open;  /* of the tile pairs with bits: of each point */
+    uint64_t *open;  /* per tile pair with bits and point: mask of visible points */
     uint32_t *at;    /* of each group */
 };
 
@@ -29,12 +29,12 @@ struct ends {
 struct kiln_visibility_cache {
     uint64_t most, groups;
     uint64_t first, count;  /* own points */
-    struct entry **entries; /* of the tile run whose first point it is */
-    uint64_t *columns;      /* of each group: numbers that the step's nodes have */
-    uint64_t *same;         /* likewise: those whose pairs are as in the step before */
+    struct entry **entries; /* at the index of the first point of each tile run */
+    uint64_t *columns;      /* per group: mask of numbers that nodes of this step have */
+    uint64_t *same;         /* per group: mask of columns unchanged since the previous step */
     uint64_t moved, step;
     struct kiln_visibility_counts on_device;
-    struct ends *ends; /* of each number, of the node that had it last */
+    struct ends *ends; /* by number: the node that had it last */
     struct kiln_visibility_counts counts;
     struct kiln_arena arena;
 };
@@ -89,7 +89,7 @@ void kiln_visibility_cache_destroy(struct kiln_visibility_cache **cache)
     kiln_free(cache);
 }
 
-/* Beside the bits: known columns and place of a tile pair. */
+/* Bytes of an entry without its bits: known columns, and indices of tile pairs. */
 static uint64_t entry_bytes(uint64_t groups, uint64_t words)
 {
     return sizeof(struct entry) + groups * (sizeof(uint64_t) + sizeof(uint32_t)) + words * sizeof(uint64_t);
@@ -138,7 +138,7 @@ static int take_points(struct kiln_visibility_cache *c, const struct kiln_surfac
     return kiln_allocate(&c->entries, (size_t)c->count, sizeof *c->entries, "the visibility cache", error);
 }
 
-/* Forgets what is known of columns that are not in `same`. */
+/* Clears known columns that are not in `same`. */
 static void keep_columns(struct kiln_visibility_cache *c, const uint64_t *same)
 {
     for (uint64_t i = 0; i < c->count; i++)
@@ -234,7 +234,7 @@ static void read_group(struct kiln_visibility_work *w, const struct entry *e, ui
     } else if (e->at[g] == SHUT) {
         w->found[g] = KILN_PAIRS_SHUT;
     }
-    for (uint32_t i = 0; i < height; i++) /* what has been forgotten is found again */
+    for (uint32_t i = 0; i < height; i++) /* cleared visibility is found again */
         open[i] &= e->known[g];
 }
 
@@ -261,7 +261,7 @@ static struct entry *new_entry(uint64_t groups, uint64_t words)
     struct kiln_error unused;
     const uint64_t bytes = entry_bytes(groups, words);
     if (kiln_allocate(&e, (size_t)bytes, 1, "the visibility cache", &unused) != KILN_OK)
-        return NULL; /* the tile run is traced again, as those without room are */
+        return NULL; /* the tile run is traced again, like those without memory */
     e->bytes = bytes;
     e->known = (uint64_t *)(e + 1);
     e->open = e->known + groups;
@@ -274,7 +274,8 @@ static bool has_bits(const struct kiln_visibility_work *w, uint64_t g)
     return (w->found[g] & KILN_PAIRS_OPEN) != 0 && (w->found[g] & KILN_PAIRS_SHUT) != 0;
 }
 
-/* Counts the tile pairs of the tile run that may have bits; 0 too where it has no room at all, then *any is false. */
+/* Counts the tile pairs of the tile run that may get bits; 0 if there is none, or no memory at all, when *any is false.
+ */
 static uint64_t room_for_bits(const struct kiln_visibility_cache *c, const struct kiln_tile_run *run, bool *any)
 {
     const uint64_t share = (uint64_t)((double)c->most * run->count / (double)c->count),
@@ -283,7 +284,7 @@ static uint64_t room_for_bits(const struct kiln_visibility_cache *c, const struc
     return *any ? (share - least) / (run->count * sizeof(uint64_t)) : 0;
 }
 
-/* Makes the tile run's entry of what is known now. */
+/* Makes the tile run's entry from the visibility known now. */
 static struct entry *pack(const struct kiln_visibility_work *w, const struct kiln_visibility_cache *c,
                           const struct kiln_tile_run *run)
 {

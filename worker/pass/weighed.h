@@ -1,19 +1,19 @@
-/* The weighed pass: the caustic pass's light (caustic.h), of which each path counts by how well gather rays find it
- * against light paths that land (land.h): multiple importance sampling (caustic_weights.h).
+/* The weighed pass: the caustic pass's light (caustic.h), with multiple importance sampling of gather rays against
+ * light paths that land (land.h; weights: caustic_weights.h).
  *
- * Rays, chains and results are those of the caustic pass, with these differences. All lobes of a chain's surfaces but
- * mirrors and smooth glass are hit by its rays and sampled from the lights, and each path's weight says which technique
- * brings how much of it: there are no sharp lobes. At each surface one sample is drawn of the tree of lights, one of
- * each directional light, and one, by luminance, of an environment with an image; through glass too. Gather rays of all
- * points and the landings of all light paths, whose parameters name the same techniques, add up to the light.
+ * Rays, chains and results are those of the caustic pass, with these differences. No lobes count as sharp: on all
+ * surfaces of a chain but mirrors and smooth glass, light is found both by rays that hit lamps and by sampling lights,
+ * and the path's weight divides it between the techniques. Each surface draws one sample of the light tree, one of each
+ * directional light, and one, by luminance, of an environment image; through glass, too. The total light is the sum of
+ * the gather rays of all points and of the landings of all light paths; both must be given the same techniques.
  *
- * Lamps without extent that flat mirrors show (worker/backend/mirror_images.h) are left to their images: of light that
- * one such reflection brings straight to a point the pass adds all, from the places of all samples, and landings bring
- * nothing.
+ * Lamps without extent seen in flat mirrors are handled by mirror images (worker/backend/mirror_images.h): light that
+ * reaches a point by one such reflection is added by this pass in full, from the places of all samples, and landings
+ * bring none of it.
  *
- * Items: tile runs. Samples: rays of a point, n of the weights; the texel's area is kiln_lit_area. Results, streams and
- * rays as of the caustic pass. Devices take
- * no images, nor any of it where they trace by their ray-tracing pipeline (kiln_backend_takes). */
+ * Items: tile runs. Samples: rays of a point, the n of the weights; their A is kiln_lit_area. Results, streams and rays
+ * as of the caustic pass. Devices do not support mirror images, and not this pass at all if they trace with their
+ * ray-tracing pipeline (kiln_backend_takes). */
 #ifndef KILN_WORKER_PASS_WEIGHED_H
 #define KILN_WORKER_PASS_WEIGHED_H
 
@@ -25,7 +25,7 @@ struct kiln_aims;
 struct kiln_emission;
 struct kiln_mirror_images;
 
-/* The parameters: what gather rays and light paths know of each other. All borrowed. */
+/* Parameters: the data that gather rays and light paths need for each other's densities. All borrowed. */
 struct kiln_caustic_techniques {
     const struct kiln_aims *aims; /* shared out; the same for all iterations */
     const struct kiln_emission *emission;

@@ -8,7 +8,7 @@
 #include "worker/base/vector.h"
 
 #define GOLDEN 0.61803398874989484820 /* of a circle, from one direction to the next */
-#define RADIUS_MOST 0.99999           /* a ray must not go along the surface */
+#define RADIUS_MOST 0.99999           /* so that a ray does not go along the surface */
 
 void kiln_directions_fibonacci(struct kiln_direction *set, uint32_t count)
 {
@@ -22,16 +22,17 @@ void kiln_directions_fibonacci(struct kiln_direction *set, uint32_t count)
 
 /* ---- largest empty circles ---- */
 
-#define CLOSENESS (1.0 / 64.0) /* of a middle to the best one, over the circle's radius */
+#define CLOSENESS (1.0 / 64.0) /* allowed distance of a centre from the best one, over the circle's radius */
 
-/* A square of the plane, the nearest place of the disk to its middle, and how far that is from the places so far. */
+/* A square of the plane: the disk's point nearest to its centre, and the distance of this point to the nearest place.
+ */
 struct square {
-    double x, y, half, at[2], distance, bound; /* bound: of that distance all over the square */
+    double x, y, half, at[2], distance, bound; /* bound: upper bound of the distance in the square */
     uint32_t known;                            /* places that the distance is of */
 };
 
-/* Squares that cover the disk, the one with the largest bound first: a heap. Bounds only fall, so one that is out of
- * date is still one. */
+/* Squares that cover the disk, in a heap with the largest bound first. Bounds only decrease, so outdated ones remain
+ * upper bounds. */
 struct search {
     struct square *squares;
     size_t count, room;
@@ -73,8 +74,8 @@ static struct square take(struct search *s)
     return first;
 }
 
-/* Brings a square up to date. What is nearest in the disk is nearer to all of the square's part of it than its middle
- * is. */
+/* Updates a square. The disk's point nearest to the centre is at least as close as the centre to all points of the disk
+ * in the square, so it may replace the centre. */
 static void look(const struct search *s, struct square *q)
 {
     for (; q->known < s->placed; q->known++)
@@ -118,16 +119,16 @@ static int place_one(struct search *s, struct kiln_error *error)
     return status;
 }
 
-/* ---- how much of the disk is nearest to a place ---- */
+/* ---- share of the disk that is nearest to a place ---- */
 
-enum { RIM = 512 }; /* sides of the polygon that stands for the disk */
+enum { RIM = 512 }; /* sides of a polygon that approximates the disk */
 
 struct polygon {
     double (*corners)[2], (*spare)[2];
     uint32_t count;
 };
 
-/* Leaves of a convex polygon where (x, y).n <= most. */
+/* Clips a convex polygon to (x, y).n <= most. */
 static void cut(struct polygon *p, double nx, double ny, double most)
 {
     uint32_t count = 0;
@@ -165,7 +166,7 @@ static double area_of(const struct polygon *p, double middle[2])
     return 0.5 * twice;
 }
 
-/* The share of the disk that is nearer to place k than to any other, and its middle. */
+/* Share of the disk that is nearer to place k than to any other place, and the centroid of this part. */
 static double share_of(const struct search *s, struct polygon *p, uint32_t k, double middle[2])
 {
     static const double around[4][2] = {{-2.0, -2.0}, {2.0, -2.0}, {2.0, 2.0}, {-2.0, 2.0}};
@@ -213,7 +214,7 @@ int kiln_directions_circles(struct kiln_direction *set, uint32_t count, struct k
     struct search s = {.count = 0};
     int status;
     KILN_TRY(kiln_allocate(&s.places, count, sizeof *s.places, "directions", error));
-    /* (0, 0) is in the middle of the empty disk */
+    /* (0, 0) is the centre of the largest empty circle in the empty disk */
     s.placed = 1;
     KILN_TRY(put_square(&s, 0.0, 0.0, 1.0, error));
     while (s.placed < count)

@@ -1,4 +1,4 @@
-/* The spherical harmonics of shaders/shared/harmonics.h in double, and what they do to irradiance. */
+/* Spherical harmonics of shaders/shared/harmonics.h in double precision, and their factors for irradiance. */
 #ifndef KILN_WORKER_SAMPLING_HARMONICS_H
 #define KILN_WORKER_SAMPLING_HARMONICS_H
 

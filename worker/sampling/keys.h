@@ -1,4 +1,4 @@
-/* Keys of random numbers: hashes that name the seed, a tile, a texel. The same in every backend. */
+/* Keys of random sequences: hashes of the seed, of a tile or of a texel. The same in every backend. */
 #ifndef KILN_WORKER_SAMPLING_KEYS_H
 #define KILN_WORKER_SAMPLING_KEYS_H
 
@@ -20,8 +20,9 @@ static inline uint32_t kiln_tile_key(uint32_t seed_key, uint32_t object, uint32_
     return kiln_hash2(kiln_hash2(seed_key ^ 0x74696c65u, object), tile);
 }
 
-/* From 64 samples on, rays share positions on points that are more than one square: a position costs as much as a ray.
- * Sample k starts at position k / kiln_position_reuse(samples). */
+/* Number of rays that share a position on the surface, for points that are more than one whole square: with more than
+ * 64 samples it is above 1, since a position costs as much as a ray. Sample k starts at position k /
+ * kiln_position_reuse(samples). */
 static inline uint32_t kiln_position_reuse(uint32_t samples)
 {
     return samples <= 64 ? 1 : samples < 256 ? (samples + 63) / 64 : 4;

@@ -28,7 +28,7 @@ static inline uint32_t clip_half_plane(const struct kiln_clip_corner *in, uint32
     return kept;
 }
 
-/* A collapsed triangle belongs to the rectangle wholly or not at all. */
+/* A triangle without area in the lightmap belongs to the rectangle entirely, or not at all. */
 static uint32_t place_collapsed(const double corner[3][2], double x0, double y0, double x1, double y1,
                                 struct kiln_clip_corner *polygon)
 {
@@ -43,7 +43,7 @@ static uint32_t place_collapsed(const double corner[3][2], double x0, double y0,
     return 3;
 }
 
-/* Cuts off what lies below `low` and above `high` of an axis, where a corner of the triangle does. */
+/* Clips to [low, high] along an axis, where a corner of the triangle lies outside. */
 static inline uint32_t cut_axis(const double corner[3][2], int axis, double low, double high,
                                 const struct kiln_clip_corner *in, uint32_t count,
                                 struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
@@ -92,7 +92,7 @@ uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, dou
     return kiln_clip_rows(corner, column, count, y0, y1, polygon);
 }
 
-/* Keeps what is at distance[i] >= 0, the distance of corner i. */
+/* Clips to the half-plane distance[i] >= 0, with the distance of each corner i. */
 static uint32_t cut(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count,
                     const double distance[KILN_CLIP_CORNERS])
 {
@@ -125,7 +125,7 @@ uint32_t kiln_clip_line(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint
     return count < 3 ? 0 : cut(polygon, count, distance);
 }
 
-/* Keeps what is at sign * (depth - bound) >= 0. */
+/* Clips to the half-space sign * (depth - bound) >= 0. */
 static uint32_t cut_depth(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const double depth[3],
                           double bound, double sign)
 {
@@ -145,8 +145,8 @@ uint32_t kiln_clip_depths(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], ui
     return high > 1.0 ? cut_depth(polygon, count, depth, 1.0, -1.0) : count;
 }
 
-/* Sums over the polygon's triangle fan: doubled areas, in the lightmap or in barycentric weights, and centroids times
- * those. */
+/* Sums over the polygon's triangle fan: doubled areas, in the lightmap or in barycentrics, and centroids times these.
+ */
 static double fan_sum(const struct kiln_clip_corner *polygon, uint32_t count, bool weights,
                       struct kiln_clip_corner *sum)
 {

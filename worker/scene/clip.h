@@ -11,9 +11,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Corners of a clipped polygon, at most. A triangle clipped by a rectangle has at most 7. Where rounding makes the
- * outline of a thin triangle wind, each of the four cuts can add half as many corners as there were: 3, 4, 6, 9, 13.
- * Each of four more lines (shaders/shared/divided.h) adds one. */
+/* Corners of a clipped polygon, at most. A triangle clipped by a rectangle has at most 7. If rounding makes the outline
+ * of a thin triangle non-convex, each of the four cuts can add half as many corners as there were: 3, 4, 6, 9, 13. Each
+ * of four more lines (shaders/shared/divided.h) adds one. */
 enum { KILN_CLIP_CORNERS = 17 };
 
 /* A covered area smaller than this is rounding and does not count. In texels or, where the triangle's own area is below
@@ -33,27 +33,27 @@ struct kiln_clip_corner {
 uint32_t kiln_clip_triangle(const double corner[3][2], double x0, double y0, double x1, double y1,
                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
 
-/* The same in two steps, for rectangles that stand above one another, of a triangle that has area in the lightmap: what
- * of it lies at x0..x1, and what of that, which `column` has `count` corners of, lies at y0..y1. */
+/* kiln_clip_triangle in two steps, for rectangles stacked in a column; the triangle must have area in the lightmap.
+ * First its part in x0..x1 is found, with corners `column`, `count` of them; then the part of that in y0..y1. */
 uint32_t kiln_clip_column(const double corner[3][2], double x0, double x1,
                           struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
 uint32_t kiln_clip_rows(const double corner[3][2], const struct kiln_clip_corner *column, uint32_t count, double y0,
                         double y1, struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
 
 /* Cuts a convex polygon along a line: keeps what lies at line[0] x + line[1] y <= line[2]. Returns the new number of
- * corners; fewer than 3 mean that nothing is left. A polygon that has no room for the corners is kept as it is. */
+ * corners; fewer than 3 mean that nothing is left. If the polygon has no room for the new corners, it is not cut. */
 uint32_t kiln_clip_line(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const float line[3]);
 
-/* Cuts a convex polygon of a triangle to the depths 0..1: `depth` is that of the triangle's corners, and between them
- * it is linear. A triangle of one depth lies there wholly, at 0 <= depth < 1, or not at all. Returns the new number of
- * corners, as kiln_clip_line does. */
+/* Cuts a convex polygon of a triangle to depths 0..1; `depth`: at the triangle's corners, linear between them. A
+ * triangle of one depth lies there wholly, at 0 <= depth < 1, or not at all. Returns the new number of corners, as
+ * kiln_clip_line does. */
 uint32_t kiln_clip_depths(struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t count, const double depth[3]);
 
 /* Area (>= 0, in the lightmap) and centroid of a convex polygon. `centroid` is left as it is when the area is 0. */
 double kiln_clip_area(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
 
-/* The fraction, 0..1, of the triangle's area that a convex polygon of it has, computed from the barycentric weights;
- * and the polygon's centroid. `centroid` is left as it is when the fraction is 0. */
+/* Area of a convex polygon as a fraction, 0..1, of its triangle's area, computed from the barycentric weights; and the
+ * polygon's centroid. `centroid` is left as it is when the fraction is 0. */
 double kiln_clip_fraction(const struct kiln_clip_corner *polygon, uint32_t count, struct kiln_clip_corner *centroid);
 
 /* Moves the triangle's corners so that texel (x, y) becomes the square 0..1 x 0..1. All code that clips to a texel
@@ -120,8 +120,8 @@ static inline enum kiln_clip_class kiln_clip_classify(const double c[3][2], doub
     return result;
 }
 
-/* The range in x that the triangle reaches between the heights y0 and y1. It is widened by more than the rounding
- * error: clipping decides in the end. False when the triangle does not reach between them. */
+/* Range in x of the triangle's part between y0 and y1. It is widened by more than the rounding error, so it may be
+ * slightly too large: clipping is exact. False when the triangle does not reach between them. */
 static inline bool kiln_clip_reach(const double c[3][2], double y0, double y1, double *low, double *high)
 {
     double x0 = INFINITY, x1 = -INFINITY;

@@ -13,7 +13,7 @@ struct shortest {
     struct kiln_vec3 low, high, third;
 };
 
-/* A triangle that has an edge, by the hash of its shortest one. */
+/* A triangle in a hash table, with the hash of its shortest edge. */
 struct entry {
     uint64_t hash;
     uint32_t number; /* among the triangles that rays meet */
@@ -55,7 +55,7 @@ static bool shortest_of(const struct kiln_geometry *g, uint64_t triangle, struct
     return least > 0.0;
 }
 
-/* Never 0. Edges that differ have the same one with a chance of 2^-64. */
+/* Hash of an edge, never 0. Different edges have equal hashes with a probability of 2^-64. */
 static uint64_t hash_of(const struct shortest *s)
 {
     const float number[6] = {s->low.x + 0.0f,  s->low.y + 0.0f,  s->low.z + 0.0f,
@@ -107,11 +107,11 @@ struct pairs {
 struct search {
     struct kiln_geometry *g;
     size_t count, blocks;
-    uint64_t *hash;        /* of each triangle; 0: two of its corners are equal */
-    uint32_t *part_at;     /* blocks x PARTS: where the block's entries of the part begin */
+    uint64_t *hash;        /* per triangle; 0: two of its corners are equal */
+    uint32_t *part_at;     /* blocks x PARTS: where the entries of a block begin in the part */
     uint32_t *part_end;    /* of each part */
-    struct entry *entries; /* part by part, in each in the order of the triangles */
-    uint32_t *before;      /* number + 1 of the triangle before each that has the same hash; 0: none */
+    struct entry *entries; /* sorted by part, then by triangle */
+    uint32_t *before;      /* per triangle: number + 1 of the previous triangle with an equal hash; 0: none */
     struct pairs *pairs;   /* of each block */
     struct kiln_arena arena;
 };
@@ -156,13 +156,13 @@ static void sort_block(struct search *s, size_t block)
             s->entries[at[part_of(s->hash[i])]++] = (struct entry){s->hash[i], (uint32_t)i};
 }
 
-/* An entry of an open hash table: the triangles with one hash. 0 is empty. */
+/* Entry of an open hash table: the triangles with one hash; hash 0: empty. */
 struct same {
     uint64_t hash;
-    uint32_t last, count; /* the last one that others look back to, and how many there are up to it */
+    uint32_t last, count; /* last triangle that others link to, and number of triangles up to it */
 };
 
-/* Links each triangle to the one before it that has the same hash. Only SAME_EDGE_MOST are looked back to. */
+/* Links each triangle to the previous one with an equal hash; only to the first SAME_EDGE_MOST triangles. */
 static int link_part(struct search *s, size_t part, struct kiln_error *error)
 {
     const uint32_t begin = part > 0 ? s->part_end[part - 1] : 0, end = s->part_end[part];
@@ -224,8 +224,7 @@ static int compare_block(struct search *s, size_t block, struct kiln_error *erro
 
 static bool is_opaque(const struct kiln_geometry *g, uint64_t triangle) { return triangle < g->opaque_count; }
 
-/* Takes down two triangles that coincide. `largest`, m2: the smaller of the two triangles of the pair that `doubled`
- * names. */
+/* Records two triangles that coincide. `largest`, m2: area of the smaller triangle in the pair named by `doubled`. */
 static void take(struct kiln_geometry *g, uint64_t triangle, uint64_t other, double *largest)
 {
     const bool two_sided = (g->records[triangle].material & g->records[other].material & KILN_RECORD_DOUBLE_SIDED) != 0,
@@ -242,7 +241,7 @@ static void take(struct kiln_geometry *g, uint64_t triangle, uint64_t other, dou
     }
 }
 
-/* In the order of the triangles, so that sums do not depend on threads. */
+/* Records all pairs in the order of the triangles, so that sums do not depend on threads. */
 static void take_all(const struct search *s)
 {
     double largest = 0.0;

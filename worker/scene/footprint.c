@@ -9,9 +9,9 @@
 #include "worker/scene/clip.h"
 #include "worker/scene/texture.h"
 
-/* Roundings of half a unit in the last place of a coordinate that a position and the planes about it have seen. */
+/* Number of roundings, each half a unit in the last place of a coordinate, in a position and the planes around it. */
 static const double ROUNDINGS = 8.0;
-static const double SLIVER = 1e-3; /* of a triangle's area: what is smaller is the end of something larger */
+static const double SLIVER = 1e-3; /* relative area of a clipped triangle below which it is the tip of a larger one */
 
 static void local_corners(const struct kiln_footprint *f, uint32_t triangle, struct kiln_texel_triangle *local)
 {
@@ -42,7 +42,7 @@ uint32_t kiln_footprint_clip(const struct kiln_footprint *f, uint32_t triangle,
 
 /* ---- room for rounding ---- */
 
-/* A bound, m, of how far rounding moves a position of the triangle. */
+/* Upper bound of the rounding error of a position on the triangle, m. */
 static double rounding_of(const struct kiln_vec3 corner[3])
 {
     float most = 0.0f;
@@ -51,7 +51,7 @@ static double rounding_of(const struct kiln_vec3 corner[3])
     return ROUNDINGS * 0x1p-24 * (double)most;
 }
 
-/* Twice the area and the outline, m and m2, of a polygon of a triangle whose edges are e1 and e2. */
+/* Twice the area, and the perimeter, of a polygon in a triangle with the edges e1 and e2, m2 and m. */
 static void measure(const struct kiln_clip_corner *polygon, uint32_t corners, struct kiln_dvec3 e1,
                     struct kiln_dvec3 e2, double *twice, double *outline)
 {
@@ -65,8 +65,8 @@ static void measure(const struct kiln_clip_corner *polygon, uint32_t corners, st
     *twice = fraction * dvec3_length(dvec3_cross(e1, e2));
 }
 
-/* Finds the polygon that samples are drawn from, made smaller about its centroid so that rounding moves no sample out
- * of it, and so to the other side of a wall that it ends at. One thinner than rounding shrinks to a point. */
+/* Finds the polygon that samples are drawn from. It is shrunk about its centroid, so that rounding moves no sample out
+ * of it, for example to the other side of a wall. One thinner than the rounding error becomes a point. */
 static uint32_t clip_inside(const struct kiln_footprint *f, uint32_t triangle,
                             struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
 {
@@ -87,7 +87,7 @@ static uint32_t clip_inside(const struct kiln_footprint *f, uint32_t triangle,
     return corners;
 }
 
-/* Likewise the sides of a whole texel: what is left of a side of that length, m. */
+/* Factor that shrinks a side of a whole texel likewise; length of the side in m. */
 static double keep_of(struct kiln_dvec3 side, double rounding)
 {
     const double length = dvec3_length(side);
@@ -260,7 +260,7 @@ static void sample_few(const struct kiln_footprint_polygon *polygon, double u1, 
     sample_corners(w1, w2, u1, u2, b1, b2);
 }
 
-/* Some pieces of a footprint of KILN_FOOTPRINT_MANY, kept between samples. */
+/* Cache of pieces of a footprint of KILN_FOOTPRINT_MANY, kept between samples. */
 enum { PIECES_KEPT = 8 };
 struct kept_pieces {
     struct clipped at[PIECES_KEPT];
@@ -363,14 +363,14 @@ struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *
             }
         one_normal = one_normal && vec3_dot(normal, kiln_triangle_normal(f->geometry, f->pieces[i])) >= 0.99999f;
     }
-    if (!(low.x <= high.x)) /* clipping left nothing: the triangle's first corner stands in */
+    if (!(low.x <= high.x)) /* clipping left nothing: use the triangle's first corner */
         low = high = kiln_triangle_position(f->geometry, f->pieces[0], 0.0f, 0.0f);
     return (struct kiln_footprint_extent){vec3_scale(vec3_add(low, high), 0.5f),
                                           0.5f * vec3_length(vec3_sub(high, low)), one_normal};
 }
 
-/* Number of texels, of the texture that determines opacity, along one lightmap texel of the triangle; 0: no texture
- * does. */
+/* Number of texels of the opacity texture along one lightmap texel of the triangle; 0: no texture determines opacity.
+ */
 static double texture_detail(const struct kiln_footprint *f, uint32_t triangle)
 {
     const struct kiln_scene *scene = f->scene;
@@ -414,11 +414,11 @@ static float opacity_at(const struct kiln_footprint *f, uint32_t triangle, float
                                 g->stored_triangle[triangle], b1, b2);
 }
 
-/* A point has places drawn all over it when one look in so many finds something: a part that the looks missed is
- * found, and KILN_PLACE_TRIES places do. */
+/* Positions are drawn over the whole point if at least one lookup in so many finds something: then a part that the
+ * lookups missed is found, and KILN_PLACE_TRIES positions suffice. */
 enum { LOOKS_A_FIND = 8 };
 
-/* Whether the look in (x, y) or one beside it found something. */
+/* Whether the lookup at (x, y) or a neighbouring one found opacity above 0. */
 static bool found_near(const float *opacity, uint32_t side, uint32_t x, uint32_t y)
 {
     for (uint32_t j = y > 0 ? y - 1 : 0; j <= y + 1 && j < side; j++)
@@ -428,7 +428,7 @@ static bool found_near(const float *opacity, uint32_t side, uint32_t x, uint32_t
     return false;
 }
 
-/* Sets the cells where `side` x `side` looks, of which `found` found something, say that something may be. */
+/* Marks cells of the mask where something may exist, by side x side lookups, of which `found` found something. */
 static void fill_mask(struct kiln_mask *mask, const float *opacity, uint32_t side, uint32_t found)
 {
     const bool everywhere = found * LOOKS_A_FIND >= side * side;
@@ -469,7 +469,7 @@ float kiln_footprint_opacity(const struct kiln_footprint *f, uint32_t key, struc
     float opacity[KILN_MASK_SIDE * KILN_MASK_SIDE], sum = 0.0f, low = 1.0f, high = 0.0f;
     struct kept_pieces kept;
     keep_none(&kept);
-    for (uint32_t x = 0; x < side; x++) /* looks of a column are mostly on the same pieces */
+    for (uint32_t x = 0; x < side; x++) /* lookups in one column mostly hit the same pieces */
         for (uint32_t i = x; i < count; i += side)
             opacity[i] = look_in_cell(f, key, side, i, &kept);
     for (uint32_t i = 0; i < count; i++) {
@@ -588,7 +588,7 @@ bool kiln_triangle_lift(const struct kiln_scene *scene, const struct kiln_geomet
     bool any = false;
     kiln_geometry_corners(g, triangle, corner);
     kiln_geometry_stored_vertices(scene, g, triangle, vertex);
-    for (int i = 0; i < 3; i++) { /* times the cosine, and by how much the corner counts */
+    for (int i = 0; i < 3; i++) { /* times the cosine, and the corner's weight */
         const struct kiln_dvec3 own = to_world(object, dvec3_of(scene->normals[vertex[i]]));
         const double cosine = dvec3_dot(own, n), none = (double)KILN_LIFT_NONE, whole = (double)KILN_LIFT_WHOLE;
         soft[i] = dvec3_scale(own, cosine * fmin(fmax((cosine - none) / (whole - none), 0.0), 1.0));
@@ -604,7 +604,7 @@ bool kiln_triangle_lift(const struct kiln_scene *scene, const struct kiln_geomet
     return any;
 }
 
-/* Shading normal at the centroid of what the triangle covers of the texel. */
+/* Shading normal at the centroid of the triangle's part in the texel. */
 static struct kiln_dvec3 piece_normal(const struct kiln_footprint *f, uint32_t triangle)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], centroid = {0.0, 0.0, 1.0 / 3.0, 1.0 / 3.0};

@@ -25,12 +25,12 @@ struct kiln_point_cursor {
     struct kiln_own_point point;
     uint64_t piece;                /* index of its first piece in surface->pieces */
     uint64_t cdf;                  /* index of its first entry in surface->area_cdf, if it has more than one piece */
-    uint64_t rest;                 /* mask of the tile run's texels from this point on */
+    uint64_t rest;                 /* mask of the tile run's texels, from this point on */
     uint32_t map, x, y;            /* lightmap and texel of the point; undefined after the last point */
-    struct kiln_texel_place place; /* the same texel or, of an octree, the leaf; undefined after the last point */
+    struct kiln_texel_place place; /* the texel, or the leaf of an octree; undefined after the last point */
     uint32_t object;
     bool leaves;                   /* the lightmap is an octree, and the tile a brick */
-    bool back;                     /* the lightmap is that of the backs: normals are those of the triangles reversed */
+    bool back;                     /* the lightmap is of backs: the triangles' normals are reversed */
     uint32_t tile_x, tile_y;       /* first texel of the tile */
     struct kiln_texel_place first; /* first leaf of the brick */
 };
@@ -55,7 +55,7 @@ static inline void kiln_point_locate(struct kiln_point_cursor *at)
     }
 }
 
-/* A cursor that knows where its points are, and not yet their pieces. */
+/* Returns a cursor with the places of points, but without their pieces. */
 static inline struct kiln_point_cursor kiln_point_begin(const struct kiln_surface *s, const struct kiln_tile_run *f)
 {
     const uint32_t tiles_x = s->lightmaps[f->map].tiles_x;
@@ -100,8 +100,8 @@ enum kiln_footprint_kind {
 
 enum { KILN_FOOTPRINT_PIECES = 4, KILN_FOOTPRINT_CORNERS = 7 };
 
-/* A convex piece: its corners in barycentric weights. Triangle (0, i + 1, i + 2) of its fan ends at the fraction
- * until[i] of the piece's area. */
+/* A convex piece, with corners in barycentric weights. until[i] is the cumulative area fraction of the piece's triangle
+ * fan up to and with triangle (0, i + 1, i + 2). */
 struct kiln_footprint_polygon {
     float b1[KILN_FOOTPRINT_CORNERS], b2[KILN_FOOTPRINT_CORNERS];
     float until[KILN_FOOTPRINT_CORNERS - 2];
@@ -117,8 +117,8 @@ struct kiln_footprint {
     uint32_t piece_count;
     struct kiln_texel_place place;            /* the texel or leaf */
     uint8_t kind;                             /* enum kiln_footprint_kind */
-    const struct kiln_divided_texel *divided; /* the texel that walls divide; NULL: it is whole */
-    uint32_t part;                            /* the point's part of it */
+    const struct kiln_divided_texel *divided; /* the texel, if walls divide it; NULL: undivided */
+    uint32_t part;                            /* the point's part of the divided texel */
     bool back; /* the point is on the backs: kiln_footprint_normals reverses the triangles' normals */
     union {
         /* KILN_FOOTPRINT_WHOLE. The position at (s, t) in the texel's square, both 0..1, is origin + s du + t dv, m,
@@ -137,15 +137,16 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
                             const struct kiln_geometry *geometry, const struct kiln_surface *surface,
                             const struct kiln_point_cursor *at);
 
-/* Clips a triangle to the footprint, or a polygon in it to a part of a divided texel; returns the number of corners.
- * Below 3: nothing. Samples keep away from the outline by as much as rounding moves positions. */
+/* Clips a triangle to the footprint; kiln_part_clip clips a polygon in the footprint to a part of a divided texel. Both
+ * return the number of corners, below 3 if nothing is left. The outline is moved inwards by the rounding error of
+ * positions. */
 uint32_t kiln_footprint_clip(const struct kiln_footprint *footprint, uint32_t triangle,
                              struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
 uint32_t kiln_part_clip(const struct kiln_divided_texel *texel, uint32_t part,
                         struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t corners);
 
-/* Whether a texel has so little of a surface, `area` m2, that rounding moves places of it across its edge: the end of a
- * surface that goes on elsewhere. `triangle`: the largest of it. No light is gathered there. */
+/* Whether the surface in a texel, of `area` m2, is so small that rounding moves places across its edge: the end of a
+ * surface that continues in other texels. `triangle`: its largest triangle. No light is gathered there. */
 bool kiln_texel_is_sliver(const struct kiln_scene *scene, const struct kiln_geometry *geometry, uint32_t triangle,
                           const struct kiln_texel_place *place, double area);
 
@@ -167,7 +168,7 @@ enum { KILN_FOOTPRINT_TRIANGLES = KILN_CLIP_CORNERS - 2 }; /* triangles of one p
 uint32_t kiln_footprint_triangles(const struct kiln_footprint *footprint, uint32_t piece,
                                   struct kiln_footprint_triangle *triangles);
 
-/* Area of what the footprint has of piece `piece`, m2. */
+/* Area of piece `piece` within the footprint, m2. */
 double kiln_footprint_piece_area(const struct kiln_footprint *footprint, uint32_t piece);
 
 /* Bounds of a point's surface: the centre of its bounding box, the greatest distance from there, and whether all pieces
@@ -184,21 +185,21 @@ struct kiln_footprint_extent kiln_footprint_extent(const struct kiln_footprint *
 struct kiln_mask {
     uint32_t cells[KILN_MASK_WORDS];
     uint32_t count; /* number of set bits; 0: no mask, sample the whole point */
-    float most;     /* no place is taken to be more opaque than this; above 0, at most 1 */
+    float most;     /* upper limit of opacity in sampling; above 0, at most 1 */
 };
 
 /* Returns the mean opacity over the point (kiln_surface_opacity); 1 where the material is opaque everywhere. It is the
- * mean of looks: one in each cell of a grid of 4 x 4 (texture as coarse as the lightmap) up to 16 x 16 (texture 4 times
- * as fine, or finer). Where they differ, `mask` is filled: the cells whose looks, or whose neighbours' looks, found
- * something; all cells when one look in eight did. `most` is twice what the looks found at most, or 1. The looks'
- * places are a function of `key`, which should differ from point to point, and should not hang on the seed: what a look
- * misses is the same for all samples of the point. */
+ * mean of texture samples, one in each cell of a grid of 4 x 4 (texture as coarse as the lightmap) up to 16 x 16
+ * (texture 4 times as fine, or finer). If they differ, `mask` is filled with the cells where a sample, or one in a
+ * neighbouring cell, was not 0; with all cells if at least one sample in eight was not 0. `most` is twice the largest
+ * sample, or 1. Places of samples are a function of `key`, which should differ from point to point but not depend on
+ * the seed: details missed here are missed by all samples of the point. */
 float kiln_footprint_opacity(const struct kiln_footprint *footprint, uint32_t key, struct kiln_mask *mask);
 
 /* Draws a sample from u1, u2 in [0, 1) with a density proportional to the opacity, of a point with a mask whose count
- * is not 0: opaque places uniformly, places of opacity 1/2 half as often. The mask says where to look; the opacity at
- * the place itself decides, and a place where nothing is is drawn again, from hashes of u1, u2 and `key`. The last of
- * KILN_PLACE_TRIES places stands, whatever is there. */
+ * is not 0: opaque places uniformly, places of opacity 1/2 half as often. Places are drawn in the mask's cells and
+ * accepted by their opacity; a rejected place is drawn again, from hashes of u1, u2 and `key`. The last of
+ * KILN_PLACE_TRIES places is always accepted. */
 void kiln_footprint_sample_present(const struct kiln_footprint *footprint, const struct kiln_mask *mask, uint32_t key,
                                    float u1, float u2, uint32_t *triangle, float *b1, float *b2);
 
@@ -229,8 +230,8 @@ static inline struct kiln_vec3 kiln_triangle_position(const struct kiln_geometry
 struct kiln_vec3 kiln_triangle_normal(const struct kiln_geometry *geometry, uint32_t triangle);
 
 /* The unit normal computed in double from the stored vertices and the transform, without the rounding of world
- * positions. On a flat mesh it is the stored normal, where that agrees: it is also free of the rounding of the file's
- * positions. Cosines use this normal: at 89.9 degrees, a normal that is off by 2e-6 costs a thousandth. */
+ * positions. On a flat mesh the stored normal is returned if it agrees, since it is also free of the rounding of the
+ * file's positions. Cosines use this normal: at 89.9 degrees, a normal that is off by 2e-6 costs a thousandth. */
 struct kiln_vec3 kiln_triangle_exact_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
                                             uint32_t triangle);
 
@@ -240,15 +241,15 @@ struct kiln_vec3 kiln_triangle_exact_normal(const struct kiln_scene *scene, cons
 struct kiln_vec3 kiln_triangle_shading_normal(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
                                               uint32_t triangle, float b1, float b2);
 
-/* How far rays that begin on the triangle are lifted off it (shaders/shared/lift.h); `back`: on its back. False: not at
- * all. Lifts of less than 1e-5 of the triangle's size are none, so that faces which are flat but for rounding stay as
- * they are. */
+/* Lift of ray origins off the triangle (shaders/shared/lift.h); `back`: on its back. Returns false if there is none.
+ * Lifts below 1e-5 of the triangle's size are ignored, so that faces that are flat but for rounding are not lifted. */
 bool kiln_triangle_lift(const struct kiln_scene *scene, const struct kiln_geometry *geometry, uint32_t triangle,
                         bool back, struct kiln_lift *lift);
 
-/* The point's mean normals, weighted by area: of its pieces' geometric normals, and of the shading normals at the
- * pieces' centroids. Unit vectors. Where a mean is nearly zero (the surface folds back), the largest piece's normal is
- * used instead; where the shading normal faces away from the geometric normal, the geometric one is used for both. */
+/* Computes the point's mean normals, weighted by area: the mean of its pieces' geometric normals, and the mean of the
+ * shading normals at the pieces' centroids. Unit vectors. Where a mean is nearly zero (the surface folds back), the
+ * largest piece's normal is used instead; where the shading normal faces away from the geometric normal, the geometric
+ * one is used for both. */
 void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_vec3 *geometric,
                             struct kiln_vec3 *shading);
 
@@ -257,8 +258,8 @@ void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_
  * follows the sizes of the numbers that were rounded, so it means the same in a scene of 1e-6 m and in one of 1e6 m
  * (after "Physically Based Rendering", 4th edition, section 6.8).
  *
- * Let u = 2^-24, M_k the largest absolute coordinate of the corners and S_k their largest difference along axis k.
- * - Error of the position. c0 + b1 e1 + b2 e2 is off by at most u M_k (the last sum) + 4 u S_k (edges, products, inner
+ * Let u = 2^-24, M_k the largest absolute coordinate of the corners and S_k their largest difference along axis k. -
+ * Error of the position. c0 + b1 e1 + b2 e2 is off by at most u M_k (the last sum) + 4 u S_k (edges, products, inner
  *   sum). The parallelogram's origin + s du + t dv, each rounded from double, with the offset added to the origin, is
  *   off by at most 4 u M_k (origin, offset, two sums) + 4 u S_k. Adding the offset last rounds by u M_k once more. So
  *   E_k = u (5 M_k + 5 S_k) bounds all cases, to first order in u.
@@ -269,11 +270,11 @@ void kiln_footprint_normals(const struct kiln_footprint *footprint, struct kiln_
  *
  * The distance is sum_k |n_k| (E_k + 4 u S_k) + sum_k dN_k S_k / |N|, plus a quarter for terms of second order and for
  * the rounding of this sum. The second sum is limited to 2^-10 of the triangle's size, so that a thin triangle does not
- * throw rays off the scene. The whole is at least u times the triangle's size, for planes whose every error is 0 (such
- * as y = 0). */
+ * throw rays off the scene. The whole is at least u times the triangle's size, for planes without any rounding error
+ * (such as y = 0). */
 float kiln_offset_distance(const struct kiln_geometry *geometry, uint32_t triangle, struct kiln_vec3 n);
 
-/* The position p on the triangle, moved off it to the side that `n` points to. */
+/* Returns the position p on the triangle, moved off it to the side that `n` points to. */
 static inline struct kiln_vec3 kiln_offset_origin(struct kiln_vec3 p, struct kiln_vec3 n,
                                                   const struct kiln_geometry *geometry, uint32_t triangle)
 {

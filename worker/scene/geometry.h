@@ -24,15 +24,15 @@
 
 /* Data that a ray needs of the triangle it hit, 32 bytes. */
 struct kiln_hit_record {
-    /* x and y of corner 0 in the object's lightmap, in texels, or among leaves; then how far corners 1 and 2 are from
-     * there */
+    /* x and y of corner 0 in the object's lightmap, in texels, or in leaves; then the offsets of corners 1 and 2 from
+     * corner 0 */
     float texel[6];
     uint32_t object;
     uint32_t material; /* index of the material, and KILN_RECORD_ flags (shaders/shared/surface.h) */
 };
 
-/* More such data where surfaces have leaves (worker/scene/leaves.h): the depth of corner 0, in leaves, and how much
- * deeper corners 1 and 2 are; and the side that the triangle looks to. */
+/* Additional hit data if surfaces have leaves (worker/scene/leaves.h): the depth of corner 0, in leaves, and the
+ * offsets of corners 1 and 2; and the side that the triangle faces. */
 struct kiln_leaf_record {
     float depth[3];
     uint32_t side;
@@ -43,14 +43,14 @@ struct kiln_leaf_record {
 struct kiln_object_range {
     uint64_t opaque_first, opaque_count;
     uint64_t alpha_first, alpha_count;
-    uint64_t two_sided; /* how many have KILN_RECORD_DOUBLE_SIDED */
+    uint64_t two_sided; /* number of triangles with KILN_RECORD_DOUBLE_SIDED */
 };
 
 struct kiln_geometry {
     size_t vertex_count, triangle_count, opaque_count;
     uint32_t passage; /* KILN_PASSAGE_NONE ... */
-    bool coincident;  /* opposite faces coincide somewhere (coincident.h): of those a ray is to meet the front */
-    /* faces that look the same way and coincide: m2, and the objects of the largest such pair */
+    bool coincident;  /* some opposite faces coincide (coincident.h): rays must hit the front */
+    /* coincident faces with the same lit sides: their area, m2, and the objects of the largest such pair */
     double doubled_area;
     uint32_t doubled[2];
     /* triangles of receiver-only objects: the last opaque_receivers opaque ones, and the last alpha_receivers of all */
@@ -58,8 +58,8 @@ struct kiln_geometry {
     float *vertices;   /* x y z; 4 floats of padding after the last, as Embree wants */
     uint32_t *indices; /* 3 a triangle */
     struct kiln_hit_record *records;
-    /* Leaves (worker/scene/leaves.h): their side, m, and where they begin, m, relative to the centre; one record a
-     * triangle. 0 and NULL: there are none. */
+    /* Leaves (worker/scene/leaves.h): side length, m; origin of their grid, m, relative to the centre; one record a
+     * triangle. 0 and NULL: no leaves. */
     double leaf_size;
     struct kiln_dvec3 leaf_origin;
     struct kiln_leaf_record *leaves;
@@ -68,7 +68,7 @@ struct kiln_geometry {
     struct kiln_vec3 bounds_min, bounds_max; /* m, relative to the centre; both 0 for an empty scene */
     /* m, largest absolute coordinate: rounding errors are proportional to it */
     float extent;
-    struct kiln_allocator memory; /* allocated the arrays */
+    struct kiln_allocator memory; /* allocator of the arrays */
 };
 
 /* Expands the scene. Not collective. The scene is borrowed and must outlive the geometry. Uses as many OpenMP threads
@@ -76,12 +76,12 @@ struct kiln_geometry {
  * vertices or more, more than 2^30 materials, or a position further than 1e18 m from the centre (the limit of ray
  * tracing in float); KILN_SYSTEM. Destroy with kiln_geometry_destroy. */
 int kiln_geometry_create(struct kiln_geometry **geometry, const struct kiln_scene *scene, struct kiln_error *error);
-/* The same, with the arrays allocated from `memory`. */
+/* As kiln_geometry_create, with the arrays allocated from `memory`. */
 int kiln_geometry_create_in(struct kiln_geometry **geometry, const struct kiln_scene *scene,
                             const struct kiln_allocator *memory, struct kiln_error *error);
 /* Makes a geometry from arrays that another process has filled and that this process sees at other addresses (shared
- * memory). `made` is a copy of that process's struct; place(context, p) returns this process's address of what is at p
- * there. `memory` releases the arrays. */
+ * memory). `made` is a copy of that process's struct; place(context, p) translates that process's address p to this
+ * process's address. `memory` releases the arrays. */
 int kiln_geometry_attach(struct kiln_geometry **geometry, const struct kiln_geometry *made,
                          void *(*place)(const void *context, const void *there), const struct kiln_allocator *memory,
                          struct kiln_error *error);
@@ -97,16 +97,15 @@ static inline size_t kiln_geometry_hittable(const struct kiln_geometry *g, size_
     return i < g->opaque_count - g->opaque_receivers ? i : i + g->opaque_receivers;
 }
 
-/* Makes rays hit the triangles of receiver-only objects too, for pictures in which they are seen. Call it before a
- * backend is created. */
+/* Makes triangles of receiver-only objects hittable, too, for pictures that show them. Call it before a backend is
+ * created. */
 static inline void kiln_geometry_make_all_hittable(struct kiln_geometry *g)
 {
     g->opaque_receivers = g->alpha_receivers = 0;
 }
 
-/* Whether a ray that has met the back of a triangle is in a solid: not where the face has two sides, nor where it lets
- * light through anywhere (holes.h), nor where it is glass's that is taken as such, in which things stand and are lit.
- */
+/* Whether a ray that hit the back of a triangle is inside a solid. False for double-sided faces; for faces that let
+ * light through somewhere (holes.h); and for simulated glass, in which objects may stand and be lit. */
 static inline bool kiln_geometry_is_solid(const struct kiln_geometry *g, uint32_t triangle)
 {
     return (g->records[triangle].material & (KILN_RECORD_DOUBLE_SIDED | KILN_RECORD_CLEAR)) == 0;
@@ -166,7 +165,7 @@ static inline void kiln_geometry_texel_corners(const struct kiln_scene *scene, c
     }
 }
 
-/* The same in a lightmap whose texels are 2^shift as wide. Exact too. */
+/* The corners in a lightmap whose texels are 2^shift times as wide. Exact, too. */
 static inline void kiln_geometry_map_corners(const struct kiln_scene *scene, const struct kiln_geometry *g,
                                              uint64_t triangle, uint32_t shift, double corner[3][2])
 {

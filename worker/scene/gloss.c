@@ -96,7 +96,7 @@ const char *kiln_gloss_fault(const struct kiln_gloss *g, size_t material_count, 
 
 float kiln_gloss_phong_roughness(float exponent) { return sqrtf(sqrtf(2.0f / (fmaxf(exponent, 0.0f) + 2.0f))); }
 
-/* Whether the lobe over the diffuse part reflects anything at all. */
+/* Whether the lobe above the diffuse part has any reflection. */
 static bool reflects(const struct kiln_gloss *gloss)
 {
     const float brightest = fmaxf(gloss->specular_color[0], fmaxf(gloss->specular_color[1], gloss->specular_color[2]));
@@ -134,7 +134,7 @@ const char *kiln_gloss_kind_name(enum kiln_gloss_kind kind)
     return names[kind];
 }
 
-/* ---- what light transport takes ---- */
+/* ---- what light transport uses ---- */
 
 bool kiln_gloss_is_passage(const struct kiln_gloss *gloss)
 {
@@ -142,8 +142,8 @@ bool kiln_gloss_is_passage(const struct kiln_gloss *gloss)
            gloss->mean_roughness < KILN_GLOSS_ROUGHNESS_SMOOTH;
 }
 
-/* Returns the reflection of a thin smooth wall; textures of it do not count. eta 0: none, or light comes through by
- * alpha. */
+/* Returns the reflection of a thin smooth wall, without its textures. eta 0: there is none, or light passes by alpha.
+ */
 static struct kiln_pane pane_of(const struct kiln_material *material, const struct kiln_gloss *gloss)
 {
     const bool phong = gloss->model == KILN_GLOSS_PHONG;
@@ -157,7 +157,7 @@ static struct kiln_pane pane_of(const struct kiln_material *material, const stru
     return material->transmission > 0.0f && reflects ? pane : (struct kiln_pane){0};
 }
 
-/* Notes a material that is not taken, but may be a pane. */
+/* Records a material without gloss in light transport that may still be a pane. */
 static int take_pane(struct kiln_scene *scene, uint32_t index, struct kiln_error *error)
 {
     const struct kiln_gloss *gloss = &scene->taken[index];

@@ -4,8 +4,7 @@
 
 #include "worker/base/memory.h"
 
-/* A texture's lowest values: level 0 has one for each texel, each further one the lowest of 2 x 2 of the level before.
- */
+/* Minima of a texture: level 0 has a value for each texel, each further level the minimum of 2 x 2 values. */
 enum { LEVELS_MAX = 18, CELLS_ACROSS = 8 };
 struct lows {
     uint8_t *values;
@@ -14,7 +13,7 @@ struct lows {
     int levels;
 };
 
-/* Per texture; without values where no material asks. */
+/* Per texture; empty if no material needs it. */
 struct textures {
     struct lows *alpha, *closed; /* lowest alpha; lowest 255 - red, of what transmits */
 };
@@ -68,8 +67,8 @@ static int lows_build(struct lows *lows, const struct kiln_scene *scene, uint32_
     return KILN_OK;
 }
 
-/* The columns (or rows) that three coordinates may show, with those that a filter reads beside them; all where these
- * pass the texture's edge. */
+/* Range of columns (or rows) covered by three coordinates, including those that a filter reads beside them; the whole
+ * range if they cross the texture's edge. */
 static void find_range(const float at[3], uint32_t size, uint32_t wrap, double beside, uint32_t range[2])
 {
     const double n = size, first = floor((double)fminf(at[0], fminf(at[1], at[2])) * n - beside),
@@ -79,7 +78,7 @@ static void find_range(const float at[3], uint32_t size, uint32_t wrap, double b
     if (wrap == KILN_WRAP_CLAMP) {
         range[0] = (uint32_t)fmin(fmax(first, 0.0), n - 1.0);
         range[1] = (uint32_t)fmin(fmax(last, 0.0), n - 1.0);
-    } else if (floor(last / n) == tile) { /* not where a coordinate is no number */
+    } else if (floor(last / n) == tile) { /* false if a coordinate is NaN */
         const uint32_t from = (uint32_t)fmin(fmax(first - tile * n, 0.0), n - 1.0),
                        to = (uint32_t)fmin(fmax(last - tile * n, 0.0), n - 1.0);
         const bool turned = wrap == KILN_WRAP_MIRROR && fmod(tile, 2.0) != 0.0;
@@ -108,7 +107,7 @@ static uint8_t lowest_within(const struct lows *lows, const struct kiln_texture 
     return lowest;
 }
 
-/* A world triangle's lowest value in a texture; 255 without one. */
+/* Lowest value of a texture over a world triangle; 255 without a texture. */
 static float lowest_texel(const struct kiln_scene *scene, const struct lows *lows, uint32_t texture,
                           const uint64_t vertex[3])
 {

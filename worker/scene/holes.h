@@ -1,9 +1,9 @@
-/* Triangles that let light through somewhere: by an alpha mask, by blending or by transmission. Their backs are no sign
- * of a solid, for what lies behind them is lit.
+/* Triangles that let light through somewhere: by an alpha mask, by blending or by transmission. A hit on their backs
+ * does not mean that a ray is inside a solid, since light gets behind them.
  *
- * Whether a triangle does is read from the texels that it may show, so that the walls of a house do not count as open
- * because its material's texture has holes elsewhere. The answer errs to the side of letting through: texels a little
- * beside the triangle may count. */
+ * The test reads only the texels that a triangle may show. So the walls of a house do not count as open because the
+ * material's texture has holes elsewhere. The test is conservative: texels a little outside the triangle may count as
+ * holes, too. */
 #ifndef KILN_WORKER_SCENE_HOLES_H
 #define KILN_WORKER_SCENE_HOLES_H
 

@@ -1,7 +1,7 @@
 #include "worker/scene/leaves.h"
 
-static const double BEFORE = 0.5;        /* leaves between the origin and the scene's bounds */
-static const double NEARER = 1.0 + 1e-4; /* an axis is nearer than the one before if its component is so much larger */
+static const double BEFORE = 0.5;        /* distance of the grid's origin from the scene's bounds, in leaves */
+static const double NEARER = 1.0 + 1e-4; /* an axis is preferred to the one before if its component is larger by this */
 
 static double component(struct kiln_dvec3 v, int axis) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; }
 

@@ -1,6 +1,6 @@
-/* Radiance probes: a grid of places in space at which the radiance that surfaces send is known from all directions, for
- * gather rays that end at a range (Vandersanden, "Radiance Cells", 2023, chapters 3.6 and 3.7). What a probe keeps and
- * how it is asked stands in shaders/shared/radiance_probe.h, for C and GLSL. */
+/* Radiance probes: a grid of places in space that store the radiance of surfaces from all directions, for gather rays
+ * that end at a range (Vandersanden, "Radiance Cells", 2023, chapters 3.6 and 3.7). Format and lookup of a probe are in
+ * shaders/shared/radiance_probe.h, for C and GLSL. */
 #ifndef KILN_WORKER_SCENE_RADIANCE_PROBES_H
 #define KILN_WORKER_SCENE_RADIANCE_PROBES_H
 
@@ -12,14 +12,14 @@
 
 _Static_assert(sizeof(struct kiln_probe_grid) == 18 * 4, "shaders and C agree on struct kiln_probe_grid");
 
-/* Probes are named by 24 bits in a point's word. */
+/* Largest number of probes: a point's word (near_probes) has 24 bits for a probe. */
 #define KILN_PROBES_MOST ((uint64_t)1 << 24)
 
-/* Borrowed by a backend that has it. */
+/* Radiance probes of a scene; a backend borrows this struct. */
 struct kiln_radiance_probes {
     struct kiln_probe_grid grid;
-    const struct kiln_vec3 *positions; /* of each probe, which may have been moved off the grid, m from the
-                                        * centre; with x = KILN_PROBE_OFF it is off: it has no radiance */
+    const struct kiln_vec3 *positions; /* position of each probe, m from the centre; may differ from the grid. x =
+                                        * KILN_PROBE_OFF: the probe is off, without radiance */
     const float *data;                 /* grid.floats a probe, W/(m2 sr): RGB of each coefficient or element */
 };
 
@@ -28,20 +28,21 @@ static inline uint64_t kiln_probes_count(const struct kiln_probe_grid *grid)
     return (uint64_t)grid->size[0] * grid->size[1] * grid->size[2];
 }
 
-/* The probe at corner `corner` of the cell whose first corner is the probe `cell`. */
+/* Probe at a corner of a cell; `cell`: the probe at the cell's first corner. */
 static inline uint32_t kiln_probe_at_corner(const struct kiln_probe_grid *grid, uint32_t cell, uint32_t corner)
 {
     return cell + (corner & 1u) + ((corner >> 1 & 1u) + (corner >> 2 & 1u) * grid->size[1]) * grid->size[0];
 }
 
-/* The cell that a place lies in, by the number of its first corner; of the nearest one outside of the grid. */
+/* Cell that contains a place, or the nearest cell for places outside of the grid, as the number of its first corner's
+ * probe. */
 uint32_t kiln_probe_cell(const struct kiln_probe_grid *grid, struct kiln_vec3 at);
-/* One of the corners of the cell that `corners` names, one at least, by its trilinear weights at the place and a random
- * number u in (0, 1): the number of its probe. */
+/* Draws one of the cell's corners in the bit mask `corners`, which is not 0, by trilinear weights at the place; u:
+ * random, in (0, 1). Returns the number of the corner's probe. */
 uint32_t kiln_probe_draw(const struct kiln_probe_grid *grid, uint32_t cell, uint32_t corners, struct kiln_vec3 at,
                          float u);
-/* Radiance that the probe has for a ray from `at` with direction d, of unit length, that leaves the scene's box at the
- * distance `far` (kiln_probe_far). Harmonics may give less than 0. */
+/* Looks up the probe's radiance for a ray from `at` with unit direction d, which leaves the scene's box at distance
+ * `far` (kiln_probe_far). With harmonics it may be negative. */
 void kiln_probe_ask(const struct kiln_radiance_probes *probes, uint32_t probe, struct kiln_vec3 at, struct kiln_vec3 d,
                     float far, float radiance[3]);
 

@@ -2,15 +2,15 @@
  * of 21 bits (8 exponent, 13 mantissa). One aligned load fetches all three channels.
  *
  * Rounding is stochastic, driven by a hash that the caller gives. So the mean over many points is exact, and a furnace
- * with albedo 0.99 does not drift. A value is off by at most 2^-13 of itself. Negative values and NaN become 0; values
- * above 3.4e38 become the largest finite one.
+ * with albedo 0.99 does not drift. The relative error of a value is at most 2^-13. Negative values and NaN become 0;
+ * values above 3.4e38 become the largest finite one.
  *
  * Between bounces radiosity travels in 4 bytes: a shared exponent of 6 bits, 9 bits for red and green, 8 for blue
  * (which contributes least to luminance), after Ward's RGBE ("Real Pixels", Graphics Gems II, 1991) and the RGB9_E5
  * format of GPUs. Rounding is stochastic too. The scale is about the scene's mean irradiance. So values up to 2^31
- * times the mean fit, and values down to 2^-32 times the mean keep full precision, whatever the units. A texel that
- * receives all the light of the scene is below the upper limit, since there are fewer texels. The 8-byte form holds
- * every value of the 4-byte form exactly, and packing such a value again gives the same value. */
+ * times the mean fit, and values down to 2^-32 times the mean keep full precision, whatever the units. Even a texel
+ * that receives all light of the scene is below the upper limit, since a scene has fewer than 2^31 texels. The 8-byte
+ * form holds every value of the 4-byte form exactly, and packing such a value again gives the same value. */
 #ifndef KILN_WORKER_SCENE_RADIOSITY_H
 #define KILN_WORKER_SCENE_RADIOSITY_H
 
@@ -47,9 +47,9 @@ static inline void kiln_radiosity_unpack(uint64_t packed, float rgb[3])
     memcpy(rgb, bits, sizeof bits);
 }
 
-/* Stand-in for the radiosity of a point that is not known here: no number in the channels of which `channels` has the
- * bit (red 1, green 2, blue 4), 0 in the others. No value that is packed has this form. All that is computed with it is
- * no number either: so a gather that meets it tells by its sums, and costs no more than any other. */
+/* Packed placeholder for unknown radiosity: NaN in the channels whose bit is set in `channels` (red 1, green 2, blue
+ * 4), 0 in the others. Packing never produces this value. NaN spreads to all results: so a gather that reads it shows
+ * this in its sums, at no extra cost. */
 enum { KILN_RADIOSITY_ALL_CHANNELS = 7 };
 static inline uint64_t kiln_radiosity_absent(uint32_t channels)
 {
@@ -62,7 +62,7 @@ static inline uint64_t kiln_radiosity_absent(uint32_t channels)
 
 enum { KILN_COMPACT_BIAS = 41, KILN_COMPACT_EXPONENT = 63 };
 
-/* 2^exponent, of a normal double. */
+/* 2^exponent; the result must be a normal double. */
 static inline double kiln_power_of_two(int exponent)
 {
     const uint64_t bits = (uint64_t)(exponent + 1023) << 52;
@@ -71,7 +71,8 @@ static inline double kiln_power_of_two(int exponent)
     return power;
 }
 
-/* A channel divided by its quantum, a power of two, rounded up or down by 10 random bits. Whole numbers are kept. */
+/* Divides a channel by its quantum, a power of two, and rounds up or down by 10 random bits; whole numbers do not
+ * change. */
 static inline uint32_t kiln_radiosity_compact_channel(float value, double per_quantum, uint32_t most, uint32_t random10)
 {
     const double steps =

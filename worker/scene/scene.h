@@ -1,5 +1,4 @@
-/* The scene: kiln's own flat scene file, mapped read-only, and the pointers into it through which everything else reads
- * it.
+/* The scene: kiln's own flat scene file, mapped read-only, and pointers to its sections, for all readers.
  *
  * The importer (coordinator/import) writes the file once; every rank maps it. The file is one header followed by
  * sections. A section is an array of one of the structs below: 64-byte aligned, little-endian, without pointers. The
@@ -20,9 +19,9 @@
 #include "worker/base/vector.h"
 
 #define KILN_SCENE_MAGIC 0x4e434b4cu /* "LKCN" */
-/* The latest version, which added the sections of gloss; the one before added those of normal maps. A scene is written
- * as the oldest version that has all of its sections: without gloss as version 4, whose header ends before the sections
- * of gloss, and without normal maps too as version 3 (kiln_scene_sections). */
+/* The latest version. Version 5 added the sections of gloss, version 4 those of normal maps. A scene is written as the
+ * oldest version that has all sections it needs: without gloss as version 4, whose header ends before the sections of
+ * gloss; without normal maps, too, as version 3 (kiln_scene_sections). */
 #define KILN_SCENE_VERSION 5u
 #define KILN_SCENE_VERSION_NORMAL_MAPS 4u
 #define KILN_SCENE_VERSION_PLAIN 3u
@@ -60,9 +59,9 @@ struct kiln_normal_map {
     float scale;       /* multiplies x and y */
 };
 
-/* ---- gloss: what a file says of a material besides its diffuse part (worker/scene/gloss.h) ---- */
+/* ---- gloss: properties of a material besides its diffuse part (worker/scene/gloss.h) ---- */
 
-/* Uses of a texture of struct kiln_gloss: the number it multiplies, or is. */
+/* Uses of a texture in struct kiln_gloss: the member that it multiplies or replaces. */
 enum kiln_gloss_use {
     KILN_GLOSS_METALLIC,            /* x metallic */
     KILN_GLOSS_ROUGHNESS,           /* x roughness; Phong: x exponent */
@@ -74,8 +73,8 @@ enum kiln_gloss_use {
     KILN_GLOSS_CLEARCOAT_ROUGHNESS, /* x clearcoat_roughness */
     /* the clear coat's normal map, as struct kiln_normal_map says, with clearcoat_normal_scale */
     KILN_GLOSS_CLEARCOAT_NORMAL,
-    /* 2 red - 1, 2 green - 1: the direction in which the highlight is long, x along the texture's u, y against its v,
-     * which anisotropy_rotation turns further; blue x anisotropy */
+    /* direction of the highlight's long axis: (2 red - 1, 2 green - 1), x along the texture's u, y against its v;
+     * anisotropy_rotation is added. blue: x anisotropy */
     KILN_GLOSS_ANISOTROPY,
     KILN_GLOSS_USES
 };
@@ -84,14 +83,14 @@ enum kiln_gloss_use {
  * t[1] v + t[2], v' = t[3] u + t[4] v + t[5], where t is `transform`. */
 struct kiln_gloss_texture {
     uint32_t texture; /* KILN_NONE: none */
-    uint32_t channel; /* 0..3: which of red, green, blue, alpha is the number; 0 where several are */
+    uint32_t channel; /* 0..3: channel read: red, green, blue, alpha; 0 if several are */
     float transform[6];
 };
 
 enum kiln_gloss_model {
     KILN_GLOSS_METALLIC_ROUGHNESS = 0, /* glTF 2.0, appendix B, with the extensions KHR_materials_... named below */
-    /* Phong, from an .mtl file: the specular lobe is specular_color x (cosine to the mirror direction)^exponent. Of the
-     * numbers below it has specular_color, exponent, ior, transmission, filter; metallic is 0, roughness 1 */
+    /* Phong, from an .mtl file: the specular lobe is specular_color x (cosine to the mirror direction)^exponent. It
+     * uses the members specular_color, exponent, ior, transmission, filter; metallic is 0, roughness 1 */
     KILN_GLOSS_PHONG = 1
 };
 enum {
@@ -99,22 +98,21 @@ enum {
      * light bends at both faces. Without it a material that transmits is a thin wall */
     KILN_GLOSS_VOLUME = 1,
     KILN_GLOSS_MIRROR = 2, /* Phong: illum 3 to 7, the specular lobe is an ideal mirror of specular_color */
-    /* Phong: 1 - alpha of struct kiln_material is what is also given as `transmission`. Whoever uses `transmission`
-     * takes the surface as opaque */
+    /* Phong: `transmission` repeats 1 - alpha of struct kiln_material. Code that uses `transmission` must treat the
+     * surface as opaque */
     KILN_GLOSS_ALPHA_TRANSMITS = 4
 };
 
-/* Gloss of a material: all that a file says of it besides its diffuse part. Materials that are diffuse
- * (kiln_gloss_kind) and of which kiln_gloss_default says all have none; scenes of such materials have no section of
- * them. Numbers are factors, before their textures; angles are counter-clockwise about the normal, seen from the front.
- */
+/* Gloss of a material: its properties besides the diffuse part. Diffuse materials (kiln_gloss_kind) that
+ * kiln_gloss_default describes fully have none; scenes with only such materials have no gloss section. Numbers are
+ * factors, before their textures; angles are counter-clockwise about the normal, seen from the front. */
 struct kiln_gloss {
     uint32_t material;            /* ascending in the section: at most one for each material */
     uint32_t model;               /* enum kiln_gloss_model */
     uint32_t flags;               /* KILN_GLOSS_VOLUME ... */
     float metallic, roughness;    /* 0..1; alpha of the microfacets is roughness^2 */
     float mean_metallic;          /* metallic x mean of its texture */
-    float mean_roughness;         /* roughness x mean of its texture; Phong: that of a lobe as wide */
+    float mean_roughness;         /* roughness x mean of its texture; Phong: of an equally wide lobe */
     float ior;                    /* >= 1, or 0: an index so high that all light is reflected (KHR_materials_ior) */
     float specular;               /* KHR_materials_specular: 0..1 */
     float specular_color[3];      /* linear, >= 0; Phong: Ks, 0..1 */
@@ -270,9 +268,9 @@ enum kiln_scene_section {
     KILN_SECTION_COUNT
 };
 
-/* Where a triangle is in the source file: which primitive of mesh object.source_mesh, and which triangle of that
- * primitive as the file counts them (strips and fans too). Its corners are those of the file, in the same order or with
- * the last two exchanged. */
+/* Place of a triangle in the source file: the primitive of mesh object.source_mesh, and the triangle's number in this
+ * primitive, counted as in the file (strips and fans, too). Its corners are those of the file, in the same order or
+ * with the last two exchanged. */
 struct kiln_triangle_source {
     uint32_t primitive, triangle;
 };
@@ -291,7 +289,7 @@ enum kiln_note_severity {
     KILN_NOTE_WARNING = 1,
     /* a warning that every bake prints again: it concerns what the user asked for, or shows in the light */
     KILN_NOTE_REPEATED = 2,
-    /* information that every bake prints again: what the file has and no bake uses */
+    /* information that every bake prints again: features of the file that no bake uses */
     KILN_NOTE_UNUSED = 3
 };
 static inline int kiln_note_warns(uint32_t severity)
@@ -315,17 +313,17 @@ struct kiln_scene_header {
     uint64_t size;            /* of the file, bytes */
     uint64_t content_hash[2]; /* XXH3-128 of all `size` bytes with this field zero (kiln_scene_content_hash) */
     uint64_t import_hash[2];  /* XXH3-128 of sources and import settings: the key of the import cache */
-    /* m, world; traced positions are relative to it. It lies where the detail is, not in the middle of the bounds */
+    /* m, world: origin of traced positions. It lies where the detail is, not in the middle of the bounds */
     double centre[3];
     double bounds_min[3], bounds_max[3]; /* m, world, of all objects */
-    /* the density for which the lightmaps were sized; 0 if they were sized otherwise */
+    /* density by which lightmaps were sized; 0: they were sized otherwise */
     float texels_per_metre;
-    /* The factor by which the lightmaps' sides would have to grow so that two texels lie between nearly all charts; 0:
-     * none needed; -1: no factor is enough */
+    /* Factor to enlarge the lightmaps' sides by, so that two texels lie between nearly all charts; 0: not needed; -1:
+     * no factor is enough */
     float padding_factor;
     uint32_t units; /* enum kiln_scene_units: the unit of the lights' intensities */
     uint32_t reserved;
-    /* the file has the first kiln_scene_sections(version) of them; in memory the others are empty */
+    /* the file has only the first kiln_scene_sections(version) sections; the others are empty in memory */
     struct {
         uint64_t offset, count;
     } sections[KILN_SECTION_COUNT];
@@ -362,11 +360,10 @@ struct kiln_scene {
     size_t material_count, texture_count, mesh_count, object_count, light_count, camera_count;
     size_t vertex_count, triangle_count; /* stored; instances not expanded */
     size_t source_count, note_count, normal_map_count, gloss_count;
-    /* what kiln_scene_take_gloss has chosen: of each material its gloss, whose `material` is KILN_NONE where light
-     * transport takes it as diffuse; NULL: all are. Then `materials` are copies */
+    /* result of kiln_scene_take_gloss: gloss of each material, with `material` KILN_NONE if light transport treats it
+     * as diffuse; NULL: all are diffuse. If set, `materials` are copies */
     struct kiln_gloss *taken;
-    struct kiln_pane
-        *panes; /* and of each material what it reflects as a pane (kiln_surface_passage); NULL: no panes */
+    struct kiln_pane *panes; /* reflection of each material as a pane (kiln_surface_passage); NULL: no panes */
     struct kiln_material *own_materials; /* private */
     const void *mapped;                  /* the file */
     size_t mapped_bytes;
@@ -379,7 +376,7 @@ struct kiln_scene {
 size_t kiln_scene_element_size(enum kiln_scene_section section);
 const char *kiln_scene_section_name(enum kiln_scene_section section);
 
-/* Number of sections, and of bytes, of the header of a file of that version. */
+/* Number of sections, and size in bytes, of the header of a file of this version. */
 static inline unsigned kiln_scene_sections(uint32_t version)
 {
     return version == KILN_SCENE_VERSION_PLAIN         ? KILN_SECTION_NORMAL_MAPS
@@ -400,12 +397,12 @@ void kiln_scene_content_hash(const struct kiln_scene_header *header, const void 
  * collective. KILN_NO_INPUT, KILN_BAD_INPUT (not a scene file, damaged, other version), KILN_SYSTEM. Destroy with
  * kiln_scene_close. */
 int kiln_scene_open(struct kiln_scene **scene, const char *path, struct kiln_error *error);
-/* The same for an open file. The scene owns the descriptor from now on, also on failure. `path` is used in error
+/* As kiln_scene_open, for an open file. The scene owns the descriptor from now on, even on failure. `path`: for error
  * sentences. */
 int kiln_scene_open_descriptor(struct kiln_scene **scene, int descriptor, const char *path, struct kiln_error *error);
 void kiln_scene_close(struct kiln_scene **scene);
-/* Returns KILN_IO if the file was written to since it was opened: what was read from it may be wrong. `path` is used in
- * the sentence. */
+/* Returns KILN_IO if the file was written to since it was opened, so that data read from it may be wrong. `path` is
+ * used in the sentence. */
 int kiln_scene_check_unchanged(const struct kiln_scene *scene, const char *path, struct kiln_error *error);
 
 static inline const char *kiln_scene_string(const struct kiln_scene *scene, uint32_t offset)

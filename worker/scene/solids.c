@@ -190,7 +190,7 @@ end:
     return status;
 }
 
-/* ---- which emitters lie inside them ---- */
+/* ---- emitters inside closed pieces ---- */
 
 /* A position from which light comes: that of a punctual light, or one on an emitting triangle. */
 struct emitter {
@@ -283,8 +283,8 @@ static void place_pieces(const struct kiln_geometry *g, const struct kiln_mesh *
     }
 }
 
-/* The winding number of p: how much more often a ray from p leaves the piece than it enters it. The direction is along
- * no axis, so that it seldom hits an edge. */
+/* The winding number of p: the number of times a ray from p leaves the piece, less the number of times it enters. The
+ * ray's direction is parallel to no axis, so that it seldom hits an edge. */
 static int winding_number(const struct kiln_geometry *g, const struct kiln_mesh *mesh, size_t object,
                           const struct pieces *pieces, uint32_t piece, struct kiln_dvec3 p, struct kiln_dvec3 direction)
 {
@@ -305,7 +305,7 @@ static int winding_number(const struct kiln_geometry *g, const struct kiln_mesh 
         const bool leaves = u > 0.0 && v > 0.0 && w > 0.0, enters = u < 0.0 && v < 0.0 && w < 0.0;
         if (!leaves && !enters)
             continue;
-        /* of one sign, as u + v + w is: the triangle lies ahead */
+        /* same sign as u + v + w: the triangle is ahead */
         const double volume = dvec3_dot(to[0], dvec3_cross(to[1], to[2]));
         if ((volume > 0.0) == leaves)
             sum += leaves ? 1 : -1;

@@ -1,5 +1,4 @@
-/* Solids: surfaces that enclose opaque matter. Nothing can be seen of their backs, whatever a material says of its
- * sides.
+/* Solids: surfaces that enclose opaque matter. Their backs are never visible, even if a material is double-sided.
  *
  * A solid is a piece of a mesh, connected through edges, with four properties. It is closed: every edge is traversed as
  * often one way as the other, so that the winding number of any point is a whole number. It is turned outwards: its

@@ -1,10 +1,10 @@
-/* The surface: all surface points (the texels of all lightmaps that lie on geometry), and the tables by which a texel
- * finds its point. The way from a ray's hit to a point is the store's (worker/store/store.h).
+/* The surface: all surface points (the texels of all lightmaps that lie on geometry), and the tables that map texels to
+ * points. The lookup from a ray's hit to a point is in worker/store/store.h.
  *
  * Every object has a lightmap for its front. An object with double-sided triangles (KILN_RECORD_DOUBLE_SIDED) has a
- * second one for their backs, with the same layout. Unless it is published, only rays see it, and its texels are twice
- * as wide. The points of a back have the same surface as those of the front, reversed normals, and light of their own.
- * Object o's front is lightmap o; its back is lightmap object_count + o.
+ * second one for their backs, with the same layout. Unless it is published, it serves only ray hits, and its texels are
+ * twice as wide. The points of a back lie on the same surface as those of the front, with reversed normals and light of
+ * their own. Object o's front is lightmap o; its back is lightmap object_count + o.
  *
  * Every lightmap is cut into tiles of 8 x 8 texels. In a tile, texel (x, y), 0 <= x, y < 8, has the bit kiln_morton8(x,
  * y). Surface points have a global index: they are sorted by cell along a Morton curve, then by lightmap, then by tile
@@ -13,14 +13,14 @@
  * cells has several tile runs. (With partition by objects a tile is one tile run, and its `cell` is that of its first
  * point.) A rank owns a contiguous range of tile runs, so a contiguous range of points.
  *
- * Octrees. Where the geometry has leaves (worker/scene/leaves.h) there is no lightmap, and what is called so here is an
- * octree: the surface of one object that looks to one of six sides. Its tiles are the *bricks*, cubes of 4 x 4 x 4
- * leaves that hold some of that surface, in Morton order: a brick is the lowest two levels of the octree, and in it
- * leaf (x, y, layer) has the bit kiln_morton4(x, y, layer). So a tile's mask has a bit for each occupied leaf, a
- * surface point is an occupied leaf, and everything else is as with lightmaps. As texels, for random numbers and
- * messages, the leaves of brick b are those of tile b in a lightmap of one row of tiles. The octree of object o's front
- * to side s is lightmap s * object_count + o; those of the backs of the triangles of these come after all fronts, in
- * the same order. A hash table leads from a brick's place to its tile.
+ * Octrees. If the geometry has leaves (worker/scene/leaves.h), each "lightmap" here is an octree instead: the surface
+ * of one object that faces one of six sides. Its tiles are the *bricks*, cubes of 4 x 4 x 4 leaves that contain some of
+ * this surface, in Morton order: a brick is the lowest two levels of the octree, and in it leaf (x, y, layer) has the
+ * bit kiln_morton4(x, y, layer). So a tile's mask has a bit for each occupied leaf, a surface point is an occupied
+ * leaf, and everything else is as with lightmaps. For random numbers and messages, the leaves of brick b are numbered
+ * like the texels of tile b in a lightmap with one row of tiles. The octree of object o's front and side s is lightmap
+ * s * object_count + o; the octrees of backs follow all fronts, in the same order. A hash table maps a brick's place to
+ * its tile.
  *
  * Tiles and splits are the same on all ranks; tile runs, pieces and per-point data exist for the rank's own points
  * only. */
@@ -38,9 +38,8 @@
 #define KILN_TILE_SPLIT ((uint64_t)KILN_TILE_SPLIT_HIGH << 32)
 #define KILN_NO_POINT UINT64_MAX
 
-/* Numbers of a surface point, as two types, so that a compiler does not take one for the other. `kiln_own_of_global`
- * and `kiln_global_of_own` convert; the radiosity of all points is indexed by the first, a rank's arrays by the
- * second. */
+/* Numbers of a surface point, as two types that a compiler keeps apart. `kiln_own_of_global` and `kiln_global_of_own`
+ * convert. The radiosity of all points is indexed by global numbers, a rank's arrays by own numbers. */
 struct kiln_global_point {
     uint64_t at; /* in the global order of all ranks' points */
 };
@@ -49,38 +48,38 @@ struct kiln_own_point {
 };
 
 struct kiln_tile {
-    uint64_t mask; /* the texels that have a point, by bit */
+    uint64_t mask; /* texels with a surface point, one bit each */
     /* global index of its first point; for a tile with several tile runs KILN_TILE_SPLIT | index of its first entry in
      * `splits` */
     uint64_t first;
 };
-/* One tile run of a split tile. A tile's entries are consecutive; together their masks are the tile's mask. Before them
- * come entries of single texels that walls divide: `first` is KILN_TILE_SPLIT | index in `divided`. */
+/* One tile run of a split tile. A tile's entries are consecutive; together their masks are the tile's mask. They are
+ * preceded by entries of single texels divided by walls: `first` is KILN_TILE_SPLIT | index in `divided`. */
 struct kiln_split_tile_run {
     uint64_t mask;
     struct kiln_global_point first;
 };
 
-/* A texel that walls divide into parts: what nothing passes between. Each part that light can reach is a surface point
- * of its own, so that nothing shines through a wall. Part 0 is the one that the lightmap shows; its point is that of
- * the texel in its lightmap. The points of parts 1, 2 and 3 are the same texel of further lightmaps, which are written
- * to no file (kiln_map_part).
+/* A texel divided by walls into parts that no light passes between. Each part that light can reach is a surface point
+ * of its own, so that no light leaks through a wall. Part 0 is shown in the lightmap and has the texel's point there.
+ * Parts 1, 2 and 3 have their points at the same texel of additional lightmaps, which are not written to files
+ * (kiln_map_part).
  *
  * Lines cut the texel into convex cells, and each cell belongs to a part or to none (shaders/shared/divided.h). A place
- * within `margin` of a line that parts two of them belongs to none: there rounding decides on which side of the wall a
- * ray has met the surface. The samples of a part are from a convex set of its cells, `margin` away from its lines. */
+ * within `margin` of a line between two parts belongs to none, since rounding decides on which side of the wall a ray
+ * hits. Samples of a part come from a convex set of its cells, at least `margin` away from its lines. */
 struct kiln_divided_texel {
-    struct kiln_global_point part[KILN_TEXEL_PARTS]; /* KILN_NO_POINT: there is no such part */
+    struct kiln_global_point part[KILN_TEXEL_PARTS]; /* point of each part; KILN_NO_POINT: no such part */
     float lines[KILN_CUT_FLOATS];
     float margin; /* in sides of the texel */
     uint32_t line_count;
     uint32_t codes[2];
-    uint32_t sides; /* byte k, of part k: bits 0-3 which lines bound its samples; bits 4-7 the code of their sides */
+    uint32_t sides; /* byte k for part k: bits 0-3 the lines that bound its samples; bits 4-7 the code of the sides */
     uint32_t bit;   /* of the texel in the tile */
-    uint64_t tile;  /* index in `tiles`, of the lightmap of part 0 */
-    float within;   /* m2 of the area of part 0 that lie in cells without a part: nothing lights them */
-    /* bits 0-7: which neighbours (kiln_neighbour_texel) see much less of the surface than part 0
-     * (bake/points/divided.h); bits 8-19 and 20-31: x and y of a place in part 0, from 0 to 4095 over the texel */
+    uint64_t tile;  /* index in `tiles`, of the lightmap of subtexel 0 */
+    float within;   /* m2 of part 0's area in cells without a part, which get no light */
+    /* bits 0-7: mask of neighbours (kiln_neighbour_texel) that see much less of the surface than part 0
+     * (bake/points/divided.h); bits 8-19 and 20-31: x and y of a place in part 0, 0 to 4095 over the texel */
     uint32_t shown;
 };
 static inline float kiln_divided_shown_x(const struct kiln_divided_texel *t)
@@ -91,8 +90,8 @@ static inline float kiln_divided_shown_y(const struct kiln_divided_texel *t)
 {
     return (float)(t->shown >> 20) / 4095.0f;
 }
-/* The part of the cell that the place (x, y) lies in, which may be beyond the texel; KILN_PART_NONE: none. The margin
- * does not count. */
+/* Part of the cell that contains the place (x, y), which may lie outside the texel; KILN_PART_NONE: none. The margin is
+ * ignored. */
 static inline uint32_t kiln_divided_part(const struct kiln_divided_texel *texel, float x, float y)
 {
     uint32_t code = 0;
@@ -100,7 +99,7 @@ static inline uint32_t kiln_divided_part(const struct kiln_divided_texel *texel,
         code |= (uint32_t)(texel->lines[3 * i] * x + texel->lines[3 * i + 1] * y > texel->lines[3 * i + 2]) << i;
     return kiln_cut_part(texel->codes[0], texel->codes[1], code);
 }
-/* The point at the place (x, y) of the texel. */
+/* Point at the place (x, y) of the texel; KILN_NO_POINT within the margin and in cells without a part. */
 static inline struct kiln_global_point kiln_divided_choose(const struct kiln_divided_texel *texel, float x, float y)
 {
     uint32_t sure = 0, perhaps = 0;
@@ -122,7 +121,7 @@ static inline void kiln_neighbour_texel(uint32_t k, int step[2])
     step[1] = (int)(place / 3) - 1;
 }
 
-/* A part of a divided texel, found by its point. */
+/* Table entry to find a part of a divided texel by its point. */
 struct kiln_texel_part {
     struct kiln_global_point point;
     uint64_t divided; /* index in `divided` */
@@ -133,7 +132,7 @@ struct kiln_lightmap {
     uint64_t tile_first;
     uint32_t width, height;
     uint32_t tiles_x, tiles_y;
-    uint32_t shift;     /* its texels are 2^shift as wide and high as those of the object's size in the scene */
+    uint32_t shift;     /* texels are 2^shift times as wide and high as those of the object's size in the scene */
     uint32_t published; /* 1: it is written to a file */
 };
 
@@ -141,7 +140,7 @@ struct kiln_lightmap {
 struct kiln_brick_slot {
     uint64_t place; /* kiln_brick_place */
     uint32_t map;
-    uint32_t tile; /* index in `tiles`, and 1; 0: the slot is empty */
+    uint32_t tile; /* 1 + index in `tiles`; 0: the slot is empty */
 };
 
 /* A tile run: the points of one tile in one cell. */
@@ -166,7 +165,7 @@ struct kiln_surface {
     struct kiln_tile *tiles;
     struct kiln_split_tile_run *splits;
     uint64_t divided_count;
-    struct kiln_divided_texel *divided; /* by point of part 0 */
+    struct kiln_divided_texel *divided; /* by point of subtexel 0 */
     uint64_t part_count;
     struct kiln_texel_part *parts; /* of all divided texels, by point */
     /* octrees: the place of each tile's brick (kiln_brick_place), and the hash table; NULL with lightmaps */
@@ -174,11 +173,11 @@ struct kiln_surface {
     struct kiln_brick_slot *slots;
     uint64_t slot_count; /* a power of two */
     uint32_t object_count;
-    /* lightmaps of whole texels and of parts 0: object_count, times the sides of octrees; twice that if any object has
-     * backs */
+    /* number of lightmaps without those of parts 1 and above: object_count, times the sides for octrees; twice that if
+     * any object has backs */
     uint32_t whole_maps;
-    uint32_t map_count;              /* whole_maps, times the largest number of parts of a texel */
-    struct kiln_lightmap *lightmaps; /* one per lightmap; that of the backs has no tiles if the object has none */
+    uint32_t map_count;              /* whole_maps, times the largest number of subtexels of a texel */
+    struct kiln_lightmap *lightmaps; /* a lightmap of backs has no tiles if the object has no backs */
     uint64_t cell_count;             /* cells that hold points */
     /* one per cell, and one more at the end: global index of its first point. NULL without partition by cells */
     uint64_t *cell_first;
@@ -201,19 +200,18 @@ struct kiln_surface {
     uint16_t *albedo; /* per point: 3 values, 65535 = 1 */
     float *area;      /* per point: m2 of surface covered */
     /* per point: 65535 x the fraction of its area that is not buried in other geometry or within a wall. Until the
-     * validity pass it is 65535. Where it is 0 no light can be gathered, and the point is filled from valid neighbours
-     * at the end */
+     * validity pass it is 65535. A point with 0 gathers no light and is filled from valid neighbours at the end */
     uint16_t *visible;
-    /* per point: which radiance probes are near it (KILN_PROBE_SEEN in shaders/shared/radiance_probe.h). NULL: the bake
-     * has none */
+    /* per point: radiance probes near it (KILN_PROBE_SEEN in shaders/shared/radiance_probe.h). NULL: no radiance probes
+     */
     uint32_t *near_probes;
-    /* KILN_GUIDE_FLOATS a point: the guides of tile runs (worker/pass/guided.h). NULL: the bake has none */
+    /* KILN_GUIDE_FLOATS a point: guides of tile runs (worker/pass/guided.h). NULL: none */
     float *guide;
-    /* KILN_CLOSING_FLOATS a point: how its row is closed (worker/pass/patches.h). NULL: the bake keeps none */
+    /* KILN_CLOSING_FLOATS a point: numbers that close its row (worker/pass/patches.h). NULL: none kept */
     float *closing;
 };
 
-/* The point must be one of this rank's, or of the rank whose arrays the surface views. */
+/* Converts a point's number. The point must be this rank's, or of the rank whose arrays the surface views. */
 static inline struct kiln_own_point kiln_own_of_global(const struct kiln_surface *s, struct kiln_global_point point)
 {
     assert(point.at - s->first.at < s->count);
@@ -239,14 +237,14 @@ static inline bool kiln_point_valid(const struct kiln_surface *s, struct kiln_ow
     return s->visible[own.at] != 0;
 }
 
-/* m2 of the point that are there to be lit: not buried, and where its material is. `present`: kiln_surface_opacity's
- * mean, as passes give it (worker/pass/point.h). */
+/* Area of the point that can be lit, m2: not buried and not cut out by its material. `present`: mean of
+ * kiln_surface_opacity, from a pass (worker/pass/point.h). */
 static inline double kiln_lit_area(const struct kiln_surface *s, struct kiln_own_point own, float present)
 {
     return (double)s->area[own.at] * ((double)s->visible[own.at] / 65535.0) * (double)present;
 }
 
-/* The number of points of consecutive tile runs, of which the first and the last are given. */
+/* Number of points in consecutive tile runs, from `first` to `last`. */
 static inline uint64_t kiln_tile_runs_points(const struct kiln_tile_run *first, const struct kiln_tile_run *last)
 {
     return last->first.at + last->count - first->first.at;
@@ -270,17 +268,17 @@ static inline bool kiln_map_back(const struct kiln_surface *s, uint32_t map)
 {
     return map % s->whole_maps >= kiln_front_maps(s);
 }
-/* Whether the light of a lightmap's points is a result: that of fronts, and of backs that are published. That of other
- * backs, such as the insides of solids whose triangles are double-sided, only rays see. */
+/* Whether the light of a lightmap's points is part of the result: fronts, and published backs. Other backs, such as
+ * insides of solids with double-sided triangles, serve only ray hits. */
 static inline bool kiln_map_is_result(const struct kiln_surface *s, uint32_t map)
 {
     return !kiln_map_back(s, map) || s->lightmaps[map % s->whole_maps].published != 0;
 }
-/* Which part of divided texels the points of a lightmap are; 0: whole texels, too. Lightmap `map` of part 0 has those
- * of part k at map + k whole_maps. */
+/* Part of divided texels that a lightmap's points belong to; 0: also whole texels. Part k of lightmap `map` is lightmap
+ * map + k whole_maps. */
 static inline uint32_t kiln_map_part(const struct kiln_surface *s, uint32_t map) { return map / s->whole_maps; }
 
-/* The place of a brick, in bricks, as one word; and back. */
+/* Packs the grid coordinates of a brick into one word, and unpacks them. */
 static inline uint64_t kiln_brick_place(uint32_t x, uint32_t y, uint32_t layer)
 {
     return (uint64_t)kiln_brick_high(y, layer) << 32 | kiln_brick_low(x, y);
@@ -294,7 +292,7 @@ static inline uint32_t kiln_morton4_x(uint32_t bit) { return (bit & 1u) | (bit >
 static inline uint32_t kiln_morton4_y(uint32_t bit) { return (bit >> 1 & 1u) | (bit >> 3 & 2u); }
 static inline uint32_t kiln_morton4_layer(uint32_t bit) { return (bit >> 2 & 1u) | (bit >> 4 & 2u); }
 
-/* The slot of a brick of an octree, or the empty one where it would be. */
+/* Finds the slot of an octree's brick, or the empty slot where it would be inserted. */
 static inline const struct kiln_brick_slot *kiln_brick_slot(const struct kiln_surface *s, uint32_t map, uint64_t place)
 {
     const uint64_t last = s->slot_count - 1;
@@ -304,11 +302,11 @@ static inline const struct kiln_brick_slot *kiln_brick_slot(const struct kiln_su
     return &s->slots[i];
 }
 
-/* The part that a point is of a divided texel; NULL: its texel is whole. */
+/* Finds the divided texel and part of a point; NULL: its texel is not divided. */
 const struct kiln_texel_part *kiln_surface_part(const struct kiln_surface *s, struct kiln_global_point point);
 
-/* Takes what no light reaches of divided texels out of `visible` of this rank's points. Once, after the validity pass.
- * A point that is valid stays so. */
+/* Subtracts the unlit area of divided texels from `visible` of this rank's points. Call once, after the validity pass.
+ * Valid points stay valid. */
 void kiln_surface_leave_walls_out(struct kiln_surface *s);
 
 /* Entry of a tile at the bit of a texel: a point, KILN_TILE_SPLIT | index in `divided`, or KILN_NO_POINT. */
@@ -326,7 +324,7 @@ static inline struct kiln_global_point kiln_tile_entry(const struct kiln_surface
     return (struct kiln_global_point){run->first.at + (uint64_t)__builtin_popcountll(run->mask & (bit - 1))};
 }
 
-/* Likewise the point; of a divided texel that of part 0. */
+/* Point of a tile at the bit of a texel; for a divided texel the point of part 0. KILN_NO_POINT: none. */
 static inline struct kiln_global_point kiln_tile_point(const struct kiln_surface *s, const struct kiln_tile *tile,
                                                        uint32_t number)
 {

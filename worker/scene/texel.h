@@ -1,4 +1,5 @@
-/* A triangle beside one texel of a lightmap, or beside one leaf (worker/scene/leaves.h), and what of it lies there. */
+/* A triangle in the coordinates of one texel of a lightmap, or of one leaf (worker/scene/leaves.h), and clipping it to
+ * the texel or leaf. */
 #ifndef KILN_WORKER_SCENE_TEXEL_H
 #define KILN_WORKER_SCENE_TEXEL_H
 
@@ -7,17 +8,18 @@
 #include "worker/scene/clip.h"
 #include "worker/scene/leaves.h"
 
-/* Where a point's texel or leaf is: column and row in the lightmap (or among leaves), and the layer of a leaf. */
+/* Grid position of a point's texel or leaf: column and row in the lightmap (or among leaves), and the layer of a leaf.
+ */
 struct kiln_texel_place {
     uint32_t x, y, layer;
     uint32_t shift; /* of the lightmap */
 };
 
-/* Coordinates from the lower corner of the texel or leaf, which is the square or cube 0..1. */
+/* A triangle in coordinates relative to the lower corner of the texel or leaf, which is the square or cube 0..1. */
 struct kiln_texel_triangle {
     double corner[3][2];
     double depth[3]; /* of leaves */
-    bool layered;    /* leaves: only what lies at depths 0..1 counts */
+    bool layered;    /* leaves: the triangle is cut to depths 0..1 */
 };
 
 static inline void kiln_texel_triangle(const struct kiln_scene *scene, const struct kiln_geometry *geometry,
@@ -39,8 +41,8 @@ static inline void kiln_texel_triangle(const struct kiln_scene *scene, const str
     }
 }
 
-/* Clips the triangle to the rectangle [x0, x1] x [y0, y1] of the texel or leaf: kiln_clip_triangle, and of leaves the
- * cut to their range of depths. */
+/* Clips the triangle to the rectangle [x0, x1] x [y0, y1] of the texel or leaf by kiln_clip_triangle; for leaves also
+ * to their range of depths. */
 static inline uint32_t kiln_texel_clip(const struct kiln_texel_triangle *t, double x0, double y0, double x1, double y1,
                                        struct kiln_clip_corner polygon[KILN_CLIP_CORNERS])
 {

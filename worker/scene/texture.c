@@ -68,7 +68,7 @@ static const float linear_of_srgb[256] = {
 
 void kiln_texture_codes(float linear[256]) { memcpy(linear, linear_of_srgb, sizeof linear_of_srgb); }
 
-/* RGBA, all four at once. Each operation has the bits that it has one by one. */
+/* RGBA in a SIMD vector. Each operation gives the same bits as with single floats. */
 typedef float colors __attribute__((vector_size(16)));
 typedef int32_t words __attribute__((vector_size(16)));
 #define ALL(value) ((colors){(value), (value), (value), (value)})
@@ -120,14 +120,14 @@ static double texel_coordinate(float u, uint32_t size, uint32_t wrap)
     return x * (double)size;
 }
 
-/* floor, without a call, of what fits. */
+/* floor without a call, for values in range. */
 static inline int64_t floor_of(double x)
 {
     const int64_t whole = (int64_t)x;
     return whole - (x < (double)whole ? 1 : 0);
 }
 
-/* Texels that a lookup reads, 4 bytes each, and how far between them the place is. */
+/* The texels that a lookup reads, 4 bytes each, and the position between them. */
 struct lookup {
     const uint8_t *corner[4];
     float fx, fy;
@@ -209,7 +209,7 @@ static struct kiln_vec2 interpolated(const struct kiln_vec2 *values, const uint3
     return (struct kiln_vec2){a.x + b1 * (b.x - a.x) + b2 * (c.x - a.x), a.y + b1 * (b.y - a.y) + b2 * (c.y - a.y)};
 }
 
-/* `kept`: of the colour, not of the alpha. */
+/* Prepares painting a triangle. `kept`: factor on the colour, not on alpha. */
 static inline void prepare(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float kept,
                            struct kiln_paint *paint)
 {
@@ -248,7 +248,7 @@ static inline void paint_one(const struct kiln_paint *p, float b1, float b2, col
     memcpy(rgba, &color, sizeof color);
 }
 
-/* Where each position's texels are comes first, so that none waits for another's to arrive. */
+/* Finds the texel addresses of all positions first, so that memory accesses overlap. */
 static inline void paint_some(const struct kiln_paint *p, const float *b1, const float *b2, int count, float (*rgba)[4])
 {
     static const uint32_t corner[3] = {0, 1, 2};

@@ -17,10 +17,10 @@ void kiln_texture_codes(float linear[256]);
  * [3]. */
 void kiln_surface_color(const struct kiln_scene *scene, const struct kiln_mesh *mesh, uint64_t triangle, float b1,
                         float b2, float rgba[4]);
-/* The same, for many positions of one triangle: what is the same at all of them, ready. Borrows the scene. */
+/* kiln_surface_color for many positions of one triangle, with their common values precomputed. Borrows the scene. */
 struct kiln_paint {
     const struct kiln_scene *scene;
-    float factor[4], kept[4]; /* of the material: base colour, and 1 - metallic of it (1 of the alpha) */
+    float factor[4], kept[4]; /* material: base colour; factors 1 - metallic (alpha: 1) */
     float vertex[3][4];       /* codes, 0..255 */
     struct kiln_vec2 at[3];   /* in the texture */
     uint32_t texture;         /* KILN_NONE: none */
@@ -28,20 +28,20 @@ struct kiln_paint {
 void kiln_paint_prepare(struct kiln_paint *paint, const struct kiln_scene *scene, const struct kiln_mesh *mesh,
                         uint64_t triangle);
 enum { KILN_PAINT_MOST = 16 };
-/* At `count` positions, KILN_PAINT_MOST at most. */
+/* Colours as of kiln_surface_color at `count` positions, at most KILN_PAINT_MOST. */
 void kiln_paint_colors(const struct kiln_paint *paint, const float *b1, const float *b2, int count, float (*rgba)[4]);
-/* Passage of light at a position of a surface. The fraction `opacity` of it meets surface, which is lit and reflects
- * with the albedo of kiln_surface_color. The rest is let through with the factors `through`, so light is tinted by
- * through / (1 - opacity).
+/* Passage of light through a surface at a position. The fraction `opacity` of the light hits the surface, which
+ * reflects it with the albedo of kiln_surface_color. The rest passes, with the factors `through`; so passing light is
+ * tinted by through / (1 - opacity).
  *
  *   opacity = a (1 - t),  through = (1 - a) + a t (1 - R) (1 - metallic) base colour
  *
  * Here a is the alpha (0 or 1 for a mask, 1 for an opaque material) and t the transmission, times its texture: glTF's
  * alpha coverage and KHR_materials_transmission of a thin wall, which tints each time light crosses it. Light goes
- * straight on: no refraction, no blur by roughness. R is what a pane reflects (kiln_pane_share; 4 % at normal
- * incidence and an index of 1.5) where light transport takes materials with their gloss (kiln_scene_take_gloss), else
- * 0. It hangs on `cosine`, 0 to 1, that of the angle between the light's way and the face's normal. That light is lost,
- * for no ray meets the pane as a mirror. What is neither reflected nor let through is absorbed. */
+ * straight on: no refraction, no blur by roughness. R is the reflectance of a pane (kiln_pane_share; 4 % at normal
+ * incidence and an index of 1.5) if light transport takes materials with their gloss (kiln_scene_take_gloss), else 0. R
+ * depends on `cosine`, 0 to 1, of the angle between ray and face normal. Light reflected by R is lost, as no ray is
+ * mirrored by a pane. Light neither reflected nor let through is absorbed. */
 struct kiln_passage {
     float opacity, through[3];
 };

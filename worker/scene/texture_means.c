@@ -10,10 +10,10 @@
 enum {
     FIRST_LEVEL = 2, /* blocks of 4 x 4 texels; smaller cells are read from the texture */
     LEVELS = 20,     /* of those that are kept, at most */
-    FINEST = 6,      /* a texel is cut into so many times two, each way, at most */
-    FINE = 64,       /* cells along a polygon from which on cells at its rim are cut */
+    FINEST = 6,      /* a texel is divided at most 2^FINEST times, along each side */
+    FINE = 64,       /* number of cells along a polygon, from which cells at its border are cut */
     PARTS = 4,       /* each way, of such a cell */
-    LOOKS = 4,       /* each way, in a cell across which the coverage changes */
+    LOOKS = 4,       /* lookups along each side of a cell with varying coverage */
     SPAN = 1024,     /* cells along a row */
     ROWS = 8,        /* of texels, decoded at a time */
     CHANNELS = 5     /* of a texel: red, green, blue, alpha, metal */
@@ -23,7 +23,7 @@ struct cell {
     float value[4], square;
 };
 
-/* A grid of blocks over the texture, with a rim of one cell about it: what lies beyond where the texture is clamped. */
+/* A grid of blocks over the texture, with a border of one cell for what lies beyond if the texture is clamped. */
 struct level {
     uint32_t width, height;
     struct cell *cells; /* (width + 2) x (height + 2) */
@@ -69,7 +69,7 @@ static void decode(const struct kiln_texture_means *m, int64_t x, int64_t y, flo
     texel[4] = m->look.metal > 0.0f ? metal_of(m, row * t->width + column) : 0.0f;
 }
 
-/* From colour, alpha and metal to what is averaged. */
+/* Converts colour, alpha and metal to the values that are averaged. */
 static void cover(const struct kiln_texture_means *m, const float texel[CHANNELS], float value[4])
 {
     const float covered = kiln_coverage(m->look.alpha_mode, m->look.alpha_cutoff, texel[3]);
@@ -84,7 +84,7 @@ static float square_of(const struct kiln_texture_means *m, const float value[4])
     return light * light;
 }
 
-/* Whether what is averaged is linear in the colours wherever the filter blends these texels. */
+/* Whether the averaged values are linear in the colours, wherever the filter blends these texels. */
 static bool covered_alike(const struct kiln_texture_means *m, const float *const texels[], int count)
 {
     bool alike = m->look.alpha_mode != KILN_ALPHA_BLEND || texels[0][3] >= 1.0f;
@@ -99,7 +99,7 @@ static bool covered_alike(const struct kiln_texture_means *m, const float *const
     return alike;
 }
 
-/* Between four texels, (x, y) in 0..1. */
+/* Bilinear interpolation between four texels, (x, y) in 0..1. */
 static void blend(const float *const corner[4], float x, float y, float texel[CHANNELS])
 {
     for (int c = 0; c < CHANNELS; c++) {
@@ -109,7 +109,7 @@ static void blend(const float *const corner[4], float x, float y, float texel[CH
     }
 }
 
-/* The mean over the cell between four texels' centres. */
+/* Mean over the cell between the centres of four texels. */
 static void mean_between(const struct kiln_texture_means *m, const float *const corner[4], float value[4])
 {
     float texel[CHANNELS];
@@ -128,14 +128,14 @@ static void mean_between(const struct kiln_texture_means *m, const float *const 
     }
 }
 
-/* The mean over the texel in the middle of three rows, of three texels each. */
+/* Mean over the middle texel of 3 x 3 texels. */
 static void mean_of_texel(const struct kiln_texture_means *m, const float (*const row[3])[CHANNELS], struct cell *cell)
 {
     const float *const all[9] = {row[0][0], row[0][1], row[0][2], row[1][0], row[1][1],
                                  row[1][2], row[2][0], row[2][1], row[2][2]};
     if (!m->linear) {
         cover(m, all[4], cell->value);
-    } else if (covered_alike(m, all, 9)) { /* a quarter of each cell about the centre: 1, 6, 1 eighths each way */
+    } else if (covered_alike(m, all, 9)) { /* a quarter of each adjacent cell: 1, 6, 1 eighths along each side */
         float texel[CHANNELS];
         for (int c = 0; c < CHANNELS; c++)
             texel[c] = (36.0f * all[4][c] + 6.0f * (all[1][c] + all[3][c] + all[5][c] + all[7][c]) + all[0][c] +
@@ -184,7 +184,7 @@ static void add_cell(struct cell *to, const struct cell *from, double weight)
     to->square += (float)weight * from->square;
 }
 
-/* How much of 0..1 the source at `i` of n has of the target at j of m. */
+/* Overlap of interval i of n with interval j of m, as a share of the latter; both divide 0..1. */
 static double share(uint32_t i, uint32_t n, uint32_t j, uint32_t m)
 {
     const double step = (double)n / m, low = fmax(i, j * step), high = fmin(i + 1.0, (j + 1.0) * step);
@@ -193,7 +193,7 @@ static double share(uint32_t i, uint32_t n, uint32_t j, uint32_t m)
 static uint32_t first_of(uint32_t n, uint32_t j, uint32_t m) { return (uint32_t)((uint64_t)j * n / m); }
 static uint32_t end_of(uint32_t n, uint32_t j, uint32_t m) { return (uint32_t)((((uint64_t)j + 1) * n + m - 1) / m); }
 
-/* Adds a row of the source, which stands for `weight` of row y of the level. */
+/* Adds a row of the source to row y of the level, with this weight. */
 static void add_row(struct level *l, uint32_t y, const struct cell *from, uint32_t n, double weight)
 {
     for (uint32_t x = 0; x < l->width; x++)
@@ -201,7 +201,7 @@ static void add_row(struct level *l, uint32_t y, const struct cell *from, uint32
             add_cell(cell_at(l, x, y), from + i, weight * share(i, n, x, l->width));
 }
 
-/* Row y of the first level, from texels. `rows`: room for ROWS of width + 2 texels; `means`: for width cells. */
+/* Fills row y of the first level from texels. `rows`: room for ROWS of width + 2 texels; `means`: for width cells. */
 static void fill_first_row(struct kiln_texture_means *m, uint32_t y, float (*rows)[CHANNELS], struct cell *means)
 {
     const struct kiln_texture *t = m->texture;
@@ -256,7 +256,7 @@ static void fill_next(const struct level *from, struct level *to)
             add_row(to, y, cell_at(from, 0, j), from->width, share(j, from->height, y, to->height));
 }
 
-/* The mean along a piece of the texture's rim, or beyond its corner. */
+/* Fills a border cell: the mean along an edge of the texture, or the value at its corner. */
 static void fill_rim_cell(const struct kiln_texture_means *m, const struct level *l, int64_t x, int64_t y)
 {
     enum { ALONG = 16 };
@@ -338,13 +338,13 @@ void kiln_texture_means_destroy(struct kiln_texture_means **means)
 
 /* ---- polygons ---- */
 
-/* The cells that a polygon is laid over: at x of a cell lies u = (x + shift) / scale. */
+/* Grid of cells for a polygon: x in cells is at u = (x + shift) / scale. */
 struct cells {
     const struct kiln_texture_means *m;
     const struct level *level; /* NULL: read from the texture, */
     int finer;                 /* whose texels are cut 2^finer times */
     double scale[2], shift;
-    bool fine; /* of cells between texels' centres that the polygon has in part that part counts */
+    bool fine; /* of cells between texel centres that are partly in the polygon only that part counts */
 };
 
 /* Returns the cell of any block, wrapped. */
@@ -386,8 +386,8 @@ static void read_cell(const struct cells *at, int64_t x, int64_t y, struct cell 
     cell->square = square_of(m, cell->value);
 }
 
-/* Adds an edge, from (x0, y0) to (x1, y1) in one row of cells, to `covered`: its prefix sums are signed areas right of
- * the edge. */
+/* Adds an edge within one row of cells, from (x0, y0) to (x1, y1), to `covered`, whose prefix sums are the signed areas
+ * to the right of the edge. */
 static void add_edge(double x0, double y0, double x1, double y1, double *covered)
 {
     const double high = y1 - y0, left = fmin(x0, x1), right = fmax(x0, x1);
@@ -403,7 +403,7 @@ static void add_edge(double x0, double y0, double x1, double y1, double *covered
     }
 }
 
-/* A polygon in cells, counted from the first column. */
+/* A polygon in cell coordinates, relative to its first column. */
 struct laid {
     uint32_t corners;
     double x[KILN_TEXTURE_POLYGON], y[KILN_TEXTURE_POLYGON];
@@ -438,8 +438,8 @@ bool kiln_texture_linear(const double uv[3][2], const double corner[3], double v
     return isfinite(value[0]) && isfinite(value[1]) && isfinite(value[2]);
 }
 
-/* About (u, v), as far as `size` of the texture: at the place itself where that is less than a texel, else all blocks
- * that may lie there. */
+/* Mean around (u, v) over a region of `size`: a single lookup if it is smaller than a texel, else all blocks that may
+ * overlap it. */
 static void read_about(const struct kiln_texture_means *m, double u, double v, const double size[2], struct cell *cell)
 {
     const double texels = fmax(size[0] * m->texture->width, size[1] * m->texture->height);
@@ -484,7 +484,7 @@ static void multiply(const struct kiln_texture_means *m, const struct kiln_textu
     cell->square *= (float)(by * by) * spread;
 }
 
-/* Whether a place lies in the polygon, which winds as `winding` says. */
+/* Whether a point is in the polygon, whose winding is given. */
 static bool holds(const struct laid *p, double winding, double x, double y)
 {
     for (uint32_t i = 0; i < p->corners; i++) {
@@ -495,7 +495,7 @@ static bool holds(const struct laid *p, double winding, double x, double y)
     return true;
 }
 
-/* The mean over what the polygon has of a cell between texels' centres, which is not all of it. (x, y): the cell in the
+/* Mean over the polygon's part of a cell between texel centres that it covers partly. (x, y): the cell relative to the
  * polygon's columns and rows. */
 static void read_part(const struct cells *at, const struct laid *p, double winding, int64_t x, int64_t y,
                       struct cell *cell)
@@ -568,7 +568,7 @@ static bool sum_up(const struct cells *at, const struct laid *p, const struct ki
     return true;
 }
 
-/* Cells for a polygon that spans so many texels. */
+/* Chooses the cells for a polygon that spans this number of texels. */
 static struct cells choose_cells(const struct kiln_texture_means *m, double span, uint32_t most)
 {
     struct cells at = {.m = m, .scale = {m->texture->width, m->texture->height}};
@@ -614,7 +614,7 @@ static bool lay(const struct cells *at, const double (*polygon)[2], uint32_t cor
     return fabs(twice) > 1e-9 * size * size;
 }
 
-/* Over so many periods of the texture that what is left of the last ones does not count. */
+/* Mean of the whole texture, for polygons over so many periods that the partial ones at the border do not matter. */
 static bool mean_of_whole(const struct kiln_texture_means *m, const double (*polygon)[2], uint32_t corners,
                           const struct kiln_texture_factor *factor, struct kiln_texture_mean *mean)
 {

@@ -1,10 +1,9 @@
-/* Means of a texture over polygons: what a texture comes to over the surface of a lightmap's texel, or of a part of a
- * lamp.
+/* Mean values of a texture over polygons, such as the surface of a lightmap's texel, or a part of a lamp.
  *
- * The texture is seen as cells: its texels or, where the polygon is large, blocks of them, whose linear means are made
- * once; where it is smaller than a few texels, parts of texels. Each cell counts by the area that the polygon has of
- * it, exactly. So polygons that share out a texture get all of it between them: no texel is missed and none counts
- * twice, whatever the ratio of texels to polygons.
+ * The texture is divided into cells: texels; for large polygons blocks of texels, with precomputed linear means; for
+ * polygons smaller than a few texels, parts of texels. Each cell is weighted by the exact area of its overlap with the
+ * polygon. So if polygons tile a texture, no texel is missed and none counts twice, whatever the ratio of texels to
+ * polygons.
  *
  * Created once, not collective, then only read: safe to share between threads. */
 #ifndef KILN_WORKER_SCENE_TEXTURE_MEANS_H
@@ -23,7 +22,7 @@ struct kiln_texture_means;
 struct kiln_texture_look {
     uint32_t texture, alpha_mode;
     float alpha_cutoff; /* of a mask: on the texture's own alpha */
-    float metal;        /* 0: there is no such texture */
+    float metal;        /* strength of the other texture; 0: none */
     uint32_t metal_texture, metal_channel;
 };
 
@@ -32,7 +31,7 @@ int kiln_texture_means_create(struct kiln_texture_means **means, const struct ki
                               struct kiln_texture_look look, struct kiln_error *error);
 void kiln_texture_means_destroy(struct kiln_texture_means **means);
 
-/* Whether both are the same, so that means of one serve the other. */
+/* Whether both looks are the same, so that they can share means. */
 static inline bool kiln_texture_looks_equal(struct kiln_texture_look a, struct kiln_texture_look b)
 {
     return a.texture == b.texture && a.alpha_mode == b.alpha_mode && a.metal_texture == b.metal_texture &&
@@ -40,36 +39,37 @@ static inline bool kiln_texture_looks_equal(struct kiln_texture_look a, struct k
            !(a.alpha_cutoff < b.alpha_cutoff || a.alpha_cutoff > b.alpha_cutoff);
 }
 
-/* Factors of a cell's four numbers: linear in the texture coordinates, [0] + [1] u + [2] v of each; and another
- * texture's (NULL: none), read at its own coordinates, which are linear in these. */
+/* Factors of a cell's four values. `value`: linear in the texture coordinates, [0] + [1] u + [2] v for each. `other`:
+ * another texture that is multiplied (NULL: none); `at`: its coordinates, linear in u and v. */
 struct kiln_texture_factor {
     double value[4][3];
-    bool by_coverage; /* in the place of each of the cell's colours stands its coverage */
+    bool by_coverage; /* replace the cell's colours by its coverage */
     const struct kiln_texture_means *other;
-    bool by_other_coverage; /* likewise of the other's */
+    bool by_other_coverage; /* replace the other's colours by its coverage */
     double at[2][3];
 };
 
-/* A number that is linear over a triangle, by its value at the corners, as one that is linear in the texture: value[0]
- * + value[1] u + value[2] v. `uv`: of the corners. False: the triangle has no area in the texture, and the number is
- * not the same all over it. */
+/* Converts a number that is linear over a triangle, given at its corners, to one linear in texture coordinates:
+ * value[0] + value[1] u + value[2] v. `uv`: of the corners. False: the triangle has no area in the texture, and the
+ * number is not constant. */
 bool kiln_texture_linear(const double uv[3][2], const double corner[3], double value[3]);
 
 /* Means over the polygon. */
 struct kiln_texture_mean {
     double value[4];
-    double square; /* of the luminance of the colours, squared; as far as the cells tell */
+    double square; /* mean squared luminance of the colours, to the cells' resolution */
 };
 
-/* `polygon`: convex, `corners` of (u, v), at most KILN_TEXTURE_POLYGON. Cells are texels where at most twice `most` of
- * these lie along the polygon's longer side, else blocks of which more than half and at most `most` do; of the texels
- * of a linear filter, if there are fewer than 4 or an eighth of `most`, parts. `most` is at most KILN_TEXTURE_CELLS.
- * `factor` NULL: ones. False: the polygon has no area in the texture, or is too large for its cells. */
+/* Computes means over a convex polygon with `corners` vertices (u, v), at most KILN_TEXTURE_POLYGON. Size of cells:
+ * texels, if at most twice `most` lie along the polygon's longer side; else blocks, of which more than half of `most`
+ * and at most `most` do. With a linear filter, texels are divided if fewer than 4, or than an eighth of `most`, lie
+ * there. `most` is at most KILN_TEXTURE_CELLS. `factor` NULL: ones. False: the polygon has no area in the texture, or
+ * too many cells. */
 enum { KILN_TEXTURE_POLYGON = 16, KILN_TEXTURE_CELLS = 256 };
 bool kiln_texture_means_over(const struct kiln_texture_means *means, const double (*polygon)[2], uint32_t corners,
                              uint32_t most, const struct kiln_texture_factor *factor, struct kiln_texture_mean *mean);
 
-/* Finds the values that are averaged, at (u, v). */
+/* Looks up the averaged values (struct kiln_texture_look) at (u, v). */
 void kiln_texture_means_at(const struct kiln_texture_means *means, double u, double v, float value[4]);
 
 #endif

@@ -6,7 +6,7 @@
 #include "worker/base/memory.h"
 #include "worker/scene/footprint.h"
 
-#define MARGIN 1e-6 /* cells: what comes nearer to a cell than this counts as in it */
+#define MARGIN 1e-6 /* cells: tolerance within which a triangle counts as touching a cell */
 
 struct kiln_voxels {
     struct kiln_dvec3 low; /* corner of the first cell, m */
@@ -42,7 +42,7 @@ static void place_of(const struct kiln_voxels *v, struct kiln_vec3 p, double at[
 
 /* ---- cells of triangles ---- */
 
-/* Whether the axis parts the triangle from the unit cube about the origin with half side `half`. */
+/* Whether the axis separates the triangle from the cube about the origin with half side `half`. */
 static bool parts(const double axis[3], const double corner[3][3], double half)
 {
     double low = DBL_MAX, high = -DBL_MAX, reach = 0.0;
@@ -61,7 +61,7 @@ static void cross(const double a[3], const double b[3], double out[3])
         out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
 }
 
-/* Whether the triangle, in cells, comes into cell c. */
+/* Whether the triangle, in cell coordinates, overlaps cell c. */
 static bool comes_into(const double triangle[3][3], const int c[3])
 {
     const double half = 0.5 + MARGIN;
@@ -204,8 +204,8 @@ static struct kiln_voxel_end end_in_cells(const struct kiln_voxels *v, struct ki
         .at = at, .x = clamped(at.x, v->n[0]), .y = clamped(at.y, v->n[1]), .z = clamped(at.z, v->n[2])};
 }
 
-/* Where a ray comes into the grid, and where it goes out; *axis: across which side it comes in, -1: it begins inside.
- * False: it goes by. */
+/* Clips a ray to the grid: where it enters and leaves. *axis: the axis of the side where it enters; -1: it begins
+ * inside. False: it misses the grid. */
 static bool clip(const struct kiln_voxels *v, struct kiln_vec3 origin, struct kiln_vec3 direction,
                  struct kiln_voxel_end *a, struct kiln_voxel_end *b, int *axis)
 {

@@ -1,6 +1,6 @@
-/* The lightmap as a store (store.h, which includes this): light lives in the texels that it is written to in the end.
- * The way is: barycentrics -> texel -> tile -> surface point. It reads the surface's own tables
- * (worker/scene/surface.h) and keeps none besides. */
+/* The lightmap as a store (store.h, which includes this): light is stored in the texels of the final lightmaps. Lookup
+ * of a hit: barycentrics -> texel -> tile -> surface point. It reads the tables of the surface (worker/scene/surface.h)
+ * and has none of its own. */
 #ifndef KILN_WORKER_STORE_LIGHTMAP_H
 #define KILN_WORKER_STORE_LIGHTMAP_H
 
@@ -20,15 +20,15 @@ enum { KILN_STORE_WAYS = 64, KILN_STORE_ARRAYS = 6 };
 
 struct kiln_store_ways {
     const struct kiln_tile *tile[KILN_STORE_WAYS];
-    const struct kiln_split_tile_run *split_parts[KILN_STORE_WAYS]; /* of the tiles that lie in several cells */
+    const struct kiln_split_tile_run *split_parts[KILN_STORE_WAYS]; /* of hits on split tiles */
     uint8_t bit[KILN_STORE_WAYS];                                   /* of the texel in its tile */
-    uint8_t open[KILN_STORE_WAYS]; /* hits on such tiles; then those on divided texels */
+    uint8_t open[KILN_STORE_WAYS]; /* hits on split tiles; later hits on divided texels */
 };
 
 /* ---- from a hit to a texel ---- */
 
-/* Where hit (u, v) lies on the object's lightmap, in texels; and column and row of the texel, of a lightmap of so many.
- */
+/* Lightmap coordinates, in texels, of hit (u, v); and column and row of its texel, in a lightmap of this width or
+ * height. */
 static inline float kiln_hit_x(const struct kiln_hit_record *r, float u, float v)
 {
     return kiln_texel_coordinate(r->texel[0], r->texel[2], r->texel[4], u, v);
@@ -48,7 +48,7 @@ static inline int32_t kiln_hit_row(const struct kiln_hit_record *r, float u, flo
 
 /* ---- one hit ---- */
 
-/* Which part of a divided texel the hit is on; KILN_NO_POINT: on none. */
+/* Chooses the part of a divided texel that the hit is on; KILN_NO_POINT: none. */
 static inline struct kiln_global_point kiln_store_settle(const struct kiln_store *store, uint32_t triangle, float u,
                                                          float v, bool back, struct kiln_global_point place)
 {
@@ -83,7 +83,7 @@ static const uint8_t kiln_store_morton[KILN_TILE_TEXELS] = {
     50, 51, 54, 55, 40, 41, 44, 45, 56, 57, 60, 61, 42, 43, 46, 47, 58, 59, 62, 63,
 };
 
-/* To the tile. */
+/* First round: from a hit to its tile, which is prefetched. */
 static inline void kiln_store_enter(const struct kiln_store *store, struct kiln_store_ways *ways, uint32_t i,
                                     uint32_t triangle, float u, float v, bool back)
 {
@@ -102,8 +102,8 @@ static inline void kiln_store_enter(const struct kiln_store *store, struct kiln_
     ways->bit[i] = kiln_store_morton[((uint32_t)y & 7u) << 3 | ((uint32_t)x & 7u)];
 }
 
-/* To the points of tiles; of a tile that lies in several cells, to its parts. No branch hangs on which it is: in scenes
- * of many cells it is as good as random. */
+/* Second round: from tiles to points, or for split tiles (in several cells) to their entries. The loop has no branch on
+ * this case, which would be unpredictable in scenes with many cells. Returns the number of hits on split tiles. */
 static inline uint32_t kiln_store_follow_tiles(const struct kiln_store *store, struct kiln_store_ways *ways,
                                                uint32_t count, const uint64_t *radiosity, uint64_t *places)
 {
@@ -125,7 +125,8 @@ static inline uint32_t kiln_store_follow_tiles(const struct kiln_store *store, s
     return split_count;
 }
 
-/* Open are hits on divided texels, whose place is KILN_TILE_SPLIT | index in `divided`. */
+/* Second and third round. Returns the number of open hits: those on divided texels, whose place is KILN_TILE_SPLIT |
+ * index in `divided`. */
 static inline uint32_t kiln_store_follow(const struct kiln_store *store, struct kiln_store_ways *ways, uint32_t count,
                                          const uint64_t *radiosity, uint64_t *places)
 {

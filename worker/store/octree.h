@@ -1,6 +1,6 @@
-/* The octree as a store (store.h, which includes this): light lives in leaves (worker/scene/leaves.h). The way is:
- * barycentrics -> leaf -> brick, through a hash table -> surface point. A brick is a tile, so from there on the way is
- * that of lightmaps. It reads the surface's tables and the geometry's leaf records. */
+/* The octree as a store (store.h, which includes this): light is stored in leaves (worker/scene/leaves.h). Lookup of a
+ * hit: barycentrics -> leaf -> brick, through a hash table -> surface point. A brick is a tile, so the rest of the
+ * lookup is the same as for lightmaps. It reads the surface's tables and the geometry's leaf records. */
 #ifndef KILN_WORKER_STORE_OCTREE_H
 #define KILN_WORKER_STORE_OCTREE_H
 
@@ -41,13 +41,13 @@ static inline struct kiln_global_point kiln_octree_find(const struct kiln_store 
 
 /* ---- many hits ---- */
 
-/* Places of hits in the octree, before they reach their bricks. */
+/* Places of hits in the octree, kept until their bricks are looked up. */
 struct kiln_octree_ways {
     uint64_t brick[KILN_STORE_WAYS];
     uint32_t map[KILN_STORE_WAYS];
 };
 
-/* To the slot: in the place of kiln_store_enter. */
+/* First round, instead of kiln_store_enter: from a hit to its hash table slot, which is prefetched. */
 static inline void kiln_octree_enter(const struct kiln_store *store, struct kiln_octree_ways *octree,
                                      struct kiln_store_ways *ways, uint32_t i, uint32_t triangle, float u, float v,
                                      bool back)
@@ -61,7 +61,7 @@ static inline void kiln_octree_enter(const struct kiln_store *store, struct kiln
     ways->bit[i] = (uint8_t)leaf.bit;
 }
 
-/* To the bricks of all hits: one round more than lightmaps have. kiln_store_follow goes on. */
+/* Additional round for octrees: from slots to the bricks of all hits. kiln_store_follow comes next. */
 static inline void kiln_octree_reach(const struct kiln_store *store, const struct kiln_octree_ways *octree,
                                      struct kiln_store_ways *ways, uint32_t count)
 {

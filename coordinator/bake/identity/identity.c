@@ -60,9 +60,9 @@ static const char *const other[] = {
     "preview", "exposure", "auto-exposure", "tone-map", "json", "quiet", "verbose", "resume", "checkpoint-every",
     "max-time", "watchdog", "device", "devices", "device-memory", "memory-budget", "kernel-cache", "checkpoint-local",
     "strict",
-    /* units give the numbers a name and change none of them */
+    /* units only give numbers a name; they change none of them */
     "verify-fraction", "trace", "shared-memory-ranks", "work-stealing", "rebalance", "units", "export", "vertex-light",
-    /* what it changes is in the scene's content */
+    /* changes are already part of the scene's content */
     "changes", NULL};
 
 static bool is_among(const char *name, const char *const *list)
@@ -170,7 +170,7 @@ static void add_row(struct rows *rows, const char *name, const char *then, const
     rows->count++;
 }
 
-/* Whether the value is that of an option that is no more, which nobody gave. */
+/* Whether the value is the default of an option that no longer exists, so that nobody gave it. */
 static bool is_gone_default(const char *name, const json_t *value)
 {
     const struct kiln_gone_option *gone = kiln_gone_option_find(name);

@@ -1,7 +1,7 @@
-/* The identity of a bake: the scene's content and all settings that affect the light on its surfaces. A checkpoint can
- * be continued only by a bake of the same identity. The settings of the probes are kept apart, since the probes are
- * gathered last and gathered again if only those settings differ. Settings of the output files are not part of the
- * identity. */
+/* The identity of a bake: the scene's content and all settings that affect the light on its surfaces. Only a bake of
+ * the same identity can continue a checkpoint. The settings of the probes are compared separately: probes are gathered
+ * last, and if only their settings differ, only the probes are gathered again. Settings of the output files are not
+ * part of the identity. */
 #ifndef KILN_COORDINATOR_BAKE_IDENTITY_IDENTITY_H
 #define KILN_COORDINATOR_BAKE_IDENTITY_IDENTITY_H
 

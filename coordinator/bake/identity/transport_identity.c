@@ -15,7 +15,7 @@
 #include "worker/base/text.h"
 #include "worker/scene/gloss.h"
 
-/* Aspects of an object, in the order of how much they say. */
+/* Aspects of an object, the most significant difference first. */
 static const struct {
     const char *key, *text;
 } aspects[] = {{"shape", "another shape"},
@@ -33,7 +33,7 @@ static uint64_t add(uint64_t hash, const void *data, size_t bytes) { return XXH3
 
 /* ---- sides and holes ---- */
 
-/* Every alpha of the material's texture. */
+/* Hashes all alpha values of the material's texture. */
 static uint64_t add_alpha(uint64_t hash, const struct kiln_scene *scene, uint32_t texture)
 {
     enum { AT_ONCE = 4096 };
@@ -53,7 +53,7 @@ static uint64_t add_alpha(uint64_t hash, const struct kiln_scene *scene, uint32_
     return hash;
 }
 
-/* Hashes the properties of a material that decide if a ray meets it, and from which side. */
+/* Hashes the properties of a material that decide whether a ray hits it, and on which sides. */
 static uint64_t side_of(const struct kiln_scene *scene, const struct kiln_material *m)
 {
     const uint32_t words[] = {m->double_sided, m->alpha_mode};
@@ -101,7 +101,8 @@ static bool is_gone_on_from(const struct kiln_scene *scene, uint32_t material)
     return kiln_gloss_taken(scene, material) != NULL || m->transmission > 0.0f || m->alpha_mode != KILN_ALPHA_OPAQUE;
 }
 
-/* Hashes a material's properties that decide where a ray goes on to and how much it brings; 0: it ends. */
+/* Hashes the properties of a material that decide where a ray goes on to and how much light it brings. 0: rays end at
+ * the material. */
 static uint64_t gloss_of(const struct kiln_scene *scene, uint32_t material)
 {
     const struct kiln_material *m = &scene->materials[material];
@@ -115,7 +116,7 @@ static uint64_t gloss_of(const struct kiln_scene *scene, uint32_t material)
         hash = add(hash, &scene->panes[material], sizeof *scene->panes);
     if (gloss == NULL)
         return hash;
-    struct kiln_gloss own = *gloss; /* textures count by what they show, not by their number */
+    struct kiln_gloss own = *gloss; /* textures are hashed by their content, not by their index */
     for (int i = 0; i < KILN_GLOSS_USES; i++) {
         hash = add_texture(hash, scene, own.textures[i].texture);
         own.textures[i].texture = own.textures[i].texture != KILN_NONE;
@@ -156,7 +157,8 @@ static void hash_mesh(const struct kiln_scene *s, const struct kiln_mesh *m, con
     h->of[SIDES] = add_sides(s, m, side);
 }
 
-/* `two_sided`: its triangles with backs that count; those of a solid do not, unless they emit. */
+/* Describes an object by its hashes. `two_sided`: hash of its triangles whose backs count. Backs of a solid count only
+ * if they emit. */
 static json_t *object_json(const struct kiln_object *o, const struct hashes *mesh, uint64_t two_sided)
 {
     struct hashes h = *mesh;
@@ -235,7 +237,7 @@ uint64_t kiln_transport_key(const json_t *identity)
 
 /* ---- the index ---- */
 
-/* The text of the index; where the bake is finished, as its manifest has it. */
+/* Reads the text of the index. For a finished bake it must be as the manifest lists it. */
 static int read_text(const char *directory, char path[KILN_PATH_SIZE], char **text, size_t *size,
                      struct kiln_error *error)
 {
@@ -260,7 +262,7 @@ static bool are_texts(const json_t *values)
     return good;
 }
 
-/* Whether all that kiln writes there is there, and of its type. */
+/* Whether the index has all members that kiln writes, each of the right type. */
 static bool is_index(const json_t *index)
 {
     static const char *const texts[] = {"kiln", "scene", "backend", "instruction set"};
@@ -313,8 +315,7 @@ static int take_option(struct kiln_job *job, const struct kiln_option *option, c
                : kiln_option_set(job, option, json_string_value(value), where, KILN_BAD_INPUT, NULL, error);
 }
 
-/* Takes changes, or groups of lights, from the index itself. The file that they were read from may say something else
- * by now. */
+/* Takes changes or light groups from the index itself. The file they were read from may have changed since. */
 static int take_rules(struct kiln_job *job, const json_t *rules, const char *directory, const char *what, char **to,
                       struct kiln_error *error)
 {

@@ -11,24 +11,24 @@
 /* Samples of the coarse solve where it has many points: means over whole objects are wanted to 1 %, not texels. With
  * fewer than ENOUGH_POINTS there are more samples, up to SAMPLES_TIMES as many. */
 enum { SAMPLES_DIRECT = 16, SAMPLES_BOUNCE = 4, SAMPLES_INDIRECT = 16, SAMPLES_TIMES = 16, ENOUGH_POINTS = 1 << 14 };
-/* Bounces of the coarse solve at most, and a tail after them. */
+/* Maximum number of bounces of the coarse solve; a tail estimate follows them. */
 enum { MOST_BOUNCES = 12 };
-/* Objects darker than this part of the scene's mean are left out: nobody sees what moves in them. */
+/* Objects darker than this fraction of the scene's mean are left out: changes in them are not visible. */
 static const double DARKEST = 1e-3;
 
-/* The sums of one object: m2, W and W2. */
+/* Sums of one object: area (m2), light (W) and variance (W2). */
 struct sums {
     struct kiln_exact_sum area, light, variance;
 };
 
-/* Steps of the fixed point that the sums are made in. */
+/* Quantization steps of the fixed-point sums. */
 struct units {
     double area, light, variance;
 };
 
 enum { SUMS = sizeof(struct sums) / sizeof(struct kiln_exact_sum) };
 
-/* Adds the own points of one tile run, of which `at` is the first. */
+/* Adds this rank's points [first, first + count) of one tile run. */
 static void add_tile_run(struct sums *sums, const struct units *units, const struct kiln_solution *solution,
                          uint64_t first, uint32_t count)
 {
@@ -73,7 +73,7 @@ static double variance_of(const struct sums *s, const struct units *units)
     return area > 0.0 ? kiln_exact_value(&s->variance, units->variance) / (area * area) : 0.0;
 }
 
-/* Judges all objects by the sums of the bake and of the coarse solve. */
+/* Compares the sums of the bake with those of the coarse solve, object by object. */
 static void judge(struct kiln_density_check *check, const struct sums *fine, const struct sums *coarse, size_t objects,
                   const struct units *units)
 {

@@ -2,7 +2,7 @@
 
 #include "coordinator/integrate/integrator.h"
 
-/* Iterations of a step in the first round. */
+/* Number of iterations of a step of light paths in the first round. */
 static uint32_t iterations_of(const struct kiln_job *job)
 {
     return job->light.iterations == KILN_ITERATIONS_ALL ? KILN_ITERATIONS_FIRST : job->light.iterations;

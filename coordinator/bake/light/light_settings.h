@@ -6,8 +6,8 @@
 #include "coordinator/job/job.h"
 #include "worker/light/lights.h"
 
-/* Light paths of an iteration: what the job says, or what costs about half of the final gather, within
- * bounds; 0: there are none. */
+/* Number of light paths in an iteration: the job's number or, by default, as many as cost about half of the final
+ * gather, within bounds. 0: no light paths are traced. */
 uint32_t kiln_light_photons(const struct kiln_job *job, uint64_t points);
 
 /* The settings of the job for a scene with these lights and `points` surface points. Not collective. */

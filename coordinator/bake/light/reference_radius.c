@@ -13,7 +13,8 @@ static size_t bin_of(float area)
     return at < 0.0 ? 0 : at >= BINS ? BINS - 1 : (size_t)at;
 }
 
-/* The first bin up to whose end there is half of all; BINS: there is nothing. */
+/* Returns the bin of the median: the first one up to whose end at least half of all entries lie. BINS: there are no
+ * entries. */
 static size_t median_of(const uint64_t counts[BINS])
 {
     uint64_t all = 0, below = 0;

@@ -7,10 +7,10 @@
 
 #include "worker/scene/surface.h"
 
-/* Collective. The width of the median texel of the scene, m, rounded to a power of 2^(1/8); 0 without points. `surface`
- * has this rank's points. It is what most of a bake shows, as views go by the median depth
- * (coordinator/view/view_radius.h): a terrain of a few large texels does not count. All ranks get the same, however the
- * points are parted among them. KILN_SYSTEM. */
+/* Collective. Computes the width of the scene's median texel, m, rounded to a power of 2^(1/8); 0 without points.
+ * `surface` has this rank's points. The median represents most of a bake, just as views use the median depth
+ * (coordinator/view/view_radius.h): a terrain of a few large texels does not change it. All ranks get the same width,
+ * however the points are distributed. KILN_SYSTEM. */
 int kiln_median_texel(const struct kiln_surface *surface, MPI_Comm communicator, double *width,
                       struct kiln_error *error);
 

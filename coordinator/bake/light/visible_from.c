@@ -30,12 +30,12 @@ struct search {
     const struct kiln_prepared *p;
     struct kiln_view_source source;
     struct kiln_view_wish *wishes;
-    struct kiln_camera_frame *frames; /* of a path: what the wishes point to */
+    struct kiln_camera_frame *frames; /* frames of a camera path, which the wishes point to */
     size_t count;
     struct kiln_view_rays *rays;
-    uint64_t *hit;   /* of all tiles: texels that a ray of the first hop has hit, by bit */
+    uint64_t *hit;   /* bit mask of each tile: texels hit by a ray of the first hop */
     bool hits_known; /* the first hop is over */
-    uint8_t *marks;  /* of all tiles; within a hop, what it finds anew has FOUND */
+    uint8_t *marks;  /* mark of each tile; FOUND: first reached within the present hop */
     struct kiln_arena arena;
 };
 enum mark { UNSEEN, REACHED, SEEN, FOUND };
@@ -81,7 +81,7 @@ static int all_cameras(struct search *s, struct kiln_error *error)
     return status;
 }
 
-/* One camera, whose name may have commas, or several. */
+/* Takes a list of cameras, separated by commas, or one camera whose name has commas. */
 static int named_cameras(struct search *s, const char *names, struct kiln_error *error)
 {
     size_t count = 1;
@@ -152,7 +152,7 @@ static uint32_t part_of_hit(const struct search *s, const struct kiln_hit *hit, 
     return point.at == KILN_NO_POINT ? KILN_TEXEL_PARTS : part != NULL ? part->part : 0;
 }
 
-/* Marks a tile of the lightmap of a part. */
+/* Marks a tile in the lightmap that holds the given part of divided texels. */
 static void mark_part(struct search *s, uint32_t map, uint32_t part, uint32_t tile, uint32_t bit, uint8_t value)
 {
     const struct kiln_surface *surface = s->p->surface;
@@ -267,7 +267,7 @@ static void see_receivers(struct search *s)
 
 /* ---- what is reached ---- */
 
-/* A gather ray of the cursor's point. */
+/* Makes gather ray k of the point at the cursor. */
 static void make_ray(struct search *s, const struct kiln_footprint *f, const struct kiln_point_cursor *at, uint32_t hop,
                      uint32_t k, size_t ray)
 {
@@ -282,7 +282,7 @@ static void make_ray(struct search *s, const struct kiln_footprint *f, const str
     kiln_footprint_sample(f, random[0], random[1], &triangle, &b1, &b2);
     struct kiln_vec3 n = kiln_triangle_normal(p->geometry, triangle);
     n = at->back ? vec3_scale(n, -1.0f) : n;
-    /* the normal and a place on the sphere about its end: distributed by the cosine */
+    /* normal plus a random point on the unit sphere: a cosine-distributed direction */
     const float z = 1.0f - 2.0f * random[2], radius = sqrtf(fmaxf(0.0f, 1.0f - z * z)),
                 turn = 2.0f * (float)KILN_PI * random[3];
     const struct kiln_vec3 way = vec3_add(n, vec3(radius * cosf(turn), radius * sinf(turn), z));
@@ -303,7 +303,8 @@ static int trace(struct search *s, size_t count, struct kiln_error *error)
     return status;
 }
 
-/* The rays of own points in tiles with the mark `from`; in the second hop, of points that the first has found. */
+/* Traces gather rays from this rank's points in tiles with the mark `from`. The second hop starts only at points that
+ * the first hop has hit. */
 static int reach(struct search *s, uint32_t hop, uint8_t from, struct kiln_error *error)
 {
     const struct kiln_surface *surface = s->p->surface;
@@ -333,7 +334,7 @@ static int reach(struct search *s, uint32_t hop, uint8_t from, struct kiln_error
     return status == KILN_OK ? trace(s, rays, error) : status;
 }
 
-/* Collective. Each hop begins with what the one before has found. */
+/* Collective. Traces all hops; each starts at the tiles that the hop before has found. */
 static int find_reached(struct search *s, struct kiln_error *error)
 {
     static const uint8_t from[HOPS] = {SEEN, REACHED};
@@ -350,7 +351,7 @@ static int find_reached(struct search *s, struct kiln_error *error)
 
 /* ---- all ---- */
 
-/* Collective. Own tile runs' marks, and what they come to. */
+/* Collective. Takes over the marks of this rank's tile runs, and counts the points they stand for. */
 static int take_marks(struct search *s, struct kiln_visible_from *v, struct kiln_error *error)
 {
     struct kiln_surface *surface = s->p->surface;
@@ -410,7 +411,7 @@ int kiln_visible_from_find(struct kiln_visible_from *v, const struct kiln_prepar
         KILN_TRY(kiln_fail(error, KILN_BAD_INPUT,
                            "--only-visible-from %.200s: none of the %zu views sees a surface that has a lightmap",
                            views, s.count));
-    /* whose copy of the validity is out of date */
+    /* the backend's copy of the points' validity is out of date */
     KILN_TRY(kiln_agree(p->communicator, kiln_backend_set_surface(p->backend, p->surface, error), error));
 end:
     kiln_view_rays_destroy(&s.rays);

@@ -13,24 +13,28 @@
 
 enum { CHUNK_POINTS = 1 << 17, CHUNK_TEXELS = 1 << 12 };
 enum { DIAGONALS = 2, SIDES = 4, LINE_RAYS = DIAGONALS + SIDES };
-enum { WALLS_MOST = 16 };                 /* walls that a ray along a texel finds, at most */
+enum { WALLS_MOST = 16 };                 /* most walls that a ray along a texel finds */
 enum { GRID = 2 * (KILN_TILE_SIDE + 1) }; /* lines between the texels of a tile */
 enum { GLANCES = KILN_CELL_PLACES, RAYS_A_PAIR = 2 * KILN_CELL_PLACES * KILN_CELL_PLACES };
-enum { SEEN_WAYS = 32, SEEN_COUNT = 7 }; /* so many of the ways are as long as what is seen */
+/* rays along the surface; the sight distance is that of the SEEN_COUNT-th longest of them */
+enum { SEEN_WAYS = 32, SEEN_COUNT = 7 };
 enum { OPEN_RAYS = 8, LOOKS = SEEN_WAYS + KILN_CELL_PLACES * OPEN_RAYS };
 enum { UPS = 4 };
-static const double LIFT = 1e-3;         /* of a texel's side: how far above the surface the rays go */
-static const double MARGIN = 5e-4;       /* of a texel's side: the least margin */
-#define ASIDE 2e-3                       /* of a texel's side: from its corners to its diagonals */
-static const double INSET = 5e-5;        /* of a texel's side: from its sides to the rays along them */
-static const double ON = 1e-5;           /* of a ray's length: how far behind a wall it goes on */
-static const double LEAST_SLOPE = 0.1;   /* sine of the angle between wall and texel */
-static const double SAME_NORMAL = 0.999; /* cosine: a texel is flat */
-static const double STRAIGHT = 0.9999;   /* a line is along a texel's sides */
+static const double LIFT = 1e-3;   /* height of the rays above the surface, in texel sides */
+static const double MARGIN = 5e-4; /* least margin, in texel sides */
+#define ASIDE 2e-3                 /* distance of the diagonals from the texel's corners, in texel sides */
+static const double INSET = 5e-5;  /* distance of the side rays from the texel's sides, in texel sides */
+/* offset behind a wall at which a ray goes on, as a fraction of the ray's length */
+static const double ON = 1e-5;
+static const double LEAST_SLOPE = 0.1;                                /* sine of the angle between wall and texel */
+static const double SAME_NORMAL = 0.999;                              /* cosine: a texel is flat */
+static const double STRAIGHT = 0.9999;                                /* a line is along a texel's sides */
 static const double SEEN = 1.5, SEEN_LEAST = 16.0, SEEN_MOST = 128.0; /* how far is looked: m; texels */
 static const double OPEN = 1.0;                                       /* m: what sees so far is no cavity */
-static const double MORE_SKY = 0.2; /* of what is above: outdoors sees so much more of the sky than a room beside it */
-static const double AS_MUCH = 0.5, AS_OPEN = 0.25;    /* of what another sees: what sees so much is as good to show */
+/* least difference in the visible fraction of sky between outdoors and a room beside it */
+static const double MORE_SKY = 0.2;
+/* fractions of another place's sight and openness that make a place as good to show */
+static const double AS_MUCH = 0.5, AS_OPEN = 0.25;
 static const double GOLDEN_ANGLE = 2.399963229728653; /* rad */
 
 /* The plane of a texel: place (x, y) is origin + x du + y dv, m; rays start at `lift` above it. */
@@ -45,12 +49,12 @@ struct candidate {
     struct texel_plane plane;
     double margin;
     struct kiln_texel_cells cells;
-    float borders[KILN_CUT_FLOATS]; /* lines of walls along its borders: what of it is at a x + b y <= c */
+    float borders[KILN_CUT_FLOATS]; /* lines of walls along its borders: the texel lies where a x + b y <= c */
     uint32_t border_count;
     struct kiln_divided_texel texel;
     struct kiln_texel_parts parts;
-    bool crossed;      /* a wall crosses its sides; of texels that are covered in part these do not count */
-    bool shown_chosen; /* part 0 is the one to show */
+    bool crossed;      /* a wall crosses its sides; always true for a texel that is covered in part */
+    bool shown_chosen; /* subtexel 0 is the one to show */
 };
 
 struct search {
@@ -62,7 +66,7 @@ struct search {
     const struct kiln_stop *stop;
     uint32_t threads;
     double far;             /* m: more than the scene is wide */
-    struct candidate *some; /* CHUNK_TEXELS, and how many there are */
+    struct candidate *some; /* list of up to CHUNK_TEXELS candidates, and its length */
     size_t some_count;
     struct kiln_parted_texel *texels; /* what has been found */
     size_t texel_count, texel_room;
@@ -100,7 +104,7 @@ static bool is_flat(const struct search *s, const uint32_t *pieces, uint32_t cou
     return true;
 }
 
-/* The plane of a point's first piece. False for a texel that is not flat, or a triangle without area. */
+/* Finds the plane of a point's first piece. Returns false if the texel is not flat, or the triangle has no area. */
 static bool find_plane(const struct search *s, const struct kiln_point_cursor *at, struct texel_plane *plane)
 {
     const uint32_t *pieces = s->surface->pieces + at->piece;
@@ -127,7 +131,8 @@ static bool find_plane(const struct search *s, const struct kiln_point_cursor *a
     return side > 0.0;
 }
 
-/* The corners of a texel's covered part that lie farthest along its diagonals: of a whole texel, its own. */
+/* Finds the ends of a texel's diagonals: the corners of its covered part that lie farthest along them. A whole texel
+ * has its own corners. */
 static void find_ends(const struct search *s, const struct kiln_point_cursor *at, double ends[4][2])
 {
     static const double whole[4][2] = {{0, 0}, {1, 1}, {0, 1}, {1, 0}},
@@ -151,7 +156,7 @@ static void find_ends(const struct search *s, const struct kiln_point_cursor *at
     }
 }
 
-/* The point of the texel so many steps away in x and y; of octrees, of the leaf there in the same layer or in one
+/* Finds the point of the texel `step` away in x and y. In an octree: of the leaf there, in the same layer or in one
  * beside it. */
 static struct kiln_global_point neighbour(const struct kiln_surface *s, const struct kiln_point_cursor *at,
                                           const int step[2])
@@ -170,7 +175,7 @@ static struct kiln_global_point neighbour(const struct kiln_surface *s, const st
     return point;
 }
 
-/* How near to a wall rounding may take a ray's hit for one on the other side, in sides of the texel. */
+/* Returns the distance from a wall, in texel sides, within which rounding may put a ray's hit on the wrong side. */
 static double margin_of(const struct search *s, const struct kiln_point_cursor *at, const struct texel_plane *p)
 {
     const struct kiln_lightmap *map = &s->surface->lightmaps[at->map];
@@ -182,8 +187,9 @@ static double margin_of(const struct search *s, const struct kiln_point_cursor *
     return fmin(MARGIN + 16.0 * 0x1p-24 * far / side + 0x1p-21 * (double)texels, 0.1);
 }
 
-/* The two rays of a point from end to end, `apart` in the arrays, so that a ray's neighbours are those of other points
- * that go the same way. Of whole texels they begin and end a little outside, so that they meet walls on the border. */
+/* Sets the two rays of a point along its texel's diagonals, `apart` apart in the arrays, so that neighbouring rays have
+ * similar directions. For whole texels the rays start and end a little outside, so that they also meet walls on the
+ * border. */
 static void set_diagonals(const struct search *s, const struct kiln_point_cursor *at, struct kiln_wall_rays *r,
                           size_t first, size_t apart)
 {
@@ -193,7 +199,7 @@ static void set_diagonals(const struct search *s, const struct kiln_point_cursor
     kiln_wall_rays_set_none(r, first + apart);
     if (!find_plane(s, at, &plane))
         return;
-    /* not through the corners, where walls meet: which of two a ray meets there is chance */
+    /* the diagonals avoid the corners, where walls meet: which wall a ray hits there would be chance */
     static const double beside_corners[4][2] = {
         {0.0, ASIDE}, {1.0, 1.0 - 1.5 * ASIDE}, {ASIDE, 1.0}, {1.0 - 1.5 * ASIDE, 0.0}};
     const bool whole = kiln_point_whole(s->surface, at->point);
@@ -211,8 +217,7 @@ static void set_diagonals(const struct search *s, const struct kiln_point_cursor
 
 /* ---- the lines of walls ---- */
 
-/* The line along which a triangle's plane cuts the one that the rays of a texel lie in; false where they are nearly
- * parallel. */
+/* Intersects a triangle's plane with the plane of a texel's rays. Returns false if they are nearly parallel. */
 static bool line_of(const struct search *s, const struct texel_plane *p, uint32_t triangle, double line[3])
 {
     struct kiln_vec3 corner[3];
@@ -244,7 +249,7 @@ static bool step_beyond(const double line[3], double margin, int step[2], double
     return true;
 }
 
-/* A wall along the texel's border counts where the surface goes on beyond. */
+/* Adds a wall along the texel's border, provided that the surface goes on beyond. */
 static void add_border(const struct search *s, struct candidate *c, const double line[3], const int step[2],
                        double sign)
 {
@@ -288,8 +293,8 @@ static void set_line_rays(const struct search *s, const struct candidate *c, str
     }
 }
 
-/* Takes what the rays have met, and leaves those that go on behind it: how many. `of`: twice the candidate of each, and
- * 1 if it goes along a side. */
+/* Adds the walls that the rays have met. Rays that met one are kept, shortened to the rest behind the wall; returns
+ * their number. `of`: for each ray twice its candidate's index, plus 1 if it runs along a side. */
 static size_t take_walls(struct search *s, struct kiln_wall_rays *r, uint32_t *of, size_t count)
 {
     size_t kept = 0;
@@ -332,8 +337,9 @@ end:
     return status;
 }
 
-/* Cuts the candidates, and drops those that no line cuts, or whose sides no wall crosses: what stands in the middle of
- * a texel parts nothing. So it does not matter whether the texel lies in an empty tile run (find_empty). */
+/* Cuts the candidates along their lines. Drops those that no line cuts, and those whose sides no wall crosses: an
+ * obstacle in the middle of a texel divides nothing. So the result does not depend on whether the texel lies in an
+ * empty tile run (find_empty). */
 static void cut_all(struct search *s)
 {
     size_t kept = 0;
@@ -350,9 +356,9 @@ static void cut_all(struct search *s)
     s->some_count = kept;
 }
 
-/* ---- which cells light passes between ---- */
+/* ---- joining the cells that light passes between ---- */
 
-/* Two cells of a candidate that have a line between them, and are not joined. */
+/* Two cells of a candidate on opposite sides of one line, not joined so far. */
 struct pair {
     struct candidate *of;
     uint32_t cell[2];
@@ -390,14 +396,14 @@ static void set_between(const struct pair *p, uint32_t from, uint32_t i, uint32_
     kiln_wall_rays_set(r, ray, place_of(&c->plane, a[0], a[1]), place_of(&c->plane, b[0], b[1]));
 }
 
-/* A few rays between the cells of each pair tell of most that nothing parts them. */
+/* Sets a few rays between the cells of a pair. They are enough to join most pairs that no wall separates. */
 static void set_glances(const struct pair *p, struct kiln_wall_rays *r, size_t first)
 {
     for (uint32_t k = 0; k < GLANCES; k++)
         set_between(p, 0, k, k, r, first + k);
 }
 
-/* All rays between their places, there and back. */
+/* Sets the rays between all places of both cells, in both directions. */
 static void set_all(const struct pair *p, struct kiln_wall_rays *r, size_t first)
 {
     for (uint32_t k = 0; k < RAYS_A_PAIR / 2; k++)
@@ -411,7 +417,7 @@ struct question {
     void (*set)(const struct pair *p, struct kiln_wall_rays *r, size_t first);
 };
 
-/* Joins the cells of the pairs of which a ray meets no wall. */
+/* Joins the cells of each pair that has a ray which meets no wall. */
 static int ask(struct search *s, const struct question *q, const struct pairs *pairs, struct kiln_error *error)
 {
     const size_t most = CHUNK_POINTS / q->rays;
@@ -470,7 +476,7 @@ static void set_ups(const struct search *s, const struct candidate *c, struct ki
         }
 }
 
-/* A cell is buried as a place is that the validity pass looks at: where all of them meet backs of solids. */
+/* Marks the cells that are buried: all their rays meet backs of solids. The validity pass uses the same test. */
 static int find_buried(struct search *s, struct kiln_error *error)
 {
     const size_t rays = (size_t)KILN_CELLS_MOST * UPS;
@@ -539,8 +545,8 @@ static void way_of(int k, double way[2])
     way[1] = sin(angle);
 }
 
-/* Where surface is that may be shown: the cells of a texel's parts; or those of part 0, once that is chosen, and the
- * middles of its neighbours behind walls. */
+/* Views: candidates for the place to show. They are the cells of a texel's parts. Once part 0 is chosen, they are its
+ * cells and the middles of neighbouring texels behind walls. */
 enum { VIEWS = KILN_CELLS_MOST + KILN_NEIGHBOUR_TEXELS };
 static uint32_t part_of_cell(const struct candidate *c, uint32_t cell)
 {
@@ -578,7 +584,7 @@ static void open_place(const struct candidate *c, uint32_t view, const double fr
         place[i] = view < KILN_CELLS_MOST ? c->cells.cell[view].place[p][i] : from[i] + aside[p][i];
 }
 
-/* Rays upwards from a place: as many from each part of what is above as a matt surface sees of it. */
+/* Sets rays upwards from a place, with cosine-distributed directions. */
 static void set_ups_from(const struct search *s, const struct candidate *c, const double from[2],
                          struct kiln_wall_rays *r, size_t first)
 {
@@ -593,7 +599,7 @@ static void set_ups_from(const struct search *s, const struct candidate *c, cons
     }
 }
 
-/* Rays along the surface from a view, and rays upwards. */
+/* Sets the rays of a view: along the surface, and upwards. */
 static void set_looks(const struct search *s, const struct candidate *c, uint32_t view, const double from[2],
                       struct kiln_wall_rays *r, size_t first)
 {
@@ -611,7 +617,7 @@ static void set_looks(const struct search *s, const struct candidate *c, uint32_
     }
 }
 
-/* Texels that the surface goes on for in a direction: `most` at most. */
+/* Returns for how many texels the surface goes on in a direction; at most `most`. */
 static double texels_on(const struct search *s, const struct candidate *c, const double from[2], const double way[2],
                         double most)
 {
@@ -623,7 +629,7 @@ static double texels_on(const struct search *s, const struct candidate *c, const
     return most;
 }
 
-/* Puts a number into a list of the largest so far, by falling size. */
+/* Inserts a number into a descending list of the `count` largest so far. */
 static void keep_longest(double *longest, int count, double number)
 {
     int at = count;
@@ -634,17 +640,18 @@ static void keep_longest(double *longest, int count, double number)
         longest[at] = number;
 }
 
-/* A view: what rays from a place find. All members are 0 for a part that is not there. */
+/* Results of the rays of a view. All members are 0 for a part that does not exist. */
 struct seen {
-    /* texels: how far the surface is seen; the ways that are longest end there or beyond. In a corner of a room a
-     * quarter of all ways is long; on a rim few are */
+    /* sight distance along the surface, texels: the longest rays reach at least so far. In the corner of a room a
+     * quarter of all rays is long; on a rim few are */
     double along;
-    double open;    /* m: a quarter of what is above its most open place is so far away at least, up to OPEN */
-    double escapes; /* the share of what is above that place that is the sky */
+    /* openness of its most open place, m: a quarter of the rays upwards is free at least so far; at most OPEN */
+    double open;
+    double escapes; /* fraction of the rays upwards from that place that reach the sky */
 };
 
-/* Takes the rays upwards from a place, if it is the most open so far; of two that are as open, the one that sees less
- * of the sky. */
+/* Evaluates the rays upwards from a place, and keeps them if it is the most open place so far. Of two equally open
+ * places the one that sees less of the sky is kept. */
 static void look_up(const struct kiln_wall_rays *r, size_t first, struct seen *seen)
 {
     double open[OPEN_RAYS / 4] = {0.0}, escapes = 0.0;
@@ -659,7 +666,7 @@ static void look_up(const struct kiln_wall_rays *r, size_t first, struct seen *s
     }
 }
 
-/* `first`: the first of the rays of set_looks. */
+/* Evaluates the rays of a view. `first`: index of its first ray (set_looks). */
 static struct seen seen_from(const struct search *s, const struct candidate *c, const double from[2],
                              const struct kiln_wall_rays *r, size_t first)
 {
@@ -692,7 +699,7 @@ static bool is_less(struct seen a, struct seen than)
     return a.along < AS_MUCH * than.along;
 }
 
-/* The view of a part is that of the cell which sees most. */
+/* Returns the best view of a part's cells. */
 static struct seen seen_of_part(const struct candidate *c, uint32_t part, const struct seen seen[VIEWS],
                                 const bool there[VIEWS])
 {
@@ -703,7 +710,7 @@ static struct seen seen_of_part(const struct candidate *c, uint32_t part, const 
     return most;
 }
 
-/* The part to show: of those that see no less than others, the largest. Parts are by falling area. */
+/* Chooses the part to show: the largest one that no other part's view beats. Parts are sorted by falling area. */
 static void choose_shown(struct candidate *c, const struct seen seen[VIEWS], const bool there[VIEWS])
 {
     struct seen of[KILN_TEXEL_PARTS];
@@ -718,7 +725,7 @@ static void choose_shown(struct candidate *c, const struct seen seen[VIEWS], con
     kiln_texel_parts_show(&c->texel, &c->parts, shown);
 }
 
-/* Marks the neighbours that may be rims beside the part that is shown. */
+/* Marks the neighbours that may be rims beside the subtexel that is shown. */
 static void find_rims(struct candidate *c, const struct seen seen[VIEWS], const bool there[VIEWS])
 {
     const uint32_t x = (uint32_t)lround(4095.0 * fmin(fmax(c->parts.centre[0][0], 0.0), 1.0)),
@@ -737,8 +744,8 @@ struct view {
     double from[2];
 };
 
-/* The views of all candidates: those of a candidate follow one another. A single part needs no choice, and one without
- * neighbours behind walls is compared with nothing. */
+/* Lists the views of all candidates, those of one candidate together. A candidate with a single view is left out: there
+ * is nothing to compare it with. */
 static int list_views(struct search *s, struct view **views, size_t *count, struct kiln_error *error)
 {
     const int status = kiln_allocate(views, VIEWS * s->some_count, sizeof **views, "views along texels", error);
@@ -756,7 +763,7 @@ static int list_views(struct search *s, struct view **views, size_t *count, stru
     return status;
 }
 
-/* Takes the answers of a candidate's views, which are the first of `views`, at most `count`. Returns how many they
+/* Evaluates the views of one candidate, which begin at `views`; the list has `count` more. Returns how many they
  * are. */
 static size_t take_views(const struct search *s, const struct view *views, size_t count, const struct kiln_wall_rays *r,
                          size_t first, struct seen seen[VIEWS], bool there[VIEWS])
@@ -771,7 +778,7 @@ static size_t take_views(const struct search *s, const struct view *views, size_
     return taken;
 }
 
-/* Looks from all views of all candidates: to choose what is shown, or after that to find rims. */
+/* Traces and evaluates the views of all candidates: first to choose the part to show, then (`shown`) to find rims. */
 static int look_along(struct search *s, bool shown, struct kiln_error *error)
 {
     struct view *views = NULL;
@@ -799,7 +806,7 @@ end:
     return status;
 }
 
-/* Chooses what of each candidate is shown, and finds the rims beside it. */
+/* Chooses the part of each candidate to show, and finds the rims beside it. */
 static int choose_views(struct search *s, struct kiln_error *error)
 {
     static const struct seen none[VIEWS];
@@ -855,7 +862,7 @@ static int keep(struct search *s, struct candidate *c, struct kiln_error *error)
     return keep_pieces(s, c, error);
 }
 
-/* Finds out what walls do to the candidates, and empties their list. */
+/* Divides the candidates into parts by their walls, keeps the results, and empties the list. */
 static int divide_some(struct search *s, struct kiln_error *error)
 {
     int status;
@@ -889,8 +896,8 @@ static bool holds_tile(const struct search *s, uint32_t triangle, const struct k
            kiln_clip_classify(local, 0.0, 0.0, side, side) == KILN_CLIP_INSIDE;
 }
 
-/* Whether a tile run lies on one triangle, which holds all of its tile: so whether it is plain does not hang on the
- * cells that cut the tile. */
+/* Whether a tile run is plain: it lies on one triangle, which covers its whole tile. So the answer does not depend on
+ * how spatial cells cut the tile into runs. */
 static bool is_plain(const struct search *s, size_t run)
 {
     const struct kiln_surface *surface = s->surface;
@@ -906,13 +913,13 @@ static bool is_plain(const struct search *s, size_t run)
     return true;
 }
 
-/* The rays of a plain tile run, along the lines between its texels, from a little outside of it: where they meet
- * nothing, no wall divides a texel of it, for such a wall crosses the texel's sides. */
+/* Sets the rays of a plain tile run, along the lines between its texels and from a little outside of it. If none of
+ * them hits anything, no wall divides a texel of the run, since such a wall would cross the texel's sides. */
 static void set_grid(const struct search *s, size_t run, struct kiln_wall_rays *r, size_t first)
 {
     struct kiln_point_cursor at = kiln_point_first(s->surface, run);
     struct texel_plane p;
-    if (!at.leaves) { /* of the tile, whichever of its texels the run begins with */
+    if (!at.leaves) { /* start at the tile's corner, whatever texel the run begins with */
         at.place.x = at.tile_x;
         at.place.y = at.tile_y;
     }
@@ -955,7 +962,7 @@ static int find_empty(struct search *s, size_t begin, size_t end, struct kiln_wa
     return KILN_OK;
 }
 
-/* Traces the rays of all points of the tile runs [begin, end) but for empty ones. */
+/* Traces the diagonals of all points of the tile runs [begin, end), except those of empty runs. */
 static int trace_diagonals(struct search *s, size_t begin, size_t end, struct kiln_wall_rays *r, size_t *ray,
                            const uint8_t *empty, struct kiln_error *error)
 {
@@ -975,7 +982,7 @@ static int trace_diagonals(struct search *s, size_t begin, size_t end, struct ki
     return trace(s, r, rays, error);
 }
 
-/* Makes candidates of the points of a tile run that walls stand on; `first`: the first of its rays. */
+/* Makes candidates of a tile run's points whose diagonals meet walls. `first`: index of the run's first ray. */
 static int look_at_run(struct search *s, size_t run, const struct kiln_wall_rays *r, size_t first,
                        struct kiln_error *error)
 {
@@ -999,7 +1006,7 @@ static int look_at_run(struct search *s, size_t run, const struct kiln_wall_rays
     return status;
 }
 
-/* Looks at tile runs [begin, end), whose rays fit. */
+/* Finds the candidates of the tile runs [begin, end); the arrays have room for their rays. */
 static int look_at(struct search *s, size_t begin, size_t end, struct kiln_wall_rays *r, struct kiln_error *error)
 {
     size_t *ray = NULL;
@@ -1065,7 +1072,7 @@ static void take_records(void *taker, const void *records, size_t count)
     list->count += count;
 }
 
-/* Collective. Puts the records of all ranks in the place of this one's. */
+/* Collective. Replaces this rank's records by those of all ranks. */
 static int gather(const struct search *s, int status, void *pointer, size_t *count, size_t size,
                   struct kiln_error *error)
 {

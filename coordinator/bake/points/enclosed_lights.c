@@ -9,8 +9,9 @@
 #include "worker/scene/footprint.h"
 #include "worker/scene/gloss.h"
 
-enum { RAYS = 256, FIRST = 32, STRIDE = 97 };  /* of a lamp; of these at first; their order spreads them */
-static const double CLOSE = 0.03;              /* of the scene's diagonal: a bulb, or a shade */
+/* rays of a lamp; rays of the first test; stride that spreads the first ones over all directions */
+enum { RAYS = 256, FIRST = 32, STRIDE = 97 };
+static const double CLOSE = 0.03;              /* size of a bulb or shade, as a fraction of the scene's diagonal */
 static const double TURN = 2.3999632297286533; /* the golden angle: directions that fill a sphere evenly */
 
 /* The rays of one lamp. */
@@ -28,7 +29,7 @@ struct search {
     size_t count, capacity;
 };
 
-/* Unit direction i about `axis`, whose cosine with it is z. */
+/* Returns unit direction i of a spiral about `axis`; z: its cosine with the axis. */
 static struct kiln_vec3 around(struct kiln_vec3 axis, double z, size_t i)
 {
     const double s = sqrt(fmax(0.0, 1.0 - z * z)), phi = TURN * (double)i;
@@ -55,7 +56,7 @@ static void aim_point(const struct kiln_scene *scene, const struct kiln_light *l
     }
 }
 
-/* From `count` triangles that emit, cosine-distributed. */
+/* Sets the lamp's rays: cosine-distributed, from `count` emitting triangles. */
 static void aim_areas(const struct kiln_geometry *geometry, const struct kiln_area_light *areas, size_t count,
                       struct lamp *lamp)
 {
@@ -72,7 +73,7 @@ static void aim_areas(const struct kiln_geometry *geometry, const struct kiln_ar
     }
 }
 
-/* Whether a ray ends there, and light with it. */
+/* Whether a ray, and the light along it, ends at the hit. */
 static bool ends(const struct search *s, const struct kiln_hit *hit)
 {
     if (hit->triangle == KILN_NONE)
@@ -150,7 +151,7 @@ static int look_at_points(struct search *s, struct kiln_error *error)
     return status;
 }
 
-/* Triangles of an object stand together. */
+/* Tests emitting triangles as lamps, those of one object together. */
 static int look_at_areas(struct search *s, struct kiln_error *error)
 {
     const struct kiln_lights *lights = s->params->lights;

@@ -1,5 +1,6 @@
-/* Lamps whose light stays where they are: a point or spot light, or an emitting object, of which every ray ends on the
- * backs of single-sided surfaces, or on opaque ones close by, such as a lamp inside the mesh of its bulb. */
+/* Enclosed lamps: lamps whose light does not get out, such as a lamp inside the mesh of its bulb. A lamp here is a
+ * point or spot light or an emitting object; every ray from it ends on the backs of single-sided surfaces, or on opaque
+ * surfaces close by. */
 #ifndef KILN_COORDINATOR_BAKE_POINTS_ENCLOSED_LIGHTS_H
 #define KILN_COORDINATOR_BAKE_POINTS_ENCLOSED_LIGHTS_H
 
@@ -7,17 +8,17 @@
 #include "worker/light/lights.h"
 
 struct kiln_enclosed_light {
-    uint32_t light;  /* of the scene's punctual lights; KILN_NONE: it is an object */
+    uint32_t light;  /* index among the scene's punctual lights; KILN_NONE: the lamp is an object */
     uint32_t source; /* the object that emits, or KILN_NONE */
-    uint32_t object; /* the one that most of its rays end on */
+    uint32_t object; /* the object that most rays of the lamp end on */
 };
 
-/* Traces rays from each lamp of the backend's scene, on this process alone: the same ones on any backend. `*list` is
- * released with kiln_free. Not collective. KILN_SYSTEM, and the backend's failures. */
+/* Finds the enclosed lamps of the backend's scene by tracing rays from each lamp, on this process alone; the rays are
+ * the same on any backend. Release `*list` with kiln_free. Not collective. KILN_SYSTEM, and the backend's failures. */
 int kiln_enclosed_lights_find(struct kiln_enclosed_light **list, size_t *count, struct kiln_backend *backend,
                               struct kiln_error *error);
 
-/* The sentence about one, without the name of the lamp, in `text`. */
+/* Writes the sentence about an enclosed lamp, without the name of the lamp, to `text`. */
 void kiln_enclosed_light_text(const struct kiln_enclosed_light *light, const struct kiln_scene *scene, char *text,
                               size_t size);
 /* The lamp's name. */

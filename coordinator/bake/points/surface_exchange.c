@@ -57,7 +57,7 @@ static uint64_t round_begin(uint64_t records, uint64_t round, uint64_t number)
     return records / number * round + records % number * round / number;
 }
 
-/* Computes where the records of each rank in a round go; returns their bytes in all. */
+/* Computes where the records of each rank are placed in a round; returns their total size in bytes. */
 static uint64_t lay_out(struct rounds *r, uint64_t round, size_t size)
 {
     uint64_t bytes = 0;

@@ -3,9 +3,10 @@
 #include <math.h>
 #include <string.h>
 
-static const double SAME_LINE = 2e-4;    /* of a texel's side, or radians */
-static const double LEAST_SHARE = 1e-7;  /* of its area that a texel has in a cell */
-static const double NEAR_CORNERS = 0.99; /* from the middle of a cell to its corners */
+static const double SAME_LINE = 2e-4;   /* of a texel's side, or radians */
+static const double LEAST_SHARE = 1e-7; /* least fraction of a texel's area that makes a cell */
+/* distance of a cell's outer places from its middle, relative to its corners */
+static const double NEAR_CORNERS = 0.99;
 
 /* ---- lines ---- */
 
@@ -150,7 +151,7 @@ void kiln_texel_cells_join(struct kiln_texel_cells *cells, uint32_t first, uint3
 
 /* ---- parts ---- */
 
-/* A group: cells that are joined into one part. */
+/* A group: cells that are joined into one subtexel. */
 struct group {
     uint32_t root, largest; /* indices of cells */
     double area;
@@ -252,7 +253,7 @@ static void add_part(const struct kiln_texel_cells *cells, const struct group *g
     parts->count++;
 }
 
-/* Codes of cells that are too small to be there get the part of one beside them. */
+/* Gives codes of cells that are too small to exist the part of a neighbouring cell. */
 static void fill_codes(const struct kiln_texel_cells *cells, struct kiln_divided_texel *texel)
 {
     uint32_t there = 0;
@@ -274,7 +275,7 @@ static bool any_buried(const struct kiln_texel_cells *cells)
     return any;
 }
 
-/* Lines that all parts keep away from; beyond them there is none. */
+/* Adds lines of walls on the texel's border. All parts lie on the inner side of them. */
 static void add_borders(const float *borders, uint32_t count, struct kiln_divided_texel *texel)
 {
     for (uint32_t i = 0; i < count && texel->line_count < KILN_CUT_LINES; i++) {

@@ -7,8 +7,8 @@
 #include "worker/base/memory.h"
 #include "worker/scene/texture.h"
 
-static const float ON = 1e-5f; /* of a ray's length: how far beyond a hit that is no wall it goes on */
-enum { ROUNDS = 64 };          /* surfaces that are no walls which a ray passes, at most */
+static const float ON = 1e-5f; /* offset behind a hit that is no wall, as a fraction of the ray's length */
+enum { ROUNDS = 64 };          /* most surfaces that are no walls that a ray passes */
 
 void kiln_wall_rays_destroy(struct kiln_wall_rays *s) { kiln_arena_release(&s->arena); }
 
@@ -59,7 +59,7 @@ static bool is_wall(const struct kiln_scene *scene, const struct kiln_geometry *
                                 g->stored_triangle[hit->triangle], b1, b2) >= 1.0f;
 }
 
-/* The rest of rays that have met what is no wall. */
+/* Rays that have hit something that is no wall, and go on behind it. */
 struct rest {
     struct kiln_wall_rays at;
     size_t *of; /* the rays they are the rest of */
@@ -84,7 +84,7 @@ end:
     return status;
 }
 
-/* Makes the rest of ray `of`, which begins behind what it has met. */
+/* Adds the continuation of ray `of`, which begins behind its hit at distance `met`. */
 static void go_on(struct rest *r, const struct kiln_wall_rays *s, size_t of, float met)
 {
     const float begin = met + ON * s->lengths[of];
@@ -96,7 +96,7 @@ static void go_on(struct rest *r, const struct kiln_wall_rays *s, size_t of, flo
     r->at.lengths[i] = s->lengths[of] - begin;
 }
 
-/* Traces what is left, and keeps what has again met no wall. */
+/* Traces the continuations, and keeps those that again hit no wall. */
 static int trace_rest(struct rest *r, struct kiln_wall_rays *s, const struct kiln_scene *scene,
                       const struct kiln_geometry *g, struct kiln_backend *backend, struct kiln_error *error)
 {

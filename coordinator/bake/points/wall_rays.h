@@ -1,5 +1,5 @@
-/* Wall rays: rays of a given length, which are asked whether walls stand in their way. A wall is a surface that lets no
- * light through where the ray meets it: what is cut out, blended or clear is none. */
+/* Wall rays: rays of a given length that test whether a wall stands in their way. A wall is a surface that lets no
+ * light through where the ray meets it; cut-out, blended and clear surfaces are not walls. */
 #ifndef KILN_COORDINATOR_BAKE_POINTS_WALL_RAYS_H
 #define KILN_COORDINATOR_BAKE_POINTS_WALL_RAYS_H
 
@@ -15,12 +15,13 @@ struct kiln_wall_rays {
     struct kiln_arena arena;
 };
 
-/* Makes arrays for `room` rays, which have no values yet. KILN_SYSTEM. Destroy with kiln_wall_rays_destroy, which
- * accepts what is all 0. */
+/* Allocates arrays for `room` rays, without values yet. KILN_SYSTEM. Destroy with kiln_wall_rays_destroy, which accepts
+ * a struct of zeros. */
 int kiln_wall_rays_create(struct kiln_wall_rays *rays, size_t room, struct kiln_error *error);
 void kiln_wall_rays_destroy(struct kiln_wall_rays *rays);
 
-/* Sets ray i, from one place to another, m, relative to the scene's centre; or to none. Thread-safe for different i. */
+/* Sets ray i from one place to another (m, relative to the scene's centre), or marks ray i as absent. Thread-safe for
+ * different i. */
 void kiln_wall_rays_set(struct kiln_wall_rays *rays, size_t i, struct kiln_dvec3 from, struct kiln_dvec3 to);
 void kiln_wall_rays_set_none(struct kiln_wall_rays *rays, size_t i);
 
@@ -31,7 +32,7 @@ int kiln_wall_rays_trace(struct kiln_wall_rays *rays, const struct kiln_scene *s
                          const struct kiln_geometry *geometry, struct kiln_backend *backend, size_t count,
                          struct kiln_error *error);
 
-/* Whether the wall that ray i meets is met from inside of a solid. */
+/* Whether ray i meets its wall from inside a solid. */
 bool kiln_wall_rays_inside(const struct kiln_wall_rays *rays, const struct kiln_geometry *geometry, size_t i);
 
 #endif

@@ -4,20 +4,22 @@
 
 #include "coordinator/bake/volume/volume.h"
 
-/* Measured once: `kiln bench rays` with AVX-512, one core a thread, in scenes of 32 and of 262,000 triangles, and an
- * H200 in scenes of 32, 250,000 and 4 million; a ray costs more by about as much with each doubling of the triangles. A
- * GPU ten times slower changes the choice only for bakes that processors do in a second or two. The first bake with a
- * GPU compiles its kernels, and takes a second or two more. */
+/* Times of rays, measured once: `kiln bench rays` with AVX-512 and one core per thread, in scenes of 32 and of 262,000
+ * triangles; an H200 in scenes of 32, 250,000 and 4 million. Each doubling of the triangles adds about the same time
+ * per ray. A GPU ten times slower changes the choice only for bakes that take processors a second or two. The first
+ * bake with a GPU compiles its kernels, which takes one or two seconds more. */
 static const double EMBREE_RAY = 113e-9, EMBREE_RAY_DOUBLING = 35e-9; /* s of one thread */
 static const double VULKAN_RAY = 0.083e-9, VULKAN_RAY_DOUBLING = 0.008e-9;
 static const double EMBREE_TRIANGLE = 4e-6;   /* s of one thread, of a BVH */
-static const double VULKAN_TRIANGLE = 0.6e-6; /* s, likewise, with what is copied to the device */
+static const double VULKAN_TRIANGLE = 0.6e-6; /* s of one triangle: building, and copying to the device */
 static const double VULKAN_START = 0.4;       /* s: driver and device, with kernels that are kept */
-static const double VULKAN_STEP = 0.005;      /* s, of every step: dispatches and what returns */
+static const double VULKAN_STEP = 0.005;      /* s, per step: dispatches and transfer of results */
 enum { FIRST_DOUBLINGS = 5, TYPICAL_BOUNCES = 6, FIRST_BOUNCE = 3, TYPICAL_LEAN = 10 };
-static const double COVERED = 0.75, LIT = 0.5; /* of a lightmap's texels lie on geometry; of shadow rays are traced */
+/* fraction of lightmap texels on geometry; fraction of shadow rays that are traced */
+static const double COVERED = 0.75, LIT = 0.5;
 
-/* Rays of a point. A lean bake's first bounce has three times as many, late ones fewer: about ten times in all. */
+/* Estimates the rays per point. With the lean schedule the first bounce has three times as many as given, later ones
+ * fewer: about ten times in all. */
 static double rays_of_a_point(const struct kiln_job *job)
 {
     const double bounces = job->light.bounces < 0 ? TYPICAL_BOUNCES : (double)job->light.bounces,
@@ -34,7 +36,7 @@ struct kiln_backend_question kiln_backend_ask(const struct kiln_job *job, const 
                                               uint64_t threads, uint32_t ranks)
 {
     struct kiln_volume_result volume;
-    struct kiln_error ignored; /* a grid of too many probes is refused elsewhere */
+    struct kiln_error ignored; /* too many probes are refused elsewhere */
     uint64_t triangles = 0;
     double texels = 0.0;
     for (size_t i = 0; i < scene->object_count; i++) {

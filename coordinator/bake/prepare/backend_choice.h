@@ -1,5 +1,5 @@
-/* Which backend `--backend auto` takes: where the whole bake is expected to be done sooner. A GPU traces many times as
- * fast as processors do, but takes some tenths of a second until it begins; a small bake is done by then. */
+/* Choice of the backend for `--backend auto`: the one that is expected to finish the whole bake sooner. A GPU traces
+ * many times as fast as processors do, but takes some tenths of a second to start; a small bake is done by then. */
 #ifndef KILN_COORDINATOR_BAKE_PREPARE_BACKEND_CHOICE_H
 #define KILN_COORDINATOR_BAKE_PREPARE_BACKEND_CHOICE_H
 
@@ -18,20 +18,20 @@ struct kiln_backend_question {
     uint32_t ranks;
 };
 
-/* A prediction from figures that were measured once (backend_choice.c). It ignores what both backends take alike:
- * import, points, files. So it is a comparison, not a forecast of a bake's time, which is what `kiln plan` gives. */
+/* A prediction from speeds that were measured once (backend_choice.c). It leaves out work that takes both backends the
+ * same time: import, points, files. So it compares backends; `kiln plan` forecasts the time of a bake. */
 struct kiln_backend_choice {
-    bool asked;            /* --backend auto: the backend is this choice's */
+    bool asked;            /* --backend auto: this choice sets the backend */
     bool processors;       /* Embree is expected to be done first */
     double embree_seconds; /* BVH and light */
     double vulkan_seconds; /* start, BVH and light, with a GPU for each rank */
     struct kiln_backend_question question;
 };
 
-/* The question for a job whose sample counts are settled and whose scene is open. Not collective. */
+/* Collects the facts for a job whose sample counts are settled and whose scene is open. Not collective. */
 struct kiln_backend_question kiln_backend_ask(const struct kiln_job *job, const struct kiln_scene *scene,
                                               uint64_t threads, uint32_t ranks);
-/* Fills in the seconds and which are fewer. */
+/* Fills in the seconds of both backends and which is faster. */
 void kiln_backend_predict(struct kiln_backend_choice *choice);
 
 #endif

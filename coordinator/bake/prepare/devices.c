@@ -12,7 +12,7 @@ void kiln_devices_choose(const struct kiln_job *job, int node_rank, int node_ran
     params->traversal = job->faults.traversal;
     params->slice_seconds = job->faults.dispatch_time * 1e-3;
     params->device_memory = (uint64_t)(job->machine.device_memory * 0x1p30);
-    /* a backend that was named with --backend is used, or fails; only `auto` falls back */
+    /* a backend named with --backend must be used, or the bake fails; only `auto` falls back */
     params->goes_on = job->machine.backend == NULL || strcmp(job->machine.backend, "auto") == 0;
     params->verify_fraction = job->machine.verify_fraction;
     params->kernels = kiln_kernel_cache(job->machine.kernel_cache);

@@ -4,8 +4,8 @@
 #include "coordinator/job/options.h"
 #include "worker/pass/caustic_weights.h"
 
-/* Whether a first round of light paths says whether caustics come (coordinator/integrate/land/land_trial.h): where all
- * of it is left to kiln, and nobody asks for the parts that light is put together from again. */
+/* Whether a first round of light paths decides if caustics are computed (coordinator/integrate/land/land_trial.h). It
+ * does if all options of paths are left to kiln, and no option needs the separate parts of light. */
 static bool is_tried(const struct kiln_job *job)
 {
     static const char *const of_paths[] = {"photons", "iterations", "merge-radius", "radius-alpha", "mis"};
@@ -25,7 +25,7 @@ void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
         job->light.caustics = KILN_CAUSTICS_NONE;
         job->light.chain_length = 0; /* there are no chains */
     } else if (kiln_job_is_reference(job)) {
-        job->light.caustics = KILN_CAUSTICS_NONE; /* in a step of its own: the paths find them */
+        job->light.caustics = KILN_CAUSTICS_NONE; /* light paths find caustics, in a step of their own */
     } else if (job->light.caustics == KILN_CAUSTICS_AUTO) {
         job->light.caustics = KILN_CAUSTICS_VCM;
         job->light.caustics_tried = is_tried(job);
@@ -35,7 +35,7 @@ void kiln_materials_settle(struct kiln_job *job, const struct kiln_scene *scene)
     if (job->light.caustics < KILN_CAUSTICS_LAND)
         job->light.photons = job->light.iterations = 0; /* there are no light paths */
     if (job->light.caustics < KILN_CAUSTICS_MERGE) {
-        job->light.merge_radius = job->light.paths.radius; /* 0 but for --method vcm: nothing else merges */
+        job->light.merge_radius = job->light.paths.radius; /* 0 except with --method vcm, the only method that merges */
         job->light.radius_alpha = 0.0;
     }
 }
@@ -59,7 +59,7 @@ int kiln_materials_check(const struct kiln_job *job, const struct kiln_scene *sc
         kiln_gloss_kind_name(kiln_gloss_kind(m, kiln_gloss_find(scene, first))));
 }
 
-/* Why no material is taken with its gloss. */
+/* Returns the reason why no material is baked with its gloss. */
 static const char *why_none(enum kiln_gloss_mode asked)
 {
     return asked == KILN_GLOSS_MODE_DIFFUSE

@@ -57,8 +57,8 @@ bool kiln_instruction_set_common(MPI_Comm communicator, const char *name)
     return false;
 }
 
-/* Collective. All ranks use the lowest instruction set of any rank, since Embree finds the same hits for any number of
- * threads but not for any instruction set. */
+/* Collective. Chooses the lowest instruction set among those of all ranks. Embree finds the same hits with any number
+ * of threads, but not with any instruction set. */
 static int agree_on_instruction_set(struct kiln_prepared *p, const char *wanted, struct kiln_error *error)
 {
     const int own = own_instruction_set();
@@ -107,7 +107,8 @@ static const struct kiln_stop *stop_of(const struct kiln_prepare_care *care)
     return care->control != NULL ? kiln_control_stop(care->control) : NULL;
 }
 
-/* Collective. After each step: agrees on errors and checks whether to stop, also while waiting for other ranks. */
+/* Collective, after each step. Agrees on errors, and checks for requests to stop, also while it waits for other
+ * ranks. */
 static int go_on(const struct kiln_prepared *p, const struct kiln_prepare_care *care, int status,
                  struct kiln_error *error)
 {
@@ -142,7 +143,7 @@ static int build_geometry(void *context, const struct kiln_allocator *memory, st
     return status == KILN_OK && p->leaf_size > 0.0 ? kiln_leaves_lay(p->geometry, p->leaf_size, error) : status;
 }
 
-/* Collective. One rank of the node builds the geometry for all. */
+/* Collective. Builds the geometry on one rank of each node, in memory that all its ranks share. */
 static int share_geometry(struct kiln_prepared *p, struct kiln_error *error)
 {
     int status = kiln_node_build(p->node, build_geometry, p, error);
@@ -156,8 +157,8 @@ static int share_geometry(struct kiln_prepared *p, struct kiln_error *error)
     return p->geometry != NULL ? KILN_OK : kiln_geometry_attach(&p->geometry, &made, kiln_node_place, &memory, error);
 }
 
-/* Collective. Checks that all ranks see the scene file of rank 0. On hosts without a common file system a folder of the
- * same name has other files. */
+/* Collective. Checks that all ranks read the same scene file as rank 0. Hosts without a common file system may have
+ * other files under the same path. */
 static int check_same_scene(const struct kiln_prepared *p, const char *scene_file, struct kiln_error *error)
 {
     uint64_t first[2];
@@ -211,7 +212,7 @@ static struct kiln_backend_params device_params(const struct kiln_prepared *p, c
     return params;
 }
 
-/* Begins to start a device for the backend called `name`, unless one starts already. */
+/* Begins to start a device for the backend `name`, unless a start is under way already. */
 static void begin_device(struct kiln_prepared *p, const struct kiln_job *job, const char *name,
                          const struct kiln_prepare_care *care)
 {
@@ -220,9 +221,10 @@ static void begin_device(struct kiln_prepared *p, const struct kiln_job *job, co
         kiln_backend_begin(&p->start, name, &params);
 }
 
-/* ---- a backend that is built beside other work ---- */
+/* ---- building a backend in the background ---- */
 
-/* Backend built beside other work: in part one thread's work, and in part waiting for drivers. */
+/* A backend that is built in the background. The time goes partly into one thread's work, partly into waiting for
+ * drivers. */
 struct kiln_backend_building {
     pthread_t thread;
     const char *name;
@@ -278,14 +280,15 @@ static int end_building(struct kiln_prepared *p, struct kiln_error *error)
     return status;
 }
 
-/* Where Embree is asked for, or predicted to be quicker, processors have no idle time that a second task could use; and
- * plans measure one thing after the other. Embree in the place of a device that is not there is built beside, too. */
+/* Whether the backend is built in the background. It is not if Embree is asked for or predicted to be faster:
+ * processors then have no idle time. Nor is it in plans, which time one thing after the other. Embree in place of a
+ * missing device is built in the background, too. */
 static bool builds_beside(const char *backend, const struct kiln_prepare_care *care)
 {
     return care->control != NULL && kiln_backend_may_use_device(backend);
 }
 
-/* Collective. What the backends need of an open scene: geometry, lights and the backend itself, or its beginning. */
+/* Collective. Builds what backends need of an open scene, geometry and lights, and creates the backend or begins to. */
 static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care,
                          struct kiln_error *error)
 {
@@ -360,7 +363,8 @@ static void share_map(struct kiln_prepared *p)
     struct kiln_tile *tiles = s->tiles;
     if (!share_array(p, &tiles, s->tile_count, sizeof *s->tiles, "the lightmap tiles"))
         return;
-    /* from here on the whole map belongs to the node; a small array that finds no room stays allocated until the end */
+    /* from here on the node owns the whole map; small arrays that do not fit into shared memory stay allocated to the
+     * end */
     s->tiles = tiles;
     s->global_is_borrowed = true;
     (void)share_array(p, &s->splits, s->split_count, sizeof *s->splits, "the split lightmap tiles");
@@ -475,7 +479,7 @@ static int run_batch(struct validity_work *w, double *seconds, struct kiln_error
     const double start = MPI_Wtime(), wanted = w->control != NULL ? 0.5 * kiln_control_batch_seconds(w->control) : 1.0;
     const struct kiln_batch items = {
         .first = w->next, .count = count, .take = kiln_validity_keep, .context = w->p->surface};
-    uint64_t rays = 0; /* not reported: they are no samples of light */
+    uint64_t rays = 0; /* not reported: validity rays sample no light */
     const int status = kiln_backend_run(w->p->backend, &kiln_pass_validity, NULL, &items, &rays, error);
     *seconds = MPI_Wtime() - start;
     w->next += count;

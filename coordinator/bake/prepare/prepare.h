@@ -1,5 +1,5 @@
-/* Preparation of a bake: turns a job into everything that light transport needs, which is the scene file, geometry,
- * lights, backend and surface points. */
+/* Preparation of a bake: turns a job into all inputs of light transport, which are the scene file, geometry, lights,
+ * backend and surface points. */
 #ifndef KILN_COORDINATOR_BAKE_PREPARE_PREPARE_H
 #define KILN_COORDINATOR_BAKE_PREPARE_PREPARE_H
 
@@ -19,8 +19,8 @@
 
 /* The best of Embree's instruction sets that this processor has. Not collective. */
 const char *kiln_own_instruction_set(void);
-/* The number of cores for this process as one of `node_ranks` ranks of its node: those it is bound to or, if it is not
- * bound, its part of all cores. Not collective. */
+/* The number of cores for this process as one of `node_ranks` ranks of its node: the cores it is bound to or, if it is
+ * not bound, its share of all cores. Not collective. */
 uint32_t kiln_own_cores(int node_ranks);
 
 struct kiln_prepared {
@@ -31,20 +31,20 @@ struct kiln_prepared {
     char instruction_set[16];
     struct kiln_import_report import; /* rank 0 */
     struct kiln_scene *scene;
-    struct kiln_object *coarser; /* the objects of a scene that is a view of another (kiln_prepare_coarser); or NULL */
+    struct kiln_object *coarser; /* objects of the halved scene of kiln_prepare_coarser; else NULL */
     struct kiln_geometry *geometry;
     double leaf_size; /* m; 0: the store is the lightmap */
     struct kiln_lights *lights;
-    struct kiln_lights *direct_lights; /* of these, those that are no patches; NULL: all */
+    struct kiln_lights *direct_lights; /* subset of `lights` without patches; NULL: all */
     struct kiln_backend_choice choice; /* the same on all ranks */
     struct kiln_backend_start *start;  /* until the backend is created */
     struct kiln_backend *backend;
-    struct kiln_backend_building *building; /* private: the backend, until it is there */
-    struct kiln_aside built; /* beside the search for surface points; count is 0: it was built before that */
+    struct kiln_backend_building *building; /* private: the backend under construction */
+    struct kiln_aside built; /* backend built during the search for surface points; count is 0: built before */
     double first_pass;       /* MPI_Wtime() when the validity pass began */
     struct kiln_surface *surface;
     struct kiln_surface_report surface_report;
-    struct kiln_enclosed_light *enclosed; /* rank 0, of a bake: lamps whose light stays where they are */
+    struct kiln_enclosed_light *enclosed; /* rank 0, in a bake: enclosed lamps */
     size_t enclosed_count;
 };
 
@@ -57,7 +57,7 @@ struct kiln_prepare_care {
      * checks. */
     int (*refuse)(void *context, const struct kiln_prepared *p, struct kiln_error *error);
     void *context;
-    /* --backend auto takes a device where there is one, also where processors are predicted to be quicker */
+    /* --backend auto takes a device if there is one, even if processors are predicted to be faster */
     bool device_first;
 };
 
@@ -66,20 +66,19 @@ bool kiln_instruction_set_common(MPI_Comm communicator, const char *name);
 
 /* Collective over `communicator`. Rank 0 imports the job's scene to `scene_file`, and all ranks map that file. One rank
  * of each node builds the geometry and the surface's map, which the ranks of the node share. Every rank builds its own
- * BVH. All ranks find the surface points together, and each fills in its own points; where a device is looked for, and
- * with `care->control`, its BVH is built meanwhile. Then the validity pass runs.
- * Begins the phases "import", "scene and BVH", "surface points" and "validity". `care` may be NULL. Destroy with
- * kiln_prepared_destroy. */
+ * BVH. All ranks find the surface points together, and each fills in its own points. The BVH is built at the same time
+ * if a device is looked for or `care->control` is set. Then the validity pass runs. Begins the phases "import", "scene
+ * and BVH", "surface points" and "validity". `care` may be NULL. Destroy with kiln_prepared_destroy. */
 int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job,
                  const char *scene_file, struct kiln_phases *phases, struct kiln_progress *progress,
                  const struct kiln_prepare_care *care, struct kiln_error *error);
-/* Collective. The same scene with half as many texels a side in each lightmap, rounded up, and a backend, lights and a
- * surface of its own. `fine` is borrowed, and must outlive the result. `control` may ask to stop: KILN_STOPPED. Destroy
- * with kiln_prepared_destroy. */
+/* Collective. Prepares the same scene with half as many texels a side in each lightmap, rounded up, and with its own
+ * backend, lights and surface. `fine` is borrowed, and must outlive the result. `control` may ask to stop:
+ * KILN_STOPPED. Destroy with kiln_prepared_destroy. */
 int kiln_prepare_coarser(struct kiln_prepared **prepared, const struct kiln_prepared *fine, const struct kiln_job *job,
                          struct kiln_control *control, struct kiln_error *error);
-/* Collective. The albedo of the own points as the scene's materials are now, 3 values a point as kiln_surface.albedo:
- * the surface is built once more for it. Release with kiln_free. KILN_SYSTEM. */
+/* Collective. Computes the albedo of the own points from the current materials of the scene, 3 values a point as in
+ * kiln_surface.albedo. The surface is built once more for this. Release with kiln_free. KILN_SYSTEM. */
 int kiln_prepare_albedo(const struct kiln_prepared *prepared, const struct kiln_job *job, uint16_t **albedo,
                         struct kiln_error *error);
 void kiln_prepared_destroy(struct kiln_prepared **prepared);

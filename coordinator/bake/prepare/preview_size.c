@@ -2,10 +2,10 @@
 
 #include <math.h>
 
-/* A ray of the light takes some 0.2 us, and what else is done for a point as long as OTHER_RAYS of them; a pixel 0.3
- * us, and where materials have gloss 2.5 times that. */
+/* Costs that the preview's size is chosen by. A ray of light takes about 0.2 us; other work on a point takes as long as
+ * OTHER_RAYS rays. A pixel takes 0.3 us, and 2.5 times that if materials have gloss. */
 enum { OTHER_RAYS = 60, ENDLESS_BOUNCES = 8, RAYS_A_PIXEL = 60, RAYS_A_PIXEL_GLOSS = 150, PIXELS_LEAST = 480 * 360 };
-static const double PIXELS_FULL = 960.0 * 800.0; /* the height is by the camera: 720 to 960 as a rule */
+static const double PIXELS_FULL = 960.0 * 800.0; /* 960 wide; the height depends on the camera: usually 720 to 960 */
 
 uint64_t kiln_preview_pixels(const struct kiln_job *j, const struct kiln_scene *scene, double points)
 {

@@ -12,20 +12,20 @@
 #include "coordinator/run/process.h"
 #include "coordinator/run/process_memory.h"
 
-/* Memory for writing the results, measured: see each row's comment. */
+/* Measured memory for writing the results; units as each row's comment says. */
 static const double LIGHTMAP_WORK = 85.0; /* bytes a texel of the lightmaps under way */
-/* a point on its way to the lightmap's writer: as it is sent, and as it is received where ranks are several */
+/* bytes per point sent to the writer of its lightmap; with several ranks as many again where it is received */
 static const double RECORD_BYTES = 58.0;
-/* bytes a point of kiln.h5 in hand; of them still held afterwards */
+/* bytes per point of kiln.h5 while it is written, and bytes of these that are still held afterwards */
 static const double H5_ROW = 113.0, H5_KEPT = 90.0;
 /* Compressed bytes of a point of kiln.h5, where several ranks write it. A rank keeps them until it knows where they
  * belong. Points packed ahead are not counted. */
 static const double H5_PACKED = 28.5;
-/* Bytes that fields took in these measurements, of a texel: those of other fields are added. */
+/* Bytes per texel of the fields in these measurements. Bytes of other fields are added. */
 static const double MEASURED_PLANES = 28.0;
 /* Bytes for denoising: planes of positions, normals and errors; scratch of a point. */
 static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 150.0;
-/* bytes of a surface point in the surface alone (worker/scene/surface.h): pieces, albedo, area, visibility */
+/* least bytes per surface point (worker/scene/surface.h): pieces, albedo, area, visibility */
 static const double LEAST_OF_POINT = 18.0;
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
 /* Bytes of a preview, as bakes took: rays of a band; the picture, if nothing limits it; for gloss, the rays sent on and
@@ -43,7 +43,7 @@ uint64_t kiln_largest_lightmap(const struct kiln_scene *scene)
     return most;
 }
 
-/* Bytes of a preview that do not depend on the lightmaps. */
+/* Bytes of a preview, except those for its lightmaps. */
 static double preview_bytes(const struct kiln_job *job, const struct kiln_scene *scene, double points)
 {
     return PREVIEW_BYTES + PREVIEW_PICTURE * kiln_preview_part(job, scene, points) +
@@ -64,10 +64,10 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
                      (double)kiln_field_set_plane_bytes(&fields) - MEASURED_PLANES + (denoises ? DENOISE_PLANES : 0.0),
                  columns = (double)kiln_field_set_column_bytes(&fields) - KILN_RESULTS_COLUMNS;
     const double points_a_texel = size->texels > 0.0 ? size->points / size->texels : 1.0;
-    /* not all lightmaps under way are denoised at the same time: measured memory is that of one or two a thread */
+    /* not all lightmaps in work are denoised at the same time: the measurements fit one or two per thread */
     const double denoised = denoises ? fmin(at_once, 1.5 * size->threads * largest) * points_a_texel : 0.0;
     const double of_groups =
-        24.0 * (double)size->job->scene.group_count; /* bytes of a texel, and as many again denoised */
+        24.0 * (double)size->job->scene.group_count; /* bytes per texel, and the same again for denoised copies */
     const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (DENOISE_WORK + of_groups) * denoised +
                              (size->ranks > 1.0 ? 2.0 : 1.0) * (RECORD_BYTES + planes) * rows;
     const double preview = size->job->preview ? preview_bytes(size->job, size->scene, size->points) +
@@ -86,7 +86,8 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
  * the suggestion must fit. */
 static const double SURE = 0.75;
 
-/* The largest over the hosts; of what grows with the points, `growing`. Collective. */
+/* Collective. Returns the largest memory of any host, bytes; `growing` receives the part of it that grows with the
+ * points. */
 static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *job, uint64_t probes, double *growing)
 {
     const struct kiln_surface *s = p->surface;
@@ -107,7 +108,7 @@ static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *j
     kiln_process_give_back();
     double now = ((double)kiln_process_memory(KILN_MEMORY_SHARE) + KILN_PASS_BYTES) * p->node_ranks;
     (void)MPI_Allreduce(MPI_IN_PLACE, &now, 1, MPI_DOUBLE, MPI_MAX, p->communicator);
-    /* the radiosity of groups, which each rank has of all points */
+    /* radiosity of light groups: each rank has that of all points */
     const double groups = (double)(p->node_ranks - 1) * (double)job->scene.group_count * 8.0 * (double)s->point_count;
     const double fixed = job->preview ? preview_bytes(job, p->scene, (double)s->point_count)
                                       : (double)KILN_POINTS_AHEAD_ROOM; /* of the results */
@@ -118,7 +119,7 @@ static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *j
 
 static double memory_of_host(void) { return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE); }
 
-/* Surface points of an object, about: what its layout covers of the lightmap. */
+/* Estimates the surface points of an object: texels of its lightmap that the layout covers. */
 static double points_of(const struct kiln_scene *scene, size_t index)
 {
     const struct kiln_object *o = &scene->objects[index];

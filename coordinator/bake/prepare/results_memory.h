@@ -1,17 +1,17 @@
-/* The memory that writing the results takes, as measured: for `kiln plan`, and for --memory-budget. */
+/* Memory for writing the results, from measurements: for `kiln plan`, and for --memory-budget. */
 #ifndef KILN_COORDINATOR_BAKE_PREPARE_RESULTS_MEMORY_H
 #define KILN_COORDINATOR_BAKE_PREPARE_RESULTS_MEMORY_H
 
 #include "coordinator/bake/prepare/prepare.h"
 #include "coordinator/job/job.h"
 
-/* Bytes of a row of kiln.h5 in the bakes that were measured: those of other fields are added. */
+/* Bytes of a row of kiln.h5 in the measured bakes; the bytes of other fields are added. */
 #define KILN_RESULTS_COLUMNS 56.0
 
 /* Memory of passes, their code and MPI that a rank takes only after its memory is measured before the light. */
 enum { KILN_PASS_BYTES = 8 << 20 };
 
-/* Points and texels may be fractions of them: a plan's. */
+/* Size of the results. Points and texels may be fractional, as in a plan. */
 struct kiln_results_size {
     const struct kiln_scene *scene;
     const struct kiln_job *job;
@@ -20,23 +20,23 @@ struct kiln_results_size {
     double points, texels; /* of all ranks */
 };
 
-/* Bytes on the fullest rank. The phases that write follow one another; the fullest rank is the first, which draws the
- * preview. */
+/* Peak bytes on the fullest rank. The phases of writing run one after another. The fullest rank is the first, which
+ * draws the preview. */
 uint64_t kiln_results_memory(const struct kiln_results_size *size);
 
 /* Texels. */
 uint64_t kiln_largest_lightmap(const struct kiln_scene *scene);
 
-/* Whether the surface points of a scene fit the hosts, before any is made. They are counted by what the layouts cover,
- * and as what a point takes at least, of `node_ranks` of `ranks` ranks; the memory is the job's --memory-budget, or
- * else the host's. KILN_USAGE, with the object that has most. */
+/* Checks whether the surface points of a scene fit the hosts, before any is made. Points are counted from the texels
+ * that the layouts cover, each with the least memory that a point takes, for the `node_ranks` of `ranks` ranks on a
+ * host. The memory is the job's --memory-budget, or else the host's. KILN_USAGE, with the object that has most. */
 int kiln_points_memory_check(const struct kiln_scene *scene, const struct kiln_job *job, int ranks, int node_ranks,
                              struct kiln_error *error);
 
-/* Collective. Whether the bake fits the job's --memory-budget, as far as that is known before the first ray: what the
- * ranks of each host have by now, surface points and BVH among it, and what light, probes and results will take.
- * KILN_USAGE, with the texel density that would fit. A job without a budget fits, unless it has groups of lights: then
- * the memory of the host is the budget. */
+/* Collective. Checks whether the bake fits the job's --memory-budget, as far as is known before the first ray. Counts
+ * the memory that the ranks of each host have now, including surface points and BVH, and the memory that light, probes
+ * and results will take. KILN_USAGE, with the texel density that would fit. A job without a budget fits, unless it has
+ * groups of lights: then the host's memory is the budget. */
 int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct kiln_job *job, uint64_t probes,
                              struct kiln_error *error);
 

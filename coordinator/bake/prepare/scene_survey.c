@@ -104,7 +104,8 @@ static void count_points(struct kiln_scene_survey *survey, const struct kiln_sur
     for (size_t f = 0; f < surface->tile_run_count; f++) {
         const struct kiln_tile_run *tile_run = &surface->tile_runs[f];
         struct kiln_scene_survey_object *object = &survey->objects[kiln_map_object(surface, tile_run->map)];
-        if (kiln_map_back(surface, tile_run->map)) { /* backs have the same layout as their fronts, so fronts suffice */
+        /* backs have the same layout as fronts, so only fronts are looked at */
+        if (kiln_map_back(surface, tile_run->map)) {
             point.at += tile_run->count;
             continue;
         }
@@ -133,7 +134,8 @@ static int find_points(struct kiln_scene_survey *survey, const struct kiln_job *
                                                    .threads = job->machine.threads,
                                                    .instruction_set = job->machine.instruction_set,
                                                    .seed = job->light.seed};
-        status = kiln_backend_create(&backend, "embree", &params, error); /* too little work to start a GPU for it */
+        /* starting a GPU is not worth it for so little work */
+        status = kiln_backend_create(&backend, "embree", &params, error);
     }
     if (status == KILN_OK) {
         const struct kiln_surface_params params = {.scene = survey->scene,

@@ -22,7 +22,7 @@ struct kiln_scene_survey {
     struct kiln_surface_report surface; /* all zero if the scene has no triangles */
     struct kiln_scene_survey_object *objects;
     uint64_t expanded;           /* triangles with instances expanded */
-    uint64_t emissive_triangles; /* the same, triangles whose mean emission is not zero */
+    uint64_t emissive_triangles; /* instances expanded; triangles whose mean emission is not zero */
     uint64_t texels;             /* of all lightmaps */
     uint64_t invalid;            /* surface points inside other geometry, which a bake fills from their neighbours */
     struct kiln_enclosed_light *enclosed;

@@ -6,11 +6,11 @@
 
 #include "coordinator/bake/prepare/prepare.h"
 
-/* Collective. On rank 0 {first_pass_after, device: {seconds, waited_seconds}, bvh: {seconds, waited_seconds}, kernels:
- * {count, seconds, waited_seconds}}, elsewhere NULL. `bvh` is all of the backend that was built beside the search for
- * surface points, and in which the device was waited for. Seconds are the largest of any rank, kernels those that
- * threads made and passes asked for, of all ranks; 0 where there is no device. waited_seconds of these overlapped with
- * nothing. Adds them to the phases' timeline. */
+/* Collective. Makes, on rank 0, {first_pass_after, device: {seconds, waited_seconds}, bvh: {seconds, waited_seconds},
+ * kernels: {count, seconds, waited_seconds}}; NULL on other ranks. `bvh` covers all of the backend that was built
+ * during the search for surface points, including the wait for the device. Seconds are the largest of any rank.
+ * `kernels` counts those that threads compiled and passes needed, of all ranks; 0 without a device. waited_seconds is
+ * the part that overlapped with nothing. Adds these times to the phases' timeline. */
 json_t *kiln_loading_report(const struct kiln_prepared *prepared, const struct kiln_phases *phases);
 
 #endif

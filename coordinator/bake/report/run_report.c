@@ -21,7 +21,7 @@
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
-static const double DOUBLED = 1e-3; /* of all surface: so much of it that is there twice is told */
+static const double DOUBLED = 1e-3; /* least fraction of the surface that is doubled for a warning */
 
 /* Numbers that rank 0 gathers from each rank. */
 enum {
@@ -42,13 +42,13 @@ enum {
     RANK_VERIFIED,
     RANK_BEYOND,
     RANK_WORST /* bits of a non-negative double, which order like the double itself */,
-    RANK_PROBES_IN, /* state KILN_PROBE_IN_PLACE, and so on */
+    RANK_PROBES_IN, /* probes in state KILN_PROBE_IN_PLACE; the other states follow */
     RANK_VALUES = RANK_PROBES_IN + KILN_PROBE_STATES
 };
 
 static json_t *rgb_json(const double rgb[3]) { return json_pack("[f,f,f]", rgb[0], rgb[1], rgb[2]); }
 
-/* Settings of the quantities besides light that the bake has. */
+/* Adds the settings of the quantities besides light that the bake computes. */
 static void add_quantities(json_t *settings, const struct kiln_job *job)
 {
     const double distance = job->light.occlusion.distance;
@@ -105,7 +105,7 @@ static json_t *scene_json(const struct kiln_prepared *p)
                      "texels_per_metre", p->surface->bricks == NULL ? (double)s->header->texels_per_metre : 0.0);
 }
 
-/* The store, and the leaves of octrees. */
+/* Describes the store: lightmaps or an octree with its leaves. */
 static json_t *store_json(const struct kiln_prepared *p)
 {
     const struct kiln_surface *s = p->surface;
@@ -118,7 +118,7 @@ static json_t *store_json(const struct kiln_prepared *p)
                      "bricks", (json_int_t)s->tile_count, "slots", (json_int_t)s->slot_count);
 }
 
-/* Lights that texels are too wide for. */
+/* Warns of lights that are closer to surfaces than a texel is wide. */
 static void warn_of_near_lights(const struct kiln_prepared *p, json_t *warnings)
 {
     char name[128], others[64] = "";
@@ -135,7 +135,7 @@ static void warn_of_near_lights(const struct kiln_prepared *p, json_t *warnings)
                                name, near.distance, near.side, others));
 }
 
-/* Surfaces that are there twice: both are lit, and rays that meet the place find either. */
+/* Warns of surfaces that exist twice at one place: both are lit, and a ray may hit either. */
 static void warn_of_doubled_faces(const struct kiln_prepared *p, json_t *warnings)
 {
     const struct kiln_geometry *g = p->geometry;
@@ -240,8 +240,8 @@ static json_t *rebalance_json(const struct kiln_step_balance *b)
 struct gathered {
     uint64_t *values; /* rank 0: RANK_VALUES for each rank */
     double *phases;   /* rank 0: KILN_PHASES_MAX for each rank */
-    uint64_t *stolen; /* for each step the number of points that another rank than their own computed, over all ranks */
-    uint64_t *rays;   /* of each step; on rank 0 for each rank */
+    uint64_t *stolen; /* per step, over all ranks: points that were computed by a rank other than their owner */
+    uint64_t *rays;   /* per step: rays of this rank; on rank 0, of each rank */
     /* of the companions, on rank 0 of all ranks */
     uint64_t counts[KILN_COMPANIONS * KILN_COMPANION_COUNTS];
     int ranks;
@@ -256,7 +256,7 @@ static void add_companions(json_t *json, const struct kiln_run *run, enum kiln_r
     kiln_companions_report(kiln_companions, place, &told, g != NULL ? g->counts : NULL, json);
 }
 
-/* Lists each rank's rays in step i, of its own points and of others'. */
+/* Lists the rays of each rank in step i, for its own points and for those of others. */
 static json_t *step_rays_json(const struct kiln_integrate_report *t, const struct gathered *g, size_t i)
 {
     json_t *array = json_array();
@@ -265,7 +265,7 @@ static json_t *step_rays_json(const struct kiln_integrate_report *t, const struc
     return array;
 }
 
-/* The steps of light, or those of the quantities besides. */
+/* Lists the steps of light, or (`quantities`) those of the other quantities. */
 static json_t *steps_json(const struct kiln_run *run, const struct gathered *g, bool quantities)
 {
     const struct kiln_integrate_report *t = &run->solution->report;
@@ -305,7 +305,7 @@ static json_t *first_light_json(const struct kiln_energy *e)
     return json;
 }
 
-/* Nothing where no lamp has a texture. */
+/* Adds the light of lamps with textures: its integral and the estimate of its samples. Nothing, if there are none. */
 static void add_textured(json_t *json, const struct kiln_energy *e)
 {
     if (e->textured[0] + e->textured[1] + e->textured[2] > 0.0)
@@ -327,7 +327,7 @@ static json_t *energy_json(const struct kiln_energy *e, const struct kiln_units 
     return json;
 }
 
-/* Light that a point's error is relative to at least, over the mean of all. */
+/* Least light that a point's error is divided by, as a fraction of the mean over all points. */
 #define LEAST_LIGHT 0.1
 
 /* Luminance of all light of a point. */
@@ -363,8 +363,8 @@ static uint64_t points_above(const struct kiln_run *run, const uint16_t *error, 
     return above;
 }
 
-/* Collective. What has become of --target-error where links are opened: by the errors that texels state, and by those
- * of direct light and of links alone, where these are known. */
+/* Collective. Adds the outcome of --target-error for a bake that opens links: by the errors of texels in all, and by
+ * the errors of direct light and of links alone, where these are known. */
 static void add_target_of_links(const struct kiln_run *run, double mean, double points, json_t *json)
 {
     static const char *const keys[] = {"above_target", "above_target_direct", "above_target_indirect"};
@@ -411,7 +411,7 @@ static json_t *moved_json(const struct kiln_run *run)
     const struct kiln_scene *scene = run->prepared->scene;
     json_t *moved = json_array();
     double below = INFINITY;
-    while (json_array_size(moved) < d->count) { /* one after the other, and all that move by the same together */
+    while (json_array_size(moved) < d->count) { /* in falling order; objects with the same change together */
         double next = 0.0;
         for (size_t i = 0; i < scene->object_count; i++)
             if (d->objects[i].moves < below)
@@ -428,7 +428,7 @@ static json_t *moved_json(const struct kiln_run *run)
     return moved;
 }
 
-/* Whether the texel density was checked, and what was found. */
+/* Reports whether the texel density was checked, and the result. */
 static json_t *density_json(const struct kiln_run *run)
 {
     const struct kiln_density_check *d = run->density;
@@ -613,7 +613,7 @@ static json_int_t total(const uint64_t *values, int ranks, int what)
     return (json_int_t)sum;
 }
 
-/* Points in solid matter, without those that are left out because no view needs them. */
+/* Returns the number of points in solid matter. Points left out because no view needs them do not count. */
 static json_t *invalid_json(const struct kiln_run *run, const uint64_t *values)
 {
     if (run->job->light.only_visible_from == NULL)
@@ -621,7 +621,7 @@ static json_t *invalid_json(const struct kiln_run *run, const uint64_t *values)
     return json_integer((json_int_t)(run->prepared->surface_report.points - run->visible->points));
 }
 
-/* Collective. What was packed while light was computed; on rank 0, else NULL. */
+/* Collective. Reports, on rank 0, the points of kiln.h5 that were packed while light was computed; else NULL. */
 static json_t *ahead_json(const struct kiln_run *run)
 {
     const MPI_Comm comm = run->prepared->communicator;
@@ -665,7 +665,7 @@ static json_t *volume_json(const struct kiln_run *run, const uint64_t *values)
     return json;
 }
 
-/* Numbers of rays, of the steps by role and of the probes; *sum receives their total. */
+/* Lists the numbers of rays, by role of the steps and for probes; *sum receives their total. */
 static json_t *rays_json(const struct kiln_roles *roles, const uint64_t *values, int ranks, double *sum)
 {
     json_t *rays = json_object();
@@ -704,7 +704,8 @@ static double tracing_seconds(const struct kiln_roles *roles, const json_t *phas
     return sum;
 }
 
-/* Features of the scene that cost kernels work: without a feature, they leave its work out. */
+/* Lists features of the scene that cost kernels time. Kernels skip the work for a feature that the scene does not
+ * have. */
 static json_t *features_json(const struct kiln_prepared *p)
 {
     static const char *const passages[] = {[KILN_PASSAGE_NONE] = "none",
@@ -731,7 +732,7 @@ static json_t *features_json(const struct kiln_prepared *p)
                                               : "constant");
 }
 
-/* Why the backend is what it is. `device`: it is one, or was when it was created. */
+/* Explains the choice of the backend. `device`: it is a device, or was one when it was created. */
 static json_t *choice_json(const struct kiln_backend_choice *choice, bool device)
 {
     const char *why = !choice->asked       ? "asked for, or the checkpoint's"
@@ -807,7 +808,7 @@ static json_t *pocket_json(const struct kiln_run *run)
                      kiln_scene_string(scene, scene->materials[material].name));
 }
 
-/* The scene, with what was found in it. */
+/* Describes the scene and the findings about it. */
 static json_t *found_scene_json(const struct kiln_run *run)
 {
     const struct kiln_prepared *p = run->prepared;
@@ -887,7 +888,7 @@ static void add_points(json_t *root, const struct kiln_run *run, json_t *error_r
                   p->surface_report.area, "geometry_area", p->surface_report.geometry_area, "doubled_area",
                   p->geometry->doubled_area, "worst_object_area_error", p->surface_report.worst_object_area_error));
     if (run->job->light.only_visible_from != NULL) {
-        /* the lamps light surfaces that have no points now */
+        /* lamps light surfaces that have no points in this bake */
         json_object_set_new(energy, "residual", json_null());
         json_object_set_new(energy, "relative_residual", json_null());
         json_object_set_new(root, "visible_from",
@@ -912,7 +913,7 @@ static void add_ranks(json_t *root, const struct kiln_run *run, json_t *mpi, con
     json_object_set_new(root, "mpi", mpi);
 }
 
-/* The files, and what is measured of them. */
+/* Adds the output files and their measured properties. */
 static void add_files(json_t *root, const struct kiln_run *run, const struct gathered *g)
 {
     if (run->volume->size[0] != 0)

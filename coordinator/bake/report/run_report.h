@@ -23,21 +23,22 @@ struct kiln_run {
     const struct kiln_visible_from *visible;
     const struct kiln_phases *phases;
     const struct kiln_points_ahead *ahead; /* what was packed beside the passes; NULL: nothing */
-    enum kiln_gloss_mode materials;        /* as asked for; the job has what that came to */
+    enum kiln_gloss_mode materials;        /* as asked for; the job has the settled mode */
     uint64_t probe_rays;                   /* rays of the probes on this rank */
     const char *directory;
 };
 
-/* The part of the report that says what was computed, but not when, where or how fast. It is the same for any number of
- * ranks and threads, and is stored in the HDF5 files too. Compact JSON; release with free. NULL if memory is short. */
+/* Makes the part of the report that says what was computed, without when, where or how fast. It is the same for any
+ * number of ranks and threads, and is stored in the HDF5 files too. Compact JSON; release with free. NULL if memory is
+ * short. */
 char *kiln_provenance(const struct kiln_job *job, const struct kiln_prepared *prepared);
 
-/* The sentence for a scene in which nothing shines: it names what could, and the option that adds light. */
+/* The message for a scene without light: it names the possible kinds of light, and the option that adds light. */
 #define KILN_NO_LIGHT                                                                                                  \
     "there is no light: no emissive triangle, no light, no environment (--environment R,G,B gives one)"
 
-/* Warnings, an array of sentences: findings of the importer that every bake repeats (KILN_NOTE_REPEATED), and that
- * there is no light. Release with json_decref. */
+/* Makes the warnings, an array of sentences: findings of the importer that every bake repeats (KILN_NOTE_REPEATED), and
+ * the lack of any light. Release with json_decref. */
 json_t *kiln_scene_warnings(const struct kiln_prepared *prepared);
 
 /* Collective. Creates the report on rank 0; the other ranks get NULL. Release with json_decref. */

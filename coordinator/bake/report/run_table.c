@@ -131,10 +131,10 @@ static double number_of(const json_t *object, const char *key)
     return json_number_value(json_object_get(object, key));
 }
 
-/* A bake for some views does not know where all light went. */
+/* Whether the report has an energy ledger. A bake for some views has none: it does not know where all light went. */
 static bool has_ledger(const json_t *report) { return json_object_get(report, "visible_from") == NULL; }
 
-/* Light that reached surfaces; of a bake for some views what came straight from the lights. */
+/* Returns the light that reached surfaces. For a bake for some views: only light straight from the lights. */
 static double light_met(const json_t *report)
 {
     const json_t *energy = json_object_get(report, "energy");
@@ -144,7 +144,7 @@ static double light_met(const json_t *report)
            luminance_of(energy, "left_over");
 }
 
-/* Light that reached surfaces but is in no lightmap, and should be. */
+/* Notes light that reached surfaces but is missing from the lightmaps. */
 static void note_lost_light(const json_t *report, json_t *notes)
 {
     const json_t *energy = json_object_get(report, "energy");
@@ -160,7 +160,7 @@ static void note_lost_light(const json_t *report, json_t *notes)
                     : "flip those faces, or make their materials double-sided"));
 }
 
-/* Caustics that a first round has found to be less than the error of the rest. */
+/* Notes that caustics were left out: a first round found them smaller than the error of the other light. */
 static void note_left_out(const json_t *report, json_t *notes)
 {
     const json_t *tried = json_object_get(json_object_get(report, "materials"), "tried");
@@ -172,7 +172,7 @@ static void note_left_out(const json_t *report, json_t *notes)
                          100.0 * number_of(tried, "brings"), 100.0 * number_of(tried, "error_of_the_rest")));
 }
 
-/* Light of lamps that mirrors and glass send on and that this bake has left out. */
+/* Notes light of lamps that mirrors and glass send on but this bake leaves out. */
 static void note_unfound_light(const json_t *report, json_t *notes)
 {
     const json_t *energy = json_object_get(report, "energy");
@@ -191,7 +191,7 @@ static void note_unfound_light(const json_t *report, json_t *notes)
                                  : "--caustics gather would find what it can"));
 }
 
-/* Light that never comes out of what it has gone into. */
+/* Notes light that enters a material and never comes out. */
 static void note_kept_light(const json_t *report, json_t *notes)
 {
     const json_t *energy = json_object_get(report, "energy");
@@ -204,7 +204,7 @@ static void note_kept_light(const json_t *report, json_t *notes)
                          100.0 * kept / emitted, kept));
 }
 
-/* Objects that have only a part of the caustics. */
+/* Notes objects that receive only a part of the caustics. */
 static void note_receivers(const json_t *report, json_t *notes)
 {
     const double count = number_of(json_object_get(report, "materials"), "receivers_gather");
@@ -217,7 +217,7 @@ static void note_receivers(const json_t *report, json_t *notes)
                          count));
 }
 
-/* Light that is not what rays without an end would find. */
+/* Notes that indirect light is biased, because rays end at a range. */
 static void note_bias(const json_t *report, json_t *notes)
 {
     const json_t *probes = json_object_get(report, "radiance_probes");
@@ -255,7 +255,7 @@ static const char *cause_of_imbalance(const json_t *report)
     return "lightmaps too coarse for their surfaces, or surfaces without texels, which kiln check names, do that";
 }
 
-/* A target that is not reached though links were opened. */
+/* Notes a target error that was missed though links were opened. */
 static void note_target_of_links(const json_t *report, json_t *notes)
 {
     const json_t *error = json_object_get(report, "error");
@@ -274,7 +274,7 @@ static void note_target_of_links(const json_t *report, json_t *notes)
                             target, 100.0 * above, parts));
 }
 
-/* Most surfaces of a bake for some views may have no light. */
+/* Notes, for a bake for some views, that most surfaces may have no light. */
 static void note_views(const json_t *report, json_t *notes)
 {
     const json_t *v = json_object_get(report, "visible_from");
@@ -304,7 +304,7 @@ static void note_volume(const json_t *report, json_t *notes)
                                              name, others));
 }
 
-/* An energy ledger that is off by more than its error allows. */
+/* Notes an energy ledger whose residual exceeds its error. */
 static void note_imbalanced_energy(const json_t *report, json_t *notes)
 {
     const json_t *energy = json_object_get(report, "energy");
@@ -312,7 +312,7 @@ static void note_imbalanced_energy(const json_t *report, json_t *notes)
                  off = fabs(residual), error = number_of(energy, "error");
     const double met = light_met(report) + luminance_of(energy, "blocked");
     if (json_object_get(report, "radiance_probes") != NULL)
-        return; /* the ledger knows nothing of what probes answer for */
+        return; /* the ledger does not count the light that probes stand in for */
     const bool of_met = met > off;
     const double base = of_met ? met : emitted;
     if (has_ledger(report) && base > 0.0 && off > NOTE_LOST * base && off > NOTE_SIGMAS * error)
@@ -382,7 +382,7 @@ static void name_pocket(const json_t *tail, char *text, size_t size)
     (void)snprintf(text, size, " (most in '%s', material '%s')", object, material);
 }
 
-/* Bounces whose sum is not known as well as it should be. */
+/* Notes an estimate of the later bounces (tail) whose error is too large. */
 static void note_tail(const json_t *report, json_t *notes)
 {
     const json_t *tail = json_object_get(report, "tail");

@@ -35,7 +35,7 @@
 #include "worker/backend/emission.h"
 #include "worker/base/memory.h"
 
-/* s, and s of the processor, of all threads of this rank. */
+/* Time spent, s: by the clock, and processor time of all threads of this rank. */
 struct spent {
     double seconds, processor;
 };
@@ -48,7 +48,7 @@ struct one {
     struct kiln_state state;
     struct spent solve, write;
     double device_seconds; /* of solving */
-    uint64_t returned;     /* bytes that a device has handed back meanwhile */
+    uint64_t returned;     /* bytes received from a device in this time */
 };
 
 struct engine {
@@ -56,17 +56,18 @@ struct engine {
     struct kiln_resident *resident;
     struct kiln_states *states;
     struct kiln_state_lights *lights;
-    bool whole;                     /* states are computed whole, one at a time: there are none of the three above */
+    bool whole;                     /* states are computed whole, one at a time; the three pointers above are NULL */
     struct kiln_solution *solution; /* then: of the last one */
     struct kiln_state_scene base;
-    struct kiln_scene before; /* the scene as it was prepared: its pointers */
+    struct kiln_scene before; /* pointers of the scene as it was prepared */
     const uint16_t *base_albedo;
     struct one ones[KILN_STATES_MOST];
     size_t width;
     struct spent load, begin;
     char output[KILN_PATH_SIZE]; /* of all */
     json_t *summary;             /* rank 0: of each state */
-    /* --listen: of each lightmap a hash of the light that was written; whether anything was; which are to be written */
+    /* --listen, per lightmap: hash of the light written last, and hash of the present light; `only`: whether it is to
+     * be written; `any_written`: whether any was written before */
     uint64_t *written, *light;
     uint8_t *only;
     bool any_written;
@@ -146,7 +147,7 @@ end:
     return kiln_agree(e->b->communicator, status, error);
 }
 
-/* Collective. What states that share their rays need. */
+/* Collective. Creates the data of states that share their rays. */
 static int make_shared(struct engine *e, struct kiln_error *error)
 {
     struct kiln_bake *b = e->b;
@@ -217,7 +218,7 @@ static struct kiln_changeable changeable(const struct engine *e, const struct ki
                                     .material_count = s->material_count};
 }
 
-/* Refuses another colour of a surface that kept rays go on from. */
+/* Refuses a changed colour of a material from which kept rays go on. */
 static int check_colours(const struct engine *e, const struct one *one, struct kiln_error *error)
 {
     const struct kiln_prepared *p = e->b->prepared;
@@ -253,7 +254,8 @@ static bool same_colours(const struct engine *e, const struct kiln_state_scene *
     return same;
 }
 
-/* Collective. The albedo of the state's surface; that of a state of the same colours, of those before it, is copied. */
+/* Collective. Finds the albedo of the state's surface. It is copied from an earlier state with the same colours, if
+ * there is one. */
 static int find_albedo(struct engine *e, size_t place, struct kiln_error *error)
 {
     struct one *one = &e->ones[place];
@@ -276,7 +278,7 @@ static int find_albedo(struct engine *e, size_t place, struct kiln_error *error)
 
 /* ---- solving ---- */
 
-/* Collective. Makes the states in [0, count) ready: all that is not light between surfaces. */
+/* Collective. Prepares the states [0, count): computes everything except light between surfaces. */
 static int mix(struct engine *e, size_t count, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -288,7 +290,7 @@ end:
     return status;
 }
 
-/* Collective. The one state, by all steps of a bake. */
+/* Collective. Computes the only state of the batch by all steps of a bake. */
 static int solve_whole(struct engine *e, struct kiln_error *error)
 {
     struct kiln_bake *b = e->b;
@@ -311,8 +313,8 @@ static int solve_whole(struct engine *e, struct kiln_error *error)
     return status;
 }
 
-/* Collective. What of the time is for rays that are got for the first time, for direct light that is traced, or for
- * what a device makes or gets once, is loading. */
+/* Collective. Computes the light of the states. Time for fetching rays the first time, for tracing direct light and for
+ * data that a device creates or fetches once counts as loading. */
 static int solve(struct engine *e, size_t count, struct kiln_error *error)
 {
     if (e->whole)
@@ -452,7 +454,7 @@ static int do_batch(struct engine *e, size_t count, struct kiln_error *error)
     return status;
 }
 
-/* All changes are applied before the first is solved, so that what is wrong is told at once. */
+/* Applies the changes of all states before the first one is computed, so that errors in them are reported at once. */
 static int check_states(struct engine *e, const json_t *states, struct kiln_error *error)
 {
     const char *name;
@@ -499,7 +501,7 @@ static int do_states(struct engine *e, const json_t *states, struct kiln_error *
     return status;
 }
 
-/* Collective. What kiln relight says in the end; also as OUTPUT/states.json. */
+/* Collective. Prints the summary of kiln relight, and writes it to OUTPUT/states.json. */
 static int summarize(struct engine *e, struct kiln_error *error)
 {
     uint64_t counts[] = {e->b->transport.found, e->b->transport.traced, 0}, all[] = {0, 0, 0}, traced = 0, bytes;
@@ -545,11 +547,11 @@ static int run_states(struct engine *e, struct kiln_error *error)
 /* Standard input by lines. */
 struct input {
     char bytes[(1 << 16) + 1];
-    size_t used, taken; /* bytes that are there; of these, those of the line before */
+    size_t used, taken; /* bytes in the buffer; bytes of them that belong to the line before */
     bool ended;
 };
 
-/* Waits for bytes; false: none came before something asked to stop. */
+/* Waits for input. Returns false if a request to stop came first. */
 static bool wait_for_input(const struct kiln_stop *stop)
 {
     struct pollfd input = {.fd = STDIN_FILENO, .events = POLLIN};
@@ -559,7 +561,7 @@ static bool wait_for_input(const struct kiln_stop *stop)
     return false;
 }
 
-/* Reads what is there of standard input, and waits for it. */
+/* Waits for standard input, and reads the bytes that are there. */
 static int read_more(struct input *in, const struct kiln_stop *stop, struct kiln_error *error)
 {
     if (!wait_for_input(stop))
@@ -602,7 +604,7 @@ static int read_line(struct input *in, const struct kiln_stop *stop, char **line
     return status;
 }
 
-/* Collective. The next line of *length bytes, as rank 0 reads it; *text NULL: there is none. */
+/* Collective. Gets the next line of *length bytes, which rank 0 reads; *text is NULL at the end. */
 static int next_line(const struct engine *e, struct input *in, char **text, uint64_t *length, struct kiln_error *error)
 {
     const struct kiln_bake *b = e->b;
@@ -650,8 +652,8 @@ static uint64_t hash_scene(const struct engine *e)
     return XXH3_64bits_withSeed(&scene->environment, sizeof scene->environment, hash);
 }
 
-/* Collective. Writes what of the state is not as it was written last. Returns in *maps how many lightmaps' light has
- * changed. */
+/* Collective. Writes the results of the state that differ from those written last. *maps receives the number of
+ * lightmaps whose light has changed. */
 static int write_changes(struct engine *e, size_t *maps, struct kiln_error *error)
 {
     struct kiln_bake *b = e->b;
@@ -678,10 +680,11 @@ static int write_changes(struct engine *e, size_t *maps, struct kiln_error *erro
     return status;
 }
 
-/* So few bytes fit wherever poll(2) says that some do: no write waits for a reader that does not read. */
+/* Bytes per write of an answer. If poll(2) reports room, there is room for at least so many, so no write blocks on a
+ * reader that does not read. */
 enum { ANSWER_PART = 256 };
 
-/* Writes an answer to standard output, and goes on waiting for its reader until something asks to stop. */
+/* Writes an answer to standard output. Waits for its reader until something requests a stop. */
 static int say(const char *text, size_t size, const struct kiln_stop *stop, struct kiln_error *error)
 {
     for (size_t at = 0; at < size;) {
@@ -717,7 +720,7 @@ static int answer(const struct engine *e, json_t *json, struct kiln_error *error
     return kiln_agree(b->communicator, status, error);
 }
 
-/* Collective. What a line asks for. A line that is wrong is answered, and changes nothing. */
+/* Collective. Does what a line asks for. A wrong line is answered with an error, and changes nothing. */
 static int do_line(struct engine *e, uint64_t number, const char *line, size_t length, struct kiln_error *error)
 {
     char where[32], *changes = NULL;

@@ -14,14 +14,14 @@
 #include "worker/base/memory.h"
 #include "worker/pass/direct.h"
 
-/* Direct light that is given as a mean has so many samples: a power of two, so that a mean stays what it is; too few
- * for a pilot, enough for each part of a bake in parts to have quarters. */
+/* Number of samples that direct light given as a mean claims to have. It is a power of two, so that a mean is exact; it
+ * is too small for a pilot step; and each part of a bake in parts still has quarters of it. */
 enum { GIVEN_SAMPLES = 16, KEPT_MOST = 64, PARTS_MOST = 2 * KILN_STATE_PARTS, STEPS_MOST = KILN_PARTS };
 
 /* The direct light of some elements. */
 struct kept {
     uint64_t key, used;
-    bool exact; /* answers of all lights' steps as they are; else means */
+    bool exact; /* exact: answers of all steps of the lights as they are; else means */
     struct kiln_emission_result emission;
     uint32_t steps;
     uint32_t samples[STEPS_MOST];
@@ -48,14 +48,14 @@ struct kiln_state_lights {
     struct kiln_states *states;
     const struct kiln_state_scene *base;
     struct kiln_state_scene only; /* what is traced alone */
-    size_t elements, emitting;    /* of all; of the base scene those that emit */
-    uint32_t *part_of;            /* of each element of the base scene that emits; KILN_NONE */
+    size_t elements, emitting;    /* number of elements; of these, those that emit in the base scene */
+    uint32_t *part_of;            /* part of each element that emits in the base scene; KILN_NONE: it emits nothing */
     uint32_t *own_part;           /* scratch: of each element, in a state */
     float (*own_factor)[3];
     bool *own_changed;
     struct kept **kept;
     size_t kept_count, kept_room;
-    uint64_t clock, begun, traced; /* `begun`: the clock when the states that are mixed now were begun */
+    uint64_t clock, begun, traced; /* `begun`: value of the clock at the beginning of the present states */
     uint16_t *white;               /* an albedo of 1 for the own points */
     struct kept *filling;
     struct mix mixes[KILN_STATES_MOST];
@@ -100,7 +100,7 @@ int kiln_state_scene_use(struct kiln_prepared *p, const struct kiln_state_scene 
     p->scene->materials = copy->materials;
     p->scene->environment = &copy->environment;
     const int status = kiln_agree(p->communicator, kiln_lights_create(&lights, p->scene, p->geometry, error), error);
-    if (status == KILN_OK) { /* all who look at the lights keep their place */
+    if (status == KILN_OK) { /* every user of the lights keeps a pointer to them */
         const struct kiln_lights before = *p->lights;
         *p->lights = *lights;
         *lights = before;
@@ -144,7 +144,7 @@ static bool same_form(const struct kiln_state_lights *l, const struct kiln_state
     return memcmp(&x, &b->lights[i], sizeof x) == 0;
 }
 
-/* By what the element's light in the base scene is to be scaled; false: there is none that could be. */
+/* Finds the factor for the element's light in the base scene. Returns false if no factor gives the state's light. */
 static bool factor_of(const struct kiln_state_lights *l, const struct kiln_state_scene *scene, size_t i,
                       float factor[3])
 {
@@ -176,7 +176,7 @@ static void drop(struct kept **kept)
     kiln_free(kept);
 }
 
-/* kiln_state_direct.see: notes the answers of a step. */
+/* Implements kiln_state_direct.see: stores the answers of a step. */
 static void see(void *context, const struct kiln_step *step, size_t first, size_t count,
                 const struct kiln_point_result *results)
 {
@@ -198,7 +198,7 @@ static void see(void *context, const struct kiln_step *step, size_t first, size_
         }
 }
 
-/* Means in place of sums, of each part of a bake in parts. */
+/* Turns sums into means, for each part of a bake in parts. */
 static void make_means(const struct kiln_state_lights *l, struct kept *k)
 {
     for (uint32_t s = 0; s < k->steps; s++)
@@ -213,8 +213,8 @@ static void make_means(const struct kiln_state_lights *l, struct kept *k)
         }
 }
 
-/* kiln_state_direct.end, of a bake in one part: what pilot and second step say together stands in the data. With an
- * albedo of 1 radiosity is incident light. */
+/* Implements kiln_state_direct.end for a bake in one part: takes the combined result of pilot and second step from the
+ * rank's data. With an albedo of 1, radiosity equals incident light. */
 static void end(void *context, const struct kiln_rank_data *own)
 {
     struct kiln_state_lights *l = context;
@@ -239,7 +239,7 @@ static struct kiln_integrate_settings direct_alone(const struct kiln_state_light
     return settings;
 }
 
-/* Collective. Traces the direct light of what the prepared scene has now. */
+/* Collective. Traces the direct light of the present lights of the prepared scene. */
 static int trace(struct kiln_state_lights *l, struct kept *k, struct kiln_error *error)
 {
     const struct kiln_prepared *p = l->bake->prepared;
@@ -276,7 +276,8 @@ static struct kept *find(struct kiln_state_lights *l, uint64_t key)
     return NULL;
 }
 
-/* Room for one more: of many the one that was not used for longest goes, unless a present state needs it. */
+/* Makes room for one more entry. If there are many, the least recently used one is dropped, unless a present state
+ * needs it. */
 static int make_room(struct kiln_state_lights *l, struct kiln_error *error)
 {
     size_t oldest = 0;
@@ -290,7 +291,7 @@ static int make_room(struct kiln_state_lights *l, struct kiln_error *error)
                      error);
 }
 
-/* Collective. What is kept of the light of `scene`, which is traced if it is new. */
+/* Collective. Returns the kept direct light of `scene`; traces it first if it is new. */
 static int keep(struct kiln_state_lights *l, const struct kiln_state_scene *scene, uint64_t key, bool exact,
                 const struct kept **kept, struct kiln_error *error)
 {
@@ -320,7 +321,8 @@ static int keep(struct kiln_state_lights *l, const struct kiln_state_scene *scen
 
 /* ---- parts ---- */
 
-/* The elements of the state in parts: own_part of each, KILN_NONE for those that do not shine. Returns how many. */
+/* Assigns the state's elements to parts: own_part of each, KILN_NONE for those that do not shine. Returns the number of
+ * parts. */
 static uint32_t divide(struct kiln_state_lights *l, const struct kiln_state_scene *scene)
 {
     uint32_t parts = 0;
@@ -342,8 +344,8 @@ static uint32_t divide(struct kiln_state_lights *l, const struct kiln_state_scen
     return parts;
 }
 
-/* The scene with the elements of one part alone: those that changed as the state has them, others as the base has them.
- * Returns a hash of what it has. */
+/* Makes a scene with the elements of one part only: changed elements as in the state, others as in the base scene.
+ * Returns a hash of their values. */
 static uint64_t isolate(struct kiln_state_lights *l, const struct kiln_state_scene *scene, uint32_t part)
 {
     const struct kiln_scene *s = l->bake->prepared->scene;
@@ -439,7 +441,7 @@ static int find_parts(struct kiln_state_lights *l, const struct kiln_state_scene
 
 /* ---- giving ---- */
 
-/* kiln_state_direct.give of the bake's own direct light. */
+/* Implements kiln_state_direct.give with the bake's own direct light. */
 static void give_same(void *context, const struct kiln_step *step, size_t first, size_t count,
                       struct kiln_point_result *results)
 {
@@ -457,8 +459,8 @@ static void give_same(void *context, const struct kiln_step *step, size_t first,
     }
 }
 
-/* Adds a part's light at a point, in sums of GIVEN_SAMPLES. Errors of parts, which are traced apart, add up by their
- * squares; each scales as its light does. */
+/* Adds a part's light at a point, as sums of GIVEN_SAMPLES samples. Parts are traced independently, so their squared
+ * errors add up; each error scales with its light. */
 static void add_part(const struct part *part, const struct kiln_direct_answer *a, uint32_t samples,
                      struct kiln_point_result *r, double *square)
 {

@@ -1,13 +1,13 @@
-/* The lights of a state (kiln relight --states, --listen), and the direct light of parts of them, which is kept.
+/* Lights of a state (kiln relight --states, --listen), and a cache of the direct light of parts of them.
  *
- * What of a scene gives light are its elements: each light, each material that emits, the environment. Up to
- * KILN_STATE_PARTS elements are a part each; where there are more, each part has some. Of a part the direct light is
- * traced once, alone, with all samples that the bake has. A state's direct light is the sum of its parts', scaled by
- * channel; of a part whose elements do not change alike, those that do are a part of their own, for that state. An
- * element that has moved, turned or is new has no other light to scale: it is traced. So what parts a state has hangs
- * on the baked scene and on that state alone.
+ * The elements of a scene are its sources of light: each light, each emitting material, the environment. Up to
+ * KILN_STATE_PARTS elements are a part each; if there are more, each part has several. The direct light of each part is
+ * traced once, alone, with all samples of the bake. A state's direct light is the sum of the direct light of its parts,
+ * scaled by channel. If the elements of a part change differently, those that change alike form a part of their own,
+ * for that state. An element that is moved, turned or new has no kept light to scale: it is traced. So the parts of a
+ * state depend only on the baked scene and on that state.
  *
- * Where no light is changed, direct light is that of all lights together, as the bake traces it: the same bits. */
+ * Where no light is changed, direct light is traced for all lights together, as in the bake: the same bits. */
 #ifndef KILN_COORDINATOR_BAKE_STATES_STATE_LIGHTS_H
 #define KILN_COORDINATOR_BAKE_STATES_STATE_LIGHTS_H
 
@@ -16,7 +16,7 @@
 
 enum { KILN_STATE_PARTS = 16 };
 
-/* Lights, materials and environment: copies of a scene's arrays, which may differ from it. */
+/* Lights, materials and environment of a state: modified copies of the scene's arrays. */
 struct kiln_state_scene {
     struct kiln_light *lights;
     struct kiln_material *materials;
@@ -28,8 +28,8 @@ void kiln_state_scene_release(struct kiln_state_scene *copy);
 void kiln_state_scene_copy(struct kiln_state_scene *to, const struct kiln_state_scene *from,
                            const struct kiln_scene *scene);
 
-/* Collective. The prepared scene, its lights and its backend have these lights and colours from now on. Borrows the
- * copy. KILN_SYSTEM. */
+/* Collective. Replaces the lights and colours of the prepared scene, its lights and its backend by those of the copy,
+ * which is borrowed. KILN_SYSTEM. */
 int kiln_state_scene_use(struct kiln_prepared *prepared, const struct kiln_state_scene *copy, struct kiln_error *error);
 
 struct kiln_state_lights;
@@ -39,17 +39,17 @@ int kiln_state_lights_create(struct kiln_state_lights **lights, struct kiln_bake
                              const struct kiln_state_scene *base, struct kiln_error *error);
 void kiln_state_lights_destroy(struct kiln_state_lights **lights);
 
-/* The direct light of a state: parts, and by what they are scaled. */
+/* The direct light of a state: parts and their scale factors. */
 struct kiln_state_mix;
-/* Collective. Traces what is not kept, by the room of states, whose solutions are lost. Fills in what the state's
- * settings, emission and direct light are; valid until as many further states as `states` has room for were mixed.
- * KILN_SYSTEM. */
+/* Collective. Traces the parts that are not cached; this uses the memory of the states, whose solutions are lost. Fills
+ * in the settings, emission and direct light of the state. They stay valid until as many further states as `states` has
+ * room for were mixed. KILN_SYSTEM. */
 int kiln_state_lights_mix(struct kiln_state_lights *lights, const struct kiln_state_scene *scene, size_t place,
                           struct kiln_state *state, struct kiln_error *error);
-/* Whether direct light of the state mixed at `place` is the bake's own, and how many parts it has. */
+/* Whether the direct light of the state at `place` equals the bake's own; *parts becomes its number of parts. */
 bool kiln_state_lights_same(const struct kiln_state_lights *lights, size_t place, size_t *parts);
 
-/* Parts that were traced so far, and the bytes of all that is kept. */
+/* Counts the parts traced so far, and the bytes of all cached direct light. */
 void kiln_state_lights_counts(const struct kiln_state_lights *lights, uint64_t *traced, uint64_t *bytes);
 
 #endif

@@ -23,7 +23,7 @@ struct kiln_dvec3 kiln_occluder_direction(int direction)
     return dvec3_scale(d, 1.0 / dvec3_length(d));
 }
 
-/* The plane of the triangle that was hit, as struct kiln_probe_occluders has it. */
+/* Computes the plane of the triangle that was hit, in the form of struct kiln_probe_occluders. */
 static void plane_of(const struct kiln_geometry *g, struct kiln_vec3 position, const struct kiln_hit *hit,
                      struct kiln_dvec3 direction, float plane[3])
 {

@@ -37,7 +37,7 @@ static bool is_buried(const struct fill *f, uint64_t probe) { return (f->buried[
 
 static bool is_own(const struct fill *f, uint64_t probe) { return probe - f->volume->first < f->volume->count; }
 
-/* The rank whose range it is in: rank r has those from total r / ranks on. */
+/* Returns the rank that owns the probe. Rank r has those from total * r / ranks on. */
 static uint64_t owner_of(const struct fill *f, uint64_t probe)
 {
     uint64_t r = probe * f->ranks / f->total;
@@ -46,11 +46,11 @@ static uint64_t owner_of(const struct fill *f, uint64_t probe)
     return r;
 }
 
-/* ---- which probes there are near one ---- */
+/* ---- probes in the neighbourhood of a probe ---- */
 
 typedef void (*visitor)(struct fill *f, uint64_t probe, double weight, void *context);
 
-/* Visits the probes of one shell, z-major; returns how many there are. */
+/* Visits the probes of one shell around a grid position, z outermost; returns their number. */
 static uint64_t visit_shell(struct fill *f, const int64_t at[3], int64_t shell, visitor visit, void *context)
 {
     const struct kiln_volume_result *v = f->volume;
@@ -121,7 +121,7 @@ static int by_rank(const void *a, const void *b)
     return x != y ? (x > y) - (x < y) : by_probe(a, b);
 }
 
-/* Each probe once, in order, which is that of the owners too. */
+/* Sorts the requests by probe, which is the order of owners too, and removes duplicates. */
 static void sort_requests(struct fill *f)
 {
     size_t kept = 0;
@@ -161,7 +161,7 @@ static struct light light_of(const struct fill *f, uint64_t probe)
     return light;
 }
 
-/* Collective. Sends the requests to the owners; those of the others take their place. */
+/* Collective. Sends the requests to the owners. The requests received replace them. */
 static int send_requests(struct fill *f, size_t *counts)
 {
     struct request *own = f->requests;
@@ -243,7 +243,7 @@ static void mark_buried(void *taker, const void *records, size_t count)
     }
 }
 
-/* Collective. Tells all ranks which probes are buried; how many of all ranks' are to `all`. */
+/* Collective. Tells all ranks which probes are buried; `all` receives their total number. */
 static int share_buried(struct fill *f, uint64_t *all, struct kiln_error *error)
 {
     const struct kiln_volume_result *v = f->volume;

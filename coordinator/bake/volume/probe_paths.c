@@ -16,10 +16,10 @@ enum { BATCH_PATHS = 1 << 14, OF_A_DEVICE = 64, SIGHT_RAYS = 1024, SIGHT_TOGETHE
 enum { PATHS_AN_AIM = 4 };
 enum { SPHERE_CELLS = 2 }; /* about, that a sphere is in */
 
-/* Unit of a sum's whole numbers, as a part of the most that a probe can get, one path after the other. 2^12 are left
- * for light that crosses a sphere several times, and for colours of little luminance. */
+/* Unit of fixed-point sums, as a fraction of the most light that one path after the other can bring to a probe. A
+ * factor of 2^12 is left for light that crosses a sphere several times, and for colours of little luminance. */
 #define UNIT 0x1p-51
-#define NOISE 0.125 /* of light that rays find: more is left to light paths */
+#define NOISE 0.125 /* relative error of light found by rays; if larger, light paths compute it */
 
 /* The paths for the probes, on this rank. */
 struct paths_work {
@@ -27,16 +27,17 @@ struct paths_work {
     struct kiln_volume_result *volume;
     struct kiln_probe_result *probes; /* own */
     uint8_t *done;                    /* own */
-    struct kiln_backend *host;        /* beside a device: for what that leaves to it; NULL: Embree bakes */
+    /* backend beside a device, for work that the device does not take; NULL: Embree bakes */
+    struct kiln_backend *host;
     struct kiln_aims *aims;
     uint64_t photons, iterations;
-    /* of each aim: moments and paths of all iterations of a chunk, and the next weights */
+    /* per aim: moments and paths of all iterations of a chunk, and weights of the next iteration */
     double *learnt, *paths, *weights;
-    /* of a chunk; its spheres and sums are allocated here */
+    /* spheres of the present chunk; they and their sums are allocated here */
     struct kiln_probe_spheres spheres;
-    int *counts, *places;  /* of each rank: elements of a collective call */
+    int *counts, *places;  /* per rank: elements of a collective call */
     uint64_t *own_sums;    /* of the chunk's own probes */
-    uint64_t before, rays; /* paths of chunks before it; rays of it */
+    uint64_t before, rays; /* paths of the chunks before this one; rays of this one */
     /* rays from the middles of spheres */
     struct kiln_vec3 *origins, *directions;
     struct kiln_hit *hits;
@@ -53,8 +54,9 @@ static double area_of(const struct kiln_lights *lights, const struct kiln_lamp *
     return area;
 }
 
-/* Squared: the error of the light of emitting objects, over that light, where each is met by the share of a probe's
- * rays by which its area is seen from half of the scene's diagonal off, whichever way it looks. */
+/* Estimates the squared relative error of the light of emitting objects, as found by a probe's rays. Assumes that each
+ * object is met by the fraction of rays that its projected area, averaged over directions, has at half of the scene's
+ * diagonal. */
 static double noise_of(const struct kiln_aims *aims, uint32_t samples)
 {
     const struct kiln_lights *lights = aims->lights;
@@ -123,14 +125,14 @@ static bool on_host(const struct paths_work *w)
     return w->host != NULL && !kiln_backend_takes(w->params->backend, &kiln_pass_land, &parameters);
 }
 
-/* Backend that traces the paths, and rays from the middles of spheres. */
+/* Returns the backend that traces the paths, and the rays from the centres of spheres. */
 static struct kiln_backend *backend_of(const struct paths_work *w) { return on_host(w) ? w->host : w->params->backend; }
 
 /* ---- spheres ---- */
 
 static double smallest(const double spacing[3]) { return fmin(spacing[0], fmin(spacing[1], spacing[2])); }
 
-/* W, about, at most: all light that paths can carry. */
+/* Upper estimate of all light that paths can carry, W. */
 static double power_of(const struct kiln_aims *aims, uint32_t leaves)
 {
     double power = 0.0;
@@ -182,7 +184,7 @@ void kiln_probe_spheres_release(struct kiln_probe_spheres *s)
     s->clear = NULL;
 }
 
-/* Finds clearances and cells of the spheres before paths cross them. */
+/* Computes clearances of the spheres and their grid of cells, before paths cross them. */
 static int prepare_spheres(struct kiln_probe_spheres *s, struct kiln_backend *host, struct kiln_error *error)
 {
     const int status = kiln_backend_clearance(host, s->sphere, s->count, (float *)(uintptr_t)s->clear, error);
@@ -226,7 +228,8 @@ uint64_t kiln_probe_paths_bytes(uint64_t probes, uint32_t ranks, bool device)
 
 /* ---- a chunk ---- */
 
-/* The own probes of the chunk [first, first + count): from number *begin of the own ones on. Returns how many. */
+/* Returns the number of this rank's probes in the present chunk. *begin: index of the first among this rank's
+ * probes. */
 static uint64_t own_part(const struct paths_work *w, uint64_t *begin)
 {
     const uint64_t first = w->volume->first, end = first + w->volume->count, chunk = w->spheres.first,
@@ -236,7 +239,7 @@ static uint64_t own_part(const struct paths_work *w, uint64_t *begin)
     return high > low ? high - low : 0;
 }
 
-/* Collective. Fills in the counts and places of all ranks' parts of the chunk, of so many elements a probe. */
+/* Collective. Computes the counts and places of all ranks' parts of the chunk, with `elements` elements a probe. */
 static void share_counts(const struct paths_work *w, int elements)
 {
     uint64_t begin;
@@ -250,7 +253,7 @@ static void share_counts(const struct paths_work *w, int elements)
     }
 }
 
-/* Collective. All ranks get the spheres of the chunk. */
+/* Collective. Exchanges the spheres of the chunk, so that each rank has all of them. */
 static void share_spheres(struct paths_work *w)
 {
     struct kiln_sphere *sphere = (struct kiln_sphere *)(uintptr_t)w->spheres.sphere;
@@ -268,14 +271,14 @@ static void share_spheres(struct paths_work *w)
                          w->params->communicator);
 }
 
-/* Collective. Own probes get the sums that all ranks have. */
+/* Collective. Adds up the sums of all ranks; each rank receives those of its own probes. */
 static void reduce_sums(const struct paths_work *w)
 {
     share_counts(w, KILN_SPHERE_SUMS);
     (void)MPI_Reduce_scatter(w->spheres.sums, w->own_sums, w->counts, MPI_UINT64_T, MPI_SUM, w->params->communicator);
 }
 
-/* ---- what a sphere's middle sees ---- */
+/* ---- free volume around a sphere's centre ---- */
 
 static bool is_crossed(const uint64_t *sums)
 {
@@ -285,16 +288,16 @@ static bool is_crossed(const uint64_t *sums)
     return any;
 }
 
-/* m3: what a ray of SIGHT_RAYS that is free so far brings to the volume. */
+/* Volume that one of SIGHT_RAYS rays stands for if it is free up to a distance, m3. */
 static double volume_of(double free) { return 4.0 * KILN_PI / 3.0 * free * free * free / SIGHT_RAYS; }
 
-/* Whether nothing reaches into an own sphere of the chunk. */
+/* Whether no geometry reaches into a sphere of this rank in the chunk. */
 static bool is_clear(const struct paths_work *w, const struct kiln_sphere *sphere)
 {
     return w->spheres.clear[sphere - w->spheres.sphere] > sphere->radius;
 }
 
-/* m3: as find_volumes has it of a sphere that is clear. */
+/* Volume of a clear sphere, summed up as in find_volumes, m3. */
 static double whole_volume(const struct kiln_sphere *sphere)
 {
     double volume = 0.0;
@@ -303,7 +306,7 @@ static double whole_volume(const struct kiln_sphere *sphere)
     return volume;
 }
 
-/* m3: of the part of each of `count` spheres that lies before what rays from its middle meet. */
+/* Finds, for each of `count` spheres, the volume that is visible from its centre, m3. */
 static int find_volumes(struct paths_work *w, const struct kiln_sphere *const *spheres, size_t count, double *volumes,
                         struct kiln_error *error)
 {
@@ -334,7 +337,7 @@ static void add_light(const struct paths_work *w, const uint64_t *sums, double v
     }
 }
 
-/* The own probes of the chunk get their light. */
+/* Stores the light of this rank's probes in the chunk. */
 static int take_light(struct paths_work *w, struct kiln_error *error)
 {
     uint64_t begin, crossed[SIGHT_TOGETHER];
@@ -378,7 +381,7 @@ static void share_out(struct paths_work *w, bool first)
     kiln_aims_share(a, w->photons, w->weights);
 }
 
-/* Collective. What the paths of an iteration have brought teaches where those of the next ones go. */
+/* Collective. Adapts the weights of aims: the paths of the next iteration go where those of this one brought most. */
 static void learn(struct paths_work *w)
 {
     uint64_t *moments = w->spheres.moments;
@@ -400,8 +403,7 @@ static int trace(struct paths_work *w, uint64_t first, uint64_t count, struct ki
     return kiln_backend_run(backend_of(w), &kiln_pass_land, &parameters, &batch, &w->rays, error);
 }
 
-/* Collective. Traces this rank's part of an iteration, and waits for the others; saves and stops when that is asked
- * for. */
+/* Collective. Traces this rank's part of an iteration and waits for the others. Saves and stops on request. */
 static int run_iteration(struct paths_work *w, uint64_t iteration, struct kiln_error *error)
 {
     const struct kiln_probe_paths_params *p = w->params;
@@ -435,7 +437,7 @@ static int run_iteration(struct paths_work *w, uint64_t iteration, struct kiln_e
     }
 }
 
-/* Collective. Whether no probe of the chunk lacks its light, as an earlier run left it. */
+/* Collective. Whether an earlier run has computed the light of all probes of the chunk. */
 static bool is_complete(const struct paths_work *w)
 {
     uint64_t begin;
@@ -479,7 +481,7 @@ static int run_chunk(struct paths_work *w, struct kiln_error *error)
 
 /* ---- all of it ---- */
 
-/* The directions of rays from the middle of a sphere, again and again. */
+/* Computes the directions of rays from a sphere's centre, repeated for SIGHT_TOGETHER spheres. */
 static void find_directions(struct kiln_vec3 *directions)
 {
     for (uint32_t k = 0; k < SIGHT_RAYS; k++)

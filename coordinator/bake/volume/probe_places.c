@@ -15,7 +15,7 @@ static const double CLEARANCE = 0.1;
 struct homeless {
     size_t probe;
     struct kiln_vec3 grid; /* its place in the grid */
-    /* ways out of geometry, the shortest first: vectors from there, m */
+    /* vectors from the probe out of geometry, the shortest first, m */
     struct kiln_vec3 ways[RAYS];
     double lengths[RAYS];
     uint32_t way_count;
@@ -83,8 +83,8 @@ static void find_ways(const struct places_work *w, size_t i, struct homeless *h)
     }
 }
 
-/* Tries the next way out of each of the *count that have no place; those that are outside then have it, and *count is
- * how many are left. */
+/* Tries the next way out for each of the *count probes without a place. Probes that are outside there take the place;
+ * *count receives the number of those left. */
 static int try_ways(const struct places_work *w, uint32_t way, size_t *count, struct kiln_vec3 *positions,
                     struct kiln_probe_place *places, uint64_t *rays, struct kiln_error *error)
 {

@@ -25,7 +25,7 @@ static const double REACH = 0.9;
 
 enum { PROBES_ALONG = 16, BATCH_LEAST = 256, BATCH_MOST = 1 << 16, BATCH_RAYS = 1 << 24 };
 
-/* The bounds that are given, or those of what receives light. */
+/* Returns the given bounds or, if there are none, those of everything that receives light. */
 static int find_bounds(struct kiln_volume_bounds *bounds, const struct kiln_scene *scene, const char *given,
                        struct kiln_error *error)
 {
@@ -99,15 +99,15 @@ struct volume_work {
     struct kiln_probe_result *probes;       /* own */
     struct kiln_probe_occluders *occluders; /* own */
     struct kiln_probe_place *places;        /* own */
-    struct kiln_probe_group *groups;        /* own: of each probe all groups; NULL: none */
+    struct kiln_probe_group *groups;        /* this rank's: light of all groups of each probe; NULL: no groups */
     uint8_t *done;                          /* own: enum kiln_probe_done */
-    uint32_t leaves;                        /* what light paths bring: kiln_probe_paths_leaves */
+    uint32_t leaves;                        /* light that comes from light paths (kiln_probe_paths_leaves) */
     struct kiln_vec3 *positions;            /* of the probes of a batch */
     uint64_t batch, batch_most, next, finished;
     uint64_t *rays;
 };
 
-/* Reads the probes that earlier runs have gathered. The rays of each file are counted by one of the ranks. */
+/* Reads the probes that earlier runs have gathered. Only one rank counts the rays of each file. */
 static int restore(struct volume_work *w, int rank, int ranks, struct kiln_error *error)
 {
     const struct kiln_checkpoint *c = w->params->checkpoint;
@@ -240,7 +240,7 @@ static int gather_all(struct volume_work *w, struct kiln_error *error)
     }
 }
 
-/* As struct kiln_probe_paths_params has it. */
+/* Implements the callback of struct kiln_probe_paths_params that saves between iterations. */
 static int save_between(void *context, bool stop, struct kiln_error *error) { return save(context, stop, error); }
 
 /* Collective. */
@@ -291,7 +291,7 @@ static int make_groups(struct volume_work *w, struct kiln_error *error)
     return status;
 }
 
-/* Collective. Groups get the light of the probes that all light has been taken from. */
+/* Collective. Fills the groups' light of buried probes from the same neighbours as all light. */
 static int fill_groups(struct volume_work *w, struct kiln_error *error)
 {
     struct kiln_volume_result one = *w->volume;
@@ -327,7 +327,7 @@ int kiln_volume_run(struct kiln_volume_result *volume, const struct kiln_volume_
     volume->count = total * ((uint64_t)rank + 1) / (uint64_t)ranks - volume->first;
     struct volume_work w = {
         .params = params, .volume = volume, .batch_most = batch_size(params->samples), .rays = rays};
-    w.batch = 1; /* start with one probe, which may take a second if it has many samples */
+    w.batch = 1; /* start with a single probe, which takes up to a second with many samples */
     status = kiln_allocate(&w.probes, volume->count, sizeof *w.probes, "the probes", error);
     if (status == KILN_OK)
         status = kiln_allocate(&w.occluders, volume->count, sizeof *w.occluders, "the probes", error);

@@ -14,7 +14,7 @@ struct box {
 
 enum role { RECEIVER, CASTER, SOURCE };
 
-/* Beyond this many vertices of all objects, their boxes are found from the corners of their meshes' boxes. */
+/* Scenes with more vertices over all objects get boxes from the corners of the meshes' boxes. */
 static const uint64_t EXACT_VERTICES = 1u << 24;
 
 static const struct box nothing = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
@@ -33,7 +33,7 @@ static double longest_side(const struct box *box)
     return fmax(box->high[0] - box->low[0], fmax(box->high[1] - box->low[1], box->high[2] - box->low[2]));
 }
 
-/* The points that stand for a mesh: its vertices or, where all objects have very many, the corners of its box. */
+/* Points that represent a mesh: its vertices or, in scenes with very many, the corners of its box. */
 struct outline {
     const struct kiln_vec3 *points;
     uint64_t count;
@@ -88,7 +88,7 @@ static struct box box_of(const struct outline *outline, const double transform[1
     return box;
 }
 
-/* Whether the letters from `at` on, up to the first that is none, are "sky" or "sky" and what has its form. */
+/* Whether the word at `at` is "sky", or a compound such as "skydome". */
 static bool is_sky(const char *at)
 {
     static const char *const words[] = {"sky",    "skydome", "skybox", "skysphere",  "skyball",
@@ -120,7 +120,8 @@ static bool emits(const struct kiln_material *m)
     return m->emission[0] > 0.0f || m->emission[1] > 0.0f || m->emission[2] > 0.0f;
 }
 
-/* Whether all materials of a mesh are black, all emit, or one is called a sky. */
+/* Whether a mesh is a source of light only: all its materials are black, or all emit, or it or a material is named a
+ * sky. */
 static bool is_source(const struct kiln_scene *scene, const struct kiln_mesh *mesh)
 {
     bool black = true, lit = true;

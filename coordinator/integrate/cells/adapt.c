@@ -8,20 +8,21 @@
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
-/* The pilot: one sample in PILOT_PART, PILOT_LEAST at least. With fewer the spread of few samples of many lights hides
- * that of shadows' edges; with fewer than DIRECT_LEAST samples in all, a pilot costs more than it saves. */
+/* The pilot has one of every PILOT_PART samples, at least PILOT_LEAST. With fewer, the noise of few samples of many
+ * lights hides the noise at shadow edges. With fewer than DIRECT_LEAST samples in all, a pilot costs more than it
+ * saves. */
 enum { PILOT_PART = 8, PILOT_LEAST = 16, DIRECT_LEAST = 64 };
 /* Most lights for which a pilot is traced. With more, each has few samples, whose spread hides that of the shadows, and
  * the loss by cutting a net in two is not made good: with 40 (20 square lamps) and 64 samples 8 % by rays. */
 enum { LIGHTS_MOST = 16 };
-/* Samples of a point in the second step: multiples of a number, so that its quarters (kiln_quarter_first) are equal; at
- * least so many, for shadows that the pilot has missed; at most so many times samples_direct. */
+/* Samples per point in the second step. They are a multiple of SAMPLES_STEP, so that quarters (kiln_quarter_first) are
+ * equal; at least SAMPLES_LEAST, for shadows that the pilot has missed; at most SAMPLES_TIMES x samples_direct. */
 enum { SAMPLES_STEP = 4, SAMPLES_LEAST = 8, SAMPLES_TIMES = 16 };
 #define DARK 0.1                          /* of the mean irradiance: e */
-#define NEIGHBOUR 0.25                    /* of a neighbour's spread that counts for a tile */
-#define SPREAD_STEPS 0x1p24               /* of the fixed point in a spread of 1 */
+#define NEIGHBOUR 0.25                    /* fraction of a neighbouring tile's spread that is used for a tile */
+#define SPREAD_STEPS 0x1p24               /* fixed-point steps of a spread of 1 */
 #define SPREAD_MOST 0x1p28                /* of a point */
-enum { LEVELS = 128, LEVEL_OF_ONE = 64 }; /* octaves of spread; level 0: there is none */
+enum { LEVELS = 128, LEVEL_OF_ONE = 64 }; /* levels: octaves of spread; level 0: no spread */
 
 uint32_t kiln_adapt_pilot(const struct kiln_integrate_settings *settings)
 {
@@ -40,7 +41,7 @@ double kiln_adapt_share(uint32_t pilot, uint32_t samples)
 
 /* ---- spreads ---- */
 
-/* Adds the spreads of the own points to those of their tiles, in steps of SPREAD_STEPS. */
+/* Adds the spreads of this rank's points to the sums of their tiles, in steps of SPREAD_STEPS. */
 static void add_spreads(const struct kiln_rank_data *own, double mean, uint64_t *tiles)
 {
     const struct kiln_surface *surface = &own->surface;
@@ -92,7 +93,7 @@ struct budget {
     uint32_t mean, most;     /* samples of a point */
 };
 
-/* Samples of a point by its tile's level, when a spread of 1 asks for `one`. */
+/* Returns the samples per point for a level; `one`: samples for a spread of 1. */
 static uint32_t samples_at(const struct budget *budget, uint32_t level, double one)
 {
     /* a power of two times a square root, which are the same on every machine */
@@ -103,8 +104,8 @@ static uint32_t samples_at(const struct budget *budget, uint32_t level, double o
     return (samples + SAMPLES_STEP - 1) / SAMPLES_STEP * SAMPLES_STEP;
 }
 
-/* Finds the samples that a spread of 1 asks for, so that those of all points come to the mean at most, unless the least
- * numbers come to more. */
+/* Finds the samples for a spread of 1, such that the mean over all points is at most the budget's. It is exceeded only
+ * if the least numbers of samples exceed it. */
 static double share_out(const struct budget *budget)
 {
     double points = 0.0, low = 0x1p-60, high = 0x1p90;
@@ -136,7 +137,7 @@ static void count_levels(const struct kiln_surface *surface, const uint64_t *til
     }
 }
 
-/* The samples of the own tile runs, from the spreads of all tiles. */
+/* Chooses the samples of this rank's tile runs, from the spreads of all tiles. */
 static void choose_samples(const struct kiln_rank_data *own, const uint64_t *tiles, struct budget *budget)
 {
     const struct kiln_surface *surface = &own->surface;

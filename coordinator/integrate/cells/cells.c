@@ -23,7 +23,7 @@ static const struct kiln_role roles[] = {
     {.kind = "pilot", .total = "pilot", .title = "direct light, pilot", .phase = "direct light"},
     {.kind = "caustic", .total = "caustics", .title = "caustics", .phase = "caustics", .optional = true}};
 
-/* A group's sum is its light, of which this is the first part. */
+/* Starts a light group's sum with its direct light. */
 static void begin_with_direct(const struct kiln_rank_data *own)
 {
     const uint64_t count = 3 * own->surface.count;
@@ -47,7 +47,7 @@ static int begin_step(struct kiln_integration *in, struct kiln_step_report *last
     if (in->settings->schedule == KILN_SCHEDULE_EQUAL) {
         if (step->bounce == 1)
             kiln_company_each_light(in->company, begin_with_direct);
-        if (step->bounce == 1) /* the sum is of irradiance now, and of bounces only */
+        if (step->bounce == 1) /* from now on the sum is of irradiance, and of bounces only */
             memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
         in->solution->report.bounces = step->bounce;
     } else if (step->role == KILN_CELLS_FINAL) {
@@ -95,7 +95,8 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
     return kiln_tile_error(in, &last->object_error, error);
 }
 
-/* Where the number of bounces is given, and each point gathers for itself with the same samples. */
+/* Whether the device may keep the light of the step from bounce to bounce (worker/pass/held.h). This requires a given
+ * number of bounces, and that each point gathers for itself with the same samples. */
 static bool hold(struct kiln_integration *in, const struct kiln_step *step, struct kiln_held_step *how)
 {
     const struct kiln_integrate_settings *s = in->settings;

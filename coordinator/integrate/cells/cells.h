@@ -1,5 +1,5 @@
-/* The integrator "cells": every surface point gathers from all others, bounce after bounce, each from the radiosity of
- * the bounce before. Two schedules (schedule.h). */
+/* The integrator "cells": every surface point gathers from all others, bounce after bounce; each bounce gathers the
+ * radiosity of the one before. It has two schedules (schedule.h). */
 #ifndef KILN_COORDINATOR_INTEGRATE_CELLS_CELLS_H
 #define KILN_COORDINATOR_INTEGRATE_CELLS_CELLS_H
 

@@ -11,7 +11,7 @@
 #include "worker/base/memory.h"
 
 #define STEPS 0x1p32      /* of the fixed point in the share 1 */
-#define SHARE_MOST 0x1p16 /* of a point: the sum over a tile fits into 64 bits */
+#define SHARE_MOST 0x1p16 /* limit of a point's share, so that the sum over a tile fits into 64 bits */
 
 void kiln_late_reset(const struct kiln_rank_data *own)
 {
@@ -41,7 +41,7 @@ static uint64_t share_of(const struct kiln_integration *in, struct kiln_own_poin
     return (uint64_t)(fmin(kiln_luminance_of_floats(last) / (so_far + KILN_LATE_DARK * mean), SHARE_MOST) * STEPS);
 }
 
-/* Adds the shares of the own points to those of their tiles. */
+/* Adds the shares of this rank's points to the sums of their tiles. */
 static void add_shares(const struct kiln_integration *in, double mean, uint64_t *tiles)
 {
     const struct kiln_rank_data *own = in->solution->own;

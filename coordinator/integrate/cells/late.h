@@ -1,25 +1,26 @@
-/* Late bounces only where they matter, in the lean schedule without a number of bounces. White walls that enclose a
- * little light keep it for long, and the bounces do not end before that is known; most of the scene has nothing to
- * gain from them.
+/* Restriction of late bounces to the tiles that need them, in the lean schedule without a given number of bounces. A
+ * little light enclosed by white walls stays there for long, and the bounces go on until it is resolved; most of the
+ * scene gains nothing from them.
  *
- * A late bounce computes the tiles alone where much is left. What is left of a point is q / (1 - q) times its
- * radiosity of the last bounce, where q is the ratio of a bounce's power to the one before (struct kiln_tail_fit; the
- * greater one of the last ratio and the fit's). A tile ends when what is left, over what the point has had so far, is
- * KILN_LATE_LEFT at most, in the mean over its points and over those of each of its eight neighbours in the lightmap:
- * the answers of few samples in one tile alone may lie. It gets what is left of its points, by that very estimate, and
- * is computed and sends no more. A point with albedo that no light has reached yet keeps its tile going.
+ * A late bounce computes only tiles with much remaining light. A point's remaining light is estimated as q / (1 - q)
+ * times its radiosity of the last bounce; q is the ratio of the powers of successive bounces (struct kiln_tail_fit; the
+ * larger of the last ratio and the fitted one). A tile ends when the remaining light, relative to the point's light so
+ * far, is at most KILN_LATE_LEFT in the mean over its points and over those of each of its eight neighbours in the
+ * lightmap; results of few samples in a single tile may mislead. The estimated remaining light is then added to its
+ * points, and the tile is no longer computed and sends no more radiosity. A tile continues while a point with albedo
+ * has not received light yet.
  *
- * What others miss for it is at most KILN_LATE_LEFT of what they have from the tile, or less than that of all their
- * light: what points gather is a sum of what others send, none of it negative. kiln_integrate_report.tail_error counts
- * it. The final gather reads what all have, with what was left. */
+ * Other points lose by this at most KILN_LATE_LEFT of the light that they have from the tile, and no more of all their
+ * light: a gather is a sum of non-negative contributions. kiln_integrate_report.tail_error includes this loss. The
+ * final gather reads the light of all points, including the added remainder. */
 #ifndef KILN_COORDINATOR_INTEGRATE_CELLS_LATE_H
 #define KILN_COORDINATOR_INTEGRATE_CELLS_LATE_H
 
 #include "coordinator/integrate/integrator.h"
 
 #define KILN_LATE_LEFT 5e-4
-#define KILN_LATE_DARK 1e-4   /* of the mean radiosity: what a point has had is never taken to be less */
-enum { KILN_LATE_FIRST = 9 }; /* the number of the first late bounce: most scenes settle before it */
+#define KILN_LATE_DARK 1e-4   /* of the mean radiosity: lower bound for the light of a point so far */
+enum { KILN_LATE_FIRST = 9 }; /* number of the first late bounce: most scenes converge before it */
 
 /* Whether a step is a late bounce. */
 static inline bool kiln_late_is(const struct kiln_step *step)
@@ -27,14 +28,15 @@ static inline bool kiln_late_is(const struct kiln_step *step)
     return step->pass->reads_radiosity && !step->terminal && step->samples_field != NULL;
 }
 
-/* Before the first step of a bake or part: no own tile has ended. Nothing where the number of bounces is given. */
+/* Marks all own tiles as not ended, before the first step of a bake or part. Does nothing if the number of bounces is
+ * given. */
 void kiln_late_reset(const struct kiln_rank_data *own);
 
-/* Collective, before a late bounce with so many samples, while `next` is what the step before it has found. Fills in
- * the field of its samples: 0 for tiles that have ended. The same for any ranks and cells. KILN_SYSTEM. */
+/* Collective, before a late bounce with `samples` samples, while `next` has the result of the step before. Fills in the
+ * field of samples of the bounce: 0 for tiles that have ended. The same for any ranks and cells. KILN_SYSTEM. */
 int kiln_late_choose(const struct kiln_integration *integration, uint32_t samples, struct kiln_error *error);
 
-/* Once `next` has been exchanged: what the bounce does not compute sends nothing. */
+/* Clears `next` once it has been exchanged, so that points which the bounce does not compute send nothing. */
 void kiln_late_clear(const struct kiln_rank_data *own);
 
 #endif

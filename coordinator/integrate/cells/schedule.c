@@ -14,13 +14,13 @@
 #define LEAST_LEFT 1e-5     /* equal schedule: reflected power of a bounce over that of all, after which none comes */
 #define LEAST_LIGHT 1e-7    /* lean schedule: likewise */
 #define TAIL_ERROR 2e-3     /* lean schedule: step_report.tail_error with which the tail is good enough */
-/* Lean schedule: step_report.object_error. Where an object's mean is off by more than the first, bounces go on until
- * all are good twice in turn, for once may be chance. */
+/* Lean schedule: limits of step_report.object_error. If any object's mean has ever been off by more than the first,
+ * bounces continue until all are within the second twice in succession, since once may be chance. */
 #define OBJECT_ERROR_MOST 3e-3
 #define OBJECT_ERROR_GOOD 2e-3
 enum {
-    LEAST_BOUNCES = 3,      /* before the ratio of two is believed */
-    DIVERGING_BOUNCES = 32, /* before a sum is believed to have no end */
+    LEAST_BOUNCES = 3,      /* bounces before the ratio of two is trusted */
+    DIVERGING_BOUNCES = 32, /* bounces before a sum is taken for divergent */
     LEAST_SAMPLES = 2,      /* of a bounce, lean schedule */
 };
 
@@ -62,7 +62,7 @@ static double gone_on(const struct kiln_step_report *reports, size_t i, int chan
     return kiln_late_is(&reports[i].step) && before > 0.0 ? power_of(reports[i].energy.sent, channel) / before : 1.0;
 }
 
-/* Mean ratio of a step to the one before, from step `first` to `last`. */
+/* Returns the mean ratio of a step's power to that of the step before, over the steps from `first` to `last`. */
 static double mean_ratio(const struct kiln_step_report *reports, size_t first, size_t last, int channel)
 {
     double from = kiln_cells_reflected(reports, first, channel);
@@ -78,7 +78,7 @@ double kiln_cells_ratio(const struct kiln_step_report *reports, size_t i)
     return mean_ratio(reports, i - 1, i, KILN_LUMINANCE);
 }
 
-/* dq of struct kiln_tail_fit, of the ratios of the steps after `first`, whose mean is q. */
+/* Estimates dq of struct kiln_tail_fit: the error of q, the mean ratio of the steps after `first`. */
 static double ratio_error(const struct kiln_step_report *reports, size_t first, size_t last, double q)
 {
     const size_t middle = (first + last) / 2, steps = last - first;
@@ -107,8 +107,8 @@ void kiln_cells_fit_tail(const struct kiln_step_report *reports, size_t count, s
     fit->error = last < KILN_TAIL_BOUNCES || !(q < 1.0) ? 1.0 : ratio_error(reports, first, last, q) / (1.0 - q);
 }
 
-/* A tail multiplies the rounding of the last bounces by 1 / (1 - ratio): in a furnace that costs more than 4 bytes a
- * point are worth. */
+/* Whether the tail is long. A tail multiplies the rounding errors of the last bounces by 1 / (1 - ratio). With a ratio
+ * as in a furnace this costs more accuracy than 4 bytes per point are worth. */
 static bool tail_is_long(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                          size_t count)
 {
@@ -117,7 +117,7 @@ static bool tail_is_long(const struct kiln_integrate_settings *settings, const s
     return kiln_cells_adds_tail(settings) && fit.is_long;
 }
 
-/* In which form the radiosity of the step after `count` others goes on. */
+/* Chooses the form of the radiosity that the step after `count` others passes on. */
 static void choose_form(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                         size_t count, struct kiln_step *step)
 {
@@ -126,8 +126,8 @@ static void choose_form(const struct kiln_integrate_settings *settings, const st
     step->early = step->compact && (settings->bounces < 0 || (int64_t)count + 1 < settings->bounces);
 }
 
-/* Error of the tail, relative to all light: little where little is left, as where light that hardly matters is caught
- * between white walls. */
+/* Returns the error of the tail relative to all light. It is small if little light is left, for instance light between
+ * white walls that hardly matters. */
 static double error_by_tail(const struct kiln_tail_fit *fit, const struct kiln_step_report *reports, size_t count)
 {
     const double q = fmin(kiln_luminance(fit->ratio), KILN_TAIL_RATIO_MOST),
@@ -166,13 +166,15 @@ static bool has_settled(const struct kiln_step_report *reports, size_t count)
     return kiln_cells_settled(reports, count) && objects_have_settled(reports, count);
 }
 
-/* Rays of a point in the bounce after `count` steps, lean schedule. The first bounces carry most of the light, and
- * their noise is what the final gather of all neighbours shares; the light of later ones is less, and has been averaged
- * over more surface. Where a step has nearly the power of the one before, late light is no less. */
+/* Returns the rays per point in the bounce after `count` steps, for the lean schedule. The first bounces carry most of
+ * the light, and the final gathers of all neighbours share their noise. Later bounces carry less light, averaged over
+ * more surface. If a step has nearly the power of the one before, late bounces carry no less light, and get more
+ * rays. */
 static uint32_t bounce_samples(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                                size_t count)
 {
-    static const uint8_t quarters[] = {12, 6, 4, 2, 2, 1}; /* of samples_bounce, from bounce 1 on; the last goes on */
+    /* quarters of samples_bounce, from bounce 1 on; the last value repeats */
+    static const uint8_t quarters[] = {12, 6, 4, 2, 2, 1};
     const size_t last = sizeof quarters / sizeof *quarters - 1;
     const bool is_long = count >= 2 && kiln_cells_ratio(reports, count - 1) > LONG_TAIL_RATIO;
     const uint64_t falling = quarters[count - 1 < last ? count - 1 : last],

@@ -39,7 +39,7 @@ int kiln_tail_measure(const struct kiln_integration *in, const struct kiln_step_
     return status;
 }
 
-/* Relative error of all light that follows from that of the tail; where the tail is left out, the tail. */
+/* Returns the relative error of all light due to the error of the tail; if the tail is left out, due to its absence. */
 static double error_of_all(const struct kiln_tail_fit *fit, double share, bool left_out)
 {
     if (fit->diverges)
@@ -55,8 +55,8 @@ void kiln_tail_factors(const struct kiln_tail_fit *fit, float factor[3])
     }
 }
 
-/* Power that the tiles which have ended (late.h) would have sent, W: each loses power by the ratio at which it ended,
- * or faster. */
+/* Returns the power that the ended tiles (late.h) would have sent, W. It assumes that their power falls by the ratio at
+ * which they ended, or faster. */
 static double left_out(const struct kiln_step_report *reports, size_t count)
 {
     double power = 0.0;

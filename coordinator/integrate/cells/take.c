@@ -23,7 +23,7 @@ static void add(float *values, struct kiln_own_point own, const float rgb[3])
         values[3 * own.at + c] += rgb[c];
 }
 
-/* To the error of what was there before, of which it is independent. */
+/* Adds an error to those before, of which it is independent. */
 static void add_error(uint16_t *errors, struct kiln_own_point own, float error)
 {
     if (errors == NULL)
@@ -32,7 +32,7 @@ static void add_error(uint16_t *errors, struct kiln_own_point own, float error)
     errors[own.at] = kiln_error_pack((float)sqrt(before * before + (double)error * (double)error));
 }
 
-/* Mixes in the error of a part. A point's errors in a part begin with that of direct light. */
+/* Averages the error of a part into the errors so far. Within a part the first error is that of direct light. */
 static void mix_error(uint16_t *errors, struct kiln_own_point own, float error, const struct kiln_step *step)
 {
     if (errors != NULL)
@@ -48,7 +48,7 @@ static void begin_errors(const struct kiln_taking *t, const struct kiln_rank_dat
     mix_error(data->error_indirect, own, 0.0f, t->step);
 }
 
-/* The error of the mean over the parts so far that a part's own error comes to. */
+/* Returns the contribution of a part's error to the error of the mean over the parts so far. */
 static float share_of_error(const struct kiln_taking *t, float error)
 {
     return error / (float)(kiln_part_before(t->step) + 1.0);
@@ -61,7 +61,7 @@ static void add_indirect_error(const struct kiln_taking *t, const struct kiln_ra
     add_error(data->error_indirect, own, share_of_error(t, error));
 }
 
-/* Adds to what the point sends in all, of the mean over the parts so far. */
+/* Adds radiosity to the point's total, which is the mean over the parts so far. */
 static void add_radiosity(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
                           const float radiosity[3])
 {
@@ -69,7 +69,7 @@ static void add_radiosity(const struct kiln_taking *t, const struct kiln_rank_da
         data->radiosity[3 * own.at + c] += radiosity[c] / (float)(kiln_part_before(t->step) + 1.0);
 }
 
-/* Caustics, which are a part of the light that the first bounce gathers. */
+/* Adds caustics, which belong to the light that the first bounce gathers. */
 static void enter_caustic(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
                           const struct kiln_point_mean *r, const float radiosity[3], bool counts)
 {
@@ -87,7 +87,7 @@ void kiln_cells_enter(const struct kiln_taking *t, const struct kiln_rank_data *
                       const struct kiln_point_mean *r, const float radiosity[3], bool counts)
 {
     switch (t->step->role) {
-    case KILN_CELLS_PILOT: /* the sum is of incident light until the second step makes radiosity of it */
+    case KILN_CELLS_PILOT: /* the sum is incident light; the second step turns it into radiosity */
         set(data->direct, own, r->irradiance);
         set(data->sum, own, r->incident);
         begin_errors(t, data, own, r->error);
@@ -108,7 +108,7 @@ void kiln_cells_enter(const struct kiln_taking *t, const struct kiln_rank_data *
     case KILN_CELLS_BOUNCE:
         if (t->settings->schedule == KILN_SCHEDULE_LEAN) {
             add(data->sum, own, radiosity);
-        } else { /* every bounce's irradiance counts as it is */
+        } else { /* the irradiance of each bounce is added directly */
             add(data->sum, own, r->irradiance);
             if (counts) {
                 add_indirect_error(t, data, own, r->error);
@@ -125,9 +125,9 @@ void kiln_cells_enter(const struct kiln_taking *t, const struct kiln_rank_data *
     }
 }
 
-/* Random bits for the 4-byte form: those of the tile, moved on for each texel by its bit reversed, so that every
- * aligned square of texels rounds up and down in turn, and its mean is kept much better than by chance (a rotated van
- * der Corput sequence). */
+/* Makes random bits for rounding to the 4-byte form. The tile's bits are rotated by each texel's bit-reversed index (a
+ * rotated van der Corput sequence). So the texels of each aligned square round up and down in turn, and the error of
+ * their mean is much smaller than with independent bits. */
 static uint32_t compact_hash(uint32_t tile, uint32_t bit)
 {
     const uint32_t reversed = kiln_reverse_bits(bit) >> 22; /* 6 bits, the highest of 10 */
@@ -169,7 +169,7 @@ void kiln_cells_tally(const struct kiln_taking *t, const struct kiln_surface *su
     kiln_tally_add(&point, r, t->unit, sums, tile_run);
 }
 
-/* Notes a point, or with `alone` adds it to the sums. */
+/* Collects a point for the sums of its run; with `alone` it is added at once. */
 static void tally(const struct kiln_taking *t, const struct kiln_surface *surface, struct kiln_own_point own,
                   const struct kiln_point_mean *r, const float albedo[3], bool alone, struct kiln_tally_run *run,
                   struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
@@ -222,7 +222,7 @@ struct block {
     double area, albedo[3], sent[3];
 };
 
-/* `share`: of the point that takes this answer. */
+/* Adds a point to the block's sums. `share`: the fraction of the point that uses this answer. */
 static inline void add_to_block(const struct kiln_taking *t, const struct kiln_surface *surface,
                                 struct kiln_own_point own, const float albedo[3], double share, struct block *block)
 {
@@ -298,8 +298,8 @@ static void take_sparse(const struct kiln_taking *t, const struct kiln_rank_data
         tally_block(t, &blocks[__builtin_ctzll(rest)], sums, tile_run);
 }
 
-/* A tile run that no view sees, in the final gather: it keeps what the bounces have found, for what gathers from the
- * result. The sum is of radiosity, direct light and caustics among it. */
+/* Keeps the bounces' result for a tile run that no view sees, instead of a final gather; other points may gather from
+ * it. The sum is of radiosity, including direct light and caustics. */
 static void keep_bounces(const struct kiln_rank_data *data, const struct kiln_tile_run *f)
 {
     const uint64_t first = kiln_own_of_global(&data->surface, f->first).at;
@@ -316,8 +316,8 @@ static void keep_bounces(const struct kiln_rank_data *data, const struct kiln_ti
     }
 }
 
-/* The answers of the tile run's points. Those of the guided pass are copied to `points`; what it has learnt goes to the
- * guide. */
+/* Returns the answers of a tile run's points. Answers of the guided pass are copied to `points`, and their learnt
+ * values are added to the guide. */
 static const struct kiln_point_result *point_results(const struct kiln_taking *t, const struct kiln_rank_data *data,
                                                      const struct kiln_tile_run *f, const void *answers,
                                                      struct kiln_point_result points[KILN_TILE_TEXELS])
@@ -334,8 +334,8 @@ static const struct kiln_point_result *point_results(const struct kiln_taking *t
     return points;
 }
 
-/* Each point with its own answer. `second`: the share of this step in direct light, which the pilot has begun; NULL: it
- * is all of it. `counts`: for the sums of power. */
+/* Takes the results of a step in which each point has its own answer. `second`: this step's weight in direct light,
+ * which the pilot has begun; NULL: there was no pilot. `counts`: adds to the sums of power. */
 static void take_points(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
                         const struct kiln_point_result *results, const double *second, bool counts,
                         struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
@@ -374,7 +374,7 @@ void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *d
     const bool second = t->step->role == KILN_CELLS_DIRECT && kiln_adapt_pilot(t->settings) > 0;
     const double share =
         second ? kiln_adapt_share(kiln_adapt_pilot(t->settings), data->samples[f - data->surface.tile_runs]) : 1.0;
-    /* what no ray meets takes no light from the scene */
+    /* receiver-only objects, which rays do not meet, take no light from the scene */
     const bool counts = sums != NULL && (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags &
                                          KILN_OBJECT_RECEIVER_ONLY) == 0;
     if (kiln_step_is_sparse(t->step))

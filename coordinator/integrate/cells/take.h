@@ -1,4 +1,4 @@
-/* Entry of the answers of the steps of "cells". */
+/* Storing of the results of the steps of "cells" in the data of points. */
 #ifndef KILN_COORDINATOR_INTEGRATE_CELLS_TAKE_H
 #define KILN_COORDINATOR_INTEGRATE_CELLS_TAKE_H
 
@@ -9,16 +9,16 @@ void kiln_cells_take(const struct kiln_taking *taking, const struct kiln_rank_da
                      const struct kiln_tile_run *tile_run, const void *results, struct kiln_tally *tally,
                      struct kiln_tile_run_tally *tile_run_tally);
 
-/* For integrators whose steps have roles of "cells". Enters a point's answer. `radiosity` is what the point sends by
- * it, W/m2. `counts`: the point's error is not small enough yet (kiln_part_changes). */
+/* Stores a point's result; for integrators whose steps have roles of "cells". `radiosity` is the radiosity that the
+ * point then sends, W/m2. `counts`: the point's error is not small enough yet (kiln_part_changes). */
 void kiln_cells_enter(const struct kiln_taking *taking, const struct kiln_rank_data *data, struct kiln_own_point own,
                       const struct kiln_point_mean *answer, const float radiosity[3], bool counts);
-/* Likewise: adds a point's answer to the tallies. `sent`: as in struct kiln_ledger_point. */
+/* Adds a point's result to the tallies, for the same integrators. `sent`: as in struct kiln_ledger_point. */
 void kiln_cells_tally(const struct kiln_taking *taking, const struct kiln_surface *surface, struct kiln_own_point own,
                       const struct kiln_point_mean *answer, const float albedo[3], const float *sent,
                       struct kiln_tally *tally, struct kiln_tile_run_tally *tile_run_tally);
 
-/* Packs the sums of all own points, 8 bytes each, into `next`: what the final gather reads. */
+/* Packs the sums of all own points, 8 bytes each, into `next`, from which the final gather reads. */
 void kiln_cells_pack_sum(const struct kiln_rank_data *own);
 
 #endif

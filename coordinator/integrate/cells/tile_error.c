@@ -12,17 +12,18 @@
 #include "worker/base/color.h"
 #include "worker/scene/radiosity.h"
 
-/* Sums over a tile's points, in steps of STEPS; relative to what each point has had, powers relative to the mean power
- * of all. ANSWERS are the points whose answers are their own: of those of a block (blocks.h), one. */
+/* Sums over a tile's points, in steps of STEPS. Light is relative to all light of the point so far, power to the mean
+ * power of all points. ANSWERS counts the points with an answer of their own: one per block (blocks.h). */
 enum { NOW, BEFORE, SQUARE, POINTS, ANSWERS, POWER, SUMS };
 #define STEPS 0x1p32
-/* Share of the scene's light that is added to an object's: so a cup that keeps its light holds up no bake. */
+/* Fraction of the scene's light that is added to an object's. So a small object that traps its light, like a cup, does
+ * not prolong the bake. */
 #define LEAST_OBJECT 1e-3
 #define HAD_STEPS 0x1p12  /* of an object, of up to 2^32 points */
 #define POWER_MOST 0x1p20 /* of a point, likewise */
-#define SHARE_MOST 0x1p10 /* of a point, so that its square times STEPS times 64 points fits into 64 bits */
+#define SHARE_MOST 0x1p10 /* limit of a point's share: its square times STEPS times 64 points fits into 64 bits */
 
-/* Means over all valid points: what they have had, W/m2, and as power, W. */
+/* Means over all valid points of the light received so far: as radiosity, W/m2, and as power, W. */
 struct means {
     double light, power;
 };
@@ -47,7 +48,7 @@ static void add_point(const struct kiln_integration *in, struct kiln_own_point p
     sums[ANSWERS] += is_first;
 }
 
-/* Adds the own points that have not ended to the sums of their tiles. */
+/* Adds this rank's points to the sums of their tiles, except points of tile runs that have ended. */
 static void add_points(const struct kiln_integration *in, const struct means *mean, uint64_t *tiles)
 {
     const struct kiln_rank_data *own = in->solution->own;
@@ -66,7 +67,8 @@ static void add_points(const struct kiln_integration *in, const struct means *me
     }
 }
 
-/* The ratio at which the last of `bounces` after direct light would have this share of all. */
+/* Returns the ratio of a geometric series, starting with direct light, whose last of `bounces` terms has this share of
+ * the sum. */
 static double ratio_by_share(double share, size_t bounces)
 {
     double low = 0.0, high = KILN_TAIL_RATIO_MOST;
@@ -85,17 +87,18 @@ static double ratio_by_share(double share, size_t bounces)
     return high;
 }
 
-/* How unsure a tile's last bounce is, relative: the standard error of the mean m of n values x,
- * sqrt(sum (x - m)^2 / (n (n - 1))) / m, divided by sqrt(n); n is that of the answers. `square` is n sum x^2 / (sum
- * x)^2. The whole standard error takes all that differs within a tile for chance, and few samples then hide tiles that
- * keep their light: with it a dining room of 16 samples ended after 9 bounces, 0.8 % too dark, instead of after 164. */
+/* Returns the relative uncertainty of a tile's last bounce: the standard error of the mean m of n values x, sqrt(sum (x
+ * - m)^2 / (n (n - 1))) / m, divided by sqrt(n), with n the number of answers. `square` is n sum x^2 / (sum x)^2. The
+ * undivided standard error would count all differences within a tile as noise; with few samples it would hide tiles
+ * that trap light. A dining room with 16 samples then ended after 9 bounces, 0.8 % too dark, instead of after 164. */
 static double spread_of(const double sums[static SUMS])
 {
     const double answers = sums[ANSWERS], square = sums[POINTS] * sums[SQUARE] / (sums[NOW] * sums[NOW]);
     return answers > 1.0 ? sqrt(fmax(0.0, square - 1.0) / (answers - 1.0) / answers) : 1.0;
 }
 
-/* A tile's ratio, as far from q as both its last two bounces and its share say beyond chance. */
+/* Estimates a tile's ratio. It differs from q only as far as both its last two bounces and its share differ
+ * significantly. */
 static double ratio_of(const double sums[static SUMS], double share, size_t bounces, double q)
 {
     const double ratio = sums[NOW] / sums[BEFORE], unsure = KILN_TILE_SIGMAS * spread_of(sums);
@@ -106,8 +109,8 @@ static double ratio_of(const double sums[static SUMS], double share, size_t boun
     return fmin(q, fmax(high, ratio_by_share(share * (1.0 + unsure), bounces)));
 }
 
-/* Error of a tail in a tile, relative to the tile's last bounce: by how much it is off, and the more of the tail and of
- * what the tile would get. */
+/* Error of the tail in a tile, relative to the tile's last bounce: `off` is the error; `most` the larger one of the
+ * estimated tail and the tile's own. */
 struct miss {
     double off, most;
 };
@@ -121,20 +124,20 @@ static struct miss miss_of(const double sums[static SUMS], const struct kiln_tai
     return (struct miss){fabs(own - tail) + fmin(fit->error, 1.0) * tail, fmax(own, tail)};
 }
 
-/* The sums of a tile without the factor of fixed point. */
+/* Converts a tile's sums from fixed point. */
 static void take_sums(const uint64_t tile[static SUMS], double sums[static SUMS])
 {
     for (int k = 0; k < SUMS; k++)
         sums[k] = (double)tile[k] / (k == POINTS || k == ANSWERS ? 1.0 : STEPS);
 }
 
-/* The power that the tail misses of an object's light: in all, and the sum of what `most` says of its tiles. Powers are
- * relative to the mean power of all points. */
+/* Error of the tail in an object: the sums over its tiles of `off` and of `most`, as power relative to the mean power
+ * of all points. */
 struct missed {
     double off, most;
 };
 
-/* Looks at a tile: adds it to its object, and keeps it where it is off by the most. */
+/* Adds a tile to the errors of its object, and keeps the tile with the largest error. */
 static void look_at_tile(const struct kiln_integration *in, const double sums[static SUMS], uint32_t object,
                          struct miss miss, struct missed *missed)
 {
@@ -149,7 +152,7 @@ static void look_at_tile(const struct kiln_integration *in, const double sums[st
     }
 }
 
-/* Looks at all tiles, in their order: the same on all ranks. */
+/* Visits all tiles, in the same order on all ranks. */
 static void look_at_tiles(const struct kiln_integration *in, const uint64_t *tiles, const struct kiln_tail_fit *fit,
                           size_t bounces, struct missed *missed)
 {
@@ -170,8 +173,8 @@ static void look_at_tiles(const struct kiln_integration *in, const uint64_t *til
     }
 }
 
-/* The largest error of an object's mean. `had`: what the valid points of each object have had, those of tiles that have
- * ended too, as power, in steps of the mean of all. */
+/* Returns the largest relative error of an object's mean. `had`: power that the valid points of each object have
+ * received so far, including ended tiles, in steps of HAD_STEPS of the mean power. */
 static double largest_of_objects(const struct kiln_integration *in, const uint64_t *had, const struct missed *missed)
 {
     const size_t objects = in->solution->own->surface.object_count;
@@ -185,7 +188,8 @@ static double largest_of_objects(const struct kiln_integration *in, const uint64
     return largest;
 }
 
-/* Adds the power that the own points have had, by object; much darker ones count for less (KILN_LATE_DARK). */
+/* Adds up, by object, the power that this rank's points have received so far. A small part of the mean light
+ * (KILN_LATE_DARK) is added, so that much darker points count less. */
 static void add_had(const struct kiln_integration *in, const struct means *mean, uint64_t *had)
 {
     const struct kiln_surface *surface = &in->solution->own->surface;

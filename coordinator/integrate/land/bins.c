@@ -4,14 +4,14 @@
 
 #include "worker/base/memory.h"
 
-enum { FEW = 1 << 12 }; /* things that are not worth several threads */
+enum { FEW = 1 << 12 }; /* fewest items that are worth several threads */
 
 static size_t part_begin(size_t count, size_t part, size_t parts)
 {
     return count / parts * part + (part < count % parts ? part : count % parts);
 }
 
-/* From how many things of each bin a part has to where they go. */
+/* Turns the number of items per bin and part into start indices. */
 static void add_up_starts(struct kiln_bins *b, size_t parts, size_t bins)
 {
     uint32_t next = 0;

@@ -1,5 +1,5 @@
-/* Sorting of numbered things by small bins, in linear time and by several threads: those of a bin stay in their order.
- * Not collective. */
+/* Stable bin sort of numbered items by several threads, in linear time: items of a bin keep their order. Not
+ * collective. */
 #ifndef KILN_COORDINATOR_INTEGRATE_LAND_BINS_H
 #define KILN_COORDINATOR_INTEGRATE_LAND_BINS_H
 
@@ -12,7 +12,7 @@
 struct kiln_bins {
     uint32_t *order; /* numbers by bin: those of bin b are order[begin[b]] .. order[begin[b + 1] - 1] */
     uint32_t *begin;
-    uint32_t *starts; /* of each part of the things, how many it has of each bin, then where those go */
+    uint32_t *starts; /* for each part of the items: its count in each bin, then its write positions */
     size_t order_room, begin_room, start_room;
 };
 

@@ -12,7 +12,7 @@
 #include "worker/pass/land.h"
 #include "worker/pass/weighed.h"
 
-#define BEAM_TEXELS 4.0 /* of the mean area: what a beam must have for images (mirror_images.h) */
+#define BEAM_TEXELS 4.0 /* least area of a beam for mirror images (mirror_images.h), in mean texel areas */
 
 static int make_room(struct kiln_landing *l, struct kiln_error *error)
 {
@@ -31,13 +31,13 @@ end:
     return status;
 }
 
-/* m2: a spot's beam of less is missed by most samples of a texel; the same on all ranks. */
+/* Least area of a spot's beam, m2: smaller ones are missed by most samples of a texel. The same on all ranks. */
 static double narrow_beam(const struct kiln_integrate_params *p)
 {
     return p->surface->point_count > 0 ? BEAM_TEXELS * p->area / (double)p->surface->point_count : 0.0;
 }
 
-/* Tells the backend which passes will come, if there is a lamp for them. */
+/* Announces the coming passes to the backend, if any lamp is to be traced from. */
 static void expect(const struct kiln_landing *l)
 {
     const struct kiln_land_parameters parameters = {.aims = l->aims,
@@ -123,7 +123,7 @@ static void find_lit(const struct kiln_landing *l)
     }
 }
 
-/* Paths of a block, at most. */
+/* Paths of a batch, at most. */
 static uint64_t most_of_block(const struct kiln_landing *l)
 {
     const uint64_t pilots = kiln_landing_pilot_paths(l), most = l->photons > pilots ? l->photons : pilots;
@@ -156,7 +156,7 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
     return status;
 }
 
-/* kiln_take_landings: their light counts. */
+/* Implements kiln_take_landings: adds the light of the landings. */
 static void add_landings(void *context, const struct kiln_landing_list *list)
 {
     const struct kiln_landing *l = context;
@@ -167,7 +167,7 @@ static void add_landings(void *context, const struct kiln_landing_list *list)
     }
 }
 
-/* Collective. All iterations that are to do. */
+/* Collective. Runs all remaining iterations. */
 static int run_iterations(struct kiln_landing *l, struct kiln_error *error)
 {
     const uint64_t iterations = kiln_landing_iterations(l),

@@ -3,9 +3,9 @@
 #include <math.h>
 #include <string.h>
 
-#define EVEN 0.25           /* of shares that are learnt once for all: part that all aims have alike */
+#define EVEN 0.25           /* part of the weights, learnt once for all, that all aims share equally */
 #define MOMENT_STEP 65536.0 /* second moments are sums of whole numbers of 1 / this */
-#define MOMENT_MOST 0x1p38  /* of one path: 2^24 of the rarest kind fit in 64 bits */
+#define MOMENT_MOST 0x1p38  /* limit of one path's moment: 2^24 paths of the rarest kind fit into 64 bits */
 
 void kiln_landing_forget(struct kiln_landing *l)
 {

@@ -9,15 +9,15 @@
 
 _Static_assert(sizeof(struct kiln_landing_record) == 32, "a record has no gaps");
 
-/* 2^STRETCH points, whose sums lie side by side, are one thread's, more where there would be too many such stretches.
- */
+/* Size of a stretch: 2^STRETCH consecutive points, whose sums one thread adds up. Stretches are longer if there would
+ * be more than STRETCHES_MOST. */
 enum { STRETCH = 8, STRETCHES_MOST = 1 << 13 };
 enum { FEW = 1 << 12 }; /* records that are not worth several threads */
 
 /* ---- memory that ranks share ---- */
 
-/* Where things lie in a rank's part: how many of its records come before each stretch, one place more than stretches;
- * the records' numbers by stretch; and the records. */
+/* A rank's part of the shared memory. `begin`: number of its records before each stretch, with one entry more than
+ * stretches; `order`: indices of records sorted by stretch; and the records. */
 struct part {
     uint32_t *begin, *order;
     struct kiln_landing_record *records;
@@ -32,7 +32,8 @@ static struct part part_of(const struct kiln_land_exchange *e, int rank)
                          .begin = (uint32_t *)(void *)(at + records + order)};
 }
 
-/* Collective. The same room for all ranks. Where there is no memory to share, which the node says, records are sent. */
+/* Collective. Allocates shared room, the same for all ranks. If there is no memory to share, which the node reports,
+ * records are sent by messages. */
 static int share(struct kiln_land_exchange *e, struct kiln_node_memory *node, uint64_t paths, struct kiln_error *error)
 {
     e->room = (size_t)(paths / (uint64_t)e->ranks) + 1;
@@ -51,7 +52,7 @@ static int share(struct kiln_land_exchange *e, struct kiln_node_memory *node, ui
 
 /* ---- making ---- */
 
-/* The stretches of all ranks' points, one after the other; the same on all. */
+/* Numbers the stretches of all ranks' points consecutively, the same on all ranks. */
 static void number_stretches(struct kiln_land_exchange *e, bool shared)
 {
     const uint64_t most = STRETCHES_MOST / (shared ? (uint64_t)e->ranks : 1) + 1;
@@ -145,7 +146,7 @@ struct kiln_landing_record *kiln_land_exchange_put(struct kiln_land_exchange *e,
 
 /* ---- to other ranks ---- */
 
-/* Not collective. Puts the records side by side that go to a rank, and fills in how many they are. */
+/* Not collective. Groups the records by the rank they go to, and counts them. */
 static int sort_by_rank(struct kiln_land_exchange *e, struct kiln_error *error)
 {
     int status = kiln_bins_sort(&e->sorted, e->bin_of, e->count, (size_t)e->ranks, e->threads, error);
@@ -163,7 +164,7 @@ static int sort_by_rank(struct kiln_land_exchange *e, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Collective. The records become those on own points. */
+/* Collective. Exchanges the records, so that each rank has those on its own points. */
 static int exchange(struct kiln_land_exchange *e, struct kiln_error *error)
 {
     int status = kiln_exchange_count(&e->exchange, sort_by_rank(e, error), error);
@@ -198,7 +199,7 @@ void kiln_land_add(const struct kiln_landing_record *record, double weight, stru
     sum->count++;
 }
 
-/* Each thread takes the records of stretches of points, in their order. Not collective. */
+/* Not collective. Passes the records on, by stretches of points: each thread has some, in their order. */
 static int take_all(struct kiln_land_exchange *e, kiln_take_landings take, void *context, struct kiln_error *error)
 {
     const struct kiln_landing_record *records = e->records;
@@ -224,7 +225,8 @@ static int take_all(struct kiln_land_exchange *e, kiln_take_landings take, void 
     return KILN_OK;
 }
 
-/* Not collective. Sorts the own records by stretches of all points, where all ranks of the node find them. */
+/* Not collective. Sorts this rank's records by stretches of all points, in memory that all ranks of the node can
+ * read. */
 static int lay_open(struct kiln_land_exchange *e, struct kiln_error *error)
 {
     const struct part own = part_of(e, e->rank);
@@ -239,7 +241,8 @@ static int lay_open(struct kiln_land_exchange *e, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Collective. Each thread takes stretches of own points: what the first rank has of them, then the next. */
+/* Collective. Passes on the records on this rank's points: each thread has some stretches, with the records of rank 0
+ * first, then those of the next. */
 static int take_shared(struct kiln_land_exchange *e, kiln_take_landings take, void *context, struct kiln_error *error)
 {
     const int status = kiln_agree(e->communicator, lay_open(e, error), error);

@@ -1,6 +1,6 @@
-/* Landings of light paths: what travels of each to the rank that has its surface point, and the sums over a point's.
- * One block of paths at a time (land.h). Where all ranks are of one node nothing travels: their records lie in memory
- * that they share, sorted by stretches of points, and the rank that has a stretch reads those of all. */
+/* Exchange of landings of light paths: records that are sent to the owners of their surface points, and the sums of
+ * each point. It handles one block of paths at a time (land.h). If all ranks are on one node nothing is sent: records
+ * are in shared memory, sorted by stretches of points, and the owner of a stretch reads its records of all ranks. */
 #ifndef KILN_COORDINATOR_INTEGRATE_LAND_LAND_EXCHANGE_H
 #define KILN_COORDINATOR_INTEGRATE_LAND_LAND_EXCHANGE_H
 
@@ -16,38 +16,38 @@
 
 /* 32 bytes. */
 struct kiln_landing_record {
-    uint32_t point; /* number among those of the rank that has it */
+    uint32_t point; /* index among the points of the owning rank */
     float flux[3];  /* W */
     float shading, taken_up;
     float others; /* of struct kiln_land_result */
     uint32_t aim;
 };
 
-/* Where gather rays find a part of the light: what landings are weighed by (kiln_caustic_weight_landed). */
+/* Data for weighting landings, if gather rays find a part of the light (kiln_caustic_weight_landed). */
 struct kiln_landing_weights {
     enum kiln_mis mis;
     double rays;       /* of a point */
     const float *area; /* m2, of own points: kiln_lit_area */
 };
 
-/* Light from paths so far at an own point, W. Lies in checkpoints. */
+/* Sum of the light of paths so far at an own point, W. Stored in checkpoints. */
 struct kiln_landing_sum {
     double irradiance[3], incident[3];
-    double square;  /* of the luminances of irradiance, W2 */
+    double square;  /* sum of the squared luminances of irradiance, W2 */
     uint64_t count; /* of paths */
 };
 
-/* Which rank has which points: rank r has those from first[r] on, before first[r + 1]. */
+/* State of the exchange. Rank r owns the points from first[r] on, before first[r + 1]. */
 struct kiln_land_exchange {
     MPI_Comm communicator;
     int rank, ranks;
     uint64_t *first;                     /* ranks + 1 */
-    uint64_t *stretch;                   /* ranks + 1: number of the first stretch of a rank's points among all */
+    uint64_t *stretch;                   /* ranks + 1: number of the first stretch of a rank, counted over all ranks */
     struct kiln_exchange exchange;       /* of records that are sent */
-    struct kiln_node_memory *node;       /* of all ranks, */
-    struct kiln_node_parts *parts;       /* and their parts in their order; NULL: records are sent */
-    struct kiln_landing_record *records; /* of the block, in the order of their paths; lie in the own part */
-    uint32_t *bin_of; /* of each the rank that has its point, if it is to be sent; else the stretch */
+    struct kiln_node_memory *node;       /* the node, if it has all ranks */
+    struct kiln_node_parts *parts;       /* parts of its ranks, in order; NULL: records are sent */
+    struct kiln_landing_record *records; /* records of the block, in path order; in the own part */
+    uint32_t *bin_of; /* for each record: the rank that owns its point, if it is to be sent; else the stretch */
     int shift;        /* 2^shift points are a stretch */
     size_t count, room, bin_room;
     struct kiln_landing_record *sent; /* by rank */
@@ -57,13 +57,13 @@ struct kiln_land_exchange {
     const struct kiln_landing_weights *weights; /* borrowed; NULL: landings count whole */
 };
 
-/* Some landings on own points, in the order of their paths. */
+/* A list of landings on own points, in the order of their paths. */
 struct kiln_landing_list {
     const struct kiln_landing_record *records;
-    const uint32_t *which; /* of the records; NULL: the first ones */
+    const uint32_t *which; /* indices into `records`; NULL: the first `count` */
     size_t count;
 };
-/* Fetches ahead: records of a list lie far from each other. */
+/* Gets landing i and prefetches a later one, since records of a list are far apart in memory. */
 static inline const struct kiln_landing_record *kiln_landing_of(const struct kiln_landing_list *list, size_t i)
 {
     enum { AHEAD = 24 };
@@ -82,10 +82,10 @@ static inline void kiln_landing_fetch_sum(const struct kiln_landing_list *list, 
         __builtin_prefetch(&sums[list->records[list->which == NULL ? i + AHEAD : list->which[i + AHEAD]].point], 1);
 }
 
-/* Takes the landings on own points. Called by several threads at once, for one point by one of them. */
+/* Callback for landings on own points. Called by several threads at once, but for each point by one of them only. */
 typedef void (*kiln_take_landings)(void *context, const struct kiln_landing_list *list);
 
-/* Collective. This rank has the points [first, first + count), ranks in order; a block has `paths` at most, of which
+/* Collective. This rank has the points [first, first + count), ranks in order; a batch has `paths` at most, of which
  * each rank has an equal part. `node`: of which the rank is; where all ranks are of it they share memory for their
  * records, unless there is none. NULL: they do not. `limit`: of a message (mpi/exchange.h). KILN_SYSTEM; KILN_USAGE on
  * all ranks where one has 2^32 points or more. Release with kiln_land_exchange_release, in any case. */
@@ -93,15 +93,16 @@ int kiln_land_exchange_create(struct kiln_land_exchange *exchange, MPI_Comm comm
                               uint64_t first, uint64_t count, uint64_t paths, uint64_t limit, struct kiln_error *error);
 void kiln_land_exchange_release(struct kiln_land_exchange *exchange);
 
-/* Makes room for so many records more; in a block no more than this rank's part has paths. KILN_SYSTEM. */
+/* Makes room for `more` further records; a block has at most as many records as this rank's part has paths.
+ * KILN_SYSTEM. */
 int kiln_land_exchange_grow(struct kiln_land_exchange *exchange, size_t more, struct kiln_error *error);
-/* A record where there is room, number `at` of the block, for a point by its global number; the caller fills in the
- * rest. Several threads may, each at places of its own; `count` is the caller's to raise. */
+/* Gets record number `at` of the block, within the room, and sets its point from the global number; the caller fills in
+ * the rest. Thread-safe for different `at`. The caller increases `count`. */
 struct kiln_landing_record *kiln_land_exchange_put(struct kiln_land_exchange *exchange, size_t at, uint64_t point);
-/* Collective. Brings the records of this rank, which are in the order of their paths, to the owners of their points,
- * and gives those that come to `take`, each point's in the order of their paths: a rank's paths come before those of
- * the next one. No record is left afterwards. The ranks' records of a block must be 2^31 - 1 at most, all together.
- * KILN_SYSTEM on all ranks. */
+/* Collective. Sends the records of this rank, which are in the order of their paths, to the owners of their points, and
+ * passes received records to `take`. Each point's records come in the order of their paths: a rank's paths precede
+ * those of the next rank. No record is left afterwards. All ranks together may have at most 2^31 - 1 records in a
+ * block. KILN_SYSTEM on all ranks. */
 int kiln_land_exchange(struct kiln_land_exchange *exchange, kiln_take_landings take, void *context,
                        struct kiln_error *error);
 

@@ -51,7 +51,8 @@ static struct kiln_point_result answer(const struct kiln_landing *l, const struc
     return r;
 }
 
-/* Answer where light is spread. Where rays are spread too, it has the rays of the step. */
+/* Returns the answer of a point after its light was spread (merged). If gather rays are spread too, the answer counts
+ * the rays of the step. */
 static struct kiln_point_result merged_answer(const struct kiln_landing *l, const struct kiln_surface *surface,
                                               const struct kiln_point_cursor *at)
 {
@@ -70,7 +71,7 @@ static struct kiln_point_result merged_answer(const struct kiln_landing *l, cons
     return r;
 }
 
-/* Tile runs that no path meets gather their caustics. */
+/* Gathers caustics of tile runs that no light path can meet. */
 static int gather(struct kiln_landing *l, const struct kiln_batch *batch, size_t first, size_t end,
                   struct kiln_error *error)
 {
@@ -110,7 +111,7 @@ static void combine(const struct kiln_point_result *landed, struct kiln_point_re
     r->error = hypotf(r->error, n * landed->error);
 }
 
-/* A batch of which gather rays find a part that is not spread. */
+/* Context of a batch whose gather rays find a part of the light that is not spread. */
 struct gathered {
     struct kiln_landing *landing;
     const struct kiln_batch *batch;
@@ -140,7 +141,7 @@ static int take_gathered(void *context, size_t first, size_t count, const void *
     return status;
 }
 
-/* Gather rays of tile runs, which find what light paths leave to them. */
+/* Traces gather rays of tile runs, for the light that light paths leave to them. */
 static int give_gathered(struct kiln_landing *l, const struct kiln_batch *batch, size_t first, size_t end,
                          struct kiln_error *error)
 {

@@ -9,8 +9,9 @@
 #include "worker/base/color.h"
 #include "worker/pass/land.h"
 
-enum { BATCH_PATHS = 1 << 14, OF_A_DEVICE = 64 }; /* so many times as much is handed to a device at once */
-#define HANDED_SECONDS 0.25 /* of paths that are handed to a device at once, where it is known how fast it is */
+/* BATCH_PATHS paths are handed over at once; to a device OF_A_DEVICE times as many */
+enum { BATCH_PATHS = 1 << 14, OF_A_DEVICE = 64 };
+#define HANDED_SECONDS 0.25 /* work handed to a device at once, in s, if its speed is known */
 
 int kiln_landing_host(struct kiln_backend **host, struct kiln_backend *bake, struct kiln_error *error)
 {
@@ -54,7 +55,7 @@ static size_t count_landed(const struct kiln_land_result *results, size_t count)
     return landed;
 }
 
-/* kiln_take_results: each thread has some paths that follow each other. */
+/* Implements kiln_take_results: each thread handles a range of consecutive paths. */
 static int take(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     (void)first;
@@ -99,7 +100,7 @@ static int trace(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_
     return kiln_landing_run_pass(l, &kiln_pass_land, &parameters, &batch, rays, error);
 }
 
-/* Collective. A checkpoint has nothing of the block under way, which is traced anew then. */
+/* Collective. Saves a checkpoint without the block under way, which will be traced anew. */
 static int save(struct kiln_landing *l, bool stop, struct kiln_error *error)
 {
     struct kiln_step_report *report = kiln_solution_step(l->solution);
@@ -158,7 +159,8 @@ uint64_t kiln_landing_at_once(const struct kiln_landing *l, uint64_t of_the_host
     return info.on_device ? OF_A_DEVICE * of_the_host : of_the_host;
 }
 
-/* A device that is handed a whole block at once traces some of it while the host takes over what was before. */
+/* Returns the number of paths to hand over at once. A device gets less than a block, so that it traces while the host
+ * processes the paths before. */
 static uint64_t paths_at_once(const struct kiln_landing *l)
 {
     const uint64_t least = kiln_landing_at_once(l, BATCH_PATHS);
@@ -166,7 +168,7 @@ static uint64_t paths_at_once(const struct kiln_landing *l)
     return least > BATCH_PATHS && some > (double)least ? (uint64_t)some : least;
 }
 
-/* Collective. Traces this rank's part of the block of paths [first, first + count). */
+/* Collective. Traces this rank's part of the batch of paths [first, first + count). */
 static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     const uint64_t rank = (uint64_t)l->params->rank, ranks = (uint64_t)l->params->ranks,

@@ -6,7 +6,7 @@
 enum { PILOTS = 4 };                        /* rounds */
 #define PILOT_ITERATION ((uint64_t)1 << 31) /* paths of pilots are numbered from this iteration on */
 
-/* Paths of a round of pilots; 0: there are none. */
+/* Returns the number of paths in a round of pilots; 0: no pilots. */
 static uint64_t pilot_paths(const struct kiln_landing *l)
 {
     const uint64_t paths = l->photons / PILOTS;
@@ -15,7 +15,7 @@ static uint64_t pilot_paths(const struct kiln_landing *l)
 
 uint64_t kiln_landing_pilot_paths(const struct kiln_landing *l) { return PILOTS * pilot_paths(l); }
 
-/* kiln_take_landings: of pilots, whose light does not count. */
+/* Implements kiln_take_landings for pilots, whose light is not added to the result. */
 static void learn_from_landings(void *context, const struct kiln_landing_list *list)
 {
     struct kiln_landing *l = context;

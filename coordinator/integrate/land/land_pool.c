@@ -7,18 +7,19 @@
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
-/* Paths of equal light that a point is to hang on, and all noisy points of a lightmap together. */
+/* Least effective numbers of equal paths: for a point's light, and for that of all noisy points of a lightmap
+ * together. */
 #define PATHS 4.0
 #define PATHS_OF_ALL 2.0
 
-/* Sums over the noisy points of a lightmap; of the area also over all of them. Powers are of one iteration. */
+/* Sums over the noisy points of a lightmap; ALL is the area of all its points. Powers are per iteration. */
 enum { ALL, AREA, IRRADIANCE, INCIDENT = IRRADIANCE + 3, LANDED = INCIDENT + 3, OWN, VARIED, SUMS };
 
 struct pool {
     struct kiln_exact_sum of[SUMS];
 };
 
-/* The pools of all sides of objects, a pool for each lightmap of part 0: texels' other parts are pooled with it. */
+/* Pools of noisy points, one for each lightmap of part 0; the other parts of divided texels share its pool. */
 struct pools {
     struct pool *maps;
     size_t count;
@@ -65,7 +66,7 @@ static void add_point(const struct pools *p, uint32_t map, double area, const st
     add(p, map, VARIED, area * fmax(light * light - m->square * once * once, 0.0));
 }
 
-/* Calls `visit` for all own points that can be lit. */
+/* Calls `visit` for each of this rank's points that can be lit. */
 static void for_lit(struct kiln_landing *l, struct pools *p,
                     void (*visit)(struct kiln_landing *, struct pools *, uint32_t map, size_t at))
 {

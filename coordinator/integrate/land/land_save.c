@@ -91,6 +91,6 @@ int kiln_landing_restore(struct kiln_landing *l, struct kiln_error *error)
     l->radius = s.radius;
     l->restored = true;
     if (kiln_landing_shares(l) || (l->iteration > 0 && l->iteration < kiln_landing_iterations(l)))
-        kiln_landing_aim(l, l->photons); /* gather rays weigh by the same shares */
+        kiln_landing_aim(l, l->photons); /* gather rays use the same weights of aims */
     return KILN_OK;
 }

@@ -3,8 +3,10 @@
 #include <math.h>
 
 enum { PATHS_AN_AIM = 4 };
-enum { RAYS_SHARE = 4, FEW_FROM = 16 };        /* of a gather's samples; those of which no part is taken are fewer */
-enum { AIMS_MOST = 1024, PATHS_OF_CUTS = 64 }; /* objects are cut up to so many aims, each of so many paths */
+/* RAYS_SHARE: divisor of a gather's samples; FEW_FROM: sample count up to which it is not divided */
+enum { RAYS_SHARE = 4, FEW_FROM = 16 };
+/* objects are cut into up to AIMS_MOST aims, with PATHS_OF_CUTS paths each */
+enum { AIMS_MOST = 1024, PATHS_OF_CUTS = 64 };
 
 bool kiln_landing_spreads(const struct kiln_integrate_settings *settings)
 {

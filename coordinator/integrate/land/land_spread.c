@@ -9,11 +9,12 @@
 #include "worker/pass/point.h"
 
 enum { RAY_TILE_RUNS = 16 };
-#define LARGEST 6.0   /* mean texels: the radius within which landings that share are spread, at most */
-#define OWN_MOST 12.0 /* texels of its own: how far a point's light is spread at most, where no radius was given */
-#define LANDINGS 16.0 /* in one iteration: on which a point's light is to hang */
+#define LARGEST 6.0   /* largest merge radius, in mean texels, if landings share light with gather rays */
+#define OWN_MOST 12.0 /* largest merge radius of a point, in texels of its lightmap, if no radius was given */
+#define LANDINGS 16.0 /* effective number of landings in one iteration that a point's light should rest on */
 
-/* Collective. Where no radius was given the first iteration shows it; a largest one is so many texels. */
+/* Collective. Chooses the merge radius if none was given: by the first iteration or, if landings share light with
+ * gather rays, a fixed number of texels. */
 static int find_radius(struct kiln_landing *l, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
@@ -34,7 +35,7 @@ static int find_radius(struct kiln_landing *l, struct kiln_error *error)
                : KILN_OK;
 }
 
-/* m2, of the front of each object, or of its triangles that have two sides. */
+/* Adds up the areas of each object's front and of its two-sided triangles' backs, m2. */
 static void add_areas(const struct kiln_geometry *g, const struct kiln_surface *s, double *areas)
 {
     for (uint64_t t = 0; t < g->triangle_count; t++) {
@@ -46,8 +47,8 @@ static void add_areas(const struct kiln_geometry *g, const struct kiln_surface *
     }
 }
 
-/* How far light of each lightmap's points is spread at most: by the mean width of its texels, which may be a hundredth
- * of another's. NULL for octrees, whose leaves are alike. */
+/* Computes the largest merge radius for the points of each lightmap. It follows the mean texel width, which may be a
+ * hundredth of another lightmap's. NULL for octrees, whose leaves have equal sizes. */
 static int find_widest(const struct kiln_landing *l, float **widest, struct kiln_error *error)
 {
     const struct kiln_surface *s = &l->solution->own->surface;
@@ -97,13 +98,14 @@ static int begin_merging(struct kiln_landing *l, struct kiln_error *error)
     return status == KILN_OK ? kiln_merge_set_radius(l->merge, l->radius, error) : status;
 }
 
-/* Landings that a point's light is to hang on: more of more iterations, so that radii fall as those of merge.h do. */
+/* Number of landings that a point's light should rest on. It grows with the iterations, so that radii shrink as those
+ * of merge.h do. */
 static double landings_of(const struct kiln_landing *l)
 {
     return LANDINGS * pow((double)kiln_landing_iterations(l), l->params->settings->radius_alpha);
 }
 
-/* Collective. What has landed in iterations of one radius goes to the points within it. */
+/* Collective. Spreads the light landed in iterations with the same radius to the points within it. */
 static int merge_iterations(struct kiln_landing *l, struct kiln_error *error)
 {
     const double radius = kiln_merge_radius_of(fmax(l->radius, 0.0), l->params->settings->radius_alpha, l->iteration);
@@ -112,8 +114,8 @@ static int merge_iterations(struct kiln_landing *l, struct kiln_error *error)
     return status;
 }
 
-/* Collective. What has landed in all iterations and what rays have found goes to the points within the radius of each.
- */
+/* Collective. Spreads the light landed in all iterations, and found by rays, to the points within each point's
+ * radius. */
 static int spread_all(struct kiln_landing *l, struct kiln_error *error)
 {
     int status = kiln_merge_fit(l->merge, l->gathered, landings_of(l), error);
@@ -172,7 +174,7 @@ static int take_rays(void *context, size_t first, size_t count, const void *resu
     return KILN_OK;
 }
 
-/* The gather rays of tile runs, before their answers are given: which counts them. */
+/* Traces gather rays of tile runs before answers are given; the later step counts these rays. */
 static int gather_rays(struct kiln_landing *l, uint64_t first, uint64_t count, uint64_t *rays, struct kiln_error *error)
 {
     (void)rays;

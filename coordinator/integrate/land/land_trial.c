@@ -8,11 +8,11 @@
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
-#define DARK 0.05       /* of the mean direct light: what darker texels' shares are of */
-#define DENOISED 0.25   /* of the error of direct light as it was stated: what is left of it */
+#define DARK 0.05       /* least direct light that shares refer to, relative to the mean */
+#define DENOISED 0.25   /* fraction of the stated error of direct light that denoising leaves */
 #define OF_A_RAY 0.05   /* relative error of indirect light, denoised, times the root of its rays */
-#define OF_TARGET 0.25  /* of the target error: what may be left out for it */
-#define SHARE_MOST 1e15 /* what a texel's share is taken for at most: sums of squares stay in range */
+#define OF_TARGET 0.25  /* fraction of the target error that leaving out caustics may cost */
+#define SHARE_MOST 1e15 /* limit of a texel's share, so that sums of squares stay in range */
 
 /* Sums over points of area times these. */
 enum { AREA, DIRECT, MEAN, PRODUCT, ERROR, SUMS };
@@ -81,7 +81,7 @@ static void add_shares(const struct kiln_landing *l, size_t i, double dark, int 
     add(s, ERROR, area * fmin(error * error, SHARE_MOST));
 }
 
-/* Collective. The same of all points. */
+/* Collective. Adds up the shares of all points. */
 static int sum_shares(const struct kiln_landing *l, double dark, int rounds, struct trial_sums *s,
                       struct kiln_error *error)
 {
@@ -94,7 +94,7 @@ static int sum_shares(const struct kiln_landing *l, double dark, int rounds, str
     return kiln_exact_reduce(l->params->communicator, s->sums + MEAN, SUMS - MEAN, error);
 }
 
-/* Error of all light but caustics. Stated errors are of this part's samples. */
+/* Estimates the error of all light except caustics. Stated errors are those of one part's samples. */
 static double rest_of(const struct kiln_integrate_settings *settings, const struct trial_sums *s)
 {
     const double parts = (double)(settings->parts > 1 ? settings->parts : 1),
@@ -121,7 +121,7 @@ int kiln_land_trial_end(struct kiln_landing *l, int rounds, struct kiln_error *e
     int status = sum_direct(l, &s, error);
     const double area = value_of(&s, AREA), direct = value_of(&s, DIRECT);
     *trial = (struct kiln_caustic_trial){.tried = true};
-    if (status == KILN_OK && area > 0.0 && direct > 0.0) { /* where there is no other light, this is all of it */
+    if (status == KILN_OK && area > 0.0 && direct > 0.0) { /* without any other light, caustics are all light */
         status = sum_shares(l, DARK * direct / area, rounds, &s, error);
         if (status == KILN_OK)
             judge(l->params->settings, &s, trial);

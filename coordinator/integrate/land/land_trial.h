@@ -1,21 +1,21 @@
-/* Whether a bake's caustics are worth their noise, where --caustics leaves that to kiln (auto).
+/* Trial of caustics: decides whether a bake's caustics are worth their noise, if --caustics is left to kiln (auto).
  *
- * Paths that land find what a lamp sends by way of gloss one by one: a scene with little such light pays for its noise
- * in time, and sees it as specks. So the pilots of the first step that lands (land.h) look first. Each of two halves of
- * them, independent of each other, finds of the light of a texel c1 and c2, all that comes by mirrors, gloss and glass.
- * With d the texel's direct light, at least a twentieth of the scene's mean, caustics bring
+ * Light paths sample caustics one by one: in a scene with few caustics they cost time and leave specks. So the pilots
+ * of the first landing step (land.h) measure them. The pilots are two independent halves, whose estimates of a texel's
+ * caustics (all light by way of mirrors, gloss and glass) are c1 and c2. With d the texel's direct light, at least a
+ * twentieth of the scene's mean, the contribution of caustics is
  *
  *     the greater of  root of (mean of c1 c2 / d^2)   and   mean of (c1 + c2) / 2 d,
  *
- * means being over the area: the product has no noise of its own in the mean, and a sharp caustic counts by its texels.
- * Indirect light is not known yet and counts nothing, so that the share is too large rather than too small. The error
- * of the rest is about that of direct light once it is denoised, a quarter of what was stated, and what the gather of
- * indirect light leaves of its own, 0.05 over the root of its rays; but a quarter of the target error at most. Where
- * caustics bring less than that error, they are left out: no more paths, and no rays that share with them.
- * What they are is `unfound` in the energy ledger then.
+ * with means over the area. The product c1 c2 has no bias by noise, and a sharp caustic counts by its texels. Indirect
+ * light is not known yet and counts as zero, so the contribution is overestimated rather than underestimated. The error
+ * of the remaining light combines that of denoised direct light, a quarter of the stated error, and that of the
+ * indirect gather, 0.05 over the root of its rays; it is a quarter of the target error at most. If caustics contribute
+ * less than this error, they are left out: neither light paths nor the rays that share with them are traced. Their
+ * power then is `unfound` in the energy ledger.
  *
- * Sums are exact, so the answer is the same for any ranks, and it lies in checkpoints with the reports of the steps:
- * later parts of a bake, and a bake that goes on, do as the first step did. */
+ * Sums are exact, so all numbers of ranks decide alike. Checkpoints store the decision in the step reports: later parts
+ * and resumed bakes follow it. */
 #ifndef KILN_COORDINATOR_INTEGRATE_LAND_LAND_TRIAL_H
 #define KILN_COORDINATOR_INTEGRATE_LAND_LAND_TRIAL_H
 
@@ -24,14 +24,14 @@
 
 struct kiln_landing;
 
-/* Not collective. Room for what pilots find, if the step tries caustics; else nothing. KILN_SYSTEM. */
+/* Not collective. Allocates sums for the pilots, if the step tries caustics; else nothing. KILN_SYSTEM. */
 int kiln_land_trial_begin(struct kiln_landing *landing, struct kiln_error *error);
-/* Adds landings of a pilot of the half 0 or 1. Nothing where nothing is tried. */
+/* Adds the landings of pilots of half 0 or 1. Does nothing without a trial. */
 void kiln_land_trial_add(const struct kiln_landing *landing, const struct kiln_landing_list *list, int half);
-/* Collective, after the pilots: fills in what the report of the step says of caustics. `rounds`: pilots of a half.
+/* Collective, after the pilots. Writes the result on caustics into the step report. `rounds`: pilot rounds per half.
  * KILN_SYSTEM. */
 int kiln_land_trial_end(struct kiln_landing *landing, int rounds, struct kiln_error *error);
-/* Whether the step that is under way is to bring nothing, as it or one before it has found. */
+/* Whether the current step shall compute no caustics, by the trial in it or in an earlier step. */
 bool kiln_land_trial_leaves_out(const struct kiln_landing *landing);
 
 #endif

@@ -13,12 +13,12 @@
 #include "worker/base/memory.h"
 #include "worker/scene/footprint.h"
 
-#define SLACK 1.001f /* of what other ranks get, beyond the radius: for rounding */
+#define SLACK 1.001f /* margin of the radius for points sent to other ranks, against rounding */
 
-#define DOUBT 1.5 /* standard errors on either side, within which light by two radii agrees */
+#define DOUBT 1.5 /* light within two radii agrees if it differs by less than this many standard errors */
 
-#define BIAS (4.0 / 3.0) /* over that by which half the radius changes */
-#define LEAST_RADIUS 1.5 /* the first radius that is tried, in texels: so that the eight about one are within it */
+#define BIAS (4.0 / 3.0) /* bias, relative to the change by halving the radius */
+#define LEAST_RADIUS 1.5 /* first radius tried, in texels: it includes the eight neighbours */
 
 enum { BOXES = 64, RADII = 9, BALANCINGS = 2, FIT_STEPS = 10 };
 
@@ -41,17 +41,18 @@ struct box {
 };
 _Static_assert(sizeof(struct box) == 24, "a record has no gaps");
 
-/* Own points and those of others near them, by global number: own ones from `own_first` on. */
+/* Points to merge: this rank's, from `own_first` on, and nearby points of other ranks, in the order of global
+ * numbers. */
 struct kiln_merge {
     MPI_Comm communicator;
     int rank, ranks;
     uint32_t threads;
     float radius;
     size_t own_first, own_count, count;
-    struct kiln_merge_place *own, *places; /* of own points; of all, with `radius` */
+    struct kiln_merge_place *own, *places; /* places of this rank's points; and of all, with `radius` */
     struct flux *fluxes;
     struct weights *weights, *next; /* next: of own points */
-    bool fitted;                    /* places are as wide as their radius is, which has been fitted */
+    bool fitted;                    /* each place has a fitted radius */
     struct kiln_merge_grid *grid;   /* of `places` */
     struct kiln_exchange exchange;  /* of records of points; own ones stay where they are */
     uint32_t *sent;                 /* own points that each rank gets, one rank after the other */
@@ -125,7 +126,7 @@ static struct kiln_vec3 most(struct kiln_vec3 a, struct kiln_vec3 b)
 
 static const struct box nowhere = {{FLT_MAX, FLT_MAX, FLT_MAX}, {-FLT_MAX, -FLT_MAX, -FLT_MAX}};
 
-/* Boxes about stretches of the points that take part: as many as BOXES, some of them perhaps about nothing. */
+/* Computes BOXES bounding boxes of consecutive points that take part; some may be empty. */
 static void find_boxes(const struct kiln_merge_place *places, size_t count, struct box boxes[BOXES])
 {
     for (size_t b = 0; b < BOXES; b++) {
@@ -143,7 +144,7 @@ static bool within(const struct box *box, struct kiln_vec3 low, struct kiln_vec3
            high.x + radius >= box->low.x && high.y + radius >= box->low.y && high.z + radius >= box->low.z;
 }
 
-/* The boxes of another rank that may have own points near them come first. Returns how many. */
+/* Moves those boxes of another rank to the front that may have points of this rank near them. Returns their number. */
 static size_t choose_boxes(struct box boxes[BOXES], const struct box own[BOXES], float radius)
 {
     struct box all = nowhere;
@@ -156,7 +157,7 @@ static size_t choose_boxes(struct box boxes[BOXES], const struct box own[BOXES],
     return count;
 }
 
-/* Lists the own points that go to each rank, and counts them. `boxes`: of all ranks. */
+/* Lists and counts the points that are sent to each rank. `boxes`: of all ranks. */
 static int list_sent(struct kiln_merge *m, struct box *boxes, struct kiln_error *error)
 {
     struct box of_own[BOXES];
@@ -223,7 +224,7 @@ end:
     return status;
 }
 
-/* Collective. Own points and those of other ranks near them. */
+/* Collective. Gathers the places of this rank's points, and of nearby points of other ranks. */
 static int gather_places(struct kiln_merge *m, struct kiln_error *error)
 {
     struct kiln_merge_place *outgoing = NULL;
@@ -273,7 +274,7 @@ int kiln_merge_set_radius(struct kiln_merge *m, double radius, struct kiln_error
 
 /* ---- points near a point ---- */
 
-/* Within which two points are near each other. */
+/* Distance within which two points are neighbours. */
 static float radius_of(const struct kiln_merge *m, size_t a, size_t b, float radius)
 {
     return fminf(radius, fminf(m->places[a].widest, m->places[b].widest));
@@ -281,11 +282,11 @@ static float radius_of(const struct kiln_merge *m, size_t a, size_t b, float rad
 
 /* ---- weights ---- */
 
-/* Visits an own point `at` with those near it. */
+/* Function called for a point `at` of this rank, with its neighbours. */
 typedef void (*each_point)(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_near *near,
                            void *context);
 
-/* All own points that take part, by all threads. */
+/* Calls `each` for all points of this rank that take part, on all threads. */
 static int for_all(const struct kiln_merge *m, float radius, each_point each, void *context, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -378,7 +379,8 @@ static void add_flux(const struct flux *flux, double k, double k_half, struct ki
     merged->variance += (k - k_half) * (k - k_half) * (double)flux->square;
 }
 
-/* Adds to `merged` what point `at` gets. What the weights leave over of its own light stays with it. */
+/* Adds to `merged` the light that point `at` receives. The part of its own light that the weights do not give away
+ * stays with it. */
 static void collect(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_near *near,
                     void *context)
 {
@@ -386,7 +388,7 @@ static void collect(const struct kiln_merge *m, size_t at, float radius, const s
     const double lit = (double)m->places[at].lit;
     struct kiln_merged *merged = (struct kiln_merged *)context + (at - m->own_first);
     double left = 1.0, left_half = 1.0;
-    for (int pass = 0; pass < 2; pass++) /* what is left over is known after the first */
+    for (int pass = 0; pass < 2; pass++) /* the first pass finds the part that stays */
         for (size_t i = 0; i < near->count; i++) {
             const size_t other = near->of[i];
             const struct flux *flux = &m->fluxes[other];
@@ -405,7 +407,7 @@ static void collect(const struct kiln_merge *m, size_t at, float radius, const s
         }
 }
 
-/* Collective. What landed at own points, and at those of other ranks. */
+/* Collective. Sets the flux landed at this rank's points and, by exchange, at other ranks' points. */
 static int take_fluxes(struct kiln_merge *m, const struct kiln_landing_sum *landed, struct kiln_error *error)
 {
 #pragma omp parallel for num_threads((int)m->threads) schedule(static)
@@ -444,18 +446,18 @@ int kiln_merge_spread(struct kiln_merge *m, const struct kiln_landing_sum *lande
 
 /* ---- a radius for each point ---- */
 
-/* Search for the radii of own points. */
+/* Context of the search for each point's radius. */
 struct fit {
     double landings; /* that a radius is to have within it */
     float *radii;
 };
 
-/* Sums within a radius of a point: area, m2, the luminances that have landed, W, and their squares. */
+/* Sums over the points within a radius, or between two: area, m2; landed luminance, W; and its squares. */
 struct ring {
     double lit, light, square;
 };
 
-/* By step 0, 1, ... from the point alone to the largest. */
+/* Computes the radii of the steps: step 0 is the point alone, the last one is the largest radius. */
 static void find_steps(float largest, float radii[FIT_STEPS])
 {
     radii[0] = 0.0f;
@@ -463,7 +465,7 @@ static void find_steps(float largest, float radii[FIT_STEPS])
         radii[step] = largest * exp2f(-0.5f * (float)(FIT_STEPS - 1 - step));
 }
 
-/* Sorts the points nearby into the rings between one radius and the next. Most are in the widest, which come first. */
+/* Sorts the neighbours into rings between successive radii. Most belong to the widest, which is tried first. */
 static void fill_rings(const struct kiln_merge *m, size_t at, const float radii[FIT_STEPS],
                        const struct kiln_merge_near *near, struct ring rings[FIT_STEPS])
 {
@@ -481,8 +483,8 @@ static void fill_rings(const struct kiln_merge *m, size_t at, const float radii[
     }
 }
 
-/* Whether the light within two radii agrees, up to what chance does. Of few landings the squares are not known well:
- * those within the narrow radius are at least what the wide one lets expect there. */
+/* Whether the light within two radii agrees within its errors. With few landings the sum of squares is unreliable; so
+ * within the narrow radius it is taken as at least the value expected from the wide one. */
 static bool agree(const struct ring *narrow, const struct ring *wide)
 {
     const double expected = wide->square * narrow->lit / wide->lit,
@@ -490,8 +492,8 @@ static bool agree(const struct ring *narrow, const struct ring *wide)
     return fabs(narrow->light / narrow->lit - wide->light / wide->lit) <= DOUBT * error;
 }
 
-/* The widest step whose light agrees with that of all narrower ones; that with enough landings, where it is narrower.
- */
+/* Returns the widest step whose light agrees with that of all narrower steps, or a narrower one if that has enough
+ * landings. */
 static int choose_step(const struct ring rings[FIT_STEPS], double landings)
 {
     struct ring within[FIT_STEPS] = {rings[0]};
@@ -560,7 +562,7 @@ end:
 
 /* ---- radius and error ---- */
 
-/* The square of what half the radius changes, without what of that is chance. */
+/* Squared change of light by halving the radius, without the part due to noise. */
 static double change2_of(const struct kiln_merged *merged)
 {
     const double difference = kiln_luminance(merged->irradiance) - merged->half;
@@ -578,12 +580,13 @@ double kiln_merge_radius_of(double first, double alpha, uint64_t iteration)
     return first * pow(2.0, 0.5 * (alpha - 1.0) * doublings);
 }
 
-/* Collective. The square of the error of all iterations with a radius, as the first one shows it, over the scene. */
+/* Collective. Estimates the squared error of all iterations with a radius, over the scene, from the first iteration. */
 static int find_error(struct kiln_merge *m, const struct kiln_merge_search *search, double radius, double *square,
                       struct kiln_error *error)
 {
     const double unit = kiln_exact_unit(search->scale),
-                 bias = 0.5 * radius < search->texel ? 1.0 : BIAS; /* by a half without bias, or with a quarter */
+                 /* with half the radius the bias is 0 if that is less than a texel, else a quarter */
+        bias = 0.5 * radius < search->texel ? 1.0 : BIAS;
     struct kiln_exact_sum sum = {0};
     memset(search->merged, 0, m->own_count * sizeof *search->merged);
     int status;

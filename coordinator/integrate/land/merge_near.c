@@ -7,11 +7,11 @@
 #include "worker/base/clones.h"
 #include "worker/base/memory.h"
 
-#define SLACK 1.001f  /* of a cell, beyond the radius: for rounding */
-#define BEYOND 1.0001 /* of the radius: how far a cell is that has nothing near, for rounding */
+#define SLACK 1.001f  /* margin of a cell beyond the radius, against rounding */
+#define BEYOND 1.0001 /* margin of the radius for cells that can be skipped, against rounding */
 
 enum { LEVELS = 8, NEIGHBOUR_CELLS = 27 };
-enum { STRETCHES_MOST = 1 << 12 }; /* of slots, each of which one thread fills */
+enum { STRETCHES_MOST = 1 << 12 }; /* ranges of slots, each filled by one thread */
 enum { LANES = 64 };               /* points that are looked at together */
 
 /* A point in its cell. */
@@ -23,7 +23,7 @@ struct member {
 /* Values compared for all points of a cell, copied here: most are too far. */
 enum column { X, Y, Z, NORMAL_X, NORMAL_Y, NORMAL_Z, WIDEST, COLUMNS };
 
-/* A hash table of cells: those of members[begin[h] .. begin[h + 1]) have the hash h. No members: no point needs it. */
+/* A hash table of cells: members[begin[h] .. begin[h + 1]) have the hash h. Without members no point uses the level. */
 struct level {
     double side; /* m, of a cell */
     size_t *begin;
@@ -53,7 +53,7 @@ static int64_t cell_along(const struct level *level, float x)
     return (int64_t)fmax(-most_cells, fmin(floor((double)x / level->side), most_cells));
 }
 
-/* A cell's coordinates in one word. Cells that have the same are far from each other. */
+/* Packs a cell's coordinates into one word. Only cells far from each other have the same word. */
 static uint64_t cell_word(int64_t x, int64_t y, int64_t z)
 {
     const uint64_t mask = (1u << 21) - 1u;
@@ -91,7 +91,7 @@ struct building {
     const struct kiln_merge_grid *grid;
     const struct member *all;
     struct level *level;
-    uint32_t *bin_of;      /* of each member its stretch of slots */
+    uint32_t *bin_of;      /* per member: its range of slots */
     struct kiln_bins bins; /* members by stretches of slots */
     int shift;             /* 2^shift slots are a stretch */
 };
@@ -101,8 +101,8 @@ static size_t slot_for(const struct building *b, const struct member *member)
     return slot_of(b->grid, cell_of(b->level, b->grid->places[member->at].position));
 }
 
-/* The members of a stretch of slots go where they belong. Within a slot they are by key, so that those of a cell have
- * an order that no other rank sees otherwise. */
+/* Sorts the members of one range of slots into their slots. Within a slot they are sorted by key, so that all ranks see
+ * the members of a cell in the same order. */
 static void fill_stretch(const struct building *b, size_t stretch)
 {
     struct level *level = b->level;
@@ -110,7 +110,7 @@ static void fill_stretch(const struct building *b, size_t stretch)
     const uint32_t *order = b->bins.order, begin = b->bins.begin[stretch], stop = b->bins.begin[stretch + 1];
     for (uint32_t i = begin; i < stop; i++)
         level->begin[slot_for(b, &b->all[order[i]]) + 1]++;
-    size_t next = begin; /* from how many there are of the slot before to where those of the slot go */
+    size_t next = begin; /* turns the number of members before a slot into the index of its next member */
     for (size_t slot = first; slot < end; slot++) {
         const size_t count = level->begin[slot + 1];
         level->begin[slot + 1] = next;
@@ -216,7 +216,7 @@ struct cell {
     size_t slot;
 };
 
-/* In cells, how far a place is from the next one before it, from its own and from the one after it. */
+/* Distances of a place, in cells, from the cell before, from its own (0), and from the cell behind. */
 static void find_gaps(const struct level *level, float x, int64_t cell, double gaps[3])
 {
     const double in_cell = fmax(0.0, fmin((double)x / level->side - (double)cell, 1.0));
@@ -247,7 +247,7 @@ static size_t find_cells(const struct kiln_merge_grid *grid, const struct level 
     return count;
 }
 
-/* Whether members from `first` on are near a place: kiln_merge_are_near, side by side. */
+/* Tests members from `first` on against a place, several at once in SIMD lanes, as kiln_merge_are_near does. */
 KILN_CLONES static void look(const struct level *level, size_t first, size_t count,
                              const struct kiln_merge_place *place, float radius, uint32_t near[LANES])
 {

@@ -12,17 +12,17 @@
 
 /* A point as other ranks see it. */
 struct kiln_merge_place {
-    uint64_t key; /* lightmap and texel: not by the order of points, which cells change */
+    uint64_t key; /* lightmap and texel: does not depend on the order of points, which cells change */
     struct kiln_vec3 position, normal;
-    float lit;    /* m2 that is there to be lit; 0: it takes no part */
-    float widest; /* m: how far its light is spread at most; 0: it is near no other */
+    float lit;    /* m2, area that can be lit; 0: the point takes no part */
+    float widest; /* m, farthest distance to spread its light; 0: no other point is near */
 };
 _Static_assert(sizeof(struct kiln_merge_place) == 40, "a record has no gaps");
 
 #define KILN_MERGE_ALIKE 0.5f /* cosine between normals of points that are near each other */
-#define KILN_MERGE_FLAT 0.25f /* of the radius: how far they may lie from each other's planes */
+#define KILN_MERGE_FLAT 0.25f /* largest distance from each other's planes, over the radius */
 
-/* Whether two points are near each other; the same for either of both. */
+/* Whether two points are near each other; symmetric. */
 static inline bool kiln_merge_are_near(const struct kiln_merge_place *a, const struct kiln_merge_place *b, float radius)
 {
     const struct kiln_vec3 d = vec3_sub(b->position, a->position);
@@ -31,23 +31,25 @@ static inline bool kiln_merge_are_near(const struct kiln_merge_place *a, const s
            fabsf(vec3_dot(d, b->normal)) <= KILN_MERGE_FLAT * radius;
 }
 
-/* Grids over the points that take part, each in a hash table: one with cells as wide as the radius, and for points
- * whose `widest` is less one with cells of a half, a quarter, and so on. So where texels of one object are small beside
- * those of another, a point looks at as few others as elsewhere. */
+/* Hash grids over the points that take part. One grid has cells as wide as the radius; the others, for points with a
+ * smaller `widest`, have cells of a half, a quarter, and so on. So a point examines few others even where texels of one
+ * object are small beside those of another. */
 struct kiln_merge_grid;
 
-/* Borrows the places; radius > 0, m. The same grid by any number of threads. KILN_SYSTEM. Destroy it in any case. */
+/* Creates grids over borrowed places; radius > 0, m. The grids do not depend on the number of threads. KILN_SYSTEM.
+ * Destroy them in any case. */
 int kiln_merge_grid_create(struct kiln_merge_grid **grid, const struct kiln_merge_place *places, size_t count,
                            float radius, uint32_t threads, struct kiln_error *error);
 void kiln_merge_grid_destroy(struct kiln_merge_grid **grid);
 
-/* Numbers of places; zero before the first search. The caller frees `of`. */
+/* Numbers of places near a place; zero before the first search. The caller frees `of`. */
 struct kiln_merge_near {
     size_t *of, count, room;
 };
 
-/* Place `at` itself, then the others that are near it by `radius`, which is at most its `widest` and that of the grid,
- * and by their own `widest`; by cell and key. Without a grid: itself alone. KILN_SYSTEM. */
+/* Finds place `at` itself, then the others near it, ordered by cell and key. Their distance is at most `radius` and
+ * their own `widest`; `radius` is at most the `widest` of `at` and the radius of the grid. Without a grid: `at` alone.
+ * KILN_SYSTEM. */
 int kiln_merge_grid_find(const struct kiln_merge_grid *grid, size_t at, float radius, struct kiln_merge_near *near,
                          struct kiln_error *error);
 

@@ -8,14 +8,14 @@
 #include "worker/base/memory.h"
 
 enum {
-    REACH = 2, /* texels: how far variances are averaged */
+    REACH = 2, /* radius of the window over which variances are averaged, texels */
     SIDE = 8   /* of a tile, texels */
 };
 
 #define UNIT 0x1p-60           /* of exact sums of relative variances */
 #define GAIN_LEAST (3.0 / 7.0) /* 3 / (4^p - 1) for p = 1.5 */
 
-/* Square of the standard error of the mean over the parts at a point. */
+/* Squared standard error of the mean over the parts at a point. */
 static float variance_of(const float parts[KILN_PARTS])
 {
     float mean = 0.0f, square = 0.0f;
@@ -41,7 +41,7 @@ static void clear(float *variances, size_t count)
         variances[i] = -1.0f;
 }
 
-/* Where the variances of a tile that has several tile runs stand; NULL: it has one, or they are not shared. */
+/* Returns the variances of a tile with several tile runs; NULL: it has one run, or variances are not shared. */
 static float *shared_of(const struct kiln_part_survey *survey, const struct kiln_surface *s,
                         const struct kiln_tile_run *run)
 {
@@ -94,7 +94,7 @@ static float pooled(const float tile[SIDE * SIDE], int place)
     return count > 0.0f ? sum / count : 0.0f;
 }
 
-/* Whether direct light and the last step, which have most of what the result is of, have a sample for each quarter. */
+/* Whether direct light and the last step, which carry most of the result, have a sample in each quarter. */
 static bool has_quarters(const struct kiln_step_reports *part)
 {
     return part->of[0].step.samples >= 4 && part->of[part->count - 1].step.samples >= 4;
@@ -120,7 +120,7 @@ static int find_mean(const struct kiln_integrate_params *p, const struct kiln_ra
     return status;
 }
 
-/* Collective. Sums over all points of V and W, relative to light; an error of more than all counts as all. */
+/* Collective. Sums V and W over all points, relative to light. Relative errors above 1 count as 1. */
 static int add_variances(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, double mean,
                          double sums[2], struct kiln_error *error)
 {

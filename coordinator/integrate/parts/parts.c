@@ -17,9 +17,9 @@ size_t kiln_part_first(const struct kiln_step_report *reports, size_t count)
     return first;
 }
 
-/* Which light paths a part has of a step that has got its samples, `first` in the first round: each part has its own.
- * Of iterations that grow those of all parts follow one another as the samples do: samples are whole halves of `first`,
- * and KILN_ITERATIONS_FIRST is even. */
+/* Gives a part its own light paths in a step whose samples are set; `first`: the samples in the first round. With
+ * growing iterations, the iterations of all parts follow one another just as samples do. The division is exact: samples
+ * are multiples of half of `first`, and KILN_ITERATIONS_FIRST is even. */
 static void share_iterations(const struct kiln_integrate_settings *settings, uint32_t first, struct kiln_step *step)
 {
     const uint64_t iterations = step->iterations;
@@ -30,8 +30,8 @@ static void share_iterations(const struct kiln_integrate_settings *settings, uin
     }
 }
 
-/* The share of a step's samples that the part has, and which ones of the sequence. `round`: that it is of; NULL: the
- * first. */
+/* Gives a part its share of the step's samples, and its range in the sample sequence. `round`: round of the part; NULL:
+ * the first round. */
 static void share_samples(const struct kiln_integrate_settings *settings, const struct kiln_round *round, uint32_t part,
                           struct kiln_step *step)
 {
@@ -48,7 +48,7 @@ static void share_samples(const struct kiln_integrate_settings *settings, const 
     share_iterations(settings, first, step);
 }
 
-/* Whether another round comes after the last of the reports, which ends one. */
+/* Whether another round follows the last report, which ends a round. */
 static bool wants_round(const struct kiln_integrate_settings *settings, const struct kiln_step_report *last)
 {
     return settings->target_error > 0.0 && last->round.to > last->round.from;
@@ -78,13 +78,13 @@ double kiln_part_mix_error(double before, double error, const struct kiln_step *
     return step->part == 0 ? error : sqrt(parts * parts * before * before + error * error) / (parts + 1.0);
 }
 
-/* Mean luminance at a point by part k of each round, averaged over the rounds, by their samples. */
+/* Mean luminance at a point found by part k of each round, averaged over rounds with their samples as weights. */
 static float *found_by(const struct kiln_rank_data *data, struct kiln_own_point own, uint32_t part)
 {
     return &data->parts[KILN_PARTS * own.at + part % KILN_PARTS];
 }
 
-/* The share of a part's samples in those of this part and of the parts of that number in earlier rounds. */
+/* Weight of a part's samples among those of the parts with the same number in this and earlier rounds. */
 static float share_of(const struct kiln_step *step)
 {
     const double before = (kiln_part_before(step) - (double)(step->part % KILN_PARTS)) / KILN_PARTS;
@@ -107,7 +107,7 @@ void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own,
         *found_by(data, own, step->part) += share_of(step) * luminance;
 }
 
-/* Takes what the part has found of indirect light into the means. */
+/* Averages the part's indirect light into the means. */
 static void take_indirect(const struct kiln_rank_data *data, const struct kiln_step *step)
 {
     for (size_t i = 0; i < data->surface.tile_run_count; i++) {

@@ -7,14 +7,14 @@
 #include "coordinator/integrate/parts/parts.h"
 
 enum {
-    FIRST = 4 * KILN_PARTS, /* the settings' samples over those of a part of the first round */
+    FIRST = 4 * KILN_PARTS, /* samples of the settings over those of a part in the first round */
     LEVELS = 40,
-    LEVELS_MOST = 6,       /* that a round goes on by: what few samples say of an error is not known well */
+    LEVELS_MOST = 6,       /* most levels per round: few samples give an unreliable error */
     SAMPLES_MOST = 1 << 18 /* of a step of one part */
 };
-#define LEFT 0.025  /* share of the points that may lie in tile runs that are not finished */
-#define MORE 0.1    /* share of the points that are not finished which may get more samples than they need */
-#define SAFETY 1.25 /* of what a round is expected to take */
+#define LEFT 0.025  /* fraction of points that may lie in unfinished tile runs */
+#define MORE 0.1    /* fraction of unfinished points that may get more samples than they need */
+#define SAFETY 1.25 /* factor on the expected time of a round */
 
 /* ---- samples ---- */
 
@@ -37,7 +37,7 @@ uint32_t kiln_round_first(uint32_t samples, bool counts)
     return counts ? share + (share & 1u) : share;
 }
 
-/* Twice the samples by a level, over those of the first round. */
+/* Twice the samples up to a level, relative to those of the first round. */
 static uint64_t level_times(uint32_t level) { return (level % 2 > 0 ? 3ull : 2ull) << level / 2; }
 
 void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts, struct kiln_step *step)
@@ -47,11 +47,11 @@ void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts,
     if (counts) {
         step->samples = (uint32_t)(first / 2 * more);
         step->first_sample = (uint32_t)(first / 2 * before) * KILN_PARTS + own * step->samples;
-        /* of caustics, which finished tile runs need too, all have the same */
+        /* caustics have the same samples everywhere, since finished tile runs need them, too */
         step->samples_field = step->pass == &kiln_pass_direct ? KILN_FIELD_SAMPLES_DIRECT
                               : step->terminal                ? KILN_FIELD_SAMPLES
                                                               : NULL;
-    } else { /* the places are those of twice as many samples, so that no two rounds share any */
+    } else { /* sample indices are spaced for twice as many samples, so that no two rounds share any */
         step->samples = (uint32_t)ceil(0.5 * (double)(first * more) * round->share);
         step->first_sample = (uint32_t)(first * before) * KILN_PARTS + own * step->samples;
     }
@@ -65,7 +65,7 @@ struct target {
     double relative; /* error over luminance */
 };
 
-/* Mean square, over a tile run's points, of the errors over what is allowed. */
+/* Mean square of a tile run's errors, relative to the allowed error. */
 static double mean_square(const struct kiln_rank_data *data, const struct kiln_tile_run *run, const struct target *t)
 {
     const struct kiln_own_point first = kiln_own_of_global(&data->surface, run->first);
@@ -131,8 +131,8 @@ static void choose_level(const struct kiln_integrate_params *p, const struct nee
     }
 }
 
-/* Collective. Takes a round back that would hardly end within --max-time as far as one that would: there may be none.
- * Returns whether it did. */
+/* Collective. Lowers the level of a round until it is expected to end within --max-time; if no level would, the round
+ * is cancelled. Returns whether it was cancelled for lack of time. */
 static bool keep_in_time(const struct kiln_integrate_params *p, const struct kiln_step_reports *steps,
                          struct kiln_round *round)
 {

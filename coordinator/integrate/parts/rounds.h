@@ -1,42 +1,42 @@
 /* Rounds of a bake in parts that has a target error (parts.h): how many there are, and with how many samples.
  *
- * A tile run's error is the root mean square, over its points, of the standard error over what is allowed there: the
- * target times the point's luminance, or times a tenth of the mean luminance where that is more. A tile run whose error
- * is 1 at most is finished: it is left out of terminal steps from then on, and its results change no more; its light is
- * still part of each solve, with the samples of direct light that it had in the first round. Rounds end when 2.5 % of
- * the points at most lie in other tile runs.
+ * The error of a tile run is a root mean square over its points: of the standard error over the error allowed, which is
+ * the target times the point's luminance or, if larger, a tenth of the mean luminance. A tile run with an error of at
+ * most 1 is finished: later terminal steps leave it out, and its results change no more. Its light still takes part in
+ * each solve, with the samples of direct light from the first round. Rounds end when at most 2.5 % of the points lie in
+ * other tile runs.
  *
- * How much light is known of a tile run goes by levels: with level l, a step's samples are level_times(l) / 2 times
- * those of the first round: 1, 1.5, 2, 3, 4, 6, 8, ... times. All tile runs that are not finished have the same level.
- * The next round takes them to the level that a tenth of their points is expected to need at most, if a variance falls
- * with the samples to the power of 1.5, which is more than most do (Mitchell, "Consequences of Stratified Sampling in
- * Graphics", SIGGRAPH 1996): so few have more samples than they need, and a finished tile run's error lies within a
- * level of the target. The stretches of a Sobol' sequence that rounds take follow one another.
+ * Sample counts go by levels: at level l a step has level_times(l) / 2 times the samples of the first round: 1, 1.5, 2,
+ * 3, 4, 6, 8, ... times. All unfinished tile runs have the same level. The next round raises it to the level that at
+ * most a tenth of their points are expected to need. This prediction lets a variance fall with the samples to the power
+ * of 1.5, which is faster than usual (Mitchell, "Consequences of Stratified Sampling in Graphics", SIGGRAPH 1996). So
+ * few points get more samples than they need, and a finished tile run's error lies within a level of the target. Rounds
+ * take consecutive ranges of a Sobol' sequence.
  *
- * Steps that others gather from need not be as good as the final gather of few points: their samples are fewer by the
- * share of points that is not finished. */
+ * Intermediate steps need not be as good as the final gather of few points: their samples are reduced by the fraction
+ * of unfinished points. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PARTS_ROUNDS_H
 #define KILN_COORDINATOR_INTEGRATE_PARTS_ROUNDS_H
 
 #include "coordinator/integrate/integrate.h"
 
-/* The round that the last of `count` reports is of; NULL: the first. */
+/* Returns the round of the last of `count` reports; NULL: the first round. */
 const struct kiln_round *kiln_round_of(const struct kiln_step_report *reports, size_t count);
 
-/* Whether a round that was read from a checkpoint can be one. */
+/* Whether a round read from a checkpoint is valid. */
 bool kiln_round_is_sane(const struct kiln_round *round);
 
-/* The samples of a step in a part of the first round, of `samples` in the settings: a quarter of a part's share, even,
- * and 2 at least, as far as the result has them; of what only others gather from, one at least. */
+/* Returns the samples of a step in a part of the first round, given `samples` of the settings. If the step counts for
+ * the result: a quarter of a part's share, even, at least 2. If only other steps gather from it: at least one. */
 uint32_t kiln_round_first(uint32_t samples, bool counts);
 
-/* The step, which is one of part `own` of a round that goes from level to level, and has samples of the first round:
- * gets its samples, and which ones of the sequence they are. */
+/* Sets the samples, and their range of the sequence, of a step in part `own` of a round from level to level. On entry
+ * the step has the samples of the first round. */
 void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts, struct kiln_step *step);
 
-/* Collective, after the last part of a round, whose report is the last. Which tile runs are finished, the samples of
- * the others, and the next round: into the report, and the fields of samples. With --max-time, a round that is expected
- * to end in time. `unit` is that of exact sums of power, W. KILN_SYSTEM. */
+/* Collective, after the last part of a round, whose report is the last. Writes the finished tile runs, the samples of
+ * the others and the next round into the report and the sample fields. With --max-time, it chooses a round that is
+ * expected to end in time. `unit`: of exact sums of power, W. KILN_SYSTEM. */
 int kiln_round_judge(const struct kiln_integrate_params *params, const struct kiln_rank_data *data, double unit,
                      struct kiln_step_reports *steps, struct kiln_error *error);
 

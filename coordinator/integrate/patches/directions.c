@@ -8,9 +8,10 @@
 #include "worker/sampling/keys.h"
 #include "worker/scene/radiosity.h"
 
-/* Texels of a cluster: a square of 4 x 4. A tile's bits are in Morton order, so each aligned run of 16 is a square. */
+/* Number of texels in a cluster: a square of 4 x 4. Bits of a tile are in Morton order, so each aligned run of 16 bits
+ * is a square. */
 enum { CLUSTER = 16 };
-#define FLAT 0.9999f /* least cosine between normals of what is flat */
+#define FLAT 0.9999f /* least cosine between normals of a flat cluster */
 
 struct kiln_directions {
     struct kiln_directions_source source;
@@ -73,14 +74,14 @@ static int pack_emission(struct kiln_directions *d, struct kiln_error *error)
     return status;
 }
 
-/* Where the points lie and look whose members end the list of clusters. */
+/* Computes position and normal of a cluster from its points, which are the last in the list of members. */
 static void find_shape(struct kiln_directions *d, struct kiln_bright_cluster *c)
 {
     const struct kiln_patch *points = d->source.points;
     double area = 0.0;
     for (uint32_t i = c->first; i < c->end; i++)
         area += (double)points[d->members[i]].area;
-    for (uint32_t i = c->first; i < c->end; i++) { /* of none with an area all count alike */
+    for (uint32_t i = c->first; i < c->end; i++) { /* without any area all points have the same weight */
         const struct kiln_patch *p = &points[d->members[i]];
         const float share = area > 0.0 ? (float)((double)p->area / area) : 1.0f / (float)(c->end - c->first);
         c->centre = vec3_madd(c->centre, p->place, share);
@@ -113,7 +114,7 @@ static int add_cluster(struct kiln_directions *d, uint32_t first, uint32_t end, 
     return KILN_OK;
 }
 
-/* In an order that is the same for any cells and ranks: by lightmap, tile and bit. */
+/* Makes the clusters in the order of lightmap, tile and bit, which does not depend on cells and ranks. */
 static int add_clusters(struct kiln_directions *d, struct kiln_error *error)
 {
     const struct kiln_surface *s = d->source.surface;
@@ -182,7 +183,7 @@ static double luminance_of(const uint64_t *radiosity, uint64_t point)
     return kiln_luminance_of_floats(rgb);
 }
 
-/* Sums in the order of members, which is the same on all ranks. */
+/* Computes the bright clusters. Sums are in the order of members, which is the same on all ranks. */
 static void find_bright(struct kiln_directions *d, const uint64_t *radiosity)
 {
     struct kiln_bright *b = &d->bright;

@@ -12,21 +12,22 @@ struct kiln_directions;
 struct kiln_directions_source {
     const struct kiln_surface *surface;
     const struct kiln_patch_settings *settings;
-    const struct kiln_patch *points; /* of all surface points; NULL: no rays go to bright patches, and none emit */
-    const float (*emission)[3];      /* of all, W/m2; NULL unless patches emit */
+    const struct kiln_patch *points; /* of all surface points; NULL: no rays go to bright patches, no patch emits */
+    const float (*emission)[3];      /* of all points, W/m2; NULL unless patches emit */
 };
 
-/* `samples`: rays of a point in a step. All of the source is borrowed, up to the end of the directions. KILN_SYSTEM. */
+/* `samples`: rays per point in a step. The source and all in it are borrowed while the directions exist.
+ * KILN_SYSTEM. */
 int kiln_directions_create(struct kiln_directions **directions, const struct kiln_directions_source *source,
                            uint32_t samples, struct kiln_error *error);
 /* NULL is accepted. */
 void kiln_directions_destroy(struct kiln_directions **directions);
 
-/* Bytes of memory for directions, with so many surface points in all. */
+/* Memory of directions, bytes, for `points` surface points in all. */
 uint64_t kiln_directions_bytes(const struct kiln_patch_settings *settings, uint64_t points);
 
-/* The parameters of a step that gathers what is emitted, or this packed radiosity of all points; they stand until the
- * next call. */
+/* Returns the parameters of a step that gathers emission, or the packed radiosity of all points; valid until the next
+ * call. */
 const struct kiln_directions_parameters *kiln_directions_update(struct kiln_directions *directions,
                                                                 const uint64_t *radiosity, bool of_emission);
 

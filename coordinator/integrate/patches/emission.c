@@ -14,7 +14,7 @@ int kiln_trace_emission(MPI_Comm communicator, struct kiln_backend *backend, str
     (void)MPI_Comm_size(communicator, &ranks);
     int status = kiln_emission_groups(backend, KILN_EMISSION_SAMPLES, (uint32_t)rank, (uint32_t)ranks, groups, error);
     status = kiln_agree(communicator, status, error);
-    if (status == KILN_OK) { /* each number is one rank's, and 0 on the others: nothing is rounded */
+    if (status == KILN_OK) { /* each number is nonzero on one rank only, so the sum rounds nothing */
         (void)MPI_Allreduce(MPI_IN_PLACE, groups, NUMBERS, MPI_DOUBLE, MPI_SUM, communicator);
         kiln_emission_combine(groups, result);
     }

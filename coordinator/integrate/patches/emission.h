@@ -7,8 +7,8 @@
 #include "worker/backend/backend.h"
 #include "worker/backend/emission.h"
 
-/* Collective. Traces KILN_EMISSION_SAMPLES particles, of which each rank has a part. Every rank gets the same bits,
- * whatever their number. */
+/* Collective. Traces KILN_EMISSION_SAMPLES particles, distributed over the ranks. Every rank gets the same bits, with
+ * any number of ranks. */
 int kiln_trace_emission(MPI_Comm communicator, struct kiln_backend *backend, struct kiln_emission_result *result,
                         struct kiln_error *error);
 

@@ -7,11 +7,11 @@
 #include "worker/base/memory.h"
 
 enum {
-    AXES = 7, /* of places, of normals, and of rooms */
+    AXES = 7, /* axes: three of positions, three of normals, one of rooms */
     ROOM = 6,
-    LEAST_HALF = 8,   /* one half has at least so many-th of the points */
-    DEEPEST_CUT = 48, /* cuts in the middle above each other */
-    PART = 1 << 12    /* points: a range of no more is one thread's work */
+    LEAST_HALF = 8,   /* each half of a cut has at least 1 / LEAST_HALF of the points */
+    DEEPEST_CUT = 48, /* most nested cuts in the middle of a range */
+    PART = 1 << 12    /* most points in a part of the tree, which one thread builds */
 };
 
 static const char WHAT[] = "the tree of links";
@@ -19,9 +19,9 @@ static const char WHAT[] = "the tree of links";
 /* m: more than any scene has. */
 static const float ENDLESS = 1e18f;
 
-/* A point as the tree is built of it. */
+/* A point as an item of the tree under construction. */
 struct item {
-    float at[AXES]; /* its centre, its normal, and its room */
+    float at[AXES]; /* position, normal and room */
     struct kiln_vec3 edge_s, edge_t;
     float area, level; /* level: first light over the mean */
     uint32_t number, point;
@@ -29,12 +29,12 @@ struct item {
 
 /* A part of the tree that one thread builds: its nodes, numbered from 0. */
 struct builder {
-    struct item *items; /* all, in the order of the tree, as far as that stands */
+    struct item *items; /* all items, sorted into the order of the tree as far as it is known */
     struct kiln_link_node *nodes;
     size_t count, room;
 };
 
-/* Points `first` to `first + count` of the order. */
+/* The items `first` to `first + count` of the order. */
 struct range {
     uint32_t first, count, depth;
 };
@@ -52,7 +52,8 @@ struct cut {
     float at;
 };
 
-/* Where the range is longest; false: its points have one place and one normal. */
+/* Finds the axis along which the range is longest, and its middle. Returns false if all points have the same position
+ * and normal. */
 static bool find_cut(const struct item *items, uint32_t count, struct cut *cut)
 {
     float low[AXES], high[AXES];
@@ -77,7 +78,7 @@ static bool find_cut(const struct item *items, uint32_t count, struct cut *cut)
     return longest > 0.0f;
 }
 
-/* Brings what is before the cut to the front; how many these are. */
+/* Moves the items before the cut to the front; returns their number. */
 static uint32_t cut_range(struct item *items, uint32_t count, struct cut cut)
 {
     uint32_t before = 0, behind = count;
@@ -164,7 +165,7 @@ static void find_means(const struct builder *b, struct range r, struct kiln_link
     node->level = (float)(s.level / s.area);
 }
 
-/* Adds a point's share of the covariance: its place, and its own size. */
+/* Adds a point's contribution to the covariance: from its position, and from its own extent. */
 static void add_covariance(double sum[6], const struct item *p, struct kiln_vec3 off)
 {
     static const int row[6] = {0, 1, 2, 0, 0, 1}, column[6] = {0, 1, 2, 1, 2, 2};
@@ -200,7 +201,7 @@ static void find_extents(const struct builder *b, struct range r, struct kiln_li
 
 static int build(struct builder *b, struct range r, uint32_t *number, struct kiln_error *error);
 
-/* The child that a part of a node is. */
+/* Adds a child to a node, built from a part of the node's range. */
 static int add_child(struct builder *b, uint32_t node, struct range part, struct kiln_error *error)
 {
     uint32_t child = part.first | KILN_LINK_LEAF;
@@ -209,7 +210,7 @@ static int add_child(struct builder *b, uint32_t node, struct range part, struct
     return status;
 }
 
-/* The halves of half a node: `halves[1]` may have no point. */
+/* Cuts a half of a node's range into halves; `halves[1]` may be empty. */
 static int halve_half(const struct builder *b, struct range half, struct range halves[2], struct kiln_error *error)
 {
     uint32_t before = half.count;
@@ -219,7 +220,7 @@ static int halve_half(const struct builder *b, struct range half, struct range h
     return status;
 }
 
-/* The children of a node of more than so many points as it has children: those that have points. */
+/* Cuts the range of a node with more points than children into its children's ranges. Empty ranges are left out. */
 static int quarter(const struct builder *b, struct range r, struct range parts[KILN_LINK_CHILDREN],
                    struct kiln_error *error)
 {
@@ -244,7 +245,7 @@ static int add_node(struct builder *b, struct range r, uint32_t *number, struct 
     return KILN_OK;
 }
 
-/* A node of two points or more, and all below it. */
+/* Builds a node of two points or more, and its subtree. */
 static int build(struct builder *b, struct range r, uint32_t *number, struct kiln_error *error)
 {
     struct range parts[KILN_LINK_CHILDREN];
@@ -259,19 +260,19 @@ static int build(struct builder *b, struct range r, uint32_t *number, struct kil
     return status;
 }
 
-/* ---- branches: what several threads build ---- */
+/* ---- branches: upper nodes and parts, built by several threads ---- */
 
-/* A range: one part, or a node over other branches. */
+/* A range of items: a part, built as a whole, or a node above other branches. */
 struct branch {
     struct range range;
     struct builder own; /* the part's nodes, or that one */
     struct range parts[KILN_LINK_CHILDREN];
-    size_t child[KILN_LINK_CHILDREN]; /* the branch of a child that has a node */
+    size_t child[KILN_LINK_CHILDREN]; /* branches of those children that have a node */
     uint32_t first;                   /* number of its first node among all */
 };
 
 struct branches {
-    struct branch *of; /* those of a level after those of the level above */
+    struct branch *of; /* branches level by level, from the top */
     size_t count, room;
 };
 
@@ -285,7 +286,7 @@ static int add_branch(struct branches *all, struct item *items, struct range r, 
     return status;
 }
 
-/* A part is built; a node that is no part is cut. */
+/* Builds a part, or makes a single node and cuts its range. */
 static int work_on(struct branch *b, struct kiln_error *error)
 {
     uint32_t number;
@@ -295,7 +296,7 @@ static int work_on(struct branch *b, struct kiln_error *error)
     return status == KILN_OK ? quarter(&b->own, b->range, b->parts, error) : status;
 }
 
-/* The branches below those from `begin` to `end` come after all. */
+/* Appends the branches below those from `begin` to `end`. */
 static int add_level(struct branches *all, size_t begin, size_t end, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -315,7 +316,7 @@ static int add_level(struct branches *all, size_t begin, size_t end, struct kiln
     return status;
 }
 
-/* Level by level, all branches of one at a time. */
+/* Builds the branches level by level, those of one level in parallel. */
 static int build_branches(struct branches *all, struct item *items, uint32_t count, struct kiln_error *error)
 {
     int status = add_branch(all, items, (struct range){0, count, 0}, error);
@@ -341,7 +342,7 @@ static bool is_branch(const struct branch *b, uint32_t child)
     return !is_part(b) && (b->own.nodes->child[child] & KILN_LINK_LEAF) != 0 && b->child[child] != 0;
 }
 
-/* Numbers the nodes from a branch down, a node before its children and these in their order. */
+/* Numbers the nodes below a branch in depth-first order: a node before its children, these in their order. */
 static uint32_t number_nodes(struct branches *all, size_t branch, uint32_t next)
 {
     struct branch *b = &all->of[branch];
@@ -412,7 +413,7 @@ int kiln_link_build(const struct kiln_patch *points, const float *first, const u
     struct branches all = {.of = NULL};
     struct item *items = NULL;
     if (count < 2)
-        return KILN_OK; /* nothing but itself is there to be seen */
+        return KILN_OK; /* a single point sees nothing but itself */
     int status = kiln_allocate(&items, count, sizeof *items, WHAT, error);
     if (status != KILN_OK)
         return status;
@@ -434,7 +435,7 @@ int kiln_link_build(const struct kiln_patch *points, const float *first, const u
 
 uint64_t kiln_link_build_bytes(uint64_t points)
 {
-    /* a node has four children, but for the last; of those of parts there is room for twice as many */
+    /* nodes have four children, except the last ones; parts allocate up to twice as many */
     return points * sizeof(struct item) + points / 2 * (2 * sizeof(struct kiln_link_node));
 }
 

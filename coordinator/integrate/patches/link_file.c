@@ -14,7 +14,7 @@
 #include "worker/base/memory.h"
 #include "worker/pass/links_file.h"
 
-/* A file that is open, and what errors call it. */
+/* An open file, and its name in error messages. */
 struct link_file {
     int descriptor;
     char path[4352];
@@ -31,7 +31,7 @@ static uint64_t check_of(const struct kiln_kept_links *kept, uint64_t key)
     return XXH3_64bits_withSeed(kept->code, kept->bytes, key ^ (kept->first * 0x9e3779b97f4a7c15u));
 }
 
-/* Key of links: of all that the transport's key is of, and of their choice. */
+/* Computes the key of links: it covers the transport's key and the choice of links. */
 static uint64_t key_of(const struct kiln_transport *t, const struct kiln_links_header *header)
 {
     struct kiln_links_header h = *header;
@@ -75,7 +75,7 @@ static int close_file(struct link_file *f, bool writes, struct kiln_error *error
 
 /* ---- writing ---- */
 
-/* This rank's part of the file, and its place. */
+/* This rank's range of the file, and its place. */
 struct share {
     uint64_t runs, bytes;           /* of this rank */
     uint64_t first_run, first_byte; /* of all codes, behind the table */
@@ -97,7 +97,7 @@ static struct share share_of(MPI_Comm communicator, const struct kiln_surface *s
     return (struct share){own[0], own[1], before[0], before[1], all[0], all[1]};
 }
 
-/* The own tile runs' table and codes, as the file has them. */
+/* Writes the table and codes of this rank's tile runs in the form of the file. */
 static void lay_out(const struct kiln_surface *s, struct kiln_kept_links *const *kept, const struct share *share,
                     uint64_t key, struct kiln_links_entry *table, uint8_t *codes)
 {
@@ -147,7 +147,7 @@ static bool is_finished(const struct kiln_transport *t, const struct kiln_links_
     return whole && memcmp(&there, h, sizeof there) == 0;
 }
 
-/* Rank 0 makes the file, the others open it. Collective. */
+/* Collective. Creates the file on rank 0; then the others open it. */
 static int make_file(struct link_file *f, const struct kiln_transport *t, MPI_Comm communicator, uint64_t bytes,
                      struct kiln_error *error)
 {
@@ -226,7 +226,7 @@ static int open_file(struct link_file *f, const struct kiln_transport *t, const 
     return KILN_OK;
 }
 
-/* The first entry of the table that is not before the point. */
+/* Finds the first entry of the table whose point is not before `first`. */
 static uint64_t find_entry(const struct kiln_links_entry *table, uint64_t runs, uint64_t first)
 {
     uint64_t low = 0, high = runs;

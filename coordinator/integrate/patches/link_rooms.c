@@ -21,7 +21,7 @@ enum {
 
 static const char WHAT[] = "the rooms of links";
 
-/* Rooms as disjoint sets of points. The number behind all points is what lies outdoors. */
+/* Rooms as disjoint sets of points. The element behind all points stands for outdoors. */
 struct rooms {
     const struct kiln_rooms_source *source;
     uint32_t *parent; /* kiln_sets */
@@ -34,7 +34,7 @@ struct rooms {
     struct kiln_arena arena;
 };
 
-/* Over the whole hemisphere, by the cosine. */
+/* Returns cosine-distributed direction k over the hemisphere of a point. */
 static struct kiln_vec3 direction_of(const struct kiln_patch *p, uint32_t k)
 {
     const uint32_t key = kiln_hash1(p->number);
@@ -56,7 +56,7 @@ static void set_rays(const struct rooms *r, uint32_t point, size_t first)
     }
 }
 
-/* The point that a ray has met, or what lies outdoors; KILN_NONE: neither. */
+/* Returns the point that a ray has hit, or the element of outdoors; KILN_NONE: neither. */
 static uint32_t met(const struct rooms *r, const struct kiln_hit *hit)
 {
     const struct kiln_geometry *g = r->source->backend->params.geometry;
@@ -72,8 +72,8 @@ static uint32_t met(const struct rooms *r, const struct kiln_hit *hit)
     return (uint32_t)point.at;
 }
 
-/* A ray from the place of the point that ray i has met to where that was: a wall may stand between, across the texel.
- * Nothing does outdoors. */
+/* Makes ray i's return ray: from the centre of the point that it has hit to its origin, since a wall may stand across
+ * the texel between the hit and the centre. Rays to outdoors need none. */
 static void turn_ray(const struct rooms *r, size_t i)
 {
     r->to[i] = met(r, &r->hits[i]);
@@ -130,7 +130,7 @@ static int look_around(struct rooms *r, struct kiln_error *error)
     return status == KILN_OK ? trace(r, rays, error) : status;
 }
 
-/* Collective. Joins what each rank has found, until nothing is left to join. */
+/* Collective. Joins the rooms that each rank has found, until nothing changes. */
 static int join(struct rooms *r, int status, struct kiln_error *error)
 {
     uint32_t *least = NULL;
@@ -178,7 +178,7 @@ static int number_rooms(struct rooms *r, uint32_t *rooms, struct kiln_error *err
         const uint32_t i = order[k], root = i != KILN_NONE ? kiln_sets_root(r->parent, i) : 0;
         if (i == KILN_NONE || size[root] == 1)
             continue;
-        if (rooms[root] == KILN_NONE) /* the root may be no point: what stands there is of its room, too */
+        if (rooms[root] == KILN_NONE) /* the root may be outdoors, which is no point; its points form a room, too */
             rooms[root] = next++;
         rooms[i] = rooms[root];
     }

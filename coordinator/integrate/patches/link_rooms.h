@@ -1,10 +1,9 @@
-/* Rooms: which surface points light can go between at all, by any number of bounces.
+/* Rooms: sets of surface points between which light can travel, by any number of bounces.
  *
- * A node of the tree of links stands for all its points by what one of them is seen of. So none may have points of two
- * rooms that nothing joins: a sealed box that stands on a lit floor would have the floor's light. From each point rays
- * go around it, and what they meet is in its room, or, where they meet nothing, outdoors, which is a room, too. Walls
- * part rooms for certain; that two parts are one room is missed where none of the rays finds the way, which costs
- * links and no light. */
+ * A node of the tree of links represents all its points by the visibility of one. So its points must not lie in two
+ * unconnected rooms: a sealed box on a lit floor would receive the floor's light. Rays are traced from each point in
+ * all directions. Points that they hit are in the same room; a ray without a hit joins the room outdoors. Walls
+ * separate rooms for certain. If no ray finds an opening, one room is split in two, which costs links but no light. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PATCHES_LINK_ROOMS_H
 #define KILN_COORDINATOR_INTEGRATE_PATCHES_LINK_ROOMS_H
 
@@ -21,8 +20,8 @@ struct kiln_rooms_source {
     const struct kiln_patch *points; /* of all surface points, by global index */
 };
 
-/* Collective. Room of each point that sends light, by global index, from 0 on, in the order of the points' numbers: the
- * same for any cells and ranks. Points of whose rays none has found a point are one room together, the last.
+/* Collective. Returns the room of each point that sends light, by global index. Rooms are numbered from 0 in the order
+ * of their points: the same for any cells and ranks. Points whose rays all hit no point share one room, the last.
  * KILN_SYSTEM and the backend's failures, agreed on. Free *rooms with kiln_free. */
 int kiln_rooms_find(const struct kiln_rooms_source *source, uint32_t **rooms, struct kiln_error *error);
 

@@ -23,7 +23,7 @@ struct kiln_link_tree {
 
 /* ---- the tree ---- */
 
-/* The points that send light, in the order of their numbers; their numbers go up to the count of all. */
+/* Lists the points that send light in the order of their numbers, which are below the count of all points. */
 static int order_points(struct kiln_link_tree *t, uint64_t count, struct kiln_error *error)
 {
     int status = kiln_arena_allocate(&t->arena, &t->order, (size_t)count, sizeof *t->order,
@@ -64,7 +64,7 @@ static int find_first(struct kiln_link_tree *t, const float *light, uint64_t cou
     return KILN_OK;
 }
 
-/* Room for the light of nodes and points, and the points themselves, when their order stands. */
+/* Allocates the light of nodes and points, and the points in the order of the tree. */
 static int make_leaves(struct kiln_link_tree *t, struct kiln_error *error)
 {
     static const char what[] = "the light of links";
@@ -120,7 +120,7 @@ uint64_t kiln_link_tree_bytes(uint64_t points)
            (build > light ? build : light);
 }
 
-/* A point's light: what it sends in this bounce, and what it has sent before. */
+/* Sets a point's light: radiosity sent in this bounce, and in all bounces before. */
 static void take_point(struct kiln_link_tree *t, uint64_t i, uint32_t bounce)
 {
     struct kiln_link_leaf *leaf = &t->leaves[i];
@@ -130,7 +130,7 @@ static void take_point(struct kiln_link_tree *t, uint64_t i, uint32_t bounce)
     leaf->now = leaf->before + sent;
 }
 
-/* Light that a child sends, and its place. */
+/* A child of a node: area, centre, and the light it sends. */
 struct part {
     double area;
     struct kiln_vec3 centre;
@@ -149,7 +149,8 @@ static struct part part_of(const struct kiln_link_tree *t, uint32_t child)
                           .light = {.now = leaf->now, .before = leaf->before}}};
 }
 
-/* Means of children, and of squares: those of their means, and what they differ by themselves. */
+/* Computes the means of children's light, and of its square: that of the children's means plus the variation within
+ * each child. */
 static struct kiln_link_light mean_of_light(const struct part *parts, uint32_t count, double area)
 {
     double now[2] = {0.0}, before[2] = {0.0};
@@ -165,7 +166,8 @@ static struct kiln_link_light mean_of_light(const struct part *parts, uint32_t c
                                     (float)fmax(0.0, before[1] - before[0] * before[0])};
 }
 
-/* The moment of children about a node's centre, of one colour: theirs, and those of their means. */
+/* Computes the moment of light about a node's centre, for one colour: the children's own moments, plus those of their
+ * means. */
 static void find_moment(const struct part *parts, uint32_t count, double area, struct kiln_vec3 centre, int c,
                         struct kiln_link_sent *sent)
 {

@@ -46,7 +46,7 @@ void kiln_links_destroy(struct kiln_links **links)
     kiln_free(links);
 }
 
-/* Whether what is kept is of the tile runs that the surface has now. */
+/* Whether the kept links belong to the surface's present tile runs. */
 static bool is_kept_of_these(const struct kiln_links *l)
 {
     const struct kiln_surface *s = l->source.surface;
@@ -58,8 +58,8 @@ static bool is_kept_of_these(const struct kiln_links *l)
     return true;
 }
 
-/* Takes over the links of tile runs that the surface still has, both being in the order of all points, and those that
- * another bake has kept. */
+/* Takes over the links of tile runs that the surface still has, and those that another bake has kept. Both lists are in
+ * the order of all points. */
 static int keep_these(struct kiln_links *l, struct kiln_error *error)
 {
     const struct kiln_surface *s = l->source.surface;
@@ -101,8 +101,8 @@ int kiln_links_update(struct kiln_links *l, uint32_t bounce, kiln_link_of_point 
 
 double kiln_links_point_bytes(uint64_t points, double link_error)
 {
-    /* as many links as their variances allow, of which a point sees about a quarter of its tile's; seven bytes for
-     * each, and what is known of points, were found in rooms */
+    /* the number of links is bounded by their variances, and a point sees about a quarter of those of its tile; seven
+     * bytes per link, and the data of points, were measured in rooms */
     const double links = fmin((double)points, 3.0 * KILN_LINKS_UNSEEN / (link_error * link_error));
     return 24.0 + 4.0 * links * 7.0 / KILN_TILE_TEXELS;
 }

@@ -1,6 +1,6 @@
-/* Links between surface points and nodes (worker/pass/links.h) over a bake: the tree, and what has been found for this
- * rank's own tile runs. They are kept from bounce to bounce; what moves to another rank, or was done before an
- * interruption, is found there again, with the same bits. */
+/* Links between surface points and nodes (worker/pass/links.h) during a bake: the tree, and the links of this rank's
+ * own tile runs. Links are kept from bounce to bounce. A tile run that moves to another rank, or was done before an
+ * interruption, gets its links found again, with the same bits. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PATCHES_LINKS_H
 #define KILN_COORDINATOR_INTEGRATE_PATCHES_LINKS_H
 
@@ -19,7 +19,7 @@ struct kiln_links_source {
     struct kiln_link_choice choice;
     double target;                         /* as in struct kiln_links_parameters */
     uint32_t stream;                       /* of the rays that close rows */
-    const struct kiln_transport *replayed; /* whose links are taken where it has them; NULL: there is none */
+    const struct kiln_transport *replayed; /* a bake whose links are reused where it has them; NULL: none */
 };
 
 /* KILN_SYSTEM. */
@@ -27,20 +27,20 @@ int kiln_links_create(struct kiln_links **links, const struct kiln_links_source 
 /* NULL is accepted. */
 void kiln_links_destroy(struct kiln_links **links);
 
-/* Bytes of memory on each rank, for so many points in all, of which it has `own`; roughly, for its links are not found
- * yet. Likewise of a point's links alone. */
+/* Estimated memory on each rank, bytes, for `points` points in all and `own` points of the rank; links are not found
+ * yet. The second function: of one point's links alone. */
 uint64_t kiln_links_bytes_expected(uint64_t points, uint64_t own, double link_error);
 double kiln_links_point_bytes(uint64_t points, double link_error);
 
-/* Takes the radiosity of all points; the surface may be distributed anew since. Returns what the pass is run with,
- * which stands until the next call, or NULL. KILN_SYSTEM; KILN_BAD_INPUT: links that were kept are damaged. */
+/* Sets the radiosity of all points; the surface may have been redistributed since the last call. Sets *parameters to
+ * those of the pass, valid until the next call. KILN_SYSTEM; KILN_BAD_INPUT: stored links are damaged. */
 int kiln_links_update(struct kiln_links *links, uint32_t bounce, kiln_link_of_point light, const void *context,
                       const struct kiln_links_parameters **parameters, struct kiln_error *error);
 
-/* Counts the links of points on this rank, the bytes that they take, and those that were kept by another bake. */
+/* Counts the links of this rank's points, their bytes, and the links reused from another bake. */
 void kiln_links_count(const struct kiln_links *links, uint64_t *count, uint64_t *bytes, uint64_t *replayed);
 
-/* Collective, after a step that has found all. Keeps them beside the bake. */
+/* Collective, after a step that has found all links. Stores them beside the bake. */
 int kiln_links_keep(const struct kiln_links *links, const struct kiln_transport *transport, MPI_Comm communicator,
                     struct kiln_error *error);
 

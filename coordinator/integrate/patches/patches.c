@@ -21,30 +21,31 @@
 #include "worker/scene/radiosity.h"
 
 #define KILN_NODE_ALIKE 0.9063f /* cosine of 25 degrees, as of blocks (blocks.h) */
-/* Kahl 2023, section 4.7.3, names such clamps, without figures. */
+/* Clamps as in Kahl 2023, section 4.7.3, which gives no values. */
 #define KILN_CLAMP_FACTOR 1.0
 #define KILN_CLAMP_ADDED 0.05 /* W/m2 */
 
-/* Stream of the rays that close rows of links: one for all bounces, so it does not matter when these are found. */
+/* Random stream of the rays that complete rows of links. It is the same for all bounces, so it does not matter in which
+ * bounce links are found. */
 enum { KILN_LINKS_STREAM = 1 };
 
 struct kiln_patches {
     struct kiln_patches_source source;
-    /* of the update under way: packed radiosity of all points; and the step */
+    /* input of the present update: packed radiosity of all points, and the step */
     const uint64_t *radiosity;
     const struct kiln_step *step;
     struct kiln_patch *points; /* of all surface points; NULL: not found yet */
-    float (*emission)[3];      /* of all, W/m2; NULL: what emits is sampled */
+    float (*emission)[3];      /* emission of all points, W/m2; NULL: emitters are sampled instead */
     struct kiln_patch_node *nodes;
-    double level; /* W/m2, that deviations are relative to */
+    double level; /* radiosity that deviations are relative to, W/m2 */
     struct kiln_patches_parameters parameters, of_round;
-    uint32_t *rooms;                     /* of all points, for links; NULL: not found yet */
+    uint32_t *rooms;                     /* room of each point, for links; NULL: not found yet */
     struct kiln_links *links;            /* NULL: not found yet, or there are none */
     bool links_of_emission;              /* made for what is emitted */
     struct kiln_visibility_cache *cache; /* NULL: none */
     struct kiln_voxels *voxels;          /* NULL: rays say what patches see */
     struct kiln_senders *senders;        /* NULL: all nodes send in every step */
-    struct kiln_directions *directions;  /* in the place of nodes; NULL: not made yet */
+    struct kiln_directions *directions;  /* clusters of points, used instead of nodes; NULL: not made yet */
 };
 
 int kiln_patches_create(struct kiln_patches **patches, const struct kiln_patches_source *source,
@@ -84,14 +85,14 @@ static bool has_pairs(const struct kiln_patch_settings *settings)
     return settings->gather == KILN_GATHER_PAIRS && settings->patches == KILN_PATCHES_ALL;
 }
 
-/* Whether the points' shapes are asked for. */
+/* Whether the settings need the shapes of points. */
 static bool needs_shapes(const struct kiln_patch_settings *settings)
 {
     return settings->gather == KILN_GATHER_PAIRS || settings->gather == KILN_GATHER_MIXED ||
            settings->lights == KILN_LIGHTS_PATCHES;
 }
 
-/* Bytes of the grid, if there is one. */
+/* Size of the voxel grid, bytes; 0: no grid. */
 static uint64_t grid_bytes(const struct kiln_patch_settings *settings)
 {
     return settings->visibility == KILN_VISIBILITY_VOXELS ? kiln_voxels_bytes(settings->voxels) : 0;
@@ -133,7 +134,7 @@ void kiln_patches_links(const struct kiln_patches *p, uint64_t *count, uint64_t 
         kiln_links_count(p->links, count, bytes, &replayed);
 }
 
-/* kiln_take_results: links are all that is wanted. */
+/* Implements kiln_take_results: drops the results, since only links are wanted. */
 static int take_nothing(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     (void)context, (void)first, (void)count, (void)results, (void)error;
@@ -208,7 +209,7 @@ static void number_points(struct kiln_patches *p)
             p->points[point_at(s, &s->tiles[t], (uint32_t)__builtin_ctzll(rest))].number = number++;
 }
 
-/* Where the points of each rank begin, and how many there are. */
+/* First point and number of points of each rank. */
 struct shares {
     int *first, *count;
 };
@@ -233,7 +234,7 @@ static void tell_shares(const struct kiln_patches *p, struct shares *shares)
     (void)MPI_Allgather(&count, 1, MPI_INT, shares->count, 1, MPI_INT, p->source.communicator);
 }
 
-/* Collective. Hands each rank's values, of `bytes` a point, to all. */
+/* Collective. Gathers the values of all ranks on all ranks, `bytes` per point. */
 static void share(const struct kiln_patches *p, const struct shares *shares, void *values, size_t bytes)
 {
     MPI_Datatype value;
@@ -272,7 +273,7 @@ static int make_room(struct kiln_patches *p, struct kiln_error *error)
     return status;
 }
 
-/* Finds the shapes of this rank's points; where a device bakes, by the host. */
+/* Finds the shapes of this rank's points; on the host, if the baking device does not support the pass. */
 static int find_own_shapes(struct kiln_patches *p, struct kiln_error *error)
 {
     const struct kiln_patches_source *source = &p->source;
@@ -313,8 +314,8 @@ static int find_shapes(struct kiln_patches *p, struct kiln_error *error)
 
 /* ---- the light of points ---- */
 
-/* Radiosity that a point sends in the step, W/m2. The step before the first bounce gathers what is emitted;
- * kiln_link_of_point. */
+/* Gets the radiosity that a point sends in the step, W/m2. The step before the first bounce sends the emission. The
+ * function is used as kiln_link_of_point, too. */
 static void light_of(const void *context, uint64_t point, float radiosity[3])
 {
     const struct kiln_patches *p = context;
@@ -359,7 +360,7 @@ struct square {
 
 /* Mean of several nodes, weighted by their areas. */
 struct mean {
-    double area, radiosity[3], deviation; /* of radiosity, the largest of a node's */
+    double area, radiosity[3], deviation; /* deviation: largest one among the nodes' radiosities */
     struct kiln_vec3 centre, normal;
 };
 
@@ -386,8 +387,8 @@ static struct mean mean_of(const struct kiln_patch_node *nodes, uint64_t count)
     return mean;
 }
 
-/* Whether nodes lie beside each other and look one way: two charts that share a window do not, unless one goes on into
- * the other. */
+/* Whether nodes belong together: they are adjacent and have similar normals. Nodes of two charts in one window do not,
+ * unless one chart continues the other. */
 static bool are_of_one_chart(const struct kiln_patch_node *nodes, uint64_t count, const struct mean *mean)
 {
     float side = 0.0f;
@@ -415,7 +416,7 @@ static bool may_join(const struct kiln_patches *p, const struct kiln_patch_node 
     return 0.5 * mean->deviation + 0.5 * bend * p->level < most * p->level;
 }
 
-/* A number in [0, 1) that is the window's and the step's. */
+/* Returns a random number in [0, 1) for the window and the step. */
 static double chance_of(const struct kiln_patches *p, struct square q)
 {
     const uint32_t where = kiln_hash2(kiln_hash2(q.map, q.side), kiln_hash2(q.x, q.y));
@@ -432,7 +433,7 @@ static uint64_t choose(const struct kiln_patches *p, struct square q, const stru
         double left = chance_of(p, q) * mean->area - (double)nodes[0].patch.area;
         while (left >= 0.0 && chosen + 1 < count)
             left -= (double)nodes[++chosen].patch.area;
-    } else if (how != KILN_SAMPLE_STRIDE) { /* whose place is nearest to the middle */
+    } else if (how != KILN_SAMPLE_STRIDE) { /* the node nearest to the centre */
         for (uint64_t i = 1; i < count; i++)
             if (vec3_length(vec3_sub(nodes[i].patch.place, mean->centre)) <
                 vec3_length(vec3_sub(nodes[chosen].patch.place, mean->centre)))
@@ -441,7 +442,7 @@ static uint64_t choose(const struct kiln_patches *p, struct square q, const stru
     return chosen;
 }
 
-/* Notes the side of the node that the own points of a square are in, if somebody asks. */
+/* Records the side of the node that this rank's points of a square belong to, if the data has that field. */
 static void note_node(const struct kiln_patches *p, struct square q)
 {
     const struct kiln_surface *s = p->source.surface;
@@ -476,8 +477,8 @@ static void join(struct kiln_patches *p, struct square q, uint64_t count, const 
     p->parameters.count -= count - 1;
 }
 
-/* Appends the nodes of a square, from the single texels up; returns how many there are. What has become several nodes
- * is joined no more. */
+/* Appends the nodes of a square, recursively from single texels up; returns their number. A square of several nodes is
+ * not joined any further. */
 static uint64_t add_square(struct kiln_patches *p, struct square q)
 {
     const struct kiln_surface *s = p->source.surface;
@@ -517,7 +518,7 @@ static void add_squares(struct kiln_patches *p, uint32_t side)
 
 /* ---- a step ---- */
 
-/* The mean radiosity, the same on all ranks, by the largest channel: what deviations are relative to. */
+/* Returns the mean radiosity in its largest channel, the same on all ranks. Deviations are relative to it. */
 static double level_of(struct kiln_patches *p)
 {
     p->parameters.count = 0;
@@ -558,8 +559,9 @@ static void warn_of_pairs(const struct kiln_patches *p)
 
 /* ---- links ---- */
 
-/* Luminance of the light by which links are opened: what all points emit, or reflect of direct light, which stands in
- * the results, so that it is the same in whatever bounce links are found. Without results it is what they send now. */
+/* Computes the luminance that decides which links are opened: emission, or direct light reflected by all points. Direct
+ * light is taken from the results, so that links are the same in any bounce. Without results it is the light sent
+ * now. */
 static int find_first_light(struct kiln_patches *p, float *light, struct kiln_error *error)
 {
     const struct kiln_surface *s = p->source.surface;
@@ -641,7 +643,7 @@ static int update_links(struct kiln_patches *p, const void **parameters, struct 
     return status;
 }
 
-/* Collective. Likewise of a step of the directions pass. */
+/* Collective. Updates the parameters of a step of the directions pass. */
 static int update_directions(struct kiln_patches *p, const uint64_t *radiosity, const struct kiln_step *step,
                              const void **parameters, struct kiln_error *error)
 {

@@ -1,10 +1,10 @@
-/* Patches that a bake by radiosity (radiosity/radiosity.h) gathers from: those of all surface points, on every rank,
- * and the nodes of a step made of them (worker/pass/patches.h).
+/* Patches from which a bake by radiosity (radiosity/radiosity.h) gathers: those of all surface points, on every rank,
+ * and the nodes that a step makes of them (worker/pass/patches.h).
  *
- * Each point that sends light is a node; or nodes stand for squares of texels of one lightmap (Kahl, "RTX Radiosity",
- * 2023, sections 5.1.1 to 5.1.3). Four squares are joined to one, from the single texels up, if none of them holds
- * several nodes, and if they lie beside each other and look one way within 25 degrees: so a node never has texels of
- * two charts, but of such as go on into each other. A node's area is that of its texels that are there.
+ * A node is a single point that sends light, or a square of texels of one lightmap (Kahl, "RTX Radiosity", 2023,
+ * sections 5.1.1 to 5.1.3). Four squares merge into one, from single texels up, if none of them holds several nodes,
+ * they are adjacent, and their orientations differ by at most 25 degrees: so a node spans two charts only if these
+ * continue each other. A node's area is that of its existing texels.
  *
  *   --undersample stride   a window of W x W texels has the radiosity and the place of its first texel
  *                 random   of one of them by chance, another one in each step, in proportion to their areas
@@ -13,9 +13,9 @@
  * over all four and the largest channel; level is the mean radiosity of all points in the step. N x N texels at most
  * are one node.
  *
- * With --patches links the links pass (worker/pass/links.h) is asked in the place of the patches pass: what it gathers
- * from is links.h's. With --gather other than pairs there are no nodes: rays are sent by sets of directions, or to
- * bright patches (directions.h).
+ * With --patches links the links pass (worker/pass/links.h) replaces the patches pass, and gathers from the tree of
+ * links.h. With --gather other than pairs there are no nodes: rays follow sets of directions, or go to bright patches
+ * (directions.h).
  *
  * A rank keeps a patch and room for a node for each surface point of the scene: kiln_patches_bytes. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PATCHES_PATCHES_H
@@ -40,11 +40,11 @@ struct kiln_patches_source {
     const struct kiln_surface *surface;
     struct kiln_backend *backend;                   /* has that surface */
     const struct kiln_integrate_settings *settings; /* with patches */
-    float *const *direct; /* where direct light of own points stands, W/m2, 3 each; NULL: there is none yet */
-    /* own points' data, with room for their nodes where these are kept; NULL: they are not */
+    float *const *direct;                           /* direct light of own points, W/m2, 3 each; NULL: none yet */
+    /* own points' data, with fields for nodes if nodes are stored; NULL: nodes are not stored */
     const struct kiln_rank_data *const *own;
-    const struct kiln_transport *replayed; /* whose links are taken where it has them; NULL: there is none */
-    bool keeps_visibility;                 /* as the settings say: from step to step, for the later ones */
+    const struct kiln_transport *replayed; /* a bake whose links are reused where it has them; NULL: none */
+    bool keeps_visibility;                 /* visibility is kept from step to step, as the settings say */
 };
 
 /* Not collective. KILN_SYSTEM. */
@@ -53,23 +53,23 @@ int kiln_patches_create(struct kiln_patches **patches, const struct kiln_patches
 /* NULL is accepted. */
 void kiln_patches_destroy(struct kiln_patches **patches);
 
-/* Most bytes of memory for patches, on a rank with `own` points, of so many surface points in all. `device`: one
- * computes; the second is what is on that of a grid and of what patches see. */
+/* Upper bound of the memory, bytes, for patches on a rank with `own` of `points` surface points. `device`: a device
+ * computes. The second function: memory on the device, for a grid and for visibility. */
 uint64_t kiln_patches_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points, bool device);
 uint64_t kiln_patches_device_bytes(const struct kiln_patch_settings *settings, uint64_t own, uint64_t points);
-/* Counts of the visibility that this rank has kept; all 0: it keeps none. */
+/* Statistics of the visibility cached on this rank; all 0: nothing is cached. */
 struct kiln_visibility_counts kiln_patches_visibility(const struct kiln_patches *patches);
-/* The links of points that this rank has kept, and the bytes that they take; 0: none. */
+/* Counts the links kept on this rank, and their bytes; 0: none. */
 void kiln_patches_links(const struct kiln_patches *patches, uint64_t *count, uint64_t *bytes);
 
-/* Collective, after a step of the links pass: keeps its links beside the bake, where they are those of bounces, and
- * counts them; or counts those that another bake has kept, and those that were found for want of them. */
+/* Collective, after a step of the links pass. Stores the links of bounces beside the bake and counts them; or counts
+ * the links reused from another bake and those found because it had none. */
 int kiln_patches_keep(const struct kiln_patches *patches, struct kiln_transport *transport, struct kiln_error *error);
 
-/* Collective. Makes the nodes of a step of the patches pass, or what a step of the links pass or the directions pass
- * needs, of the packed radiosity of all points, and points *parameters to what the step is run with, which stands until
- * the next call or the end of the patches. The first call finds the shapes of all points, and warns where their pairs
- * will take very long. Any ranks get the same. */
+/* Collective. Prepares a step from the packed radiosity of all points: the nodes of the patches pass, or the data of
+ * the links or directions pass. *parameters points to those of the pass, valid until the next call or the end of the
+ * patches. The first call computes the shapes of all points, and warns if their pairs will take very long. The result
+ * is the same for any number of ranks. */
 int kiln_patches_update(struct kiln_patches *patches, const uint64_t *radiosity, const struct kiln_step *step,
                         const void **parameters, struct kiln_error *error);
 

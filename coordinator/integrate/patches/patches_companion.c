@@ -57,7 +57,7 @@ static int complete(void *self, const struct kiln_companion_site *site, struct k
     return status;
 }
 
-/* Pairs of patches come to the samples of a point. */
+/* Weight of a step's cost: pairs of patches count in addition to a point's samples. */
 static double weight(const struct kiln_step *step)
 {
     const struct kiln_patches_parameters *patches = step->parameters;
@@ -112,7 +112,7 @@ const struct kiln_companion kiln_companion_patches = {
     .files = files,
     .demand = demand};
 
-/* ---- senders: a part of the patches sends in the step ---- */
+/* ---- senders: only some of the patches send in a step ---- */
 
 static bool senders_wanted(const struct kiln_integrate_params *params)
 {

@@ -15,7 +15,7 @@ struct ranked {
 struct kiln_senders {
     uint64_t points, member_count;
     uint64_t *members; /* points, node after node */
-    uint64_t *first;   /* of each node: where its points begin among these */
+    uint64_t *first;   /* per node: start of its points in `points` */
     struct ranked *ranked;
     struct kiln_patch_node *chosen;
     uint64_t *shot; /* a bit a point */
@@ -66,7 +66,7 @@ void kiln_senders_add(struct kiln_senders *s, uint64_t node, uint64_t point)
     s->members[s->member_count++] = point;
 }
 
-/* By falling power, then by rising number. */
+/* Compares for sorting: by falling power, then by rising number. */
 static int by_power(const void *a, const void *b)
 {
     const struct ranked *x = a, *y = b;

@@ -12,12 +12,14 @@
 #include "worker/backend/extended.h"
 #include "worker/base/memory.h"
 
-#define MOST_BACKS 0.25 /* share of all directions; with more a probe is inside something */
+#define MOST_BACKS                                                                                                     \
+    0.25 /* largest fraction of directions that may hit backs; with more, the probe is inside geometry                 \
+          */
 
 enum {
-    BATCH_ITEMS = 1 << 18, /* elements of maps in a batch of probes, and a few tile runs' points with their rays */
+    BATCH_ITEMS = 1 << 18, /* map elements in a batch of probes; rays in a batch of tile runs' points */
     BATCH_TILE_RUNS = 1 << 10,
-    SEARCH_SIDE = 8, /* of the maps by which places for probes are judged */
+    SEARCH_SIDE = 8, /* side of the maps used to judge places for probes */
     SEARCH_ELEMENTS = SEARCH_SIDE * SEARCH_SIDE,
     CANDIDATES = 52,
     PLACING_STREAM = 0x706c6163
@@ -106,8 +108,8 @@ void kiln_radiance_destroy(struct kiln_radiance **radiance)
 
 typedef int (*radiance_batch)(struct kiln_radiance *r, uint64_t first, uint64_t count, struct kiln_error *error);
 
-/* Collective. Runs `batch` over this rank's items [0, count), `most` at once, until all ranks are done; saves and stops
- * when that is asked for. */
+/* Collective. Calls `batch` for this rank's items [0, count), at most `most` at once, until all ranks are done. Saves
+ * and stops on request. */
 static int run_all(struct kiln_radiance *r, radiance_batch batch, uint64_t count, uint64_t most,
                    struct kiln_error *error)
 {
@@ -207,14 +209,15 @@ static int run_probes(struct kiln_radiance *r, uint64_t first, uint64_t count, s
 #pragma omp parallel for num_threads((int)r->params->threads) schedule(static)
     for (uint64_t i = 0; i < count * r->elements; i++) {
         const uint64_t probe = r->first + first + i / r->elements;
-        const bool off = kiln_probe_is_off(&r->set, (uint32_t)probe); /* then its rays find something, for nobody */
+        /* its rays hit geometry, but nobody reads the result */
+        const bool off = kiln_probe_is_off(&r->set, (uint32_t)probe);
         r->places[i] = off ? kiln_probe_grid_position(&r->set.grid, probe) : r->positions[probe];
     }
     return run_pass(r, &map, (size_t)((r->first + first) * r->elements), (size_t)(count * r->elements), r->samples,
                     r->stream, error);
 }
 
-/* radiance_batch: the radiance of probes in the step under way. */
+/* Implements radiance_batch: gathers the radiance of probes in the present step. */
 static int gather_batch(struct kiln_radiance *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     const int status = run_probes(r, first, count, error);
@@ -229,7 +232,8 @@ static int gather_batch(struct kiln_radiance *r, uint64_t first, uint64_t count,
 
 /* ---- places of probes ---- */
 
-/* Where a probe may move to from its place on the grid, in spacings: 26 directions, first near, then farther. */
+/* Returns a candidate place of a probe relative to its grid position, in spacings: 26 directions, first near, then
+ * far. */
 static struct kiln_vec3 candidate(uint32_t number)
 {
     static const float reach[] = {0.25f, 0.45f};
@@ -238,8 +242,8 @@ static struct kiln_vec3 candidate(uint32_t number)
     return vec3(far * ((float)(way % 3) - 1.0f), far * ((float)(way / 3 % 3) - 1.0f), far * ((float)(way / 9) - 1.0f));
 }
 
-/* Where a probe that is inside something goes: to the nearest candidates that are not, among them to that with the
- * fewest backs; or it is switched off. `results` are those of its candidates' maps. */
+/* Moves a probe that is inside geometry. It goes to one of the nearest candidates that are not, the one with the fewest
+ * backs; without any, it is switched off. `results`: its candidates' maps. */
 static void move_probe(struct kiln_radiance *r, uint64_t probe, const struct kiln_probe_element *element,
                        const struct kiln_radiance_result *results)
 {
@@ -259,8 +263,8 @@ static void move_probe(struct kiln_radiance *r, uint64_t probe, const struct kil
     }
 }
 
-/* Moves the probes `inside[0 .. count)`, so many at once that a batch is full. All draw the same random numbers, so
- * that it does not matter which are moved together. */
+/* Moves the probes `inside[0 .. count)`, as many at once as fill a batch. All use the same random numbers, so the
+ * grouping does not matter. */
 static int move_probes(struct kiln_radiance *r, const uint64_t *inside, uint64_t count, struct kiln_error *error)
 {
     enum { ITEMS = CANDIDATES * SEARCH_ELEMENTS, AT_ONCE = BATCH_ITEMS / ITEMS };
@@ -281,7 +285,7 @@ static int move_probes(struct kiln_radiance *r, const uint64_t *inside, uint64_t
     return status;
 }
 
-/* radiance_batch: where this rank's probes [first, first + count) are. */
+/* Implements radiance_batch: finds the places of this rank's probes [first, first + count). */
 static int place_batch(struct kiln_radiance *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     uint64_t *inside = NULL, insides = 0;
@@ -299,7 +303,7 @@ end:
     return status;
 }
 
-/* radiance_batch: which probes the points of own tile runs see. */
+/* Implements radiance_batch: finds the probes that the points of this rank's tile runs see. */
 static int sight_batch(struct kiln_radiance *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     const struct kiln_sight_params sight = {.backend = r->params->backend,

@@ -8,7 +8,8 @@
 enum { PROBES_ALONG = 16, OCTAHEDRAL_SIDE = 8, CUBE_SIDE = 4 };
 enum { HARMONICS_SIDE_LEAST = 4, HARMONICS_SIDE_MOST = 32, FINE = 16 /* places along an element for its integrals */ };
 
-/* Elements along a map's side. Harmonics have as fine a map as there are rays for, one in each element. */
+/* Returns the number of elements along a map's side. With harmonics the map is as fine as possible with one ray per
+ * element. */
 static uint32_t side_of(const struct kiln_radiance_settings *settings)
 {
     if (settings->basis == (int)KILN_PROBE_HARMONICS) {

@@ -1,4 +1,4 @@
-/* The grid of radiance probes, and what is made of the radiance that a probe's rays find. */
+/* The grid of radiance probes, and the conversion of a probe's ray results into its data. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PROBES_RADIANCE_GRID_H
 #define KILN_COORDINATOR_INTEGRATE_PROBES_RADIANCE_GRID_H
 
@@ -8,29 +8,30 @@
 #include "worker/scene/geometry.h"
 #include "worker/scene/radiance_probes.h"
 
-/* The grid over the scene's box: boxes as wide as the spacing, with a probe in the middle of each, so that none lies in
- * a wall at the scene's bounds. KILN_USAGE for more than KILN_PROBES_MOST probes. Not collective, no side effects. */
+/* Makes the grid over the scene's bounding box: boxes as wide as the spacing, a probe in the middle of each, so that
+ * none lies in a wall at the scene's bounds. KILN_USAGE for more than KILN_PROBES_MOST probes. Not collective, no side
+ * effects. */
 int kiln_probe_grid_make(struct kiln_probe_grid *grid, const struct kiln_radiance_settings *settings,
                          const struct kiln_geometry *geometry, struct kiln_error *error);
 
-/* Rays of an element for each probe. */
+/* Rays per map element of each probe. */
 uint32_t kiln_probe_element_samples(const struct kiln_probe_grid *grid, const struct kiln_radiance_settings *settings);
 
-/* Where the grid has a probe, m from the scene's centre. */
+/* Position of a probe in the grid, m from the scene's centre. */
 struct kiln_vec3 kiln_probe_grid_position(const struct kiln_probe_grid *grid, uint64_t probe);
 
 /* Weights of a map's element: its solid angle, sr, and the integrals of the harmonics over it. Over all elements they
- * add up to 4 pi, and to 2 sqrt(pi), 0, 0, ...: a map of one radiance everywhere has no other harmonic. */
+ * sum to 4 pi, and to 2 sqrt(pi), 0, 0, ...: for a map of constant radiance all other harmonics vanish. */
 struct kiln_probe_element {
     double solid_angle, harmonics[KILN_HARMONICS];
 };
 /* Fills in all elements of the grid's map. */
 void kiln_probe_elements_make(const struct kiln_probe_grid *grid, struct kiln_probe_element *elements);
 
-/* Share of all directions in which backs are. */
+/* Fraction of all directions in which rays meet backs of surfaces. */
 double kiln_probe_back_share(const struct kiln_probe_element *elements, const struct kiln_radiance_result *results,
                              uint32_t count);
-/* Writes the probe's data, grid->floats floats: its map, or the harmonics of bands 0 to 2 of it. */
+/* Writes the probe's data, grid->floats floats: its map, or the map's harmonics of bands 0 to 2. */
 void kiln_probe_keep(const struct kiln_probe_grid *grid, const struct kiln_probe_element *elements,
                      const struct kiln_radiance_result *results, float *data);
 

@@ -9,21 +9,21 @@
 
 enum { AROUND = 16 }; /* rays that find how far a point's surroundings are */
 
-/* Rays of a range of points: those of the point at place i are at each * i, and so on. */
+/* Rays of a range of points. Those of point i are at each * i and following. */
 struct sight {
     const struct kiln_sight_params *params;
     uint64_t first, count; /* own points */
     uint32_t each;         /* rays of a point: to its corners, or around it */
     uint32_t *near_probes; /* of all own points */
     struct kiln_vec3 *origins, *directions;
-    float *distances; /* m to the probe; below 0: the ray stands for nothing */
-    float *nearest;   /* of a point: m to the nearest probe that it sees; INFINITY: to none */
+    float *distances; /* distance to the probe, m; below 0: no ray */
+    float *nearest;   /* per point: distance to the nearest visible probe, m; INFINITY: none is visible */
     struct kiln_hit *hits;
     struct kiln_arena arena;
 };
 
-/* Random number that draws the place in a point that is not the whole of its texel. For two or three triangles of equal
- * area, it gives no place at a corner or a side, which may be a wall's foot. */
+/* Random number for the place in a point that covers only a part of its texel. With two or three triangles of equal
+ * area the place is not at a corner or a side, where a wall may stand. */
 #define INSIDE 0.2917f
 
 /* A place well within the point, off its surface, and the geometric normal there. */
@@ -57,7 +57,7 @@ static void make_all(const struct sight *s, size_t first, size_t end, point_rays
     }
 }
 
-/* ---- which probes a point sees ---- */
+/* ---- probes that a point sees ---- */
 
 /* The ray from `place` to a corner of its cell; a probe below the surface gets none. */
 static void make_ray(const struct sight *s, uint64_t ray, struct kiln_vec3 place, struct kiln_vec3 normal,
@@ -90,7 +90,7 @@ static void look_at_corners(const struct sight *s, const struct kiln_point_curso
         make_ray(s, s->each * (at->point.at - s->first) + c, place, normal, cell, c);
 }
 
-/* Brings those rays that stand for something to the front. Returns how many there are. */
+/* Moves the rays that exist to the front. Returns their number. */
 static uint64_t pack(const struct sight *s)
 {
     uint64_t count = 0;
@@ -123,9 +123,9 @@ static void judge(const struct sight *s)
     }
 }
 
-/* ---- whether what a point sees is nearer than its probes ---- */
+/* ---- test whether a point's surroundings are nearer than its probes ---- */
 
-/* Its rays do not reach as far as its nearest probe is. */
+/* Whether the nearest visible probe is farther away than the point's rays reach. */
 static bool is_doubtful(const struct sight *s, uint64_t i)
 {
     return s->nearest[i] < INFINITY && s->nearest[i] > s->params->probes->grid.range;
@@ -148,7 +148,7 @@ static void look_around(const struct sight *s, const struct kiln_point_cursor *a
     }
 }
 
-/* Takes its probes from a point whose surroundings are nearer than they, by the harmonic mean of the distances. */
+/* Removes the probes of points whose surroundings, by the harmonic mean of distances, are nearer than the probes. */
 static void judge_surroundings(const struct sight *s)
 {
     const struct kiln_hit *hit = s->hits;

@@ -1,4 +1,5 @@
-/* From which directions light comes (worker/pass/directional.h): the field `sh`, or what `dominant` makes of it. */
+/* Directional distribution of light (worker/pass/directional.h): the field `sh`, or `dominant`, which is derived from
+ * it. */
 #include <math.h>
 #include <string.h>
 
@@ -18,8 +19,8 @@ static void make_step(const struct kiln_integrate_settings *settings, struct kil
     step->samples = settings->samples_indirect;
 }
 
-/* The direction that light comes from on the whole, and how much of it comes from there: for light from one direction
- * alone, the length of band 1 is sqrt(3) times band 0, for light from everywhere it is 0. */
+/* Computes the dominant direction of light, and how directed the light is: 0 for light from everywhere, 1 from a single
+ * direction. For the latter the length of band 1 is sqrt(3) times band 0. */
 static void set_dominant(float dominant[4], const float harmonics[KILN_DIRECTIONAL_HARMONICS][3])
 {
     const double zero = kiln_luminance_of_floats(harmonics[0]);

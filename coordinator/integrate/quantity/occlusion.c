@@ -19,7 +19,7 @@ static void *values_of(const struct kiln_taking *t, const struct kiln_rank_data 
     return kiln_rank_field(data, t->fields, kiln_field_set_find(t->fields, field));
 }
 
-/* Where nothing is open there is no direction. Of what length `direction` is does not matter: a sum does as a mean. */
+/* Normalizes a direction, which may be a sum instead of a mean. Without any open direction it is 0. */
 static void set_unit(float unit[3], const float direction[3])
 {
     const double x = (double)direction[0], y = (double)direction[1], z = (double)direction[2];

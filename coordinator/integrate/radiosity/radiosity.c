@@ -11,8 +11,8 @@
 #include "worker/pass/patches.h"
 #include "worker/scene/radiosity.h"
 
-/* In the order of KILN_CELLS_DIRECT, ...; what emits comes in the place of caustics, and of the third and fourth there
- * are none; KILN_RADIOSITY_ROUND follows. */
+/* Roles in the order of KILN_CELLS_DIRECT, ...; light from emitters takes the place of caustics; the third and fourth
+ * are not used; KILN_RADIOSITY_ROUND follows. */
 static const struct kiln_role roles[] = {
     {.kind = "direct", .total = "direct", .title = "direct light", .phase = "direct light"},
     {.kind = "bounce", .total = "bounces", .title = "bounce", .phase = "bounces", .numbered = true},
@@ -26,7 +26,8 @@ static const struct kiln_role roles[] = {
      .numbered = true,
      .optional = true}};
 
-/* For "cells", to which what emits is a step as that of caustics is. */
+/* Returns the settings for the functions of "cells". The step of light from emitters is treated like that of
+ * caustics. */
 static struct kiln_integrate_settings settings_of_cells(const struct kiln_integrate_settings *settings)
 {
     struct kiln_integrate_settings of_cells = *settings;
@@ -34,14 +35,15 @@ static struct kiln_integrate_settings settings_of_cells(const struct kiln_integr
     return of_cells;
 }
 
-/* Direct light, and the step that goes through all patches: of what emits, or the first bounce. */
+/* Number of steps before the rounds: direct light, and the one step that uses all patches, light from emitters or the
+ * first bounce. */
 static size_t steps_before_rounds(const struct kiln_integrate_settings *settings)
 {
     const struct kiln_integrate_settings of_cells = settings_of_cells(settings);
     return kiln_cells_first(&of_cells) + (settings->patches->lights == KILN_LIGHTS_PATCHES ? 1 : 2);
 }
 
-/* Rays of a point that close its row, of so many at most. */
+/* Number of a point's rays that complete its row of links, at most `samples`. */
 static uint32_t links_samples(const struct kiln_integrate_settings *settings, uint32_t samples)
 {
     const double error = settings->patches->link_error, target = settings->target_error;
@@ -111,8 +113,8 @@ static void take_emitted(const struct kiln_taking *t, const struct kiln_rank_dat
     }
 }
 
-/* The answers of the tile run's points. Those of the patches pass are copied to `points`, and how rows are closed is
- * kept. */
+/* Returns the answers of the tile run's points. Those of the patches pass are copied to `points`, and the way in which
+ * rows were completed is kept. */
 static const struct kiln_point_result *point_results(const struct kiln_taking *t, const struct kiln_rank_data *data,
                                                      const struct kiln_tile_run *f, const void *answers,
                                                      struct kiln_point_result points[KILN_TILE_TEXELS])

@@ -45,7 +45,7 @@ bool kiln_unshot_next(const struct kiln_integrate_settings *settings, const stru
     if ((int64_t)bounce > (settings->bounces >= 0 ? settings->bounces : KILN_BOUNCES_ALL))
         return false;
     add_up(reports, count, &reflected, &sent);
-    if (!(reflected > 0.0)) /* not known, or a scene without light */
+    if (!(reflected > 0.0)) /* unknown, or a scene without light */
         return settings->bounces >= 0;
     return reflected - sent > settings->patches->unshot_left * reflected;
 }
@@ -53,7 +53,7 @@ bool kiln_unshot_next(const struct kiln_integrate_settings *settings, const stru
 int kiln_unshot_begin(struct kiln_integration *in, struct kiln_step_report *last, const struct kiln_step *step)
 {
     const struct kiln_rank_data *own = in->solution->own;
-    if (last->step.role == KILN_CELLS_CAUSTIC) /* the sum is of irradiance now, and of rounds only */
+    if (last->step.role == KILN_CELLS_CAUSTIC) /* from now on the sum is of irradiance, and of rounds only */
         memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
     in->solution->report.bounces = step->bounce;
     kiln_exchange_radiosity(in->exchange, KILN_EXCHANGE_NEXT, last);

@@ -7,11 +7,12 @@
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
-/* Nodes receive the radiosity of what their points see (sight.h), and compute again what has met more (second_go.h). */
+/* Companion for --visible-only: nodes receive only the radiosity that their points see (sight.h). Points whose rays
+ * meet more are computed again (second_go.h). */
 
 static bool reach_wanted(const struct kiln_integrate_params *params) { return params->settings->visible_only; }
 
-/* Collective. From now on nodes receive what their points see. */
+/* Collective. From now on nodes receive only the radiosity that their points see. */
 static int settle(void **self, const struct kiln_companion_site *site, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = site->params;
@@ -33,7 +34,7 @@ static int complete(void *self, const struct kiln_companion_site *site, struct k
     return kiln_second_go(&go, error);
 }
 
-/* Collective. The new owners get the radiosity of their points. */
+/* Collective. Sends the radiosity of points to their new owners. */
 static int before_move(void *self, const struct kiln_companion_site *site, const uint64_t *bounds,
                        struct kiln_error *error)
 {

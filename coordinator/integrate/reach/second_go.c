@@ -12,13 +12,13 @@ enum { ATTEMPTS = 4 }; /* then everything is asked for */
 
 /* ---- running tile runs again ---- */
 
-/* The own tile runs that lack something, and the range that they lie in. */
+/* Held tile runs: those of this rank that lacked radiosity, and the range that they lie in. */
 struct held {
     const struct kiln_second_go *go;
     size_t first, end; /* tile runs */
     size_t count;
     uint64_t points;
-    uint32_t *samples; /* of the tile runs of the range; 0: not held */
+    uint32_t *samples; /* per tile run of the range: samples; 0: not held */
     uint64_t *place;   /* number of a held tile run's first point among the held points */
 };
 
@@ -94,22 +94,22 @@ end:
 
 /* ---- what they have met ---- */
 
-/* The absent units of the node, and what of their digits the held points have met. */
+/* Search for the absent units that the held points' rays have met. Units are found digit by digit, in base 3. */
 struct search {
     struct held *held;
     uint64_t count;  /* absent units */
     uint64_t *units; /* their numbers, ascending */
-    uint64_t *rank;  /* of each unit that is absent: its place in `units` */
+    uint64_t *rank;  /* per absent unit: its index in `units` */
     uint32_t levels;
     uint64_t stride; /* 3 ^ levels after the present one */
-    uint8_t *met;    /* of each level, of each held point: bits of channels */
+    uint8_t *met;    /* per level and held point: digits that were met, as bits of channels */
     uint32_t level;
     struct kiln_arena arena;
 };
 
 static uint64_t digit_of(const struct search *s, uint64_t unit) { return s->rank[unit] / s->stride % 3; }
 
-/* As kiln_radiosity_allgather_mark has it. */
+/* Marks a unit with its digit, for kiln_radiosity_allgather_mark. */
 static uint64_t mark_digit(const void *context, uint64_t unit)
 {
     return kiln_radiosity_absent(1u << digit_of(context, unit));
@@ -139,7 +139,7 @@ static int list_absent(struct search *s, const uint8_t *reach, uint64_t units, s
     if (status == KILN_OK)
         status = kiln_arena_allocate(&s->arena, &s->rank, (size_t)units, sizeof *s->rank, "the units that a node lacks",
                                      error);
-    for (uint64_t u = 0; u < units; u++) { /* the count is the node's, whatever this rank's memory */
+    for (uint64_t u = 0; u < units; u++) { /* all units of the node are counted, whatever memory this rank has */
         if (reach[u] != 0)
             continue;
         if (status == KILN_OK) {
@@ -158,7 +158,8 @@ static int list_absent(struct search *s, const uint8_t *reach, uint64_t units, s
 
 static void search_release(struct search *s) { kiln_arena_release(&s->arena); }
 
-/* The units whose digits from `level` on are among those that point i has met; `begin` is that of the digits before. */
+/* Requests the units whose digits from `level` on are all among those that point i has met; `begin`: number given by
+ * the digits before. */
 static void ask(const struct search *s, uint64_t i, uint32_t level, uint64_t begin, uint64_t stride, uint8_t *wanted)
 {
     if (level == s->levels) {
@@ -170,7 +171,7 @@ static void ask(const struct search *s, uint64_t i, uint32_t level, uint64_t beg
             ask(s, i, level + 1, begin + digit * stride, stride / 3, wanted);
 }
 
-/* Collective on the node. Asks for what the held tile runs have met. */
+/* Collective on the node. Requests the units that the held tile runs have met. */
 static int find_met(struct held *h, uint64_t units, uint8_t *wanted, struct kiln_error *error)
 {
     struct kiln_radiosity_allgather *allgather = h->go->solution->allgather;
@@ -237,7 +238,8 @@ static bool has_all(const struct kiln_second_go *go)
     return reach == NULL || memchr(reach, 0, (size_t)go->solution->sight->units) == NULL;
 }
 
-/* Collective. Gets what the held tile runs need, and computes them; those that lack something again stay held. */
+/* Collective. Receives the radiosity that the held tile runs need, and computes them. Those that lack some again stay
+ * held. */
 static int attempt(struct held *h, bool everything, struct kiln_error *error)
 {
     const struct kiln_second_go *go = h->go;

@@ -1,12 +1,12 @@
-/* The second go: where nodes receive only the radiosity that they want (coordinator/field/radiosity_allgather.h), a
- * tile run whose rays have met an absent point is not taken (take.h). When a step is over, its node finds out what
- * these tile runs have met, asks for it, and computes them again: with all radiosity that they need, so that their
- * answers are the same bits as if everything had been sent.
+/* The second go recomputes tile runs that lacked radiosity. Where nodes receive only the radiosity that they request
+ * (coordinator/field/radiosity_allgather.h), a tile run whose rays met an absent point is not taken (take.h). After the
+ * step its node determines the points met, requests them and computes these tile runs again, with all radiosity that
+ * they need: the same bits as if everything had been sent.
  *
- * What was met is found by the gather itself. The absent units are numbered in order, and their numbers written in base
- * three; once for each digit the tile runs are computed with absent points that are no number in the red, the green or
- * the blue channel, as the unit's digit says. The channels in which a point's answer is no number are the digits of
- * what its rays have met, for a point that met one absent unit, and a few more units for one that met several. */
+ * The gather itself determines the points met. Absent units are numbered in order, in base three. For each digit the
+ * tile runs are computed once, with absent points that are NaN in the red, green or blue channel according to their
+ * unit's digit. The channels in which a point's answer is NaN are the digits of the units that its rays met: exactly
+ * for a point that met one absent unit, with a few units too many for one that met several. */
 #ifndef KILN_COORDINATOR_INTEGRATE_REACH_SECOND_GO_H
 #define KILN_COORDINATOR_INTEGRATE_REACH_SECOND_GO_H
 
@@ -21,7 +21,7 @@ struct kiln_second_go {
     struct kiln_taker *taker;       /* likewise */
 };
 
-/* Collective, when all own tile runs of a step are taken or lack something. Afterwards all are taken. */
+/* Collective, when all own tile runs of a step are taken or lack radiosity. Afterwards all are taken. */
 int kiln_second_go(const struct kiln_second_go *go, struct kiln_error *error);
 
 #endif

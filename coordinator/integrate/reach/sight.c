@@ -14,7 +14,7 @@
 enum { RAYS_LEAST = 8, RAYS_MOST = 32, RAYS_UNIT = 512 }; /* of a point; of a unit */
 enum { UNIT_POINTS = 32, UNITS_ABOUT = 1 << 16 };
 enum { TOGETHER = 1 << 16 }; /* rays that are traced in one call */
-/* The R2 sequence of the plastic number, by which directions of neighbouring points differ as much as can be. */
+/* The R2 sequence, of the plastic number. It makes directions of neighbouring points as different as possible. */
 static const double sequence[2] = {0.7548776662466927, 0.5698402909980532};
 
 /* ---- units ---- */
@@ -35,7 +35,8 @@ static uint64_t first_of_tile(const struct kiln_surface *s, const struct kiln_ti
     return first;
 }
 
-/* Points of lightmaps follow one another; one without points begins where the next does. */
+/* Finds the first point of each lightmap. Points of lightmaps follow one another; a lightmap without points begins
+ * where the next one does. */
 static void first_of_lightmaps(const struct kiln_surface *s, uint64_t *first)
 {
     first[s->map_count] = s->point_count;
@@ -50,8 +51,8 @@ static void first_of_lightmaps(const struct kiln_surface *s, uint64_t *first)
     }
 }
 
-/* Cuts each part of the surface into equal pieces. `first` of parts and of units: one more than there are; that of
- * units NULL: they are only counted. */
+/* Cuts each part of the surface into equal units of at most `most` points, and returns their number. `part` and `first`
+ * have one entry more than there are parts and units. `first` NULL: only counts. */
 static uint64_t cut(const uint64_t *part, uint64_t parts, uint64_t most, uint64_t *first)
 {
     uint64_t units = 0;
@@ -110,12 +111,12 @@ struct look {
     struct kiln_vec3 *origins, *directions;
     struct kiln_hit *hits;
     uint32_t *from, *seen; /* units; KILN_NONE: none */
-    uint8_t *is_seen;      /* of each unit: from `unit`, whose pairs are being collected */
+    uint8_t *is_seen;      /* per unit: whether `unit`, whose pairs are being collected, sees it */
     uint32_t unit;
     size_t pair_room;
 };
 
-/* The rays of each point of a unit; and of all points of a tile run. */
+/* Numbers of rays: of each point of a unit, and of all points of a tile run. */
 static uint32_t rays_of_unit(const struct kiln_sight *s, uint32_t unit)
 {
     const uint64_t wanted = RAYS_UNIT / (s->first[unit + 1] - s->first[unit]) + 1;
@@ -136,7 +137,7 @@ static size_t rays_of_run(const struct kiln_sight *s, const struct kiln_tile_run
 
 static float unit_float(uint32_t random) { return (float)(random >> 8) * 0x1p-24f; }
 
-/* By the cosine about n: n and a direction of the sphere, added up. */
+/* Returns a cosine-distributed direction about n: the sum of n and a direction on the sphere. */
 static struct kiln_vec3 cosine_direction(struct kiln_vec3 n, double u, double v)
 {
     const double z = 1.0 - 2.0 * (u - floor(u)), radius = sqrt(1.0 - z * z), turn = 2.0 * KILN_PI * (v - floor(v));
@@ -276,12 +277,12 @@ static void sort_pairs(struct kiln_sight *s)
 
 /* ---- symmetry ---- */
 
-/* Who is told what, in the order of ranks. A rank is told pairs in ascending order, as differences to the one before, 7
- * bits a byte, the lowest first; the highest bit of a byte says that more follow. */
+/* Messages that tell other ranks which pairs they take part in, in the order of ranks. Pairs are in ascending order,
+ * coded as differences to the one before: 7 bits per byte, lowest first; the high bit says that more bytes follow. */
 struct mirror {
     struct kiln_exchange exchange; /* of bytes */
     uint64_t *bounds;              /* ranks + 1: first point of each rank */
-    uint64_t *last;                /* the pair that each rank was told last */
+    uint64_t *last;                /* per rank: the last pair sent to it */
     uint8_t *out, *in;             /* out NULL: bytes are only counted */
 };
 
@@ -325,7 +326,7 @@ static void put(struct mirror *m, int rank, uint64_t pair)
     } while (rest > 0);
 }
 
-/* Tells a pair to all other ranks that have a part in its first unit. */
+/* Sends a pair to all other ranks with points in its first unit. */
 static void tell(const struct kiln_sight *s, struct mirror *m, int own, uint64_t pair)
 {
     const uint64_t begin = s->first[pair >> 32], end = s->first[(pair >> 32) + 1];
@@ -389,7 +390,7 @@ static void turn_pairs(struct kiln_sight *s)
     sort_pairs(s);
 }
 
-/* Collective. Adds to each unit those that see it. */
+/* Collective. Makes visibility symmetric: each unit also gets the units that see it. */
 static int mirror(struct look *l, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
@@ -405,7 +406,7 @@ static int mirror(struct look *l, struct kiln_error *error)
         const uint64_t seen = s->pairs[i] >> 32, by = s->pairs[i] & UINT32_MAX;
         status = add_pair(l, (uint32_t)by, (uint32_t)seen, error);
         if (s->first[seen] >= end || s->first[seen + 1] <= begin)
-            s->pairs[i] = by << 32 | seen; /* the other way round it belongs to others */
+            s->pairs[i] = by << 32 | seen; /* reversed pairs belong to other ranks */
     }
     for (int r = 0; r < m.exchange.ranks && status == KILN_OK; r++)
         status = hear(l, &m, r, error);

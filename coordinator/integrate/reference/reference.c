@@ -17,7 +17,8 @@ static const struct kiln_role roles[] = {
     {.kind = "paths", .total = "paths", .title = "paths", .phase = "paths"},
     {.kind = "pilot", .total = "pilot", .title = "direct light, pilot", .phase = "direct light"}};
 
-/* Direct light as "cells" has it, but for the form of radiosity, of which nothing travels; then the paths. */
+/* Chooses the next step: direct light as in "cells", then the paths. Radiosity has no compact form, since none is
+ * exchanged. */
 static bool next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports, size_t count,
                  struct kiln_step *step)
 {

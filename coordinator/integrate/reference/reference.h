@@ -1,6 +1,6 @@
-/* The integrators "path", "bdpt" and "vcm": direct light as "cells" has it, then one step in which paths from every
- * surface point bring all other light (worker/pass/reference.h). Nothing is gathered and nothing exchanged, so a bake
- * by "cells" can be held against them. What they find beside direct light is indirect light, caustics among it. */
+/* The integrators "path", "bdpt" and "vcm": direct light as by "cells", then one step that traces paths from every
+ * surface point for all other light (worker/pass/reference.h). They gather and exchange no radiosity, so they serve as
+ * a reference for bakes by "cells". All their light besides direct light is indirect light, caustics included. */
 #ifndef KILN_COORDINATOR_INTEGRATE_REFERENCE_REFERENCE_H
 #define KILN_COORDINATOR_INTEGRATE_REFERENCE_REFERENCE_H
 

@@ -14,9 +14,9 @@
 #include "worker/scene/radiosity.h"
 
 enum {
-    STREAMS = 1 << 20,     /* of random bits between those of two groups */
+    STREAMS = 1 << 20,     /* distance between the random streams of two groups */
     AT_ONCE = 64,          /* points */
-    TOTAL_STREAM = 0x10000 /* of those by which total radiosity is rounded, as radiosity_exchange.c has it */
+    TOTAL_STREAM = 0x10000 /* random stream for rounding total radiosity, the same as in radiosity_exchange.c */
 };
 
 struct kiln_group_light {
@@ -33,7 +33,7 @@ static void *field_of(const struct kiln_group_light *g, const struct kiln_rank_d
     return kiln_rank_field(data, g->params->fields, g->first + group * KILN_GROUP_FIELDS + (size_t)kind);
 }
 
-/* The data as a group's solve has it, when turned to one. */
+/* Returns a view of the data with only those fields that the solution of a single group uses. */
 static struct kiln_rank_data view_of(const struct kiln_rank_data *data)
 {
     struct kiln_rank_data view = *data;
@@ -90,7 +90,7 @@ void kiln_group_light_destroy(struct kiln_group_light **light)
     kiln_free(light);
 }
 
-/* A group's answers in the form of the whole light's. */
+/* Converts a group's answers to the form of the answers for all light. */
 static void answers_of(const struct kiln_group_light *g, const struct kiln_tile_run *run, uint32_t group,
                        const struct kiln_point_result *all, struct kiln_point_result of[KILN_TILE_TEXELS])
 {
@@ -125,7 +125,7 @@ void kiln_group_light_take(const struct kiln_group_light *g, const struct kiln_t
     }
 }
 
-/* Collective: the ranges may have moved. */
+/* Collective. Finds the ranks' ranges of points, which may have moved. */
 static void find_ranges(const struct kiln_group_light *g)
 {
     const struct kiln_surface *s = &g->solution->own->surface;
@@ -134,7 +134,7 @@ static void find_ranges(const struct kiln_group_light *g)
     (void)MPI_Allgather(&mine[1], 1, MPI_INT, g->begins, 1, MPI_INT, g->params->communicator);
 }
 
-/* Collective. All ranks get what each has in `radiosity`. */
+/* Collective. Gathers `radiosity` of all ranks on all ranks. */
 static void share(struct kiln_group_light *g)
 {
     MPI_Datatype point;
@@ -171,7 +171,8 @@ struct kiln_groups *kiln_group_light_total(struct kiln_group_light *g)
     return &g->channel;
 }
 
-/* Own points from `begin` to `end`: what each group sends lies apart there, and together for the rays that read it. */
+/* Exchanges this rank's points from `begin` to `end`. In the ranks' data each group's radiosity is separate; for the
+ * rays that read it, the groups of a point are adjacent. */
 static void exchange_some(const struct kiln_group_light *g, uint64_t begin, uint64_t end, bool restored)
 {
     const struct kiln_rank_data *own = g->solution->own;

@@ -52,7 +52,7 @@ void kiln_resident_destroy(struct kiln_resident **resident)
     kiln_free(resident);
 }
 
-/* The rays of steps are the same where these are, and what leaves points out. */
+/* Whether two steps have the same rays: all parameters that rays or the omission of points depend on are equal. */
 static bool same_rays(const struct kiln_step *a, const struct kiln_step *b)
 {
     return a->stream == b->stream && a->samples == b->samples && a->first_sample == b->first_sample &&
@@ -77,7 +77,7 @@ static int add_step(struct kiln_resident *r, const struct kiln_step *step, struc
     return status;
 }
 
-/* kiln_take_results of the rays whose rows were not ready; the context is the kept_step and the surface. */
+/* Context of kiln_take_results for rays whose rows were missing: the step and the surface. */
 struct filling {
     const struct kiln_surface *surface;
     struct kept_step *kept;
@@ -95,7 +95,7 @@ static int take(void *context, size_t first, size_t count, const void *results, 
     return KILN_OK;
 }
 
-/* Runs the backend over a stretch of tile runs that are not ready. */
+/* Runs the backend over consecutive tile runs without rows. */
 static int fill_stretch(const struct kiln_resident *r, const struct kiln_solution *solution, struct kept_step *kept,
                         size_t first, size_t count, struct kiln_error *error)
 {

@@ -19,7 +19,7 @@ enum { PIECE = 1 << 20 }; /* bytes that a thread clears */
 
 /* ---- making ---- */
 
-/* By all threads: one writes memory at a part of its speed. */
+/* Zeroes memory with all threads: a single one does not reach the memory's speed. */
 static void clear(void *values, size_t bytes, uint32_t threads)
 {
     const size_t pieces = (bytes + PIECE - 1) / PIECE;
@@ -190,7 +190,7 @@ static void end_state(struct kiln_state_slot *s)
 
 /* ---- a step ---- */
 
-/* Collective. Begins the next step: what it gathers from is exchanged. */
+/* Collective. Begins the next step: exchanges the light that it gathers from. */
 static int begin_step(struct kiln_state_slot *s, struct kiln_error *error)
 {
     struct kiln_step_reports *steps = &s->solution->report.steps;
@@ -236,7 +236,7 @@ end:
     return status;
 }
 
-/* The samples of each own tile run in the step; NULL: all have the same. */
+/* Returns the samples of each of this rank's tile runs in the step; NULL: the same for all. */
 static const uint32_t *samples_of(const struct kiln_state_slot *s)
 {
     const char *name = s->step.samples_field;
@@ -247,7 +247,7 @@ static const uint32_t *samples_of(const struct kiln_state_slot *s)
 
 /* ---- by the backend ---- */
 
-/* kiln_take_results; the context is the slot. */
+/* Implements kiln_take_results; `context` is the slot. */
 static int take_traced(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     struct kiln_state_slot *s = context;
@@ -283,7 +283,7 @@ static int trace(struct kiln_state_slot *s, struct kiln_error *error)
     return status;
 }
 
-/* ---- direct light that is given ---- */
+/* ---- direct light supplied by the caller ---- */
 
 static int give_direct(struct kiln_state_slot *s, struct kiln_error *error)
 {
@@ -310,7 +310,8 @@ static bool wants(const struct kiln_state_slot *s, size_t tile_run)
     return samples == NULL || samples[tile_run] > 0;
 }
 
-/* States that gather together, in groups of so many lanes; the light of a group follows that of the one before. */
+/* States that gather together, in groups of KILN_RESIDENT_LANES. The light of the groups is stored one after the
+ * other. */
 struct flock {
     struct kiln_state_slot *of[KILN_STATES_MOST];
     size_t count;
@@ -337,7 +338,7 @@ static void lay_light(const struct kiln_states *st, const struct flock *flock)
                             (uint32_t)(i % KILN_RESIDENT_LANES), lanes_of(flock, i), light_of(st, i));
 }
 
-/* The answers of one tile run, to its place among those of the block that begins with tile run `begin`. */
+/* Computes the answers of one tile run, and stores them at its place in the block that begins with tile run `begin`. */
 static void gather_run(const struct kiln_states *st, const struct flock *flock, size_t begin, size_t tile_run)
 {
     const struct kiln_surface *surface = &flock->of[0]->solution->own->surface;
@@ -354,7 +355,7 @@ static void gather_run(const struct kiln_states *st, const struct flock *flock, 
     }
 }
 
-/* Hands a state the answers of tile runs, but for those that it leaves out. */
+/* Gives a state the answers of tile runs, except those that the state leaves out. */
 static int take_block(struct kiln_state_slot *s, const struct kiln_point_result *results, size_t begin, size_t end,
                       struct kiln_error *error)
 {
@@ -372,13 +373,13 @@ static int take_block(struct kiln_state_slot *s, const struct kiln_point_result 
 
 /* ---- gathers by a device that keeps the rows ---- */
 
-/* States whose answers come side by side. */
+/* States whose answers are adjacent in memory. */
 struct shared {
     struct kiln_state_slot *const *of;
     size_t count;
 };
 
-/* kiln_take_results; the context is `struct shared`. */
+/* Implements kiln_take_results; `context` is a struct shared. */
 static int take_shared(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     const struct shared *shared = context;
@@ -401,7 +402,7 @@ static int take_shared(void *context, size_t first, size_t count, const void *re
     return status;
 }
 
-/* A stretch of tile runs that some state wants. */
+/* Replays the rows of consecutive tile runs that some state wants. */
 static int replay_stretch(const struct kiln_states *st, const struct flock *flock, size_t first, size_t count,
                           struct kiln_error *error)
 {
@@ -483,7 +484,8 @@ end:
 
 /* ---- all states ---- */
 
-/* One step of a state, and of all after it that gather by the same rays. `done`: which have had their step. */
+/* Runs one step of a state, together with all later states that gather with the same rays. `done`: states that have had
+ * their step. */
 static int run_step(struct kiln_states *st, size_t first, bool done[KILN_STATES_MOST], struct kiln_error *error)
 {
     struct kiln_state_slot *s = &st->slots[first];
@@ -506,7 +508,7 @@ bool kiln_state_mixes(const struct kiln_state_slot *s)
     return s->has_next && s->step.pass == &kiln_pass_direct && s->step.quantity == NULL && s->state.direct.mixed;
 }
 
-/* Order of steps. OTHER: direct light that no device mixes, and all else but gathers. */
+/* Order in which steps run. OTHER: all steps except gathers and direct light that a device mixes. */
 enum { OTHER, MIX, GATHER, NO_STEP };
 
 static int order_of(const struct kiln_state_slot *s)
@@ -514,8 +516,9 @@ static int order_of(const struct kiln_state_slot *s)
     return !s->has_next ? NO_STEP : gathers(s) ? GATHER : kiln_state_mixes(s) ? MIX : OTHER;
 }
 
-/* The next step of each state. States that gather wait for those that do not, so that they gather together; and those
- * whose direct light may be mixed for those whose is not, so that a device gets the light of all. */
+/* Chooses the states' next steps. States that gather wait for those that do not, so that they gather together. States
+ * whose direct light a device may mix wait for those whose direct light it may not, so that the device gets the light
+ * of all. */
 static bool find_steps(const struct kiln_states *st)
 {
     int first = NO_STEP;
@@ -545,7 +548,7 @@ static int run_here(struct kiln_states *st, struct kiln_error *error)
     return kiln_agree(st->params->communicator, status, error);
 }
 
-/* Collective. The next step of each state that has one, and waits for no other. */
+/* Collective. Runs the next step of each state that has one and does not wait for another state. */
 static int run_round(struct kiln_states *st, bool *any, struct kiln_error *error)
 {
     bool held = false;
@@ -581,7 +584,7 @@ int kiln_states_solve(struct kiln_states *st, const struct kiln_state *of, size_
 {
     st->active = count;
     int status = solve(st, of, error);
-    if (status == KILN_NO_DEVICE && st->holds) { /* the device has lost what it held: from the beginning, without */
+    if (status == KILN_NO_DEVICE && st->holds) { /* the device has lost the data that it held: start again without it */
         st->may_hold = false;
         status = solve(st, of, error);
     }

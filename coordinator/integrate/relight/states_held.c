@@ -1,5 +1,5 @@
-/* The runner of states where a device holds their light from bounce to bounce (worker/pass/held.h): one rank, which has
- * all points, and states that all take the same steps. */
+/* Runs states whose light a device keeps from bounce to bounce (worker/pass/held.h). This needs a single rank, which
+ * has all points, and states that all take the same steps. */
 #include <assert.h>
 #include <math.h>
 #include <stdlib.h>
@@ -18,7 +18,7 @@ static bool same_step(const struct kiln_step *a, const struct kiln_step *b)
            a->first_sample == b->first_sample && a->compact == b->compact && a->bounce == b->bounce;
 }
 
-/* Whether all that the state's answers go into is what a device knows. */
+/* Whether the device can compute all results of the state. */
 static bool is_plain(const struct kiln_state_slot *s)
 {
     const struct kiln_rank_data *own = s->solution->own;
@@ -27,14 +27,14 @@ static bool is_plain(const struct kiln_state_slot *s)
            abs(ilogb(scale)) <= SCALE_MOST;
 }
 
-/* Whether the state takes its next step by a device, and in *how what it does. */
+/* Whether the state can take its next step on a device; *how describes the step. */
 static bool may_step(struct kiln_state_slot *s, struct kiln_held_step *how)
 {
     const struct kiln_integrator *integrator = s->state.settings->integrator;
     return s->has_next && is_plain(s) && integrator->hold != NULL && integrator->hold(&s->integration, &s->step, how);
 }
 
-/* The first of the states that go on. */
+/* Returns the first of the states that still have steps. */
 static struct kiln_state_slot *first_of(const struct kiln_states *st)
 {
     struct kiln_state_slot *first = NULL;
@@ -43,8 +43,8 @@ static struct kiln_state_slot *first_of(const struct kiln_states *st)
     return first;
 }
 
-/* Whether all states that go on take this step by a device, and in *how what it does. While some mix their direct light
- * there, others wait with the step that follows. */
+/* Whether all states with steps can take this step on a device; *how describes it. While some states' direct light is
+ * mixed on the device, the others wait before the following step. */
 static bool may_hold(const struct kiln_states *st, struct kiln_held_step *how)
 {
     const struct kiln_surface *surface = st->params->surface;
@@ -131,7 +131,7 @@ static __int128 power_of(const struct kiln_held_power *power)
     return ((__int128)power->high * ((int64_t)1 << 40)) + power->low;
 }
 
-/* Sums come in the order of the ledger's. */
+/* Adds the device's powers to the ledger, whose sums have the same order. */
 static void take_powers(struct kiln_state_slot *s, const struct kiln_held_power powers[KILN_HELD_POWERS])
 {
     _Static_assert(KILN_SUM_INCIDENT == 0 && KILN_SUM_REFLECTED == 3 && KILN_SUM_SENT == 6 && KILN_SUM_ESCAPED == 9 &&
@@ -142,7 +142,7 @@ static void take_powers(struct kiln_state_slot *s, const struct kiln_held_power 
     s->ledger.variance.value = power_of(&powers[KILN_HELD_POWERS - 1]);
 }
 
-/* The host has the light of all states again. */
+/* Copies the light of all states back to the host. */
 static int fetch(struct kiln_states *st, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -154,7 +154,7 @@ static int fetch(struct kiln_states *st, struct kiln_error *error)
                                            .error_indirect = own->error_indirect,
                                            .direct = s->mixed ? own->direct : NULL,
                                            .error_direct = s->mixed ? own->error_direct : NULL};
-        /* what comes, and what no gather reads any more */
+        /* fields that are overwritten, and those that no gather reads any more */
         const void *const written[] = {
             own->next,  own->sum,          own->direct,
             own->error, own->error_direct, own->error_direct != NULL ? own->error_indirect : NULL,
@@ -185,7 +185,7 @@ static int gather(struct kiln_states *st, struct kiln_error *error)
 int kiln_states_run_held(struct kiln_states *st, struct kiln_error *error)
 {
     int status;
-    KILN_TRY(st->how.direct ? KILN_OK : gather(st, error)); /* direct light came with what was brought */
+    KILN_TRY(st->how.direct ? KILN_OK : gather(st, error)); /* direct light came with the copied data */
     for (size_t i = 0; i < st->active; i++)
         if (st->slots[i].goes_on)
             take_powers(&st->slots[i], st->powers[i]);

@@ -1,4 +1,4 @@
-/* States that the files of the runner of states (states.h) share. */
+/* Private structures shared by the files of the runner of states (states.h). */
 #ifndef KILN_COORDINATOR_INTEGRATE_RELIGHT_STATES_PRIVATE_H
 #define KILN_COORDINATOR_INTEGRATE_RELIGHT_STATES_PRIVATE_H
 
@@ -6,7 +6,7 @@
 #include "coordinator/integrate/run/radiosity_exchange.h"
 #include "coordinator/integrate/relight/states.h"
 
-/* One state: a solution of its own, and what takes its answers. */
+/* One state: its own solution, and the objects that process its answers. */
 struct kiln_state_slot {
     struct kiln_integrate_params params;
     struct kiln_solution *solution;
@@ -16,10 +16,10 @@ struct kiln_state_slot {
     struct kiln_integration integration;
     struct kiln_state state;
     struct kiln_step step;             /* the next */
-    bool goes_on;                      /* there is one, and it waits for no other state */
+    bool goes_on;                      /* there is a next step, and it waits for no other state */
     bool has_next;                     /* there is one */
     bool mixed;                        /* a device has mixed its direct light */
-    bool stale;                        /* fields are those of the state before */
+    bool stale;                        /* fields still hold the previous state */
     struct kiln_point_result *results; /* of AT_ONCE tile runs */
 };
 
@@ -29,26 +29,26 @@ struct kiln_states {
     struct kiln_state_slot *slots;
     size_t width, active;
     bool may_hold;             /* light may stay on a device */
-    bool holds;                /* it does: that of all active states, which no host has */
-    struct kiln_held_step how; /* of the step under way; what it has added up: */
+    bool holds;                /* light stays on a device, for all active states; no host has it */
+    struct kiln_held_step how; /* the current step; its power sums: */
     struct kiln_held_power powers[KILN_STATES_MOST][KILN_HELD_POWERS];
-    float *light;    /* of the states that gather together: resident_rows.h */
-    uint8_t *wanted; /* of each own tile run: a state asks for it */
+    float *light;    /* of states that gather together: resident_rows.h */
+    uint8_t *wanted; /* for each own tile run: some state requests it */
 };
 
-/* Whether the next step is direct light that a device may mix. */
+/* Whether the next step is direct light that a device may compute as a mixture of parts. */
 bool kiln_state_mixes(const struct kiln_state_slot *slot);
-/* The fields of results and steps become zero, but for those that hang on no light; `but`: pointers to fields that are
- * written as a whole now, ended by NULL. Nothing where that was done since the state began. */
+/* Zeroes the fields of results and steps, except those that do not depend on light. `but`: pointers to fields that are
+ * about to be overwritten as a whole, ended by NULL. Does nothing if done since the state began. */
 void kiln_state_clear_fields(struct kiln_state_slot *slot, const void *const *but);
 
 /* ---- light that stays on a device (worker/pass/held.h): states_held.c ---- */
 
-/* Begins the next step of all active states where a device does it with light that it holds, or will from now on.
- * False: the host does it. */
+/* Begins the next step of all active states on a device that holds their light, or will from now on. *held is false:
+ * the host computes the step. */
 int kiln_states_hold(struct kiln_states *states, bool *held, struct kiln_error *error);
-/* The step that was begun. After the last of its kind the host has the light again. KILN_NO_DEVICE: what the device
- * held is lost. */
+/* Runs the step that was begun. After the last such step the host has the light again. KILN_NO_DEVICE: the light on the
+ * device is lost. */
 int kiln_states_run_held(struct kiln_states *states, struct kiln_error *error);
 
 #endif

@@ -63,7 +63,7 @@ static struct kiln_rows_header header_of(const struct kiln_transport *t, const s
     return h;
 }
 
-/* Makes the file, as long as it will be. All ranks do: who comes later changes nothing. */
+/* Creates the file at its full length. All ranks do so; repeated calls change nothing. */
 static int make_file(struct kiln_transport *t, const char *name, const struct kiln_rows_header *h,
                      struct kiln_error *error)
 {
@@ -77,7 +77,7 @@ static int make_file(struct kiln_transport *t, const char *name, const struct ki
     return KILN_OK;
 }
 
-/* Opens the file, unless it is not there, or of other samples: then rows.file stays -1. */
+/* Opens the file. rows.file stays -1 if it does not exist, or has other samples. */
 static int open_file(struct kiln_transport *t, const char *name, const struct kiln_rows_header *h,
                      struct kiln_error *error)
 {
@@ -115,7 +115,7 @@ static struct kiln_rows_header chains_header(const struct kiln_rows_header *rows
     return h;
 }
 
-/* Makes the file of records, as long as they are, and opens this rank's own streams, to go on with. */
+/* Creates the file of records at its full length, and opens this rank's own file of streams for appending. */
 static int make_chains(struct kiln_transport *t, const struct kiln_step *step, const char *name,
                        const struct kiln_rows_header *h, struct kiln_error *error)
 {
@@ -264,9 +264,9 @@ int kiln_transport_load(struct kiln_transport *t, const struct kiln_step *step, 
 struct packing {
     const struct kiln_transport *t;
     const struct kiln_step *step;
-    int file, spool; /* the latter is open: that of rank `number` */
+    int file, spool; /* spool: open file of streams of rank `number` */
     uint32_t number;
-    uint64_t at; /* words behind the records, where the next stream goes */
+    uint64_t at; /* where the next stream goes, in words behind the records */
     uint32_t *words;
     size_t room;
 };
@@ -298,8 +298,8 @@ static int open_spool(struct packing *p, uint32_t number, struct kiln_error *err
 
 enum { RECORDS = 4096 }; /* that are read at a time */
 
-/* Moves the streams of `count` records. Those that stand there already, of a run that was interrupted here, are read
- * from the file of their rank again: it stays until all are moved. */
+/* Moves the streams of `count` records. A stream that an interrupted run has already moved is read again from its
+ * rank's file, which is kept until all are moved. */
 static int pack_records(struct packing *p, struct kiln_row_chain *records, uint64_t count, struct kiln_error *error)
 {
     int status = KILN_OK;

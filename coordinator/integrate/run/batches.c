@@ -15,16 +15,16 @@
 #include "worker/base/memory.h"
 
 enum { LEAVES = 8 };           /* a batch takes at most one part in so many of what is left */
-#define LEAST_HELP 0.005       /* s of work that is left to a rank, for others to take any of it */
-#define LEAST_DEVICE_HELP 0.03 /* s, the same for a device, which has little to do as a batch begins and ends */
-#define LEAST_CLAIM 0.03       /* s of work that a device claims at once where others may help */
+#define LEAST_HELP 0.005       /* least work left to a rank, in s, for which others help it */
+#define LEAST_DEVICE_HELP 0.03 /* s; for a device more, since it is not busy as a batch begins and ends */
+#define LEAST_CLAIM 0.03       /* work that a device claims at once if others may help, s */
 enum { CLAIMS = 2 };           /* which are under way at once */
-/* rays a second and thread, to begin with: little, so that the first batch is short however slow they are */
+/* initial rays per second and thread: a low value, so that the first batch is short even on slow machines */
 #define RATE_START 2e4
 
 /* ---- how much ---- */
 
-/* Points of a range: tile runs follow one another. */
+/* Number of points of a range of consecutive tile runs. */
 static uint64_t points_of(const struct kiln_surface *surface, struct kiln_range range)
 {
     if (range.count == 0)
@@ -33,7 +33,7 @@ static uint64_t points_of(const struct kiln_surface *surface, struct kiln_range 
     return kiln_tile_runs_points(first, first + range.count - 1);
 }
 
-/* The samples of the tile runs of `data` in the step under way; NULL: all have the same. */
+/* Returns the samples of each tile run of `data` in the present step; NULL: the same for all. */
 static const uint32_t *samples_of(const struct kiln_batches *b, const struct kiln_rank_data *data)
 {
     const struct kiln_field_set *fields = b->params->fields;
@@ -46,7 +46,7 @@ static const uint32_t *samples_of(const struct kiln_batches *b, const struct kil
     return kiln_rank_field(data, fields, place);
 }
 
-/* Work of a tile run: its points, or its own samples over the step's mean for a point. */
+/* Returns the work of a tile run: its points, weighted by its samples relative to those of the step. */
 static double work_of(const struct kiln_batches *b, const struct kiln_tile_run *run, const uint32_t *samples)
 {
     return samples == NULL ? (double)run->count
@@ -67,7 +67,7 @@ static double work_in(const struct kiln_batches *b, const struct kiln_rank_data 
 /* work a second */
 static double speed_of(const struct kiln_batches *b) { return b->rate / (double)b->report->step.samples; }
 
-/* The same of another rank's points, which have to come here first. */
+/* Returns the speed for another rank's points, which have to be copied here first. */
 static double help_speed(const struct kiln_batches *b, double work, uint64_t points)
 {
     return work / (work / speed_of(b) + b->point_seconds * (double)points);
@@ -79,22 +79,22 @@ static bool is_answered(const struct kiln_batches *b)
     return kiln_companion_answering(b->params->companions, &b->report->step) != NULL;
 }
 
-/* Whether ranks may help each other in the step: what a companion knows, and links, are with the owner of the points.
- */
+/* Whether ranks may help each other in the step. Data of companions and links exist only on the owner of the points, so
+ * such steps are not shared. */
 static bool is_shared(const struct kiln_batches *b)
 {
     return kiln_node_data_count(b->solution->node_data) > 1 && !is_answered(b) && b->report->step.pass->is_stealable;
 }
 
-/* In how many parts what is left is to be done. */
+/* Number of parts into which the remaining work is divided. */
 static int parts_of(const struct kiln_batches *b)
 {
     const int ranks = kiln_node_data_count(b->solution->node_data);
     return ranks < LEAVES ? ranks : LEAVES;
 }
 
-/* Number of tile runs left of the own work that make a batch. At least one a thread, so that no core is idle; ever
- * fewer towards the end of the step, so that others can take the rest. */
+/* Returns the number of this rank's next tile runs that form a batch. There is at least one per thread, so that no core
+ * is idle. Towards the end of the step batches shrink, so that others can take the rest. */
 static size_t batch_of(const struct kiln_batches *b, struct kiln_range left)
 {
     const struct kiln_rank_data *own = b->solution->own;
@@ -109,8 +109,8 @@ static size_t batch_of(const struct kiln_batches *b, struct kiln_range left)
     return count;
 }
 
-/* The same from the end, of what another rank could do without: half of what makes both end at the same time, for there
- * may be more helpers. */
+/* Returns the number of tile runs, from the end of another rank's range, to take over. It is half of the number with
+ * which both ranks would end at the same time, since there may be more helpers. */
 static size_t help_of(const struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range left)
 {
     const struct kiln_tile_run *tile_runs = data->surface.tile_runs;
@@ -128,8 +128,8 @@ static size_t help_of(const struct kiln_batches *b, const struct kiln_rank_data 
     return count;
 }
 
-/* A batch's speed; not believed at once when it is much higher than before, as a device's first launches are slow. What
- * is claimed hangs little on it. */
+/* Records a batch's speed. A much higher speed than before is taken over gradually, since a device's first launches are
+ * slow. If work is claimed, speed hardly matters, and is taken as measured. */
 static void note_rate(struct kiln_batches *b, double work, double seconds)
 {
     const double rate = work * (double)b->report->step.samples / fmax(seconds, 1e-6);
@@ -139,7 +139,7 @@ static void note_rate(struct kiln_batches *b, double work, double seconds)
 
 /* ---- batches ---- */
 
-/* Sends radiosity, where that travels early, of own tile runs before `end` that are done and not with others. */
+/* Sends radiosity early, if the step does so: that of this rank's finished tile runs before `end`. */
 static void send_done(struct kiln_batches *b, size_t end)
 {
     const struct kiln_rank_data *own = b->solution->own;
@@ -156,7 +156,7 @@ static void be_slow(const struct kiln_batches *b, double seconds)
         (void)nanosleep(&pause, NULL);
 }
 
-/* KILN_HOLD: waits while a file is there. */
+/* Waits as long as the file named by KILN_HOLD exists. */
 static void be_held(const struct kiln_batches *b)
 {
     const char *file = b->params->settings->faults.hold;
@@ -166,7 +166,8 @@ static void be_held(const struct kiln_batches *b)
         (void)nanosleep(&pause, NULL);
 }
 
-/* kiln_take_results; the context is the kiln_batches. What the part cost is shared by its tile runs, by points. */
+/* Implements kiln_take_results; `context` is the kiln_batches. The cost of the part is divided among its tile runs by
+ * their points. */
 static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
 {
     struct kiln_batches *b = context;
@@ -192,19 +193,19 @@ static int take_part(void *context, size_t first, size_t count, const void *resu
     }
     b->work->points_done += points;
     kiln_progress_advance(b->params->progress, kiln_step_work_points(b->work, own));
-    if (b->report->step.samples_field == NULL) /* else what is before `first` may not be done yet */
+    if (b->report->step.samples_field == NULL) /* otherwise tile runs before `first` may not be finished */
         send_done(b, first + count);
     return KILN_OK;
 }
 
-/* The samples of the tile runs of the batch under way from `first` on; NULL: all have the same. */
+/* Returns the samples of the present batch's tile runs from `first` on; NULL: the same for all. */
 static const uint32_t *samples_from(const struct kiln_batches *b, size_t first)
 {
     const uint32_t *samples = samples_of(b, b->data);
     return samples != NULL ? samples + first : NULL;
 }
 
-/* Points of the range that the step leaves out. */
+/* Counts the points of the range that the step skips. */
 static uint64_t points_left_out(const struct kiln_batches *b, struct kiln_range range)
 {
     const uint32_t *samples = samples_from(b, range.first);
@@ -236,8 +237,8 @@ static size_t share_of(const struct kiln_batches *b, struct kiln_range left, siz
     return some;
 }
 
-/* kiln_claims.claim; the context is the kiln_batches. Others may take the rest, so that towards the end of the step
- * parts get small; and a batch ends after its time. */
+/* Implements kiln_claims.claim; `context` is the kiln_batches. Others may take the rest, so claims get smaller towards
+ * the end of the step. A batch ends when its time is over. */
 static size_t claim(void *context, size_t first, size_t count)
 {
     struct kiln_batches *b = context;
@@ -282,7 +283,7 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
                              : status;
 }
 
-/* Computes a range of a rank's tile runs, of this one's or another's. */
+/* Computes a range of tile runs, of this rank or of another one. */
 static int run_batch(struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range range,
                      double *seconds, struct kiln_error *error)
 {
@@ -315,7 +316,7 @@ static int run_batch(struct kiln_batches *b, const struct kiln_rank_data *data, 
     return status;
 }
 
-/* Whether the backend claims the step's work part by part, as it comes to it. */
+/* Whether the backend claims work in small parts while it computes. */
 static bool is_claimed(const struct kiln_batches *b)
 {
     const struct kiln_step *step = &b->report->step;
@@ -341,7 +342,7 @@ static int run_own(struct kiln_batches *b, double *seconds, struct kiln_error *e
     return count > 0 ? run_batch(b, own, (struct kiln_range){left.first, count}, seconds, error) : KILN_OK;
 }
 
-/* The rank of the node whose work is expected to last longest, and what is left of it; NULL where nobody needs help. */
+/* Returns the rank of the node that is expected to end last, and the rest of its work; NULL if none needs help. */
 static const struct kiln_rank_data *who_is_behind(const struct kiln_batches *b, struct kiln_range *left)
 {
     const struct kiln_node_data *node_data = b->solution->node_data;
@@ -382,7 +383,7 @@ static int run_help(struct kiln_batches *b, const struct kiln_rank_data *data, s
     KILN_TRY(kiln_backend_set_others(backend, (struct kiln_others){.surface = NULL}, error));
 end:
     if (status != KILN_OK)
-        return status; /* it stays away, and this rank's failure ends the step */
+        return status; /* the part is not given back; this rank's failure ends the step */
     kiln_work_queue_return(data->queue, points);
     b->report->taken += points;
     return KILN_OK;
@@ -401,14 +402,14 @@ static double part_done(const struct kiln_batches *b)
     return count > 0 ? (double)kiln_step_work_points(b->work, b->solution->own) / (double)count : 1.0;
 }
 
-/* The first own tile run that this rank has not begun. */
+/* Returns this rank's first tile run that is not begun. */
 static size_t first_left(const struct kiln_batches *b)
 {
     const struct kiln_rank_data *own = b->solution->own;
     return is_done(b) ? own->surface.tile_run_count : kiln_work_queue_left(own->queue).first;
 }
 
-/* Events that a rank without own work to take waits for. */
+/* Events that a rank without remaining work of its own waits for. */
 struct wait {
     const struct kiln_batches *batches;
     bool was_done, may_help;
@@ -437,7 +438,7 @@ static enum kiln_event wait_for_others(struct kiln_batches *b)
     return event;
 }
 
-/* The next thing for this rank to do, and what the others say to it. */
+/* Does this rank's next action, and exchanges events with the other ranks. */
 static enum kiln_event do_next(struct kiln_batches *b, struct kiln_error *error)
 {
     struct kiln_range left;

@@ -64,7 +64,7 @@ static int add_report(struct kiln_lockstep *l, const struct kiln_step *step, str
     return status;
 }
 
-/* Collective. Begins the next step of the report, with all own tile runs to do. */
+/* Collective. Begins the next step: adds its report, with all tile runs of this rank still to do. */
 static int begin_step(struct kiln_lockstep *l, const struct kiln_step *step, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
@@ -133,7 +133,7 @@ end:
     return status;
 }
 
-/* Collective. Does what is to do in the step last reported, which gets this rank's time and all ranks' energies. */
+/* Collective. Runs the step last reported. The report receives this rank's time and all ranks' energies. */
 static int run_step(struct kiln_lockstep *l, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
@@ -166,8 +166,7 @@ static int run_step(struct kiln_lockstep *l, struct kiln_error *error)
 
 /* ---- all steps ---- */
 
-/* At the begin of a step, and after the last: a checkpoint when one is due, the end when that is asked for. Collective.
- */
+/* Collective, at the begin of a step and after the last one. Saves a checkpoint if one is due, and stops on request. */
 static int save_between(struct kiln_lockstep *l, bool finished, struct kiln_error *error)
 {
     switch (kiln_control_between(l->params->control, kiln_save_bytes(&l->saved))) {
@@ -183,7 +182,7 @@ static int save_between(struct kiln_lockstep *l, bool finished, struct kiln_erro
     return KILN_OK;
 }
 
-/* Steps that gather radiosity come after all that compute direct light: of the last part. */
+/* Announces that direct light is complete. This is so when the first step of the last part gathers radiosity. */
 static void tell_of_direct(const struct kiln_integrate_params *p, const struct kiln_step *step)
 {
     const struct kiln_integrate_settings *s = p->settings;
@@ -192,7 +191,7 @@ static void tell_of_direct(const struct kiln_integrate_params *p, const struct k
         p->beside->direct(p->beside->context);
 }
 
-/* Collective. What the step gathers from, and who computes which points, then the step itself. */
+/* Collective. Prepares a step, that is, exchanges its input and repartitions the points; then runs it. */
 static int do_step(struct kiln_lockstep *l, const struct kiln_step *step, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;

@@ -5,10 +5,10 @@
 #include "coordinator/integrate/packing.h"
 #include "worker/scene/radiosity.h"
 
-/* Stream of the random bits that round total radiosity; steps have lower ones. */
+/* Random stream for rounding total radiosity; the streams of steps are lower. */
 enum { TOTAL_STREAM = 0x10000 };
 
-#define EXCHANGE_BYTES 10e6 /* a second, at the slowest network that is not taken for a dead one */
+#define EXCHANGE_BYTES 10e6 /* bytes per second of the slowest network that is not taken for lost */
 
 void kiln_exchange_radiosity(const struct kiln_radiosity_exchange *x, enum kiln_exchange_source source,
                              struct kiln_step_report *report)
@@ -33,7 +33,7 @@ void kiln_exchange_radiosity(const struct kiln_radiosity_exchange *x, enum kiln_
                    start, end, (int64_t)surface->count);
 }
 
-/* The total radiosity of a tile run's points, in what goes out. */
+/* Packs the total radiosity of a tile run's points for the exchange. */
 static void pack_total(const struct kiln_solution *solution, const struct kiln_tile_run *f)
 {
     const struct kiln_surface *surface = &solution->own->surface;

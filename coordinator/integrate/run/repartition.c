@@ -11,12 +11,12 @@ struct repartition {
     const struct kiln_integrate_params *params;
     struct kiln_solution *solution;
     struct kiln_company *company;
-    double *seconds; /* get what moving takes; NULL: it is counted elsewhere */
+    double *seconds; /* receives the time of the move; NULL: the time is counted elsewhere */
 };
 
 /* Work of all ranks in the last step, known to all. */
 struct work {
-    double *before; /* seconds of all ranks before rank r; ranks + 1 */
+    double *before; /* work of all ranks before rank r, s; ranks + 1 entries */
     double total;
     double longest; /* of a rank, or of the mean rank of a node whose ranks help each other */
 };
@@ -54,7 +54,7 @@ static int learn_work(const struct repartition *s, struct work *w, struct kiln_e
 
 /* ---- new bounds ---- */
 
-/* Whether own tile run f, which is not the first, begins a cell (an object): those are better left whole. */
+/* Whether this rank's tile run f > 0 begins a cell (or an object). Ranges should not divide these. */
 static bool begins_whole(const struct repartition *s, size_t f)
 {
     const struct kiln_tile_run *tile_runs = s->params->surface->tile_runs;
@@ -62,8 +62,9 @@ static bool begins_whole(const struct repartition *s, size_t f)
                                               : tile_runs[f].cell != tile_runs[f - 1].cell;
 }
 
-/* The own tile run at which the next rank's range shall begin: the first before which the work of all ranks sums up to
- * `ideal` seconds, `begin` being the sum over the ranks before this one; or the first of a cell, where one is near. */
+/* Returns this rank's tile run at which the next range should begin: the first one before which the work of all ranks
+ * reaches `ideal` seconds, where `begin` is the work of the ranks before this one. If a cell begins nearby, the range
+ * begins there. */
 static size_t bound_at(const struct repartition *s, double begin, double ideal, double slack)
 {
     const size_t count = s->params->surface->tile_run_count;
@@ -84,7 +85,7 @@ static size_t bound_at(const struct repartition *s, double begin, double ideal, 
     return whole < count ? whole : best;
 }
 
-/* Collective. Each rank finds the bounds that fall into its own work. */
+/* Collective. Computes the new bounds of ranges. Each rank finds those that fall into its own work. */
 static int make_bounds(const struct repartition *s, const struct work *w, const struct kiln_range_bounds *before,
                        struct kiln_range_bounds *after, struct kiln_error *error)
 {
@@ -108,13 +109,13 @@ static int make_bounds(const struct repartition *s, const struct work *w, const 
     for (int u = 0; u < KILN_DOMAINS; u++) {
         after->of[u][p->ranks] = before->of[u][p->ranks];
         (void)MPI_Allreduce(MPI_IN_PLACE, after->of[u], p->ranks + 1, MPI_UINT64_T, MPI_MAX, p->communicator);
-        for (int k = 1; k < p->ranks; k++) /* where tile runs cost nothing, several bounds may lie in one place */
+        for (int k = 1; k < p->ranks; k++) /* bounds may coincide where tile runs take no time */
             after->of[u][k] = after->of[u][k] < after->of[u][k - 1] ? after->of[u][k - 1] : after->of[u][k];
     }
     return KILN_OK;
 }
 
-/* Collective. Points that the rank that gets most gets from others. */
+/* Collective. Returns the largest number of points that any rank receives from others. */
 static uint64_t most_moved(const struct repartition *s, const struct kiln_range_bounds *before,
                            const struct kiln_range_bounds *after)
 {
@@ -126,7 +127,7 @@ static uint64_t most_moved(const struct repartition *s, const struct kiln_range_
     return moved;
 }
 
-/* Collective. Seconds of a move in which a rank gets so many points. */
+/* Collective. Estimates the time of a move in which a rank receives so many points, s. */
 static double cost_of(const struct repartition *s, uint64_t moved)
 {
     const double points = (double)s->params->surface->count;
@@ -233,7 +234,7 @@ static int decide(const struct repartition *s, const struct kiln_step *last, con
 int kiln_repartition(const struct kiln_integrate_params *p, struct kiln_solution *solution,
                      struct kiln_company *company, const struct kiln_step *next, struct kiln_error *error)
 {
-    /* the report's room may move meanwhile */
+    /* copies, since the reports may be reallocated */
     const struct kiln_step last = kiln_solution_step(solution)->step;
     struct kiln_step_balance balance = kiln_solution_step(solution)->balance;
     double seconds = 0.0;

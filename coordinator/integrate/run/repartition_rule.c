@@ -1,9 +1,9 @@
 #include "coordinator/integrate/run/repartition_rule.h"
 
-#define LEFT_UNEVEN 0.05 /* of the mean: what new bounds are expected to leave */
-#define LEAST_GAIN 0.1   /* s: below, it is not even asked what a move costs */
-#define PAYS 2.0         /* so many times its cost a move must gain */
-#define MOVE_BYTES 300e6 /* a second and rank, packed, sent and unpacked */
+#define LEFT_UNEVEN 0.05 /* imbalance expected with new bounds, relative to the mean */
+#define LEAST_GAIN 0.1   /* least gain for which the cost of a move is considered, s */
+#define PAYS 2.0         /* a move must gain so many times its cost */
+#define MOVE_BYTES 300e6 /* bytes per second and rank: packing, sending and unpacking */
 #define MOVE_START 0.02  /* s */
 
 bool kiln_repartition_is_allowed(enum kiln_rebalance mode, bool keeps_points)

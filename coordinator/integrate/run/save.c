@@ -11,20 +11,20 @@
 #include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
-#define WRITE_BYTES 20e6 /* a second, at the slowest disk that is not taken for a dead one */
+#define WRITE_BYTES 20e6 /* bytes per second of the slowest disk that is not taken for dead */
 
-/* with the most bounces that can be asked for, in parts, or in rounds of which a bounce has sixteen */
+/* most steps: with the largest number of bounces, in parts, or in rounds with sixteen steps per bounce */
 enum { STEPS_MOST = 16 * 10002 };
-/* besides the fields: those listed here, and what kiln_integrate_save adds */
+/* blocks besides fields: those listed here, and those of kiln_integrate_save */
 enum { OTHER_BLOCKS = 12 + KILN_COMPANY_BLOCKS };
 static_assert((int)KILN_FIELDS_MAX + (int)OTHER_BLOCKS <= (int)KILN_BLOCKS_MAX, "a checkpoint has room for all fields");
 
 /* ---- records ----
  *
- * What lies in a checkpoint besides the fields. Members have fixed widths and leave no gaps, and none of these structs
- * is used for anything else: one that changes makes KILN_CHECKPOINT_FORMAT (checkpoint_private.h) one larger. */
+ * Contents of a checkpoint besides the fields. Members have fixed widths and leave no gaps, and the structs are used
+ * for nothing else. A change of any of them requires a larger KILN_CHECKPOINT_FORMAT (checkpoint_private.h). */
 
-/* The block "state", once: where the bake stands. */
+/* The array "state", once: where the bake stands. */
 struct saved_state {
     uint32_t finished, bounces, tail, restarts;
     double tail_ratio[3], tail_share, tail_sum_error, tail_object_error, tail_tile_error;
@@ -34,7 +34,7 @@ struct saved_state {
 };
 static_assert(sizeof(struct saved_state) == 4 * 4 + 12 * 8, "a record has no gaps");
 
-/* The block "steps", once, an element a step: what all ranks have the same of it. */
+/* The block "steps", an element per step: the part of its report that all ranks share. */
 struct saved_report {
     uint32_t role, bounce, samples;
     uint32_t judged, moved;   /* of the balance: 0 or 1 */
@@ -47,7 +47,7 @@ struct saved_report {
 };
 static_assert(sizeof(struct saved_report) == 10 * 4 + 35 * 8, "a record has no gaps");
 
-/* The block "own_steps" of each rank, an element a step: what that rank did in it. */
+/* The block "own_steps" of each rank, an element per step: that rank's part of its report. */
 struct saved_own_step {
     uint64_t rays;
     double seconds, exchange_seconds, device_seconds;
@@ -62,19 +62,19 @@ struct saved_sum {
     int64_t high;
 };
 
-/* The block "own_groups" of each rank: the power of each group of tiles that has some. */
+/* The array "own_groups" of each rank: the power of each group of tiles that has some. */
 struct saved_group {
     uint64_t index;
     struct saved_sum sum;
 };
 static_assert(sizeof(struct saved_group) == 3 * 8, "a record has no gaps");
 
-/* The block "done" of each rank: ranges of points whose answers are in the fields. */
+/* The array "done" of each rank: ranges of points whose answers are in the fields. */
 struct saved_range {
     uint64_t first, count;
 };
 
-/* The block "own_sums" of each rank, once: its sums in the step under way. */
+/* The array "own_sums" of each rank, once: its sums in the step under way. */
 struct saved_sums {
     struct saved_sum sums[KILN_SUMS], variance;
 };
@@ -162,7 +162,7 @@ static const struct kiln_field_set *fields_of(const struct kiln_saved *s)
     return kiln_node_data_fields(s->solution->node_data);
 }
 
-/* Collective. How many tile runs the ranks before this one have. */
+/* Collective. Counts the tile runs of the ranks before this one. */
 static uint64_t count_before(const struct kiln_saved *s)
 {
     const uint64_t own = s->solution->own->surface.tile_run_count;
@@ -232,7 +232,7 @@ static size_t count_lacking(const struct kiln_rank_data *own)
     return count;
 }
 
-/* The points of the tile runs [first, end), but for those that are to be computed again. */
+/* Adds the points of the tile runs [first, end), except those to be computed again. */
 static void add_done(const struct kiln_rank_data *own, struct save_work *w, size_t first, size_t end)
 {
     const struct kiln_tile_run *runs = own->surface.tile_runs;
@@ -245,7 +245,7 @@ static void add_done(const struct kiln_rank_data *own, struct save_work *w, size
     }
 }
 
-/* Lists the ranges that are done: all between those left to do. */
+/* Lists the finished ranges: everything between the tile runs still to do. */
 static int collect_done(const struct kiln_saved *s, struct save_work *w, struct kiln_error *error)
 {
     const struct kiln_rank_data *own = s->solution->own;
@@ -457,7 +457,7 @@ static bool report_is_sane(const struct saved_report *r)
     return sane;
 }
 
-/* Appends the report of a record. The integrator says which step it is; what the file says of that must agree. */
+/* Appends the report of a record. The integrator decides which step it is, and the record must agree. */
 static int append_report(const struct kiln_saved *s, const struct saved_report *saved, struct kiln_error *error)
 {
     const struct kiln_integrate_settings *settings = s->params->settings;
@@ -474,7 +474,7 @@ static int append_report(const struct kiln_saved *s, const struct saved_report *
                : kiln_block_insane("steps", error);
 }
 
-/* The file has all `count` records: their number was looked at before. */
+/* Reads the records of steps. Their number `count` was checked before. */
 static int read_reports(const struct kiln_saved *s, size_t count, struct kiln_error *error)
 {
     struct saved_report *saved = NULL;
@@ -502,7 +502,8 @@ static int restore_steps(const struct kiln_saved *s, struct kiln_error *error)
     return status == KILN_OK ? read_reports(s, (size_t)count, error) : status;
 }
 
-/* Which points are buried was found by the backend that began; another one may see a point at an edge otherwise. */
+/* Restores the points. Which points are buried was found by the backend that began the bake; another backend may judge
+ * points at edges differently. */
 static int restore_points(const struct kiln_saved *s, uint64_t tile_run_first, bool finished, struct kiln_error *error)
 {
     const struct kiln_save_moment moment = moment_of(s, tile_run_first, finished);
@@ -513,7 +514,7 @@ static int restore_points(const struct kiln_saved *s, uint64_t tile_run_first, b
                                         : status;
 }
 
-/* Adds one file's sums to this rank's: which rank does that makes no difference to the total. */
+/* Adds one file's sums to this rank's. Any rank may do this, since only the total matters. */
 static int add_part(const struct kiln_saved *s, size_t part, bool finished, struct kiln_error *error)
 {
     const struct kiln_checkpoint *c = s->params->checkpoint;
@@ -550,7 +551,7 @@ end:
     return status;
 }
 
-/* The first own tile run that begins at or after a point. */
+/* Finds this rank's first tile run that begins at or after a point. */
 static size_t tile_run_at(const struct kiln_surface *surface, struct kiln_global_point point)
 {
     size_t low = 0, high = surface->tile_run_count;
@@ -564,7 +565,8 @@ static size_t tile_run_at(const struct kiln_surface *surface, struct kiln_global
     return low;
 }
 
-/* Files and the ranges in them are in order of points, so what is between the done ranges is to do. */
+/* Restores the list of tile runs to do: everything between the finished ranges. Files and their ranges are in the order
+ * of points. */
 static int restore_todo(const struct kiln_saved *s, struct kiln_error *error)
 {
     const struct kiln_checkpoint *c = s->params->checkpoint;

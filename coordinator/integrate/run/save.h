@@ -1,5 +1,5 @@
-/* Checkpoints of the lockstep runner (save.c). What is saved of a step under way: the reports of all steps,
- * the ledger's sums, the own points' data, the radiosity that is gathered from, and which points are done. */
+/* Checkpoints of the lockstep runner (save.c). Within a step they store the reports of all steps, the ledger's sums,
+ * the own points' data, the radiosity that is gathered, and the set of computed points. */
 #ifndef KILN_COORDINATOR_INTEGRATE_RUN_SAVE_H
 #define KILN_COORDINATOR_INTEGRATE_RUN_SAVE_H
 
@@ -12,20 +12,20 @@ struct kiln_saved {
     struct kiln_solution *solution;
     struct kiln_ledger *ledger;
     struct kiln_step_work *work;
-    struct kiln_company *company; /* whose blocks each companion reads itself; NULL: none */
+    struct kiln_company *company; /* whose arrays each companion reads itself; NULL: none */
 };
 
-/* Collective. Writes a checkpoint: at any time within the last reported step, or with `finished` after the last (when
- * radiosities and groups are of no more use). Does nothing where the integration has no checkpoint. */
+/* Collective. Writes a checkpoint within the last reported step or, with `finished`, after the last step, when
+ * radiosities and groups are no longer needed. Does nothing if the integration has no checkpoint. */
 int kiln_save(const struct kiln_saved *saved, bool finished, struct kiln_error *error);
-/* Collective. Saves, where there is a checkpoint, and returns KILN_STOPPED with its sentence, or why it cannot. */
+/* Collective. Writes a checkpoint, if there is one, and returns KILN_STOPPED with its message, or the error. */
 int kiln_save_and_stop(const struct kiln_saved *saved, bool finished, struct kiln_error *error);
-/* Collective. Writes a checkpoint of a solution that is complete, with more blocks of the caller's. */
+/* Collective. Writes a checkpoint of a complete solution, with additional blocks of the caller. */
 int kiln_save_solution(struct kiln_solution *solution, const struct kiln_integrate_params *params,
                        const struct kiln_block *more, size_t count, struct kiln_error *error);
-/* Collective. Takes over the open generation: everything but the radiosity of other ranks' points. */
+/* Collective. Restores the state from the open generation, without the radiosity of other ranks' points. */
 int kiln_restore(const struct kiln_saved *saved, bool *finished, struct kiln_error *error);
-/* Bytes of a checkpoint, of all ranks. */
+/* Bytes of a checkpoint, sum of all ranks. */
 uint64_t kiln_save_bytes(const struct kiln_saved *saved);
 
 #endif

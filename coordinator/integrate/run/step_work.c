@@ -36,7 +36,7 @@ void kiln_step_work_settle(struct kiln_step_work *work, const struct kiln_rank_d
                            int node_ranks)
 {
     if (node_ranks > 1)
-        kiln_node_wait(node); /* whoever comes here has returned what it took */
+        kiln_node_wait(node); /* a rank that gets here has returned all work that it took */
     assert(kiln_work_queue_away(own->queue) == 0);
     if (work->todo_first < work->todo_count)
         work->todo[work->todo_first] = kiln_work_queue_left(own->queue);

@@ -1,5 +1,6 @@
-/* Which own tile runs of the step under way are still to be computed, and how far the others have got. The ranges to do
- * are opened one by one on the rank's work queue (mpi/work_queue.h), where other ranks of the node may take from. */
+/* Progress of the current step: the own tile runs that are still to be computed, and work taken by other ranks. The
+ * remaining ranges are put one by one on the rank's work queue (mpi/work_queue.h), from which other ranks of the node
+ * may steal. */
 #ifndef KILN_COORDINATOR_INTEGRATE_RUN_STEP_WORK_H
 #define KILN_COORDINATOR_INTEGRATE_RUN_STEP_WORK_H
 
@@ -7,32 +8,32 @@
 
 /* Zero: nothing to do. Release with kiln_step_work_release. */
 struct kiln_step_work {
-    /* todo[todo_first .. todo_count) are the ranges to do, in order; what is left of the first one is on the queue */
+    /* todo[todo_first .. todo_count): remaining ranges, in order; the rest of the first one is on the queue */
     struct kiln_range *todo;
     size_t todo_first, todo_count, todo_room;
-    uint64_t points_done; /* own ones, by this rank or by earlier runs; not what others have returned */
-    size_t sent;          /* own tile runs before this one are done, as far as was seen */
-    /* there are gaps before the present range: others have not returned what they took of one before it */
+    uint64_t points_done; /* own points computed by this rank or earlier runs, without those returned by others */
+    size_t sent;          /* own tile runs before this one are done, as far as known */
+    /* some range before the current one has gaps: other ranks have not returned the work that they took */
     bool held;
-    bool measured; /* the costs of all own tile runs are of this step */
+    bool measured; /* the costs of all own tile runs were measured in this step */
 };
 
-/* All own tile runs are to be done. KILN_SYSTEM. */
+/* Marks all own tile runs as to be computed. KILN_SYSTEM. */
 int kiln_step_work_begin(struct kiln_step_work *work, size_t tile_runs, struct kiln_error *error);
-/* Begins the own queue with what is to do. */
+/* Puts the first remaining range on the own queue. */
 void kiln_step_work_offer(struct kiln_step_work *work, const struct kiln_rank_data *own);
 /* Adds the own tile runs [first, end), which come after all that were added before. KILN_SYSTEM. */
 int kiln_step_work_add(struct kiln_step_work *work, size_t first, size_t end, struct kiln_error *error);
-/* Collective on the node, of whose ranks `node_ranks` are seen here. Waits until other ranks have none of the own work,
- * and brings `todo` up to date: what is not in it is done. */
+/* Collective on the node, of whose ranks this process sees `node_ranks`. Waits until other ranks hold none of the own
+ * work, then updates `todo`: all other tile runs are done. */
 void kiln_step_work_settle(struct kiln_step_work *work, const struct kiln_rank_data *own, struct kiln_node_memory *node,
                            int node_ranks);
-/* Whether any own work is left to take; goes on to the next range when the present one is gone. */
+/* Whether any own work remains on the queue; moves to the next range when the current one is used up. */
 bool kiln_step_work_any(struct kiln_step_work *work, const struct kiln_rank_data *own);
-/* All own tile runs before `end` are done, but for those that others have. Gives the number of own points from the
- * first on that are done without a gap, as far as was seen. */
+/* Marks all own tile runs before `end` as done, except those that other ranks hold. Returns the number of own points
+ * done without a gap from the first one, as far as known. */
 uint64_t kiln_step_work_done_before(struct kiln_step_work *work, const struct kiln_rank_data *own, size_t end);
-/* Own points that are done, with those that others have returned. */
+/* Own points that are done, including those returned by other ranks. */
 uint64_t kiln_step_work_points(const struct kiln_step_work *work, const struct kiln_rank_data *own);
 void kiln_step_work_release(struct kiln_step_work *work);
 

@@ -6,8 +6,8 @@
 #include "coordinator/integrate/quantity.h"
 #include "worker/base/memory.h"
 
-/* Points that one thread takes over before others would have begun: where tiles have ended, what is handed over lies in
- * thousands of short stretches. */
+/* Most points that one thread takes over alone, because waking others would take longer. If tiles have ended, results
+ * come in thousands of short ranges. */
 enum { POINTS_ALONE = 1 << 11 };
 
 static void take_one(const struct kiln_taking *t, const struct kiln_rank_data *data,
@@ -20,7 +20,7 @@ static void take_one(const struct kiln_taking *t, const struct kiln_rank_data *d
         t->settings->integrator->take(t, data, tile_run, results, tally, tile_run_tally);
 }
 
-/* Whether an answer of the tile run lacks radiosity. */
+/* Whether an answer of the tile run was computed without some radiosity. */
 static bool lacks(const struct kiln_pass *pass, const struct kiln_tile_run *tile_run, const char *results)
 {
     uint32_t any = 0;
@@ -29,7 +29,7 @@ static bool lacks(const struct kiln_pass *pass, const struct kiln_tile_run *tile
     return any != 0;
 }
 
-/* Answers: in memory, or to be given. */
+/* Source of answers: memory, or a function. */
 struct answers {
     const char *results; /* NULL: `give` gives them */
     kiln_give_results give;
@@ -74,7 +74,7 @@ static int take(struct kiln_taker *taker, const struct kiln_rank_data *data, siz
         for (size_t i = 0; i < count; i++)
             take_tile_run(taker, data, first, i, from, &own);
 #pragma omp critical(kiln_taker_take)
-        kiln_ledger_add(taker->ledger, &own); /* exact: the order of threads does not matter */
+        kiln_ledger_add(taker->ledger, &own); /* sums are exact, so the order of threads does not matter */
     }
     for (size_t i = 0; i < count; i++)
         kiln_ledger_add_tile_run(taker->ledger, &data->surface, &tile_runs[i], &taker->tile_runs[i]);

@@ -23,7 +23,7 @@ static bool is_due(const struct trial *t)
     return alone == 0 && kiln_trial_is_due(p->settings->rebalance, t->step, least);
 }
 
-/* The end of the stretch that begins at own tile run `first`. */
+/* Returns the end of the stretch that begins at this rank's tile run `first`. */
 static size_t stretch_end(const struct kiln_surface *surface, size_t first)
 {
     uint64_t points = 0;
@@ -32,7 +32,7 @@ static size_t stretch_end(const struct kiln_surface *surface, size_t first)
     return first;
 }
 
-/* Computes some tile runs in the middle of a stretch; all of it costs as much a point. */
+/* Computes some tile runs in the middle of a stretch. Their cost per point is used for the whole stretch. */
 static int try_stretch(struct trial *t, size_t first, size_t end, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = t->params;
@@ -54,7 +54,7 @@ static int try_stretch(struct trial *t, size_t first, size_t end, struct kiln_er
     return status;
 }
 
-/* Until all are tried, or the bake is to stop. */
+/* Tries all stretches, until a stop is requested. */
 static int try_all(struct trial *t, struct kiln_error *error)
 {
     const size_t count = t->params->surface->tile_run_count;

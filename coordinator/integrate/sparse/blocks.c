@@ -9,21 +9,23 @@
 
 enum {
     CHUNK_TILE_RUNS = 1024,
-    LINKS_MOST = KILN_TILE_TEXELS / 2 * (KILN_TILE_TEXELS / 2 - 1) / 2, /* of blocks of two points in a tile run */
-    SMALL_PART = 4, /* a block of one part in so many of K x K texels, or less, is small */
-    ROUNDS = 16     /* after which points that are like none of the first ones are each their own block */
+    /* most links between blocks of two points in a tile run */
+    LINKS_MOST = KILN_TILE_TEXELS / 2 * (KILN_TILE_TEXELS / 2 - 1) / 2,
+    SMALL_PART = 4, /* a block is small if it has at most 1 / SMALL_PART of K x K texels */
+    ROUNDS = 16     /* rounds, after which each remaining point becomes its own block */
 };
 #define UNKNOWN UINT16_MAX
 #define TURN_KEY 0x626c6f63u
 static const float ALIKE = 0.9063f; /* cosine of 25 degrees */
-/* How high above the surface a ray goes: in texels' sides, so that it passes over what is small; and over a surface
- * that bends away, in the distance times the difference of the normals: the edge in between is a quarter of it high. */
+/* Height of rays above the surface, in texel sides, so that they pass over small things; and extra height over a convex
+ * edge between two points, as a fraction of their distance times the difference of their normals (the edge itself is a
+ * quarter of that high). */
 static const float HEIGHT = 0.25f, OVER_EDGE = 0.3f;
-/* Room for a texel to share its light, over its side: above it; and on all sides. */
+/* Least free distance of a texel that shares its light, in texel sides: above it, and on all sides. */
 #define ROOM 0.5f
 #define ROOM_BESIDE 1.5f
 
-/* A point as it is compared with others. */
+/* A point with the data by which it is compared with others. */
 struct place {
     struct kiln_vec3 position, normal; /* of a place on its surface, m; mean, unit */
     float height;                      /* m: of rays above it */
@@ -31,7 +33,7 @@ struct place {
     bool whole;                        /* not partly there */
 };
 
-/* Two points that are asked about, and the first of their tile run: own points of the chunk's range. */
+/* A pair of points to test, and the first point of their tile run; indices of own points in the chunk's range. */
 struct pair {
     uint64_t run, first, other;
 };
@@ -97,7 +99,9 @@ static void find_place(const struct search *s, const struct kiln_point_cursor *a
     kiln_footprint_prepare(&footprint, world->scene, world->geometry, s->surface, at);
     if (footprint.kind == KILN_FOOTPRINT_WHOLE)
         kiln_footprint_sample(&footprint, 0.5f, 0.5f, &triangle, &b1, &b2);
-    else /* within a triangle of the piece: a half may be its rim, where a wall stands that divides the texel */
+    /* a place within one triangle of the piece: (0.5, 0.5) may be its rim, where a wall stands that divides the
+     * texel */
+    else
         kiln_footprint_sample(&footprint, 0.45f, 0.55f, &triangle, &b1, &b2);
     kiln_footprint_normals(&footprint, &place->normal, &shading);
     place->position = kiln_triangle_position(world->geometry, triangle, b1, b2);
@@ -107,7 +111,8 @@ static void find_place(const struct search *s, const struct kiln_point_cursor *a
     place->whole = kiln_footprint_opacity(&footprint, kiln_texel_key(KILN_LOOKS_KEY, at->map, texel), &mask) >= 1.0f;
 }
 
-/* Where no texel of the tile run says how wide it is, the largest area does. */
+/* Sets the sides of texels in a tile run: the largest known one or, without any, one estimated from the largest
+ * area. */
 static void fill_sides(const struct search *s, const struct kiln_tile_run *run, struct place *places)
 {
     const uint64_t own = kiln_own_of_global(s->surface, run->first).at;
@@ -138,8 +143,8 @@ static void find_places(const struct search *s)
     }
 }
 
-/* Directions in which a place looks for what is close: along the normal, and for nodes across it, too. A direction is
- * `along` times the normal and two parts across it. */
+/* Directions of the test for close surfaces: along the normal; for nodes also sideways. A direction is `along` times
+ * the normal plus two tangential parts. */
 static const struct {
     float along, across[2], room;
 } looks[] = {{1.0f, {0.0f, 0.0f}, ROOM},
@@ -159,7 +164,7 @@ static void look(const struct search *s, size_t i, size_t direction)
     s->origins[i] = vec3_madd(place->position, n, place->height);
 }
 
-/* A place that something is close to is a block of its own: light changes too fast there. */
+/* Makes each point with a close surface a block of its own, since light changes too fast there. */
 static int find_room(struct search *s, struct kiln_error *error)
 {
     const struct kiln_tile_run *last = &s->surface->tile_runs[s->end - 1];
@@ -187,7 +192,7 @@ static int find_room(struct search *s, struct kiln_error *error)
 
 /* ---- pairs ---- */
 
-/* Whether the points of two texels may be of one block, for all that is known without rays. */
+/* Whether two texels may be in one block, as far as can be told without rays. */
 static bool may_be_alike(const struct place *a, const struct place *b, uint32_t bit_a, uint32_t bit_b)
 {
     const float dx = (float)kiln_morton8_x(bit_a) - (float)kiln_morton8_x(bit_b),
@@ -197,7 +202,8 @@ static bool may_be_alike(const struct place *a, const struct place *b, uint32_t 
            away <= 1.5f * a->side * (sqrtf(dx * dx + dy * dy) + 1.0f);
 }
 
-/* Whether two texels are near enough for what lies between to be mixed of both: corners of blocks that touch. */
+/* Whether two texels are near enough that texels between them can mix the answers of both: corners of adjacent blocks
+ * are. */
 static bool are_near(uint32_t bit_a, uint32_t bit_b, uint32_t scale)
 {
     const int dx = (int)kiln_morton8_x(bit_a) - (int)kiln_morton8_x(bit_b),
@@ -205,12 +211,12 @@ static bool are_near(uint32_t bit_a, uint32_t bit_b, uint32_t scale)
     return dx * dx <= most * most && dy * dy <= most * most;
 }
 
-/* The texels that a block has so far. */
+/* Bounding rectangle of a block's texels so far. */
 struct extent {
     uint32_t low[2], high[2];
 };
 
-/* Takes in the texel of a bit, if that leaves the block at most so many texels wide and high. */
+/* Adds the texel of a bit, unless the block would become wider or higher than `most` texels. */
 static bool take_in(struct extent *e, uint32_t bit, uint32_t most)
 {
     const uint32_t at[2] = {kiln_morton8_x(bit), kiln_morton8_y(bit)};
@@ -225,7 +231,8 @@ static bool take_in(struct extent *e, uint32_t bit, uint32_t most)
     return true;
 }
 
-/* The point at place `first`, which has no block yet, is the first of a new one; asks about others after it. */
+/* Starts a new block with the point at place `first`, which has none yet, and lists the later points to test against
+ * it. */
 static void begin_block(struct search *s, const struct kiln_tile_run *run, uint32_t first, const uint8_t *bits,
                         uint64_t *asked)
 {
@@ -242,7 +249,7 @@ static void begin_block(struct search *s, const struct kiln_tile_run *run, uint3
         }
 }
 
-/* Begins blocks until each point of the tile run has one or is asked about; `last`: none is asked about. */
+/* Starts blocks until each point of the tile run has a block or is to be tested. `last`: nothing more is tested. */
 static void begin_blocks_of(struct search *s, const struct kiln_tile_run *run, bool last)
 {
     const uint64_t own = kiln_own_of_global(s->surface, run->first).at;
@@ -288,13 +295,13 @@ static int trace_pairs(struct search *s, struct kiln_error *error)
     return kiln_backend_intersect(s->backend, s->origins, s->directions, s->pair_count, s->hits, error);
 }
 
-/* Whether nothing stands between the points of a pair that was traced. */
+/* Whether no surface separates the points of a traced pair. */
 static bool is_free(const struct search *s, size_t pair)
 {
     return s->hits[pair].triangle == KILN_NONE || s->hits[pair].distance >= s->lengths[pair];
 }
 
-/* Traces the rays of all pairs; those between which nothing is come into one block. */
+/* Traces the rays of all pairs, and joins the points that no surface separates into one block. */
 static int join(struct search *s, struct kiln_error *error)
 {
     const int status = trace_pairs(s, error);
@@ -304,7 +311,7 @@ static int join(struct search *s, struct kiln_error *error)
     return status;
 }
 
-/* ---- blocks that go on into each other ---- */
+/* ---- links: blocks that continue each other ---- */
 
 void kiln_block_corners(const struct kiln_tile_run *run, const uint16_t *block, uint8_t corner[KILN_TILE_TEXELS])
 {
@@ -321,7 +328,7 @@ void kiln_block_corners(const struct kiln_tile_run *run, const uint16_t *block, 
     }
 }
 
-/* Asks about the corners of each two blocks of the tile run that may go on into each other. */
+/* Lists pairs of corner points to test, for each two blocks of the tile run that may continue each other. */
 static void ask_links(struct search *s, const struct kiln_tile_run *run)
 {
     const uint64_t own = kiln_own_of_global(s->surface, run->first).at;
@@ -344,7 +351,7 @@ static void ask_links(struct search *s, const struct kiln_tile_run *run)
         }
 }
 
-/* Traces the rays of the pairs asked about. */
+/* Traces the rays of the pairs, and links the blocks that no surface separates. */
 static int link_pairs(struct search *s, struct kiln_error *error)
 {
     const int status = trace_pairs(s, error);
@@ -403,7 +410,7 @@ int kiln_blocks_find(const struct kiln_surface *surface, struct kiln_backend *ba
 
 /* ---- drawing ---- */
 
-/* Which of `count` points of a block gathers. */
+/* Returns the one of `count` points of a block that gathers in the step. */
 static uint32_t turn_of(const struct kiln_tile_run *run, uint32_t first, uint32_t count, uint64_t seed,
                         const struct kiln_step *step)
 {

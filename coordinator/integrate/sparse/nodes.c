@@ -5,9 +5,11 @@
 #include "coordinator/integrate/sparse/blocks.h"
 #include "worker/base/memory.h"
 
-/* A packed mixture has 16 bits a node: its place and its weight, in steps that add up to WEIGHTS. */
+/* Layout of a packed mixture: 16 bits per node, for its place and its weight. Weights are in steps that add up to
+ * WEIGHTS. */
 enum { PLACE_BITS = 6, WEIGHTS = 1023, NODE_BITS = 16 };
-/* Ridge on the nodes' second moments, as a weight one texel away: across a line of nodes nothing is known. */
+/* Ridge regularization of the nodes' second moments, as a weight one texel away. It is needed where nodes lie on a
+ * line, since nothing is known across it. */
 static const double RIDGE = 1e-3;
 
 /* ---- packing ---- */
@@ -55,7 +57,7 @@ void kiln_nodes_draw(struct kiln_sparse *sparse, const struct kiln_surface *surf
 
 /* ---- mixtures ---- */
 
-/* A block: its texels, its nodes, and the blocks that go on from it (kiln_blocks_find). */
+/* A block: its texels, its anchors, and the blocks that go on from it (kiln_blocks_find). */
 struct block {
     int low[2], high[2];
     uint64_t nodes, links;
@@ -66,7 +68,7 @@ struct tile {
     const struct kiln_tile_run *run;
     const uint16_t *block;                 /* of its points */
     int at[KILN_TILE_TEXELS][2];           /* texel of its points */
-    struct block blocks[KILN_TILE_TEXELS]; /* at the places of their first points */
+    struct block blocks[KILN_TILE_TEXELS]; /* indexed by the place of a block's first point */
 };
 
 static double square(double x) { return x * x; }
@@ -95,7 +97,7 @@ static void begin(struct tile *t, const struct kiln_tile_run *run, const uint16_
     }
 }
 
-/* Whether a block goes on beyond its own texels in the direction `sign` of an axis. */
+/* Whether another block continues a block beyond its own texels in the direction `sign` of an axis. */
 static bool goes_on(const struct tile *t, const struct block *b, int axis, int sign)
 {
     for (uint64_t rest = b->links; rest != 0; rest &= rest - 1) {
@@ -116,7 +118,8 @@ static uint32_t farthest(const struct tile *t, uint32_t first, int x, int y)
     return best;
 }
 
-/* Corners beyond which a block does not go on; where it does so all around, the one farthest from the tile's middle. */
+/* Chooses the nodes of each block: the corners beyond which no block continues it. If it continues on all sides, the
+ * corner farthest from the tile's middle. */
 static void choose_nodes(struct tile *t, const uint8_t corner[KILN_TILE_TEXELS])
 {
     for (uint32_t k = 0; k < t->run->count; k++) {
@@ -132,7 +135,7 @@ static void choose_nodes(struct tile *t, const uint8_t corner[KILN_TILE_TEXELS])
     }
 }
 
-/* The nodes that point p may take, the nearest of them. */
+/* Chooses the nodes of point p: the nearest ones of its block and of the linked blocks. */
 static void choose(const struct tile *t, uint32_t p, struct kiln_mixture *m)
 {
     const struct block *b = &t->blocks[t->block[p]];
@@ -151,8 +154,8 @@ static void choose(const struct tile *t, uint32_t p, struct kiln_mixture *m)
     }
 }
 
-/* Moving least squares: the weights of the nodes in the value at point p of the best linear function, but for a factor.
- */
+/* Computes the weights of point p's nodes by moving least squares: the value of the best linear fit at p, up to a
+ * common factor. */
 static void weigh(const struct tile *t, uint32_t p, struct kiln_mixture *m)
 {
     double x = 0.0, y = 0.0, xx = RIDGE, xy = 0.0, yy = RIDGE;
@@ -167,13 +170,13 @@ static void weigh(const struct tile *t, uint32_t p, struct kiln_mixture *m)
         xy += weight[i] * dx[i] * dy[i];
         yy += weight[i] * dy[i] * dy[i];
     }
-    /* the first column of the inverse of the normal equations' matrix, times its determinant */
+    /* first column of the adjugate of the normal equations' matrix */
     const double c0 = xx * yy - xy * xy, c1 = xy * y - x * yy, c2 = x * xy - xx * y;
     for (uint32_t i = 0; i < m->count; i++)
         m->weight[i] = weight[i] * (c0 + c1 * dx[i] + c2 * dy[i]);
 }
 
-/* Leaves out the node whose weight is farthest below 0. False: none is. */
+/* Removes the node with the most negative weight. Returns false if no weight is negative. */
 static bool leave_out(struct kiln_mixture *m)
 {
     uint32_t least = 0;
@@ -209,7 +212,7 @@ static uint64_t mix(const struct tile *t, uint32_t p)
     return pack(&m);
 }
 
-/* `mixtures`: of the tile run's first point on; they are links before. */
+/* Replaces the links in `mixtures`, which begins at the tile run's first point, by the points' mixtures. */
 static void mix_all(const struct kiln_tile_run *run, const uint16_t *block, uint64_t *mixtures)
 {
     struct tile tile;

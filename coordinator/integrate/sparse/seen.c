@@ -1,6 +1,6 @@
 #include "coordinator/integrate/companion.h"
 
-/* Tile runs that no view sees are not computed (bake/light/visible_from.h). */
+/* Companion that skips tile runs that no view sees (bake/light/visible_from.h). */
 
 static bool seen_wanted(const struct kiln_integrate_params *params) { return params->seen != NULL; }
 

@@ -10,7 +10,7 @@
 const struct kiln_map_planes kiln_map_light = {.count = KILN_MAP_PLANES,
                                                .smooth = {true, true, true, true, true, true, false}};
 
-/* Zeroes an array, by several threads if it is large: so they make its pages, too. */
+/* Zeroes an array. Several threads do so if it is large, so that they also create its pages. */
 static void clear(void *array, size_t bytes)
 {
     enum { AT_ONCE = 1 << 18 };
@@ -40,7 +40,7 @@ int kiln_map_allocate(const struct kiln_map *map, void *pointer, size_t size, co
     void *pages = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (pages == MAP_FAILED)
         return kiln_fail_errno(error, KILN_SYSTEM, "out of address space: %zu bytes for %s", bytes, what);
-    (void)madvise(pages, bytes, MADV_NOHUGEPAGE); /* single texels of other bands would take large pages */
+    (void)madvise(pages, bytes, MADV_NOHUGEPAGE); /* otherwise single texels of other bands would occupy large pages */
     memcpy(pointer, &pages, sizeof pages);
     return KILN_OK;
 }
@@ -59,7 +59,7 @@ void kiln_map_free(const struct kiln_map *map, void *pointer, size_t size)
     memcpy(pointer, &pages, sizeof pages);
 }
 
-/* No texel of the map's rows, and of those that it may see beyond, has a chart. */
+/* Clears the charts of the map's rows, and of the neighbouring rows that it may read. */
 static void clear_charts(struct kiln_map *map)
 {
     const size_t first = kiln_map_first(map), end = kiln_map_end(map),

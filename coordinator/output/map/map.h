@@ -16,11 +16,11 @@ enum kiln_map_plane {
     KILN_MAP_INDIRECT = 3, /* 3 planes, W/m2 */
     KILN_MAP_ERROR = 6,    /* standard error of the luminance of direct + indirect */
     KILN_MAP_PLANES = 7,
-    KILN_MAP_PLANES_MAX = 128 + 6 * KILN_GROUPS_MAX /* of a group direct light and all of it */
+    KILN_MAP_PLANES_MAX = 128 + 6 * KILN_GROUPS_MAX /* groups: direct and total light, 6 each */
 };
 
-/* Number of planes of a map, the planes whose seams are smoothed, and those with which the three planes of a direction
- * begin: unit vectors, or zero where there is none. */
+/* Planes of a map: their number; `smooth`: whether seams in the plane are smoothed; `direction`: whether the plane is
+ * the first of three that hold a direction, a unit vector, or zero where there is none. */
 struct kiln_map_planes {
     uint32_t count;
     bool smooth[KILN_MAP_PLANES_MAX], direction[KILN_MAP_PLANES_MAX];
@@ -46,10 +46,11 @@ enum kiln_texel_state {
 
 struct kiln_bands;
 
-/* Rows above and below its band that a map in bands may have, too. */
+/* Halo: the number of rows that a band of a map may have in addition, above and below its own. */
 enum { KILN_BANDS_HALO = 2 };
 
-/* Arrays of width x height, top row (v = 0) first. A map has all of its rows, or is one of bands (bands.h). */
+/* Map: arrays of width x height texels, top row (v = 0) first. It has all rows of the lightmap, or only a band of them
+ * (bands.h). */
 struct kiln_map {
     uint32_t width, height;
     uint32_t first_row, end_row;       /* the rows that it has, [first_row, end_row) */
@@ -62,12 +63,12 @@ struct kiln_map {
     /* chart of the first piece of surface in the texel, or its triangle in the mesh until a stage reads charts;
      * KILN_NONE in the margin */
     uint32_t *chart;
-    /* which region of the surface the texel is of, as far as walls part them (walls.c); of all texels of the lightmap.
-     * NULL: walls part nothing. Of the map */
+    /* region number of each texel of the lightmap; walls separate regions of the surface (walls.c). NULL: no walls.
+     * Owned by the map */
     uint32_t *region;
 };
 
-/* Whether two texels are of one surface: of one chart, with no wall between. */
+/* Tells whether two texels lie on one surface: in the same chart, with no wall between them. */
 static inline bool kiln_map_together(const struct kiln_map *map, uint32_t a, uint32_t b)
 {
     return map->chart[a] == map->chart[b] && (map->region == NULL || map->region[a] == map->region[b]);
@@ -78,20 +79,20 @@ int kiln_map_create(struct kiln_map **map, uint32_t width, uint32_t height, cons
                     struct kiln_error *error);
 void kiln_map_destroy(struct kiln_map **map);
 
-/* The same with the rows [first_row, end_row) of a lightmap that is in bands (bands.h), which it borrows. Arrays take
- * memory where they are touched. */
+/* Creates a map, as kiln_map_create does, with only the rows [first_row, end_row) of a lightmap in bands (bands.h). It
+ * borrows `bands`. Its arrays take memory only where they are touched. */
 int kiln_map_create_rows(struct kiln_map **map, uint32_t width, uint32_t height, const struct kiln_map_planes *planes,
                          const struct kiln_bands *bands, uint32_t first_row, uint32_t end_row,
                          struct kiln_error *error);
 
-/* Texels of the whole lightmap; the first that the map has, and the end of those. */
+/* Number of texels of the whole lightmap; index of the map's first texel; index after its last; number of its rows. */
 static inline size_t kiln_map_texels(const struct kiln_map *map) { return (size_t)map->width * map->height; }
 static inline size_t kiln_map_first(const struct kiln_map *map) { return (size_t)map->width * map->first_row; }
 static inline size_t kiln_map_end(const struct kiln_map *map) { return (size_t)map->width * map->end_row; }
 static inline uint32_t kiln_map_rows(const struct kiln_map *map) { return map->end_row - map->first_row; }
 
-/* An array of a number of `size` bytes, zero, for each texel of the lightmap, which takes memory as the map's own
- * arrays do. Free it by kiln_map_free, which sets it to NULL. */
+/* Allocates an array with an element of `size` bytes, zero, for each texel of the lightmap. It takes memory as the
+ * map's own arrays do. kiln_map_free frees it and sets the pointer to NULL. */
 int kiln_map_allocate(const struct kiln_map *map, void *pointer, size_t size, const char *what,
                       struct kiln_error *error);
 void kiln_map_free(const struct kiln_map *map, void *pointer, size_t size);

@@ -21,8 +21,8 @@ struct range {
     double low, high;
 };
 
-/* Ranges of channels and datasets that are no fields (coordinator/field/field.h): masks of lightmaps, surfaces of
- * views, vertices, the volume. */
+/* Ranges of channels and datasets other than fields (coordinator/field/field.h): masks of lightmaps, surfaces of views,
+ * vertices, the volume. */
 static const struct range others[] = {
     {"coverage.Y", 0.0, 1.001},
     {"validity.Y", 0.0, 1.0},
@@ -50,7 +50,7 @@ static bool is_named(const struct kiln_field *field, const char *name)
     return found;
 }
 
-/* The whole name decides: users name groups of lights, so that the end of a name means nothing. */
+/* The range for a name. Only whole names match: users name groups of lights, so the end of a name means nothing. */
 static struct range range_of(const char *name)
 {
     size_t fields;

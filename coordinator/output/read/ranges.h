@@ -11,7 +11,7 @@
  * .kscene, .json or transport/links; other files pass. KILN_BAD_INPUT, with a message that names `path`, the channel or
  * dataset and the value. Two threads must not check HDF5 files at the same time. */
 int kiln_ranges_check(int descriptor, const char *path, struct kiln_error *error);
-/* Whether files with such a path are checked. */
+/* Tells whether kiln_ranges_check checks files with this path. */
 bool kiln_ranges_has(const char *path);
 
 #endif

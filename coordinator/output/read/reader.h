@@ -28,15 +28,15 @@ int kiln_reader_ranges(struct kiln_reader *reader, int descriptor, const char *p
  * datasets `wanted`. */
 int kiln_reader_image(struct kiln_reader *reader, int descriptor, const char *path, const char *const *wanted,
                       size_t wanted_count, struct kiln_image **image, struct kiln_error *error);
-/* kiln_reader_image of all channels of the file at this path. */
+/* Reads all channels of the file at this path with kiln_reader_image. */
 int kiln_reader_image_at(struct kiln_reader *reader, const char *path, struct kiln_image **image,
                          struct kiln_error *error);
 /* Does the same as kiln_volume_light (volume_eval.h) for this volume. */
 int kiln_reader_light(struct kiln_reader *reader, int descriptor, const char *path, const double position[3],
                       struct kiln_volume_probe *light, struct kiln_volume_place *place, struct kiln_error *error);
 
-/* Not a command for users: the confined child that takes results apart (reader_child.c). argv as it was spawned.
- * Returns its exit status. */
+/* Main function of the confined child, which parses result files (reader_child.c); not a command for users. argv is as
+ * it was spawned. Returns the exit status. */
 int kiln_reader_child(int argc, char **argv);
 
 #endif

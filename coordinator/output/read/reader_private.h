@@ -14,8 +14,8 @@ enum reader_task { READER_RANGES, READER_IMAGE, READER_LIGHT };
 
 enum { READER_PATH = 1024, READER_CHANNELS = 512, READER_DESCRIPTORS = 2 };
 
-/* The descriptor of the file is sent with the request and, for READER_IMAGE, that of an empty memory file for the
- * floats: all of channel 0, all of channel 1, and so on. */
+/* Request. The descriptor of the file is sent with it. READER_IMAGE sends a second descriptor, of an empty memory file
+ * that receives the floats: all of channel 0, all of channel 1, and so on. */
 struct reader_request {
     uint32_t task;
     uint32_t wanted_count; /* READER_IMAGE; 0: all channels */

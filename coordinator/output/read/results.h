@@ -37,7 +37,7 @@ const struct kiln_manifest *kiln_results_manifest(const struct kiln_results *res
 int kiln_results_file(const struct kiln_results *results, const char *name, int *descriptor, char path[],
                       struct kiln_error *error);
 
-/* Whether the folder contains anything of that name; does not consult the manifest. */
+/* Tells whether the folder contains an entry of this name; does not consult the manifest. */
 bool kiln_results_has(const struct kiln_results *results, const char *name);
 
 /* Opens a subfolder, to list it. The caller closes *descriptor. */
@@ -51,7 +51,7 @@ int kiln_results_image(struct kiln_results *results, const char *name, const cha
  * (coordinator/field/field.h): `fields` has room for KILN_FIELDS_MAX. All lightmaps of a bake have the same. */
 int kiln_results_fields(struct kiln_results *results, const char *lightmap, const struct kiln_field **fields,
                         size_t *count, struct kiln_error *error);
-/* run.json and its like; json_decref it. */
+/* Reads a JSON file such as run.json. Release *json with json_decref. */
 int kiln_results_json(const struct kiln_results *results, const char *name, json_t **json, struct kiln_error *error);
 /* Reads a file of at most `most` bytes. *bytes is from kiln_allocate. */
 int kiln_results_bytes(const struct kiln_results *results, const char *name, size_t most, char **bytes, size_t *size,
@@ -61,7 +61,7 @@ int kiln_results_scene(const struct kiln_results *results, struct kiln_scene **s
 /* The reader for these files; its child is started when it is first used. For one thread at a time. */
 struct kiln_reader *kiln_results_reader(struct kiln_results *results);
 
-/* The units of a finished bake, from its run.json; radiometric if that does not say. */
+/* Units of a finished bake, from its run.json; radiometric if run.json names none. */
 const struct kiln_units *kiln_units_of_bake(const struct kiln_results *results);
 
 #endif

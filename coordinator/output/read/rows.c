@@ -41,8 +41,8 @@ const float *kiln_rows_of(const struct kiln_image *image, const char *dataset, u
     return channel != NULL ? channel->values : NULL;
 }
 
-/* Rows and components of a dataset; of a volume's, which has three dimensions of rows, or four with components, the
- * rows are its probes. 0 and 0 if it is of another form. */
+/* Numbers of rows and components of a dataset. A volume's dataset has three dimensions, or four with components; its
+ * rows are the probes. 0 and 0 if it has another shape. */
 static void extent_of(hid_t dataset, hsize_t size[2])
 {
     hsize_t found[H5S_MAX_RANK] = {0};

@@ -1,4 +1,4 @@
-/* The bidirectional pass (worker/pass/bidirectional.h): sample by sample, all threads. */
+/* The bidirectional pass (worker/pass/bidirectional.h): sample by sample, on all threads. */
 #include <math.h>
 #include <omp.h>
 #include <string.h>

@@ -16,10 +16,11 @@ struct eye {
     struct kiln_path_sums sums;
     uint32_t surface; /* number of the one under way */
     uint32_t bounces, chain;
-    bool last_diffuse; /* the last event was: it is none of the bounces where a light comes next */
+    bool last_diffuse; /* the last event was diffuse; it does not count as a bounce if a light comes next */
 };
 
-/* Light that the camera's own samples of the lights have no part in (ppm), or all techniques have (bdpt, vcm). */
+/* Whether light that the path hits is weighted against other techniques: all of them find it (bdpt, vcm). In ppm the
+ * camera's light samples do not find it. */
 static bool weighs(const struct bidirectional *all) { return all->connects; }
 
 static void add(struct eye *e, const float weight[3], const double rgb[3], double factor)
@@ -28,7 +29,7 @@ static void add(struct eye *e, const float weight[3], const double rgb[3], doubl
         e->w->radiance[c] += (double)weight[c] * rgb[c] * factor;
 }
 
-/* Adds light whose values are the products of subpaths_products. */
+/* Adds light with the values of subpaths_products. */
 static void add_counted(struct eye *e, const float weight[3], const double rgb[3], const double last[3], double factor)
 {
     add(e, weight, rgb, factor);
@@ -36,7 +37,7 @@ static void add_counted(struct eye *e, const float weight[3], const double rgb[3
         e->w->last[c] += (double)weight[c] * last[c] * factor;
 }
 
-/* Adds light that the path itself meets. */
+/* Adds light that the path itself hits. */
 static void add_met(struct eye *e, const float weight[3], const float rgb[3], double factor)
 {
     const double met[3] = {(double)rgb[0], (double)rgb[1], (double)rgb[2]}, none[3] = {0.0, 0.0, 0.0};
@@ -45,7 +46,7 @@ static void add_met(struct eye *e, const float weight[3], const float rgb[3], do
 
 /* ---- lights that the path meets ---- */
 
-/* Whether a light may come next on the path. */
+/* Whether the next vertex of the path may be a light. */
 static bool may_meet(const struct eye *e)
 {
     const bool others = e->surface == 0 || e->w->all->parameters->method != KILN_BIDIRECTIONAL_LIGHT;
@@ -72,7 +73,7 @@ static void meet_environment(struct eye *e, const struct vertex *before)
     add_met(e, e->weight, rgb, weight);
 }
 
-/* The weight of an emitter that the path has met after another surface. */
+/* Weight of an emitter that the path has hit after another surface. */
 static double weigh_emitter(const struct eye *e, const struct vertex *before, const struct vertex *v)
 {
     const struct kiln_emission *emission = e->w->all->emission;
@@ -99,7 +100,7 @@ static void meet_emitter(struct eye *e, const struct vertex *before, const struc
 
 /* ---- samples of lights ---- */
 
-/* Adds the light of a sample. `light`: number of its light among all. */
+/* Adds the light of a sample. `light`: index of its light. */
 static void add_sample(struct eye *e, const struct vertex *v, const struct kiln_light_choice *choice, uint32_t light,
                        struct kiln_light_sample *sample)
 {
@@ -261,7 +262,7 @@ static void merge_all(struct eye *e, const struct vertex *v, uint32_t lobes)
     } else {
         photon_grid_near(all->grid, v->m.position, merge, &m);
     }
-    /* both subpaths have met the surface by chance */
+    /* both subpaths have hit the surface at random */
     add_counted(e, v->weight, m.rgb, m.last,
                 1.0 / (KILN_PI * all->radius * all->radius * all->merged_paths * (double)v->opacity));
 }
@@ -278,7 +279,7 @@ static void camera_ray(struct eye *e, uint64_t pixel)
     embree_camera_ray(c, pixel, place, lens, &e->origin, &e->direction);
 }
 
-/* Sums of the first vertex, whose density per m2 is that of the camera's rays. */
+/* Initializes the sums of the first vertex, whose density per m2 is that of camera rays. */
 static void begin_sums(const struct eye *e, const struct kiln_vec3 eye_place, struct vertex *v, double cosine)
 {
     const struct bidirectional *all = e->w->all;
@@ -286,7 +287,7 @@ static void begin_sums(const struct eye *e, const struct kiln_vec3 eye_place, st
     v->sums = (struct kiln_path_sums){.vcm = (double)all->paths / subpaths_camera_density(all, &view, cosine)};
 }
 
-/* At what the ray has met; false: the path ends. `before` is where it comes from, NULL: the camera. */
+/* Makes the vertex of the ray's hit; false: the path ends. `before`: the previous vertex; NULL: the camera. */
 static bool arrive_at(struct eye *e, const struct vertex *before, const struct RTCRayHit *ray, struct vertex *v)
 {
     const struct embree_backend *b = e->w->all->b;
@@ -311,7 +312,7 @@ static bool arrive_at(struct eye *e, const struct vertex *before, const struct R
     return true;
 }
 
-/* Traces the ray to the next vertex: as arrive_at. */
+/* Traces the ray to the next vertex; result as of arrive_at. */
 static bool arrive(struct eye *e, const struct vertex *before, struct vertex *v)
 {
     struct subpaths *w = e->w;
@@ -330,7 +331,7 @@ static bool arrive(struct eye *e, const struct vertex *before, struct vertex *v)
     return arrive_at(e, before, &ray, v);
 }
 
-/* Adds what light the vertex sends to the camera. */
+/* Adds all light that the vertex sends to the camera. */
 static void gather(struct eye *e, const struct vertex *v)
 {
     const struct bidirectional *all = e->w->all;
@@ -346,7 +347,7 @@ static void gather(struct eye *e, const struct vertex *v)
         merge_all(e, v, all->connects ? KILN_LOBE_ALL : KILN_LOBE_ALL & ~v->mirrors);
 }
 
-/* Goes on from the vertex; false: the path ends. */
+/* Continues from the vertex; false: the path ends. */
 static bool go_on(struct eye *e, const struct vertex *v)
 {
     const struct bidirectional *all = e->w->all;

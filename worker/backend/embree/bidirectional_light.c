@@ -70,7 +70,7 @@ void subpaths_release(struct subpaths *w)
 
 /* ---- the camera ---- */
 
-/* The place in the picture, from -1 to 1 both ways, at which a ray from `origin` to the place is seen. */
+/* Projects a point to the picture, as seen from `origin`: x and y are -1 to 1. */
 static bool picture_place(const struct kiln_path_parameters *c, struct kiln_vec3 origin, struct kiln_vec3 place,
                           double *x, double *y)
 {
@@ -80,7 +80,7 @@ static bool picture_place(const struct kiln_path_parameters *c, struct kiln_vec3
     double over = c->orthographic ? 1.0 : depth;
     if (!(depth > 0.0))
         return false;
-    if (c->lens_radius > 0.0f) { /* by where the ray crosses the plane in focus, seen from the lens' middle */
+    if (c->lens_radius > 0.0f) { /* by the intersection of the ray with the focal plane, seen from the lens' centre */
         over = (double)c->focus_distance;
         to = dvec3_add(dvec3_scale(to, over / depth), dvec3_of(vec3_sub(origin, c->position)));
     }
@@ -138,7 +138,7 @@ static struct kiln_vec3 start_of(const struct subpaths *w, const struct kiln_emi
                               w->all->b->params.geometry, light->triangle);
 }
 
-/* Weakens light at its first surface by the range of its lamp. */
+/* Attenuates light at its first surface by the range of its lamp. */
 static void limit_range(const struct subpaths *w, const struct kiln_emitted *ray, struct vertex *v)
 {
     const struct kiln_lights *lights = w->all->emission->lights;
@@ -174,7 +174,7 @@ static struct vertex *push(struct subpaths *w, const struct vertex *v)
 /* A path of light on its way. */
 struct ray_of_light {
     struct kiln_vec3 origin, direction;
-    float weight[3], scale; /* W; the largest of them at the light */
+    float weight[3], scale; /* W; the largest component at the light */
     struct kiln_path_sums sums;
     uint32_t bounces, chain;
 };
@@ -211,7 +211,7 @@ static struct vertex *arrive(struct subpaths *w, const struct kiln_emitted *emit
     return push(w, &v);
 }
 
-/* Goes on from the vertex, which is surface number `surface`. */
+/* Continues from the vertex, which is surface number `surface`. */
 static bool go_on(struct subpaths *w, const struct vertex *v, struct ray_of_light *r, uint32_t surface)
 {
     struct vertex_way way;
@@ -279,9 +279,9 @@ void subpaths_keep_photons(struct subpaths *w, uint64_t i)
     }
 }
 
-/* ---- what the camera sees of them ---- */
+/* ---- vertices that the camera sees ---- */
 
-/* Adds to a pixel of the film. The largest double that is a whole number bounds what one path brings. */
+/* Adds to a pixel of the film. The light of one path is limited to the largest double that is an integer. */
 static void add(struct subpaths *w, uint64_t pixel, const double rgb[3])
 {
     const struct kiln_splat_film *film = w->all->parameters->film;
@@ -299,7 +299,8 @@ static void add(struct subpaths *w, uint64_t pixel, const double rgb[3])
     }
 }
 
-/* Whether nothing that the camera sees lies in between; what arrives. */
+/* Whether the camera sees the vertex: nothing visible to the camera blocks the ray. Also finds the light let through.
+ */
 static bool sees(struct subpaths *w, const struct vertex *v, const struct subpath_view *view, uint32_t number,
                  float rgb[3])
 {

@@ -84,7 +84,7 @@ struct vertex vertex_as_first(const struct embree_backend *b, const struct verte
 
 /* ---- scattering ---- */
 
-/* The frame that paths have which have come from w. */
+/* The scattering frame of a path that arrives from w. */
 static struct kiln_frame frame_of(const struct embree_backend *b, const struct vertex *v, struct kiln_vec3 w)
 {
     const bool smooth = vec3_dot(v->smooth, w) > 0.0f,
@@ -93,7 +93,7 @@ static struct kiln_frame frame_of(const struct embree_backend *b, const struct v
     return z.x == now.x && z.y == now.y && z.z == now.z ? v->m.frame : meeting_frame(b, &v->m, z);
 }
 
-/* Half-way between the normals: camera paths are drawn about it. */
+/* The axis half-way between both normals, about which directions of camera paths are drawn. */
 static struct kiln_vec3 axis_of(const struct vertex *v)
 {
     return v->is_first ? vec3_normalize(vec3_add(v->m.normal, v->m.shading)) : v->m.normal;
@@ -119,7 +119,8 @@ static struct kiln_bsdf_choice choice_of(const struct vertex *v, struct kiln_vec
     return kiln_bsdf_choice_of(same ? v->m.shares : kiln_bsdf_shares(v->m.lobes, local), lobes);
 }
 
-/* Whether w lies on one side of the geometric normal and of the frame; where rays are lifted, above the frame. */
+/* Whether w is on the same side of the geometric normal and of the frame; where rays are lifted, whether it is above
+ * the frame. */
 static bool agrees(const struct vertex *v, struct kiln_vec3 w, struct kiln_vec3 local)
 {
     if (v->m.lifted)
@@ -179,8 +180,8 @@ bool vertex_scatter(const struct embree_backend *b, const struct vertex *v, stru
 
 /* ---- the way on ---- */
 
-/* How much denser the directions of the way back are than those of the way on, between which glass maps one to one:
- * n^2 |cos| dw is the same on both sides (Veach 1997, equation 5.4). */
+/* Density of the reverse direction relative to the forward one, at refraction, which maps directions one to one: n^2
+ * |cos| dw is equal on both sides (Veach 1997, equation 5.4). */
 static double squeeze(const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, struct kiln_vec3 i)
 {
     if ((o.z > 0.0f) == (i.z > 0.0f) || l->p.thin_wall != 0u)
@@ -189,7 +190,7 @@ static double squeeze(const struct kiln_bsdf_lobes *l, struct kiln_vec3 o, struc
     return fabs((double)o.z / (double)i.z) / (eta * eta);
 }
 
-/* A mirror's or smooth glass's: the densities are chances. */
+/* Completes a direction drawn at a mirror or smooth glass, where densities are probabilities. */
 static bool leave_mirror(const struct embree_backend *b, const struct vertex *v, bool of_light, uint32_t lobes,
                          const struct kiln_bsdf_drawn *d, struct vertex_way *way)
 {
@@ -211,7 +212,7 @@ static bool leave_mirror(const struct embree_backend *b, const struct vertex *v,
     return way->forward > 0.0;
 }
 
-/* Decides whether the event counts as diffuse, by luminance. */
+/* Decides at random whether the event counts as diffuse, by the luminance of the diffuse share. */
 static void label(const struct vertex *v, const struct vertex_scatter *s, double rest, struct vertex_way *way)
 {
     const double part = kiln_luminance(s->diffuse), chance = part / kiln_luminance(s->all);

@@ -4,8 +4,8 @@
 
 #include "worker/pass/path.h"
 
-/* The ray through a place in a pixel, and from a place on the lens if the camera has one: both by two numbers in (0,
- * 1). `direction` is unit. */
+/* Makes the ray through a place in a pixel, from a place on the lens if the camera has one. Both places are given by
+ * two numbers in (0, 1). `direction` is unit. */
 static inline void embree_camera_ray(const struct kiln_path_parameters *c, uint64_t pixel, const double place[2],
                                      const double lens[2], struct kiln_vec3 *origin, struct kiln_vec3 *direction)
 {

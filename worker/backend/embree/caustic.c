@@ -1,4 +1,4 @@
-/* The caustic pass (worker/pass/caustic.h): rays that look for what chains bring of lamps and sky. */
+/* The caustic pass (worker/pass/caustic.h): rays that find light of lamps and sky by chains of gloss. */
 #include "worker/pass/caustic.h"
 
 #include <string.h>
@@ -30,7 +30,7 @@ static int caustic_create(void **work, const struct embree_backend *b, const voi
     return status;
 }
 
-/* Adds light of lamps and sky by chains, as radiosity. Rays that meet nothing glossy bring nothing. */
+/* Adds light of lamps and sky found by chains, as radiosity. Rays that hit nothing glossy contribute nothing. */
 static void collect(const struct embree_backend *b, struct embree_context *context, struct hemisphere *h, uint32_t step,
                     uint32_t lanes)
 {

@@ -1,9 +1,9 @@
-/* Measures how many rays of the gather pass Embree traces if it does nothing else. */
+/* Measures Embree's ray rate in the gather pass if it only traces. */
 #include <math.h>
 
 #include "worker/backend/embree/rays.h"
 
-/* Makes the rays of a tile run, and traces them or does not. Returns the processor time, s. */
+/* Makes the rays of a tile run, and optionally traces them. Returns the CPU time, s. */
 static double make_rays(struct tile_run_rays *r, const struct embree_backend *b, struct embree_context *context,
                         const struct kiln_batch *batch, size_t tile_run, bool traces, uint64_t *rays)
 {
@@ -18,8 +18,8 @@ static double make_rays(struct tile_run_rays *r, const struct embree_backend *b,
     return embree_thread_seconds() - start;
 }
 
-/* Tracing takes the time of a tile run with tracing less that without. A clock around each step's calls would take as
- * much as some of the rays, and depend on what the machine's clocks cost. */
+/* Time of tracing: the time of a tile run with tracing less that without. Timing the calls of each step would take as
+ * long as some of the rays, and depend on the cost of the machine's clocks. */
 int embree_ceiling(struct kiln_backend *backend, const struct kiln_batch *batch, double *seconds, uint64_t *rays,
                    struct kiln_error *error)
 {

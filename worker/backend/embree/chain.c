@@ -11,8 +11,8 @@
 struct chain {
     struct walk *walk;
     struct chain_found *found;
-    float weight[3]; /* what of the radiance that comes now reaches the chain's begin */
-    float seen[3];   /* the same of what the next surface emits: 0 where samples of lights have brought that */
+    float weight[3]; /* weight of incoming radiance at the chain's beginning */
+    float seen[3];   /* weight for the next surface's emission: 0 if light samples have accounted for it */
     bool radiosity;
 };
 
@@ -26,8 +26,8 @@ static void multiply(struct chain *c, const float factor[3])
     }
 }
 
-/* Adds radiosity that the ray has met on a side that has points, `out` of which leaves towards it, of light of which
- * the surface takes up `in`. */
+/* Adds the radiosity at the ray's hit, on a side with surface points. `out`: share that leaves towards the ray; `in`:
+ * share of incoming light that the surface takes up. */
 static void add_radiosity(struct chain *c, const struct RTCRayHit *ray, uint32_t triangle, float in, float out)
 {
     const struct embree_backend *b = c->walk->b;
@@ -48,7 +48,7 @@ static void add_radiosity(struct chain *c, const struct RTCRayHit *ray, uint32_t
         kept_chains_answer(c->walk->notes, (uint32_t)point, weight);
 }
 
-/* Adds the diffuse light that the surface sends to the chain. */
+/* Adds the diffuse light that the surface sends along the chain. */
 static void meet(struct chain *c, const struct RTCRayHit *ray, const struct meeting *m)
 {
     const bool has_points =
@@ -72,7 +72,7 @@ bool chain_survives(const struct walk *walk, const struct meeting *m, uint32_t s
     return true;
 }
 
-/* Draws the way on from surface number `surface`; false: it brings nothing. */
+/* Draws the direction from surface number `surface`; false: it contributes nothing. */
 static bool send(struct chain *c, const struct meeting *m, uint32_t surface, float pick, struct kiln_vec3 *direction)
 {
     double u, v;
@@ -87,7 +87,7 @@ static bool send(struct chain *c, const struct meeting *m, uint32_t surface, flo
     return c->weight[0] > 0.0f || c->weight[1] > 0.0f || c->weight[2] > 0.0f;
 }
 
-/* Adds the light of an environment that the chain's ray has escaped to. */
+/* Adds the environment where the chain's ray has escaped. */
 static void look_out(struct chain *c, struct kiln_vec3 direction)
 {
     const bool even = light_sky_is_constant(c->walk->b->params.lights);
@@ -95,14 +95,14 @@ static void look_out(struct chain *c, struct kiln_vec3 direction)
         walk_environment(c->walk, direction, even ? c->weight : c->seen, c->found->light);
 }
 
-/* Adds the light of a surface that emits, which the chain has met. */
+/* Adds the emission of a surface that the chain has hit. */
 static void look_at(struct chain *c, const struct meeting *m)
 {
     if ((c->walk->leaves & KILN_LEAVES_AREAS) == 0)
         walk_emission(c->walk, m, c->seen, c->found->light);
 }
 
-/* The ray goes on to the next surface; false: the chain has ended. */
+/* Traces the ray to the next surface; false: the chain has ended. */
 static bool go_on(struct chain *c, const struct meeting *m, uint32_t surface, float pick, struct RTCRayHit *ray)
 {
     const struct embree_backend *b = c->walk->b;
@@ -130,7 +130,7 @@ static bool go_on(struct chain *c, const struct meeting *m, uint32_t surface, fl
     return true;
 }
 
-/* The chain's last surface, which is only diffuse. */
+/* Ends the chain at a diffuse surface. */
 static void end(struct chain *c, const struct RTCRayHit *ray)
 {
     const struct embree_backend *b = c->walk->b;

@@ -1,5 +1,5 @@
-/* Chains: how a ray goes on from a surface whose material is taken with its gloss, until diffuse surfaces answer
- * (shaders/shared/chain.h has the rule). Followed ray by ray, one thread a chain. */
+/* Chains: continuation of a ray from a surface with simulated gloss until it ends at diffuse surfaces
+ * (shaders/shared/chain.h has the rule). They are traced ray by ray, one thread a chain. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_CHAIN_H
 #define KILN_WORKER_BACKEND_EMBREE_CHAIN_H
 
@@ -8,17 +8,17 @@
 
 /* Light that a chain finds for the ray at whose hit it begins, by colour. The ray's own tint is left out. */
 struct chain_found {
-    float radiosity[3]; /* W/m2: of diffuse surfaces; times 1 / pi it is radiance */
-    float light[3];     /* W/(m2 sr): of lamps and sky, by lobes that are not diffuse alone */
-    /* shares of what comes that way: from nowhere and from backs (means of the colours' weights), and what the chain's
-     * surfaces take, or tint, for themselves; what is left comes from diffuse surfaces */
+    float radiosity[3]; /* W/m2: radiosity of diffuse surfaces; divided by pi it is radiance */
+    float light[3];     /* W/(m2 sr): light of lamps and sky by non-diffuse lobes */
+    /* shares of the chain's light: escaped and from backs (means of the colours' weights), and absorbed or tinted by
+     * the chain's surfaces; the rest comes from diffuse surfaces */
     float escaped, blocked, gloss[3];
 };
 
-/* Whether light transport goes on in chains at all. */
+/* Whether the scene has any surfaces at which chains begin. */
 static inline bool chain_any(const struct embree_backend *b) { return b->lobes != NULL; }
 
-/* Whether a chain begins where a ray met a surface; false where it met none. */
+/* Whether a chain begins at the surface that a ray hit; false if it hit none. */
 static inline bool chain_begins(const struct embree_backend *b, const struct RTCRayHit *ray)
 {
     return ray->hit.geomID != RTC_INVALID_GEOMETRY_ID && (meeting_record(b, ray)->material & KILN_RECORD_GLOSS) != 0 &&
@@ -30,13 +30,13 @@ static inline bool chain_begins_at(const struct embree_backend *b, const struct 
     return chain_begins(b, &ray);
 }
 
-/* Whether a chain of this weight goes on from its surface number `surface` (kiln_chain_chance); then the weight counts
- * the more. `pick`: what of the random number chooses a lobe. */
+/* Decides by chance whether a chain of this weight continues from its surface number `surface` (kiln_chain_chance); a
+ * survivor's weight is increased. `pick`: rescaled random number that chooses a lobe. */
 bool chain_survives(const struct walk *walk, const struct meeting *m, uint32_t surface, float weight[3], float *pick);
 
-/* Follows the chain of a ray that chain_begins is true of. `chance` and `k`: what the ray's chances hang on
- * (kiln_gather_chance) and the number of the sample. `radiosity`: diffuse surfaces are asked. Lamps and sky are looked
- * for where the walk has choices. Rays are not counted but for shadow rays. */
+/* Traces the chain of a ray for which chain_begins is true. `chance` and `k`: seed of the rays' random decisions
+ * (kiln_gather_chance) and number of the sample. `radiosity`: radiosity of diffuse surfaces is read. Lamps and sky are
+ * sampled if the walk has choices. Of rays only shadow rays are counted. */
 void chain_follow(struct walk *walk, uint32_t chance, uint32_t k, const struct RTCRayHit *ray, bool radiosity,
                   struct chain_found *found);
 

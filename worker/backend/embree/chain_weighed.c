@@ -10,7 +10,7 @@
 struct chain {
     struct walk *walk;
     const struct kiln_caustic_techniques *t;
-    float weight[3]; /* what of the radiance that comes now reaches the chain's begin */
+    float weight[3]; /* weight of incoming radiance at the chain's beginning */
     struct kiln_caustic_gathered sums;
     float *light; /* what is found */
 };
@@ -21,16 +21,16 @@ static void multiply(struct chain *c, const float factor[3])
         c->weight[i] *= factor[i];
 }
 
-/* The chain's weight times that of a path. */
+/* Multiplies the chain's weight by that of a path. */
 static void weigh(const struct chain *c, double by, float weight[3])
 {
     for (int i = 0; i < 3; i++)
         weight[i] = (float)((double)c->weight[i] * by);
 }
 
-/* ---- lights that the chain meets ---- */
+/* ---- lights that the chain hits ---- */
 
-/* `before`: the surface that the chain has come from. */
+/* Weight of a light that the chain has hit. `before`: the surface where its ray started. */
 static double weigh_hit(const struct chain *c, const struct vertex *before, uint32_t light, struct kiln_dvec3 place,
                         struct kiln_dvec3 direction)
 {
@@ -66,7 +66,7 @@ static void meet_environment(struct chain *c, const struct vertex *before, struc
 
 /* ---- samples of lights ---- */
 
-/* Adds the light of a sample at vertex `v`. `light`: number of its light among all. */
+/* Adds the light of a sample at vertex `v`. `light`: index of its light. */
 static void add_sample(struct chain *c, const struct vertex *v, const struct kiln_light_choice *choice, uint32_t light,
                        struct kiln_light_sample *sample)
 {
@@ -113,7 +113,7 @@ static void sample_choice(struct chain *c, const struct vertex *v, uint32_t surf
         add_sample(c, v, &choice, tree ? sample.light : light, &sample);
 }
 
-/* By luminance alone: rays of the chain find the rest. */
+/* Samples the environment by luminance alone: rays of the chain find the rest. */
 static void sample_environment(struct chain *c, const struct vertex *v, uint32_t surface)
 {
     const struct kiln_lights *lights = c->t->emission->lights;
@@ -149,7 +149,7 @@ static void sample_lights(struct chain *c, const struct vertex *v, uint32_t surf
 
 /* ---- the chain ---- */
 
-/* The ray goes on to the next surface; false: the chain has ended. */
+/* Traces the ray to the next surface; false: the chain has ended. */
 static bool go_on(struct chain *c, const struct vertex *v, uint32_t surface, float pick, struct RTCRayHit *ray)
 {
     const struct embree_backend *b = c->walk->b;

@@ -1,4 +1,4 @@
-/* How far off places the nearest triangles are, which Embree's point queries find. */
+/* Distance of positions to the nearest triangle, by Embree's point queries. */
 #include <float.h>
 #include <math.h>
 
@@ -6,11 +6,11 @@
 #include "worker/pass/spheres.h"
 
 #define LOOKED 1.01 /* of a radius: how far is looked */
-/* Margin for rounding of rays and of the search: a share of the distance, and one of coordinates */
+/* Margin for rounding in tracing and searching: relative to the distance, and to coordinates */
 #define FARTHER 1e-4
 #define ROUNDING (32.0 * (double)FLT_EPSILON)
 
-/* Squared: to the nearest place of the line from a to b. */
+/* Squared distance to the nearest point of the segment from a to b. */
 static double to_edge(struct kiln_dvec3 p, struct kiln_dvec3 a, struct kiln_dvec3 b)
 {
     const struct kiln_dvec3 edge = dvec3_sub(b, a), to = dvec3_sub(p, a);
@@ -20,7 +20,7 @@ static double to_edge(struct kiln_dvec3 p, struct kiln_dvec3 a, struct kiln_dvec
     return dvec3_dot(off, off);
 }
 
-/* Whether the triangle's place nearest to p is p's foot on its plane, which has the normal n. */
+/* Whether the triangle's point nearest to p is p's projection onto its plane, which has the normal n. */
 static bool has_foot(struct kiln_dvec3 p, const struct kiln_dvec3 corner[3], struct kiln_dvec3 n)
 {
     bool inside = true;

@@ -6,21 +6,23 @@
 #include "worker/scene/footprint.h"
 #include "worker/scene/texture.h"
 
-/* ---- which triangles to look at ---- */
+/* ---- triangles that may coincide with others ---- */
 
-/* Values of embree_backend.coincides. Below APART: not known; the number of places at which a front was looked for. */
+/* Values of embree_backend.coincides. Below APART: unknown, and the number of hits at which a front was searched so
+ * far. */
 enum { APART = UINT16_MAX - 1, COINCIDES };
-/* After FEW places the triangle is searched if few are near it, and after MOST in any case: what light passes meet so
- * often is met much more often still. Measured in Sponza: with more places light passes are slower by what surface
- * points and validity gain. */
+/* Number of such hits after which the whole triangle is searched for a partner: FEW if few triangles are near it, else
+ * MOST. Triangles that passes of light hit so often are hit much more often later. Measured in Sponza: with larger
+ * numbers the passes of light lose the time that surface points and validity gain. */
 enum { PLACES_FEW = 4, PLACES_MOST = 1024 };
 
-/* Planes that turn from one another by more than this coincide within seven times KILN_COINCIDENT of a line only. */
+/* Cosine between the normals of opposite planes, at most; with a larger angle they coincide only within seven times
+ * KILN_COINCIDENT of a line. */
 #define PARALLEL (-0.99)
-/* The normal of a triangle that is not higher than so many times KILN_COINCIDENT says nothing. */
+/* Least height of a triangle with a reliable normal, as a multiple of KILN_COINCIDENT. */
 #define HEIGHT_LEAST 64.0
-/* Triangles whose boxes are farther apart than so many margins have no place in common, with all that hits and
- * barycentric coordinates may be off by. */
+/* Largest distance, in margins, between the boxes of triangles that may coincide, with all errors of hits and
+ * barycentric coordinates. */
 #define BOX_MARGINS 8.0
 
 /* A triangle in one plane. */
@@ -62,7 +64,7 @@ static struct flat flat_of(const struct kiln_dvec3 corner[3], double margin)
     return f;
 }
 
-/* Whether all corners of one are on one side of the other's plane, farther from it than the margin. */
+/* Whether all corners of one triangle are on one side of the other's plane, farther away than the margin. */
 static bool is_beside(const struct flat *one, const struct flat *other, double margin)
 {
     double least = INFINITY, most = -INFINITY;
@@ -97,7 +99,7 @@ static inline bool is_axis_far(float a, float b, float c, double low, double hig
     return (double)least > high || (double)most < low;
 }
 
-/* Whether the triangle's box is farther than `gap` from that one. */
+/* Whether the triangle's box is farther than `gap` from box b. */
 static bool is_far(const struct kiln_vec3 at[3], const struct box *b, double gap)
 {
     return is_axis_far(at[0].x, at[1].x, at[2].x, b->low[0] - gap, b->high[0] + gap) ||
@@ -105,15 +107,16 @@ static bool is_far(const struct kiln_vec3 at[3], const struct box *b, double gap
            is_axis_far(at[0].z, at[1].z, at[2].z, b->low[2] - gap, b->high[2] + gap);
 }
 
-/* In the sphere around a triangle that spans the scene is the scene. Where more triangles than MANY are in a sphere,
- * those around the quarters are searched in its place, and around theirs, down to the DEEPEST. */
+/* MANY: largest number of triangles in a sphere that is searched at once. If more are in the sphere around a triangle,
+ * those around its four quarters are searched instead, recursively down to DEEPEST: the sphere around a very large
+ * triangle would contain the whole scene. */
 enum { MANY = 1024, DEEPEST = 6 };
 
 struct partner_search {
     const struct embree_backend *b;
     uint32_t triangle;
     struct flat own;
-    struct box box; /* of what is searched: the own triangle, or a piece of it */
+    struct box box; /* of the part searched: the own triangle, or a piece of it */
     double margin;  /* m */
     size_t met;     /* triangles in this sphere */
     size_t limit;   /* of them */
@@ -121,7 +124,7 @@ struct partner_search {
     bool found;
 };
 
-/* Embree's question about each triangle whose box is near the own one. True: the search is over. */
+/* Callback of Embree's point query, for each triangle whose box is near. True: the search is over. */
 static bool consider_partner(struct RTCPointQueryFunctionArguments *arguments)
 {
     struct partner_search *s = arguments->userPtr;
@@ -149,7 +152,7 @@ static bool consider_partner(struct RTCPointQueryFunctionArguments *arguments)
     return true;
 }
 
-/* Searches around a piece. Returns whether all triangles there were met, or the search is over. */
+/* Searches the sphere around a piece. Returns whether all triangles in it were tested, or the search is over. */
 static bool search_sphere(struct partner_search *s, const struct kiln_dvec3 c[3], size_t limit)
 {
     struct RTCPointQuery query = {.x = (float)((c[0].x + c[1].x + c[2].x) / 3.0),
@@ -176,7 +179,7 @@ static struct kiln_dvec3 middle_of(struct kiln_dvec3 a, struct kiln_dvec3 b)
     return dvec3_scale(dvec3_add(a, b), 0.5);
 }
 
-/* The same for its quarters, if there are too many triangles. */
+/* Searches the sphere around a piece; if it has too many triangles, those around its quarters. */
 static bool search_pieces(struct partner_search *s, const struct kiln_dvec3 c[3], int depth)
 {
     if (search_sphere(s, c, MANY))
@@ -198,8 +201,8 @@ static struct partner_search search_of(const struct embree_backend *b, uint32_t 
     return (struct partner_search){.b = b, .triangle = triangle, .own = flat_of(corner, margin), .margin = margin};
 }
 
-/* Whether a front may coincide with the back of this triangle somewhere, by the planes of those near it. Where
- * triangles are dense everywhere around it, one sphere costs less than its pieces. */
+/* Whether a front may coincide anywhere with the back of this triangle, by the planes of triangles near it. Where
+ * triangles are dense all around it, a single sphere is cheaper than its pieces. */
 static bool find_partner(const struct embree_backend *b, uint32_t triangle)
 {
     struct kiln_dvec3 corner[3];
@@ -214,7 +217,7 @@ static void keep(const struct embree_backend *b, uint32_t triangle, bool found)
     __atomic_store_n(&b->coincides[triangle], found ? COINCIDES : APART, __ATOMIC_RELAXED);
 }
 
-/* The same, looked up. Threads that ask at once find the same. */
+/* Cached result of find_partner. Threads that search at the same time find the same. */
 static bool may_coincide(const struct embree_backend *b, uint32_t triangle)
 {
     if (__atomic_load_n(&b->coincides[triangle], __ATOMIC_RELAXED) < APART)
@@ -222,8 +225,8 @@ static bool may_coincide(const struct embree_backend *b, uint32_t triangle)
     return __atomic_load_n(&b->coincides[triangle], __ATOMIC_RELAXED) == COINCIDES;
 }
 
-/* Whether to look for a front at the place of a hit before may_coincide is asked, which then need be asked only where
- * there is one. Threads that ask at once may count as one. */
+/* Whether to search for a front at the hit itself first; then may_coincide is needed only where there is one. Hits of
+ * threads at the same time may count once. */
 static bool is_place_first(const struct embree_backend *b, uint32_t triangle)
 {
     const uint16_t places = __atomic_load_n(&b->coincides[triangle], __ATOMIC_RELAXED);
@@ -247,15 +250,15 @@ struct face_search {
     const struct embree_backend *b;
     const struct embree_context *context;
     uint32_t lane; /* of the context's seeds */
-    bool back;     /* the back of a solid is looked for, else a front */
+    bool back;     /* searches for the back of a solid, else for a front */
     struct kiln_dvec3 place, direction;
     double margin; /* m */
     float gap;     /* m: BOX_MARGINS of them */
-    double inside; /* least barycentric weight of the best one so far */
+    double inside; /* least barycentric weight in the best face so far */
     struct RTCHit *hit;
 };
 
-/* Whether a ray of that context meets the triangle at (u, v) at all. */
+/* Whether a ray of the context hits the triangle at (u, v), or passes through. */
 static bool is_there(const struct face_search *s, uint32_t triangle, float u, float v)
 {
     const struct kiln_geometry *g = s->b->params.geometry;
@@ -271,7 +274,7 @@ static bool is_there(const struct face_search *s, uint32_t triangle, float u, fl
     return embree_blends(s->b) ? kiln_is_there(s->context->seed[s->lane], triangle, opacity) : opacity > 0.0f;
 }
 
-/* Whether the place is farther from the triangle's box than it is from what it coincides with. */
+/* Whether the hit's position is farther than `gap` from the triangle's box. */
 static inline bool is_outside(const struct kiln_vec3 corner[3], struct kiln_vec3 place, float gap)
 {
     const float at[3][3] = {{corner[0].x - place.x, corner[1].x - place.x, corner[2].x - place.x},
@@ -285,7 +288,7 @@ static inline bool is_outside(const struct kiln_vec3 corner[3], struct kiln_vec3
     return outside;
 }
 
-/* Embree's question about each triangle that shares a leaf with one whose box is near the place. */
+/* Callback of Embree's point query, for each triangle in a leaf with one whose box is near the position. */
 static bool consider_face(struct RTCPointQueryFunctionArguments *arguments)
 {
     struct face_search *s = arguments->userPtr;
@@ -315,7 +318,7 @@ static bool consider_face(struct RTCPointQueryFunctionArguments *arguments)
     return false;
 }
 
-/* Searches where a ray of this direction has met `hit`, and sets that to the face that is there. False: none is. */
+/* Searches for a coincident face at `hit` of a ray in this direction, and replaces the hit by it. False: none. */
 static bool find_face(const struct embree_backend *b, const struct embree_context *context, uint32_t lane, bool back,
                       struct kiln_vec3 direction, struct RTCHit *hit)
 {
@@ -346,8 +349,8 @@ bool embree_coincides(const struct embree_backend *b, const struct embree_contex
     return find_face(b, context, 0, back, direction, &other);
 }
 
-/* Replaces the back of a single-sided surface that a ray has met by a front that coincides with it (KILN_COINCIDENT).
- * `lane`: of the context's seeds. Returns whether there is one. */
+/* Replaces a hit on the back of a single-sided surface by a coincident front (KILN_COINCIDENT), if there is one.
+ * `lane`: index of the context's seeds. Returns whether there is one. */
 static bool prefer_front(const struct embree_backend *b, const struct embree_context *context, uint32_t lane,
                          struct kiln_vec3 direction, struct RTCHit *hit)
 {

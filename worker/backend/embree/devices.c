@@ -2,7 +2,7 @@
 
 #include "worker/backend/embree/embree.h"
 
-/* Embree's own version tells whether it starts here: the library may be built for another CPU. */
+/* Lists the CPU, if Embree starts on it: the library may have been built for another CPU, as its version tells. */
 int embree_devices(struct kiln_device *list, size_t room, size_t *count, struct kiln_error *error)
 {
     (void)error;

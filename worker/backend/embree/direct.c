@@ -16,14 +16,14 @@
 
 enum { SEQUENCES = 32 };
 
-/* The samples of one choice of light, scrambled for the present tile; made as far as somebody has asked. */
+/* Samples of one choice of light, scrambled for the current tile; generated as far as they are needed. */
 struct sequence {
     uint32_t identity, made;
     bool used;
     uint32_t *points[KILN_DIMENSIONS];
 };
 
-/* Samples of a target, a packet's at a time. */
+/* Samples of an area light for one packet. */
 struct target_lanes {
     struct kiln_area_light_samples samples;
     uint32_t random[KILN_DIMENSIONS][PACKET];                     /* fractions of 2^32 */
@@ -41,10 +41,10 @@ struct direct_work {
     uint32_t *sobol[KILN_DIMENSIONS]; /* table_size points each */
     uint32_t samples, table_size;     /* samples: of the present tile run */
     const struct kiln_batch *part;    /* borrowed */
-    /* by identity, direct mapped; the points of all tiles of a tile run choose alike */
+    /* cache by identity, direct mapped; points of all tiles of a tile run have the same choices */
     struct sequence sequences[SEQUENCES];
     uint32_t *sequence_points; /* what they are made of */
-    double *groups;            /* of the present point, of each group: shadow_packet.groups; NULL: nobody asks */
+    double *groups;            /* light of each group at the current point: shadow_packet.groups; NULL: not wanted */
     float *group_answers;      /* of the present tile run */
 };
 
@@ -82,7 +82,7 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     if (status != KILN_OK)
         return status;
     w->part = part;
-    /* a lone choice gets all samples, rounded up at most; with pilots a stretch of the sequence has room for more */
+    /* a single choice gets all samples, rounded up at most; with pilots a range of the sequence has room for more */
     const uint32_t times = has_pilots(b) ? KILN_SUN_TIMES : 1, first_sample = times * part->first_sample;
     w->table_size = times * part->samples + 1;
     KILN_TRY(kiln_allocate(&w->choices, KILN_CUT_MAX + direct_lights(b)->directional_count + 1, sizeof *w->choices,
@@ -107,7 +107,7 @@ end:
     return status;
 }
 
-/* The groups of a packet's samples of the target. */
+/* Finds the groups of a packet's samples of the area light. */
 static void find_groups(struct direct_work *w, const struct embree_backend *b, const struct kiln_light_choice *choice)
 {
     const struct kiln_area_light_samples *t = &w->lanes.samples;
@@ -123,7 +123,7 @@ static uint32_t identity_of(const struct direct_work *w, const struct kiln_light
     return kiln_direct_identity((uint32_t)choice->kind, choice->index, w->part->stream);
 }
 
-/* The first `count` samples of the choice called `identity`. */
+/* Returns the first `count` samples of the choice with this identity. */
 static const struct sequence *find_sequence(struct direct_work *w, uint32_t identity, uint32_t count)
 {
     struct sequence *q = &w->sequences[identity % SEQUENCES];
@@ -157,7 +157,7 @@ static void place_lanes(struct direct_work *w, const struct embree_backend *b, u
     }
 }
 
-/* Light is weighed where the surface is. */
+/* Sets the positions where samples are weighted: on the surface, without offset. */
 KILN_CLONES static void start_samples(struct target_lanes *restrict t)
 {
     for (int l = 0; l < PACKET; l++) {
@@ -170,7 +170,7 @@ KILN_CLONES static void start_samples(struct target_lanes *restrict t)
             t->samples.place[c][l] = (double)t->position[c][l] - (double)t->normal[c][l] * (double)t->offset[l];
 }
 
-/* Rays from where they start to the places on the light. */
+/* Makes the rays from their starts to the positions on the light. */
 KILN_CLONES static void fill_rays(const struct target_lanes *restrict t, struct shadow_packet *restrict s)
 {
     double to[3][PACKET];
@@ -190,7 +190,7 @@ KILN_CLONES static void fill_rays(const struct target_lanes *restrict t, struct 
     }
 }
 
-/* Finds the light that lane l's ray brings if nothing is in its way, and whether it is to be traced at all. */
+/* Computes the light of lane l's ray if it is not blocked, and whether it must be traced. */
 static void weigh_lane(struct direct_work *w, const struct embree_backend *b, uint32_t j, uint32_t l)
 {
     const struct kiln_area_light *light = w->target.light;
@@ -216,7 +216,7 @@ static void weigh_lane(struct direct_work *w, const struct embree_backend *b, ui
     }
 }
 
-/* A packet of the target's samples at point j, from `first` on, whose random numbers are drawn. */
+/* Traces a packet of the area light's samples at point j, from `first` on, whose random numbers are drawn. */
 static void sample_packet(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
                           uint32_t j, const struct kiln_light_choice *choice, uint32_t first, uint64_t *rays)
 {
@@ -233,7 +233,7 @@ static void sample_packet(struct direct_work *w, const struct embree_backend *b,
     shadow_trace(&w->shadows, b, context);
 }
 
-/* All samples of the target at point j, which is that of the choice. */
+/* Traces all samples of the area light of the choice at point j. */
 static void sample_target(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
                           uint32_t j, const struct kiln_light_choice *choice, struct shadow_sums *sums, uint64_t *rays)
 {
@@ -297,8 +297,8 @@ static void sample_choice(struct direct_work *w, const struct embree_backend *b,
     shadow_end(&w->shadows, b, context);
 }
 
-/* The pilot's rays first .. first+PACKET-1 at point j, of `count`. What each would bring of the light, as a share, goes
- * to `share`. */
+/* Makes the pilot's rays first .. first+PACKET-1 of `count` at point j. `share`: light of each if it is not blocked, as
+ * a share of the total. */
 static void aim_pilot(struct direct_work *w, const struct embree_backend *b, uint32_t j, struct kiln_dvec3 towards,
                       uint32_t identity, uint32_t first, uint32_t count, double share[PACKET])
 {
@@ -312,7 +312,7 @@ static void aim_pilot(struct direct_work *w, const struct embree_backend *b, uin
         struct kiln_vec3 p, n;
         (void)frame_position(&w->frame, b, j, (float)kiln_unit_double(q->points[KILN_DIMENSION_S][k] ^ shift_s),
                              (float)kiln_unit_double(q->points[KILN_DIMENSION_T][k] ^ shift_t), &p, &n);
-        if (k >= count / 2) /* and as much farther off the surface */
+        if (k >= count / 2) /* start the ray by the same distance farther off the surface */
             p = vec3_madd(p, vec3_sub(p, f->extent[j].centre), KILN_SUN_PILOT_BEYOND);
         const double shading = dvec3_dot(dvec3_of(frame_shading(f, j, n)), towards);
         share[l] = frame_faces(f, j, dvec3_dot(dvec3_of(n), towards), shading) ? fmax(0.0, shading) : 0.0;
@@ -324,8 +324,7 @@ static void aim_pilot(struct direct_work *w, const struct embree_backend *b, uin
     }
 }
 
-/* Whether the directional light of the choice is not the same all over and around point j, by a pilot of `count` rays.
- */
+/* Whether the choice's directional light varies over and around point j, found by a pilot of `count` rays. */
 static bool pilot_differs(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
                           uint32_t j, const struct kiln_light_choice *choice, uint32_t count, uint64_t *rays)
 {
@@ -348,7 +347,7 @@ static bool pilot_differs(struct direct_work *w, const struct embree_backend *b,
     return least < (double)KILN_SUN_SAME * most;
 }
 
-/* Shares out the samples of point j's choices again, after pilots of its directional lights. */
+/* Redistributes the samples among point j's choices, after pilots of its directional lights. */
 static void use_pilots(struct direct_work *w, const struct embree_backend *b, struct embree_context *context,
                        uint32_t j, size_t count, uint64_t *rays)
 {

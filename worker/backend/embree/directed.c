@@ -8,7 +8,7 @@
 #include "worker/pass/bright.h"
 #include "worker/sampling/sequence.h"
 
-/* A tile has four clusters of 4 x 4 texels; and points that are of none. */
+/* Receivers of a tile: four clusters of 4 x 4 texels, and points in no cluster. */
 enum { RECEIVERS = 5 };
 
 struct directed {
@@ -20,7 +20,7 @@ struct directed {
     uint32_t receiver_count;
     /* of the step under way */
     bool to_patch[RAY_LANES];
-    uint32_t aimed_at[RAY_LANES]; /* the cluster; KILN_NO_CLUSTER: the ray leads nowhere */
+    uint32_t aimed_at[RAY_LANES]; /* target cluster of each ray; KILN_NO_CLUSTER: the ray is not used */
 };
 
 int directed_create(struct directed **directed, const struct kiln_directions_parameters *p,
@@ -51,9 +51,9 @@ void directed_destroy(struct directed **directed)
     kiln_free(directed);
 }
 
-/* ---- what a tile run's points choose by ---- */
+/* ---- choices of a tile run's points ---- */
 
-/* The receiver of a cluster, which is begun when it is first met. */
+/* Returns the receiver of a cluster, and initializes it at first use. */
 static uint8_t receiver_with(struct directed *d, uint32_t cluster)
 {
     uint8_t i = 0;
@@ -81,7 +81,7 @@ void directed_begin(struct directed *d, const struct tile_run_rays *rays, const 
 
 /* ---- rays ---- */
 
-/* Number of the first sum that is above x. */
+/* Index of the first cumulative sum above x. */
 static uint32_t find_sum(const double *sums, uint32_t count, double x)
 {
     uint32_t low = 0, high = count - 1;
@@ -95,7 +95,7 @@ static uint32_t find_sum(const double *sums, uint32_t count, double x)
     return low;
 }
 
-/* Chooses a point by *u in [0, 1), and leaves in *u another such number. */
+/* Chooses a point by *u in [0, 1); *u becomes a new random number in [0, 1). */
 static uint64_t choose(const struct kiln_bright *bright, const struct kiln_bright_receiver *r, double *u)
 {
     const double x = *u * r->sums[bright->count - 1];
@@ -153,8 +153,8 @@ void directed_aim(struct directed *d, struct tile_run_rays *rays, uint32_t step,
 
 /* ---- weights ---- */
 
-/* Where a ray from `origin` along w crosses the parallelogram that rays to a patch go to: the distance squared over
- * area and cosine, the density of such rays over the solid angle. 0: it does not. */
+/* Density per steradian of a ray from `origin` along w at the parallelogram of a patch: squared distance over area and
+ * cosine. 0: the ray misses it. */
 static double density_to(const struct kiln_patch *patch, struct kiln_dvec3 origin, struct kiln_dvec3 w)
 {
     const struct kiln_dvec3 s = dvec3_scale(dvec3_of(patch->edge_s), KILN_BRIGHT_SPREAD),
@@ -170,7 +170,7 @@ static double density_to(const struct kiln_patch *patch, struct kiln_dvec3 origi
     return fabs(a) <= 0.5 && fabs(b) <= 0.5 ? distance * distance / fabs(along) : 0.0;
 }
 
-/* q of worker/pass/directions.h, of the ray of lane l that has met a point of cluster c. */
+/* Density q of worker/pass/directions.h, for the ray of lane l that has hit a point of cluster c. */
 static double density_of(const struct kiln_bright *bright, const struct kiln_bright_receiver *r,
                          const struct tile_run_rays *rays, uint32_t l, uint32_t c)
 {

@@ -1,4 +1,4 @@
-/* Rays of the directions pass (worker/pass/directions.h): where they go, and what they weigh. */
+/* Rays of the directions pass (worker/pass/directions.h): their directions and weights. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_DIRECTED_H
 #define KILN_WORKER_BACKEND_EMBREE_DIRECTED_H
 
@@ -12,15 +12,15 @@ int directed_create(struct directed **directed, const struct kiln_directions_par
                     const struct kiln_batch *part, struct kiln_error *error);
 void directed_destroy(struct directed **directed);
 
-/* After rays_begin with the same tile run and stream. */
+/* Begins a tile run, after rays_begin with the same tile run and stream. */
 void directed_begin(struct directed *directed, const struct tile_run_rays *rays, const struct embree_backend *backend,
                     size_t tile_run, uint32_t stream);
-/* After rays_make of a step with so many lanes: sends its rays to where they should go. */
+/* Directs the rays of a step with `lanes` lanes to their targets, after rays_make. */
 void directed_aim(struct directed *directed, struct tile_run_rays *rays, uint32_t step, uint32_t lanes);
-/* After the rays were traced, and what they met was found: sets their weights. */
+/* Sets the rays' weights, after they were traced and their hits were looked up. */
 void directed_weigh(const struct directed *directed, struct tile_run_rays *rays, const struct rays_found *found,
                     uint32_t lanes);
-/* Which quarter of the samples lane l's is of: each has as many of either kind. */
+/* Returns the quarter to which lane l's sample belongs. All quarters have equally many samples of each kind. */
 uint32_t directed_quarter(const struct directed *directed, const struct tile_run_rays *rays, uint32_t step, uint32_t l);
 
 #endif

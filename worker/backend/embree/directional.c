@@ -1,5 +1,5 @@
-/* The directional pass (worker/pass/directional.h): rays even over the hemispheres of a tile run's points for what
- * surfaces and a constant sky send, shadow rays for the lights. */
+/* The directional pass (worker/pass/directional.h): rays evenly distributed over the hemispheres of a tile run's
+ * points, for light of surfaces and a constant sky; shadow rays for the lights. */
 #include <math.h>
 #include <string.h>
 
@@ -19,8 +19,8 @@ struct directional_sums {
     double radiance[KILN_DIRECTIONAL_HARMONICS][3];
 };
 
-/* A thread's working set. Each point's sums are added in the order of its samples, whatever the number of lanes: what
- * surfaces send, the sky and the lights apart. */
+/* Working set of a thread. A point's sums are added up in the order of its samples, whatever the number of lanes,
+ * separately for surfaces, the sky, and lights. */
 struct directional_work {
     struct tile_run_rays *rays;
     struct rays_found found;
@@ -90,7 +90,7 @@ static void add_hit(struct directional_work *w, const struct embree_backend *b, 
     add_lane(w->surfaces, b, w->rays, w->found.lane[i], rgb);
 }
 
-/* Adds what comes by the chain of lane l: of diffuse surfaces, lamps and sky. */
+/* Adds the light that lane l's chain finds: of diffuse surfaces, lamps and sky. */
 static void add_chain(struct directional_work *w, struct walk *walk, uint32_t step, uint32_t l)
 {
     const struct tile_run_rays *r = w->rays;
@@ -103,7 +103,7 @@ static void add_chain(struct directional_work *w, struct walk *walk, uint32_t st
     add_lane(w->surfaces, walk->b, r, l, rgb);
 }
 
-/* Adds what surfaces send, lane by lane, where rays go on in chains. */
+/* Adds the light of surfaces, lane by lane, where rays continue in chains. */
 static void add_surfaces(struct directional_work *w, struct walk *walk, uint32_t step, uint32_t lanes)
 {
     const struct rays_found *found = &w->found;
@@ -154,7 +154,7 @@ static uint64_t add_light(struct directional_sums *sums, struct tile_run_rays *r
     return 1;
 }
 
-/* Light straight from the lights at point j; a constant sky is met by the rays over the hemisphere. */
+/* Adds the light of lamps at point j, by shadow rays; rays over the hemisphere find a constant sky. */
 static uint64_t add_lights(struct directional_sums *sums, struct directional_work *w, const struct embree_backend *b,
                            struct embree_context *context, uint32_t j)
 {

@@ -1,4 +1,4 @@
-/* The directions pass (worker/pass/directions.h): the gather pass, whose rays go elsewhere. */
+/* The directions pass (worker/pass/directions.h): the gather pass with other ray directions. */
 #include "worker/backend/embree/gather.h"
 #include "worker/backend/embree/tile_runs.h"
 

@@ -40,7 +40,7 @@ static void attach(struct embree_backend *b, unsigned id, size_t first, size_t c
     rtcReleaseGeometry(geometry);
 }
 
-/* Embree's threads ask while they build. */
+/* Progress callback of Embree's build threads; false cancels the build. */
 static bool goes_on(void *context, double share)
 {
     (void)share;
@@ -135,7 +135,7 @@ static void embree_info(const struct kiln_backend *backend, struct kiln_backend_
             info->kernels[info->kernel_count++] = kiln_passes[p]->name;
 }
 
-/* Copies what passes read too often to look up in `given`. Makes the way from hits to a surface's points. */
+/* Copies values that passes read too often to look them up in `given`. Makes the lookup from hits to surface points. */
 static int embree_set(struct kiln_backend *backend, enum kiln_resource_index index, struct kiln_error *error)
 {
     (void)error;
@@ -162,7 +162,7 @@ static uint64_t results_of(const struct embree_backend *b, const struct kiln_pas
     return pass->domain == KILN_DOMAIN_TILE_RUNS ? b->surface->tile_runs[item].count : 1;
 }
 
-/* Hands over the results of the items that are not left out. */
+/* Passes on the results of the items that are not left out. */
 static int take_results(const struct embree_backend *b, const struct kiln_pass *pass, const struct kiln_batch *part,
                         const char *results, struct kiln_error *error)
 {
@@ -178,7 +178,7 @@ static int take_results(const struct embree_backend *b, const struct kiln_pass *
     return status;
 }
 
-/* Room for what groups answer in a part of so many points that begins with the tile run. */
+/* Allocates results of groups for a part with this number of points, which begins with the tile run. */
 static int begin_groups(struct embree_backend *b, size_t tile_run, uint64_t points, struct kiln_error *error)
 {
     struct kiln_groups *g = b->base.given.groups;
@@ -189,7 +189,8 @@ static int begin_groups(struct embree_backend *b, size_t tile_run, uint64_t poin
                      "the light of groups", error);
 }
 
-/* The batch in parts of some PART_POINTS results, or whole, which are taken before the next part is computed. */
+/* Runs the batch in parts of about PART_POINTS results, or as a whole; each part is taken before the next is computed.
+ */
 static int embree_run(struct kiln_backend *backend, const struct kiln_pass *pass, const void *parameters,
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {

@@ -7,7 +7,7 @@
 #include "worker/sampling/keys.h"
 #include "worker/sampling/sequence.h"
 
-/* Looks a triangle up among those met last. The pieces of a tile run's footprints are few, and met again and again. */
+/* Looks a triangle up in a cache of recent ones. The footprints of a tile run have few triangles, which recur. */
 static const struct frame_triangle *know(struct tile_run_frame *f, const struct embree_backend *b, uint32_t triangle)
 {
     struct frame_triangle *known = &f->known[triangle % FRAME_TRIANGLES];
@@ -21,7 +21,7 @@ static const struct frame_triangle *know(struct tile_run_frame *f, const struct 
     return known;
 }
 
-/* Positions on the whole square, offset once for all: rounding of s and t is part of the bound. */
+/* Prepares positions on the whole square, with the offset applied once: the rounding of s and t is within the bound. */
 static void build_whole(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, uint32_t triangle)
 {
     const struct kiln_footprint *p = &f->footprint[j];
@@ -34,7 +34,7 @@ static void build_whole(struct tile_run_frame *f, const struct embree_backend *b
     f->edge_t[0][j] = dv.x, f->edge_t[1][j] = dv.y, f->edge_t[2][j] = dv.z;
 }
 
-/* Rays that tell whether a place is buried: along the normal and three around it. */
+/* Number of rays that test whether a position is buried: along the normal and three around it. */
 enum { BURIED_RAYS = 4 };
 
 static struct kiln_vec3 buried_way(struct kiln_vec3 normal, int ray)
@@ -50,7 +50,7 @@ static struct kiln_vec3 buried_way(struct kiln_vec3 normal, int ray)
     return vec3_madd(vec3_madd(vec3_scale(t, turn[ray][0]), s, turn[ray][1]), normal, KILN_BURIED_ALONG);
 }
 
-/* Whether what a ray that goes along d has met is the back of a solid. */
+/* Whether a ray along d has hit the back of a solid. */
 static bool is_solid_back(const struct embree_backend *b, const struct RTCHit *hit, struct kiln_vec3 d)
 {
     if (hit->geomID == RTC_INVALID_GEOMETRY_ID || hit->Ng_x * d.x + hit->Ng_y * d.y + hit->Ng_z * d.z <= 0.0f)
@@ -58,7 +58,7 @@ static bool is_solid_back(const struct embree_backend *b, const struct RTCHit *h
     return kiln_geometry_is_solid(b->params.geometry, embree_triangle(b, hit->geomID, hit->primID));
 }
 
-/* Fronts that coincide with backs are looked for last: where all rays have met backs. */
+/* Tests whether a position is buried. Coincident fronts are searched last: only if all rays have hit backs. */
 bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 position, struct kiln_vec3 normal)
 {
     struct RTCRayHit rays[BURIED_RAYS];
@@ -87,8 +87,8 @@ bool frame_buried(const struct embree_backend *backend, struct kiln_vec3 positio
     return true;
 }
 
-/* Whether a place is buried whose rays have met this: backs, and at most KILN_BURIED_BOTH others, which may coincide
- * with backs. Faces that coincide are looked for last, and in few places. */
+/* Whether a position is buried, from the hits of its rays: backs, and at most KILN_BURIED_BOTH other hits, which may
+ * coincide with backs. Coincident faces are searched last, and at few positions. */
 static bool all_meet_backs(const struct embree_backend *b, const struct embree_context *context,
                            struct kiln_vec3 normal, const struct RTCHit hits[BURIED_RAYS])
 {
@@ -130,8 +130,8 @@ static struct RTCHit hit_of(const struct RTCRayHit8 *rays, uint32_t i)
                            .geomID = rays->hit.geomID[i]};
 }
 
-/* Leaves only those lanes valid of which no more than KILN_BURIED_BOTH rays have met anything but a back, and none
- * nothing; how many. */
+/* Keeps only lanes valid in which all rays have hits, and at most KILN_BURIED_BOTH hits are not backs. Returns their
+ * number. */
 static uint32_t keep_backs(const struct embree_backend *b, const struct RTCRayHit8 *rays, int others[PACKET],
                            int *valid)
 {
@@ -155,7 +155,7 @@ uint32_t frame_count_buried(const struct embree_backend *backend, const struct k
     struct embree_context context;
     uint32_t buried = 0;
     embree_context_solid(&context);
-    context.rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT; /* places of one texel, rays along one normal */
+    context.rtc.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT; /* positions in one texel, rays along one normal */
     for (uint32_t i = 0; i < PACKET; i++)
         valid[i] = i < count ? -1 : 0;
     for (int i = 0; i < BURIED_RAYS && count > 0; i++) {
@@ -215,7 +215,7 @@ float frame_position(struct tile_run_frame *frame, const struct embree_backend *
     return offset;
 }
 
-/* Where a material is taken with its gloss, what light does there: at the middle of the point's numbers. */
+/* Finds the scattering of a material with gloss, with the texture at the point's middle. */
 static void find_lobes(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j)
 {
     const struct kiln_scene *scene = b->params.scene;
@@ -233,7 +233,7 @@ static void find_lobes(struct tile_run_frame *f, const struct embree_backend *b,
                                      s1, s2, false);
 }
 
-/* Whether rays from some piece of the footprint are lifted. */
+/* Whether rays from any piece of the footprint are lifted. */
 static bool is_lifted(struct tile_run_frame *f, const struct embree_backend *b, const struct kiln_footprint *p)
 {
     bool lifted = false;

@@ -1,4 +1,4 @@
-/* The gather pass (worker/pass/gather.h): cosine-distributed rays of a tile run's points and the radiosity that they
+/* The gather pass (worker/pass/gather.h): cosine-distributed rays from a tile run's points, and the radiosity that they
  * find. */
 #include "worker/backend/embree/gather.h"
 
@@ -50,8 +50,8 @@ static int groups_create(struct gather_work *w, const struct embree_backend *b, 
                : KILN_OK;
 }
 
-/* Adds the radiosity of each group at a surface point that a ray of point j has met, by its weights as incident light
- * and as irradiance. */
+/* Adds each group's radiosity at a surface point that a ray of point j has hit, with the ray's weights for incident
+ * light and for irradiance. */
 static inline void add_groups(const struct gather_work *w, const struct embree_backend *b, uint32_t j, uint64_t point,
                               float incident, float irradiance)
 {
@@ -117,7 +117,7 @@ KILN_CLONES static void collect(const struct embree_backend *b, struct gather_wo
     }
 }
 
-/* Notes what the rays of a step weigh, of a smooth mesh. */
+/* Stores the weights of a step's rays, for a smooth mesh. */
 static void weigh(const struct gather_work *w, size_t tile_run, uint32_t step, uint32_t lanes)
 {
     const struct tile_run_rays *rays = w->h.rays;
@@ -128,7 +128,7 @@ static void weigh(const struct gather_work *w, size_t tile_run, uint32_t step, u
 
 /* ---- rays that all weigh 1 ---- */
 
-/* Whether what a ray finds is added as it is, and nothing else is made of it. */
+/* Whether the radiosity that rays find is added unchanged, with nothing else computed from it. */
 static bool is_plain(const struct gather_work *w, const struct embree_backend *b)
 {
     const struct tile_run_frame *frame = &w->h.rays->frame;
@@ -139,7 +139,7 @@ static bool is_plain(const struct gather_work *w, const struct embree_backend *b
     return plain;
 }
 
-/* As collect, all points at a time that take the same sample; the sums stand in `plain`. What a lane does not find is
+/* As collect, in SIMD lanes for all points that take the same sample; the sums are in `plain`. Lanes without a hit add
  * 0. */
 KILN_CLONES static void collect_plain(const struct embree_backend *b, struct gather_work *w, uint32_t step,
                                       uint32_t lanes)
@@ -181,7 +181,7 @@ static void take_plain(struct gather_work *w)
 
 /* ---- with chains, and probes ---- */
 
-/* Which lanes go on in chains; those among the blocked ones are taken out there. */
+/* Finds the lanes that continue in chains, and removes those from the blocked ones. */
 static void find_chains(const struct embree_backend *b, struct gather_work *w)
 {
     struct rays_found *found = &w->h.found;
@@ -199,7 +199,7 @@ static void find_chains(const struct embree_backend *b, struct gather_work *w)
     found->blocked = blocked;
 }
 
-/* The chain of lane l, which is kept where chains are. */
+/* Follows the chain of lane l, and stores it where chains are kept. */
 static void follow_and_keep(struct gather_work *w, uint32_t step, uint32_t l, bool tints)
 {
     if (!kept_rows_note_chains(&w->rows)) {
@@ -213,7 +213,7 @@ static void follow_and_keep(struct gather_work *w, uint32_t step, uint32_t l, bo
     *kept_rows_word(&w->rows, w->h.rays, step, l) = kept_chains_end(&w->rows.chains, j, tints);
 }
 
-/* A ray that ends at the first surface, and is tinted on its way there. */
+/* Stores the tint of a ray that ends at its first surface. */
 static void keep_tint(struct gather_work *w, uint32_t step, uint32_t l, uint64_t point)
 {
     const float *tint = w->h.rays->tint[l], all[3] = {1.0f, 1.0f, 1.0f};
@@ -224,7 +224,7 @@ static void keep_tint(struct gather_work *w, uint32_t step, uint32_t l, uint64_t
     *kept_rows_word(&w->rows, w->h.rays, step, l) = kept_chains_end(&w->rows.chains, j, true);
 }
 
-/* As collect_lanes, of rays that were found in a file. What they have lost the points' records say. */
+/* As collect_lanes, for rays read from a file. The points' records have the shares that were lost. */
 static void collect_kept(const struct embree_backend *b, struct gather_work *w, uint32_t step, uint32_t lanes)
 {
     for (uint32_t l = 0; l < lanes; l++) {
@@ -240,7 +240,7 @@ static void collect_kept(const struct embree_backend *b, struct gather_work *w, 
     }
 }
 
-/* Takes the shares that the points' rays have lost. */
+/* Reads the shares of the points' rays that were lost. */
 static void take_lost(struct gather_work *w)
 {
     for (uint32_t j = 0; j < w->h.rays->frame.count; j++) {
@@ -254,8 +254,8 @@ static void take_lost(struct gather_work *w)
     }
 }
 
-/* As count_lost and collect, where rays end at probes or go on in chains: what surfaces, probes and chains send, lane
- * by lane, so that a point's samples are added in their order. */
+/* As count_lost and collect, where rays end at probes or continue in chains. Adds light of surfaces, probes and chains
+ * lane by lane, so that a point's samples are added in order. */
 static void collect_lanes(const struct embree_backend *b, struct embree_context *context, struct gather_work *w,
                           uint32_t step, uint32_t lanes)
 {
@@ -298,7 +298,7 @@ static void collect_lanes(const struct embree_backend *b, struct embree_context 
 
 /* ---- the pass ---- */
 
-/* Whether what a ray weighs does not hang on where it goes. */
+/* Whether a ray's weight does not depend on its direction. */
 static bool weighs_alike(const struct tile_run_frame *frame)
 {
     bool alike = !frame->smooth;
@@ -309,11 +309,11 @@ static bool weighs_alike(const struct tile_run_frame *frame)
 
 static void find_kept(struct gather_work *w, const struct embree_backend *b, uint32_t step, uint32_t lanes)
 {
-    if (!kept_rows_find_chains(&w->rows)) /* else words are read where light is collected */
+    if (!kept_rows_find_chains(&w->rows)) /* otherwise words are read where light is collected */
         kept_rows_find(&w->rows, b, w->h.rays, step, lanes, &w->h.found);
 }
 
-/* Finds what the rays of the step meet: traces them, or with `replays` looks it up. Returns the number of lanes. */
+/* Finds the hits of a step's rays: traces them, or with `replays` reads them. Returns the number of lanes. */
 static uint32_t find_step(struct gather_work *w, const struct embree_backend *b, struct embree_context *context,
                           uint32_t step, bool replays, uint64_t *rays)
 {

@@ -1,4 +1,5 @@
-/* The gather pass, whose loop the guided and the directions pass run too: a thread's working set, and one tile run. */
+/* The gather pass: a thread's working set, and the processing of one tile run. The guided and the directions pass use
+ * its loop, too. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_GATHER_H
 #define KILN_WORKER_BACKEND_EMBREE_GATHER_H
 
@@ -10,19 +11,20 @@
 
 struct gather_work {
     struct hemisphere h;
-    struct kept_rows rows;                       /* of the gather pass; else zeros */
-    struct ray_probes probes;                    /* where the backend has some */
-    bool chained[RAY_LANES];                     /* lanes that go on in chains */
-    double plain[3][RAY_LANES];                  /* of rays that all weigh 1: incident light */
-    const struct kiln_guided_parameters *guided; /* of the guided pass; else NULL */
+    struct kept_rows rows;                       /* kept rows of the gather pass; else zeros */
+    struct ray_probes probes;                    /* radiance probes, if the backend has them */
+    bool chained[RAY_LANES];                     /* lanes at whose hits chains begin */
+    double plain[3][RAY_LANES];                  /* incident light of steps in which all rays have weight 1 */
+    const struct kiln_guided_parameters *guided; /* parameters of the guided pass; else NULL */
     struct run_guide guide;
-    /* of the directions pass, else NULL: where its rays go, and what their light is multiplied by */
+    /* directions pass, else NULL: targets of its rays, and factors of their light */
     struct directed *directed;
     const struct kiln_directions_parameters *directions;
-    double *groups; /* the light of groups: of each point and group KILN_GROUP_FLOATS sums; NULL: nobody asks */
+    double *groups; /* light of groups: KILN_GROUP_FLOATS sums for each point and group; NULL: not requested */
 };
 
-/* Functions of struct tile_run_pass (tile_runs.h). No parameters are read: who has some sets them afterwards. */
+/* Functions of struct tile_run_pass (tile_runs.h). They read no parameters: passes that have some set them afterwards.
+ */
 int gather_work_create(void **work, const struct embree_backend *b, const struct kiln_batch *part,
                        struct kiln_error *error);
 void gather_work_destroy(void **work);

@@ -1,4 +1,4 @@
-/* Shared parts of passes that sample the hemisphere over points: a thread's rays, what they find, how they go on in
+/* Shared parts of passes that sample the hemisphere over points: a thread's rays, their hits, their continuation in
  * chains, and the sums of a point. The gather, guided, directions, caustic, weighed and reference passes begin with it.
  */
 #ifndef KILN_WORKER_BACKEND_EMBREE_HEMISPHERE_H
@@ -9,25 +9,26 @@
 #include "worker/backend/embree/lookup.h"
 #include "worker/pass/point.h"
 
-/* The first member of a pass's own working set, which is zeros before hemisphere_create. */
+/* First member of a pass's own working set; all zeros before hemisphere_create. */
 struct hemisphere {
     struct tile_run_rays *rays;
     uint32_t stream;
     struct rays_found found;
-    /* where rays go on in chains: what a chain has found; and of each lane what has escaped and was blocked */
+    /* where rays continue in chains: findings of a chain; escaped and blocked share of each lane */
     struct walk walk;
     struct chain_found chain;
     float lost[2][RAY_LANES];
-    struct kiln_light_choice *choices; /* of passes that ask for the light of lamps; else NULL */
+    struct kiln_light_choice *choices; /* light choices of passes that sample lamps; else NULL */
     /* sums of a point */
     double incident[RAY_LANES][3], irradiance[RAY_LANES][3], quarter[RAY_QUARTERS][RAY_LANES];
     double escaped[RAY_LANES], blocked[RAY_LANES], glass[RAY_LANES][3], gloss[RAY_LANES][3];
 };
 
-/* Rays half-way between both normals, with random numbers of `stream`. Release it, after a failure too. */
+/* Creates rays distributed about the axis half-way between both normals, with random numbers of `stream`. Release it,
+ * after a failure too. */
 int hemisphere_create(struct hemisphere *h, const struct embree_backend *b, const struct kiln_batch *part,
                       uint32_t stream, struct kiln_error *error);
-/* The walk asks for the light of lamps from now on. */
+/* Makes the walk sample the light of lamps from now on. */
 int hemisphere_ask_lights(struct hemisphere *h, struct kiln_error *error);
 void hemisphere_release(struct hemisphere *h);
 
@@ -37,17 +38,17 @@ void hemisphere_clear(struct hemisphere *h);
  * kiln_point_result. */
 void hemisphere_store(const struct hemisphere *h, void *results, size_t bytes);
 
-/* Counts the lanes that have escaped, and those that were blocked, where no ray goes on. */
+/* Adds escaped and blocked lanes to the sums, for steps without chains. */
 void hemisphere_count_lost(struct hemisphere *h);
-/* The same lane by lane, with what the chains of others have lost (`lost`). */
+/* Adds escaped and blocked light lane by lane, including the losses of the lanes' chains (`lost`). */
 void hemisphere_count_lost_in_order(struct hemisphere *h, uint32_t lanes);
 
 /* Follows the chain of the ray of lane l; `radiosity` as of chain_follow. */
 void hemisphere_follow(struct hemisphere *h, uint32_t step, uint32_t l, bool radiosity);
-/* Counts what the chain of lane l has lost: a share of what the tint of its first ray leaves. */
+/* Sets `lost` of lane l from its chain: the escaped and blocked shares, times the transmittance of its first ray. */
 void hemisphere_count_chain(struct hemisphere *h, uint32_t l, bool tints);
 
-/* kiln_facet_weight of a lane's direction, times its weight. */
+/* Returns kiln_facet_weight of a lane's direction, times the lane's weight. */
 static inline float hemisphere_weight(const struct tile_run_rays *r, uint32_t l)
 {
     if (!r->frame.smooth)
@@ -58,7 +59,7 @@ static inline float hemisphere_weight(const struct tile_run_rays *r, uint32_t l)
     return kiln_facet_weight(cosine, tilt, r->cosine[l]) * r->weight[l];
 }
 
-/* The cosine of lane l's ray about the shading normal, of a smooth mesh. */
+/* Returns the cosine of lane l's ray with the shading normal, on a smooth mesh. */
 static inline float hemisphere_shading_cosine(const struct tile_run_rays *rays, uint32_t l)
 {
     const struct kiln_vec3 shading =
@@ -66,14 +67,15 @@ static inline float hemisphere_shading_cosine(const struct tile_run_rays *rays, 
     return shading.x * rays->direction[0][l] + shading.y * rays->direction[1][l] + shading.z * rays->direction[2][l];
 }
 
-/* Whether the ray of lane l goes on in a chain: not one that begins below its facet and may be inside of something. */
+/* Whether the ray of lane l continues in a chain. Rays that begin below their facet do not, as they may be inside a
+ * body. */
 static inline bool hemisphere_is_chain(const struct embree_backend *b, const struct tile_run_rays *r, uint32_t l)
 {
     return hemisphere_weight(r, l) > 0.0f && chain_begins_at(b, r, l);
 }
 
-/* Adds radiosity that the ray of lane l has found, to this quarter of the samples. Returns its weight as irradiance;
- * `luminance`: of what counts as that. */
+/* Adds radiosity found by the ray of lane l to its point's sums and to this quarter of the samples. Returns the ray's
+ * weight in irradiance; `luminance`: of the added irradiance. */
 static inline float hemisphere_add(struct hemisphere *h, uint32_t l, uint32_t quarter, float rgb[3], bool tints,
                                    float *luminance)
 {

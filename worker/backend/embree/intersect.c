@@ -3,10 +3,10 @@
 
 #include "worker/backend/embree/passage.h"
 
-/* Rounding may leave out what is met at the very end of a ray: they are traced a little farther. */
+/* Factor on the length of rays: rounding might miss a hit at the very end. */
 static const float LENGTHENED = 1.0001f;
 
-/* Rays [first, first + lanes) in one packet. `lengths`: NULL, as far as they go. */
+/* Traces rays [first, first + lanes) in one packet. `lengths`: NULL: unlimited. */
 static void intersect8(const struct embree_backend *b, struct embree_context *context, const struct kiln_vec3 *origins,
                        const struct kiln_vec3 *directions, const float *lengths, uint32_t lanes, struct kiln_hit *hits)
 {
@@ -76,7 +76,7 @@ static void intersect_each(const struct embree_backend *b, const struct kiln_vec
     }
 }
 
-/* Eight neighbours at a time. `lengths`: NULL, as far as they go. */
+/* Traces eight consecutive rays at a time. `lengths`: NULL: unlimited. */
 static void intersect_packets(const struct embree_backend *b, const struct kiln_vec3 *origins,
                               const struct kiln_vec3 *directions, const float *lengths, size_t count,
                               struct kiln_hit *hits)

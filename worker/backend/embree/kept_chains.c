@@ -21,7 +21,7 @@ void kept_chains_begin(struct kept_chains *kept, uint32_t points)
         kept->of[j].count = 0;
 }
 
-/* Room for `count` words more; NULL: memory is short. */
+/* Makes room for `count` more words; NULL: out of memory. */
 static uint32_t *add_words(struct chain_notes *notes, size_t count)
 {
     if (kiln_grow(&notes->words, &notes->room, notes->count + count, sizeof *notes->words, "kept chains", NULL) !=
@@ -78,7 +78,7 @@ static bool put_at(int file, const void *from, size_t bytes, uint64_t at)
     return true;
 }
 
-/* All streams one after the other, in the order of points. */
+/* Concatenates all streams, in the order of points. */
 static bool join(struct kept_chains *kept, const struct tile_run_frame *frame, uint64_t *words)
 {
     size_t at = 0;
@@ -135,9 +135,9 @@ bool kept_chains_write(struct kept_chains *kept, uint64_t key, uint64_t first, c
     return true;
 }
 
-/* ---- of rays that are looked up ---- */
+/* ---- chains of rays that are read ---- */
 
-/* False: there are not so many bytes, or errno says what failed. */
+/* Reads bytes at an offset. False: the file is too short, or errno has the error. */
 static bool get_at(int file, void *to, size_t bytes, uint64_t at)
 {
     errno = 0;

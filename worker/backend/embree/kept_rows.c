@@ -29,7 +29,7 @@ void kept_rows_release(struct kept_rows *kept)
     kept_chains_release(&kept->chains);
 }
 
-/* Number of the points from j on, of `total`, that follow one another in the global order. */
+/* Number of points from j on, of `total`, that are consecutive in the global order. */
 static uint32_t stretch_of(const uint32_t *place, uint32_t total, uint32_t j)
 {
     uint32_t count = 1;
@@ -47,7 +47,7 @@ static uint64_t first_of(const struct embree_backend *b, size_t tile_run)
 
 /* ---- reading ---- */
 
-/* Reads what goes on from the rows; damage is noted. */
+/* Reads the chains of rays in the rows; records damage. */
 static bool read_chains(struct kept_rows *kept, const struct embree_backend *b, uint64_t first, const uint32_t *place,
                         uint32_t points)
 {
@@ -137,7 +137,7 @@ static bool is_opaque(const struct embree_backend *b, const struct kiln_point_cu
     return s->pieces[at->piece + kiln_piece_count(s, at->point) - 1] < b->params.geometry->opaque_count;
 }
 
-/* Whether light that comes to the point may be weighed by its material (tile_run_frame.glossy). */
+/* Whether incoming light at the point may be weighted by its material (tile_run_frame.glossy). */
 static bool is_glossy(const struct embree_backend *b, const struct kiln_point_cursor *at)
 {
     const struct kiln_surface *s = b->surface;
@@ -148,7 +148,7 @@ static bool is_glossy(const struct embree_backend *b, const struct kiln_point_cu
     return glossy;
 }
 
-/* The tile run's valid points of `points`, by their place in it; false where one of them is not opaque, or glossy. */
+/* Lists the tile run's valid points among `points`; false if one of them is not opaque, or is glossy. */
 static bool find_points(const struct embree_backend *b, size_t tile_run, uint64_t points,
                         uint32_t place[KILN_TILE_TEXELS], uint32_t *count)
 {
@@ -165,14 +165,14 @@ static bool find_points(const struct embree_backend *b, size_t tile_run, uint64_
     return true;
 }
 
-enum { AHEAD = 16 }; /* words: so far ahead radiosity is fetched */
+enum { AHEAD = 16 }; /* words: prefetch distance of radiosity */
 
 static inline uint64_t radiosity_of(const uint64_t *radiosity, uint32_t word)
 {
     return word < KILN_ROW_POINTS ? radiosity[word] : 0;
 }
 
-/* Adds up what the rays of a row find, all of which weigh 1, in the order of the gather pass. */
+/* Sums up what the rays of a row find, all with weight 1, in the order of the gather pass. */
 KILN_CLONES static void sum_row(const uint64_t *restrict radiosity, const uint32_t *restrict words, uint32_t samples,
                                 struct kiln_point_result *restrict r)
 {
@@ -201,7 +201,7 @@ KILN_CLONES static void sum_row(const uint64_t *restrict radiosity, const uint32
     r->count = samples;
 }
 
-/* The same where rays go on. What they have lost the point's record says. */
+/* As sum_row, with chains. The point's record has the shares that were lost. */
 static void sum_row_with_chains(struct kept_rows *kept, const uint64_t *radiosity, uint32_t j,
                                 struct kiln_point_result *r)
 {

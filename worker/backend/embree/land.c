@@ -20,16 +20,16 @@
 
 /* A path under way. */
 struct light_path {
-    struct walk walk; /* key: of the aim and the iteration; k: number among the aim's paths */
+    struct walk walk; /* key: of the aim and the iteration; k: index of the path within its aim */
     const struct kiln_land_parameters *parameters;
     uint32_t seed;
     size_t aim;
     uint64_t number; /* among the aim's paths */
-    float weight[3]; /* what is left of the flux, by colour */
+    float weight[3]; /* share of the flux that is left, by colour */
     double flux[3];  /* W, at the lamp */
     struct kiln_aimed_ray first;
     struct kiln_caustic_landing sums; /* where there are other techniques */
-    bool imaged;                      /* it comes as from its lamp's mirror image */
+    bool imaged;                      /* the path continues like light of its lamp's mirror image */
     struct sphere_chords *chords;     /* where there are spheres */
 };
 
@@ -43,7 +43,7 @@ static float most(const float weight[3]) { return fmaxf(weight[0], fmaxf(weight[
 
 /* ---- begin ---- */
 
-/* The first ray; false: the lamp sends nothing along it. */
+/* Draws the first ray; false: the lamp sends nothing along it. */
 static bool begin(struct light_path *p)
 {
     struct kiln_aimed_ray *ray = &p->first;
@@ -62,7 +62,7 @@ static bool begin(struct light_path *p)
     return p->flux[0] > 0.0 || p->flux[1] > 0.0 || p->flux[2] > 0.0;
 }
 
-/* Whether the first surface met is one that the path is aimed at; its flux as that surface tells it. */
+/* Whether the first hit is the path's target; adapts its flux to that surface. */
 static bool meets_target(struct light_path *p, const struct meeting *m)
 {
     const double factor = m->gloss != NULL ? kiln_aims_met(p->parameters->aims, p->aim, &p->first, m->triangle) : 0.0;
@@ -87,7 +87,7 @@ static void land(const struct light_path *p, const struct meeting *m, struct kil
     result->taken_up = m->gloss != NULL ? kiln_chain_taken_up(m->lobes, m->o.z) : 1.0f;
 }
 
-/* Whether the path lands on surface number `surface`, which is not the first one, or goes on. */
+/* Whether the path lands on surface number `surface`, which is not the first one, instead of continuing. */
 static bool lands(struct light_path *p, const struct meeting *m, uint32_t surface)
 {
     double pick, rest;
@@ -106,7 +106,7 @@ static bool lands(struct light_path *p, const struct meeting *m, uint32_t surfac
 
 /* ---- the way on ---- */
 
-/* Draws the way on from a surface with gloss; false: it brings nothing. */
+/* Draws a direction at a surface with gloss; false: it contributes nothing. */
 static bool turn(struct light_path *p, const struct meeting *m, uint32_t surface, float pick,
                  struct kiln_vec3 *direction)
 {
@@ -125,7 +125,7 @@ static bool turn(struct light_path *p, const struct meeting *m, uint32_t surface
             return false;
         d.weight = vec3_scale(f.value, 1.0f / f.density);
     }
-    const float facing = m->o.z > 0.0f ? 1.0f : -1.0f; /* normals of the meeting are those of the side met */
+    const float facing = m->o.z > 0.0f ? 1.0f : -1.0f; /* the meeting's normals are on the side that was hit */
     const struct kiln_vec3 front = kiln_into_frame(&m->frame, vec3_scale(m->normal, facing));
     const float correction = kiln_shading_correction(m->o, d.i, front);
     multiply(p, (const float[3]){d.weight.x * correction, d.weight.y * correction, d.weight.z * correction});
@@ -133,7 +133,7 @@ static bool turn(struct light_path *p, const struct meeting *m, uint32_t surface
     return kiln_shading_agrees(d.i, front) && most(p->weight) > 0.0f;
 }
 
-/* The path has arrived from its lamp at the first surface. */
+/* Sums of the path at its first surface, as it arrives from its lamp. */
 static struct kiln_caustic_landing emit(const struct light_path *p, const struct vertex *v)
 {
     const struct kiln_caustic_techniques *t = p->parameters->techniques;
@@ -144,7 +144,7 @@ static struct kiln_caustic_landing emit(const struct light_path *p, const struct
                              ray->has_place ? dvec3_dot(way, way) : 1.0, fabs((double)vec3_dot(v->m.normal, v->from)));
 }
 
-/* Whether what it does at its surface number `surface` is what the images of lamps in flat mirrors stand for. */
+/* Whether the reflection at surface number `surface` is one that mirror images of lamps in flat mirrors represent. */
 static bool is_image(const struct light_path *p, const struct meeting *m, uint32_t surface,
                      const struct vertex_way *way)
 {
@@ -153,7 +153,7 @@ static bool is_image(const struct light_path *p, const struct meeting *m, uint32
            images->plane_of[m->triangle] != KILN_NONE && vec3_dot(m->normal, way->direction) > 0.0f;
 }
 
-/* The sums of the path that has arrived at surface number `surface`. */
+/* Sums of the path as it arrives at surface number `surface`. */
 static struct kiln_caustic_landing arrive(const struct light_path *p, const struct vertex *v, uint32_t surface)
 {
     struct kiln_caustic_landing sums = p->sums;
@@ -163,7 +163,7 @@ static struct kiln_caustic_landing arrive(const struct light_path *p, const stru
     return sums;
 }
 
-/* The same as `turn`, where there are other techniques. `from`: the direction that the path has. */
+/* As `turn`, if other techniques share the light. `from`: the path's present direction. */
 static bool turn_weighed(struct light_path *p, const struct meeting *m, uint32_t surface, float pick,
                          struct kiln_vec3 from, struct kiln_vec3 *direction)
 {
@@ -181,7 +181,7 @@ static bool turn_weighed(struct light_path *p, const struct meeting *m, uint32_t
     return most(p->weight) > 0.0f;
 }
 
-/* From surface number `surface` on, by chance; false: the path ends. */
+/* Continues from surface number `surface`, by Russian roulette; false: the path ends. */
 static bool go_on(struct light_path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 *origin,
                   struct kiln_vec3 *direction)
 {
@@ -203,7 +203,7 @@ static bool go_on(struct light_path *p, const struct meeting *m, uint32_t surfac
 
 /* ---- probes ---- */
 
-/* Leaves light in the spheres on the way from surface number `surface` - 1 to `end`; NULL: to nowhere. */
+/* Adds light to the spheres on the way from surface number `surface` - 1 to `end`; NULL: to infinity. */
 static void cross(struct light_path *p, uint32_t surface, struct kiln_vec3 origin, struct kiln_vec3 direction,
                   double length, const struct meeting *end)
 {
@@ -282,7 +282,7 @@ static uint32_t seed_of(const struct embree_backend *b)
     return kiln_hash2((uint32_t)b->params.seed, (uint32_t)(b->params.seed >> 32) ^ KILN_LAND_SEED);
 }
 
-/* Adds the threads' notes to the sums of spheres. Called by all threads. */
+/* Adds the chords recorded by threads to the sums of spheres. Called by all threads. */
 static void add_chords(const struct kiln_probe_spheres *spheres, struct sphere_chords *threads, size_t count)
 {
     bool all = true;
@@ -296,7 +296,7 @@ static void add_chords(const struct kiln_probe_spheres *spheres, struct sphere_c
             sphere_stretch_add(spheres, threads, count, stretch);
 }
 
-/* Room for what threads note, which are as many as the backend's. */
+/* Allocates the chords of each of the backend's threads. */
 static int begin_chords(const struct embree_backend *b, const struct kiln_probe_spheres *spheres,
                         struct sphere_chords **threads, struct kiln_error *error)
 {

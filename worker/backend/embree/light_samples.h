@@ -1,5 +1,5 @@
-/* Samples of lights where light from all directions counts alike: at probes, and for light by direction at surface
- * points. A constant sky is left out: rays over the sphere or the hemisphere meet it. */
+/* Sampling of lights where all directions count alike: at probes, and for light by direction at surface points. A
+ * constant sky is left out, as rays over the sphere or hemisphere hit it. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_LIGHT_SAMPLES_H
 #define KILN_WORKER_BACKEND_EMBREE_LIGHT_SAMPLES_H
 
@@ -23,9 +23,9 @@ static inline size_t light_choices_room(const struct kiln_lights *lights)
     return KILN_CUT_MAX + lights->directional_count + 1;
 }
 
-/* Chooses at most `limit` lights of the tree, and the others, for places within `spread` metres of p with normal n (see
- * kiln_lights_choices), and shares out the samples among them. Returns how many choices there are; `choices` holds
- * light_choices_room of them. */
+/* Chooses at most `limit` clusters of the light tree, and the other lights, for places within `spread` metres of p with
+ * normal n (see kiln_lights_choices), and distributes the samples among them. Returns the number of choices; `choices`
+ * has room for light_choices_room. */
 static inline size_t light_choose(const struct kiln_lights *lights, struct kiln_dvec3 p, double spread,
                                   struct kiln_dvec3 n, size_t limit, uint32_t samples,
                                   struct kiln_light_choice *choices)
@@ -43,13 +43,13 @@ static inline uint32_t light_identity(uint32_t key, const struct kiln_light_choi
     return kiln_hash2(key, kiln_choice_identity((uint32_t)choice->kind, choice->index));
 }
 
-/* A random number of sample k; each has a scramble of its own. */
+/* Returns a random number of sample k; each dimension has its own scramble. */
 static inline double light_number(uint32_t identity, uint32_t k, uint32_t dimension, uint32_t scramble)
 {
     return kiln_unit_double(kiln_owen_scramble(kiln_sobol(k, dimension), kiln_hash2(identity, scramble)));
 }
 
-/* Draws sample k of a choice, seen from p. False when it brings nothing. */
+/* Draws sample k of a choice, seen from p. False: the sample brings no light. */
 static inline bool light_draw(const struct kiln_lights *lights, const struct kiln_light_choice *choice,
                               uint32_t identity, uint32_t k, struct kiln_dvec3 p, struct kiln_light_sample *sample)
 {
@@ -59,8 +59,8 @@ static inline bool light_draw(const struct kiln_lights *lights, const struct kil
     return kiln_lights_sample(lights, choice, k, p, any, any, pick, u, v, sample);
 }
 
-/* Traces the sample's shadow ray from `start`. False: nothing comes through; else the sample's value becomes radiance x
- * solid angle of its part of the choice's samples. */
+/* Traces the sample's shadow ray from `start`. False: blocked. Else the sample's value becomes radiance x solid angle /
+ * number of the choice's samples. */
 static inline bool light_arrives(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 start,
                                  const struct kiln_light_choice *choice, struct kiln_light_sample *sample)
 {

@@ -1,5 +1,5 @@
-/* The links pass (worker/pass/links.h). For tile runs whose links are not kept shadow rays go to what points stop at
- * (worker/backend/link_run.h), eight at a time; then sums are of what is kept alone. */
+/* The links pass (worker/pass/links.h). For tile runs without stored links, shadow rays are traced to the points that
+ * links represent (worker/backend/link_run.h), eight at a time; then sums are computed from stored data alone. */
 #include "worker/pass/links.h"
 
 #include <string.h>
@@ -14,12 +14,12 @@
 struct links_job {
     const struct kiln_links_parameters *p;
     const struct kiln_batch *part;
-    const struct kiln_point_result *gathered; /* of the part's points: what their rays meet */
+    const struct kiln_point_result *gathered; /* of the part's points: hits of their rays */
     int status;                               /* of the thread that has failed */
     struct kiln_error *error;
 };
 
-/* A ray that is to be traced: link `link` of the points of the mask. */
+/* A ray to be traced for link number `link`, on behalf of the points in the mask. */
 struct link_ray {
     uint32_t link;
     uint64_t of;
@@ -107,7 +107,7 @@ static int ask(void *context, uint32_t link, uint64_t of, const struct kiln_link
     return w->waiting == PACKET ? trace(w, error) : KILN_OK;
 }
 
-/* Finds what the points' rays have met, and their normals as the frame has them. */
+/* Finds the ray statistics of the points, and their normals as in the frame. */
 static void find_points(struct links_work *w, size_t tile_run, const struct kiln_point_result *gathered)
 {
     struct kiln_found_links *f = &w->run.found;
@@ -135,7 +135,7 @@ static void give(const struct kiln_link_run *w, uint32_t points, struct kiln_poi
 
 /* ---- tile runs ---- */
 
-/* Finds the tile run's links, for the error of the work, and closes its rows. */
+/* Finds the tile run's links, for the current error, and closes its rows. */
 static int find_run(struct links_work *w, struct kiln_error *error)
 {
     int status = kiln_link_run_find(&w->run, error);
@@ -149,7 +149,7 @@ static int find_run(struct links_work *w, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Opens links as far as the target asks. */
+/* Refines links as far as the target requires. */
 static int open_run(struct links_work *w, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -158,7 +158,7 @@ static int open_run(struct links_work *w, struct kiln_error *error)
     return status;
 }
 
-/* Finds what is not kept; of what is, closes the rows anew. Then opens links. */
+/* Finds links that are not stored; for stored ones, closes the rows anew. Then refines links. */
 static int make_run(struct links_work *w, size_t tile_run, bool is_kept, struct kiln_error *error)
 {
     const struct kiln_tile_run *runs = w->b->surface->tile_runs, *run = &runs[tile_run];
@@ -186,13 +186,13 @@ static int keep(const struct links_work *w, const struct kiln_tile_run *run, str
     return KILN_OK;
 }
 
-/* Whether rays are to say what the rows of a tile run lose; kept: NULL, nothing is kept. */
+/* Whether rays must measure the losses of a tile run's rows; kept: NULL: nothing is stored. */
 static bool asks_rays(const struct kiln_links_parameters *p, const struct kiln_kept_links *kept)
 {
     return kept == NULL || kiln_link_run_is_to_judge(p, kept);
 }
 
-/* The tile run's links, as they are kept or found, and opened; then the sums. */
+/* Processes a tile run: reads or finds its links, refines them, and computes the sums. */
 static int do_run(struct links_work *w, size_t tile_run, struct kiln_error *error)
 {
     const struct kiln_tile_run *run = &w->b->surface->tile_runs[tile_run];
@@ -235,7 +235,7 @@ static void links_tile_run(void *work, const struct embree_backend *b, struct em
     *rays += w->traced;
 }
 
-/* Whose rays say what rows lose: the samples of the part's tile runs, 0 of the others. False: of none. */
+/* Selects tile runs whose rays must measure losses: their numbers of samples, 0 for others. False: none. */
 static bool ask_rays(const struct kiln_links_parameters *p, const struct kiln_batch *part, uint32_t *samples)
 {
     bool any = false;

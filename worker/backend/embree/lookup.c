@@ -1,6 +1,6 @@
 #include "worker/backend/embree/lookup.h"
 
-/* Each hit of lanes [begin, end) enters the store; what missed or met a back face drops out. */
+/* Looks up the store for each hit of lanes [begin, end); drops rays that missed or hit a back face. */
 KILN_CLONES static void enter(const struct embree_backend *b, const struct tile_run_rays *rays, uint32_t begin,
                               uint32_t end, struct rays_found *restrict f)
 {
@@ -30,7 +30,7 @@ KILN_CLONES static void enter(const struct embree_backend *b, const struct tile_
     f->blocked = blocked;
 }
 
-/* The place of hit i, on whose way something is open yet. */
+/* Finishes the lookup of hit i, which one step could not complete. */
 static uint64_t settle(const struct embree_backend *b, const struct tile_run_rays *rays, const struct rays_found *f,
                        uint32_t i)
 {
@@ -57,7 +57,7 @@ KILN_CLONES static void follow(const struct embree_backend *b, const struct tile
     }
 }
 
-/* Prefetches the records of packet p's hits, which enter the store next. */
+/* Prefetches the records of packet p's hits, which are looked up next. */
 static void ask_for_records(const struct embree_backend *b, const struct tile_run_rays *rays, uint32_t p)
 {
     const struct RTCRayHit8 *r = &rays->packets[p];

@@ -117,13 +117,13 @@ struct kiln_frame meeting_frame(const struct embree_backend *b, const struct mee
     return kiln_surface_frame(scene, m->gloss, m->mesh, m->stored, m->b1, m->b2, normal, edge);
 }
 
-/* The lobes of a surface that is not only diffuse; normals are those of the front. Of o only z is set, but where the
- * diffuse part hangs on the azimuth. */
+/* Finds the lobes of a surface that is not only diffuse; normals are those of the front. Of o only z is set, unless the
+ * diffuse part depends on the azimuth. */
 static void find_lobes(const struct embree_backend *b, struct kiln_vec3 direction, bool colored, struct meeting *m)
 {
     const uint32_t material = b->params.geometry->records[m->triangle].material & KILN_RECORD_MATERIAL;
     const struct kiln_vec3 back = vec3_scale(direction, -1.0f);
-    /* a shading normal on the other side of the ray's direction would make a front of a back */
+    /* with a shading normal on the other side of the ray, front and back would be exchanged */
     if ((vec3_dot(m->shading, back) > 0.0f) != (vec3_dot(m->normal, back) > 0.0f))
         m->shading = m->normal;
     m->lobes = kiln_surface_lobes(b->params.scene, &b->lobes[material], m->mesh, m->stored, m->b1, m->b2, colored);
@@ -135,7 +135,7 @@ static void find_lobes(const struct embree_backend *b, struct kiln_vec3 directio
     m->albedo = kiln_bsdf_albedo_of(m->lobes, m->o);
 }
 
-/* Finds the rest of its scattering, and the frame. */
+/* Finds the rest of the surface's scattering, and the frame. */
 static void find_frame(const struct embree_backend *b, struct kiln_vec3 direction, struct meeting *m)
 {
     m->frame = meeting_frame(b, m, m->shading);
@@ -206,7 +206,7 @@ struct kiln_bsdf_value meeting_evaluate(const struct meeting *m, struct kiln_vec
     return kiln_bsdf_evaluate_chosen(m->lobes, kiln_bsdf_choice_of(m->shares, lobes), m->o, i, KILN_RADIANCE, lobes);
 }
 
-/* Weighs a direction that is drawn from `lobes`, and finds the share of the sharp ones in it, by colour. */
+/* Computes the weight of a direction drawn from `lobes`, and the share of sharp lobes in it, by colour. */
 static void weigh(const struct meeting *m, uint32_t lobes, struct kiln_bsdf_drawn *d, float share[3])
 {
     const uint32_t sharp = m->sharp & lobes;

@@ -6,14 +6,14 @@
 #include "shaders/shared/punctual_light.h"
 #include "worker/backend/embree/light_samples.h"
 
-/* One place of a point, and the sums that it adds to. */
+/* One position on a point, and the sums that it adds to. */
 struct place {
     struct kiln_vec3 position, normal, shading; /* position: offset included */
     uint32_t chance, k;
     double *irradiance, *incident;
 };
 
-/* Pairs of a plane and a lamp that a point may see in it, in the order of the planes. */
+/* Pairs of a plane and a lamp that a point may see mirrored in it, in the order of the planes. */
 struct pairs {
     uint32_t count;
     struct {
@@ -21,8 +21,8 @@ struct pairs {
     } of[KILN_IMAGES_MOST];
 };
 
-/* Finds a lamp's irradiance by a mirror, W/m2 across the way, once the light has gone `beyond` metres more. `m`: the
- * place on the mirror. `way`: from m to the lamp. */
+/* Irradiance of a lamp by a mirror, W/m2 on a plane perpendicular to the ray, after `beyond` more metres. `m`: the
+ * point on the mirror. `way`: from m to the lamp. */
 static struct kiln_light_sample look(const struct kiln_mirror_images *images, const struct kiln_mirror_lamp *lamp,
                                      struct kiln_dvec3 m, double beyond)
 {
@@ -46,7 +46,7 @@ static struct kiln_light_sample look(const struct kiln_mirror_images *images, co
     return s;
 }
 
-/* Multiplies by what the mirror reflects of light that leaves it to where the ray has come from. */
+/* Multiplies by the mirror's reflectance towards the origin of the ray. */
 static void reflect(const struct meeting *m, double value[3])
 {
     const struct kiln_bsdf_choice choice = kiln_bsdf_choice_of(m->shares, KILN_LOBE_GLOSS);
@@ -57,8 +57,8 @@ static void reflect(const struct meeting *m, double value[3])
     value[2] *= same ? (double)(d.weight.z * d.density) : 0.0;
 }
 
-/* Follows the ray to the mirror and on to the lamp; false: it does not get there. `value`: what comes, W/m2 across the
- * way. */
+/* Follows the ray to the mirror and on to the lamp; false: it is blocked. `value`: arriving light, W/m2 on a plane
+ * perpendicular to the ray. */
 static bool follow(struct walk *w, const struct kiln_mirror_images *images, uint32_t plane,
                    const struct kiln_mirror_lamp *lamp, const struct place *p, struct kiln_vec3 direction,
                    double value[3])

@@ -1,5 +1,5 @@
-/* The occlusion pass (worker/pass/occlusion.h): rays about the shading normals of a tile run's points, and which of
- * them are open. Each ray counts as one or not at all. */
+/* The occlusion pass (worker/pass/occlusion.h): rays about the shading normals of a tile run's points. Each ray counts
+ * as open or not. */
 #include <math.h>
 #include <string.h>
 
@@ -40,7 +40,7 @@ static int work_create(void **work, const struct embree_backend *b, const void *
     return status;
 }
 
-/* Directions about a shading normal may lie below the surface, unless rays are lifted above it. */
+/* Whether a direction is above the surface: those about a shading normal may not be, unless rays are lifted. */
 static bool is_above(const struct tile_run_rays *r, uint32_t l)
 {
     return !r->frame.smooth || r->frame.lifted[r->point[l]] ||
@@ -62,7 +62,7 @@ static void collect(struct occlusion_work *w, uint32_t step, uint32_t lanes)
     }
 }
 
-/* Standard error of the number of open rays, from the spread of the open shares of the four quarters of the samples. */
+/* Standard error of the number of open rays, from its spread over the four quarters of the samples. */
 static float quarters_error(const struct occlusion_work *w, uint32_t j, double open)
 {
     const uint32_t samples = w->rays->samples;
@@ -86,7 +86,7 @@ static void store(const struct occlusion_work *w, struct kiln_occlusion_result *
         for (int q = 0; q < RAY_QUARTERS; q++)
             open += w->open[q][j];
         r->open = (float)open;
-        for (int c = 0; c < 3; c++) /* the last bit of one direction may be above 1 */
+        for (int c = 0; c < 3; c++) /* rounding of a single direction may exceed 1 */
             r->direction[c] = fmaxf(-(float)samples, fminf((float)w->direction[c][j], (float)samples));
         r->error = quarters_error(w, j, (double)open / samples);
         r->count = samples;

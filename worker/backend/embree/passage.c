@@ -13,8 +13,8 @@
 static const double DEPTH_UNIT = 0x1p-40;
 static const int64_t DEEPEST = (int64_t)KILN_DEPTH_MOST << 40; /* 2^-48 and less is nothing */
 
-/* Embree's accessors for RTCRayN and RTCHitN exist in C++ only; both are N values of each field in turn (rtcore_ray.h).
- */
+/* Offsets of fields in RTCRayN and RTCHitN, whose accessors exist in C++ only: both have N values of each field one
+ * after the other (rtcore_ray.h). */
 enum { RAY_DIRECTION = 4, RAY_ID = 10, HIT_NORMAL = 0, HIT_U = 3, HIT_V = 4, HIT_PRIMITIVE = 5 };
 
 /* A hit on a triangle that is not opaque, by the stored triangle and its barycentrics. */
@@ -22,7 +22,7 @@ struct place {
     const struct kiln_mesh *mesh;
     uint32_t triangle, stored;
     float b1, b2;
-    float cosine; /* of the ray to the triangle's normal, absolute value; 1 where nothing hangs on it */
+    float cosine; /* absolute cosine of the ray to the normal; 1 where nothing depends on it */
 };
 
 static struct kiln_vec3 vector_of(const float *fields, size_t n, unsigned i)
@@ -56,7 +56,7 @@ static struct place place_of(const struct embree_backend *b, const struct RTCFil
     return p;
 }
 
-/* Whether a ray that looks for solids passes the triangle. */
+/* Whether a ray that searches for solids passes the triangle. */
 static bool is_clear(const struct embree_backend *b, uint32_t triangle)
 {
     return (b->params.geometry->records[triangle].material & KILN_RECORD_CLEAR) != 0;
@@ -97,7 +97,7 @@ static int64_t depth_of(float through)
 
 static double share_of(int64_t depth) { return depth < DEEPEST ? exp2(-(double)depth * DEPTH_UNIT) : 0.0; }
 
-/* Adds what a surface takes: through / whole of each colour is left. Whether nothing is. */
+/* Adds optical depth: of each colour through / whole is left. Returns whether nothing is. */
 static bool deepen(int64_t depth[3], const float through[3], float whole)
 {
     bool dark = true;
@@ -159,7 +159,7 @@ void embree_context(const struct embree_backend *b, struct embree_context *conte
     context->rtc.flags = b->coherent ? RTC_INTERSECT_CONTEXT_FLAG_COHERENT : RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT;
 }
 
-/* Tints of the rays that have passed something with a colour; the others' are 1. */
+/* Finds the tints of rays that have passed coloured surfaces; those of others are 1. */
 static void find_tints8(const struct embree_backend *b, struct embree_context *context, const int *valid,
                         const struct RTCRayHit8 *rays, float tint[PACKET][3])
 {

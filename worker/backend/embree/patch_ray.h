@@ -1,11 +1,11 @@
-/* Rays between patches: what the passes over patches (worker/pass/patches.h, worker/pass/links.h) share. */
+/* Rays between patches, shared by the passes over patches (worker/pass/patches.h, worker/pass/links.h). */
 #ifndef KILN_WORKER_BACKEND_EMBREE_PATCH_RAY_H
 #define KILN_WORKER_BACKEND_EMBREE_PATCH_RAY_H
 
 #include "shaders/shared/area_light.h"
 #include "worker/backend/embree/passage.h"
 
-/* Ray i of a packet goes between two places. False: they are one place. */
+/* Sets ray i of a packet to go between two places. False: the places are the same. */
 static inline bool patch_ray(struct RTCRay8 *rays, uint32_t i, struct kiln_vec3 from, struct kiln_vec3 to)
 {
     const struct kiln_vec3 d = vec3_sub(to, from);

@@ -1,6 +1,6 @@
-/* The patches pass (worker/pass/patches.h): the gather pass's rays say what of them is lost, and then each point goes
- * through all nodes in their order; shadow rays go to those that face it, eight at a time, but to those of which it is
- * known already whether they are seen (worker/pass/visibility_cache.h). */
+/* The patches pass (worker/pass/patches.h). The rays of the gather pass measure the losses. Then each point processes
+ * all nodes in order: shadow rays are traced to those that face it, eight at a time, unless the visibility is known
+ * already (worker/pass/visibility_cache.h). */
 #include "worker/pass/patches.h"
 
 #include <math.h>
@@ -19,17 +19,18 @@ enum { WAITING = 64 };
 struct patches_job {
     const struct kiln_patches_parameters *p;
     const struct kiln_batch *part;
-    const struct kiln_point_result *gathered; /* of the part's points: what their rays meet */
+    const struct kiln_point_result *gathered; /* of the part's points: hits of their rays */
 };
 
-/* A node that faces the point, and may be seen. */
+/* A node that faces the point, and is not known to be hidden. */
 struct pair {
     const struct kiln_patch_node *node;
     struct kiln_patch_factors factors;
-    int ray; /* which of the packet tells; below 0: it is seen */
+    int ray; /* index of its ray in the packet; below 0: visible without a ray */
 };
 
-/* Pairs whose rays are traced together, and those between them, in the order of the nodes: in that they are added. */
+/* Pairs whose rays are traced together, and the visible pairs between them, in the order of the nodes, in which they
+ * are added. */
 struct pairs {
     struct RTCRay8 rays __attribute__((aligned(32)));
     int valid[PACKET] __attribute__((aligned(32)));
@@ -45,7 +46,7 @@ struct patches_work {
     /* of the point under way */
     uint32_t place; /* in the tile run */
     struct kiln_patch_receiver point;
-    double albedo[3]; /* which counts where factors are clamped */
+    double albedo[3]; /* matters where factors are clamped */
     double row, incident[3], irradiance[3];
     uint64_t traced;
 };
@@ -76,7 +77,7 @@ static int work_create(void **work, const struct embree_backend *b, const void *
 
 /* ---- pairs ---- */
 
-/* Adds what a node sends, of each colour the share `through`. */
+/* Adds the light of a node, times the share `through` of each colour. */
 static void add_node(struct patches_work *w, const struct kiln_patch_node *node, double factor, double shading,
                      const double through[3])
 {
@@ -126,7 +127,7 @@ static void trace(struct patches_work *w, const struct embree_backend *b, struct
     pairs->ray_count = pairs->count = 0;
 }
 
-/* F of a node at d, a distance whose square is `square`; the cosines times the distance are above 0. */
+/* Computes the factors F of a node at d, whose squared length is `square`; both cosines are positive. */
 static void find_factors(struct patches_work *w, const struct kiln_patch *from, struct kiln_dvec3 d, double square,
                          double cosine, double other, struct pair *pair)
 {
@@ -138,8 +139,8 @@ static void find_factors(struct patches_work *w, const struct kiln_patch *from, 
         pair->factors = kiln_patch_factors(&w->point, from, d, square, cosine, other);
 }
 
-/* The ray between a point and a node that face each other, if it is not known that they see each other. False: they do
- * not, or are one place. */
+/* Makes the ray between a point and a node that face each other, unless they are known to see each other. False: they
+ * are known not to, or coincide. */
 static bool ask(struct patches_work *w, const struct kiln_patch *own, const struct kiln_patch *other, struct pair *pair)
 {
     struct pairs *pairs = &w->pairs;
@@ -150,7 +151,7 @@ static bool ask(struct patches_work *w, const struct kiln_patch *own, const stru
     const enum kiln_pairs known = kiln_visibility_look(&w->visibility, w->place, other->number);
     if (known != KILN_PAIRS_UNKNOWN)
         return known == KILN_PAIRS_OPEN;
-    /* the same ray whichever of the points asks: from the one with the lower number */
+    /* both points use the same ray: from the one with the lower number */
     const struct kiln_patch *from = first ? own : other, *to = first ? other : own;
     if (w->job.p->voxels != NULL) {
         const bool open = kiln_voxels_open(w->job.p->voxels, from->place, from->normal, to->place, to->normal);
@@ -220,7 +221,7 @@ static void finish_point(const struct patches_work *w, const struct embree_backe
     r->row_scale = (float)row;
 }
 
-/* The points that are computed, a bit each. */
+/* Mask of the points that are computed. */
 static uint64_t places_of(const struct tile_run_frame *f)
 {
     uint64_t places = 0;
@@ -252,7 +253,7 @@ static void patches_tile_run(void *work, const struct embree_backend *b, struct 
     *rays += w->traced;
 }
 
-/* Recalls what the rays of own points met in the step that closed their rows. */
+/* Reads back the ray statistics of own points, from the step that closed their rows. */
 static void recall(const struct kiln_surface *s, uint64_t first, size_t points, uint32_t samples,
                    struct kiln_point_result *gathered)
 {

@@ -1,4 +1,5 @@
-/* The path pass (worker/pass/path.h): one path after the other, ray by ray. shaders/path.glsl goes the same ways. */
+/* The path pass (worker/pass/path.h): one path after the other, ray by ray. shaders/path.glsl follows the same paths.
+ */
 #include <math.h>
 #include <omp.h>
 #include <string.h>
@@ -18,13 +19,13 @@
 struct path {
     struct walk walk; /* its key is the pixel's */
     const struct kiln_path_parameters *camera;
-    float weight[3]; /* what of the radiance that comes now reaches the camera, by colour */
-    float seen[3];   /* the same, of what the next surface emits itself: 0 where light samples have brought that */
+    float weight[3]; /* weight of incoming radiance at the camera, by colour */
+    float seen[3];   /* weight for the next surface's emission: 0 if light samples have accounted for it */
     float radiance[3];
-    uint32_t bounces, chain; /* diffuse surfaces that have sent the path on; others since the last one */
-    /* of a path from a surface point, which is the first of its diffuse surfaces: light that has left as many as there
-     * may be; else NULL. What comes to the last of these by mirrors, gloss and glass alone counts, and not for cameras
-     */
+    uint32_t bounces, chain; /* diffuse events so far; other surfaces since the last one */
+    /* for a path from a surface point, which counts as its first diffuse surface: the light with the largest number of
+     * bounces; else NULL. Light that then reaches the last diffuse surface only by mirrors, gloss and glass counts
+     * here, but not for cameras */
     float *last;
 };
 
@@ -38,7 +39,7 @@ static void multiply(struct path *p, const float factor[3])
 
 /* ---- rays ---- */
 
-/* Traces the ray that leads to surface number `surface`; false: it meets nothing. */
+/* Traces the ray to surface number `surface`; false: no hit. */
 static bool trace(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 direction, uint32_t surface,
                   struct RTCRayHit *ray)
 {
@@ -48,7 +49,7 @@ static bool trace(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 dire
     return meets;
 }
 
-/* Finds the surface that the camera sees along the ray. False: nothing but the environment. */
+/* Finds the surface that the camera sees along the ray. False: only the environment. */
 static bool look(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 direction, struct RTCRayHit *ray)
 {
     p->walk.rays++;
@@ -65,7 +66,7 @@ static bool look(struct path *p, struct kiln_vec3 origin, struct kiln_vec3 direc
 
 /* ---- surfaces ---- */
 
-/* Weakens the light by the body that the ray has come through, if it meets the surface from within. */
+/* Attenuates the light in the body that the ray has crossed, if it hits the body's surface from within. */
 static void attenuate(struct path *p, const struct meeting *m, float distance)
 {
     float share[3];
@@ -75,27 +76,27 @@ static void attenuate(struct path *p, const struct meeting *m, float distance)
 
 /* ---- paths from surface points ---- */
 
-/* Whether the path has left as many diffuse surfaces as light may have left: then only lights count yet that come by
- * way of mirrors, gloss and glass. */
+/* Whether the path has as many diffuse events as light may have: from then on only lights seen by mirrors, gloss and
+ * glass count. */
 static bool is_over(const struct path *p) { return p->last != NULL && p->bounces > p->camera->bounces; }
 
-/* Where light is added that no further diffuse surface sends. */
+/* The sum for light that no further diffuse surface reflects. */
 static float *sum_of(struct path *p) { return is_over(p) ? p->last : p->radiance; }
 
-/* Adds what the surface sends on of light straight from the lights. */
+/* Adds the light, directly from lights, that the surface scatters along the path. */
 static void add_lights(struct path *p, const struct meeting *m, uint32_t surface)
 {
     if (p->last == NULL || p->bounces < p->camera->bounces) {
         walk_lights(&p->walk, m, surface, KILN_LOBE_ALL, p->weight, p->radiance);
         return;
     }
-    if (!is_over(p)) /* what the diffuse part sends has left the last diffuse surface that there may be */
+    if (!is_over(p)) /* light of the diffuse part has the largest number of bounces */
         walk_lights(&p->walk, m, surface, m->gloss != NULL ? KILN_LOBE_DIFFUSE : KILN_LOBE_ALL, p->weight, p->last);
     if (m->gloss != NULL)
         walk_lights(&p->walk, m, surface, m->others, p->weight, sum_of(p));
 }
 
-/* Goes on to what the surface reflects; false: it is black. */
+/* Multiplies the weight by the surface's colour; false: it is black. */
 static bool reflect(struct path *p, const struct meeting *m, bool first)
 {
     float color[4];
@@ -110,7 +111,7 @@ static bool reflect(struct path *p, const struct meeting *m, bool first)
 
 /* ---- the way on ---- */
 
-/* Cosine-distributed about the axis, with which it has the cosine `cosine`. */
+/* Cosine-distributed direction about the axis; `cosine`: its cosine to the axis. */
 static struct kiln_vec3 cosine_direction(struct kiln_vec3 axis, double u, double v, float *cosine)
 {
     struct kiln_vec3 s, t;
@@ -120,8 +121,8 @@ static struct kiln_vec3 cosine_direction(struct kiln_vec3 axis, double u, double
     return vec3_madd(vec3_madd(vec3_scale(axis, *cosine), s, radius * cosf(turn)), t, radius * sinf(turn));
 }
 
-/* The way on from a surface that is not only diffuse. Chance chooses whether the diffuse surface sends the path on or
- * the other lobes do, so that bounces can be counted. */
+/* Draws a direction at a surface that is not only diffuse. Chooses at random between the diffuse part and the other
+ * lobes, so that bounces can be counted. */
 static bool turn_by_lobes(struct path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 *direction,
                           bool *diffuse)
 {
@@ -142,7 +143,7 @@ static bool turn_by_lobes(struct path *p, const struct meeting *m, uint32_t surf
     return sends && (p->weight[0] > 0.0f || p->weight[1] > 0.0f || p->weight[2] > 0.0f);
 }
 
-/* Chooses the way on from the surface, and weighs it as the gather pass does; false: it brings nothing. */
+/* Draws the continuing direction, weighted as in the gather pass; false: it contributes nothing. */
 static bool turn(struct path *p, const struct meeting *m, uint32_t surface, struct kiln_vec3 *direction, bool *diffuse)
 {
     double u, v;
@@ -161,7 +162,7 @@ static bool turn(struct path *p, const struct meeting *m, uint32_t surface, stru
     return weight > 0.0f && (m->lifted || vec3_dot(m->normal, *direction) > 0.0f);
 }
 
-/* Whether a path that has no last surface, or goes from mirror to mirror, goes on from surface number `surface`. */
+/* Russian roulette at surface number `surface`, for paths without a limit of bounces, or between mirrors. */
 static bool survives(struct path *p, uint32_t surface)
 {
     double u, v;
@@ -175,7 +176,7 @@ static bool survives(struct path *p, uint32_t surface)
     return u < (double)chance;
 }
 
-/* From surface number `surface` to the next; false: the path ends. */
+/* Traces from surface number `surface` to the next; false: the path ends. */
 static bool go_on(struct path *p, const struct meeting *m, uint32_t surface, struct RTCRayHit *ray)
 {
     const bool sky = light_sky_is_constant(p->walk.b->params.lights), chains = p->last != NULL && chain_any(p->walk.b),
@@ -209,7 +210,7 @@ static void camera_ray(const struct path *p, uint64_t pixel, struct kiln_vec3 *o
     embree_camera_ray(p->camera, pixel, place, lens, origin, direction);
 }
 
-/* From surface number `surface` on, which the ray has met. */
+/* Follows the path from surface number `surface`, which the ray has hit. */
 static void follow_from(struct path *p, struct RTCRayHit *ray, uint32_t surface)
 {
     for (;; surface++) {

@@ -9,7 +9,7 @@
 
 struct photon_grid {
     struct photon *photons;
-    uint64_t *first; /* of the photons of each bucket, and their number at the end */
+    uint64_t *first; /* index of the first photon of each bucket, and the end */
     size_t buckets;  /* a power of two */
     double radius;
 };
@@ -59,7 +59,7 @@ static void fill(struct photon_grid *grid, const struct photon_list *lists, size
             const struct photon *p = &lists[l].photons[i];
             grid->photons[--grid->first[bucket_of(grid, cell_of(grid, p->position, 0.0)) + 1]] = *p;
         }
-    /* first[b + 1] has come down to where bucket b begins */
+    /* first[b + 1] is now where bucket b begins */
     for (size_t i = 0; i < grid->buckets; i++)
         grid->first[i] = grid->first[i + 1];
 }
@@ -117,7 +117,7 @@ void photon_grid_near(const struct photon_grid *grid, struct kiln_vec3 p,
         for (uint64_t i = grid->first[bucket]; i < grid->first[bucket + 1]; i++) {
             const struct photon *photon = &grid->photons[i];
             const struct kiln_vec3 d = vec3_sub(photon->position, p);
-            /* buckets are shared by cells, and two of the eight may have one */
+            /* cells share buckets, and two of the eight cells may have the same */
             if (vec3_dot(d, d) <= squared && same_cell(c, cell_of(grid, photon->position, 0.0)))
                 visit(context, photon);
         }

@@ -1,5 +1,6 @@
-/* Vertices of paths of light, kept to be merged: a table of cells as wide as twice the radius, in each of which they
- * stand in the order of their paths. So sums over what is near have the same bits, whoever has traced the paths. */
+/* Photons: vertices of light paths, stored for merging in a table of cells twice the radius wide. Within a cell they
+ * are in the order of their paths. So sums over nearby photons have the same bits, whichever thread traced the paths.
+ */
 #ifndef KILN_WORKER_BACKEND_EMBREE_PHOTONS_H
 #define KILN_WORKER_BACKEND_EMBREE_PHOTONS_H
 
@@ -10,14 +11,14 @@
 #include "worker/base/vector.h"
 
 struct photon {
-    struct kiln_vec3 position, from; /* m; unit, to where the light has come from */
+    struct kiln_vec3 position, from; /* m; unit, towards the light's origin */
     float flux[3];                   /* W */
     float vcm, vm;                   /* of struct kiln_path_sums */
     uint32_t bounces;                /* struct vertex */
-    uint32_t path, number;           /* of the path of light, and of its surface, 0 the first */
+    uint32_t path, number;           /* numbers of the light path, and of its surface, from 0 */
 };
 
-/* Photons in no order, of one thread. */
+/* Unordered photons of one thread. */
 struct photon_list {
     struct photon *photons; /* owned: kiln_free */
     size_t count, capacity;

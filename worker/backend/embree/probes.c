@@ -1,4 +1,4 @@
-/* The probe pass (worker/pass/probes.h): rays over the whole sphere for what surfaces send, shadow rays for the
+/* The probe pass (worker/pass/probes.h): rays over the whole sphere for the light of surfaces, shadow rays for the
  * lights. */
 #include <math.h>
 #include <omp.h>
@@ -34,9 +34,9 @@ static void add(struct probe_sums *sums, struct kiln_dvec3 d, const double value
             sums->axes[i][c] += weights[KILN_HARMONICS + i] * value[c];
 }
 
-/* ---- the light of groups (worker/pass/groups.h); `groups`: sums of each; NULL: nobody asks ---- */
+/* ---- light of groups (worker/pass/groups.h); `groups`: sums of each; NULL: not wanted ---- */
 
-/* Adds the radiosity that a ray has met at a point. `weight`: factor of the radiance. */
+/* Adds each group's radiosity at a point that a ray has hit. `weight`: factor of the radiance. */
 static void add_groups_of_point(const struct embree_backend *b, struct probe_sums *groups, struct kiln_dvec3 d,
                                 uint64_t point, double weight)
 {
@@ -74,7 +74,7 @@ static void store_groups(const struct embree_backend *b, const struct probe_sums
     }
 }
 
-/* Room for the answers of a part, and for the sums of each thread. */
+/* Allocates the answers of a part, and the sums of each thread. */
 static int make_groups(struct embree_backend *b, const struct kiln_batch *part, struct probe_sums **sums,
                        struct kiln_error *error)
 {
@@ -91,7 +91,7 @@ static int make_groups(struct embree_backend *b, const struct kiln_batch *part, 
     return status;
 }
 
-/* Radiance by the chain of ray k, of diffuse surfaces, lamps and sky. */
+/* Radiance found by the chain of ray k: of diffuse surfaces, lamps and sky. */
 static void follow(struct walk *walk, uint32_t key, uint32_t k, const struct RTCRayHit *ray, float rgb[3])
 {
     struct chain_found found;
@@ -154,7 +154,7 @@ static void gather_sphere(const struct embree_backend *b, struct walk *walk, str
     }
 }
 
-/* Light straight from the lights; a constant sky is met by the rays above. */
+/* Adds the light of lamps by shadow rays; the rays over the sphere find a constant sky. */
 static uint64_t gather_lights(const struct embree_backend *b, struct embree_context *context,
                               struct kiln_light_choice *choices, struct kiln_vec3 position, uint32_t key,
                               uint32_t samples, struct probe_sums *sums, struct probe_sums *groups)

@@ -10,8 +10,8 @@
 #include "worker/pass/radiance.h"
 #include "worker/sampling/sequence.h"
 
-/* Radiosity that ray k finds, as it arrives. Returns whether it met the back of a single-sided surface that lets no
- * light through. */
+/* Radiosity that ray k finds, after tints. Returns whether it hit the back of a single-sided surface that lets no light
+ * through. */
 static bool find_radiosity(const struct embree_backend *b, struct embree_context *context, struct kiln_vec3 p,
                            struct kiln_vec3 d, uint32_t key, uint32_t k, float rgb[3])
 {

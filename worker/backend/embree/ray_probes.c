@@ -16,7 +16,7 @@ uint64_t ray_probes_end_rays(struct ray_probes *p, struct hemisphere *h, uint32_
         const bool sees = (p->near_probes[rays->point[l]] & KILN_PROBE_SEEN) != 0;
         p->sees[l] = sees;
         traced += !sees || p->range > 0.0f;
-        if (sees) /* before its begin: Embree leaves such a ray out */
+        if (sees) /* negative length: Embree ignores such a ray */
             rays->packets[l / PACKET].ray.tfar[l % PACKET] = p->range > 0.0f ? p->range : -1.0f;
     }
     return traced;
@@ -28,8 +28,8 @@ static uint32_t choice_of(const struct tile_run_rays *r, uint32_t step, uint32_t
     return kiln_probe_choice(kiln_gather_ray_seed(r->chance[l], rays_sample(r, step, l)));
 }
 
-/* Sorts the lanes that met nothing. A ray that leaves the scene's box before the range has escaped. The others ask a
- * probe near the end of the ray; `end` holds these ends. */
+/* Classifies the lanes without a hit. A ray that leaves the scene's box within the range has escaped. The others read a
+ * probe near their end, stored in `end`. */
 static void end_at_range(struct ray_probes *p, struct hemisphere *h, const struct embree_backend *b, uint32_t step)
 {
     struct rays_found *found = &h->found;
@@ -54,7 +54,8 @@ static void end_at_range(struct ray_probes *p, struct hemisphere *h, const struc
     found->escaped = lost;
 }
 
-/* Rays from the ends of the asking lanes [first, first + PACKET) to their probes: which of them nothing bars. */
+/* Traces rays from the ends of lanes [first, first + PACKET) that read probes, to their probes: finds which probes are
+ * visible. */
 static void look_at_probes(const struct ray_probes *p, const struct embree_backend *b, struct embree_context *context,
                            uint32_t first, bool free[PACKET])
 {
@@ -80,7 +81,7 @@ static void look_at_probes(const struct ray_probes *p, const struct embree_backe
         free[i] = valid[i] != 0 && !(rays.tfar[i] < 0.0f);
 }
 
-/* The asking lanes whose probe is not seen from the end of the ray ask one that the point sees. */
+/* Lanes whose probe is not visible from the end of their ray read one that the point sees. */
 static void settle_probes(struct ray_probes *p, const struct hemisphere *h, const struct embree_backend *b,
                           struct embree_context *context, uint32_t step)
 {

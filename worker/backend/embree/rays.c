@@ -22,7 +22,7 @@ void rays_destroy(struct tile_run_rays **rays)
     kiln_free(rays);
 }
 
-/* Sets what no trace changes, once a pass. */
+/* Sets the members that tracing never changes, once per pass. */
 static void start_packets(struct tile_run_rays *r)
 {
     for (uint32_t p = 0; p < RAY_LANES / PACKET; p++)
@@ -82,7 +82,7 @@ static struct kiln_vec3 axis_of(const struct tile_run_rays *r, uint32_t j, struc
     return r->distribution == RAYS_SHADING ? shading : vec3_normalize(vec3_add(n, shading));
 }
 
-/* The position that samples of number `place` of point j share. */
+/* Makes position number `place` of point j, which several samples share. */
 static float position_of(struct tile_run_rays *r, const struct embree_backend *b, uint32_t j, uint32_t place,
                          struct kiln_vec3 *position, struct kiln_vec3 *normal)
 {
@@ -160,7 +160,7 @@ static inline void make_origins(struct tile_run_rays *restrict r, uint32_t begin
     }
 }
 
-/* Direction of lane l: z along the axis, `radius` across it, turned by v of a circle. */
+/* Sets the direction of lane l: z along the axis, `radius` from it, rotated by v of a circle. */
 static inline void make_direction(struct tile_run_rays *restrict r, uint32_t l, float radius, float z, float v)
 {
     const float turn = v - 0.5f, a = fabsf(turn);
@@ -223,7 +223,7 @@ static void fill_packets(struct tile_run_rays *r, uint32_t lanes)
     }
 }
 
-/* Gives lane l the position that lane `from` of the same point has. */
+/* Copies to lane l the position of lane `from` of the same point. */
 static void place_as(struct tile_run_rays *r, uint32_t l, uint32_t from)
 {
     for (int c = 0; c < 3; c++) {
@@ -233,7 +233,7 @@ static void place_as(struct tile_run_rays *r, uint32_t l, uint32_t from)
     }
 }
 
-/* Gives lane l its point's position of this number. */
+/* Makes position `number` of its point for lane l. */
 static void place_anew(struct tile_run_rays *r, const struct embree_backend *b, uint32_t l, uint32_t number)
 {
     struct kiln_vec3 p, n;
@@ -244,8 +244,8 @@ static void place_anew(struct tile_run_rays *r, const struct embree_backend *b, 
     r->facet[0][l] = n.x, r->facet[1][l] = n.y, r->facet[2][l] = n.z;
 }
 
-/* The lanes of points that are not whole squares, for `copies` samples a point, of which `first` is the first. What a
- * lane wants its point's lane before it has, or the last one of the step before. */
+/* Sets the positions of lanes whose points are not whole squares, for `copies` samples a point from `first` on. A
+ * lane's position may exist already, in an earlier lane of its point, or in the last one of the previous step. */
 static void place(struct tile_run_rays *r, const struct embree_backend *b, uint32_t first, uint32_t copies)
 {
     const uint32_t count = r->frame.count;
@@ -301,7 +301,7 @@ bool rays_aim(struct tile_run_rays *r, uint32_t l, struct kiln_vec3 d)
 {
     const float cosine = d.x * r->axis[0][l] + d.y * r->axis[1][l] + d.z * r->axis[2][l];
     if (!(cosine > 0.0f)) {
-        r->packets[l / PACKET].ray.tfar[l % PACKET] = -1.0f; /* before its begin: Embree leaves such a ray out */
+        r->packets[l / PACKET].ray.tfar[l % PACKET] = -1.0f; /* negative length: Embree ignores such a ray */
         return false;
     }
     r->direction[0][l] = d.x, r->direction[1][l] = d.y, r->direction[2][l] = d.z;
@@ -310,7 +310,7 @@ bool rays_aim(struct tile_run_rays *r, uint32_t l, struct kiln_vec3 d)
     return true;
 }
 
-/* The lanes of packet p: -1 for a ray, 0 for none. */
+/* Mask of packet p's lanes: -1 for a ray, 0 for none. */
 static const int *lanes_of(uint32_t p, uint32_t lanes, int some[PACKET])
 {
     static const int all[PACKET] __attribute__((aligned(32))) = {-1, -1, -1, -1, -1, -1, -1, -1};

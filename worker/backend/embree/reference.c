@@ -1,4 +1,4 @@
-/* The reference pass (worker/pass/reference.h): rays of the hemisphere, of which paths go on. */
+/* The reference pass (worker/pass/reference.h): rays over the hemisphere that paths continue. */
 #include <math.h>
 #include <string.h>
 
@@ -17,7 +17,7 @@ struct reference_work {
     struct reference_paths *paths; /* of bdpt and vcm */
     struct subpaths subpaths;
     bool receives_only;        /* no ray meets the tile run's object */
-    double last[RAY_LANES][3]; /* of each point's incident light: what has bounced as often as there may be bounces */
+    double last[RAY_LANES][3]; /* of each point's incident light: the part with the largest number of bounces */
 };
 
 static void reference_destroy(void **work)
@@ -48,7 +48,7 @@ static int reference_create(void **work, const struct embree_backend *b, const v
     return status;
 }
 
-/* Returns the weight of light as incident, for light that the ray of lane l finds. */
+/* Returns the weight as incident light of what lane l's ray finds. */
 static float incident_weight(const struct reference_work *w, uint32_t l)
 {
     const struct tile_run_rays *r = w->h.rays;
@@ -58,7 +58,7 @@ static float incident_weight(const struct reference_work *w, uint32_t l)
     return hemisphere_weight(r, l) * frame_taken_up(&r->frame, j, cosine);
 }
 
-/* Counts what becomes of the ray of lane l that has met a surface, up to the diffuse parts that it finds. */
+/* Counts how lane l's ray ends at a surface, following its chain up to the diffuse parts that it finds. */
 static void count_ends(struct reference_work *w, const struct embree_backend *b, uint32_t step, uint32_t l, bool tints)
 {
     struct kiln_light_choice *choices = w->h.walk.choices;
@@ -70,8 +70,7 @@ static void count_ends(struct reference_work *w, const struct embree_backend *b,
     hemisphere_count_chain(&w->h, l, tints);
 }
 
-/* Finds the light of lane l's sample, by its ray and, by connections, beside it. `ray`: what its ray has met; NULL:
- * nothing that goes on. */
+/* Finds the light of lane l's sample, by its ray and by connections. `ray`: its hit; NULL: no hit to continue from. */
 static void find_paths(struct reference_work *w, uint32_t step, uint32_t l, const struct RTCRayHit *ray,
                        struct reference_found *found)
 {
@@ -103,7 +102,7 @@ static void add_paths(struct reference_work *w, uint32_t step, uint32_t l, const
     w->h.quarter[rays_quarter(r, step, l)][j] += kiln_luminance(found->irradiance);
 }
 
-/* As collect_lanes: what paths bring, lane by lane. */
+/* As collect_lanes: adds the light of paths, lane by lane. */
 static void collect_paths(const struct embree_backend *b, struct embree_context *context, struct reference_work *w,
                           uint32_t step, uint32_t lanes)
 {

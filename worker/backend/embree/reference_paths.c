@@ -30,8 +30,8 @@ static struct bidirectional make(const struct reference_paths *paths, const stru
         .merged_paths = (double)paths->count};
 }
 
-/* The paths of light of the samples of quarter q, and their grid. Their random numbers hang on the number of the first
- * of the samples, which no others have. */
+/* Traces the light paths for the samples of quarter q, and makes their grid. The number of the quarter's first sample,
+ * which no other quarter has, selects their random numbers. */
 static int trace_quarter(struct reference_paths *paths, struct subpaths *walks, uint32_t q, struct kiln_error *error)
 {
     struct bidirectional *all = &paths->of[q];
@@ -121,7 +121,7 @@ void reference_paths_destroy(struct reference_paths **paths)
 
 /* ---- a sample's surface point ---- */
 
-/* The place of a sample, as the end of paths. Its own diffuse event is the first that counts. */
+/* Position of a sample as the end of paths. Its own diffuse event is the first that counts. */
 struct end {
     struct subpaths *w;
     const struct tile_run_frame *frame;
@@ -131,7 +131,7 @@ struct end {
     bool lands;                                       /* paths of light may be merged here */
 };
 
-/* Light from direction i: radiance times solid angle, W/m2 across the direction, by colour. */
+/* Adds light from direction i: radiance times solid angle, W/m2 on a plane perpendicular to i, by colour. */
 static void add(struct end *x, struct kiln_vec3 i, const double rgb[3], const double last[3])
 {
     const float shading = vec3_dot(x->shading, i),
@@ -143,14 +143,14 @@ static void add(struct end *x, struct kiln_vec3 i, const double rgb[3], const do
     }
 }
 
-/* The density with which the point's own rays go, 1/sr. */
+/* Density of the point's own rays, 1/sr. */
 static double density(const struct end *x, struct kiln_vec3 i)
 {
     return fmax(0.0, (double)vec3_dot(x->axis, i)) / KILN_PI;
 }
 
-/* Connects the point to a vertex of its path of light. Nothing can come to the point but by these, its rays and, where
- * paths land, by merging: the sums of the point itself are 0. */
+/* Connects the point to a vertex of its light path. Light can reach the point only by such connections, its rays and,
+ * where paths land, by merging: the path sums of the point itself are 0. */
 static void connect(struct end *x, const struct vertex *light)
 {
     static const struct kiln_path_sums none = {0.0, 0.0, 0.0};
@@ -180,7 +180,7 @@ static void connect(struct end *x, const struct vertex *light)
     add(x, direction, rgb, last);
 }
 
-/* Merges a path of light that lands near the point. What comes straight from a light is left out. */
+/* Merges a photon near the point. Light that comes directly from a lamp is left out. */
 static void merge(void *context, const struct photon *p)
 {
     static const struct kiln_path_sums none = {0.0, 0.0, 0.0};
@@ -202,7 +202,7 @@ static void merge(void *context, const struct photon *p)
     add(x, p->from, rgb, last);
 }
 
-/* The point's path goes on from what its ray has met. */
+/* Continues the point's path from its ray's hit. */
 static void follow_ray(const struct end *x, struct kiln_vec3 direction, const struct RTCRayHit *ray)
 {
     const struct bidirectional *all = x->w->all;

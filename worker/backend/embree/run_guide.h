@@ -1,4 +1,4 @@
-/* The guide of a tile run (worker/pass/guided.h): followed by its rays, and learnt from what they find. */
+/* Guide of a tile run (worker/pass/guided.h): distributes its rays, and is learnt from their findings. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_RUN_GUIDE_H
 #define KILN_WORKER_BACKEND_EMBREE_RUN_GUIDE_H
 
@@ -8,20 +8,21 @@
 #include "worker/pass/guided.h"
 
 struct run_guide {
-    uint32_t side;  /* cells along a side of the guide that is learnt; 0: none is */
-    uint32_t shift; /* by how much random numbers are shifted right to have a cell's place */
-    double square[KILN_GUIDE_SIDE * KILN_GUIDE_SIDE]; /* luminance that was found in each cell, squared and summed up */
-    float guide[KILN_GUIDE_SIZE];                     /* that is followed */
+    uint32_t side;                                    /* cells along a side of the guide being learnt; 0: none */
+    uint32_t shift;                                   /* right shift from a random number to a cell's place */
+    double square[KILN_GUIDE_SIDE * KILN_GUIDE_SIDE]; /* sum of squared luminances found in each cell */
+    float guide[KILN_GUIDE_SIZE];                     /* the guide that distributes rays */
 };
 
-/* After rays_begin of the tile run: sets what its rays do with the guide. */
+/* Sets how the tile run's rays use the guide; after rays_begin. */
 void run_guide_begin(struct run_guide *guide, struct tile_run_rays *rays, const struct embree_backend *b,
                      const struct kiln_guided_parameters *parameters, size_t tile_run);
-/* Writes what was learnt: root mean squares, as if each cell had had its share of rays by the cosine. */
+/* Writes the learnt root mean squares, normalised as if each cell had had its share of cosine-distributed rays. */
 void run_guide_store(const struct run_guide *guide, const struct tile_run_rays *rays,
                      struct kiln_guided_result *results);
 
-/* The ray of lane l has found so much light, its weight in it: its cell has had rays by its density. */
+/* Adds the luminance, with its weight, that the ray of lane l has found; divides out the density by which its cell was
+ * sampled. */
 static inline void run_guide_learn(struct run_guide *g, const struct tile_run_rays *r, uint32_t step, uint32_t l,
                                    float luminance)
 {

@@ -95,7 +95,7 @@ double shadow_variance(const struct shadow_sums *sums, uint32_t samples)
         return mean * mean;
     if (samples >= KILN_QUARTERS_FROM) {
         double spread = 0.0;
-        for (uint32_t q = 0; q < 4; q++) { /* of a number that 4 does not divide, quarters differ by one sample */
+        for (uint32_t q = 0; q < 4; q++) { /* if 4 does not divide their number, quarters differ by one sample */
             const uint32_t begin = kiln_quarter_first(q, samples), end = kiln_quarter_first(q + 1, samples);
             const double off = sums->quarter[q] / (end - begin) - mean;
             spread += off * off;

@@ -37,9 +37,9 @@ static bool emits(const struct tile_run_frame *f, const struct embree_backend *b
     return false;
 }
 
-enum { CELLS = 8 }; /* of lamps' textures, along a part of a texel */
+enum { CELLS = 8 }; /* of lamps' textures, along a piece of a texel */
 
-/* Adds what a polygon of a triangle sends, which has such a share of the point's area. */
+/* Adds the emission of a polygon of a triangle. `share`: its share of the point's area. */
 static void add_emission(const struct embree_backend *b, uint32_t triangle, const double (*polygon)[2],
                          uint32_t corners, double share, double sum[3])
 {
@@ -61,7 +61,7 @@ static void add_whole(const struct embree_backend *b, const struct kiln_footprin
     add_emission(b, p->pieces[0], (const double(*)[2])polygon, 4, 1.0, sum);
 }
 
-/* W/m2, of what is there of the point's texel. */
+/* Emission of the point, W/m2, averaged over the existing part of its texel. */
 static void find_emission(const struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, float emission[3])
 {
     const struct kiln_footprint *p = &f->footprint[j];
@@ -82,14 +82,14 @@ static void find_emission(const struct tile_run_frame *f, const struct embree_ba
         emission[c] = (float)(KILN_PI * sum[c] / (double)f->present[j]);
 }
 
-/* ---- points that are no square of one triangle ---- */
+/* ---- points other than a square on a single triangle ---- */
 
 enum { FINE = 16, SPOTS = FINE * FINE };
-#define ALIKE 0.7f /* cosine: what looks further another way is of another surface that shares the texel */
+#define ALIKE 0.7f /* cosine: a surface at a larger angle is another one in the same texel */
 #define FLAT 0.9999f
-#define APART 4.0 /* likewise what is farther off than so many times the root of the area */
+#define APART 4.0 /* as a multiple of sqrt(area): a surface farther away is another one, too */
 
-/* Where surface of a point is; sums over spots are means over the surface, squares too. */
+/* Sample of a point's surface; weighted sums of positions and their squares over spots are integrals over it. */
 struct spot {
     struct kiln_vec3 at, normal;
     double weight;
@@ -107,7 +107,7 @@ static void add_spot(struct spots *spots, struct kiln_vec3 at, struct kiln_vec3 
         spots->of[spots->count++] = (struct spot){at, normal, weight};
 }
 
-/* The middles of a triangle's sides, by which a mean of squares is exact. */
+/* Adds the midpoints of a triangle's sides, which integrate squares exactly. */
 static void add_triangle(struct spots *spots, const struct tile_run_frame *f, const struct kiln_geometry *g,
                          const struct kiln_footprint_triangle *t)
 {
@@ -121,7 +121,7 @@ static void add_triangle(struct spots *spots, const struct tile_run_frame *f, co
         add_spot(spots, vec3_scale(vec3_add(c[i], c[(i + 1) % 3]), 0.5f), n, area);
 }
 
-/* Adds spots of all pieces of the point. False: one is buried or lacks some of itself, or they are too many. */
+/* Adds spots for all pieces of the point. False: the point is partly buried or transparent, or has too many pieces. */
 static bool add_pieces(struct spots *spots, const struct tile_run_frame *f, const struct embree_backend *b, uint32_t j)
 {
     const struct kiln_footprint *p = &f->footprint[j];
@@ -157,7 +157,7 @@ static bool are_alike(const struct spots *spots, const struct spot *a, const str
            (double)vec3_length(vec3_sub(a->at, b->at)) < APART * sqrt(spots->area);
 }
 
-/* Only the surface that most of the point is of stays. */
+/* Keeps only the surface that covers most of the point. */
 static void keep_largest(struct spots *spots)
 {
     uint32_t best = 0, count = 0;
@@ -193,7 +193,7 @@ static void find_middle(const struct spots *spots, struct kiln_patch *patch)
     patch->normal = flat ? spots->of[0].normal : vec3_normalize(vec3_of(normal));
 }
 
-/* The position that is nearest to the middle. */
+/* Finds the position nearest to the middle. */
 static void find_place(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, const struct spots *spots,
                        struct kiln_patch *patch)
 {
@@ -216,7 +216,7 @@ static void find_place(struct tile_run_frame *f, const struct embree_backend *b,
     }
 }
 
-/* The rectangle about the middle with the proportions of the surface's covariance. */
+/* Finds the rectangle about the middle with the aspect ratio of the surface's covariance. */
 static void find_rectangle(const struct spots *spots, struct kiln_patch *patch)
 {
     const struct kiln_vec3 n = patch->normal,
@@ -230,7 +230,7 @@ static void find_rectangle(const struct spots *spots, struct kiln_patch *patch)
     }
     const double turn = 0.5 * atan2(2.0 * xy, xx - yy), middle = 0.5 * (xx + yy), spread = hypot(0.5 * (xx - yy), xy),
                  longer = sqrt(middle + spread), shorter = sqrt(fmax(middle - spread, 0.0));
-    /* what lies in a line, or in one place, tells of no proportions */
+    /* a line or a single position gives no aspect ratio */
     const double ratio = shorter > 0.01 * longer && longer > 0.0 ? sqrt(longer / shorter) : 1.0;
     const double length = sqrt((double)patch->area);
     const struct kiln_vec3 along = vec3_madd(vec3_scale(u, (float)cos(turn)), v, (float)sin(turn));
@@ -238,7 +238,7 @@ static void find_rectangle(const struct spots *spots, struct kiln_patch *patch)
     patch->edge_t = vec3_scale(vec3_cross(n, along), (float)(length / ratio));
 }
 
-/* Finds the shape of a bent point. One that is buried everywhere is taken as if all of it were there. */
+/* Finds the shape of a point that is not flat. One that is buried everywhere is treated as not buried. */
 static void find_bent(struct tile_run_frame *f, const struct embree_backend *b, uint32_t j, struct kiln_patch *patch)
 {
     struct spots spots = {.area = (double)patch->area};
@@ -282,7 +282,7 @@ static void shapes_tile_run(void *work, const struct embree_backend *b, struct e
         struct kiln_shape_result *r = (struct kiln_shape_result *)results + f->place[j];
         const struct kiln_own_point own = {kiln_own_of_global(s, run->first).at + f->place[j]};
         const double lit = kiln_lit_area(s, own, f->present[j]);
-        /* what lets all light through sends none, but has a shape, for light falls on it */
+        /* a fully transparent point sends no light, but light falls on it, so it needs a shape */
         find_shape(f, b, j, lit > 0.0 ? lit : kiln_lit_area(s, own, 1.0f), &r->patch);
         if (!is_met || !(lit > 0.0))
             r->patch.area = 0.0f;

@@ -8,13 +8,13 @@
 #include "worker/base/clones.h"
 #include "worker/base/memory.h"
 
-enum { STRETCH = 32 };                    /* spheres whose sums stay in the cache of a core */
+enum { STRETCH = 32 };                    /* spheres whose sums fit a core's cache */
 enum { LANES = KILN_SPHERE_WEIGHTS + 1 }; /* a weight of zero more */
-enum { AHEAD = 8 };                       /* chords that are fetched before they are added */
-#define SUM_MOST 0x1p61                   /* of one chord, in units: what the conversion to a whole number takes */
+enum { AHEAD = 8 };                       /* prefetch distance, chords */
+#define SUM_MOST 0x1p61                   /* of one chord, in units: limit of the conversion to an integer */
 #define WEIGHT_MOST 2.0                   /* more than any weight */
-#define SMALL 0x1p50                      /* whole numbers that are found by adding ROUND */
-#define ROUND 6755399441055744.0 /* 1.5 x 2^52: adding it rounds to a whole number, half to even, as llrint does */
+#define SMALL 0x1p50                      /* limit of integers that adding ROUND can round */
+#define ROUND 6755399441055744.0          /* 1.5 x 2^52: adding it rounds to an integer, half to even, as llrint */
 
 /* Sums of a sphere, by colour. */
 struct sums {
@@ -84,7 +84,7 @@ void sphere_chords_end(struct sphere_chords *c, const struct kiln_probe_spheres 
         c->order[c->begin[c->chords[i].sphere / STRETCH + 1]++] = (uint32_t)i;
 }
 
-/* Adds what a chord brings times the weights, in whole numbers of the unit, of one colour. */
+/* Adds a chord's light of one colour times the weights, in integer units. */
 KILN_CLONES static void add_colour(double brought, const double *restrict weights, double unit, int64_t *restrict sums)
 {
     union {
@@ -117,7 +117,7 @@ static void add_chord(const struct sphere_chord *chord, double unit, struct sums
                                                                                         unit, sums->of[c]);
 }
 
-/* Adds a thread's chords of a stretch of spheres to their sums, and notes which these are. */
+/* Adds a thread's chords in a range of spheres to their sums, and records which spheres these are. */
 static void add_chords(const struct sphere_chords *c, size_t stretch, double unit, struct sums sums[STRETCH],
                        uint64_t *met)
 {

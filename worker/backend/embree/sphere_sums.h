@@ -1,5 +1,5 @@
-/* Light that paths leave in spheres, kept by each thread while it traces, and then added up. One thread adds up each
- * stretch of spheres, so that no two write to one sum. */
+/* Light that paths deposit in spheres. Each thread stores its own while tracing; then it is added up. One thread adds
+ * up each stretch of spheres, so that no two threads write to one sum. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_SPHERE_SUMS_H
 #define KILN_WORKER_BACKEND_EMBREE_SPHERE_SUMS_H
 
@@ -10,7 +10,7 @@
 
 _Static_assert(KILN_SPHERE_WEIGHTS == KILN_HARMONICS + 6, "harmonics and axes");
 
-/* Finds the weights of light from unit direction d: harmonics, and irradiance along +x -x +y -y +z -z. */
+/* Computes the weights of light from unit direction d: harmonics, and irradiance along +x -x +y -y +z -z. */
 static inline void spheres_weights(struct kiln_dvec3 d, double weights[KILN_SPHERE_WEIGHTS])
 {
     const double along[3] = {d.x, d.y, d.z};
@@ -24,7 +24,7 @@ static inline void spheres_weights(struct kiln_dvec3 d, double weights[KILN_SPHE
 /* A chord through a sphere. */
 struct sphere_chord {
     uint32_t sphere;
-    struct kiln_vec3 direction; /* that the light goes, unit */
+    struct kiln_vec3 direction; /* direction of the light, unit */
     double brought[3];          /* flux x length, W m */
 };
 _Static_assert(sizeof(struct sphere_chord) == 40, "a chord has no gaps");
@@ -33,14 +33,14 @@ _Static_assert(sizeof(struct sphere_chord) == 40, "a chord has no gaps");
 struct sphere_chords {
     struct sphere_chord *chords;
     size_t count, room;
-    /* the part of a path under way, from 1 on, and the last one that has looked at each sphere */
+    /* number, from 1 on, of the current path segment; and for each sphere the last segment tested against it */
     uint32_t part, *last;
-    /* chords by stretches of spheres: where those of each begin, and one more */
+    /* chords sorted by stretches of spheres: begin of each stretch, and the end */
     uint32_t *begin, *order;
-    /* second moments of an aim that are not in the spheres' yet */
+    /* aim, and its second moments that are not yet added to the spheres' */
     size_t aim;
     uint64_t moments;
-    int status; /* of memory */
+    int status; /* KILN_OK, or out of memory */
     struct kiln_error error;
     struct kiln_arena arena;
 };
@@ -49,15 +49,16 @@ struct sphere_chords {
 int sphere_chords_begin(struct sphere_chords *c, const struct kiln_probe_spheres *spheres, struct kiln_error *error);
 void sphere_chords_release(struct sphere_chords *c);
 
-/* On failure `status` says so. */
+/* Adds a chord; on failure it sets `status`. */
 void sphere_chords_add(struct sphere_chords *c, const struct sphere_chord *chord);
-/* Adds to the moments of an aim, by one thread; those of the last one with sphere_chords_end. */
+/* Adds to the moments of an aim, which one thread collects; sphere_chords_end adds those of the last aim. */
 void sphere_chords_note(struct sphere_chords *c, const struct kiln_probe_spheres *spheres, size_t aim, uint64_t moment);
 
 /* Ends the thread's tracing: sorts its chords. */
 void sphere_chords_end(struct sphere_chords *c, const struct kiln_probe_spheres *spheres);
 
-/* When all threads have ended: adds their chords of stretch number `stretch` to the spheres' sums. */
+/* sphere_stretch_add adds all threads' chords of stretch number `stretch` to the spheres' sums, after all threads have
+ * ended. sphere_stretches: number of stretches. */
 size_t sphere_stretches(const struct kiln_probe_spheres *spheres);
 void sphere_stretch_add(const struct kiln_probe_spheres *spheres, const struct sphere_chords *threads, size_t count,
                         size_t stretch);

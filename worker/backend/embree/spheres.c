@@ -2,10 +2,10 @@
 
 #include <math.h>
 
-#define SEEN 0.9999          /* of the way from a sphere's middle to a place: rounding puts neither into a surface */
-#define LEAST_DIRECTION 1e-9 /* spacings a metre: along such an axis a part does not move */
+#define SEEN 0.9999          /* relative length of rays from a sphere's centre; rounding puts no end into a surface */
+#define LEAST_DIRECTION 1e-9 /* spacings per metre: along such an axis a ray does not move */
 
-/* A part of a path, and its place in the grid: in spacings from probe (0, 0, 0). */
+/* A segment of a path in grid coordinates: in spacings from probe (0, 0, 0). */
 struct way {
     struct walk *walk;
     const struct kiln_probe_spheres *spheres;
@@ -22,7 +22,7 @@ static double more(double a, double b) { return a > b ? a : b; }
 
 /* ---- one sphere ---- */
 
-/* Whether a place in a sphere is seen from its middle. */
+/* Whether a position in a sphere is visible from its centre. */
 static bool sees(const struct way *w, size_t number, struct kiln_dvec3 place)
 {
     const struct kiln_sphere *sphere = &w->spheres->sphere[number];
@@ -39,7 +39,7 @@ static bool sees(const struct way *w, size_t number, struct kiln_dvec3 place)
                           kiln_ray_seed(middle, direction), &ray, tint);
 }
 
-/* The flux at a distance along the part: less what the body takes that the part lies in, and what tints on the way. */
+/* Flux at a distance along the segment: less absorption in the body around it, times tints on the way. */
 static void find_flux(const struct way *w, double distance, double flux[3])
 {
     const struct spheres_part *part = w->part;
@@ -88,7 +88,7 @@ static void cross_one(const struct way *w, const struct kiln_sphere *sphere, uin
 
 /* ---- which spheres ---- */
 
-/* Where the part is within [low, high] along an axis, of [*begin, *end]; false: nowhere. */
+/* Clips the interval [*begin, *end] of the segment to [low, high] along an axis; false: nothing is left. */
 static bool clip(const struct way *w, int axis, double low, double high, double *begin, double *end)
 {
     const double from = w->from[axis], slope = w->slope[axis];
@@ -100,16 +100,16 @@ static bool clip(const struct way *w, int axis, double low, double high, double 
     return *begin <= *end;
 }
 
-/* How far from its place in the grid a cell is looked at, in spacings. */
+/* Largest distance of a cell from its grid position that matters, in spacings. */
 #define REACH (0.5 + 2.0 * KILN_SPHERE_SLACK)
 
-/* The numbers among the cells, along an axis, of those that the stretch [begin, end] may meet. */
+/* Range of cells along an axis that the interval [begin, end] may meet. */
 static void find_range(const struct way *w, int axis, double begin, double end, int64_t range[2])
 {
     const struct kiln_sphere_cells *cells = &w->spheres->cells;
     const double a = w->from[axis] + begin * w->slope[axis], b = w->from[axis] + end * w->slope[axis],
                  first = (double)cells->first[axis], last = (double)cells->size[axis] - 1.0;
-    /* positive, but for the ends: cut off is rounded down */
+    /* positive, except at the ends, so truncation rounds down */
     range[0] = (int64_t)(more(0.0, less(a, b) - REACH - first + 1.0));
     range[1] = (int64_t)(less(last, more(a, b) + REACH - first));
 }
@@ -129,7 +129,7 @@ static void cross_cell(const struct way *w, size_t cell)
     }
 }
 
-/* The cells of number `i` along the axis `along` that the part may meet. */
+/* Crosses the cells with index `i` along the axis `along` that the segment may meet. */
 static void cross_slab(const struct way *w, int along, int64_t i)
 {
     const struct kiln_sphere_cells *cells = &w->spheres->cells;

@@ -1,5 +1,5 @@
-/* Densities with which gather rays and light paths find the light of lamps (worker/pass/caustic_weights.h), the same
- * function on both sides. Thread-safe. */
+/* Densities with which gather rays and light paths find the light of lamps (worker/pass/caustic_weights.h); both use
+ * the same functions. Thread-safe. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_TECHNIQUES_H
 #define KILN_WORKER_BACKEND_EMBREE_TECHNIQUES_H
 
@@ -8,8 +8,8 @@
 #include "worker/light/aims.h"
 #include "worker/pass/weighed.h"
 
-/* kiln_emission_connect of a sample of the lights at vertex v; 0 of a constant sky, of which none is drawn. `light`,
- * `place` and `direction` as there. */
+/* Returns kiln_emission_connect for a light sample at vertex v; 0 for a constant sky, which is never sampled. `light`,
+ * `place` and `direction` as in that function. */
 static inline double techniques_connect(const struct kiln_caustic_techniques *t, uint32_t light, const struct vertex *v,
                                         struct kiln_dvec3 place, struct kiln_dvec3 direction)
 {
@@ -19,7 +19,7 @@ static inline double techniques_connect(const struct kiln_caustic_techniques *t,
                                  direction);
 }
 
-/* kiln_aims_density of the light paths of all iterations, by the aim whose target has vertex v. */
+/* Returns kiln_aims_density of the light paths of all iterations, for the aim whose target contains vertex v. */
 static inline double techniques_emission(const struct kiln_caustic_techniques *t, uint32_t light,
                                          const struct vertex *v, struct kiln_dvec3 place, struct kiln_dvec3 direction)
 {

@@ -1,5 +1,5 @@
-/* Passes over tile runs: the threads share out the tile runs of a part of a batch, each with a working set of its own.
- */
+/* Passes over tile runs: the tile runs of a part of a batch are distributed over threads, each with its own working
+ * set. */
 #ifndef KILN_WORKER_BACKEND_EMBREE_TILE_RUNS_H
 #define KILN_WORKER_BACKEND_EMBREE_TILE_RUNS_H
 
@@ -9,23 +9,23 @@
 #include "worker/light/light_groups.h"
 #include "worker/pass/groups.h"
 
-/* Parts of a pass over tile runs. */
+/* Functions of a pass over tile runs. */
 struct tile_run_pass {
-    /* A thread's working set for samples and stream of the part; on failure there is none left. */
+    /* Creates a thread's working set for samples and stream of the part; nothing remains after a failure. */
     int (*create)(void **work, const struct embree_backend *b, const void *parameters, const struct kiln_batch *part,
                   struct kiln_error *error);
     void (*destroy)(void **work); /* NULL is accepted */
     /* Computes one tile run. `results`: one for each of its points, all zeros. Adds its rays to *rays. */
     void (*run)(void *work, const struct embree_backend *b, struct embree_context *context, size_t tile_run,
                 void *results, uint64_t *rays);
-    size_t result_bytes; /* of a point */
+    size_t result_bytes; /* bytes of a point's result */
 };
 
 /* Runs the pass over the part; the arguments are those of embree_NAME in embree.h. */
 int embree_each_tile_run(struct embree_backend *b, const struct tile_run_pass *pass, const void *parameters,
                          const struct kiln_batch *part, void *results, uint64_t *rays, struct kiln_error *error);
 
-/* Where the light of groups is to be put, of a tile run of the present part: all zeros; NULL: nobody asks. */
+/* Returns the zeroed array for the light of groups of a tile run of the current part; NULL: not requested. */
 static inline float *embree_group_run(const struct embree_backend *b, size_t tile_run)
 {
     const struct kiln_groups *g = b->base.given.groups;

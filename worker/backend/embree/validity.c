@@ -1,4 +1,4 @@
-/* The validity pass (worker/pass/validity.h): which share of each point is buried in other geometry. */
+/* The validity pass (worker/pass/validity.h): the share of each point that is buried in other geometry. */
 #include <omp.h>
 
 #include "shaders/shared/streams.h"
@@ -8,11 +8,11 @@
 #include "worker/pass/validity.h"
 #include "worker/sampling/sequence.h"
 
-/* The places of a look, in the square of (s, t). */
+/* Positions to test, in the square of (s, t). */
 struct look {
     float s[KILN_VALIDITY_SECOND_LOOK], t[KILN_VALIDITY_SECOND_LOOK];
     uint32_t key, samples;
-    bool whether; /* it asks only whether none, some or all are buried: not all places need be looked at */
+    bool whether; /* only whether none, some or all are buried: may stop early */
 };
 _Static_assert(KILN_VALIDITY_FIRST_LOOK <= KILN_VALIDITY_SECOND_LOOK, "places of a look");
 

@@ -69,8 +69,8 @@ static struct kiln_light_sample draw_light(const struct walk *w, const struct me
     return sample;
 }
 
-/* Finds the scattering by `lobes` of a surface that is not only diffuse, from a direction to the walk, times the
- * cosine. Sharp lobes are left out where rays or light paths meet the light themselves. */
+/* Computes the scattering of a sample's light towards the walk by `lobes`, times the cosine, at a surface that is not
+ * only diffuse. Leaves out sharp lobes where rays or light paths find the light themselves. */
 static void scatter(const struct walk *w, const struct meeting *m, const struct kiln_light_sample *sample,
                     uint32_t lobes, float scattered[3])
 {
@@ -82,7 +82,7 @@ static void scatter(const struct walk *w, const struct meeting *m, const struct 
     scattered[2] = f.value.z;
 }
 
-/* Adds what one sample of a choice brings. */
+/* Adds the light of one sample of a choice. */
 static void add_sample(struct walk *w, const struct meeting *m, const struct kiln_light_choice *choice, uint32_t lobes,
                        struct kiln_light_sample *sample, const float weight[3], float sum[3])
 {

@@ -1,4 +1,4 @@
-/* The weighed pass (worker/pass/weighed.h): the caustic pass, of whose light light paths have a part. */
+/* The weighed pass (worker/pass/weighed.h): the caustic pass, which shares its light with light paths. */
 #include <math.h>
 #include <string.h>
 
@@ -13,7 +13,7 @@
 struct weighed_work {
     struct hemisphere h;
     const struct kiln_caustic_techniques *techniques;
-    double area[RAY_LANES]; /* of each point, that is there to be lit, m2 */
+    double area[RAY_LANES]; /* m2 of each point that can be lit */
 };
 
 static void weighed_destroy(void **work)
@@ -52,7 +52,7 @@ static void find_areas(struct weighed_work *w, const struct embree_backend *b, s
     }
 }
 
-/* Finds what the chain of lane l brings. */
+/* Finds the light of lane l's chain. */
 static void follow(struct weighed_work *w, uint32_t step, uint32_t l, float light[3])
 {
     const struct tile_run_rays *r = w->h.rays;
@@ -62,7 +62,7 @@ static void follow(struct weighed_work *w, uint32_t step, uint32_t l, float ligh
     chain_follow_weighed(&w->h.walk, w->techniques, &sums, r->chance[l], rays_sample(r, step, l), &ray, light);
 }
 
-/* Adds light of lamps and sky by chains, as radiosity. Rays that meet nothing glossy bring nothing. */
+/* Adds light of lamps and sky found by chains, as radiosity. Rays that hit nothing glossy contribute nothing. */
 static void collect(const struct embree_backend *b, struct embree_context *context, struct weighed_work *w,
                     uint32_t step, uint32_t lanes)
 {
@@ -79,7 +79,7 @@ static void collect(const struct embree_backend *b, struct embree_context *conte
     }
 }
 
-/* Adds what lamps bring by their images in flat mirrors; `error`: the standard error of a point's sum. */
+/* Adds the light of lamps' images in flat mirrors. `error`: standard error of a point's sum. */
 static void add_images(struct weighed_work *w, struct embree_context *context, double error[RAY_LANES])
 {
     const double samples = (double)w->h.rays->samples;
@@ -95,7 +95,7 @@ static void add_images(struct weighed_work *w, struct embree_context *context, d
     }
 }
 
-/* Stores the sums and then the light of images, which has errors of its own. */
+/* Stores the sums, then the light of images, which has errors of its own. */
 static void store_with_images(struct weighed_work *w, struct embree_context *context, struct kiln_point_result *results)
 {
     double error[RAY_LANES];

@@ -142,7 +142,7 @@ static VkAccelerationStructureGeometryKHR triangles_of(const struct kiln_geometr
 static int build_bottom(struct acceleration *a, const struct kiln_geometry *g, const struct gpu_buffer *vertices,
                         const struct gpu_buffer *indices, struct kiln_error *error)
 {
-    /* whether there is something may be asked more than once for a triangle, how much comes through may not */
+    /* alpha tests may run more than once for a triangle, summing of transmittance may not */
     const VkGeometryFlagsKHR once =
         g->passage >= KILN_PASSAGE_BLEND ? VK_GEOMETRY_NO_DUPLICATE_ANY_HIT_INVOCATION_BIT_KHR : 0;
     const VkAccelerationStructureGeometryKHR geometries[2] = {
@@ -154,7 +154,7 @@ static int build_bottom(struct acceleration *a, const struct kiln_geometry *g, c
     return build_level(a, &a->bottom, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, geometries, ranges, 2, error);
 }
 
-/* Fronts: without flags, a triangle's front is where cross(b - a, c - a) points to. */
+/* Builds the top level. Fronts: without flags, a triangle's front is on the side of cross(b - a, c - a). */
 static int build_top(struct acceleration *a, struct kiln_error *error)
 {
     const VkAccelerationStructureInstanceKHR instance = {
@@ -162,7 +162,7 @@ static int build_top(struct acceleration *a, struct kiln_error *error)
         .mask = 0xff,
         .flags = VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR,
         .accelerationStructureReference = a->bottom.address};
-    struct gpu_buffer instances = {.size = 0}; /* its address is a multiple of 64: 16 are wanted */
+    struct gpu_buffer instances = {.size = 0}; /* aligned to 64 bytes; 16 are required */
     int status =
         gpu_buffer_of(a->gpu, &instances, &instance, sizeof instance, "the acceleration structure's instance", error);
     const VkAccelerationStructureGeometryKHR geometry = {

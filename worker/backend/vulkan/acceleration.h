@@ -1,8 +1,8 @@
 /* The world's triangles in the device's own acceleration structure, for VK_KHR_ray_tracing_pipeline
  * (shaders/trace/pipeline.glsl).
  *
- * One bottom level of two geometries, as in the Embree backend: 0 the opaque triangles, 1 those that may let rays
- * through; one top level that holds it once, where it is. */
+ * There is one bottom level of two geometries, as in the Embree backend: 0 the opaque triangles, 1 those that may let
+ * rays through. One top level holds one instance of it, untransformed. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_ACCELERATION_H
 #define KILN_WORKER_BACKEND_VULKAN_ACCELERATION_H
 
@@ -14,16 +14,16 @@
 
 struct acceleration;
 
-/* Whether it holds so many triangles: 2^32 bytes of indices. */
+/* Whether an acceleration structure can hold the geometry's triangles: at most 2^32 bytes of indices. */
 bool acceleration_can(const struct kiln_geometry *geometry);
-/* Builds it on a device whose description says ray_tracing; waits until it is there. Vertices and indices are on the
- * device only meanwhile. The gpu is borrowed and must outlive it. KILN_NO_DEVICE when the device refuses, with its
- * reason. */
+/* Builds the structure on a device whose description says ray_tracing, and waits for the end. Vertices and indices are
+ * on the device only meanwhile. The gpu is borrowed and must outlive it. KILN_NO_DEVICE when the device refuses, with
+ * its reason. */
 int acceleration_create(struct acceleration **acceleration, struct gpu *gpu, const struct kiln_geometry *geometry,
                         struct kiln_error *error);
 void acceleration_destroy(struct acceleration **acceleration);
 
-/* For struct kiln_gpu_trace.top_level. */
+/* Returns the address for struct kiln_gpu_trace.top_level. */
 uint64_t acceleration_address(const struct acceleration *acceleration);
 
 #endif

@@ -15,7 +15,7 @@ static struct vulkan_answer count_words(struct vulkan_answer a)
     return a;
 }
 
-/* Returns the parts that all answers have. */
+/* Returns the members that are equal for all answers. */
 static struct vulkan_answer answer_of_scene(const struct vulkan_backend *b)
 {
     return (struct vulkan_answer){.mixed = b->constants[VULKAN_HAS_SMOOTH] != 0 || b->materials.gloss,
@@ -56,7 +56,7 @@ static const float *take_rays(const struct vulkan_answer *a, const float *from, 
     return from;
 }
 
-/* The result of a valid point from its words. */
+/* Restores the result of a valid point from its words. */
 static void lengthen_one(const struct vulkan_answer *a, const float *from, uint32_t samples,
                          struct kiln_point_result *r)
 {
@@ -76,7 +76,7 @@ static void lengthen_one(const struct vulkan_answer *a, const float *from, uint3
         r->present = *from;
 }
 
-/* `samples`: of a point of the tile run; 0: it is left out. */
+/* Restores the results of a tile run. `samples`: of each point; 0: it is left out. */
 static void lengthen(const struct vulkan_backend *b, const struct vulkan_answer *a, uint32_t samples, uint64_t points,
                      const struct kiln_tile_run *run, const void *from, struct kiln_point_result *results)
 {
@@ -106,7 +106,7 @@ void vulkan_lengthen_direct(const struct vulkan_backend *b, const struct kiln_ba
 
 /* ---- handing them on ---- */
 
-/* Counts the first tile runs that have few enough points together, at least one. */
+/* Counts the first tile runs that fit together into one step, at least one. */
 static size_t tile_runs_at_once(const struct kiln_tile_run *tile_runs, size_t count, uint64_t *points)
 {
     size_t some = 0;

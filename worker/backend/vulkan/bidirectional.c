@@ -1,7 +1,7 @@
-/* The bidirectional pass (worker/pass/bidirectional.h). Sample by sample: paths of light are traced, and their vertices
- * kept; where those of all paths are merged, shaders/photons.comp puts them into buckets; then the paths of pixels are
- * followed (bidirectional_stages.c). Results do not depend on how many paths run at once, nor on the order in which
- * vertices are kept. */
+/* The bidirectional pass (worker/pass/bidirectional.h), sample by sample. Light paths are traced, and their vertices
+ * stored. If those of all paths are merged, shaders/photons.comp sorts them into buckets. Then the paths of pixels are
+ * followed (bidirectional_stages.c). Results depend neither on the number of paths at once, nor on the order in which
+ * vertices are stored. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -10,7 +10,7 @@
 #include "worker/backend/vulkan/bidirectional.h"
 #include "worker/base/memory.h"
 
-/* Pixels whose own paths of light are kept at once where no others are asked for. */
+/* MOST_PIXELS: pixels whose own light paths are stored at once, if no other paths are needed. */
 enum { MOST_PIXELS = 1 << 21, MOST_BOUNCES = 1 << 29, SUM_POWER = -30 };
 
 /* ---- what is on the device ---- */
@@ -40,7 +40,7 @@ static bool merges_all(const struct both_run *r)
     return (r->method & KILN_GPU_BOTH_MERGES) != 0 && (r->method & KILN_GPU_BOTH_OWN) == 0;
 }
 
-/* The chances of the lights, and their sums, in what the device has for real. */
+/* Uploads the probabilities of the lights, and their cumulative sums, as the kernels' `real`. */
 static int upload_chances(struct both_run *r, struct kiln_error *error)
 {
     const struct kiln_emission *e = r->emission;
@@ -97,7 +97,7 @@ int both_make_zeros(struct both_run *r, struct gpu_buffer *buffer, size_t size, 
     return status == KILN_OK ? both_clear(r, buffer->address, size, error) : status;
 }
 
-/* Room for the vertices of paths of light that run at once. */
+/* Allocates the vertices of the light paths that run at once. */
 static int make_vertices(struct both_run *r, uint64_t paths, struct kiln_error *error)
 {
     const double each = r->b->light_vertices > 0.0 ? r->b->light_vertices : 4.0;
@@ -306,7 +306,7 @@ static int run_sample(struct both_run *r, uint32_t k, struct kiln_error *error)
 
 /* ---- answers ---- */
 
-/* Brings `size` bytes of a buffer to r->brought. */
+/* Copies `size` bytes of a buffer to r->brought on the host. */
 static int bring(struct both_run *r, const struct gpu_buffer *from, size_t size, struct kiln_error *error)
 {
     const struct gpu_step step = {.from = from, .to = &r->brought, .size = size};
@@ -362,8 +362,8 @@ void vulkan_bidirectional_release(struct vulkan_backend *b)
     kiln_free(&b->both);
 }
 
-/* b->both for these pixels: that of the call before where it was for as many by the same method, for its memory takes
- * as long to make as several samples do; else one made anew. */
+/* Prepares b->both for these pixels: reuses that of the call before, if it had as many pixels and the same method,
+ * since allocating its memory takes as long as several samples; else makes a new one. */
 static int prepare_call(struct vulkan_backend *b, const struct kiln_bidirectional_parameters *p,
                         const struct kiln_batch *batch, struct kiln_error *error)
 {
@@ -391,7 +391,7 @@ static int prepare_call(struct vulkan_backend *b, const struct kiln_bidirectiona
     return status == KILN_OK ? make_room(b->both, error) : status;
 }
 
-/* Runs the whole batch, or nothing of it is taken: the film cannot be added to in parts. */
+/* Runs the whole batch; if it fails, nothing is taken: the film cannot be added to in parts. */
 static int run_left(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left, uint64_t *rays,
                     bool *refused, struct kiln_error *error)
 {

@@ -1,7 +1,7 @@
-/* The kernels of the bidirectional pass, and of light paths that land, one after the other: each does a part of what a
- * surface asks for, of all paths under way (shaders/subpaths.glsl). Paths that end leave the list of those under way,
- * so that kernels have work in all their threads; what paths bring is summed exactly, so that results depend neither on
- * the order nor on how many run at once. */
+/* The kernels of the bidirectional pass, and of light paths that land, one after the other. Each does one step at a
+ * surface for all active paths (shaders/subpaths.glsl). Paths that end leave the list of active paths, so that kernels
+ * have work in all threads. Light is summed exactly, so results depend neither on the order nor on the number of paths
+ * at once. */
 #include <stddef.h>
 #include <stdint.h> /* before the shaders */
 #include <string.h>
@@ -22,7 +22,7 @@
                                                          .gloss = &shader##_with_gloss};
 SHADER_WITH_GLOSS(light_paths, "paths of light")
 SHADER_WITH_GLOSS(eye_paths, "paths of the camera")
-/* at surfaces that are diffuse, in scenes with gloss */
+/* at diffuse surfaces, in scenes with gloss */
 static const struct vulkan_shader light_paths_diffuse = {.name = "paths of light at diffuse surfaces",
                                                          .compute = VULKAN_CODE(light_paths),
                                                          .compute_float = VULKAN_CODE(light_paths_float)};
@@ -64,9 +64,9 @@ static const struct vulkan_shader land_on_shader = {.name = "light paths that la
                                                     .compute = VULKAN_CODE(land_on),
                                                     .compute_float = VULKAN_CODE(land_on_float)};
 
-/* Paths under way at most; where pacers begin, and the fewest threads of a dispatch, of which a GPU runs thousands side
- * by side (a software device a handful); what dispatches leave to do until that is set to 0 again; pairs for a path
- * that there is room for. */
+/* MOST_SLOTS: active paths. FIRST_GUESS: where pacers begin. LEAST: fewest threads of a dispatch; a GPU runs thousands
+ * at once, a software device a handful. TALLIES: dispatches until all tallies are cleared. PAIRS: room for pairs per
+ * path. */
 enum {
     MOST_SLOTS = 1 << 21,
     MOST_SLOTS_SOFTWARE = 1 << 16,
@@ -75,17 +75,17 @@ enum {
     LEAST_SOFTWARE = 64,
     TALLIES = 1 << 12,
     PAIRS = 2,
-    PAIRS_OF_FEW = 16,  /* the same where few paths are under way */
-    LIGHT_SURFACES = 4, /* of paths of light, handed over together */
+    PAIRS_OF_FEW = 16,  /* PAIRS if there are few active paths */
+    LIGHT_SURFACES = 4, /* of light paths, submitted together */
     EYE_SURFACES = 4,   /* of paths of the camera, at most */
     LAND_SURFACES = 4,  /* of paths that land: at first, */
     LAND_MORE = 16,     /* and of the fewer that are left */
-    LISTS = 4           /* of slots: that of paths under way and the next; of those that have met gloss, and others */
+    LISTS = 4           /* lists of slots: active paths and the next ones; those at gloss, and others */
 };
 
 /* ---- what is on the device ---- */
 
-/* Shadow rays that a path asks for at a surface at most, and room for one of each pair. */
+/* Room for a path's shadow rays at a surface: their largest number, or one for each of its pairs. */
 static uint64_t shadows_of_path(const struct both_run *r)
 {
     const uint64_t samples = 2 + (uint64_t)r->b->layout.lights.directional_count;
@@ -161,7 +161,7 @@ static int create_slots(struct both_run *r, struct kiln_error *error)
 
 static bool connects(const struct both_run *r) { return (r->method & KILN_GPU_BOTH_CONNECTS) != 0; }
 static bool merges(const struct both_run *r) { return (r->method & KILN_GPU_BOTH_MERGES) != 0; }
-/* to vertices of light; else to samples of the lights alone */
+/* connects to light vertices; else only to light samples */
 static bool links(const struct both_run *r) { return connects(r) && (r->method & KILN_GPU_BOTH_ALONE) == 0; }
 
 /* A stage, and its kernel. */
@@ -174,7 +174,7 @@ struct stage_kernel {
 };
 enum { MOST_STAGES = 24 };
 
-/* Which stages the run has; returns how many of `stages` are set. */
+/* Lists the stages of this run; returns their number in `stages`. */
 static size_t stages_of(struct both_run *r, struct stage_kernel stages[MOST_STAGES])
 {
     const bool connects = (r->method & KILN_GPU_BOTH_CONNECTS) != 0, merges = (r->method & KILN_GPU_BOTH_MERGES) != 0,
@@ -299,14 +299,15 @@ static int next_tally(struct both_run *r, struct kiln_error *error)
     return status;
 }
 
-/* A dispatch with few threads takes as long as one of them: that it is slow says nothing of larger ones. */
+/* Measures the speed, but ignores slow dispatches with few threads: they take as long as a single thread, and tell
+ * nothing about larger ones. */
 static void learn(struct gpu_pacer *pacer, uint64_t work, double seconds)
 {
     if (!(pacer->rate > 0.0) || seconds > pacer->slice_seconds / 16.0 || (double)work > pacer->rate * seconds)
         gpu_pacer_learn(pacer, work, seconds);
 }
 
-/* With the tally that r has; `answers`: it is copied to r->answer in the end. */
+/* Runs a stage in time slices, with r's current tally. `answers`: copies it to r->answer at the end. */
 static int run_slices(struct both_run *r, const struct both_stage *stage, uint64_t first, uint64_t count, bool answers,
                       struct kiln_error *error)
 {
@@ -340,9 +341,9 @@ int both_run_stage(struct both_run *r, const struct both_stage *stage, uint64_t 
     return status;
 }
 
-/* ---- dispatches that are handed over together ---- */
+/* ---- dispatches that are submitted together ---- */
 
-/* Whether what is left to do fits into the tallies from here on, so that both_add needs no new ones. */
+/* Begins a queue. Clears the tallies if they might not suffice, so that both_add needs no new ones. */
 static int begin_queue(struct both_run *r, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -362,8 +363,8 @@ static uint64_t tally_address(const struct both_run *r, size_t number, size_t of
     return r->tallies.address + (r->queue.tally + number) * sizeof(struct kiln_gpu_both_tally) + offset;
 }
 
-/* A dispatch of at most `most` threads, of which the word at `counter` (0: none) says how many have something to do;
- * with push constants as they are. Returns its number in the queue, which its tally has too. */
+/* Adds a dispatch of at most `most` threads with the present push constants; the word at `counter` (0: none) limits the
+ * number of threads with work. Returns its number in the queue, which is also that of its tally. */
 static size_t add(struct both_run *r, const struct both_stage *stage, uint64_t most, uint64_t counter)
 {
     struct both_queue *q = &r->queue;
@@ -385,13 +386,13 @@ static size_t add(struct both_run *r, const struct both_stage *stage, uint64_t m
     return number;
 }
 
-/* Whether all of the queue takes no longer than one dispatch may. */
+/* Whether the whole queue takes no longer than a single dispatch may. */
 static bool fits_slice(const struct both_run *r)
 {
     return r->queue.known && r->queue.seconds < 0.8 * gpu_slice(r->b->gpu);
 }
 
-/* Ends the queue: all of its tallies come to r->answer. */
+/* Ends the queue with a copy of all its tallies to r->answer. */
 static void end_queue(struct both_run *r)
 {
     struct both_queue *q = &r->queue;
@@ -402,7 +403,7 @@ static void end_queue(struct both_run *r)
     r->tally += (uint32_t)q->count;
 }
 
-/* Runs the queue. *tallies: of each dispatch, valid until the next is run. */
+/* Runs the queue. *tallies: one per dispatch, valid until the next run. */
 static int run_queue(struct both_run *r, const struct kiln_gpu_both_tally **tallies, struct kiln_error *error)
 {
     end_queue(r);
@@ -412,21 +413,20 @@ static int run_queue(struct both_run *r, const struct kiln_gpu_both_tally **tall
 
 /* ---- paths ---- */
 
-/* Lists of slots take turns: that of the paths under way, and that of those that go on. */
+/* Returns one of two alternating lists of slots: active paths, and those that continue. */
 static uint64_t list_of(const struct both_run *r, uint32_t turn)
 {
     return r->lists.address + (turn % 2) * (uint64_t)r->slots * sizeof(uint32_t);
 }
 
-/* The slots of paths that have met diffuse surfaces or none; behind them there are r->slots for those that have met
- * gloss. */
+/* List of slots of paths at diffuse surfaces, or without a hit; gloss_list follows after r->slots entries. */
 static uint64_t sorted_list(const struct both_run *r)
 {
     return list_of(r, 0) + 2 * (uint64_t)r->slots * sizeof(uint32_t);
 }
 static uint64_t gloss_list(const struct both_run *r) { return sorted_list(r) + (uint64_t)r->slots * sizeof(uint32_t); }
 
-/* Where nothing is known of a stage's speed, for there was nothing to do: that it is the other's. */
+/* Copies the speed of one stage to the other, if that is unknown because it had no work. */
 static void share_speed(struct both_run *r, const struct both_stage *a, const struct both_stage *b)
 {
     struct gpu_pacer *x = &r->b->pacers[a->pace], *y = &r->b->pacers[b->pace];
@@ -436,7 +436,7 @@ static void share_speed(struct both_run *r, const struct both_stage *a, const st
         y->rate = x->rate;
 }
 
-/* Runs the stages at surfaces that paths have come to, sorted: `diffuse` and `gloss` of them. */
+/* Runs the stages at the paths' surfaces, sorted by kind: `diffuse` and `gloss` of them. */
 static int run_sorted(struct both_run *r, const struct both_stage *at_diffuse, const struct both_stage *at_gloss,
                       uint64_t diffuse, uint64_t gloss, struct kiln_gpu_both_tally *tally, struct kiln_error *error)
 {
@@ -456,7 +456,7 @@ static int run_sorted(struct both_run *r, const struct both_stage *at_diffuse, c
     return status;
 }
 
-/* All paths under way go to their next surfaces, and do there what they do. */
+/* Moves all active paths to their next surfaces, and runs the stages there. */
 static int run_surface(struct both_run *r, const struct both_stage *at_diffuse, const struct both_stage *at_gloss,
                        uint64_t count, struct kiln_gpu_both_tally *tally, struct kiln_error *error)
 {
@@ -473,8 +473,8 @@ static int run_surface(struct both_run *r, const struct both_stage *at_diffuse, 
                     : both_run_stage(r, at_gloss, 0, count, tally, error);
 }
 
-/* The same in the queue, of at most `most` paths, as many as the word at `counter` says. Returns the number of the
- * tally of what they do. */
+/* As run_surface, in the queue, for at most `most` paths, limited by the word at `counter`. Returns the number of the
+ * tally with the result. */
 static size_t add_surface(struct both_run *r, const struct both_stage *at_diffuse, const struct both_stage *at_gloss,
                           uint64_t most, uint64_t counter)
 {
@@ -504,7 +504,7 @@ static int trace_shadows(struct both_run *r, const struct both_stage *stage, uin
     return both_run_stage(r, stage, 0, count, NULL, error);
 }
 
-/* All paths of light under way go to their next surfaces; one dispatch after the other. */
+/* Moves all active light paths to their next surfaces, with one submission for each dispatch. */
 static int light_surface(struct both_run *r, uint32_t *under_way, struct kiln_error *error)
 {
     struct kiln_gpu_both_tally tally = {0};
@@ -513,7 +513,7 @@ static int light_surface(struct both_run *r, uint32_t *under_way, struct kiln_er
     return status;
 }
 
-/* The same for LIGHT_SURFACES surfaces, handed over together; *done: that was done, for it takes little time. */
+/* As light_surface, for LIGHT_SURFACES surfaces submitted together; *done: false if that might take too long. */
 static int light_surfaces(struct both_run *r, uint32_t turn, uint32_t *under_way, bool *done, struct kiln_error *error)
 {
     const struct kiln_gpu_both_tally *tallies;
@@ -537,7 +537,7 @@ static int light_surfaces(struct both_run *r, uint32_t turn, uint32_t *under_way
     return status;
 }
 
-/* The paths of light first .. first + count - 1, which have slots. */
+/* Traces the light paths first .. first + count - 1, which have slots. */
 static int trace_light_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     struct kiln_gpu_both_tally tally = {0};
@@ -576,8 +576,8 @@ int both_light_paths(struct both_run *r, uint64_t first, uint64_t count, struct 
 
 /* ---- light paths that land ---- */
 
-/* Adds `surfaces` surfaces of at most `most` paths, as many as the word at `counter` says; the list that is `turn`'s
- * has their slots. The last entry of the queue tells how many go on. */
+/* Adds `surfaces` surfaces for at most `most` paths, limited by the word at `counter`, whose slots are in list `turn`.
+ * The last tally of the queue has the number of paths that continue. */
 static void add_landings(struct both_run *r, uint32_t turn, uint32_t surfaces, uint64_t most, uint64_t counter)
 {
     for (uint32_t k = 0; k < surfaces; k++) {
@@ -589,7 +589,7 @@ static void add_landings(struct both_run *r, uint32_t turn, uint32_t surfaces, u
     }
 }
 
-/* All paths begin and come to their first surfaces; those that have met their targets go on from there. */
+/* Adds the beginning of all paths and their first surfaces; paths that have hit their targets continue. */
 static uint64_t add_first_landings(struct both_run *r, uint32_t count)
 {
     const size_t paths = offsetof(struct kiln_gpu_both_tally, paths);
@@ -648,8 +648,8 @@ int both_splats(struct both_run *r, uint64_t count, struct kiln_error *error)
     return status;
 }
 
-/* Finds pairs of the vertices of `count` paths, as many as there is room for at once, and runs `stage` over them, as
- * long as any are `left`. */
+/* Finds pairs for the vertices of `count` paths, as many as fit, and runs `stage` over them; repeats while any are
+ * `left`. */
 static int run_pairs(struct both_run *r, const struct both_stage *find, const struct both_stage *stage, uint64_t count,
                      bool left, struct kiln_error *error)
 {
@@ -668,7 +668,7 @@ static int run_pairs(struct both_run *r, const struct both_stage *find, const st
     return status;
 }
 
-/* Connects the vertices of `count` paths to those of light, and merges them; each where pairs are left. */
+/* Connects the vertices of `count` paths to light vertices, and merges photons, if pairs are left of either. */
 static int meet_light(struct both_run *r, uint64_t count, bool connect, bool merge, struct kiln_error *error)
 {
     int status = run_pairs(r, &r->connected, &r->connect, count, connect, error);
@@ -677,7 +677,7 @@ static int meet_light(struct both_run *r, uint64_t count, bool connect, bool mer
     return status;
 }
 
-/* All paths of the camera under way go to their next surfaces; one dispatch after the other. */
+/* Moves all active camera paths to their next surfaces, with one submission for each dispatch. */
 static int eye_surface(struct both_run *r, uint32_t *under_way, struct kiln_error *error)
 {
     const uint32_t count = *under_way;
@@ -689,13 +689,13 @@ static int eye_surface(struct both_run *r, uint32_t *under_way, struct kiln_erro
     return status == KILN_OK ? meet_light(r, count, links(r), merges(r), error) : status;
 }
 
-/* The dispatches of a surface of the camera's paths in the queue: which is which. */
+/* Numbers of a surface's dispatches in the queue, for camera paths. */
 struct surface_in_queue {
     size_t eye, connected, near;
 };
 
-/* Adds the search for the pairs of at most `most` paths, as many as the word at `counter` says, and what is done with
- * them. Returns the number of the former in the queue. */
+/* Adds the search for the pairs of at most `most` paths, limited by the word at `counter`, and the processing of the
+ * pairs. Returns the number of the search in the queue. */
 static size_t add_pairs(struct both_run *r, const struct both_stage *find, const struct both_stage *stage,
                         uint64_t most, uint64_t counter)
 {
@@ -709,7 +709,7 @@ static size_t add_pairs(struct both_run *r, const struct both_stage *find, const
     return found;
 }
 
-/* Adds all that a surface of at most `most` paths of the camera asks for, as many as the word at `counter` says. */
+/* Adds all work at a surface for at most `most` camera paths, limited by the word at `counter`. */
 static struct surface_in_queue add_eye_surface(struct both_run *r, uint64_t most, uint64_t counter)
 {
     struct surface_in_queue in = {0};
@@ -730,8 +730,8 @@ static void set_lists(struct both_run *r, uint32_t turn)
     r->push.onward = list_of(r, turn + 1);
 }
 
-/* Surfaces from number `turn` on, as many as take little time. Where there is no room for a surface's pairs nothing is
- * done for those after it. Returns how many there are. */
+/* Adds surfaces from number `turn` on, as long as they take little time. If the pairs of a surface do not fit, kernels
+ * skip the later surfaces. Returns the number added. */
 static size_t add_eye_surfaces(struct both_run *r, uint32_t turn, uint64_t most, struct surface_in_queue in[])
 {
     const size_t left = offsetof(struct kiln_gpu_both_tally, left);
@@ -753,7 +753,7 @@ static size_t add_eye_surfaces(struct both_run *r, uint32_t turn, uint64_t most,
     return count;
 }
 
-/* Several surfaces, handed over together. *done: how many of them are; 0: already one takes too long. */
+/* Runs several surfaces, submitted together. *done: number of completed surfaces; 0: even one takes too long. */
 static int eye_surfaces(struct both_run *r, uint32_t turn, uint32_t *under_way, uint32_t *done,
                         struct kiln_error *error)
 {
@@ -781,7 +781,7 @@ static int eye_surfaces(struct both_run *r, uint32_t turn, uint32_t *under_way, 
     return status == KILN_OK ? meet_light(r, count, more_connected, more_near, error) : status;
 }
 
-/* Begins paths at partly buried points, then connects and merges points themselves with light. */
+/* Begins paths at partly buried points, then connects and merges the points themselves with light paths. */
 static int begin_at_points(struct both_run *r, uint64_t count, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -796,7 +796,7 @@ end:
     return status;
 }
 
-/* The paths of pixels or points first .. first + count - 1, which have slots. */
+/* Follows the paths of pixels or points first .. first + count - 1, which have slots. */
 static int follow_eye_paths(struct both_run *r, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     uint32_t under_way = (uint32_t)count;

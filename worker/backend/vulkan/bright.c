@@ -5,7 +5,7 @@
 #include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
-enum { CLUSTER = 16 }; /* points of a cluster, about half of which are there */
+enum { CLUSTER = 16 }; /* points in a cluster; about half of them exist */
 
 static const char WHAT[] = "the bright patches";
 
@@ -100,7 +100,7 @@ struct receivers {
     const struct kiln_bright *bright;
     uint32_t points, count, rows;
     uint32_t *of;     /* of each point */
-    uint32_t *number; /* of each cluster; KILN_GPU_NONE: none of its points is there. The last is of no cluster */
+    uint32_t *number; /* number of each cluster; KILN_GPU_NONE: no existing points. The last is for points in none */
     struct kiln_bright_receiver *all; /* `count` */
     uint32_t *row;                    /* of each */
     double *sums;                     /* of all */
@@ -113,7 +113,7 @@ static void receivers_release(struct receivers *r)
     kiln_free(&r->sums);
 }
 
-/* Numbers the clusters that points belong to, as they come. */
+/* Numbers the clusters of points, in the order of first occurrence. */
 static void number_receivers(struct receivers *r, const uint32_t *cluster_of)
 {
     memset(r->number, 0xff, (r->bright->count + (size_t)1) * sizeof *r->number);
@@ -160,7 +160,7 @@ end:
     return begin_receivers(r, b, batch->samples, error);
 }
 
-/* Where things stand in what goes with a chunk: after struct kiln_gpu_bright, all in multiples of 8 bytes. */
+/* Offsets of the parts of a chunk's data: after struct kiln_gpu_bright, all multiples of 8 bytes. */
 static size_t sums_at(void) { return sizeof(struct kiln_gpu_bright); }
 static size_t receivers_at(const struct receivers *r, const struct vulkan_backend *b)
 {

@@ -9,25 +9,25 @@
 
 #include "worker/base/memory.h"
 
-enum { LEAF_MOST = 3 /* as many as a child of struct kiln_gpu_node8 tells */, WIDTH_MOST = 8 };
+enum { LEAF_MOST = 3 /* the limit of a child of struct kiln_gpu_node8 */, WIDTH_MOST = 8 };
 enum {
     DEPTH_LIMIT = 40,
-    /* No walk of a tree so deep needs a deeper stack than shaders have: three entries a level four-wide, one
-     * eight-wide. 2^29 leaves below depth 12 are no deeper. */
+    /* largest depth of the tree, so that traversal stacks suffice: three entries per level four-wide, one eight-wide.
+     * 2^29 leaves fit below depth 12 */
     DEPTH_MOST = (KILN_GPU_STACK4 - 1) / 3,
     DEPTH_LIMIT_LEAST = DEPTH_MOST - 29
 };
 _Static_assert(DEPTH_MOST <= KILN_GPU_STACK8, "eight-wide walks need no more");
-enum { TASK_TRIANGLES = 2048 }; /* a subtree with fewer is not worth a task of its own */
+enum { TASK_TRIANGLES = 2048 }; /* triangles of a subtree that is worth a task of its own */
 
 struct box {
     float lower[3], upper[3];
 };
 
-/* The tree, flat. Children of a node stand side by side. */
+/* A node of the flat tree. Children of a node are adjacent. */
 struct node {
     struct box box;
-    uint32_t first; /* first child, or first of a leaf's triangles in `order` */
+    uint32_t first; /* first child; or first triangle of a leaf, in `order` */
     uint32_t count; /* triangles of a leaf; 0: a node with two children */
 };
 
@@ -41,14 +41,15 @@ struct bvh {
     bool of_device; /* it built the tree */
 };
 
-/* Memory that nobody has touched: those that fill it share the cost of that. *pointer is NULL. */
+/* Allocates memory without touching it, so that the threads that fill it share the cost of its pages. *pointer is NULL.
+ */
 static int allocate_untouched(void *pointer, size_t count, size_t size, const char *what, struct kiln_error *error)
 {
     size_t room = 0;
     return kiln_grow(pointer, &room, count, size, what, error);
 }
 
-/* ---- what Embree's builder calls; memory is the builder's ---- */
+/* ---- callbacks of Embree's builder; memory is the builder's ---- */
 
 struct built {
     uint32_t count;             /* of a leaf; 0: two children */
@@ -71,7 +72,7 @@ static void *create_node(RTCThreadLocalAllocator allocator, unsigned int child_c
     return node;
 }
 
-/* Children are whole when they are handed over. */
+/* Callback: children are complete when they are passed. */
 
 static void set_children(void *pointer, void **children, unsigned int child_count, void *user)
 {
@@ -139,14 +140,14 @@ static struct box triangle_box(const struct kiln_geometry *g, size_t triangle, f
 
 /* ---- from the builder's tree to the flat one ---- */
 
-/* Where what is below a node comes to stand: the children of a node side by side, then all below the first, then all
- * below the second; as one thread would lay them down. */
+/* Where the descendants of a node are stored: its children adjacent, then all descendants of the first, then all of the
+ * second; as one thread would store them. */
 struct place {
     size_t node, triangle; /* the first that are free */
     uint32_t depth;        /* of the node */
 };
 
-/* One such conversion, by all threads. */
+/* A conversion from the builder's tree to the flat one, by all threads. */
 struct flattening {
     struct bvh *bvh;
     uint32_t depth;          /* of the deepest node */
@@ -154,7 +155,7 @@ struct flattening {
     struct kiln_error error; /* its */
 };
 
-/* The place of what is below the second child, where the first has `first` leaves and triangles. */
+/* The place of the second child's descendants, if the first child has `leaves` leaves and `triangles` triangles. */
 static struct place place_beside(const struct place *children, size_t leaves, size_t triangles)
 {
     return (struct place){children->node + 2 * leaves - 2, children->triangle + triangles, children->depth};
@@ -241,7 +242,7 @@ static void fail_task(struct flattening *f, int status, const struct kiln_error 
     }
 }
 
-/* A subtree that goes too deep: its leaves, in their order, under a tree as flat as can be. */
+/* Flattens a subtree that is too deep: its leaves, in order, below a balanced tree. */
 static void flatten_evenly(struct flattening *f, uint32_t at, const struct built *from, struct place place)
 {
     struct leaf_list list = {NULL, NULL, 0};
@@ -260,7 +261,7 @@ static void flatten_evenly(struct flattening *f, uint32_t at, const struct built
     kiln_free(&list.boxes);
 }
 
-/* Lays down what is below node `at`, whose box is there already. */
+/* Stores the descendants of node `at`, whose box is already there. */
 static void flatten(struct flattening *f, uint32_t at, const struct built *from, struct place place)
 {
     if (from->count != 0) {
@@ -286,7 +287,8 @@ static void flatten(struct flattening *f, uint32_t at, const struct built *from,
     flatten(f, child + 1, second, beside);
 }
 
-/* Cut evenly from its depth limit on; while it is too deep, from a lesser one on. */
+/* Flattens the tree, with balanced subtrees below its depth limit; while it is still too deep, repeats with a lower
+ * limit. */
 static int flatten_root(struct bvh *bvh, const struct built *root, const struct box *bounds, struct kiln_error *error)
 {
     struct flattening f = {.bvh = bvh, .status = KILN_OK};
@@ -307,7 +309,7 @@ static int flatten_root(struct bvh *bvh, const struct built *root, const struct 
 
 /* ---- building ---- */
 
-/* A world without triangles is one that nothing meets. */
+/* Makes a world without triangles, in which rays hit nothing. */
 static int build_empty(struct bvh *bvh, struct kiln_error *error)
 {
     const struct built stand_in = {.count = 1, .leaves = 1, .triangles = 1, .is.triangle = {KILN_GPU_NONE}};
@@ -338,7 +340,7 @@ static int build_with(struct bvh *bvh, RTCDevice device, struct RTCBuildPrimitiv
     struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
     arguments.buildQuality = RTC_BUILD_QUALITY_MEDIUM;
     arguments.maxBranchingFactor = 2;
-    arguments.maxDepth = 1024; /* too deep a tree is mended in flatten; the builder would fail */
+    arguments.maxDepth = 1024; /* flatten repairs too deep a tree, while the builder would fail */
     arguments.minLeafSize = 1;
     arguments.maxLeafSize = LEAF_MOST;
     arguments.bvh = rtcNewBVH(device);
@@ -413,7 +415,7 @@ int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const str
 
 /* ---- from the device's tree ---- */
 
-/* The triangles below a node, few; how many. */
+/* Lists the few triangles below a node; returns their number. */
 static uint32_t list_triangles(const struct kiln_gpu_bvh_node *nodes, uint32_t at, uint32_t triangles[LEAF_MOST])
 {
     if (nodes[at].second == KILN_GPU_NONE) {
@@ -485,7 +487,7 @@ void bvh_destroy(struct bvh **bvh)
 
 /* ---- layouts ---- */
 
-/* Size of the layout below a node of the tree that is itself one of the layout's nodes. */
+/* Size of the layout below a tree node that is also a node of the layout. */
 struct extent {
     uint32_t nodes;     /* below it */
     uint32_t triangles; /* of all leaves below it */
@@ -497,7 +499,7 @@ struct export
     const struct bvh *bvh;
     struct bvh_layout *layout;
     uint32_t kind, width;
-    struct extent *extents; /* by the tree's nodes; of those that are nodes of the layout */
+    struct extent *extents; /* per node of the tree, for those that are nodes of the layout */
 };
 
 /* The children of one node of a layout, by slot. */
@@ -506,7 +508,7 @@ struct family {
     uint32_t place[WIDTH_MOST];  /* index of its node in the layout, or of a leaf's first triangle there */
 };
 
-/* Opens the largest box again and again until `width` children are there or all are leaves. */
+/* Opens the child with the largest box until there are `width` children, or all are leaves. */
 static uint32_t gather(const struct bvh *bvh, uint32_t from, uint32_t width, uint32_t children[WIDTH_MOST])
 {
     uint32_t count = 1;
@@ -531,7 +533,7 @@ static uint32_t gather(const struct bvh *bvh, uint32_t from, uint32_t width, uin
     return count;
 }
 
-/* Twice the distance of a box's middle from the parent's, along the diagonal that belongs to a slot. */
+/* Twice the distance between the middles of a box and its parent, along the diagonal of a slot. */
 static double along_diagonal(const struct box *parent, const struct box *box, uint32_t slot)
 {
     double sum = 0.0;
@@ -543,8 +545,8 @@ static double along_diagonal(const struct box *parent, const struct box *box, ui
     return sum;
 }
 
-/* Slots by octant, so that a ray meets children about in the order slot XOR its own octant (Ylitie et al. 2017,
- * section 3.3; the assignment is greedy here). */
+/* Assigns children to slots by octant, so that a ray meets them roughly in the order slot XOR its own octant (Ylitie et
+ * al. 2017, section 3.3; here the assignment is greedy). */
 static void arrange(const struct bvh *bvh, uint32_t parent, const uint32_t *children, uint32_t count,
                     struct family *family)
 {
@@ -576,13 +578,12 @@ static void place_triangle(const struct bvh_layout *layout, size_t at, const str
                                                        {c[2].x, c[2].y, c[2].z}, 0};
 }
 
-/* The first node and the first triangle that are free for what is below a node of the layout. */
+/* First free node and triangle for the descendants of a node of the layout. */
 struct start {
     uint32_t node, triangle;
 };
 
-/* Gives the members their places, nodes side by side, and lays down all triangles of the leaves; moves `start` on
- * behind them. */
+/* Assigns places to the members, adjacent nodes, and stores all triangles of the leaves; advances `start`. */
 static void settle(const struct export *e, struct family *family, struct start *start)
 {
     for (uint32_t i = 0; i < WIDTH_MOST; i++) {
@@ -618,7 +619,7 @@ static void encode4(const struct bvh *bvh, const struct family *family, struct k
 
 static void set_byte(uint32_t words[2], uint32_t i, uint32_t value) { words[i / 4] |= value << 8 * (i % 4); }
 
-/* Exponent of the smallest step, a power of two, of which 255 reach over `length`. */
+/* Exponent of the smallest power-of-two step with which 255 steps cover `length`. */
 static int step_exponent(double length)
 {
     int exponent;
@@ -670,7 +671,7 @@ static void encode8(const struct bvh *bvh, const struct family *family, uint32_t
     }
 }
 
-/* Returns the stack size of a walk below a node whose deepest child needs `deepest`. */
+/* Returns the stack size of a traversal below a node whose deepest child needs `deepest`. */
 static uint32_t stack_of(const struct export *e, uint32_t children, uint32_t deepest, bool any_node)
 {
     if (e->kind == KILN_TRAVERSAL_EIGHT)
@@ -678,7 +679,7 @@ static uint32_t stack_of(const struct export *e, uint32_t children, uint32_t dee
     return deepest + children - 1;
 }
 
-/* The triangles below a node of the tree: from its first leaf's to its last leaf's. */
+/* The triangles below a node of the tree: from those of its first leaf to those of its last. */
 static uint32_t triangles_below(const struct bvh *bvh, uint32_t node)
 {
     uint32_t first = node, last = node;
@@ -691,7 +692,7 @@ static uint32_t triangles_below(const struct bvh *bvh, uint32_t node)
 
 static void measure(const struct export *e, uint32_t from);
 
-/* Those of the children that are nodes, each of which may become a task. */
+/* Measures the children that are nodes, each perhaps as a task. */
 static void measure_children(const struct export *e, const uint32_t *children, uint32_t count)
 {
 #pragma omp taskgroup
@@ -704,7 +705,7 @@ static void measure_children(const struct export *e, const uint32_t *children, u
     }
 }
 
-/* Finds the extents of node `from` of the tree, and of all nodes of the layout below. */
+/* Computes the extents of node `from` of the tree, and of all layout nodes below. */
 static void measure(const struct export *e, uint32_t from)
 {
     const struct bvh *bvh = e->bvh;
@@ -737,7 +738,7 @@ static void encode(const struct export *e, const struct family *family, uint32_t
         encode8(e->bvh, family, from, (struct kiln_gpu_node8 *)e->layout->nodes + at);
 }
 
-/* Fills the layout's node `at` from node `from` of the tree, and all below, which begins at `start`. */
+/* Fills the layout's node `at` from node `from` of the tree, and all below it, from `start` on. */
 static void fill(const struct export *e, uint32_t from, uint32_t at, struct start start)
 {
     uint32_t children[WIDTH_MOST];
@@ -765,7 +766,8 @@ static void fill(const struct export *e, uint32_t from, uint32_t at, struct star
     }
 }
 
-/* The nodes and triangles of the layout, by all threads: first how many stand before each, then themselves. */
+/* Writes the nodes and triangles of the layout, by all threads: first counts how many come before each, then stores
+ * them. */
 static int fill_all(struct export *e, struct kiln_error *error)
 {
     struct bvh_layout *layout = e->layout;

@@ -1,7 +1,7 @@
-/* One tree of boxes over the world's triangles on the host, built by Embree (rtcBuildBVH) or taken from the device
- * (bvh_device.h), and the layouts in which kernels walk it (shaders/shared/layout_trace.h says what is in them).
+/* BVH over the world's triangles on the host, built by Embree (rtcBuildBVH) or taken from the device (bvh_device.h),
+ * and the layouts in which kernels traverse it (described in shaders/shared/layout_trace.h).
  *
- * Any triangles will do: none, degenerate ones, many in one place. Boxes have a margin for the rounding errors of
+ * Any triangles are accepted: none, degenerate ones, many in one place. Boxes have a margin for the rounding errors of
  * tracing (KILN_GPU_BOX_MARGIN). None of these is collective. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_BVH_H
 #define KILN_WORKER_BACKEND_VULKAN_BVH_H
@@ -19,8 +19,8 @@ struct bvh;
 /* Zero means default in every field. */
 struct bvh_params {
     uint32_t threads;     /* of the build and of layouts; 0: all of the machine's cores that this process may use */
-    uint32_t depth_limit; /* below this depth, or a lesser one where walks would need more than their stack, subtrees
-                           * are cut in equal halves; 0: 40 */
+    uint32_t depth_limit; /* below this depth, or a smaller one if traversal would overflow its stack, subtrees are
+                           * split in equal halves; 0: 40 */
 };
 
 /* Builds the tree. The geometry is borrowed and must outlive it. KILN_SYSTEM when memory runs out, KILN_BAD_INPUT
@@ -28,15 +28,15 @@ struct bvh_params {
  * that while it is built. */
 int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params,
                struct kiln_error *error);
-/* The tree as bvh_device.h builds it, of at least one triangle that rays can hit: so many times two, less one, nodes.
- */
+/* Makes the tree from that of bvh_device.h, with at least one triangle that rays can hit: it has twice as many nodes as
+ * triangles, less one. */
 int bvh_create_of(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params,
                   const struct kiln_gpu_bvh_node *nodes, const struct kiln_gpu_bvh_share *shares,
                   struct kiln_error *error);
 bool bvh_is_of_device(const struct bvh *bvh);
 void bvh_destroy(struct bvh **bvh);
 
-/* How much wider on each side boxes are than what they hold, m. */
+/* Returns the margin of boxes on each side of their contents, m. */
 float bvh_margin(const struct kiln_geometry *g);
 
 /* A layout in plain memory, ready to be uploaded as it is. */
@@ -45,7 +45,7 @@ struct bvh_layout {
     size_t node_count, node_size;
     struct kiln_gpu_triangle *triangles; /* in the order of leaves; at least one */
     size_t triangle_count;
-    uint32_t stack; /* entries that a walk may need, at most what shaders have */
+    uint32_t stack; /* stack entries that traversal may need, at most those that shaders have */
 };
 /* Exports one layout: KILN_TRAVERSAL_FOUR or KILN_TRAVERSAL_EIGHT. Free with bvh_layout_free. */
 int bvh_layout_create(struct bvh_layout *layout, const struct bvh *bvh, uint32_t traversal, struct kiln_error *error);

@@ -11,12 +11,12 @@
 #include "worker/base/memory.h"
 
 enum {
-    BVH_RADIUS = 16,   /* clusters on either side that one looks at; at most KILN_BVH_RADIUS */
+    BVH_RADIUS = 16,   /* neighbours on either side that a cluster examines; at most KILN_BVH_RADIUS */
     ROUNDS = 8,        /* of a submission */
-    FEW_LEFT_PART = 8, /* neighbours are joined as they stand after rounds that join fewer than one in so many */
+    FEW_LEFT_PART = 8, /* if a round joins fewer than one cluster in so many, adjacent clusters are joined next */
     CODE_BITS = 64,    /* of keys */
     STEPS_MOST = 96,   /* of a submission */
-    LEVELS_MOST = (KILN_GPU_STACK4 - 1) / 3 /* of a layout, so that a walk's stack holds what its levels ask for */
+    LEVELS_MOST = (KILN_GPU_STACK4 - 1) / 3 /* levels of a layout, limited by the stack of a traversal */
 };
 
 enum kernel { SORT, CLUSTER, LAYOUT, KERNELS };
@@ -51,7 +51,7 @@ struct bvh_device {
     uint32_t threads;
     struct gpu_kernel *kernels[KERNELS];
     struct gpu_buffer arrays[ARRAYS];
-    struct gpu_buffer answer; /* of the host: struct kiln_gpu_bvh_state twice and a word */
+    struct gpu_buffer answer; /* on the host: struct kiln_gpu_bvh_state twice and a word */
     struct kiln_gpu_bvh root;
 };
 
@@ -101,7 +101,8 @@ bool bvh_device_can(const struct gpu *gpu, const struct kiln_geometry *geometry)
     const uint64_t count = kiln_geometry_hittable_count(geometry);
     if (count == 0 || geometry->triangle_count > KILN_GPU_LEAF_FIRST)
         return false;
-    /* tasks come when half of what is there has gone; a layout has less than a node of 128 bytes for two triangles */
+    /* tasks are allocated after half of the arrays are freed; a layout needs less than a node of 128 bytes for two
+     * triangles */
     uint64_t bytes = count * (sizeof(struct kiln_gpu_node4) / 2 + sizeof(struct kiln_gpu_triangle));
     for (int i = 0; i < ARRAYS; i++)
         bytes += bytes_of(count, geometry, (enum array)i);
@@ -124,7 +125,7 @@ static void add(struct script *s, const struct bvh_device *t, enum kernel kernel
     s->count++;
 }
 
-/* Threads for `count` things of which a group of 64 takes so many. */
+/* Threads for `count` items, with `a_group` items per group of 64 threads. */
 static uint32_t groups_for(uint32_t count, uint32_t a_group)
 {
     return (uint32_t)(((uint64_t)count + a_group - 1) / a_group) * 64;
@@ -137,7 +138,7 @@ static int run(struct script *s, const struct bvh_device *t, struct kiln_error *
     return status;
 }
 
-/* Runs the steps that the script has, and then copies the states from the device to t->answer on the host. */
+/* Runs the script's steps, and then copies the states from the device to t->answer on the host. */
 static int run_and_ask(struct script *s, const struct bvh_device *t, struct kiln_error *error)
 {
     assert(s->count < STEPS_MOST);
@@ -254,7 +255,7 @@ static void add_round(struct bvh_device *t, struct script *s, uint32_t clusters,
     add(s, t, CLUSTER, groups_for(clusters, KILN_BVH_ADDED), push);
 }
 
-/* Clusters that few rounds leave; *from: which of the two arrays has them. */
+/* Joins clusters in a few rounds; *from: which of the two arrays holds those that are left. */
 static int join(struct bvh_device *t, struct script *s, struct kiln_gpu_bvh_state *left, uint32_t *from,
                 struct kiln_error *error)
 {
@@ -272,7 +273,7 @@ static int join(struct bvh_device *t, struct script *s, struct kiln_gpu_bvh_stat
     return status;
 }
 
-/* Arrays by which the host builds the top of the tree. */
+/* Arrays from which the host builds the top of the tree. */
 struct top {
     struct kiln_gpu_bvh_node *clusters, *nodes;
     struct kiln_gpu_bvh_share *shares, *node_shares;
@@ -403,7 +404,7 @@ struct levels {
     uint32_t count;
 };
 
-/* From the root down, to what a stack can hold. */
+/* Opens the levels from the root down, as far as a stack allows. */
 static int open_levels(struct bvh_device *t, struct script *s, struct levels *l, struct kiln_error *error)
 {
     const struct kiln_gpu_bvh_task root = {.node = 2 * t->count - 2, .free = 1};
@@ -466,7 +467,7 @@ end:
     return run(s, t, error);
 }
 
-/* The levels of a layout; *too_deep: there are more than a stack can hold. */
+/* Finds the levels of a layout; *too_deep: there are more than a stack allows. */
 static int find_levels(struct bvh_device *t, struct script *s, struct levels *l, bool *too_deep,
                        struct kiln_error *error)
 {

@@ -9,21 +9,21 @@
 #include "worker/base/memory.h"
 
 enum {
-    TASK_CLUSTERS = 512, /* fewer are not worth a task of their own */
-    DEPTH_LIMIT = 32     /* below it clusters are cut in equal halves */
+    TASK_CLUSTERS = 512, /* clusters that are worth a task of their own */
+    DEPTH_LIMIT = 32     /* below this depth ranges are halved */
 };
-static const float HARDLY_LESS = 1e-5f; /* splits that differ by less count as equal: the more even one is taken */
+static const float HARDLY_LESS = 1e-5f; /* relative difference up to which splits are equal: the more even is used */
 
 struct work {
     const struct bvh_top *top;
-    uint32_t *order[3]; /* clusters by their middles along each axis */
-    uint32_t *kept;     /* while a range is parted, those of its second half; */
-    float *right;       /* while it is swept, areas times triangles from each on */
-    uint8_t *second;    /* of each cluster, whether it goes to the second half */
+    uint32_t *order[3]; /* clusters sorted by their middles along each axis */
+    uint32_t *kept;     /* while a range is partitioned: clusters of its second half */
+    float *right;       /* during a sweep: areas times triangles from each cluster on */
+    uint8_t *second;    /* per cluster: 1 if it goes to the second half */
     struct kiln_arena arena;
 };
 
-/* A range of clusters, the same ones in all orders, and the first node that is made of it. */
+/* A range of clusters, the same ones in all three orders, and the first node made from it. */
 struct range {
     uint32_t first, count, node, depth;
 };
@@ -81,7 +81,7 @@ static void sweep(const struct work *w, const struct range *r, uint32_t axis, st
     }
 }
 
-/* Puts the clusters of the first half before those of the second, in all orders. */
+/* Partitions a range in all orders: clusters of the first half come before those of the second. */
 static void part(const struct work *w, const struct range *r, const struct split *split)
 {
     for (uint32_t i = 0; i < r->count; i++)
@@ -123,7 +123,7 @@ static struct kiln_gpu_bvh_share share_of(const struct kiln_gpu_bvh_share *a, co
                                        {one, two, fminf(two, distribute(a->cost, b->cost, 3))}};
 }
 
-/* The number of a range's root, its box and what is below it. */
+/* Number of a range's root, its box, and its triangles and cost. */
 static uint32_t root_of(const struct work *w, const struct range *r, struct kiln_gpu_bvh_node *box,
                         struct kiln_gpu_bvh_share *share)
 {

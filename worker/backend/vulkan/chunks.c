@@ -5,17 +5,17 @@
 
 #include "worker/base/memory.h"
 
-/* Points and rays of a chunk. Passes of few samples take more points: else the cost of each chunk, its last few threads
- * and its way to the host, would show. */
+/* Limits of points and rays in a chunk. Passes with few samples take more points, so that the fixed cost of a chunk
+ * (its last threads, its transfer to the host) does not matter. */
 enum { LEAST_POINTS = 1 << 13, USUAL_POINTS = 1 << 19, MOST_POINTS = 1 << 20, ENOUGH_RAYS = 1 << 24 };
-/* Rays of a chunk that the usual scratch has no room for. New memory is cleared at 40 GB a second, slower by several
- * ranks at once. With room for all points Sponza's direct light waited for 28 GB first. */
+/* Rays of a chunk that does not fit the usual scratch memory. New memory is cleared at 40 GB a second, slower with
+ * several ranks at once. With memory for all points Sponza's direct light first waited for 28 GB. */
 enum { FEWEST_RAYS = 1 << 22 };
-/* Where numbers of samples differ: a chunk ends with its few long threads, and Sponza's took 2.3 s with 262 thousand
- * points in a chunk, 3.7 with 32. */
+/* Scratch memory if numbers of samples differ. A chunk ends with its few longest threads: Sponza took 2.3 s with 262
+ * thousand points in a chunk, and 3.7 s with 32 thousand. */
 #define MIXED_SCRATCH (2ull << 30) /* bytes */
 
-/* Most bytes that a chunk moves between host and device, where much of a point goes. */
+/* Largest transfer of a chunk between host and device, for passes with large data per point. */
 enum { MOVED_MOST = 64 << 20 };
 
 static uint32_t words_of(const struct vulkan_chunked *pass) { return pass->words > 0 ? pass->words : 1; }
@@ -58,7 +58,7 @@ struct flight {
     bool under_way;
     size_t tile_run_first, tile_run_count;
     uint32_t total;   /* points, */
-    double weight;    /* and as many with the batch's `samples` would have as many samples */
+    double weight;    /* points weighted by their samples over the batch's `samples` */
     uint64_t scratch; /* bytes */
     double work;      /* of what was submitted last */
 };
@@ -69,13 +69,13 @@ struct run {
     const struct vulkan_chunked *pass;
     const struct kiln_batch *batch;
     size_t next, end;      /* tile runs not yet begun */
-    size_t claimed;        /* end of those that are this device's: `end` without claims */
+    size_t claimed;        /* end of the tile runs claimed for this device; without claims `end` */
     size_t taken;          /* first tile run not yet handed over */
     uint32_t most_points;  /* that a slot holds, */
     uint64_t most_scratch; /* and their bytes */
     struct flight flights[GPU_SLOTS];
-    uint32_t slot; /* to be used next; the oldest flight too when all are under way */
-    bool refused;  /* whoever takes the answers has failed: no failure of the device */
+    uint32_t slot; /* next slot to use; also the oldest flight if all are under way */
+    bool refused;  /* the taker of the answers has failed, not the device */
 };
 
 int vulkan_slot_room(struct vulkan_backend *b, struct vulkan_slot *slot, size_t bytes, const char *what,
@@ -92,7 +92,7 @@ static uint64_t points_there(const struct vulkan_backend *b)
     return b->surface->count < MOST_POINTS ? b->surface->count : MOST_POINTS;
 }
 
-/* Slots with room for so many bytes of answers and of partial sums. */
+/* Allocates the slots' answers and partial sums, with these numbers of bytes. */
 static int make_room(struct vulkan_backend *b, uint64_t answers, uint64_t scratch, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -108,8 +108,8 @@ end:
 static uint64_t lesser(uint64_t a, uint64_t b) { return a < b ? a : b; }
 static uint64_t greater(uint64_t a, uint64_t b) { return a > b ? a : b; }
 
-/* Reserves what most passes would ask for, since memory takes its time to come by: the usual scratch, but no more than
- * the share's points need when many samples are summed up for them; and a quarter of the memory left at most. */
+/* Reserves the memory that most passes need, since allocation takes time: the usual scratch memory, at most what the
+ * share's points need with many samples, and at most a quarter of the free memory. */
 void vulkan_passes_ahead(struct vulkan_backend *b)
 {
     const uint64_t a_slot = gpu_memory_left(b->gpu) / (4 * 2 * GPU_SLOTS); /* half of it for answers */
@@ -125,7 +125,7 @@ static uint64_t scratch_of(const struct run *r, size_t tile_run)
     return r->pass->scratch_of != NULL ? r->pass->scratch_of(r->pass->context, tile_run) : r->pass->scratch_bytes;
 }
 
-/* Bytes of scratch that so many points have if they are like the batch's; half as many again, for some have more. */
+/* Bytes of scratch memory for points with the batch's mean need; half as many again, since some need more. */
 static uint64_t mixed_scratch(const struct run *r, uint64_t points)
 {
     const struct kiln_batch *batch = r->batch;
@@ -138,7 +138,8 @@ static uint64_t mixed_scratch(const struct run *r, uint64_t points)
     return bytes / count * points / 2 * 3;
 }
 
-/* Finds the most points of a chunk, by what the slots may hold. Makes the slots that large, for batches of any size. */
+/* Finds the largest number of points in a chunk that the slots can hold, and enlarges the slots accordingly, whatever
+ * the size of the batch. */
 static int make_slots(struct run *r, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
@@ -181,7 +182,8 @@ static uint32_t lower_bound(const uint32_t *list, uint32_t count, uint64_t value
     return low;
 }
 
-/* Points and rows of the next chunk: full rows of as many points as fit into a slice; of a few points as many rows. */
+/* Sets points and rows of the next chunk: full rows, with as many points as fit into a time slice; for few points as
+ * many rows as fit. */
 static void size_chunk(const struct run *r, uint64_t *points, uint32_t *rows)
 {
     const struct vulkan_chunked *pass = r->pass;
@@ -199,7 +201,7 @@ static void size_chunk(const struct run *r, uint64_t *points, uint32_t *rows)
         *points = wanted * pass->rows < KILN_TILE_TEXELS ? KILN_TILE_TEXELS : (uint64_t)(wanted * pass->rows);
 }
 
-/* Adds the next tile run to the flight, unless it makes it too large. */
+/* Adds the next tile run to the flight; false if the flight would be too large. */
 static bool take_tile_run(struct run *r, uint64_t points, struct flight *flight)
 {
     const struct kiln_batch *batch = r->batch;
@@ -223,7 +225,7 @@ static bool take_tile_run(struct run *r, uint64_t points, struct flight *flight)
     return true;
 }
 
-/* The next tile runs of one block, at most so many points by weight (but at least one tile run). */
+/* Takes the next tile runs of one block, at most `points` points by weight (but at least one tile run). */
 static void take_tile_runs(struct run *r, const struct vulkan_block *block, uint64_t points, struct flight *flight)
 {
     size_t end = block->tile_run_first + block->tile_run_count;
@@ -233,7 +235,7 @@ static void take_tile_runs(struct run *r, const struct vulkan_block *block, uint
         ;
 }
 
-/* Claims tile runs up to `end`; false: others have them. */
+/* Claims tile runs up to `end`; false: other devices or ranks have them. */
 static bool claim(struct run *r, size_t end)
 {
     const struct kiln_claims *claims = r->batch->claims;
@@ -242,8 +244,7 @@ static bool claim(struct run *r, size_t end)
     return claimed > 0;
 }
 
-/* Claims the flight's tile runs, and cuts from its end what this device does not get now; ends the run where it gets
- * none. */
+/* Claims the flight's tile runs, and cuts off those that this device does not get; ends the run if it gets none. */
 static void claim_flight(struct run *r, struct flight *flight)
 {
     const size_t first = flight->tile_run_first, end = first + flight->tile_run_count;
@@ -251,7 +252,7 @@ static void claim_flight(struct run *r, struct flight *flight)
         if (!claim(r, end))
             r->end = r->claimed;
         if (r->claimed > first || r->claimed == r->end)
-            break; /* else these were tile runs before it, which are left out */
+            break; /* otherwise these were earlier tile runs, which are left out */
     }
     if (r->claimed >= end)
         return;
@@ -261,14 +262,14 @@ static void claim_flight(struct run *r, struct flight *flight)
         ;
 }
 
-/* Passes over tile runs that are left out. */
+/* Skips tile runs that are left out. */
 static void skip_left_out(struct run *r)
 {
     while (r->next < r->end && kiln_batch_leaves_out(r->batch, r->next))
         r->next++;
 }
 
-/* Limits a chunk to those of its points that a list names. */
+/* Restricts a chunk to the points in a list. */
 static void name_points(struct kiln_gpu_chunk *chunk, const struct gpu_buffer *buffer, const uint32_t *list,
                         uint32_t count)
 {
@@ -305,7 +306,7 @@ static void describe(const struct run *r, const struct vulkan_block *block, cons
                                          .total = flight->total};
     chunk->buried = chunk->all;
     name_points(&chunk->buried, &block->list, block->buried, r->pass->states ? block->buried_count : 0);
-    if (r->batch->selections != NULL) /* threads for the points that are computed alone */
+    if (r->batch->selections != NULL) /* threads only for the points that are computed */
         name_points(&chunk->all, &block->asked_list, block->asked, block->asked_count);
 }
 
@@ -320,8 +321,8 @@ static int wait_slot(struct run *r, uint32_t slot, struct kiln_error *error)
     return status;
 }
 
-/* Software devices end a kernel's loops after some ten thousands of rounds in all, without a word; kernels notice and
- * say so by a negative number. */
+/* Checks the results for loops that were ended early. Software devices end loops after some ten thousands of iterations
+ * in all, silently; kernels detect this and store a negative number. */
 static int check(const struct run *r, const struct flight *flight, const char *results, struct kiln_error *error)
 {
     bool stopped = false;
@@ -357,7 +358,7 @@ static int hand_over(struct run *r, const struct flight *flight, const char *res
     return status;
 }
 
-/* Waits for the flight in a slot and hands its answers over. */
+/* Waits for the flight in a slot, and passes on its answers. */
 static int land(struct run *r, uint32_t slot, struct kiln_error *error)
 {
     struct flight *flight = &r->flights[slot];
@@ -390,7 +391,7 @@ static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flig
     return gpu_submit(r->b->gpu, r->slot, recording.steps, recording.count, error);
 }
 
-/* The block of the next tile run. Where memory is short, what is under way has to land first. */
+/* Finds the block of the next tile run. If memory is short, flights under way must land first. */
 static int find_block(struct run *r, struct vulkan_block **block, struct kiln_error *error)
 {
     uint32_t in_use = 0;
@@ -405,7 +406,7 @@ static int find_block(struct run *r, struct vulkan_block **block, struct kiln_er
     return status == KILN_OK ? vulkan_points_block(r->b->points, r->next, r->pass->states, 0, block, error) : status;
 }
 
-/* Rows of the chunk that a slice of time is enough for, by what is known by now. */
+/* Number of rows of the chunk that fit into a time slice, by the speed measured so far. */
 static uint32_t rows_now(const struct run *r, const struct flight *flight)
 {
     const double work = (double)gpu_pacer_next(&r->b->pacers[r->pass->pace], r->pass->first_guess),
@@ -456,7 +457,7 @@ static int run_chunks(struct run *r, struct kiln_error *error)
         r->slot = (r->slot + 1) % GPU_SLOTS;
         skip_left_out(r);
     }
-    for (uint32_t i = 0; i < GPU_SLOTS; i++) { /* the rest, oldest first; after a failure they are only waited for */
+    for (uint32_t i = 0; i < GPU_SLOTS; i++) { /* the rest, oldest first; after a failure only waits for them */
         const uint32_t slot = (r->slot + i) % GPU_SLOTS;
         struct kiln_error ignored;
         if (status == KILN_OK)
@@ -468,7 +469,7 @@ static int run_chunks(struct run *r, struct kiln_error *error)
     return status;
 }
 
-/* Runs what has not been handed over yet. */
+/* Runs the part of the batch that has not been handed over yet. */
 static int run_left(struct run *r, struct kiln_error *error)
 {
     int status;
@@ -495,12 +496,12 @@ int vulkan_run_in_chunks(struct vulkan_backend *b, const struct vulkan_chunked *
     int status = run_left(&r, error);
     while (status != KILN_OK && !r.refused && !pass->holds && vulkan_can_recover(b) &&
            (status = vulkan_recover(b, error)) == KILN_OK) {
-        r.next = r.taken; /* what was handed over is not done again */
+        r.next = r.taken; /* do not repeat what was handed over */
         status = run_left(&r, error);
     }
     while (status == KILN_OK && r.claimed < r.end && claim(&r, r.end)) /* what comes last is left out */
         ;
-    if (b->points != NULL) /* gone when the device could not be made anew */
+    if (b->points != NULL) /* NULL if the device could not be created again */
         vulkan_points_choose(b->points, NULL, false);
     return status;
 }

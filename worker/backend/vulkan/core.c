@@ -1,4 +1,4 @@
-/* Functions for all files of the backend: the root of the scene, Sobol' points, clocks, going on after a failure. */
+/* Functions for all files of the backend: the scene's root struct, Sobol' points, clocks, recovery from failures. */
 #include <time.h>
 
 #include "worker/backend/vulkan/vulkan.h"
@@ -8,7 +8,7 @@
 enum { MOST_RECOVERIES = 3 };
 static const uint64_t LEAST_SCRATCH = 1ull << 20; /* bytes */
 
-/* The root of everything: after each change of an address. */
+/* Uploads the root struct with all addresses. Call it after each change of an address. */
 int vulkan_upload_root(struct vulkan_backend *b, struct kiln_error *error)
 {
     const int status = gpu_upload(b->gpu, &b->scene, 0, &b->layout, sizeof b->layout, error);

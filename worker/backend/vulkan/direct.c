@@ -33,15 +33,15 @@ enum { CLEARS = 1, SUMS = 0 }; /* of direct_groups.comp */
 struct direct {
     struct vulkan_backend *b;
     const struct kiln_batch *batch;
-    bool precise;          /* near lights may want doubles, which the device has */
+    bool precise;          /* near lights may need doubles, which the device has */
     bool pilots;           /* directional lights have them */
     uint32_t most;         /* samples of a choice */
-    uint32_t first_sample; /* of its sequence: with pilots a stretch has room for the most */
+    uint32_t first_sample; /* first sample in its sequence; with pilots a range has room for the largest number */
     uint32_t samples;      /* of each point; 0: they differ */
     struct gpu_kernel *choose, *pilot, *whole, *near, *reduce;
-    uint32_t groups; /* how many, whose light is found besides; 0: none */
+    uint32_t groups; /* number of groups whose light is computed as well; 0: none */
     struct gpu_kernel *clear, *group_sums;
-    struct gpu_kernel *buried; /* made when there is a point for it: it takes its time */
+    struct gpu_kernel *buried; /* compiled when the first such point occurs, since that takes long */
     uint32_t limit, slots;
     struct kiln_slices slices; /* of the point that has most */
     size_t result_bytes;       /* on the device */
@@ -73,7 +73,7 @@ end:
 static int prepare(void *context, struct kiln_error *error)
 {
     struct direct *d = context;
-    /* a lone choice gets all samples, rounded up at most */
+    /* a single choice gets all samples, rounded up at most */
     int status;
     KILN_TRY(vulkan_sobol(d->b, d->first_sample + d->most + 1, error));
     KILN_TRY(vulkan_kernel_of(d->b, &choose_shader, false, 0, &d->choose, error));
@@ -87,14 +87,15 @@ end:
     return status == KILN_OK && d->groups > 0 ? prepare_groups(d, error) : status;
 }
 
-/* Rows of a point with so many samples of a choice. */
+/* Number of rows for a point with this number of samples per choice. */
 static uint32_t rows_of(const struct direct *d, uint32_t samples)
 {
     const struct kiln_slices s = vulkan_slices_of(d->b, (d->pilots ? KILN_SUN_TIMES : 1) * samples);
     return samples > 0 ? 4 * s.per_quarter * s.split : 0;
 }
 
-/* Bytes of scratch of a point with so many rows, see struct kiln_gpu_direct: 8 are more than its place takes. */
+/* Bytes of scratch memory for a point with this number of rows, see struct kiln_gpu_direct: includes 8 bytes, more than
+ * its place needs. */
 static size_t scratch_of_rows(const struct direct *d, size_t rows)
 {
     const size_t choice = sizeof(struct kiln_gpu_choice) + rows * sizeof(float);
@@ -102,14 +103,14 @@ static size_t scratch_of_rows(const struct direct *d, size_t rows)
            (d->samples == 0 ? 8 : 0) + rows * vulkan_groups_floats(d->b) * sizeof(float);
 }
 
-/* Bytes of scratch, for struct vulkan_chunked, where points differ in their samples. */
+/* Bytes of scratch memory, for struct vulkan_chunked, if points differ in their samples. */
 static size_t scratch_of(void *context, size_t tile_run)
 {
     const struct direct *d = context;
     return scratch_of_rows(d, rows_of(d, d->batch->samples_each[tile_run - d->batch->first]));
 }
 
-/* Where the rows of the chunk's points lie; returns how many they are. `places` may be NULL. */
+/* Finds where the rows of the chunk's points begin; returns the number of rows. `places` may be NULL. */
 static uint32_t place_rows(const struct direct *d, const struct vulkan_chunk *chunk, uint32_t *places)
 {
     const struct kiln_tile_run *runs = d->b->surface->tile_runs;
@@ -123,7 +124,7 @@ static uint32_t place_rows(const struct direct *d, const struct vulkan_chunk *ch
     return all;
 }
 
-/* Brings the places to the device, before the first portion. */
+/* Uploads the places, before the first portion. */
 static int record_places(struct direct *d, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
                          struct kiln_error *error)
 {
@@ -223,7 +224,7 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
                              results, error);
 }
 
-/* Whether area lights may be so near to points that they want doubles, which the device has. */
+/* Whether area lights may be so near to points that they need doubles, and the device has them. */
 static bool has_near_lights(const struct vulkan_backend *b) { return b->float64 && lights_of(b)->area_count > 0; }
 
 /* Whether directional lights have pilots (shaders/shared/sun_pilot.h). */
@@ -232,7 +233,7 @@ static bool has_pilots(const struct vulkan_backend *b)
     return lights_of(b)->environment && lights_of(b)->directional_count > 0;
 }
 
-/* Slices that every point's fit into, each of which has `times` as many samples as it is given at most. */
+/* Slices that suffice for every point; each has room for `times` as many samples as it usually gets. */
 static struct kiln_slices room_for_slices(const struct vulkan_backend *b, const struct kiln_batch *batch,
                                           uint32_t times)
 {

@@ -1,4 +1,4 @@
-/* The directional pass (worker/pass/directional.h): shaders/directional.comp and directional_reduce.comp over the
+/* The directional pass (worker/pass/directional.h): runs shaders/directional.comp and directional_reduce.comp over the
  * batch's points. */
 #include "worker/backend/vulkan/hemisphere.h"
 #include "worker/pass/directional.h"

@@ -1,5 +1,5 @@
-/* The directions pass (worker/pass/directions.h), but for gloss: shaders/directions.comp, or bright.comp where rays go
- * to bright patches, and gather_reduce.comp. */
+/* The directions pass (worker/pass/directions.h), without gloss: runs shaders/directions.comp, or bright.comp if rays
+ * go to bright patches, and gather_reduce.comp. */
 #include "worker/pass/directions.h"
 
 #include "worker/backend/vulkan/bright.h"

@@ -1,5 +1,5 @@
-/* The gather pass (worker/pass/gather.h): shaders/gather.comp and gather_reduce.comp over the batch's points, or
- * their variants with gloss where rays go on in chains. */
+/* The gather pass (worker/pass/gather.h): runs shaders/gather.comp and gather_reduce.comp over the batch's points, or
+ * their variants with gloss if rays continue in chains. */
 #include <string.h>
 
 #include "worker/backend/vulkan/hemisphere.h"
@@ -20,7 +20,7 @@ static const struct vulkan_shader gloss_sums_shader = {.name = "gather with glos
 static const struct vulkan_shader sums_shader = {
     .name = "gather: sums", .compute = VULKAN_CODE(gather_reduce), .gloss = &gloss_sums_shader};
 
-/* Light that the kernel asks for: none, it only traces rays; surfaces; surfaces, and probes behind the range. */
+/* Lookups of the kernel: none, for timing; surfaces; surfaces, and probes beyond the range. */
 enum { TRACE_ONLY, SURFACES, SURFACES_AND_PROBES };
 
 /* Its push constants have two addresses beside those of every pass over the hemisphere. */

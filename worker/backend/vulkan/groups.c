@@ -112,7 +112,7 @@ void vulkan_groups_bring(struct vulkan_backend *b, const struct vulkan_chunk *ch
     vulkan_record_copy(recording, &slot->groups, &slot->groups_host, bytes);
 }
 
-/* The slot of the chunk that the tile run is of. */
+/* The slot of the chunk that contains the tile run. */
 static const struct vulkan_slot *slot_of(const struct vulkan_backend *b, size_t tile_run)
 {
     const struct vulkan_slot *slot = b->slots;
@@ -123,7 +123,7 @@ static const struct vulkan_slot *slot_of(const struct vulkan_backend *b, size_t 
     return slot;
 }
 
-/* The answers of a tile run; zeros of points that were not asked for. */
+/* Copies the answers of a tile run; zeros for points that are not wanted. */
 static void copy_run(const struct vulkan_backend *b, const struct kiln_batch *batch, size_t tile_run, const float *from,
                      float *to)
 {

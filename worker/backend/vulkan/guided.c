@@ -1,6 +1,6 @@
-/* The guided pass (worker/pass/guided.h): shaders/guided.comp, guided_learn.comp and guided_reduce.comp over the
- * batch's points. The host makes the guides of a chunk, the same as those of Embree, while the device is at work on the
- * chunks before it. */
+/* The guided pass (worker/pass/guided.h): runs shaders/guided.comp, guided_learn.comp and guided_reduce.comp over the
+ * batch's points. The host makes the guides of a chunk, equal to those of Embree, while the device computes earlier
+ * chunks. */
 #include <string.h>
 
 #include "worker/backend/guide.h"
@@ -25,14 +25,15 @@ _Static_assert(KILN_GUIDE_SIDE *KILN_GUIDE_SIDE <= 256, "a cell has eight bits")
 
 enum { GUIDE_BYTES = KILN_GUIDE_SIZE * sizeof(float), CELLS_MOST = KILN_GUIDE_SIDE * KILN_GUIDE_SIDE };
 
-/* The guides of a chunk being made. The slot's buffer has the root, a word of each point, and the guides. */
+/* Guides of a chunk during their creation. The slot's buffer holds the root struct, a word per point, and the guides.
+ */
 struct making {
     const struct vulkan_backend *b;
     const struct kiln_batch *batch;
     const struct vulkan_chunk *chunk;
     const struct kiln_guided_parameters *parameters;
     const struct kiln_tile_run *runs; /* of the chunk */
-    uint32_t *number;                 /* of each tile run's guide, counted from 1; 0: none */
+    uint32_t *number;                 /* number of each tile run's guide, from 1 on; 0: none */
     uint32_t count;                   /* of guides */
     char *to;                         /* the slot's buffer on the host */
 };
@@ -47,7 +48,7 @@ static float *guide_of(const struct making *m, uint32_t number)
     return (float *)(void *)(m->to + guides_begin(m) + (size_t)(number - 1) * GUIDE_BYTES);
 }
 
-/* Which tile runs may follow a guide. */
+/* Numbers the tile runs that may have a guide. */
 static void number_guides(struct making *m)
 {
     const bool follows = m->parameters->follows && m->b->surface->guide != NULL;
@@ -58,7 +59,7 @@ static void number_guides(struct making *m)
     }
 }
 
-/* Makes them, and closes the gaps of those where the cosine is as good. */
+/* Makes the guides, and closes the gaps where a guide is no better than the cosine distribution. */
 static void make_guides(struct making *m)
 {
     const struct kiln_surface *s = m->b->surface;
@@ -91,7 +92,7 @@ static void write_words(const struct making *m)
     }
 }
 
-/* The root of a chunk. What is kept of rays lies in `room`: their words, then the squares, then the exponents. */
+/* Writes the root struct of a chunk. `room`: memory for the rays' words, then the squares, then the exponents. */
 static void write_root(const struct making *m, uint64_t address, uint64_t room)
 {
     struct kiln_gpu_guided root = {

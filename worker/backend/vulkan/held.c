@@ -64,7 +64,7 @@ static size_t groups_most(uint64_t points)
     return (size_t)((points < CHUNK_MOST ? points : CHUNK_MOST) + GROUP) / GROUP;
 }
 
-/* Bytes of all but the albedo and what is known of direct light, about. */
+/* Bytes needed, approximately, except albedo and stored direct light. */
 static uint64_t room_for(uint64_t points, uint32_t count)
 {
     const uint64_t a_light = 2 * sizeof(uint64_t) + 6 * sizeof(float) + 2 * sizeof(uint32_t) + 3 * sizeof(uint16_t);
@@ -126,7 +126,7 @@ static void describe(const struct vulkan_backend *b, size_t tile_run, struct kil
     }
 }
 
-/* Brings the device what it must know of points, once. */
+/* Uploads the data of points, once. */
 static int bring_points(struct vulkan_backend *b, struct kiln_error *error)
 {
     const struct kiln_surface *s = b->surface;
@@ -149,7 +149,7 @@ static int bring_points(struct vulkan_backend *b, struct kiln_error *error)
     return status;
 }
 
-/* ---- what is known of direct light ---- */
+/* ---- stored direct light ---- */
 
 static struct vulkan_held_answers *find_answers(const struct vulkan_held *h, uint64_t key)
 {
@@ -159,7 +159,7 @@ static struct vulkan_held_answers *find_answers(const struct vulkan_held *h, uin
     return NULL;
 }
 
-/* Notes which are wanted; returns the bytes of those that are not there. */
+/* Marks the stored answers that are wanted; returns the bytes of those that are missing. */
 static uint64_t want_answers(struct vulkan_backend *b, const struct kiln_held *begin)
 {
     struct vulkan_held *h = &b->held;
@@ -171,13 +171,13 @@ static uint64_t want_answers(struct vulkan_backend *b, const struct kiln_held *b
             struct vulkan_held_answers *there = find_answers(h, begin->lights[l].parts[k].key);
             if (there != NULL)
                 there->wanted = true;
-            else /* which counts what two lights share twice */
+            else /* missing; one that two lights share is counted twice */
                 bytes += b->surface->point_count * sizeof(struct kiln_direct_answer);
         }
     return bytes;
 }
 
-/* Those that are not wanted leave their room. */
+/* Frees the stored answers that are not wanted. */
 static void drop_answers(struct vulkan_backend *b)
 {
     struct vulkan_held *h = &b->held;
@@ -190,7 +190,7 @@ static void drop_answers(struct vulkan_backend *b)
         }
 }
 
-/* Whether there is room for those that are wanted. */
+/* Whether there is memory for the wanted answers. */
 static bool has_room(struct vulkan_backend *b, const struct kiln_held *begin)
 {
     const uint64_t bytes = want_answers(b, begin);
@@ -217,7 +217,7 @@ end:
     return status;
 }
 
-/* Brings the parts of all lights, and notes in each light which are its. */
+/* Uploads the parts of all lights, and stores in each light which parts are its own. */
 static int bring_parts(struct vulkan_backend *b, const struct kiln_held *begin, struct kiln_gpu_held_light *lights,
                        struct kiln_error *error)
 {
@@ -254,7 +254,7 @@ static int bring_parts(struct vulkan_backend *b, const struct kiln_held *begin, 
 
 /* ---- lights ---- */
 
-/* Runs the kernel for a step of one light, or of all. */
+/* Runs the kernel for a step, of one light or of all. */
 static int run(struct vulkan_backend *b, uint32_t step, uint32_t light, struct kiln_error *error)
 {
     struct vulkan_held *h = &b->held;
@@ -279,7 +279,7 @@ static int bring_bytes(struct vulkan_backend *b, const void *bytes, size_t size,
     return status == KILN_OK ? run(b, step, light, error) : status;
 }
 
-/* Colours of surfaces are brought once for all lights that share them. */
+/* Uploads surface colours, once for all lights that share them. */
 static int bring_albedo(struct vulkan_backend *b, const struct kiln_held *begin, uint32_t light, uint64_t *address,
                         struct kiln_error *error)
 {
@@ -339,7 +339,7 @@ static int begin_powers(struct vulkan_backend *b, uint32_t count, struct kiln_er
     return gpu_upload(b->gpu, &b->held.powers, 0, nothing, powers_bytes(count) + sizeof(uint32_t), error);
 }
 
-/* The direct light of those that are mixed. */
+/* Computes the direct light of those lights that are mixed from stored parts. */
 static int mix(struct vulkan_backend *b, const struct kiln_held *begin, struct kiln_held_power *powers,
                struct kiln_error *error)
 {
@@ -407,7 +407,7 @@ int vulkan_hold(struct kiln_backend *backend, const struct kiln_held *begin, boo
 
 /* ---- steps ---- */
 
-/* Swaps the arrays: the one that was made is gathered from, the other is made anew. */
+/* Swaps the arrays: the new radiosity is gathered from next, the old one is overwritten. */
 static void turn(struct kiln_gpu_held *layout)
 {
     const uint64_t from = layout->from;
@@ -461,7 +461,7 @@ int vulkan_held_end(struct vulkan_backend *b, struct kiln_held_power *powers, st
 
 /* ---- the end ---- */
 
-/* One of the arrays of errors that the kernel has laid out. */
+/* Downloads one of the arrays of errors that the kernel has written. */
 static int fetch_errors(struct vulkan_backend *b, size_t array, uint16_t *to, struct kiln_error *error)
 {
     const size_t points = (size_t)b->surface->point_count, bytes = points * sizeof *to;

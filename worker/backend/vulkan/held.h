@@ -1,5 +1,5 @@
-/* Light that stays on the device from bounce to bounce (worker/pass/held.h): its buffers, what brings it there and
- * fetches it. The gathers between are kept_rows.c's: shaders/replay_take.comp takes their answers over. */
+/* Light that the device keeps from bounce to bounce (worker/pass/held.h): its buffers, upload and download. kept_rows.c
+ * runs the gathers in between, whose answers shaders/replay_take.comp takes over. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_HELD_H
 #define KILN_WORKER_BACKEND_VULKAN_HELD_H
 
@@ -13,12 +13,12 @@ int vulkan_hold(struct kiln_backend *backend, const struct kiln_held *begin, boo
 int vulkan_hold_fetch(struct kiln_backend *backend, uint32_t light, const struct kiln_held_fetch *to,
                       struct kiln_error *error);
 
-/* Makes ready what a step gathers from (layout.from) and where its answers go; then, after its gather, what it has
- * added up. KILN_NO_DEVICE: an answer is not good. */
+/* vulkan_held_begin prepares the radiosity that a step gathers from (layout.from), and the target of its answers.
+ * vulkan_held_end, after the gather, returns the sums. KILN_NO_DEVICE: an answer is not good. */
 int vulkan_held_begin(struct vulkan_backend *b, const struct kiln_held_step *step, uint32_t stream,
                       struct kiln_error *error);
 int vulkan_held_end(struct vulkan_backend *b, struct kiln_held_power *powers, struct kiln_error *error);
-/* Nothing is held any more after this failure, which it returns; a device that was lost is made anew. */
+/* Drops held light after a failure, whose status it returns; a lost device is set up again. */
 int vulkan_held_fail(struct vulkan_backend *b, int status, struct kiln_error *error);
 
 void vulkan_held_release(struct vulkan_backend *b);

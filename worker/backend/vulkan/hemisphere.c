@@ -8,7 +8,7 @@
 #include "worker/sampling/keys.h"
 #include "worker/scene/radiance_probes.h"
 
-/* Threads that follow chains: what fills a GPU. */
+/* Number of threads that follow chains: enough to fill a GPU. */
 enum { CHAIN_THREADS = 1 << 18 };
 
 struct hemisphere {
@@ -18,7 +18,7 @@ struct hemisphere {
     struct gpu_kernel *whole, *reduce;
     struct gpu_kernel *between;                          /* NULL: none */
     struct gpu_kernel *apart, *apart_begin, *apart_sums; /* likewise */
-    struct gpu_kernel *buried;                           /* made when there is a point for it: it takes its time */
+    struct gpu_kernel *buried;                           /* compiled when the first such point occurs: it takes long */
     struct kiln_slices slices;
     uint64_t rays;
 };
@@ -29,7 +29,7 @@ struct constants {
     unsigned char own[VULKAN_HEMISPHERE_OWN];
 };
 
-/* Moves an address of what the batch's points have on to the chunk's. */
+/* Advances an address in an array over the batch's points to the chunk's first point. */
 static void skip_points(const struct hemisphere *h, const struct vulkan_chunk *chunk, uint64_t *address)
 {
     const struct kiln_surface *s = h->b->surface;
@@ -43,13 +43,13 @@ static size_t slice_bytes(const struct hemisphere *h)
     return (size_t)4 * h->slices.per_quarter * h->slices.split * h->pass->floats * sizeof(float);
 }
 
-/* The address of room_bytes for each point of the chunk. */
+/* Address of the chunk's extra memory, room_bytes per point. */
 static uint64_t room_of(const struct hemisphere *h, const struct vulkan_chunk *chunk)
 {
     return chunk->scratch + (uint64_t)chunk->all.total * slice_bytes(h);
 }
 
-/* Where keep.comp leaves weights, and rows. */
+/* Sets the addresses where keep.comp writes weights and rows. */
 static void name_rows(const struct hemisphere *h, const struct vulkan_chunk *chunk, uint64_t own[2])
 {
     const struct vulkan_hemisphere *pass = h->pass;
@@ -91,7 +91,7 @@ static void constants_of(const struct hemisphere *h, const struct vulkan_chunk *
         skip_points(h, chunk, own + 1);
 }
 
-/* Bytes of a point that chains apart take, and the few that come once: shaders/apart.glsl. */
+/* Bytes per point for separately followed chains, and the few bytes per chunk: shaders/apart.glsl. */
 static size_t apart_bytes(const struct hemisphere *h)
 {
     const size_t rows = (size_t)4 * h->slices.per_quarter * h->slices.split;
@@ -104,7 +104,7 @@ static struct kiln_gpu_chains_push chains_of(const struct hemisphere *h, const s
 {
     const uint32_t split = h->slices.split;
     const uint64_t rays = (uint64_t)chunk->all.total * chunk->row_count * h->slices.samples;
-    const bool software = gpu_about(h->b->gpu)->software; /* which ends a thread's loops after a number of rounds */
+    const bool software = gpu_about(h->b->gpu)->software; /* which ends a thread's loops after a number of iterations */
     return (struct kiln_gpu_chains_push){.scene = h->b->scene.address,
                                          .both = h->pass->apart_both != NULL ? *h->pass->apart_both : 0,
                                          .room = room_of(h, chunk),
@@ -120,7 +120,7 @@ static struct kiln_gpu_chains_push chains_of(const struct hemisphere *h, const s
                                          .ray_bytes = (uint32_t)h->pass->apart_ray_bytes};
 }
 
-/* Before the rays of a portion: there are no chains yet. */
+/* Resets the number of chains, before the rays of a portion. */
 static void record_no_chains(const struct hemisphere *h, const struct vulkan_chunk *chunk,
                              struct vulkan_recording *recording)
 {
@@ -161,7 +161,7 @@ static void record_sums(const struct hemisphere *h, const struct vulkan_chunk *c
     vulkan_record(recording, h->reduce, chunk->all.total, 1, &push, bytes);
 }
 
-/* The first kernel over a portion, with the points that are partly buried apart. */
+/* Runs the first kernel over a portion; partly buried points are processed separately. */
 static int record_rays(struct hemisphere *h, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
                        struct kiln_error *error)
 {
@@ -272,7 +272,7 @@ static int prepare(void *context, struct kiln_error *error)
 {
     struct hemisphere *h = context;
     const struct vulkan_hemisphere *pass = h->pass;
-    /* a lone light gets as many samples as there are rays, rounded up at most */
+    /* a single light gets at most as many samples as there are rays, rounded up */
     int status;
     KILN_TRY(vulkan_sobol(h->b, h->batch->first_sample + h->batch->samples + (pass->counts_rays ? 1 : 0), error));
     if (pass->shader != NULL)
@@ -293,7 +293,8 @@ end:
     return status;
 }
 
-/* Chains are long loops, so that all points have the slices that partly buried ones have elsewhere. */
+/* Slices of a point. Chains are long loops, so with chains all points get the slices that otherwise only partly buried
+ * ones have. */
 static struct kiln_slices slices_of(const struct vulkan_backend *b, const struct vulkan_hemisphere *pass,
                                     uint32_t samples)
 {

@@ -1,4 +1,4 @@
-/* Closest hits of any rays: of the device, or of the host. */
+/* Nearest hits of arbitrary rays, whose data are on the device or on the host. */
 #include "worker/backend/vulkan/vulkan.h"
 
 static const struct vulkan_shader intersect_shader = {
@@ -18,7 +18,7 @@ int vulkan_intersect_on_device(struct vulkan_backend *b, uint64_t origins, uint6
     return gpu_run(b->gpu, &step, 1, seconds, error);
 }
 
-/* Some rays at once, through buffers that hold `room` of them. */
+/* Traces some rays at once, through buffers for `room` rays. */
 static int intersect_some(struct vulkan_backend *b, size_t room, const struct kiln_vec3 *origins,
                           const struct kiln_vec3 *directions, size_t count, struct kiln_hit *hits,
                           struct kiln_error *error)

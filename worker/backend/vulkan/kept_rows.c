@@ -31,18 +31,18 @@ struct rows_run {
     uint32_t samples;      /* of the batch */
     const uint32_t *words; /* rows of `samples` words, from the first point of tile run `first` on */
     size_t first;
-    uint32_t *read;                   /* where they were read; NULL: they are in memory that stays */
+    uint32_t *read;                   /* buffer of words read from a file; NULL: words are in memory */
     uint8_t *there;                   /* of each tile run from `first` on */
-    const uint64_t *const *lights;    /* `count` of them; NULL: the backend's radiosity */
+    const uint64_t *const *lights;    /* radiosity of `count` lights; NULL: the backend's radiosity */
     uint32_t count;                   /* 1 where `lights` is NULL */
     uint64_t *mixed;                  /* `lights` side by side */
-    struct vulkan_resident *resident; /* rows on the device; NULL: they are brought */
+    struct vulkan_resident *resident; /* rows stored on the device; NULL: they are uploaded */
     const struct kiln_batch *batch;   /* being replayed */
-    uint64_t light_words, row_words;  /* addresses: of lights, and of the row of the batch's first point, if resident */
+    uint64_t light_words, row_words;  /* addresses: of lights; of the row of the batch's first point, if resident */
     struct gpu_kernel *gather, *take, *powers;
-    bool holds; /* lights are those that are held, and answers stay */
-    /* The light of groups is gathered besides, from rows that are traced in the same call (and kept for that alone: so
-     * many bytes of a point's room), or brought. */
+    bool holds; /* the lights stay on the device (held), and so do the answers */
+    /* For the light of groups, which is gathered as well: whether rows are traced in the same call, else uploaded; and
+     * bytes per point for such rows, which are kept only for this. */
     bool traced;
     size_t room_rows;
     struct gpu_kernel *groups;
@@ -55,7 +55,7 @@ bool vulkan_keeps_rows(const struct vulkan_backend *b)
     return b->probes == NULL && !b->materials.gloss && b->params.geometry->passage < KILN_PASSAGE_TINT;
 }
 
-/* Returns a failure of the rows as the pass's own. */
+/* Returns the status of the pass; a failure of the rows counts as its own. */
 static int end(const struct rows_run *r, int status, struct kiln_error *error)
 {
     return status == KILN_OK && r->rows->status != KILN_OK
@@ -65,7 +65,7 @@ static int end(const struct rows_run *r, int status, struct kiln_error *error)
 
 /* ---- keeping ---- */
 
-/* Writes the rows of a tile run's points that were computed; room for their checks is theirs. */
+/* Writes the rows of a tile run's computed points; there is room for their checksums. */
 static void write_run(const struct rows_run *r, const struct kiln_tile_run *run,
                       const struct kiln_point_result *results, uint32_t *words)
 {
@@ -102,13 +102,13 @@ static int prepare_groups(struct vulkan_backend *b, void *context, struct kiln_e
 static void gather_groups(struct vulkan_backend *b, const void *parameters, const struct vulkan_chunk *chunk,
                           uint64_t room, struct vulkan_recording *recording);
 
-/* Bytes of a point's weights, in scenes with smooth normals: shaders/row_weights.comp. */
+/* Bytes of a point's weights in scenes with smooth normals: shaders/row_weights.comp. */
 static size_t weight_bytes(const struct rows_run *r)
 {
     return r->b->constants[VULKAN_HAS_SMOOTH] != 0 ? 2 * sizeof(float) * r->samples : 0;
 }
 
-/* Makes the pass that traces gather the light of groups besides. `kept`: it keeps rows for the host. */
+/* Extends the tracing pass so that it gathers the light of groups as well. `kept`: it keeps rows for the host. */
 static void add_groups(struct rows_run *r, struct vulkan_hemisphere *pass, bool kept)
 {
     r->traced = true;
@@ -122,7 +122,7 @@ static void add_groups(struct rows_run *r, struct vulkan_hemisphere *pass, bool 
     pass->parameters = r;
 }
 
-/* Traces, and keeps what rays meet, unless a file has it that is only read. */
+/* Traces the batch, and keeps the hits of rays, unless they are in a file that is only read. */
 static int trace(struct rows_run *r, const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     const bool keeps = !r->rows->replays || r->rows->resident != NULL;
@@ -155,7 +155,7 @@ void vulkan_rows_release(struct vulkan_backend *b)
     b->resident_count = 0;
 }
 
-/* Room for the rows on the device; *resident NULL: there is none. */
+/* Allocates the rows on the device; *resident NULL: not enough memory. */
 static int make_resident(struct vulkan_backend *b, const struct kiln_rows *rows, struct vulkan_resident **resident,
                          struct kiln_error *error)
 {
@@ -190,7 +190,7 @@ static int find_resident(struct vulkan_backend *b, const struct kiln_rows *rows,
     return make_resident(b, rows, resident, error);
 }
 
-/* Brings those of the batch's tile runs that are not there yet. */
+/* Uploads the batch's tile runs that are not on the device yet. */
 static int fill_resident(const struct rows_run *r, struct kiln_error *error)
 {
     const struct kiln_batch *batch = r->batch;
@@ -218,7 +218,7 @@ static int fill_resident(const struct rows_run *r, struct kiln_error *error)
 
 /* ---- replaying ---- */
 
-/* vulkan_hemisphere.bring: the rows of a chunk. */
+/* Callback vulkan_hemisphere.bring: uploads the rows of a chunk. */
 static int bring(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch,
                  const struct vulkan_chunk *chunk, uint64_t room, struct vulkan_recording *recording,
                  struct kiln_error *error)
@@ -246,7 +246,7 @@ static uint64_t rows_of(const struct rows_run *r, const struct vulkan_chunk *chu
                                : r->row_words + place * words_of_row(r) * sizeof(uint32_t);
 }
 
-/* Threads of so many points under so many lights: shaders/replay.glsl. */
+/* Number of threads for `total` points under `lights` lights: shaders/replay.glsl. */
 static uint32_t threads_of(uint32_t total, uint32_t lights)
 {
     const uint32_t points = GROUP / KILN_ROW_LANES(lights);
@@ -266,8 +266,8 @@ static struct kiln_gpu_replay_push push_of(const struct rows_run *r, const struc
                                          .split = slices.split};
 }
 
-/* vulkan_hemisphere.finish: the sums of a chunk, and what becomes of them. Its room has the weights of rays, then the
- * answers that stay. */
+/* Callback vulkan_hemisphere.finish: computes the sums of a chunk, and processes them. Its extra memory holds the
+ * weights of rays, then the answers that stay on the device. */
 static void finish(struct vulkan_backend *b, const void *parameters, const struct vulkan_chunk *chunk, uint64_t room,
                    struct vulkan_recording *recording)
 {
@@ -289,7 +289,7 @@ static void finish(struct vulkan_backend *b, const void *parameters, const struc
 
 /* ---- the light of groups ---- */
 
-/* Lights of groups that are gathered at once. */
+/* Number of groups of lights that are gathered at once. */
 static uint32_t groups_at_once(const struct vulkan_backend *b)
 {
     const uint32_t count = vulkan_groups_count(b);
@@ -374,7 +374,7 @@ end:
     return status;
 }
 
-/* Replays tile runs whose rows are all there. */
+/* Replays tile runs whose rows are all available. */
 static int replay(struct rows_run *r, const struct kiln_batch *batch, struct kiln_error *error)
 {
     const bool stays = r->read == NULL;
@@ -409,7 +409,7 @@ static int replay(struct rows_run *r, const struct kiln_batch *batch, struct kil
 
 /* ---- which rows are there ---- */
 
-/* Reads the rows of a tile run, unless they stay, and looks whether all are there that are asked for. */
+/* Reads the rows of a tile run, unless they are in memory, and checks that all wanted ones are there. */
 static bool look(const struct rows_run *r, const struct kiln_batch *batch, size_t f)
 {
     const struct kiln_surface *s = r->b->surface;
@@ -435,7 +435,8 @@ static bool look(const struct rows_run *r, const struct kiln_batch *batch, size_
     return true;
 }
 
-/* Finds which tile runs of a part of the batch have all their rows; one that is left out goes with the one before. */
+/* Finds the tile runs in a part of the batch that have all their rows; one that is left out counts with the one before.
+ */
 static int look_at(struct rows_run *r, const struct kiln_batch *part, struct kiln_error *error)
 {
     r->first = part->first;
@@ -448,7 +449,7 @@ static int look_at(struct rows_run *r, const struct kiln_batch *part, struct kil
     return end(r, KILN_OK, error);
 }
 
-/* Counts the tile runs from `first` on that are looked at together. */
+/* Number of tile runs from `first` on that are checked together. */
 static size_t part_of(const struct rows_run *r, const struct kiln_batch *batch, size_t first)
 {
     const struct kiln_tile_run *runs = r->b->surface->tile_runs;
@@ -473,7 +474,7 @@ static int run_part(struct rows_run *r, const struct kiln_batch *part, uint64_t 
     return status;
 }
 
-/* Room to read rows, unless they stay where they are. */
+/* Allocates the buffer for reading rows, unless they are in memory. */
 static int make_room(struct rows_run *r, const struct kiln_batch *batch, struct kiln_error *error)
 {
     const struct kiln_tile_run *runs = r->b->surface->tile_runs + batch->first;

@@ -1,5 +1,5 @@
-/* The device's kernels. Drivers take a second for some, and each on one core: so those that are known to be wanted are
- * made by threads, one each, and the passes wait for what they use. */
+/* The device's kernels. Some drivers take a second to compile one, on a single core. So kernels that will certainly be
+ * needed are compiled by threads, one each, and passes wait for those they use. */
 #include <string.h>
 
 #include "worker/backend/vulkan/vulkan.h"
@@ -34,7 +34,8 @@ static const struct gpu_code *code_of(const struct vulkan_backend *b, const stru
     return pipeline ? (plain ? s->pipeline_float : s->pipeline) : plain ? s->compute_float : s->compute;
 }
 
-/* Constants that compute kernels only declare are 0: what was kept of one scene's kernels then serves another's. */
+/* Describes a kernel. Constants that compute kernels declare but do not use are 0, so that kernels cached for one scene
+ * serve others. */
 static struct gpu_kernel_params describe(const struct vulkan_backend *b, const struct vulkan_kernel *k,
                                          uint32_t constants[VULKAN_CONSTANTS])
 {
@@ -82,7 +83,7 @@ static bool start_maker(struct vulkan_backend *b, struct vulkan_kernel *k)
     return k->maker != NULL;
 }
 
-/* Waits for the kernel's maker, if it has one. */
+/* Waits for the thread that compiles the kernel, if there is one. */
 static void join(struct vulkan_backend *b, struct vulkan_kernel *k)
 {
     struct kiln_aside *a = &b->making;
@@ -101,7 +102,7 @@ static void join(struct vulkan_backend *b, struct vulkan_kernel *k)
 
 /* ---- kernels ---- */
 
-/* The shader that is asked for as `shader`. */
+/* The variant of a shader for this scene. */
 static const struct vulkan_shader *variant_of(const struct vulkan_backend *b, const struct vulkan_shader *shader)
 {
     return b->materials.gloss && shader->gloss != NULL ? shader->gloss : shader;
@@ -129,7 +130,7 @@ static int add_kernel(struct vulkan_backend *b, const struct vulkan_kernel *k, s
     return KILN_OK;
 }
 
-/* Waits for a kernel's maker; makes again what that could not make, for its error. */
+/* Waits for the compiling thread; if it failed, compiles again, to get the error. */
 static int make_now(struct vulkan_backend *b, struct vulkan_kernel *k, struct kiln_error *error)
 {
     uint32_t constants[VULKAN_CONSTANTS];
@@ -180,7 +181,8 @@ bool vulkan_has_makers(const struct vulkan_backend *b)
            b->faults.wanted.kind == KILN_DEVICE_FAULT_NONE;
 }
 
-/* Starts to make a kernel that is not there yet. What fails here is made, and reported, when it is asked for. */
+/* Starts a thread that compiles a kernel, if it is missing. After a failure it is compiled, and the error reported, at
+ * first use. */
 static void make_wish(struct vulkan_backend *b, const struct vulkan_wish *wish)
 {
     const struct vulkan_kernel k = {

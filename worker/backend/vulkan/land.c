@@ -1,5 +1,6 @@
-/* The land pass (worker/pass/land.h): shaders/land.glsl says which kernels trace a slice of time's paths, surface by
- * surface, while answers of those before are taken over. Results do not depend on how many these are. */
+/* The land pass (worker/pass/land.h): the kernels of shaders/land.glsl trace as many paths as fit into a time slice,
+ * surface by surface, while the answers of earlier ones are processed. Results do not depend on the number of paths at
+ * once. */
 #include <stdint.h> /* before the shaders */
 
 #include "shaders/shared/land.h"
@@ -10,13 +11,13 @@
 #include "worker/pass/land.h"
 #include "worker/pass/weighed.h"
 
-/* Paths that are under way at once, at most; where the pacer begins. */
+/* MOST_PATHS: active paths; FIRST_GUESS: where the pacer begins. */
 enum { MOST_PATHS = 1 << 20, FIRST_GUESS = 1 << 15, LEAST = 64 };
-/* A batch is cut into so many portions, unless so few paths would not fill a GPU: the answers of one are taken over
- * while the next is traced. */
+/* A batch is divided into PORTIONS portions, unless each would have fewer than FILLING paths, which fill a GPU: answers
+ * of one portion are processed while the next is traced. */
 enum { PORTIONS = 4, FILLING = 1 << 18 };
 
-/* Paths whose answers are on their way to the host. */
+/* Paths whose answers are being transferred to the host. */
 struct portion {
     size_t first, count; /* count 0: none */
 };
@@ -27,17 +28,17 @@ struct land_run {
     struct both_run *paths; /* b->both */
     struct portion portions[2];
     size_t room;                      /* paths of a portion */
-    struct kiln_land_result *results; /* in b->results, which stays: new memory takes as long as half the paths do */
+    struct kiln_land_result *results; /* is b->results, which is reused: allocating takes as long as half the paths */
     uint64_t rays;
     const struct kiln_aims *aims;
-    /* what paths leave there is added to it in the end, and landings are of no use; NULL: they land */
+    /* spheres that collect the light of paths, instead of landings; NULL: paths land */
     const struct kiln_probe_spheres *spheres;
     struct gpu_pacer *pacer;
 };
 
 /* ---- answers ---- */
 
-/* `aim`: of the path before it; becomes that of this one. */
+/* Reads the result of a path. `aim`: in: of the path before; out: of this one. */
 static void read_landing(const struct land_run *r, const struct kiln_gpu_landing *l, uint64_t path, size_t *aim,
                          struct kiln_land_result *result)
 {
@@ -53,7 +54,7 @@ static void read_landing(const struct land_run *r, const struct kiln_gpu_landing
                                         .length = (uint16_t)length};
 }
 
-/* Waits for a portion's answers and takes them over. */
+/* Waits for a portion's answers, and reads them. */
 static int take_over(struct land_run *r, uint32_t slot, struct kiln_error *error)
 {
     const struct portion *p = &r->portions[slot];
@@ -77,7 +78,8 @@ static int take_over(struct land_run *r, uint32_t slot, struct kiln_error *error
 
 /* ---- running ---- */
 
-/* b->both for so many paths at once: that of the call before where it has as many slots, else one made anew. */
+/* Prepares b->both for `count` paths at once: reuses that of the call before if it has as many slots, else makes a new
+ * one. */
 static int prepare_paths(struct land_run *r, size_t count, bool shares, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
@@ -152,7 +154,7 @@ static void finish(struct land_run *r, int status)
         vulkan_bidirectional_release(r->b);
 }
 
-/* Hands paths from `first` on, `left` at most, to the device. */
+/* Submits the paths from `first` on, at most `left`. */
 static int begin_portion(struct land_run *r, uint32_t slot, size_t first, size_t left, struct kiln_error *error)
 {
     struct portion *p = &r->portions[slot];
@@ -169,7 +171,7 @@ static int begin_portion(struct land_run *r, uint32_t slot, size_t first, size_t
     return status;
 }
 
-/* Follows the paths of a portion to their ends; their answers are on their way then. */
+/* Follows the paths of a portion to their ends, and starts the transfer of their answers. */
 static int follow_portion(struct land_run *r, uint32_t slot, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
@@ -189,7 +191,7 @@ end:
     return status;
 }
 
-/* Takes the answers of a slot, and gives them to the caller. */
+/* Reads the answers of a slot, and passes them to the caller. */
 static int end_portion(struct land_run *r, uint32_t slot, struct kiln_batch *left, uint64_t *rays, bool *refused,
                        struct kiln_error *error)
 {
@@ -207,7 +209,7 @@ static int end_portion(struct land_run *r, uint32_t slot, struct kiln_batch *lef
     return status;
 }
 
-/* Adds what all paths have left in spheres, at once: a device that is lost before has left nothing. */
+/* Adds the light of all paths to the spheres at once: if the device was lost before, nothing has been added. */
 static int end_spheres(struct land_run *r, struct kiln_batch *left, uint64_t *rays, struct kiln_error *error)
 {
     const int status = vulkan_spheres_add(r->b, r->aims, r->spheres, &r->rays, error);
@@ -246,8 +248,8 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     return vulkan_run_to_end(b, run_left, parameters, batch, rays, error);
 }
 
-/* Refuses images of the sky in several cells, for here there is one (worker/light/sky_cells.h), and the ray-tracing
- * pipeline, with which paths that land have not been tried. */
+/* Rejects images of the sky with several cells, since here there is only one (worker/light/sky_cells.h); and the
+ * ray-tracing pipeline, with which this pass is untested. */
 static bool takes(const struct vulkan_backend *b, const void *parameters)
 {
     const struct kiln_land_parameters *p = parameters;

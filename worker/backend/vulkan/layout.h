@@ -10,7 +10,7 @@
 #include "worker/backend/backend.h"
 #include "worker/pass/point.h"
 
-/* Copied to the device as they are. */
+/* Structs that are copied to the device unchanged. */
 _Static_assert(sizeof(struct kiln_gpu_record) == sizeof(struct kiln_hit_record), "hit records");
 _Static_assert(sizeof(struct kiln_bsdf_lobes) == 524, "lobes of materials");
 _Static_assert(sizeof(struct kiln_gpu_result) == sizeof(struct kiln_point_result), "results");

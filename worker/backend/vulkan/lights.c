@@ -14,7 +14,7 @@
 #define KILN_STORED_NAME(name) name##_float
 #include "shaders/shared/layout_light_real.h"
 
-/* Layout of a struct: number of reals it begins with, and of words that follow. */
+/* Layout of a struct: number of reals at its beginning, and of words after them. */
 struct shape {
     size_t reals, words, size, float_size;
 };
@@ -54,7 +54,7 @@ struct builder {
     bool float64;
 };
 
-/* The structs in float, in the place where they stood in double. */
+/* Converts structs from double to float in place. */
 static void narrow(const struct shape *shape, unsigned char *data, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
@@ -175,7 +175,7 @@ end:
     return status;
 }
 
-/* The image times its factor, as kiln_environment_radiance multiplies it. */
+/* Stores the image times its factor, as kiln_environment_radiance computes it. */
 static int put_texels(struct builder *b, uint64_t *address, struct kiln_error *error)
 {
     const struct kiln_environment *e = b->model->scene->environment;

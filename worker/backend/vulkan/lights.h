@@ -14,7 +14,7 @@ struct vulkan_lights {
     uint32_t kinds; /* KILN_GPU_KIND_* bits: the specialisation constant LIGHT_KINDS */
 };
 
-/* Uploads and writes addresses and numbers into `layout`. `float64`: the kernels that read it are those whose `real` is
+/* Uploads the lights of `model`, and writes addresses and numbers into `layout`. `float64`: for kernels whose `real` is
  * double. `model` is read only during the call. KILN_NO_DEVICE when it does not fit, KILN_SYSTEM. Not collective. */
 int vulkan_lights_create(struct gpu *gpu, const struct kiln_lights *model, bool float64, struct vulkan_lights *lights,
                          struct kiln_gpu_lights *layout, struct kiln_error *error);

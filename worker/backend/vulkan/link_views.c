@@ -11,12 +11,13 @@ static const struct vulkan_shader rays_shader = {.name = "views of links",
                                                  .compute_float = VULKAN_CODE(link_rays_float),
                                                  .pipeline_float = VULKAN_CODE(link_rays_pipeline_float)};
 
-/* Tile runs of a group: as many as fit, but no more are begun once they ask so many rays. */
+/* GROUP: tile runs of a group. ENOUGH_RAYS: no more tile runs are started for a group with so many rays. */
 enum { GROUP = 256, ENOUGH_RAYS = 1 << 22 };
-/* Rays of the first dispatch, and of one at least and at most. */
+/* Rays of a dispatch: of the first one, at least, and at most. */
 enum { FIRST_RAYS = 1 << 16, LEAST_RAYS = 64, MOST_RAYS = 1 << 20 };
 
-/* State of a tile run: its links are to be found; its rays are asked; its links stand. */
+/* State of a tile run. FINDS: its links are being found. ASKS: it waits for its rays. STANDS: its links are complete.
+ */
 enum state { NONE, FINDS, ASKS, STANDS };
 
 /* A tile run whose links are being found. */
@@ -25,7 +26,7 @@ struct finding {
     enum state state;
     size_t tile_run;
     bool found; /* its links are new */
-    /* rays, and which points of which links they are for */
+    /* rays, and for each the link and the mask of points that it is for */
     struct kiln_gpu_link_ray *rays;
     uint32_t *links;
     uint64_t *of;
@@ -33,11 +34,12 @@ struct finding {
     size_t first; /* of its rays among the group's */
 };
 
-/* Tile runs whose rays are traced together. While the device traces those of one group, the host works on another. */
+/* Tile runs whose rays are traced together. While the device traces the rays of one group, the host works on another.
+ */
 struct group {
     struct finding *of;
     size_t ray_count;
-    uint32_t slot; /* of the device's, and of the backend's buffers */
+    uint32_t slot; /* of the device, and of the backend's buffers */
     bool under_way;
     uint64_t steps;
 };
@@ -50,7 +52,7 @@ struct finder {
     const struct kiln_point_result *gathered;
     struct kiln_kept_links **made;
     uint64_t key;   /* vulkan_links_key */
-    size_t *wanted; /* tile runs that have something to be done, `count` of them; `next`: to be begun */
+    size_t *wanted; /* tile runs with work, `count` of them; `next`: index of the next one to start */
     size_t count, next;
     struct group groups[VULKAN_LINK_GROUPS];
     struct gpu_step *steps; /* of a submission */
@@ -62,7 +64,7 @@ struct finder {
     struct kiln_arena arena;
 };
 
-/* Returns the place of a tile run's first point among the batch's points. */
+/* Returns the index of a tile run's first point among the batch's points. */
 static uint64_t place_of(const struct finder *f, size_t tile_run)
 {
     const struct kiln_tile_run *runs = f->b->surface->tile_runs;
@@ -108,7 +110,7 @@ static int ask(void *context, uint32_t link, uint64_t of, const struct kiln_link
     return KILN_OK;
 }
 
-/* Notes what the points of a tile run have met. */
+/* Stores the ray statistics of a tile run's points. */
 static void meet_points(const struct finder *f, struct finding *g)
 {
     const struct kiln_surface *s = f->b->surface;
@@ -122,7 +124,7 @@ static void meet_points(const struct finder *f, struct finding *g)
     kiln_link_run_enter_found(&g->run);
 }
 
-/* The same where links are not kept. Kernels know shading normals: there is room for them. */
+/* Does the same where links are not stored. Kernels compute shading normals, for which there is room. */
 static void enter_points(const struct finder *f, struct finding *g)
 {
     struct kiln_found_links *found = &g->run.found;
@@ -131,7 +133,7 @@ static void enter_points(const struct finder *f, struct finding *g)
     meet_points(f, g);
 }
 
-/* Begins a tile run: from what its rays have met, or with the links that are kept. */
+/* Starts a tile run: from the statistics of its rays, or with its stored links. */
 static int enter(const struct finder *f, struct finding *g, size_t tile_run, struct kiln_error *error)
 {
     const struct kiln_kept_links *kept = f->p->kept != NULL ? f->p->kept[tile_run] : NULL;
@@ -184,7 +186,7 @@ static int hear(const struct finder *f, const struct group *group, struct findin
     return KILN_OK;
 }
 
-/* Encodes what has been found, as it is kept. */
+/* Encodes the links found, in the form in which they are stored. */
 static int encode(const struct finder *f, struct finding *g, struct kiln_error *error)
 {
     const struct kiln_tile_run *run = &f->b->surface->tile_runs[g->tile_run];
@@ -194,7 +196,8 @@ static int encode(const struct finder *f, struct finding *g, struct kiln_error *
                     : KILN_OK;
 }
 
-/* The next tile run for a group that has begun with so many rays; false: it has enough, or there is none. */
+/* Takes the next tile run for a group whose tile runs have `rays` rays so far; false: it has enough, or there is none.
+ */
 static bool take_next(struct finder *f, const size_t *rays, size_t *tile_run)
 {
     bool any;
@@ -210,8 +213,8 @@ static bool take_next(struct finder *f, const size_t *rays, size_t *tile_run)
     return any;
 }
 
-/* Hears what was asked, and goes on until something is asked again, with the next tile run where one's links stand.
- * Which these are hangs on threads, what is found does not. */
+/* Processes the results of a tile run's rays, and continues until it needs rays again; when its links are complete,
+ * continues with the next tile run. Which one depends on thread timing; the links found do not. */
 static int advance(struct finder *f, const struct group *group, struct finding *g, size_t *rays,
                    struct kiln_error *error)
 {
@@ -238,7 +241,7 @@ static int advance(struct finder *f, const struct group *group, struct finding *
     return status;
 }
 
-/* All of the host's work on a group whose answers are there. */
+/* Does the host's work for a group whose results have arrived. */
 static int advance_all(struct finder *f, struct group *group)
 {
     size_t rays = 0;
@@ -258,7 +261,7 @@ static int advance_all(struct finder *f, struct group *group)
 
 /* ---- what the device does ---- */
 
-/* The places of all points, and of those in the tree's order. */
+/* Uploads the positions of all points, and of points in the tree's order. */
 static int bring_places(const struct finder *f, struct kiln_error *error)
 {
     const size_t all = (size_t)f->b->surface->point_count, count = f->p->node_count > 0 ? (size_t)f->p->count : 0;
@@ -276,7 +279,7 @@ static int bring_places(const struct finder *f, struct kiln_error *error)
     return status;
 }
 
-/* A group's buffer; what it held is lost. */
+/* Enlarges a group's buffer; its contents are lost. */
 static int make_room(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t bytes, const char *what,
                      struct kiln_error *error)
 {
@@ -296,7 +299,7 @@ static void copy_rays(const struct finder *f, const struct group *group)
     }
 }
 
-/* The group's rays in dispatches that take no longer than they may. */
+/* Divides the group's rays into dispatches within the time limit. */
 static int make_steps(struct finder *f, struct group *group, struct gpu_kernel *kernel, struct kiln_error *error)
 {
     const struct vulkan_backend *b = f->b;
@@ -330,7 +333,7 @@ end:
     return status;
 }
 
-/* Hands the group's rays to the device, if there are some. */
+/* Submits the group's rays to the device, if there are any. */
 static int launch(struct finder *f, struct group *group, struct kiln_error *error)
 {
     struct vulkan_backend *b = f->b;
@@ -369,7 +372,7 @@ static int wait(const struct finder *f, struct group *group, struct kiln_error *
     return status;
 }
 
-/* After a failure: a new device traces the rays of all groups that have not heard of them. */
+/* After a failure: a new device traces the rays of all groups without results. */
 static int launch_again(struct finder *f, int status, struct kiln_error *error)
 {
     while (status != KILN_OK && vulkan_can_recover(f->b)) {
@@ -386,7 +389,7 @@ static int launch_again(struct finder *f, int status, struct kiln_error *error)
 
 /* ---- groups ---- */
 
-/* A group's answers are waited for and heard, and it asks again. */
+/* Waits for a group's results, processes them, and submits its next rays. */
 static int turn(struct finder *f, struct group *group, struct kiln_error *error)
 {
     int status = wait(f, group, error);
@@ -400,7 +403,7 @@ static int turn(struct finder *f, struct group *group, struct kiln_error *error)
     return status == KILN_OK ? launch_again(f, launch(f, group, error), error) : status;
 }
 
-/* The groups in turn, until there is nothing left to ask. */
+/* Processes the groups in turn, until no rays are left. */
 static int find_all(struct finder *f, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -412,7 +415,7 @@ static int find_all(struct finder *f, struct kiln_error *error)
             any = any || f->groups[i].ray_count > 0;
         }
     }
-    for (size_t i = 0; i < VULKAN_LINK_GROUPS; i++) { /* after a failure nothing stays under way */
+    for (size_t i = 0; i < VULKAN_LINK_GROUPS; i++) { /* after a failure, nothing may still be running */
         struct kiln_error ignored;
         (void)wait(f, &f->groups[i], &ignored);
     }

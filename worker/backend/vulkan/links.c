@@ -1,6 +1,6 @@
-/* The links pass (worker/pass/links.h): the gather pass's rays say what of rows is lost, links that are not kept are
- * found (link_views.h), and shaders/links.comp and links_reduce.comp add up what is kept. Links lie in rows of a fixed
- * length, so that the sums' order hangs on nothing else. */
+/* The links pass (worker/pass/links.h). The gather pass's rays measure the losses of rows. Links that are not stored
+ * are found (link_views.h). shaders/links.comp and links_reduce.comp sum up the stored links, which lie in rows of a
+ * fixed length, so that the order of sums depends on nothing else. */
 #include "worker/base/arena.h"
 #include "worker/pass/links.h"
 
@@ -24,19 +24,19 @@ struct links_run {
     struct vulkan_backend *b;
     const struct kiln_links_parameters *p;
     const struct kiln_batch *batch;
-    struct kiln_point_result *gathered; /* of the batch's points: of their rays; of those that have links nothing */
+    struct kiln_point_result *gathered; /* of the batch's points: ray statistics; empty for points with stored links */
     struct kiln_point_result *results;
-    struct kiln_kept_links **made; /* new ones, by the batch's tile runs; NULL: the kept ones stand */
+    struct kiln_kept_links **made; /* new links, by the batch's tile runs; NULL: stored ones are used */
     struct gpu_kernel *kernel, *sums;
-    uint32_t rows;      /* of the tile run that has most links */
+    uint32_t rows;      /* of the tile run with most links */
     double links_a_row; /* mean */
-    size_t a_point;     /* bytes that go to the device with a point, about */
+    size_t a_point;     /* mean bytes uploaded per point */
     uint64_t rays;
     uint64_t key; /* vulkan_links_key */
     struct kiln_arena arena;
 };
 
-/* Returns the place of a tile run's first point among the batch's points. */
+/* Returns the index of a tile run's first point among the batch's points. */
 static uint64_t place_of(const struct links_run *r, size_t tile_run)
 {
     const struct kiln_tile_run *runs = r->b->surface->tile_runs;
@@ -50,7 +50,7 @@ static const struct kiln_kept_links *links_of(const struct links_run *r, size_t 
     return made != NULL ? made : r->p->kept != NULL ? r->p->kept[tile_run] : NULL;
 }
 
-/* ---- rays that say what is lost ---- */
+/* ---- rays that measure losses ---- */
 
 /* kiln_take_results */
 static int keep(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
@@ -63,7 +63,7 @@ static int keep(void *context, size_t first, size_t count, const void *results, 
     return KILN_OK;
 }
 
-/* Whose rays say what rows lose: the samples of the batch's tile runs, 0 of the others. False: of none. */
+/* Selects tile runs whose rays must measure losses: their numbers of samples, 0 for others. False: none. */
 static bool ask_rays(const struct links_run *r, uint32_t *samples)
 {
     bool any = false;
@@ -117,7 +117,7 @@ int vulkan_links_bring(struct vulkan_backend *b, int which, uint64_t key, const 
     return status;
 }
 
-/* A hash of both, by all threads: of the hashes of pieces. */
+/* Combines a hash with that of data, computed by all threads from the hashes of pieces. */
 static uint64_t add_key(const struct vulkan_backend *b, uint64_t key, const void *data, size_t bytes)
 {
     uint64_t hashes[PIECES];
@@ -189,7 +189,7 @@ static int bring_leaves(const struct links_run *r, struct kiln_error *error)
     return status;
 }
 
-/* Brings the light of nodes, and behind it that of points. */
+/* Uploads the light of nodes, followed by that of points. */
 static int bring_light(const struct links_run *r, struct kiln_error *error)
 {
     const struct kiln_links_parameters *p = r->p;
@@ -235,12 +235,12 @@ end:
 
 /* ---- a chunk's links ---- */
 
-/* Where things stand in what goes with a chunk. */
+/* Offsets of the parts of a chunk's data. */
 struct layout {
     size_t runs, links, tinted, bytes; /* after the points */
 };
 
-/* Counts the chunk's links, and lays them out. */
+/* Counts the chunk's links, and computes their layout. */
 static int lay_out(const struct links_run *r, const struct vulkan_chunk *chunk, struct kiln_gpu_link_run *runs,
                    struct layout *layout, struct kiln_error *error)
 {
@@ -269,7 +269,7 @@ static void put_mask(uint32_t to[2], uint64_t mask)
     to[1] = (uint32_t)(mask >> 32);
 }
 
-/* Writes the points of the chunk's `number`th tile run, and its links. */
+/* Writes the points and links of the chunk's `number`th tile run. */
 static int write_run(struct kiln_link_run *w, const struct links_run *r, const struct vulkan_chunk *chunk,
                      size_t number, const struct layout *layout, struct kiln_gpu_link_run *run, char *to,
                      struct kiln_error *error)
@@ -303,7 +303,7 @@ static int write_run(struct kiln_link_run *w, const struct links_run *r, const s
     return status;
 }
 
-/* Writes all of a chunk, by all threads. */
+/* Writes all data of a chunk, by all threads. */
 static int write_chunk(const struct links_run *r, const struct vulkan_chunk *chunk, const struct layout *layout,
                        struct kiln_gpu_link_run *runs, char *to, struct kiln_error *error)
 {
@@ -330,7 +330,7 @@ static int write_chunk(const struct links_run *r, const struct vulkan_chunk *chu
     return status;
 }
 
-/* Brings a chunk's links to its slot. */
+/* Uploads a chunk's links to its slot. */
 static int bring_chunk(const struct links_run *r, const struct vulkan_chunk *chunk, struct layout *layout,
                        struct vulkan_recording *recording, struct kiln_error *error)
 {
@@ -386,7 +386,7 @@ static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan
 
 /* ---- answers ---- */
 
-/* Closes the rows of new links by their sums, and hands them over to whoever keeps them. */
+/* Closes the rows of new links by their sums, and passes the links to their storage. */
 static void close_made(const struct links_run *r, size_t tile_run, struct kiln_linked_point point[KILN_TILE_TEXELS],
                        const struct kiln_gpu_link_sums *sums)
 {
@@ -452,7 +452,7 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
 
 /* ---- the pass ---- */
 
-/* Finds the number of rows of the tile run with most links, and mean sizes. */
+/* Finds the largest number of rows of a tile run, and mean sizes. */
 static int measure(struct links_run *r, struct kiln_error *error)
 {
     const struct kiln_tile_run *runs = r->b->surface->tile_runs + r->batch->first;
@@ -510,7 +510,7 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     size_t room = 0;
     int status;
     KILN_TRY(kiln_arena_allocate(&r.arena, &r.made, batch->count, sizeof(struct kiln_kept_links *), WHAT, error));
-    /* written by the threads that take answers: it need not be zero */
+    /* filled by the threads that take answers, so not zeroed */
     KILN_TRY(kiln_arena_grow(&r.arena, &r.results, &room, points, sizeof *r.results, "the light of links", error));
     KILN_TRY(gather(&r, points, error));
     KILN_TRY(vulkan_find_links(b, r.p, batch, r.gathered, r.key, r.made, &r.rays, error));

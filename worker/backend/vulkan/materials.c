@@ -8,7 +8,7 @@
 #include "worker/material/scene_lobes.h"
 #include "worker/scene/texture.h"
 
-/* of a buffer: every device allows as much in one allocation */
+/* size of a buffer that every device can allocate */
 static const uint64_t most_texel_bytes = (uint64_t)1 << 30;
 
 /* Materials made on the host before they are uploaded. */
@@ -16,15 +16,15 @@ struct staging {
     const struct kiln_backend_params *params;
     struct gpu *gpu;
     bool all;   /* triangles are coated */
-    bool gloss; /* kernels ask for more than the diffuse part of materials */
+    bool gloss; /* kernels need more than the diffuse part of materials */
     struct kiln_gpu_material *materials;
     struct kiln_gpu_texture *textures;
     struct kiln_gpu_coating *coatings;
-    struct kiln_gpu_gloss *glosses;            /* of each material; NULL: all are diffuse to the kernels */
-    struct kiln_gpu_gloss_place *gloss_places; /* of each coating; NULL: there are none */
-    struct kiln_bsdf_lobes *lobes;             /* of each material; NULL: as `glosses` */
+    struct kiln_gpu_gloss *glosses;            /* per material; NULL: kernels treat all as diffuse */
+    struct kiln_gpu_gloss_place *gloss_places; /* per coating; NULL: none */
+    struct kiln_bsdf_lobes *lobes;             /* per material; NULL: as `glosses` */
     bool varied;                               /* not all of these are prepared */
-    struct kiln_vec3 *normals;                 /* of each world triangle that is not opaque; NULL: there are no panes */
+    struct kiln_vec3 *normals;                 /* per world triangle that is not opaque; NULL: no panes */
     uint32_t *slots;
     uint32_t *coating_of; /* stored triangle -> its coating, KILN_NONE: none yet */
     bool *wanted;         /* texture */
@@ -46,7 +46,7 @@ static bool is_coated(const struct staging *s, uint32_t triangle)
     return s->all || vulkan_materials_holds(s->params, triangle);
 }
 
-/* The shortest run of world triangles that has all that are wanted. */
+/* Finds the shortest range of world triangles that contains all that need a coating. */
 static void find_slots(struct staging *s)
 {
     const struct kiln_geometry *g = s->params->geometry;
@@ -126,7 +126,7 @@ static void fill_gloss_place(struct kiln_gpu_gloss_place *place, const struct ki
     }
 }
 
-/* Numbers the coatings in the order in which world triangles come upon them. */
+/* Numbers the coatings in the order in which world triangles first use them. */
 static void number_coatings(struct staging *s)
 {
     const struct kiln_geometry *g = s->params->geometry;
@@ -197,7 +197,7 @@ static void fill_gloss(struct kiln_gpu_gloss *to, const struct kiln_gloss *from)
     fill_gloss_textures(to, from);
 }
 
-/* The device's address of a table of the host's, in two words; none for none. */
+/* Converts the host pointer of a table to its device address, in two words; 0 if there is no table. */
 static void move_table(const struct staging *s, const struct vulkan_materials *m, uint32_t *low, uint32_t *high)
 {
     const uint64_t host = (uint64_t)*high << 32 | *low;
@@ -228,7 +228,7 @@ static void prepare_lobes(struct staging *s, const struct vulkan_materials *m, u
     move_table(s, m, &s->lobes[material].brushed_low, &s->lobes[material].brushed_high);
 }
 
-/* Lobes on the host, and their tables. */
+/* Computes the lobes on the host, and their tables. */
 static int prepare_tables(struct staging *s, struct vulkan_materials *m, struct kiln_error *error)
 {
     const struct kiln_scene *scene = s->params->scene;
@@ -350,7 +350,7 @@ static void free_staging(struct staging *s) { kiln_arena_release(&s->arena); }
 
 static uint64_t texture_bytes(const struct kiln_texture *t) { return 4 * (uint64_t)t->width * t->height; }
 
-/* Counts the textures from `first` on that go into one buffer; *bytes: its size. */
+/* Number of textures from `first` on that fit into one buffer; *bytes: its size. */
 static size_t run_of_textures(const struct staging *s, size_t first, uint64_t *bytes)
 {
     const struct kiln_scene *scene = s->params->scene;

@@ -11,7 +11,7 @@ static const struct vulkan_shader sums_shader = {.name = "occlusion: sums", .com
 
 _Static_assert(sizeof(struct kiln_gpu_occlusion_result) == sizeof(struct kiln_occlusion_result), "results");
 
-/* Push constants of this pass beside those of every pass over the hemisphere. */
+/* Push constants of this pass, in addition to those of all hemisphere passes. */
 struct own {
     float distance;
     uint32_t reserved;

@@ -1,5 +1,5 @@
-/* The patches pass (worker/pass/patches.h): the gather pass's rays say what of them is lost; shaders/patches.comp goes
- * through pairs, and patches_reduce.comp adds up. Nodes lie in rows of a fixed length, so that the sums' order hangs on
+/* The patches pass (worker/pass/patches.h). The gather pass's rays measure the losses; shaders/patches.comp processes
+ * pairs, and patches_reduce.comp sums up. Nodes lie in rows of a fixed length, so that the order of sums depends on
  * nothing else. */
 #include "worker/pass/patches.h"
 
@@ -17,9 +17,9 @@ static const struct vulkan_shader pairs_shader = {.name = "pairs of patches",
 static const struct vulkan_shader sums_shader = {.name = "pairs of patches: sums",
                                                  .compute = VULKAN_CODE(patches_reduce)};
 
-/* Nodes of a row, which is a thread's loop. A dispatch takes as long as its longest loop at least. With long rows that
- * alone is a slice of time: dispatches then never grow to as many threads as fill a device (gpu_pacer_next follows
- * their speed). A software device ends a thread's loops after 65,535 rounds in all. */
+/* Nodes of a row, the loop of a thread. A dispatch takes at least as long as its longest loop. With long rows this
+ * would fill a time slice, and dispatches would never grow to enough threads to fill a device (gpu_pacer_next follows
+ * their speed). A software device ends a thread's loops after 65,535 iterations in all. */
 enum { ROW = 64 };
 
 /* A call's working set. */
@@ -27,7 +27,7 @@ struct patches_run {
     struct vulkan_backend *b;
     const struct kiln_patches_parameters *p;
     const struct kiln_batch *batch;
-    struct kiln_point_result *gathered; /* of the batch's points: of their rays */
+    struct kiln_point_result *gathered; /* ray statistics of the batch's points */
     struct kiln_patches_result *results;
     struct gpu_kernel *pairs, *sums;
     uint32_t row, rows; /* nodes of a row; rows */
@@ -35,7 +35,7 @@ struct patches_run {
     struct kiln_visibility_counts seen;
 };
 
-/* Returns the place of a tile run's first point among the batch's points. */
+/* Returns the index of a tile run's first point among the batch's points. */
 static uint64_t place_of(const struct patches_run *r, size_t tile_run)
 {
     const struct kiln_tile_run *runs = r->b->surface->tile_runs;
@@ -80,7 +80,7 @@ static void describe_nodes(const struct patches_run *r, struct kiln_gpu_node_fac
     }
 }
 
-/* Fills a buffer of the backend, which grows to fit. */
+/* Uploads data to a buffer of the backend, which is enlarged if needed. */
 static int bring(struct vulkan_backend *b, struct gpu_buffer *buffer, const void *data, size_t bytes, const char *what,
                  struct kiln_error *error)
 {
@@ -123,7 +123,7 @@ end:
     return status;
 }
 
-/* ---- rays that say what is lost ---- */
+/* ---- rays that measure losses ---- */
 
 /* kiln_take_results */
 static int keep(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
@@ -136,7 +136,7 @@ static int keep(void *context, size_t first, size_t count, const void *results, 
     return KILN_OK;
 }
 
-/* Recalls what the rays have met in the step that closed rows. */
+/* Reads back the ray statistics from the step that closed the rows. */
 static void recall(const struct patches_run *r, uint64_t points)
 {
     const struct kiln_surface *s = r->b->surface;
@@ -171,7 +171,7 @@ end:
     return status;
 }
 
-/* Bytes of a point's rows in the scratch. */
+/* Bytes of a point's rows in the scratch memory. */
 static size_t row_bytes(const struct patches_run *r) { return r->rows * KILN_GPU_PATCH_FLOATS * sizeof(float); }
 
 static int record(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,

@@ -1,5 +1,5 @@
-/* The path pass (worker/pass/path.h): shaders/path.glsl follows some paths of each pixel of a chunk, and adds them to
- * what it has found so far. How many at once is what a slice of time is enough for; results do not depend on it. */
+/* The path pass (worker/pass/path.h): shaders/path.glsl follows some paths of each pixel in a chunk, and adds them to
+ * the pixel's sums. Their number is chosen to fit a time slice; results do not depend on it. */
 #include <stdint.h> /* before the shaders */
 #include <string.h>
 
@@ -18,7 +18,7 @@ static const struct vulkan_shader path_shader = {.name = "path",
                                                  .pipeline_float = VULKAN_CODE(path_pipeline_float),
                                                  .gloss = &gloss_shader};
 
-/* At surfaces that are only diffuse, in scenes with gloss. */
+/* At diffuse surfaces, in scenes with gloss. */
 static const struct vulkan_shader diffuse_shader = {.name = "path at diffuse surfaces",
                                                     .compute = VULKAN_CODE(path_diffuse),
                                                     .pipeline = VULKAN_CODE(path_diffuse_pipeline),
@@ -26,9 +26,9 @@ static const struct vulkan_shader diffuse_shader = {.name = "path at diffuse sur
                                                     .pipeline_float = VULKAN_CODE(path_diffuse_pipeline_float)};
 static const struct vulkan_shader add_shader = {.name = "path: sums", .compute = VULKAN_CODE(path_add)};
 
-/* Limits of a dispatch: a software device ends a thread's loops after 65,535 rounds in all. TURNS: how often a path
- * goes between kernels at most, where there is gloss, before the last one follows it to its end. MOST_PATHS: paths
- * under way. */
+/* Limits of a dispatch; a software device ends a thread's loops after 65,535 iterations in all. TURNS: in scenes with
+ * gloss, the largest number of changes between kernels, before the last kernel follows a path to its end. MOST_PATHS:
+ * active paths. */
 enum { MOST_PIXELS = 1 << 18, MOST_SAMPLES = 16, MOST_SAMPLES_SOFTWARE = 2, FIRST_GUESS = 1 << 14 };
 enum { TURNS = 6, MOST_PATHS = 1 << 20 };
 
@@ -36,14 +36,14 @@ enum { TURNS = 6, MOST_PATHS = 1 << 20 };
 struct path_run {
     struct vulkan_backend *b;
     struct gpu_kernel *kernel;
-    struct gpu_kernel *diffuse, *clear, *add; /* NULL: there is no gloss, and `kernel` does all */
+    struct gpu_kernel *diffuse, *clear, *add; /* NULL: there is no gloss, and `kernel` does all work */
     struct gpu_buffer sums;
-    /* of paths that go from kernel to kernel: TURNS times struct kiln_gpu_path_turn, as many words that count paths,
-     * two lists of these, and struct kiln_gpu_path_state of each */
+    /* of paths that move between kernels: TURNS times struct kiln_gpu_path_turn, TURNS words that count paths, two
+     * lists of paths, and a struct kiln_gpu_path_state for each */
     struct gpu_buffer apart;
     uint32_t most_samples;            /* of a dispatch */
     struct kiln_path_result *answers; /* of a chunk, for the taker */
-    uint32_t room;                    /* pixels that the buffer and `answers` hold */
+    uint32_t room;                    /* pixels that fit into the buffer and `answers` */
     struct kiln_gpu_path_push push;
 };
 
@@ -52,7 +52,8 @@ static uint64_t counters_of(const struct path_run *r)
     return r->apart.address + TURNS * sizeof(struct kiln_gpu_path_turn);
 }
 
-/* Kernels take turns: that at diffuse surfaces begins. Each leaves paths to the next one; the last one to none. */
+/* Describes the turns. Kernels alternate, beginning with the one for diffuse surfaces. Each passes paths to the next
+ * one; the last one passes none. */
 static void describe_turns(const struct path_run *r, uint64_t paths, struct kiln_gpu_path_turn turns[TURNS])
 {
     const uint64_t counters = counters_of(r), lists = counters + TURNS * sizeof(uint32_t),
@@ -72,7 +73,7 @@ static void describe_turns(const struct path_run *r, uint64_t paths, struct kiln
     }
 }
 
-/* Prepares for paths that go from kernel to kernel. */
+/* Prepares the memory for paths that move between kernels. */
 static int prepare_apart(struct path_run *r, struct kiln_error *error)
 {
     struct vulkan_backend *b = r->b;
@@ -133,7 +134,7 @@ static void finish(struct path_run *r)
     kiln_free(&r->answers);
 }
 
-/* So many pixels at once as there is room for, if a slice of time is enough for one path of each. */
+/* Number of pixels to process at once: as many as fit, if a time slice suffices for one path of each. */
 static uint32_t size_chunk(const struct path_run *r, size_t left)
 {
     const uint64_t paths = gpu_pacer_next(&r->b->pacers[KILN_PASS_INDEX_path], FIRST_GUESS);
@@ -147,7 +148,7 @@ static struct gpu_step step_of(struct gpu_kernel *kernel, uint32_t threads, cons
         .kernel = kernel, .threads_x = threads, .threads_y = 1, .constants = push, .constant_bytes = sizeof *push};
 }
 
-/* The paths of a dispatch where there is gloss: kernels take turns, then their sums are added up. */
+/* Runs a dispatch's paths in scenes with gloss: kernels alternate, then their sums are added up. */
 static int run_turns(struct path_run *r, double *seconds, struct kiln_error *error)
 {
     const uint32_t paths = r->push.count * r->push.samples;
@@ -220,8 +221,8 @@ static int run_chunk(struct path_run *r, const struct kiln_batch *left, uint64_t
     return status == KILN_OK ? vulkan_read_path_sums(r->b, sums, r->push.count, r->answers, rays, error) : status;
 }
 
-/* Runs what is left of the batch until it is done or something fails; `left` then is what has not been taken.
- * `refused`: it was the taker that failed, not the device. */
+/* Runs the rest of the batch until it is done or fails; `left` becomes the part not taken. `refused`: the taker failed,
+ * not the device. */
 static int run_left(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left, uint64_t *rays,
                     bool *refused, struct kiln_error *error)
 {

@@ -20,7 +20,7 @@ static uint64_t pieces_of(const struct kiln_surface *s, size_t tile_run)
     return s->piece_base[tile_run + 1] - s->piece_base[tile_run];
 }
 
-/* Cuts the tile runs [begin, end) into blocks; with `blocks` NULL only counts them. */
+/* Divides the tile runs [begin, end) into blocks; if `blocks` is NULL, only counts them. */
 static size_t cut(const struct kiln_surface *s, size_t begin, size_t end, struct vulkan_block *blocks)
 {
     size_t count = 0;
@@ -73,7 +73,7 @@ int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const s
     return status;
 }
 
-/* They make their blocks where those of `own` are made. */
+/* Prepares points of other ranks, whose blocks are made in the workspace of `own`. */
 int vulkan_points_of_others(struct vulkan_points **points, struct vulkan_points *own, const struct kiln_others *others,
                             struct kiln_error *error)
 {
@@ -148,7 +148,7 @@ void vulkan_points_forget_states(struct vulkan_points *points)
         points->blocks[i].states_known = false;
 }
 
-/* The states of blocks that hold an item of the batch (NULL: of none) are to be made anew. */
+/* Marks the states of blocks with an item of the batch (NULL: all blocks) for recomputation. */
 static void forget_states_of(struct vulkan_points *points, const struct kiln_batch *batch)
 {
     for (size_t i = 0; batch != NULL && i < points->block_count; i++) {
@@ -166,11 +166,11 @@ void vulkan_points_choose(struct vulkan_points *points, const struct kiln_batch 
     forget_states_of(points, points->chosen);
 }
 
-/* The parts that a thread has made, in an array of its own. */
+/* Parts made by one thread, in an array of its own. */
 struct part_list {
     struct kiln_gpu_part *at;
     size_t count, room;
-    size_t offset; /* where they come to stand in the block's array */
+    size_t offset; /* their offset in the block's array */
 };
 
 struct points_workspace {
@@ -182,7 +182,7 @@ struct points_workspace {
     struct part_list lists[]; /* one a thread */
 };
 
-/* A block being made. */
+/* A range being made. */
 struct maker {
     const struct vulkan_points *p;
     const struct vulkan_block *block;
@@ -201,9 +201,9 @@ static void workspace_destroy(struct points_workspace **workspace)
     kiln_free(workspace);
 }
 
-/* Data of a triangle, kept for the next point of the same one. */
+/* Cached data of a triangle, for further points on it. */
 struct known {
-    bool back; /* of backs: the normal is turned round */
+    bool back; /* a back: the normal is flipped */
     uint32_t triangle;
     struct kiln_vec3 normal;
     float offset;
@@ -257,14 +257,14 @@ static void box_add(struct box *box, struct kiln_vec3 p)
     box->high = vec3(fmaxf(box->high.x, p.x), fmaxf(box->high.y, p.y), fmaxf(box->high.z, p.z));
 }
 
-/* The triangles of piece i, `already` after those of the pieces before it. */
+/* Finds the triangles of piece i; `already`: number of triangles of earlier pieces. */
 static uint32_t triangles_of(const struct kiln_footprint *f, uint32_t i, size_t already,
                              struct kiln_footprint_triangle triangles[KILN_FOOTPRINT_TRIANGLES])
 {
     const uint32_t count = kiln_footprint_triangles(f, i, triangles);
     if (count != 0 || i + 1 != f->piece_count || already != 0)
         return count;
-    /* clipping left nothing of the point: a place stands in */
+    /* clipping left nothing of the point: use a single position */
     triangles[0] = (struct kiln_footprint_triangle){.triangle = f->pieces[0], .until = 1.0};
     return 1;
 }
@@ -345,7 +345,7 @@ static bool is_lifted(const struct maker *m, struct known *k, const struct kiln_
     return lifted;
 }
 
-/* A point's mask (NULL: none) stands behind its parts, and their triangles behind it. */
+/* Makes a point's triangles. Memory order: its parts, its mask (NULL: none), the mask's triangles. */
 static int make_triangles(const struct maker *m, struct part_list *list, struct known *k,
                           const struct kiln_footprint *f, struct kiln_gpu_point *point, const struct kiln_mask *mask,
                           struct kiln_error *error)
@@ -375,7 +375,7 @@ static int make_triangles(const struct maker *m, struct part_list *list, struct 
     return KILN_OK;
 }
 
-/* Where a material is taken with its gloss, what decides how much light the point takes up stands before its parts. */
+/* For a material with gloss, stores before the point's parts how much light the point takes up. */
 static int make_gloss(const struct maker *m, struct part_list *list, const struct kiln_footprint *f, bool back,
                       struct kiln_gpu_point *point, struct kiln_error *error)
 {
@@ -493,7 +493,7 @@ static int make_all(struct maker *m, struct kiln_error *error)
     return status;
 }
 
-/* The points learn where their parts come to stand: thread after thread. */
+/* Tells the points the final offsets of their parts, thread after thread. */
 static void place_parts(struct maker *m)
 {
     struct points_workspace *w = m->w;
@@ -539,7 +539,7 @@ static int fill(struct maker *m, struct kiln_error *error)
 
 /* ---- the next block ---- */
 
-/* A block that a thread makes, in a workspace of its own. */
+/* A block made by a thread ahead of time, in a workspace of its own. */
 struct points_ahead {
     pthread_t thread;
     bool runs;
@@ -577,8 +577,8 @@ static void ahead_destroy(struct points_ahead **ahead)
     kiln_free(ahead);
 }
 
-/* Begins to make the block after this one, which is likely to be asked for next. Without a thread or memory for it, it
- * is made when it is asked for. */
+/* Begins to make the next block, which is likely to be needed next. If there is no thread or memory for it, it is made
+ * when needed. */
 static void begin_ahead(struct vulkan_points *p, const struct vulkan_block *block)
 {
     const struct vulkan_block *next = block + 1;
@@ -596,7 +596,7 @@ static void begin_ahead(struct vulkan_points *p, const struct vulkan_block *bloc
         p->ahead->block = NULL;
 }
 
-/* The block's points, in p->workspace: those that were made ahead, or made now. */
+/* Gets the block's points in p->workspace: those made ahead of time, or makes them now. */
 static int make_block(struct vulkan_points *p, const struct vulkan_block *block, struct maker *m,
                       struct kiln_error *error)
 {
@@ -617,7 +617,7 @@ static int make_block(struct vulkan_points *p, const struct vulkan_block *block,
     return status;
 }
 
-/* Gives up the block that was used longest ago, before `since`; false when there is none. */
+/* Frees the least recently used block, if last used before `since`; false: none. */
 static bool make_way(struct vulkan_points *p, uint64_t since)
 {
     struct vulkan_block *oldest = NULL;
@@ -631,7 +631,7 @@ static bool make_way(struct vulkan_points *p, uint64_t since)
     return oldest != NULL;
 }
 
-/* Whatever is left after these is for the passes' own buffers. */
+/* Memory left for the passes' own buffers. */
 enum { RESERVE = 192 << 20 };
 
 static int upload(struct vulkan_points *p, struct vulkan_block *block, const struct maker *m, struct kiln_error *error)
@@ -667,7 +667,7 @@ static int bring(struct vulkan_points *p, struct vulkan_block *block, uint64_t s
         ;
     KILN_TRY(upload(p, block, &m, error));
 end:
-    block->resident = true; /* also when only a part of it is there: release takes it back */
+    block->resident = true; /* set also if only a part was loaded: release frees it */
     p->seconds += kiln_clock_seconds() - start;
     p->brought += block->count;
     if (status != KILN_OK)
@@ -680,7 +680,7 @@ static uint32_t state_of(uint16_t visible)
     return visible == 0 ? KILN_GPU_STATE_INVALID : visible == 0xffff ? KILN_GPU_STATE_VALID : KILN_GPU_STATE_BURIED;
 }
 
-/* The word of state of each of the block's points. */
+/* Computes the state word of each of the block's points. */
 static void find_states(const struct vulkan_points *p, const struct vulkan_block *block, uint32_t *states)
 {
     const struct kiln_surface *s = p->surface;
@@ -700,7 +700,7 @@ static void find_states(const struct vulkan_points *p, const struct vulkan_block
     }
 }
 
-/* Lists the block's points in one of two states, here and on the device. */
+/* Lists the block's points that have one of two states, on the host and on the device. */
 static int list_points(struct vulkan_points *p, const struct vulkan_block *block, const uint32_t *states, uint32_t one,
                        uint32_t other, uint32_t **list, uint32_t *count, struct gpu_buffer *buffer,
                        struct kiln_error *error)
@@ -759,7 +759,7 @@ int vulkan_points_block(struct vulkan_points *points, size_t tile_run, bool stat
                         struct vulkan_block **block, struct kiln_error *error)
 {
     size_t low = 0, high = points->block_count - 1;
-    while (low < high) { /* the last block that begins at or before the tile run */
+    while (low < high) { /* find the last block that begins at or before the tile run */
         const size_t middle = high - (high - low) / 2;
         if (points->blocks[middle].tile_run_first <= tile_run)
             low = middle;

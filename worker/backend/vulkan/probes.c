@@ -1,7 +1,7 @@
-/* The probe pass (worker/pass/probes.h): shaders/probes.comp takes slices of each probe's samples, probes_reduce.comp
- * adds them up. A chunk of probes is as large as one slice of time and the room for partial sums allow; of few probes
- * with many samples the slices come in portions. Neither changes what is added to what, so results do not depend on it.
- * Where groups of lights are told apart, what each ray has found is kept too, and probes_groups.comp adds that up. */
+/* The probe pass (worker/pass/probes.h): shaders/probes.comp computes slices of each probe's samples,
+ * probes_reduce.comp sums them up. A chunk has as many probes as a time slice and the memory for partial sums allow;
+ * for few probes with many samples, slices are computed in portions. Neither affects the order of sums, so results do
+ * not depend on it. For groups of lights, the result of each ray is kept, and probes_groups.comp sums these up. */
 #include <stdint.h> /* before the shaders */
 #include <string.h>
 
@@ -41,11 +41,11 @@ struct probes_run {
     struct gpu_buffer positions, slices, results;
     struct gpu_buffer found, group_results; /* where groups are told apart */
     struct kiln_probe_result *answers;      /* of a chunk, for the taker */
-    uint32_t room;                          /* probes that the buffers and `answers` hold */
+    uint32_t room;                          /* probes that fit into the buffers and `answers` */
     struct kiln_gpu_probes_push push;
 };
 
-/* Bytes of a probe that are kept for groups, and of their light; 0: there are none. */
+/* Bytes per probe for ray results and light of groups; 0: no groups. */
 static size_t found_bytes(const struct probes_run *r)
 {
     return vulkan_groups_count(r->b) == 0 ? 0
@@ -107,7 +107,7 @@ static int prepare(struct probes_run *r, const struct kiln_probe_parameters *set
     int status;
     KILN_TRY(vulkan_kernel_of(b, &probes_shader, false, groups, &r->trace, error));
     KILN_TRY(vulkan_kernel_of(b, &reduce_shader, false, 0, &r->reduce, error));
-    KILN_TRY(vulkan_sobol(b, samples + 1, error)); /* a lone light gets all samples, rounded up at most */
+    KILN_TRY(vulkan_sobol(b, samples + 1, error)); /* a single light gets all samples, rounded up at most */
     if (groups)
         KILN_TRY(prepare_groups(r, error));
 end:
@@ -120,7 +120,7 @@ end:
                                       .seed = kiln_hash2((uint32_t)seed, (uint32_t)(seed >> 32) ^ KILN_PROBE_SEED),
                                       .far = vec3_length(vec3_sub(g->bounds_max, g->bounds_min)),
                                       .leaves = settings->leaves};
-    if (groups) /* each choice's samples are rounded up at most */
+    if (groups) /* the samples of each choice are rounded up at most */
         r->push.lights = samples + KILN_CUT_MAX + (uint32_t)b->params.lights->directional_count + 1;
     return status == KILN_OK ? make_room(r, count, error) : status;
 }
@@ -135,13 +135,13 @@ static void finish(struct probes_run *r)
     kiln_free(&r->answers);
 }
 
-/* Where in the buffer the light of groups of push.count probes lies. */
+/* Offset in the buffer of the groups' light, for push.count probes. */
 static size_t group_place(const struct probes_run *r)
 {
     return gpu_buffer_tail(r->b->gpu, &r->group_results, r->push.count * group_bytes(r));
 }
 
-/* Slices [push.slice_first, + rows) of push.count probes; the answers too when they are the last. */
+/* Computes slices [push.slice_first, + rows) of push.count probes; also the answers, if these are the last slices. */
 static int run_rows(struct probes_run *r, uint32_t rows, struct kiln_error *error)
 {
     const struct kiln_gpu_probes_push *p = &r->push;
@@ -179,7 +179,7 @@ static int run_rows(struct probes_run *r, uint32_t rows, struct kiln_error *erro
     return status;
 }
 
-/* Finds how many probes a slice of time is enough for, and how many slices of each. */
+/* Finds how many probes fit into a time slice, and how many slices of each. */
 static void size_chunk(const struct probes_run *r, size_t left, uint32_t *probes, uint32_t *rows)
 {
     const uint64_t slices = gpu_pacer_next(&r->b->pacers[KILN_PASS_INDEX_probes], FIRST_GUESS) / KILN_GPU_PROBE_SAMPLES;
@@ -220,7 +220,7 @@ static int fail_early(const struct probes_run *r, struct kiln_error *error)
                      gpu_about(r->b->gpu)->name);
 }
 
-/* Likewise the light of groups, of the probes from `first` on. */
+/* Reads the light of groups, for the probes from `first` on. */
 static int read_groups(const struct probes_run *r, uint64_t first, uint32_t count, struct kiln_error *error)
 {
     struct kiln_groups *g = r->b->base.given.groups;
@@ -252,8 +252,8 @@ static int read_answers(struct probes_run *r, uint32_t count, uint64_t *rays, st
     return KILN_OK;
 }
 
-/* Runs what is left of the batch until it is done or something fails; `left` then is what has not been taken.
- * `refused`: it was the taker that failed, not the device. */
+/* Runs the rest of the batch until it is done or fails; `left` becomes the part not taken. `refused`: the taker failed,
+ * not the device. */
 static int run_left(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left, uint64_t *rays,
                     bool *refused, struct kiln_error *error)
 {

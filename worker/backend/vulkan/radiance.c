@@ -56,7 +56,7 @@ end:
     return status;
 }
 
-/* The next items, as many as a slice of time is enough for. */
+/* Number of next items that fit into a time slice. */
 static uint32_t size_chunk(const struct radiance_run *r, size_t left)
 {
     const uint64_t rays = gpu_pacer_next(&r->b->pacers[KILN_PASS_INDEX_radiance], FIRST_GUESS);
@@ -90,8 +90,8 @@ static int run_chunk(struct radiance_run *r, const struct kiln_batch *left, uint
     return KILN_OK;
 }
 
-/* Runs what is left of the batch until it is done or something fails; `left` then is what has not been taken.
- * `refused`: it was the taker that failed, not the device. */
+/* Runs the rest of the batch until it is done or fails; `left` becomes the part not taken. `refused`: the taker failed,
+ * not the device. */
 static int run_left(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left, uint64_t *rays,
                     bool *refused, struct kiln_error *error)
 {

@@ -1,7 +1,7 @@
-/* The reference pass (worker/pass/reference.h): paths from surface points by the kernels of the bidirectional pass
- * (bidirectional_stages.c), of which shaders/point_paths.comp begins and ends them. Sample by sample all points of the
- * batch have one path, so that a point's sums are added to in the order of its samples. What becomes of the points'
- * rays, of which the energy ledger asks, is the gather pass's, whose rays these are. */
+/* The reference pass (worker/pass/reference.h): paths from surface points, by the kernels of the bidirectional pass
+ * (bidirectional_stages.c); shaders/point_paths.comp begins and ends them. Sample by sample, all points of the batch
+ * follow one path, so that a point's sums are in the order of its samples. The ray statistics that the energy ledger
+ * needs come from the gather pass, which has the same rays. */
 #include <math.h>
 #include <string.h>
 
@@ -13,13 +13,13 @@
 #include "worker/pass/reference.h"
 #include "worker/sampling/keys.h"
 
-/* Points whose own paths of light are kept at once; quarters of the samples. */
+/* MOST_POINTS: points whose own light paths are stored at once. QUARTERS: of the samples. */
 enum { MOST_POINTS = 1 << 21, QUARTERS = 4 };
 
 /* A call's working set. */
 struct reference_run {
     struct both_run both;
-    struct kiln_bidirectional_parameters paths; /* of which method, radius and the camera's bounces are set */
+    struct kiln_bidirectional_parameters paths; /* only method, radius and the camera's bounces are set */
     const struct kiln_reference_parameters *wanted;
     const struct kiln_batch *batch;
     struct kiln_reference_result *results; /* of all points of the batch */
@@ -67,7 +67,7 @@ static int count_rays(struct reference_run *r, uint64_t *rays, struct kiln_error
 static bool alone(const struct reference_run *r) { return r->wanted->method == KILN_REFERENCE_PATH; }
 static bool merges(const struct reference_run *r) { return r->wanted->method == KILN_REFERENCE_VCM; }
 
-/* Sample k of points first .. first + count - 1 of the batch, which are of one block. */
+/* Runs sample k of points first .. first + count - 1 of the batch, which are in one block. */
 static int run_sample(struct reference_run *r, uint64_t first, uint64_t count, uint32_t k, struct kiln_error *error)
 {
     struct both_run *both = &r->both;
@@ -85,9 +85,9 @@ static int run_sample(struct reference_run *r, uint64_t first, uint64_t count, u
     return status;
 }
 
-/* Prepares quarter q of the samples. With vcm it traces and sorts the paths of light that the paths of all points in
- * this quarter may be merged with, as trace_quarter of worker/backend/embree/reference_paths.c does. Their rays are not
- * counted. */
+/* Prepares quarter q of the samples. With vcm, traces and sorts the light paths that may be merged with the paths of
+ * all points in this quarter, as trace_quarter of worker/backend/embree/reference_paths.c. Their rays are not counted.
+ */
 static int begin_quarter(struct reference_run *r, uint32_t q, struct kiln_error *error)
 {
     struct both_run *both = &r->both;
@@ -110,8 +110,8 @@ static int begin_quarter(struct reference_run *r, uint32_t q, struct kiln_error 
     return status == KILN_OK ? both_sort_photons(both, counts.vertices, error) : status;
 }
 
-/* The samples from .. to - 1 of the points of tile runs of one block, `tile_run` the first. *next: the first that is of
- * another. */
+/* Runs samples from .. to - 1 of points in tile runs of one block, from `tile_run` on. *next: first tile run of another
+ * block. */
 static int run_block(struct reference_run *r, size_t tile_run, uint32_t from, uint32_t to, size_t *next,
                      struct kiln_error *error)
 {
@@ -253,12 +253,12 @@ static void describe(struct reference_run *r)
     both->paths = merges(r) ? kiln_reference_paths(both->b->surface->point_count) : 1;
 }
 
-/* Runs what is left of the batch as a whole: all of it shares the paths of light that are merged. */
+/* Runs the rest of the batch as a whole, since all of it shares the light paths that are merged. */
 static int run_left(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left, uint64_t *rays,
                     bool *refused, struct kiln_error *error)
 {
     struct reference_run r = {.both = {.b = b}, .wanted = parameters, .batch = left};
-    uint64_t counted = 0; /* the points' rays, which their paths have again */
+    uint64_t counted = 0; /* the points' rays, which their paths count again */
     if (left->count == 0)
         return KILN_OK;
     describe(&r);

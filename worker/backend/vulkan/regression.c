@@ -1,4 +1,5 @@
-/* Surface regression (worker/pass/regression.h): five sweeps of one kernel, each over all points before the next. */
+/* Surface regression (worker/pass/regression.h): five sweeps of one kernel; each finishes all points before the next
+ * begins. */
 #include "worker/backend/vulkan/regression.h"
 
 #include "worker/base/memory.h"
@@ -8,13 +9,13 @@ static const struct vulkan_shader regression_shader = {
     .name = "regression", .compute = VULKAN_CODE(regression), .compute_float = VULKAN_CODE(regression_float)};
 
 enum {
-    STRETCH = 1 << 17,    /* points that are handed over at a time */
+    STRETCH = 1 << 17,    /* points transferred at a time */
     FIRST_GUESS = 1 << 12 /* points of the first dispatch */
 };
 
 static const char what[] = "denoising on the device";
 
-/* Arrays on the device: by points, but for those of cells. They stay for the next call where they are not large. */
+/* Arrays on the device, by points or by cells. They are kept for the next call unless they are large. */
 enum { POINTS, CELLS, FIRST, RANGES, GIVEN, FITS, CHOICES, RESULTS };
 _Static_assert(RESULTS + 1 == VULKAN_REGRESSION_ARRAYS, "arrays of the regression");
 
@@ -88,7 +89,7 @@ static size_t stretch_at(const struct run *r, size_t first)
     return r->work->count - first < STRETCH ? r->work->count - first : STRETCH;
 }
 
-/* Host memory for a stretch, which stays for the next call. */
+/* Allocates host memory for a stretch of points, which is kept for the next call. */
 static int make_host_room(struct run *r, size_t bytes, struct kiln_error *error)
 {
     return kiln_grow(&r->b->regression_host, &r->b->regression_room, bytes, 1, what, error);
@@ -181,7 +182,7 @@ static int sweep(struct run *r, uint32_t number, struct gpu_kernel *kernel, stru
     return status;
 }
 
-/* Whether each sweep is known to take no more than a slice. */
+/* Whether each sweep is known to fit into a time slice. */
 static bool is_short(const struct run *r)
 {
     bool fits = true;

@@ -7,7 +7,7 @@
 /* kiln_backend_regress. */
 int vulkan_regress(struct kiln_backend *backend, const struct kiln_regression_work *work, bool *done,
                    struct kiln_error *error);
-/* Gives back what it keeps from one call to the next. */
+/* Releases the buffers kept from one call to the next. */
 void vulkan_regression_release(struct vulkan_backend *b);
 /* Begins to make its kernels (vulkan_kernels_at_once). */
 void vulkan_regression_ahead(struct vulkan_backend *b);

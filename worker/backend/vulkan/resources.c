@@ -66,7 +66,7 @@ end:
     return status == KILN_OK ? vulkan_upload_root(b, error) : status;
 }
 
-/* To the points of the others, where there are some; else back to the own points. */
+/* Switches to the points of other ranks, if there are some; else back to the own points. */
 static int enter_others(struct vulkan_backend *b, struct kiln_error *error)
 {
     struct vulkan_points *points;
@@ -83,7 +83,7 @@ static int enter_others(struct vulkan_backend *b, struct kiln_error *error)
     return KILN_OK;
 }
 
-/* Radiosity that was given before the surface is of another one, and stays where it is. */
+/* Uploads radiosity. What was given before the surface belongs to another surface, and stays where it is. */
 static int upload_radiosity(struct vulkan_backend *b, struct kiln_error *error)
 {
     if (b->radiosity == NULL)
@@ -125,7 +125,8 @@ end:
 
 /* ---- light ---- */
 
-/* Brings lights and materials anew. Kernels stay, unless there are lights of a kind that they leave out. */
+/* Uploads lights and materials again. Kernels are kept, unless there are kinds of lights that they were compiled
+ * without. */
 static int upload_light(struct vulkan_backend *b, struct kiln_error *error)
 {
     vulkan_bidirectional_release(b);
@@ -144,8 +145,8 @@ static int upload_light(struct vulkan_backend *b, struct kiln_error *error)
 
 /* ---- the table ---- */
 
-/* How a resource comes to the device, in the place of what was there, and what of it is given back. NULL: passes read
- * it where it is. */
+/* For each resource: how it is uploaded, replacing the old one, and how it is freed. NULL: passes read it on the host.
+ */
 static const struct {
     int (*bring)(struct vulkan_backend *b, struct kiln_error *error);
     void (*release)(struct vulkan_backend *b);

@@ -1,14 +1,14 @@
-/* Resources that the backend is given (worker/backend/resources.h), as they lie on the device. */
+/* Upload of resources that the backend is given (worker/backend/resources.h). */
 #ifndef KILN_WORKER_BACKEND_VULKAN_RESOURCES_H
 #define KILN_WORKER_BACKEND_VULKAN_RESOURCES_H
 
 #include "worker/backend/vulkan/vulkan.h"
 
-/* Brings a resource to the device, in the place of what was there. */
+/* Uploads a resource, replacing the previous one. */
 int vulkan_resource_bring(struct vulkan_backend *b, enum kiln_resource_index index, struct kiln_error *error);
-/* Brings all resources that the backend was given to its device, after the device was made anew. */
+/* Uploads all resources that the backend was given, after the device was set up again. */
 int vulkan_resources_bring(struct vulkan_backend *b, struct kiln_error *error);
-/* Gives back what lies on the device of any. */
+/* Releases the device memory of all resources. */
 void vulkan_resources_release(struct vulkan_backend *b);
 
 #endif

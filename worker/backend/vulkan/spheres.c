@@ -6,7 +6,7 @@
 #include "worker/light/aims.h"
 #include "worker/pass/spheres.h"
 
-/* Bounds of rounding on the device, in spacings: a fixed one, and one for each spacing along an axis */
+/* Margins for rounding on the device, in spacings: a fixed one, and one per spacing along an axis */
 #define SLACK 1e-3
 #define SLACK_OF_SIZE 1e-6
 
@@ -39,7 +39,7 @@ static int upload(struct vulkan_backend *b, int array, const void *data, size_t 
     return gpu_buffer_of(b->gpu, &b->spheres[array], data, bytes, what, error);
 }
 
-/* Uploads each aim's paths over its flux, where its paths leave light. */
+/* Uploads for each aim its number of paths over its flux, if its paths leave light in spheres. */
 static int upload_paths(struct vulkan_backend *b, const struct kiln_aims *aims, uint32_t leaves,
                         struct kiln_error *error)
 {

@@ -1,4 +1,4 @@
-/* The spheres about probes (worker/pass/spheres.h) on the device, and what light paths leave there. */
+/* Spheres about probes (worker/pass/spheres.h) on the device, and the light that paths deposit in them. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_SPHERES_H
 #define KILN_WORKER_BACKEND_VULKAN_SPHERES_H
 
@@ -7,12 +7,12 @@
 struct kiln_aims;
 struct kiln_probe_spheres;
 
-/* Brings the spheres, with sums of zero, into r->b->spheres, of which the last is a struct kiln_gpu_spheres. The aims
- * are shared out. Release with vulkan_spheres_release, also after a failure. */
+/* Uploads the spheres, with sums of zero, to r->b->spheres, whose last buffer is a struct kiln_gpu_spheres. The numbers
+ * of paths of all aims must be set. Release with vulkan_spheres_release, also after a failure. */
 int vulkan_spheres_create(struct both_run *r, const struct kiln_aims *aims, const struct kiln_probe_spheres *spheres,
                           struct kiln_error *error);
-/* Adds what paths have left to the sums and the moments of `spheres`, and to *rays those that have asked for walls.
- * After a failure nothing has been added. */
+/* Adds the deposited light to the sums and moments of `spheres`, and the rays traced for walls to *rays. After a
+ * failure nothing has been added. */
 int vulkan_spheres_add(struct vulkan_backend *b, const struct kiln_aims *aims, const struct kiln_probe_spheres *spheres,
                        uint64_t *rays, struct kiln_error *error);
 void vulkan_spheres_release(struct vulkan_backend *b);

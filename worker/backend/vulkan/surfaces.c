@@ -3,7 +3,7 @@
 #include "worker/base/memory.h"
 #include "worker/scene/footprint.h"
 
-/* Each edge's lift, of the side on which it has one. */
+/* Sets each edge's lift, on the side that has one. */
 static void set_lift(const struct kiln_scene *scene, const struct kiln_geometry *g, uint32_t triangle, float lift[3])
 {
     static const int edges[3] = {0, 1, 3};

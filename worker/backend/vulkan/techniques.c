@@ -9,14 +9,14 @@
 
 static const char what[] = "what light paths are aimed at";
 
-/* As kernels look for them (shaders/techniques.glsl). */
+/* Memory layout expected by the kernels (shaders/techniques.glsl). */
 struct root {
     struct kiln_gpu_land land;
     struct kiln_gpu_both both;
 };
 _Static_assert(offsetof(struct root, both) == sizeof(struct kiln_gpu_land), "one after the other");
 
-/* An array on the device, in the next buffer that is not used yet; its address. */
+/* Uploads arrays to the device, each to the next unused buffer; returns their addresses. */
 struct uploading {
     struct vulkan_backend *b;
     size_t next;
@@ -97,7 +97,7 @@ static uint64_t upload_even(struct uploading *u, const struct kiln_aims *aims)
     return address;
 }
 
-/* Describes the number of lights, and where they are weighed the light tree, upwards. */
+/* Describes the number of lights, and, if light is weighted, the light tree with links to parents. */
 static struct kiln_gpu_both describe_lights(struct uploading *u, const struct kiln_lights *lights,
                                             const struct kiln_caustic_techniques *techniques,
                                             const struct kiln_gpu_both *under_way)

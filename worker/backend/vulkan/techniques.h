@@ -1,5 +1,5 @@
-/* Light paths that land, and what gather rays share with them, on the device (struct kiln_gpu_land): aims, targets, and
- * the light tree as emission.glsl reads it. */
+/* Data on the device for light paths that land, and for gather rays weighted against them (struct kiln_gpu_land): aims,
+ * targets, and the light tree as emission.glsl reads it. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_TECHNIQUES_H
 #define KILN_WORKER_BACKEND_VULKAN_TECHNIQUES_H
 
@@ -15,15 +15,14 @@ enum { VULKAN_TECHNIQUE_BUFFERS = 13 };
 
 struct vulkan_techniques {
     struct gpu_buffer buffers[VULKAN_TECHNIQUE_BUFFERS];
-    struct gpu_buffer areas; /* of points, where rays are gathered (weighed.c) */
-    uint64_t both;           /* the address of a struct kiln_gpu_both, before which a struct kiln_gpu_land lies */
+    struct gpu_buffer areas; /* lit areas of points, for the weighed pass (weighed.c) */
+    uint64_t both;           /* address of a struct kiln_gpu_both; a struct kiln_gpu_land lies before it */
 };
 
-/* Uploads into b->techniques, which holds nothing yet, the aims, which are shared out, and of `techniques`, NULL where
- * there are none, what kernels read; with what `under_way` has of paths under way (NULL: nothing) and the spheres of
- * probes that are there (spheres.h). All are read only
- * during the call. Release with vulkan_techniques_release, also
- * after a failure; a device that is made anew has none. */
+/* Uploads into b->techniques, which is empty before, the aims, whose numbers of paths are set, and the parts of
+ * `techniques` (NULL: none) that kernels read. Includes the data of unfinished paths in `under_way` (NULL: none) and
+ * existing spheres of probes (spheres.h). All arguments are read only during the call. Release with
+ * vulkan_techniques_release, also after a failure; a device that was set up again has none. */
 int vulkan_techniques_create(struct vulkan_backend *b, const struct kiln_aims *aims,
                              const struct kiln_caustic_techniques *techniques, const struct kiln_gpu_both *under_way,
                              struct kiln_error *error);

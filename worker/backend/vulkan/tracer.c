@@ -11,12 +11,12 @@
 
 enum { MOST_CANDIDATES = 2, TRIAL_RAYS = 1 << 20, MOST_TRIALS = 64 };
 static const double TRIAL_SECONDS = 0.05, PIPELINE_MARGIN = 1.25;
-/* Rays a triangle up to which the device's tree is quicker. In the city, 4 million triangles, it spares an H200 with 16
- * cores 1.4 s, and its rays take 6.5 % longer, 2e-11 s each. */
+/* Rays per triangle up to which a tree built on the device saves time. In the city, with 4 million triangles, it saves
+ * an H200 with 16 cores 1.4 s, and its rays take 6.5 % longer, 2e-11 s each. */
 static const double MOST_RAYS = 16000.0;
 static const double FEW_RAYS = 5e8; /* a tenth of a second of one H200 */
 
-/* The tree of compute traversal: the device's own, the host's, or both. */
+/* BVH for compute traversal: the one built on the device, that built on the host, or both. */
 struct trees {
     struct bvh_device *device;
     struct bvh *host;
@@ -49,7 +49,7 @@ static struct kiln_gpu_trace layout_of(const struct vulkan_backend *b, const str
                                    .extent = b->params.geometry->extent};
 }
 
-/* The tree on the host, which is made where it is not there yet: of the device's, or by Embree. */
+/* Gets the tree on the host; if missing, converts the device's, or builds one with Embree. */
 static int have_host_tree(struct vulkan_backend *b, struct trees *trees, struct kiln_error *error)
 {
     const struct bvh_params params = {.threads = b->params.threads};
@@ -112,7 +112,7 @@ static int make(struct vulkan_backend *b, struct trees *trees, uint32_t traversa
                                                 : make_compute(b, trees, traversal, t, error);
 }
 
-/* Makes all kernels to come use the tracer. */
+/* Makes all later kernels use the tracer. */
 static int use(struct vulkan_backend *b, const struct vulkan_tracer *t, struct kiln_error *error)
 {
     vulkan_forget_kernels(b);
@@ -139,7 +139,7 @@ void vulkan_tracer_rays(const struct kiln_geometry *g, uint32_t count, uint32_t 
     }
 }
 
-/* Rays per second of the tracer in use. */
+/* Measures the rays per second of the tracer in use. */
 static int try_rays(struct vulkan_backend *b, const struct gpu_buffer *rays, const struct gpu_buffer *hits,
                     double *rate, struct kiln_error *error)
 {
@@ -156,7 +156,7 @@ static int try_rays(struct vulkan_backend *b, const struct gpu_buffer *rays, con
     return status;
 }
 
-/* Tries the candidates in turn and leaves the best in use. */
+/* Measures the candidates one after the other, and leaves the fastest in use. */
 static int try_all(struct vulkan_backend *b, struct trees *trees, const uint32_t *candidates, size_t count,
                    struct kiln_error *error)
 {
@@ -204,9 +204,9 @@ bool vulkan_tracer_may_be_pipeline(const struct kiln_backend_params *params)
            (params->traversal == KILN_TRAVERSE_AUTO && !has_few_rays(params));
 }
 
-/* Lists the traversals that may be tried, the pipeline last. On an H200 four-wide was the fastest walk from 46
- * triangles to 4 million (compressed eight-wide 10 to 55 % behind); on Mesa's software device eight-wide was twice as
- * fast, and has the shortest loops. */
+/* Lists the traversals to be measured, the pipeline last. On an H200 four-wide traversal was the fastest from 46
+ * triangles to 4 million (compressed eight-wide was 10 to 55 % slower). On Mesa's software device eight-wide was twice
+ * as fast, and has the shortest loops. */
 static size_t list_candidates(const struct vulkan_backend *b, uint32_t candidates[MOST_CANDIDATES])
 {
     static const uint32_t one[] = {[KILN_TRAVERSE_PIPELINE] = KILN_TRAVERSAL_PIPELINE,
@@ -223,8 +223,8 @@ static size_t list_candidates(const struct vulkan_backend *b, uint32_t candidate
     return tries ? 2 : 1;
 }
 
-/* Whether the device builds the tree: where that is quicker with all rays to come, which find their way through
- * Embree's tree a little sooner, and what is asked for needs one. */
+/* Whether the device builds the tree: if that is faster including all expected rays, which are slightly faster in
+ * Embree's tree, and the bake needs a tree for compute traversal. */
 static bool device_builds(const struct vulkan_backend *b)
 {
     const struct kiln_geometry *g = b->params.geometry;
@@ -236,7 +236,7 @@ static bool device_builds(const struct vulkan_backend *b)
            (!gpu_about(b->gpu)->software && triangles >= BVH_DEVICE_LEAST && b->params.rays <= MOST_RAYS * triangles);
 }
 
-/* One tree: the device's where it fits the walks that may be tried. */
+/* Builds one tree: on the device, if all traversals to be measured can use it. */
 static int build_tree(struct vulkan_backend *b, struct trees *trees, struct kiln_error *error)
 {
     bool fits = true;

@@ -1,5 +1,5 @@
-/* The validity pass (worker/pass/validity.h): shaders/validity.comp over the batch's points, then over those that the
- * first look left open. Results are handed over when both looks are done. */
+/* The validity pass (worker/pass/validity.h): runs shaders/validity.comp over the batch's points, then again over those
+ * that the first run could not decide. Results are handed over after both. */
 #include "worker/backend/vulkan/chunks.h"
 #include "worker/base/memory.h"
 #include "worker/pass/validity.h"
@@ -12,9 +12,9 @@ static const struct vulkan_shader validity_shader = {
 struct validity {
     struct vulkan_backend *b;
     struct gpu_kernel *kernel;
-    uint64_t first;    /* own point with which the batch begins */
+    uint64_t first;    /* own index of the batch's first point */
     uint16_t *visible; /* results, of the batch's points */
-    uint64_t *open;    /* own points (their places among the share) that the first look left open */
+    uint64_t *open;    /* own indices of points that the first run could not decide */
     size_t open_count, open_room;
     uint64_t rays;
 };
@@ -66,7 +66,7 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     return KILN_OK;
 }
 
-/* The second look at `count` open points of one block, `open` being their own numbers. */
+/* Runs again for `count` undecided points of one block. `open`: their own indices. */
 static int look_again(struct validity *v, const struct vulkan_block *block, const uint64_t *open, uint32_t count,
                       struct kiln_error *error)
 {
@@ -112,7 +112,7 @@ static int look_again(struct validity *v, const struct vulkan_block *block, cons
     return status;
 }
 
-/* Block by block: open points come in ascending order. */
+/* Runs again block by block; undecided points are in ascending order. */
 static int look_at_open(struct validity *v, size_t tile_run_first, size_t tile_run_count, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -175,8 +175,8 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     *rays += status == KILN_OK ? v.rays : 0;
     if (status == KILN_OK && batch->take != NULL)
         status = batch->take(batch->context, batch->first, batch->count, v.visible, error);
-    if (b->points != NULL)                      /* gone when the device could not be made anew */
-        vulkan_points_forget_states(b->points); /* what the taker was given goes to surface->visible */
+    if (b->points != NULL)                      /* NULL if the device could not be created again */
+        vulkan_points_forget_states(b->points); /* the taker writes the results to surface->visible */
     kiln_free(&v.open);
     kiln_free(&v.visible);
     return status;

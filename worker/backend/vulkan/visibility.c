@@ -15,10 +15,10 @@ static const struct vulkan_shader forget_shader = {.name = "kept pairs: forgetti
 
 static const char kept_pairs[] = "what patches see of each other";
 
-/* Bytes of a tile run besides its bits. */
+/* Bytes of a tile run's table, without its bits. */
 static uint64_t table_bytes(uint64_t groups) { return groups * sizeof(uint32_t) * KILN_VISIBILITY_DEVICE_WORDS; }
 
-/* Whether something of this pass is kept: of own tile runs. */
+/* Whether visibility is kept in this pass: only for own tile runs. */
 static bool keeps(const struct vulkan_backend *b, const struct kiln_patches_parameters *p)
 {
     return p->cache != NULL && b->surface == b->own;
@@ -36,7 +36,7 @@ size_t vulkan_visibility_scratch(const struct vulkan_backend *b, const struct ki
 
 /* ---- the grid ---- */
 
-/* The grid's numbers as the kernels' `real`. */
+/* Uploads the grid's numbers as the kernels' `real`. */
 static int bring_reals(struct vulkan_backend *b, const struct kiln_voxel_arrays *a, struct kiln_error *error)
 {
     const double reals[KILN_GPU_GRID_REALS] = {a->low.x, a->low.y, a->low.z, a->scale};
@@ -99,7 +99,7 @@ void vulkan_visibility_release(struct vulkan_backend *b)
     gpu_buffer_destroy(b->gpu, &b->visibility.root);
 }
 
-/* The part of a tile run in `most` bytes. */
+/* The tile run's share of `most` bytes. */
 static uint64_t share_of(const struct vulkan_backend *b, size_t tile_run, uint64_t groups, uint64_t most,
                          struct kiln_gpu_sight_run *run)
 {
@@ -113,7 +113,7 @@ static uint64_t share_of(const struct vulkan_backend *b, size_t tile_run, uint64
     return tables + run->room * a_pair;
 }
 
-/* A buffer for tile runs first .. end-1; where the device has no memory for it they have no room. */
+/* Allocates a buffer for tile runs first .. end-1; without memory on the device they get no room. */
 static int make_buffer(struct vulkan_backend *b, struct kiln_gpu_sight_run *runs, size_t first, size_t end,
                        uint64_t bytes, uint64_t groups, uint64_t most, struct kiln_error *error)
 {
@@ -204,7 +204,7 @@ static bool has_room(const struct vulkan_backend *b, const struct kiln_visibilit
 
 /* ---- forgetting ---- */
 
-/* The points of a tile run that the batch computes. */
+/* Mask of a tile run's points that the batch computes. */
 static uint64_t places_of(const struct vulkan_backend *b, const struct kiln_batch *batch, size_t tile_run)
 {
     const struct kiln_surface *s = b->own;
@@ -217,7 +217,7 @@ static uint64_t places_of(const struct vulkan_backend *b, const struct kiln_batc
     return places & kiln_batch_points(batch, tile_run);
 }
 
-/* Notes which points of its tile runs the batch computes; false: they are those of the time before. */
+/* Records which points of its tile runs the batch computes; false: the same as last time. */
 static bool note_places(struct vulkan_backend *b, const struct kiln_batch *batch, uint32_t *forget)
 {
     bool any = false;
@@ -264,7 +264,7 @@ static int run_forget(struct vulkan_backend *b, uint64_t groups, struct kiln_err
     return gpu_run(b->gpu, &step, 1, NULL, error);
 }
 
-/* Forgets what the step's nodes, other points, or steps that went by without this device ask for. */
+/* Clears stored visibility that is invalid: after changes of nodes or points, or steps computed without this device. */
 static int forget(struct vulkan_backend *b, const struct kiln_visibility_of_step *of, const struct kiln_batch *batch,
                   struct kiln_error *error)
 {

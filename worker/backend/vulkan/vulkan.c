@@ -54,9 +54,9 @@ end:
 static const struct vulkan_pass *const passes[KILN_PASS_COUNT] = {KILN_PASS_LIST_OF_ALL(ROW)}; /* NULL: not here */
 #undef ROW
 
-/* Begins to make the kernels that the backend's passes (params.passes) will ask for, each in a thread, and does not
- * wait for them; with `surface` also room for their answers, without it only kernels that hang on nothing that the
- * surface tells. On software devices all this is made when it is asked for. */
+/* Begins to compile the kernels that the backend's passes (params.passes) will need, each in a thread, without waiting.
+ * With `surface` also allocates the memory for their answers; without it only compiles kernels that do not depend on
+ * the surface. On software devices all this is done when needed. */
 static void kernels_ahead(struct vulkan_backend *b, bool surface)
 {
     for (int p = 0; p < KILN_PASS_COUNT && vulkan_has_makers(b); p++) {
@@ -76,7 +76,7 @@ static void kernels_ahead(struct vulkan_backend *b, bool surface)
 
 /* ---- life ---- */
 
-/* Kernels found and compiled, of this device and those before it. */
+/* Numbers of kernels found in the cache and compiled, on this device and earlier ones. */
 static void count_kernels(const struct vulkan_backend *b, uint64_t *found, uint64_t *made)
 {
     uint64_t now[2] = {0, 0};
@@ -170,7 +170,7 @@ static int set_up(struct vulkan_backend *b, struct kiln_error *error)
     return status;
 }
 
-/* Makes the device anew, with all that was given. */
+/* Creates the device again, with all resources. */
 static int make_anew(struct vulkan_backend *b, struct kiln_error *error)
 {
     clear(b);
@@ -184,7 +184,8 @@ end:
 
 enum { SCRATCH_PART = 16 };
 
-/* Sums of points with many samples take much room, and chunks of few points leave most of a large device idle. */
+/* Scratch memory. Sums of points with many samples need much, and chunks with few points leave most of a large device
+ * idle. */
 static uint64_t scratch_of(const struct gpu *gpu)
 {
     const uint64_t part = gpu_about(gpu)->software ? 0 : gpu_memory_left(gpu) / SCRATCH_PART;
@@ -246,7 +247,7 @@ static int vulkan_set(struct kiln_backend *backend, enum kiln_resource_index ind
 
 /* ---- what it tells ---- */
 
-/* Each name once, though a kernel may have several variants. */
+/* Adds a kernel's name, unless it is there: a kernel may have several variants. */
 static void add_kernel(struct kiln_backend_info *info, const char *name)
 {
     for (size_t i = 0; i < info->kernel_count; i++)
@@ -256,14 +257,15 @@ static void add_kernel(struct kiln_backend_info *info, const char *name)
         info->kernels[info->kernel_count++] = name;
 }
 
-/* Passes that take any numbers of samples; and those that run in chunks, with nothing for a whole batch. */
+/* Flags for passes that allow any numbers of samples; and for passes that run in chunks, without data for a whole
+ * batch. */
 enum {
     MIXED = 1 << KILN_PASS_INDEX_direct,
     CLAIMS = 1 << KILN_PASS_INDEX_direct | 1 << KILN_PASS_INDEX_gather | 1 << KILN_PASS_INDEX_guided |
              1 << KILN_PASS_INDEX_caustic | 1 << KILN_PASS_INDEX_occlusion | 1 << KILN_PASS_INDEX_directional
 };
 
-/* Returns the seconds that a point takes to come to the device, by those that have come. */
+/* Returns the mean seconds to upload a point, measured so far. */
 static double point_seconds(const struct vulkan_backend *b)
 {
     const struct vulkan_points *p = b->own_points != NULL ? b->own_points : b->points;

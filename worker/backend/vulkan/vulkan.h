@@ -2,22 +2,22 @@
  *
  * One file a pass, with the same names as in every backend's folder: validity.c, direct.c, gather.c, probes.c,
  * occlusion.c, directional.c, path.c, radiance.c, guided.c, land.c, weighed.c, patches.c, bidirectional.c (with
- * bidirectional_stages.c). The others: vulkan.c (the list of passes, life of the backend), resources.c (what it is
- * given), core.c (what all files use), intersect.c (closest hits), kernels.c (made, and made ahead), surfaces.c (of the
- * scene, what paths and chains ask for), regression.c (denoising), chunks.c (running a pass over tile runs in chunks),
- * hemisphere.c (what passes that sample the hemisphere over points have in common), answers.c (what a device hands over
- * of points), points.c (surface points on the device), visibility.c (what pairs of patches see), kept_rows.c and held.c
- * (kept rows, and light that stays with them), groups.c (the light of groups), lights.c, materials.c and techniques.c
- * (the scene on the device), bvh.c, bvh_device.c, bvh_top.c, acceleration.c and tracer.c (what finds hits), layout.h
- * (what C and the shaders share). gpu/ is Vulkan for compute and knows no light.
+ * bidirectional_stages.c). The others: vulkan.c (the list of passes, life of the backend), resources.c (upload of its
+ * resources), core.c (functions for all files), intersect.c (closest hits), kernels.c (creation of kernels, also in
+ * advance), surfaces.c (scene data for paths and chains), regression.c (denoising), chunks.c (running a pass over tile
+ * runs in chunks), hemisphere.c (common part of passes that sample the hemisphere over points), answers.c (short
+ * answers of points), points.c (surface points on the device), visibility.c (visibility of pairs of patches),
+ * kept_rows.c and held.c (kept rows, and light held on the device), groups.c (the light of groups), lights.c,
+ * materials.c and techniques.c (the scene on the device), bvh.c, bvh_device.c, bvh_top.c, acceleration.c and tracer.c
+ * (ray tracing), layout.h (data shared by C and shaders). gpu/ is Vulkan compute, independent of light transport.
  *
- * On the device lie the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
- * all points, and this rank's own points in blocks (points.h). A pass cuts its batch into chunks that take about one
- * slice of time (chunks.h); two to three chunks are under way at once, so that the device does not wait while answers
- * are taken over.
+ * The device stores the scene (BVH, hit records, materials, lights: struct kiln_gpu_scene names them), the radiosity of
+ * all points, and this rank's own points in blocks (points.h). A pass divides its batch into chunks that take about one
+ * slice of time (chunks.h); two to three chunks are in flight at once, so that the device does not wait while the host
+ * takes answers over.
  *
  * Nothing in this folder is collective. Unless said otherwise functions return KILN_OK, KILN_NO_DEVICE when the device
- * is lost or its memory short, or KILN_SYSTEM when the host's is. A device that is lost takes all buffers with it:
+ * is lost or its memory short, or KILN_SYSTEM when the host's is. When a device is lost, so are all buffers: see
  * vulkan_recover. */
 #ifndef KILN_WORKER_BACKEND_VULKAN_VULKAN_H
 #define KILN_WORKER_BACKEND_VULKAN_VULKAN_H
@@ -46,12 +46,12 @@ struct vulkan_shader {
     const char *name;
     const struct gpu_code *compute, *pipeline;             /* with doubles, where the kernel uses `real` */
     const struct gpu_code *compute_float, *pipeline_float; /* without; NULL: it does not use `real` */
-    const struct vulkan_shader *gloss; /* in its place where materials are taken with their gloss; NULL: itself */
+    const struct vulkan_shader *gloss; /* variant for simulated gloss of materials; NULL: the shader itself */
 };
 #define VULKAN_CODE(name) &kiln_code_##name
 
-/* The numbers of the specialisation constants that all kernels share (shaders/kernel.glsl); VULKAN_OWN is each
- * kernel's own. */
+/* Numbers of the specialisation constants that all kernels share (shaders/kernel.glsl); VULKAN_OWN is specific to each
+ * kernel. */
 enum vulkan_constant {
     VULKAN_TRAVERSAL,
     VULKAN_HAS_ALPHA,
@@ -73,14 +73,14 @@ struct vulkan_kernel {
     const struct vulkan_shader *shader;
     uint32_t draw_again, own;
     bool ran;
-    struct vulkan_maker *maker; /* the thread that makes it (kernels.c); NULL: none does */
+    struct vulkan_maker *maker; /* thread that is creating it (kernels.c); NULL: none */
     struct gpu_kernel *kernel;
 };
 
-/* Where a chunk under way keeps what it needs. */
+/* Buffers of a chunk in flight. */
 struct vulkan_slot {
     struct gpu_buffer scratch, answers, host;
-    struct gpu_buffer guides, guides_host; /* of the guided pass, or rows of kept rays */
+    struct gpu_buffer guides, guides_host; /* data of the guided pass, or rows of kept rays */
     struct gpu_buffer groups, groups_host; /* answers of groups (groups.h), of the chunk of these tile runs: */
     size_t group_first, group_runs;
 };
@@ -88,9 +88,9 @@ struct vulkan_slot {
 /* Rows of kept rays that stay on the device (kept_rows.h). */
 struct vulkan_resident {
     const struct kiln_resident_rows *of;
-    uint64_t key; /* which rows these are */
+    uint64_t key; /* identity of the rows */
     struct gpu_buffer words;
-    uint8_t *there; /* of each own tile run */
+    uint8_t *there; /* whether the rows of each of this rank's tile runs are there */
 };
 
 /* Arrays of the bright patches on the device (bright.h). */
@@ -117,39 +117,39 @@ enum {
 
 /* The tree of links on the device (links.c). */
 enum { VULKAN_LINK_NODES, VULKAN_LINK_LEAVES, VULKAN_LINK_LIGHT, VULKAN_LINK_PLACES, VULKAN_LINK_ARRAYS };
-enum { VULKAN_LINK_GROUPS = 2 }; /* of tile runs whose links are found in turn: link_views.c */
+enum { VULKAN_LINK_GROUPS = 2 }; /* groups of tile runs whose links are found alternately: link_views.c */
 
 /* Light that stays on the device (held.h). */
 struct vulkan_held {
     uint32_t count; /* lights; 0: nothing is held */
     struct kiln_gpu_held layout;
     struct gpu_buffer root, points, lights, sums, errors, direct, direct_errors, mixes, parts, powers, bytes;
-    struct gpu_buffer radiosity[2]; /* that is gathered from, and made; in turn */
+    struct gpu_buffer radiosity[2]; /* radiosity that is read, and that is written; alternately */
     struct gpu_buffer albedo[KILN_ROW_LIGHTS];
-    uint64_t room;                      /* bytes of these, about */
-    const struct kiln_surface *surface; /* whose points these are; NULL: there are none yet */
-    struct vulkan_held_answers {        /* direct light of parts */
+    uint64_t room;                      /* approximate bytes of these buffers */
+    const struct kiln_surface *surface; /* surface of these points; NULL: none yet */
+    struct vulkan_held_answers {        /* direct light of each term */
         uint64_t key;
         struct gpu_buffer buffer;
-        bool wanted; /* by the lights that are brought */
+        bool wanted; /* needed by the lights being uploaded */
     } * answers;
     size_t answer_count, answer_room;
 };
 
 /* Visibility between pairs of patches (visibility.h). */
 struct vulkan_visibility {
-    struct kiln_voxel_arrays grid; /* that is there; words NULL: none */
+    struct kiln_voxel_arrays grid; /* the uploaded grid; words NULL: none */
     struct gpu_buffer words, reals;
     struct gpu_buffer root; /* struct kiln_gpu_sight */
-    /* whose pairs are kept, NULL: none; and what they were made for */
+    /* cache whose pairs are kept, NULL: none; and the state for which its buffers were made */
     const struct kiln_visibility_cache *of;
     const struct kiln_surface *surface;
     uint64_t moved, first, count, groups;
-    uint64_t step;              /* that was forgotten for last */
-    uint64_t *places;           /* of each own tile run, the points that are computed */
+    uint64_t step;              /* last step for which outdated results were dropped */
+    uint64_t *places;           /* mask of computed points in each of this rank's tile runs */
     struct gpu_buffer *buffers; /* tile runs' words */
     size_t buffer_count, buffer_room;
-    struct gpu_buffer runs, changes; /* changes: the columns of the step's nodes, which are the same, who forgets all */
+    struct gpu_buffer runs, changes; /* changes: masks of the step's and of unchanged columns, flags of resets */
     struct gpu_kernel *open, *close, *store;
 };
 
@@ -157,7 +157,7 @@ struct vulkan_visibility {
 
 enum { VULKAN_REGRESSION_SWEEPS = 5, VULKAN_REGRESSION_ARRAYS = 8 };
 
-/* Kinds of work whose speed is learned, each on its own: each pass (KILN_PASS_INDEX_gather and so on), and these. */
+/* Kinds of work whose speed is measured separately: each pass (KILN_PASS_INDEX_gather and so on), and these. */
 enum vulkan_pace {
     VULKAN_PACE_CEILING = KILN_PASS_COUNT,
     VULKAN_PACE_INTERSECT,
@@ -179,87 +179,88 @@ enum vulkan_pace {
     VULKAN_PACE_SPLAT,
     VULKAN_PACE_PHOTONS,
     VULKAN_PACE_SPHERES,    /* light paths that cross spheres of probes */
-    VULKAN_PACE_REGRESSION, /* of its first sweep; those of the others follow */
+    VULKAN_PACE_REGRESSION, /* first sweep of the regression; the other sweeps follow */
     VULKAN_PACES = VULKAN_PACE_REGRESSION + VULKAN_REGRESSION_SWEEPS
 };
 
 struct vulkan_backend {
     struct kiln_backend base;
     struct kiln_backend_params params;
-    const struct kiln_surface *surface; /* that passes run over; NULL: not given yet */
+    const struct kiln_surface *surface; /* surface that passes run over; NULL: not given yet */
     const uint64_t *radiosity;          /* NULL: not given yet */
-    /* while that is of another rank: the tile runs of it, the own surface, and the points of that */
+    /* while `surface` is another rank's: that rank's tile runs are in use, and this rank's surface and points are
+     * stored here */
     const struct kiln_surface *own;
     struct vulkan_points *own_points;
-    /* NULL: it was lost and could not be made anew; only info and destroy may follow */
+    /* NULL: the device was lost and could not be set up again; only info and destroy may follow */
     struct gpu *gpu;
-    /* makes the device anew with the scene, the surface, its radiosity and probes (vulkan_recover asks for it) */
+    /* sets up the device again with the scene, the surface, its radiosity and probes (called by vulkan_recover) */
     int (*make_anew)(struct vulkan_backend *b, struct kiln_error *error);
     struct gpu_faults faults;
     uint32_t recoveries;                  /* so far */
-    double busy_before;                   /* s, of the devices before them */
-    uint64_t kernels_found, kernels_made; /* likewise */
-    uint64_t scratch_most; /* bytes that a slot's partial sums may take: of a sixteenth of the device's memory or
-                            * VULKAN_USUAL_SCRATCH the more; less after memory was short */
+    double busy_before;                   /* busy time of the devices before recoveries, s */
+    uint64_t kernels_found, kernels_made; /* kernels of the devices before recoveries */
+    uint64_t scratch_most; /* maximum bytes of a slot's partial sums: the larger of a sixteenth of the device's memory
+                            * and VULKAN_USUAL_SCRATCH; less after memory was short */
     bool float64;
     uint32_t threads;     /* vulkan_light_threads */
-    uint32_t all_threads; /* of the host, for what takes its time there */
+    uint32_t all_threads; /* host threads for long computations there */
     /* the scene on the device */
     struct kiln_gpu_scene layout;
     struct gpu_buffer scene, records;
     struct vulkan_tracer tracer;
     struct vulkan_materials materials;
-    bool all_materials;               /* they are those of all surfaces: see vulkan_surfaces */
+    bool all_materials;               /* they include all surfaces: see vulkan_surfaces */
     struct gpu_buffer path_triangles; /* struct kiln_gpu_path_triangle */
     struct vulkan_lights lights;
-    /* where params.direct_lights are given: these, and the scene that has them in the place of the lights */
+    /* if params.direct_lights are given: these lights, and a scene that has them instead of the lights */
     struct vulkan_lights direct_lights;
     struct kiln_gpu_lights direct_layout;
     struct gpu_buffer direct_scene;
     /* the surface */
     struct gpu_buffer store_arrays[KILN_STORE_ARRAYS], radiosity_buffer;
     struct vulkan_points *points;
-    const struct kiln_radiance_probes *probes; /* NULL: gather rays have no end */
+    const struct kiln_radiance_probes *probes; /* NULL: gather rays have unlimited length */
     struct gpu_buffer probes_root, probe_positions, probe_data;
     /* the passes */
     uint32_t constants[VULKAN_CONSTANTS];
     size_t kernel_count, kernel_room;
     struct vulkan_kernel *kernels;
-    struct kiln_aside making; /* by threads; of kernels that were asked for since */
+    struct kiln_aside making; /* background creation of kernels that were requested since */
     struct gpu_buffer sobol;  /* KILN_DIMENSIONS times sobol_count words */
     uint32_t sobol_count;
-    struct gpu_buffer rays, hits; /* of the host: what vulkan_intersect was last asked, with room for more */
+    struct gpu_buffer rays, hits; /* host memory: rays and hits of the last vulkan_intersect, with spare room */
     struct vulkan_slot slots[GPU_SLOTS];
-    char *results; /* of the host: where short results are made long (hemisphere.h) */
+    char *results; /* host memory: results converted from short ones (hemisphere.h) */
     size_t result_room;
-    struct vulkan_techniques techniques;             /* of the pass under way, where it is land or weighed */
-    struct gpu_buffer spheres[VULKAN_SPHERE_ARRAYS]; /* of the land pass under way, where paths cross them */
+    struct vulkan_techniques techniques;             /* data of the current pass, if it is land or weighed */
+    struct gpu_buffer spheres[VULKAN_SPHERE_ARRAYS]; /* data of the current land pass, if its paths cross spheres */
     struct vulkan_resident *resident;
     size_t resident_count, resident_room;
     struct vulkan_held held;
     struct gpu_buffer regression[VULKAN_REGRESSION_ARRAYS]; /* regression.c */
-    uint8_t *regression_host;                               /* the same, of so many bytes */
+    uint8_t *regression_host;                               /* host memory, of regression_room bytes */
     size_t regression_room;
     double once_seconds, once_processor;          /* struct kiln_backend_info */
     uint64_t returned;                            /* bytes of answers so far */
     struct gpu_buffer light_groups, group_lights; /* groups.h */
-    struct gpu_buffer row_lights; /* radiosity that is not the backend's, of the pass under way; else of one before */
-    struct gpu_buffer direction_set;                 /* likewise: shaders/directions.glsl */
-    struct gpu_buffer bright[VULKAN_BRIGHT_ARRAYS];  /* likewise: bright.h */
-    struct gpu_buffer links[VULKAN_LINK_ARRAYS];     /* likewise: links.c */
-    uint64_t link_keys[VULKAN_LINK_ARRAYS];          /* hashes of what they hold */
-    struct gpu_buffer link_rays[VULKAN_LINK_GROUPS]; /* of groups: link_views.c, as are the next */
+    struct gpu_buffer row_lights; /* radiosity that is not the backend's, for the current pass; else an outdated one */
+    struct gpu_buffer direction_set;                 /* for the current or an earlier pass: shaders/directions.glsl */
+    struct gpu_buffer bright[VULKAN_BRIGHT_ARRAYS];  /* for the current or an earlier pass: bright.h */
+    struct gpu_buffer links[VULKAN_LINK_ARRAYS];     /* for the current or an earlier pass: links.c */
+    uint64_t link_keys[VULKAN_LINK_ARRAYS];          /* hashes of the content of `links` */
+    struct gpu_buffer link_rays[VULKAN_LINK_GROUPS]; /* buffers of groups: link_views.c, as are the next */
     struct gpu_buffer link_answers[VULKAN_LINK_GROUPS];
-    struct gpu_buffer patches, node_facings, node_shapes; /* of the patches pass under way; else of one before */
+    struct gpu_buffer patches, node_facings, node_shapes; /* data of the current patches pass; else of an earlier one */
     struct vulkan_visibility visibility;
     struct gpu_pacer pacers[VULKAN_PACES];
-    struct both_run *both; /* what the bidirectional or the land pass has made, for its next call; or NULL */
-    double light_vertices; /* of a path of light that are kept, as far as is known: what there is room for */
+    struct both_run *both; /* state of the bidirectional or land pass, kept for its next call; or NULL */
+    double light_vertices; /* estimated stored vertices of a light path, which determines the room for them */
     double build_seconds;
-    char device_text[128]; /* the device and how it traces; stays when it is gone */
+    char device_text[128]; /* device and ray tracer; remains valid when the device is gone */
 };
 
-/* Around what is made or brought once, while the caller waits: struct kiln_backend_info says what. */
+/* Measures the time of one-time work (creation, upload) for which the caller waits: see struct kiln_backend_info. */
 struct vulkan_once {
     double seconds;
     clock_t processor;
@@ -267,42 +268,42 @@ struct vulkan_once {
 struct vulkan_once vulkan_once_begin(void);
 void vulkan_once_end(struct vulkan_backend *b, struct vulkan_once begin);
 
-/* The kernel of a shader; made when first asked for, destroyed with the backend. `own`: the kernel's own constant. */
+/* Returns the kernel of a shader; created on first use, destroyed with the backend. `own`: value of the kernel's own
+ * specialisation constant. */
 int vulkan_kernel_of(struct vulkan_backend *b, const struct vulkan_shader *shader, bool draw_again, uint32_t own,
                      struct gpu_kernel **kernel, struct kiln_error *error);
 
-/* Forgets the kernels: what they were made of has changed. */
+/* Destroys the kernels, since the state that they were made from has changed. */
 void vulkan_forget_kernels(struct vulkan_backend *b);
-/* A buffer of a slot, with at least `size` bytes (guarded: as many); what it held is lost. Nothing uses it. */
+/* Enlarges a slot's buffer to at least `size` bytes (guarded: exactly); its content is lost. It must not be in use. */
 int vulkan_grow_buffer(struct vulkan_backend *b, struct gpu_buffer *buffer, size_t size, enum gpu_memory memory,
                        const char *what, struct kiln_error *error);
-/* b->layout has changed. */
+/* Uploads b->layout after a change. */
 int vulkan_upload_root(struct vulkan_backend *b, struct kiln_error *error);
-/* Brings what paths and chains ask of the scene and other kernels do not: the colours of all surfaces, their gloss and
- * their normals. In scenes with materials that are taken with their gloss they are there from the start. */
+/* Uploads scene data that only paths and chains read: colours, gloss and normals of all surfaces. In scenes with
+ * simulated gloss they are there from the start. */
 int vulkan_surfaces(struct vulkan_backend *b, struct kiln_error *error);
 /* Rays that lie on the device: `count` origins, directions (struct kiln_vec3) and room for hits (struct kiln_gpu_hit).
  * One dispatch. */
 int vulkan_intersect_on_device(struct vulkan_backend *b, uint64_t origins, uint64_t directions, uint64_t hits,
                                uint32_t count, double *seconds, struct kiln_error *error);
 
-/* After a failure: whether trying again may help, for the device was lost or had too little memory, and not too often.
- */
+/* Whether trying again may help after a failure: the device was lost or short of memory, and not too often. */
 bool vulkan_can_recover(const struct vulkan_backend *b);
-/* Makes the device anew with all that was on it (but for buffers of passes); when memory was short, passes get half as
- * much from now on. Pointers to kernels and addresses are no longer valid. KILN_NO_DEVICE when that fails too. */
+/* Sets up the device again with its data (but for buffers of passes); if memory was short, passes get half as much from
+ * now on. Pointers to kernels and addresses are no longer valid. KILN_NO_DEVICE when that fails too. */
 int vulkan_recover(struct vulkan_backend *b, struct kiln_error *error);
 
-/* Runs what is left of a batch, and takes what was taken off *left. *refused: the taker failed, so that trying again is
- * of no use. */
+/* Function that runs the rest of a batch, and removes the items taken from *left. *refused: the taker failed, so that
+ * trying again is useless. */
 typedef int (*vulkan_run_left)(struct vulkan_backend *b, const void *parameters, struct kiln_batch *left,
                                uint64_t *rays, bool *refused, struct kiln_error *error);
-/* Runs a batch to its end, and goes on with a device made anew as long as that may help. For passes that are not over
- * tile runs; chunks.h does the same for those that are. */
+/* Runs a batch to its end, and sets up the device again as long as that may help. For passes that are not over tile
+ * runs; chunks.h does this for those that are. */
 int vulkan_run_to_end(struct vulkan_backend *b, vulkan_run_left run_left, const void *parameters,
                       const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error);
 
-/* Gives back what the bidirectional or the land pass keeps from one call to the next. */
+/* Releases the data that the bidirectional or the land pass keeps from one call to the next. */
 void vulkan_bidirectional_release(struct vulkan_backend *b);
 
 /* Answers of pixels from their sums on the device; adds up their rays. KILN_NO_DEVICE: the device has ended a loop
@@ -310,7 +311,7 @@ void vulkan_bidirectional_release(struct vulkan_backend *b);
 int vulkan_read_path_sums(const struct vulkan_backend *b, const struct kiln_gpu_path_sums *sums, size_t count,
                           struct kiln_path_result *results, uint64_t *rays, struct kiln_error *error);
 
-/* Sobol' points 0 .. count-1 of all dimensions on the device: dimension d from word d * b->sobol_count on. */
+/* Uploads Sobol' points 0 .. count-1 of all dimensions: dimension d from word d * b->sobol_count on. */
 int vulkan_sobol(struct vulkan_backend *b, uint32_t count, struct kiln_error *error);
 /* The address of Sobol' point `first_sample` in dimension 0. */
 static inline uint64_t vulkan_sobol_from(const struct vulkan_backend *b, uint32_t first_sample)
@@ -318,16 +319,16 @@ static inline uint64_t vulkan_sobol_from(const struct vulkan_backend *b, uint32_
     return b->sobol.address + first_sample * sizeof(uint32_t);
 }
 
-/* How the samples of a point are dealt out on the device. */
+/* Distributes the samples of a point over threads of the device. */
 static inline struct kiln_slices vulkan_slices_of(const struct vulkan_backend *b, uint32_t samples)
 {
     return kiln_slices_of(samples, gpu_about(b->gpu)->software);
 }
 
-/* Makes what passes over the surface will ask for, as far as there is room for it (chunks.c). */
+/* Creates buffers that passes over the surface will need, as far as memory allows (chunks.c). */
 void vulkan_passes_ahead(struct vulkan_backend *b);
 
-/* A kernel, as vulkan_kernel_of is asked for it. */
+/* A kernel to create: arguments of vulkan_kernel_of. */
 struct vulkan_wish {
     const struct vulkan_shader *shader;
     bool draw_again;
@@ -335,31 +336,32 @@ struct vulkan_wish {
     bool (*wanted)(const struct vulkan_backend *b); /* NULL: always */
 };
 
-/* Whether threads make kernels ahead of their use: software devices make theirs when they first run, and ray-tracing
- * kernels cannot be made by several threads. */
+/* Whether threads create kernels in advance. Not on software devices, which compile kernels when they first run, nor
+ * for ray-tracing kernels, which several threads cannot create at once. */
 bool vulkan_has_makers(const struct vulkan_backend *b);
-/* Whether only the surface tells what the kernel is made of. */
+/* Whether the kernel's constants depend on the surface. */
 bool vulkan_hangs_on_surface(const struct vulkan_backend *b, const struct vulkan_wish *wish);
-/* Begins to make kernels that are not there yet, all at once; vulkan_kernel_of waits for each. `wanted` is not asked.
- * They end at the first that has no shader. */
+/* Begins to create missing kernels, all at once; vulkan_kernel_of waits for each. Ignores `wanted`. The list ends at
+ * the first entry without a shader. */
 void vulkan_kernels_at_once(struct vulkan_backend *b, const struct vulkan_wish *wishes, size_t count);
 
-/* A pass as this backend has it: vulkan_pass_validity in validity.c, vulkan_pass_direct in direct.c and so on. */
+/* Implementation of a pass in this backend: vulkan_pass_validity in validity.c, vulkan_pass_direct in direct.c and so
+ * on. */
 enum { VULKAN_WISHES = 6 };
 struct vulkan_pass {
-    /* Runs over a batch, all of whose items have batch->samples samples, calls its taker and adds its rays to *rays.
-     * When the device is lost or short of memory it is made anew (vulkan_recover), and the pass goes on with what was
-     * not taken. */
+    /* Runs the pass over a batch, calls its taker and adds its rays to *rays. All items have batch->samples samples.
+     * When the device is lost or short of memory it is set up again (vulkan_recover), and the pass continues with the
+     * items not yet taken. */
     int (*run)(struct vulkan_backend *b, const void *parameters, const struct kiln_batch *batch, uint64_t *rays,
                struct kiln_error *error);
-    /* Kernels to make ahead where the pass is known to come, up to the first that has no shader; else they are made
+    /* Kernels to create in advance if the pass is known to come, up to the first without a shader; others are created
      * when it first runs. */
     struct vulkan_wish ahead[VULKAN_WISHES];
-    /* The same where the kernels hang on the pass's parameters (kiln_backend_expect); NULL: `ahead` says them all. */
+    /* Begins to create kernels that depend on the pass's parameters (kiln_backend_expect); NULL: `ahead` lists all. */
     void (*expect)(struct vulkan_backend *b, const void *parameters);
-    /* Gives back what it keeps on the device from one call to the next; NULL: nothing. */
+    /* Releases data kept on the device from one call to the next; NULL: none. */
     void (*release)(struct vulkan_backend *b);
-    /* whether it runs with these parameters here (kiln_backend_takes); NULL: with any */
+    /* whether the pass supports these parameters (kiln_backend_takes); NULL: any */
     bool (*takes)(const struct vulkan_backend *b, const void *parameters);
 };
 #define VULKAN_DECLARE(name) extern const struct vulkan_pass vulkan_pass_##name;

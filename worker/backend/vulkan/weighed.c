@@ -1,5 +1,5 @@
-/* The weighed pass (worker/pass/weighed.h): shaders/weighed.comp over the batch's points, weighed_chains.comp over the
- * rays that have met gloss, and gather_reduce.comp. */
+/* The weighed pass (worker/pass/weighed.h): runs shaders/weighed.comp over the batch's points, weighed_chains.comp over
+ * the rays that have met gloss, and gather_reduce.comp. */
 #include "shaders/shared/streams.h"
 #include "worker/backend/vulkan/hemisphere.h"
 #include "worker/base/memory.h"
@@ -14,7 +14,7 @@ static const struct vulkan_shader chains_add_shader = {.name = "weighed: sums of
                                                        .compute = VULKAN_CODE(chains_add)};
 static const struct vulkan_shader sums_shader = {.name = "weighed: sums", .compute = VULKAN_CODE(gather_reduce)};
 
-/* Constants of the kernels: in the place of the gather pass's LOOKUP, surfaces; what chains_add.comp does. */
+/* Constants of the kernels: SURFACES as in the gather pass's LOOKUP; the others select what chains_add.comp does. */
 enum { SURFACES = 1, BEGINS = 1, ADDS_WEIGHED = 2 };
 
 /* A call's working set. */
@@ -24,7 +24,7 @@ struct weighed_run {
     uint64_t own[2]; /* both, areas: struct kiln_gpu_weighed_push */
 };
 
-/* Uploads the unburied area of each of the batch's points. The device knows what the material leaves of it. */
+/* Uploads the unburied area of each of the batch's points. The device itself accounts for transparency. */
 static int upload_areas(struct vulkan_backend *b, const struct kiln_batch *batch, uint64_t *address,
                         struct kiln_error *error)
 {
@@ -51,7 +51,7 @@ static int prepare(struct vulkan_backend *b, void *context, struct kiln_error *e
     vulkan_techniques_release(b);
     int status;
     KILN_TRY(vulkan_surfaces(b, error));
-    if (r->techniques->aims != NULL) /* else nothing bends light, and no chain begins */
+    if (r->techniques->aims != NULL) /* without aims no surface bends light, and no chain begins */
         KILN_TRY(vulkan_techniques_create(b, r->techniques->aims, r->techniques, NULL, error));
     KILN_TRY(upload_areas(b, r->batch, &r->own[1], error));
 end:
@@ -88,8 +88,8 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
     return status;
 }
 
-/* Accepts no mirror images (worker/pass/weighed.h). An image of the sky has only one cell here
- * (worker/light/sky_cells.h), and the kernel has no form for the ray-tracing pipeline. */
+/* Rejects mirror images (worker/pass/weighed.h), images of the sky with several cells, since here there is only one
+ * (worker/light/sky_cells.h), and the ray-tracing pipeline, for which there is no kernel. */
 static bool takes(const struct vulkan_backend *b, const void *parameters)
 {
     const struct kiln_caustic_techniques *t = parameters;

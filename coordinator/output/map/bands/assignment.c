@@ -43,7 +43,7 @@ static void sink_root(struct bin *heap, uint32_t count)
     }
 }
 
-/* Puts the lightmaps that are to be in bands into rounds of their own, after the others. */
+/* Assigns the lightmaps that are to be divided into bands to rounds of their own, after the others. */
 static void assign_bands(struct kiln_assignment *assignment, const struct kiln_lightmap *maps, const uint32_t *order,
                          uint64_t budget)
 {

@@ -89,7 +89,7 @@ static void add_rows(const double *rows, size_t row_count, size_t count, double 
             sums[k] += rows[y * count + k];
 }
 
-/* Lists each rank's number of values, and where they begin. */
+/* Computes each rank's number of values, and the offsets of these. */
 static void list_rows(const struct kiln_map *map, size_t count, int *counts, int *starts)
 {
     for (uint32_t r = 0; r < map->bands->ranks; r++) {
@@ -125,7 +125,7 @@ int kiln_bands_sum(const struct kiln_map *map, const double *rows, size_t count,
     return status;
 }
 
-/* Sums over the surface texels of a row: their luminance and their number. */
+/* Sums up the luminance and the number of the surface texels in a row. */
 static void add_row_light(const struct kiln_map *map, uint32_t y, double sums[2])
 {
     for (size_t i = (size_t)y * map->width; i < (y + (size_t)1) * map->width; i++) {
@@ -171,7 +171,7 @@ int kiln_bands_most(const struct kiln_map *map, double *numbers, size_t count, s
     return KILN_OK;
 }
 
-/* ---- rows of the bands above and below ---- */
+/* ---- exchange of rows with the bands above and below ---- */
 
 /* The rank that has a row; MPI_PROC_NULL beyond the map, or for a rank without rows. */
 static int neighbour(const struct kiln_map *map, int64_t row)
@@ -256,7 +256,7 @@ static int compare_texels(const void *a, const void *b)
     return (p > q) - (p < q);
 }
 
-/* The texels of other bands that `nearest` gives in this one. */
+/* Lists the texels of other bands that `nearest` refers to in this band. */
 static int list_wanted(const struct kiln_map *map, const uint32_t *nearest, struct wanted *w, struct kiln_error *error)
 {
     const size_t first = kiln_map_first(map), end = kiln_map_end(map);

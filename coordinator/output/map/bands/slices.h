@@ -1,13 +1,13 @@
-/* Slices: a range of numbers, one part for each thread. What a slice has is counted first; then every slice is written
- * at the same time as the others, where those before it end. So the order is that of the numbers, for any number of
- * threads. */
+/* Slices: a range of indices divided among threads. A first pass counts each slice's output; then all slices are
+ * written at once, each after the end of those before it. So the output is in the order of the indices, for any number
+ * of threads. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_BANDS_SLICES_H
 #define KILN_COORDINATOR_OUTPUT_MAP_BANDS_SLICES_H
 
 #include <omp.h>
 #include <stddef.h>
 
-/* Number of slices for so many numbers: one for each thread, but none of less than some thousand numbers. */
+/* Number of slices for `count` indices: one for each thread, but each with at least some thousand indices. */
 static inline int kiln_slices(size_t count)
 {
     enum { ENOUGH = 1 << 13 };
@@ -15,7 +15,7 @@ static inline int kiln_slices(size_t count)
     return (int)(threads < most ? threads : most);
 }
 
-/* The slice [*begin, *end) of so many. */
+/* Computes the bounds [*begin, *end) of a slice. */
 static inline void kiln_slice(int slices, int slice, size_t count, size_t *begin, size_t *end)
 {
     *begin = count * (size_t)slice / (size_t)slices;

@@ -76,7 +76,7 @@ static void destroy_helper(struct helper *h)
     kiln_free(&h->list);
 }
 
-/* One strip for each thread, within the limit of memory. */
+/* Returns the number of strips in a group: one per thread, within the limit of memory. */
 static size_t size_of_group(const struct helper *h)
 {
     const size_t threads = (size_t)omp_get_max_threads(), fit = h->room > 0 ? MOST_BYTES / (2 * h->room) : 0;
@@ -142,7 +142,7 @@ static int pack_message(const struct helper *h, struct slot *slot, size_t i, siz
     return kiln_exr_strip_pack(&view, 0, &slot->packed, error);
 }
 
-/* The same for a rank that shall fail. */
+/* Fails as a packer, in place of view_message and packing; for tests. */
 static int refuse_to_pack(const struct helper *h, struct slot *slot, size_t i, size_t bytes, struct kiln_error *error)
 {
     (void)h, (void)slot, (void)i, (void)bytes;
@@ -205,8 +205,8 @@ static int pack_group(struct helper *h, size_t first, int *bytes)
     return KILN_OK;
 }
 
-/* Packs all strips of this rank for other ranks. Failures of packing are reported to the owner, which passes them on to
- * all; only failures of MPI are returned. */
+/* Packs the strips that this rank has to pack for others. Packing errors are reported to the owner, which passes them
+ * on to all; only MPI errors are returned. */
 static int help(struct helper *h, int *bytes)
 {
     int status;
@@ -224,7 +224,7 @@ end:
 
 /* ---- the owner ---- */
 
-/* A strip in the stream of this owner. */
+/* State of a strip at its owner. */
 struct passage {
     struct kiln_exr_strip packed;
     MPI_Request sent;
@@ -236,10 +236,10 @@ struct owner {
     const struct kiln_strip *stream;
     const struct kiln_lightmap *lightmaps;
     const struct kiln_strip_source *sources;
-    size_t source_count, source; /* `source` is the one that is being written */
+    size_t source_count, source; /* `source`: the one being written */
     struct channel_words *words; /* header of each source, from which it is sent */
     uint32_t rank, count;
-    uint32_t sent, own, written; /* numbers of strips that were sent or kept, searched for own ones, and written */
+    uint32_t sent, own, written; /* numbers of strips: sent or kept; examined for own packing; written */
     struct passage *passages;
     uint8_t *spare;        /* receives a message when memory is short; as large as the largest message */
     size_t room, channels; /* size of that; channels of an image, at most */
@@ -304,7 +304,7 @@ static size_t source_of(const struct owner *o, uint32_t object)
     return i;
 }
 
-/* Creates an MPI datatype of the header and the values as they lie in memory. */
+/* Makes an MPI datatype for the header and the values at their places in memory. */
 static int describe_strip(const struct owner *o, const struct kiln_strip *strip, MPI_Datatype *type)
 {
     const size_t source = source_of(o, strip->object), values = values_of(&o->lightmaps[strip->object], strip->row);
@@ -358,7 +358,7 @@ static void pack_own(struct owner *o, uint32_t i)
     give_up(o, status, &mine);
 }
 
-/* Packs own strips, one with each thread. False if there is none to pack now. */
+/* Packs strips that this rank keeps, one per thread. Returns false if there are none at present. */
 static bool pack_some(struct owner *o)
 {
     enum { AT_ONCE = 64 };
@@ -474,7 +474,7 @@ static int take_part(struct owner *owner, struct helper *helper, struct kiln_err
     return kiln_agree(helper->communicator, status, error);
 }
 
-/* Collective. The most channels that an image of any rank has. */
+/* Collective. Returns the largest number of channels of any rank's images. */
 static int count_channels(MPI_Comm communicator, const struct kiln_strip_source *sources, size_t count,
                           size_t *channels, struct kiln_error *error)
 {

@@ -11,14 +11,14 @@ static uint64_t texels_of(const struct kiln_lightmap *map) { return (uint64_t)ma
 
 static uint32_t strips_of(const struct kiln_lightmap *map) { return (map->height + KILN_EXR_ROWS - 1) / KILN_EXR_ROWS; }
 
-/* State of the assignment: arrays with one entry for each rank. */
+/* State of the assignment. The arrays have one entry per rank. */
 struct work {
     const struct kiln_lightmap *lightmaps;
     const struct kiln_assignment *assignment;
     uint32_t round, ranks;
     uint64_t least;
     uint64_t *load;  /* total work of the rank's objects */
-    uint64_t *fixed; /* the part of it that cannot be distributed */
+    uint64_t *fixed; /* part of the rank's load that cannot be distributed */
     double *room;    /* packing work that the rank can still take, of its own or other objects */
     uint64_t total;
     struct kiln_arena arena;
@@ -133,7 +133,7 @@ end:
     return status;
 }
 
-/* A turn of a packer in a stream; each packer has one for each strip that it packs. */
+/* Position in a stream at which a packer packs a strip. A packer has one for each of its strips. */
 struct turn {
     uint32_t packer;
     double place; /* position in the stream, 0 to 1 */
@@ -147,7 +147,7 @@ static int compare_turns(const void *a, const void *b)
     return (p->packer > q->packer) - (p->packer < q->packer);
 }
 
-/* Spreads the turns of each packer, which are listed one packer after the other, evenly over the stream. */
+/* Interleaves the packers: spreads the turns of each, which are listed packer by packer, evenly over the stream. */
 static void take_turns(struct kiln_strip *stream, size_t count, struct turn *turns)
 {
     for (size_t i = 0; i < count;) {
@@ -173,9 +173,9 @@ static double strip_work(const struct work *w, const struct kiln_strip *strip)
     return (double)KILN_PACK_WORK * (double)rows * (double)map->width;
 }
 
-/* State of the filling: strips of a stream go to its owner until that has no more room, then to the ranks that have
- * room, one after the other. `helper` is the present one, `filled` the work that all helpers have received, and
- * `offered` the room of all helpers up to and including the present one. */
+/* State of assigning strips to packers. Strips of a stream go to their owner until it has no more room, then to the
+ * ranks with room, one after the other. `helper`: the present such rank; `filled`: work given to helpers so far;
+ * `offered`: room of all helpers up to the present one. */
 struct filling {
     uint32_t helper;
     double filled, offered;
@@ -197,7 +197,7 @@ static void fill_ranks(const struct work *w, const struct kiln_strip *stream, si
             f->helper++;
             f->offered += is_overloaded(w, f->helper) ? 0.0 : w->room[f->helper];
         }
-        /* due to rounding there may be a strip for which no rank has room */
+        /* because of rounding no rank may have room for a last strip */
         turns[i].packer = is_overloaded(w, f->helper) ? stream->owner : f->helper;
     }
 }

@@ -10,7 +10,8 @@
 
 enum { SIDE = 4, STEPS_A_TEXEL = 4 };
 static const float LEAST_WEIGHT =
-    1.0f / 1024.0f; /* texels with a smaller bilinear weight count as not read, since their value is invisible */
+    /* texels with a smaller bilinear weight are not taken as read, since their influence is invisible */
+    1.0f / 1024.0f;
 
 /* A claim: a chart that reads a texel. The claims of a texel form a list, in the order in which borders reach it. */
 struct claim {
@@ -19,7 +20,7 @@ struct claim {
     float weight;           /* w of borders.h */
 };
 
-/* Sums over steps: lengths, and of those that are disturbed (borders.h). */
+/* Sums over steps: their length, and the length of disturbed ones (borders.h). */
 enum { LENGTH, DISTURBED, SUMS };
 
 struct work {
@@ -28,13 +29,13 @@ struct work {
     uint32_t *nearest;
     uint32_t *first; /* first claim of each texel, or KILN_NONE */
     double darkest;
-    uint32_t *chart_read; /* of each texel, when it has been chosen */
+    uint32_t *chart_read; /* per texel: chart whose value it has, once that is chosen */
     double (*rows)[SUMS]; /* of steps in each row */
     struct slice *slices;
     int slice_count;
 };
 
-/* Rows of the map that one thread works on, the claims of their texels, and what it has found. */
+/* A range of rows of the map, processed by one thread: claims of their texels, and results. */
 struct slice {
     struct work *work;
     uint32_t first_row, end_row;
@@ -72,7 +73,7 @@ static struct step step_at(const struct kiln_map *map, float x, float y)
 typedef int (*use_step)(struct slice *, const struct kiln_border_edge *, const struct step *, float,
                         struct kiln_error *);
 
-/* Calls use(slice, border, step, length) from one end of the border to the other, both included. */
+/* Calls use(slice, border, step, length) at steps along the border, both ends included. */
 static int walk(struct slice *s, const struct kiln_border_edge *border, use_step use, struct kiln_error *error)
 {
     const float dx = border->texel[1][0] - border->texel[0][0], dy = border->texel[1][1] - border->texel[0][1];
@@ -103,7 +104,7 @@ static bool has_row(const struct slice *s, uint32_t texel)
     return row >= s->first_row && row < s->end_row;
 }
 
-/* Every slice walks all borders that come near its rows, in their order. */
+/* Processes all borders in all slices. Each slice visits those that come near its rows, in their order. */
 static int walk_all(struct work *w, use_step use, struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -123,13 +124,13 @@ static int walk_all(struct work *w, use_step use, struct kiln_error *error)
 
 /* ---- claims ---- */
 
-/* Offsets of the texels around one, by distance; among equals the smaller column, then the smaller row. */
+/* Offsets of neighbouring texels, by distance; among equal ones the smaller column first, then the smaller row. */
 static const int8_t around[24][2] = {{-1, 0}, {0, -1}, {0, 1},  {1, 0}, {-1, -1}, {-1, 1}, {1, -1},  {1, 1},
                                      {-2, 0}, {0, -2}, {0, 2},  {2, 0}, {-2, -1}, {-2, 1}, {-1, -2}, {-1, 2},
                                      {1, -2}, {1, 2},  {2, -1}, {2, 1}, {-2, -2}, {-2, 2}, {2, -2},  {2, 2}};
 
-/* The surface texel of the chart that is nearest to `texel`, or KILN_NONE. At most two texels away, since a chart reads
- * only texels next to its own. */
+/* Returns the chart's surface texel nearest to `texel`, or KILN_NONE. It is at most two texels away, since a chart only
+ * reads texels next to its own. */
 static uint32_t nearest_of_chart(const struct kiln_map *map, uint32_t texel, uint32_t chart)
 {
     for (size_t k = 0; k < sizeof around / sizeof *around; k++) {
@@ -222,7 +223,7 @@ static uint32_t choose_source(const struct slice *s, uint32_t texel)
     return best;
 }
 
-/* Lower bound of the values by which errors are divided: a thousandth of the mean. */
+/* Finds the lower bound of values that errors are divided by: a thousandth of the mean. */
 static int find_darkest(const struct kiln_map *map, double *darkest, struct kiln_error *error)
 {
     double mean = 0.0;
@@ -260,7 +261,7 @@ static void choose_all(struct work *w)
         choose_slice(&w->slices[t]);
 }
 
-/* A step counts where the first of its texels is, in the sum of that row. */
+/* Measures a step. It is counted in the row of its first texel. */
 static int measure_step(struct slice *s, const struct kiln_border_edge *border, const struct step *step, float length,
                         struct kiln_error *error)
 {
@@ -278,7 +279,7 @@ static int measure_step(struct slice *s, const struct kiln_border_edge *border, 
     return KILN_OK;
 }
 
-/* The chart whose value each texel has: of the map's rows, and of the one below, which steps read. */
+/* Finds the chart whose value each texel has, for the map's rows and for the row below, which steps read. */
 static int find_charts(struct work *w, struct kiln_error *error)
 {
     const struct kiln_map *map = w->map;
@@ -291,7 +292,7 @@ static int find_charts(struct work *w, struct kiln_error *error)
     return status;
 }
 
-/* Measures borders, and adds up what other bands have found. */
+/* Measures the borders, and adds up the results of all bands. */
 static int report_all(struct work *w, struct kiln_border_report *report, struct kiln_error *error)
 {
     double sums[SUMS];

@@ -1,4 +1,4 @@
-/* Assignment of margin texels to charts, by which chart reads them.
+/* Assignment of margin texels to charts, by the charts that read them.
  *
  * Bilinear filtering reads four texels around a sample point. So along its border a chart reads texels of the margin
  * and, where charts lie too close together, texels of other charts. Every border is sampled in steps of at most a
@@ -18,9 +18,9 @@
 #include "coordinator/output/map/map.h"
 
 struct kiln_border_report {
-    uint64_t contested; /* margin texels that several charts read */
-    uint64_t foreign;   /* texels of a chart that the border of another chart reads, counted once for each reader */
-    double length;      /* length of all borders, texels */
+    uint64_t contested;      /* margin texels that several charts read */
+    uint64_t foreign;        /* texels of a chart read by the border of another chart, counted once per reading chart */
+    double length;           /* of that, where a texel has the value of another chart */
     double length_disturbed; /* of that, where a texel is read that has the value of another chart */
 };
 

@@ -9,9 +9,9 @@
 #include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
-/* Points on the layout that are closer than this, in texels, are the same point. */
+/* Distance in the layout below which points are the same point, in texels. */
 #define SAME_TEXEL (1.0f / 64.0f)
-/* Edges with more triangles than this are skipped, since it is undefined which triangle continues which. */
+/* Most triangles at an edge. Edges with more are skipped, since it is not defined which triangle continues which. */
 enum { MOST_AT_AN_EDGE = 8 };
 
 struct half_edge {
@@ -246,7 +246,7 @@ void kiln_chart_graph_destroy(struct kiln_chart_graph **graph)
 
 /* ---- where the surface ends ---- */
 
-/* Whether the normals of both edges are alike at both ends. */
+/* Whether the normals of both half-edges agree at both ends. */
 static bool goes_on(const struct builder *b, const struct half_edge *first, const struct half_edge *second)
 {
     const struct kiln_vec3 *normals = b->scene->normals + b->mesh->vertex_first;
@@ -256,7 +256,7 @@ static bool goes_on(const struct builder *b, const struct half_edge *first, cons
     return true;
 }
 
-/* Finds the ends among the half edges [first, end), which are one edge in space. */
+/* Finds the edges at which a smooth surface ends, among the half-edges [first, end) at one place in space. */
 static void find_ends(const struct builder *b, size_t first, size_t end, uint8_t *ends)
 {
     for (size_t i = first; i < end; i++) {

@@ -35,8 +35,8 @@ int kiln_chart_graph_create(struct kiln_chart_graph **graph, const struct kiln_s
                             uint32_t width, uint32_t height, struct kiln_error *error);
 void kiln_chart_graph_destroy(struct kiln_chart_graph **graph);
 
-/* Finds the edges at which the surface of a mesh ends or folds: those beyond which no other triangle of the mesh goes
- * on with normals alike (KILN_SEAM_COSINE). Bit k of (*ends)[t] is set for the edge of triangle t from corner k to the
+/* Finds the edges at which the surface of a mesh ends or folds: those without another triangle of the mesh beyond whose
+ * normals are similar (KILN_SEAM_COSINE). Bit k of (*ends)[t] is set for the edge of triangle t from corner k to the
  * next. *ends is allocated: one byte a triangle. Not collective; deterministic. */
 int kiln_mesh_ends(uint8_t **ends, const struct kiln_scene *scene, uint32_t mesh, struct kiln_error *error);
 

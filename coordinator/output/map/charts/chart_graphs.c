@@ -7,7 +7,7 @@
 struct shared_graph {
     uint32_t mesh, width, height;
     uint32_t users;
-    uint64_t used; /* when it was given back last: the larger the later */
+    uint64_t used; /* counter value of the last return; larger is later */
     bool done;     /* made, or not with this error */
     int status;
     struct kiln_error error;
@@ -62,7 +62,7 @@ static struct shared_graph *find(const struct kiln_chart_graphs *g, uint32_t mes
     return s;
 }
 
-/* With the lock. Drops those that nobody has and that were given back longest ago, while they are too many. */
+/* Drops the least recently returned unused graphs, while there are too many. Requires the lock. */
 static void drop_idle(struct kiln_chart_graphs *g)
 {
     for (;;) {
@@ -80,7 +80,7 @@ static void drop_idle(struct kiln_chart_graphs *g)
     }
 }
 
-/* With the lock, which it leaves while the graph is made. NULL: there is no memory for it. */
+/* Makes a graph. Requires the lock, which is released meanwhile. Returns NULL if there is no memory. */
 static struct shared_graph *make(struct kiln_chart_graphs *g, uint32_t mesh, uint32_t width, uint32_t height,
                                  struct kiln_error *error)
 {

@@ -12,8 +12,8 @@ static void normalise_texel(float *const axes[3], size_t texel)
         axes[c][texel] = (float)((double)axes[c][texel] * scale);
 }
 
-/* Brings the directions of all texels that have values of their own, of which some are means, back to length 1. Means
- * of length 0 stay. */
+/* Normalizes the directions of all texels with values of their own, some of which are means. Directions of length 0
+ * stay. */
 static void normalise(struct kiln_map *map, const uint32_t *nearest)
 {
     const size_t first = kiln_map_first(map), end = kiln_map_end(map);

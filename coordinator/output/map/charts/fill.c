@@ -8,9 +8,10 @@
 #include "coordinator/output/map/stage.h"
 #include "worker/base/memory.h"
 
-enum { LAYER_ALONE = 1 << 10 }; /* texels of a layer from which on several threads share it */
+enum { LAYER_ALONE = 1 << 10 }; /* texels in a layer from which on several threads process it */
 
-/* In bands, a texel next to the band is known one layer after its own band has filled it: just as one of its own. */
+/* In bands, a texel beside a band becomes known to it one layer after the neighbouring band has filled it, as if it lay
+ * in the band itself. */
 struct layers {
     struct kiln_map *map;
     uint8_t *known; /* for each texel: 0 unknown, 1 known, 2 in the present layer */
@@ -43,8 +44,8 @@ static bool claim(struct layers *work, uint32_t texel)
     return __atomic_compare_exchange_n(&work->known[texel], &unknown, 2, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
 }
 
-/* Adds the unknown neighbours of `texel` in its chart to the next layer, each once; by several threads at a time. The
- * order of a layer's texels says nothing: their values are those of the layers before. */
+/* Adds the unknown neighbours of `texel` in its chart to the next layer, each once; several threads may call it at a
+ * time. The order of texels in a layer does not matter: their values depend on earlier layers only. */
 static void spread(struct layers *work, uint32_t texel)
 {
     for (int k = 0; k < 8; k++) {
@@ -90,7 +91,8 @@ static size_t rows_around(const struct kiln_map *map, uint32_t rows[2])
     return count;
 }
 
-/* Spreads from the texels of the rows next to the band that are known and were not in `before`, which has two rows. */
+/* Spreads from the known texels in the rows next to the band, except those that were known before. `before` holds the
+ * old flags of these two rows and is updated. */
 static void spread_around(struct layers *work, uint8_t *before)
 {
     const uint32_t width = work->map->width;
@@ -105,7 +107,7 @@ static void spread_around(struct layers *work, uint8_t *before)
         }
 }
 
-/* Gets known texels and values from the bands next to this one. `before`: as spread_around has it. */
+/* Gets known texels and values from the bands next to this one. `before`: as in spread_around. */
 static int look_around(struct layers *work, uint8_t *before, struct kiln_error *error)
 {
     int status;
@@ -158,7 +160,7 @@ static bool is_next(const struct layers *work, uint32_t texel)
     return found;
 }
 
-/* Texels with light are known; the first layer is of those around them. */
+/* Marks texels with light as known, and makes the first layer of their neighbours. */
 static void begin_layers(struct layers *work)
 {
     const struct kiln_map *map = work->map;

@@ -1,4 +1,4 @@
-/* Values for surface texels where no light could be gathered. Deterministic; depends on this object only. */
+/* Filling: values for surface texels where no light could be gathered. Deterministic; depends on this object only. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_CHARTS_FILL_H
 #define KILN_COORDINATOR_OUTPUT_MAP_CHARTS_FILL_H
 

@@ -8,7 +8,7 @@
 /* Sums over the texels of a row. */
 enum { COVERED, SURFACE, AREA, LIGHT, SQUARES, SUMS };
 
-/* `caustic`: the first of the planes of caustics; KILN_MAP_PLANES_MAX: there are none. */
+/* Luminance of a texel. `caustic`: the first plane of caustics; KILN_MAP_PLANES_MAX: there are none. */
 static float luminance_at(const struct kiln_map *map, uint32_t caustic, size_t i)
 {
     float rgb[3];
@@ -32,8 +32,8 @@ static void sum_row(const struct kiln_map *map, uint32_t caustic, uint32_t y, do
     }
 }
 
-/* Over gathered texels: mean luminance by area, and root mean square of the standard error relative to it. And texels
- * per metre that the object really has: the square root of covered texels / area. */
+/* Statistics over gathered texels: mean luminance by area, and root mean square of the relative standard error. Also
+ * the actual texels per metre of the object: square root of covered texels / area. */
 static void report_sums(const double sums[SUMS], struct kiln_lightmap_report *report)
 {
     report->mean = sums[AREA] > 0.0 ? sums[LIGHT] / sums[AREA] : 0.0;
@@ -41,7 +41,7 @@ static void report_sums(const double sums[SUMS], struct kiln_lightmap_report *re
     report->texels_per_metre = sums[SURFACE] > 0.0 ? sqrt(sums[COVERED] / sums[SURFACE]) : 0.0;
 }
 
-/* Reports on the map as it was gathered. Changes nothing. */
+/* Reports on the map before later stages change it. Changes nothing. */
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     const struct kiln_map *map = work->map;

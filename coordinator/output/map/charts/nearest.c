@@ -6,8 +6,8 @@
 #include "worker/base/memory.h"
 #include "worker/scene/scene.h"
 
-/* The rows [top, end) of an image, and for each column the last row above them and the first below them with a texel to
- * find (NULL: there are none). */
+/* The rows [top, end) of an image. For each column, `above` and `below` give the last row above them and the first row
+ * below them with a texel to find (NULL: there are none). */
 struct rows {
     const uint8_t *state;
     uint8_t least;

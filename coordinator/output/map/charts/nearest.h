@@ -1,4 +1,5 @@
-/* The nearest texels of a kind. Deterministic; depends on this object only. */
+/* Nearest-texel search: for every texel, the nearest texel of a given kind. Deterministic; depends on this object
+ * only. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_CHARTS_NEAREST_H
 #define KILN_COORDINATOR_OUTPUT_MAP_CHARTS_NEAREST_H
 
@@ -11,7 +12,7 @@
 int kiln_nearest_texels(const uint8_t *state, uint8_t least, uint32_t width, uint32_t height, uint32_t *nearest,
                         struct kiln_error *error);
 
-/* The same for the texels that a map has. `state` is of all its texels. Collective if the map is one of bands. */
+/* Likewise for the texels that a map has. `state` is of all its texels. Collective if the map is one of bands. */
 int kiln_map_nearest(const struct kiln_map *map, const uint8_t *state, uint8_t least, uint32_t *nearest,
                      struct kiln_error *error);
 

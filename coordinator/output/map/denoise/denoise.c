@@ -15,10 +15,10 @@
 #include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
-/* Texels smaller than this part of the distance from the scene's centre have no places of their own in float. */
+/* Least texel size, relative to the distance from the scene's centre: positions of smaller texels coincide in float. */
 static const float least_size = 0x1p-20f;
 
-/* Points of a map from which on a device denoises it. */
+/* Least number of points in a map for denoising it on a device. */
 static const uint64_t device_least = 1 << 12;
 
 static bool wanted(const struct kiln_output_params *params) { return params->denoise; }
@@ -30,7 +30,7 @@ static double seconds_now(void)
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-/* Whether a point has a size and a normal of use. Else it keeps its value, and is no neighbour. */
+/* Whether a point has a usable size and normal. Otherwise it keeps its value and is no neighbour of others. */
 static bool is_usable(const struct kiln_neighbour_point *point)
 {
     float square = 0.0f, farthest = 0.0f;
@@ -44,7 +44,7 @@ static bool is_usable(const struct kiln_neighbour_point *point)
 
 static float size_of(float area, float coverage) { return coverage > 0.0f ? sqrtf(area / coverage) : 0.0f; }
 
-/* The texels that the map has. Values are numbered from the first of them on, and then those of ghosts. */
+/* Number of texels that the map has on this rank. Arrays of values begin with these; values of ghosts follow. */
 static size_t own_texels(const struct kiln_map_work *work)
 {
     return kiln_map_end(work->map) - kiln_map_first(work->map);
@@ -75,7 +75,7 @@ static const struct kiln_texel_record *ghost_at(const struct kiln_map_work *work
     return (const void *)(work->ghosts.records + i * work->ghosts.size);
 }
 
-/* The point of the i-th ghost, which comes after all texels. */
+/* Makes the point of the i-th ghost; ghosts come after all texels. */
 static bool make_ghost(const struct kiln_map_work *work, size_t i, struct kiln_neighbour_point *point)
 {
     const struct kiln_texel_record *record = ghost_at(work, i);
@@ -100,7 +100,7 @@ static int compare_ghosts(const void *a, const void *b)
     return (p->x > q->x) - (p->x < q->x);
 }
 
-/* Counts the gathered texels of each slice of the map, or those that are points. */
+/* Counts the gathered texels of each slice of the map; with `points`, only those with a usable point. */
 static void count_slices(const struct kiln_map_work *work, bool points, int slices, size_t *counts)
 {
 #pragma omp parallel for num_threads(slices) schedule(static)
@@ -126,7 +126,7 @@ static size_t add_slices(int slices, size_t *counts)
     return sum;
 }
 
-/* Lists the points of texels, those of each slice where it begins. */
+/* Lists the points of the map's texels; each slice writes from its own beginning on. */
 static void list_points(const struct kiln_map_work *work, int slices, const size_t *first,
                         struct kiln_neighbour_point *points)
 {
@@ -141,8 +141,8 @@ static void list_points(const struct kiln_map_work *work, int slices, const size
     }
 }
 
-/* Collective if the map is in bands. The points of gathered texels; and, if there are any on some rank, the ghosts in
- * an order that does not depend on how they came. */
+/* Collective if the map is in bands. Lists the points of gathered texels and, if any rank has such texels, the ghosts,
+ * sorted so that their order does not depend on how they arrived. */
 static int collect_points(struct kiln_map_work *work, struct kiln_neighbour_point **points, size_t *count,
                           struct kiln_error *error)
 {
@@ -177,7 +177,7 @@ end:
 
 /* ---- light of groups ---- */
 
-/* The light of groups (field/group_fields.h), three planes of each: direct light and the rest, which is indirect. */
+/* Light of groups (field/group_fields.h), six planes per group: three of direct light, three of the rest (indirect). */
 struct group_light {
     size_t count, planes; /* planes: 6 of each group, direct light first */
     float **copies;       /* NULL: there are no ghosts */
@@ -191,7 +191,7 @@ static uint32_t group_plane(const struct kiln_map_work *work, size_t first)
     return first < work->result->fields->count ? kiln_layers_plane(work->layers, first) : KILN_MAP_PLANES_MAX;
 }
 
-/* Takes direct light out of all of it, or puts it back. */
+/* Subtracts each group's direct light from its total light, or adds it again, by `sign`. */
 static void part_groups(const struct group_light *g, size_t count, float sign)
 {
     for (size_t k = 0; k < 3 * g->count; k++) {
@@ -322,9 +322,9 @@ static void square_plane(float *values, size_t count)
         values[i] *= values[i];
 }
 
-/* The variance of direct light, as its own rays state it, is much too large where samples stratify smooth light better
- * than they can tell. Of a bake in parts it is no more than what the parts tell of all light; twice that, for that is
- * of few values. */
+/* Limits the variance of direct light. Where samples stratify smooth light well, the variance estimated from the rays
+ * of a point is much too large. In a bake in parts the limit is twice the variance that the parts give for all light;
+ * twice, since the parts are few values. */
 static void limit_variance(const struct kiln_map_work *work, float *variance, size_t count)
 {
     const size_t texels = own_texels(work);
@@ -336,10 +336,11 @@ static void limit_variance(const struct kiln_map_work *work, float *variance, si
     }
 }
 
-/* The error of the sum of both and of caustics, whose edges no neighbour knows, so that they stay as they are: what is
- * left of a point's own noise, the bias, and the part of the error's square that neighbours share, which no regression
- * takes out. `caustic`: standard error of caustics; NULL: there are none. It may be more than was stated of the point
- * before, which is too low by chance at some. An error whose square is no float stays as it was. */
+/* Sets the error of each point's total light: direct, indirect and caustic. Caustics are not denoised, since neighbours
+ * do not know their edges. The squared error is the sum of the remaining noise, the bias, and the part `shared` of the
+ * old squared error, which neighbours have in common and regression cannot remove. `caustic`: standard error of
+ * caustics; NULL: there are none. The result may exceed the old error, which at some points is too low by chance. An
+ * error whose square is not finite stays. */
 static void state_error(const struct kiln_neighbour_point *points, size_t count,
                         const struct kiln_regression_light lights[2], const float *caustic, float shared, float *error,
                         size_t texels)
@@ -358,8 +359,8 @@ static void state_error(const struct kiln_neighbour_point *points, size_t count,
 
 /* ---- the regression ---- */
 
-/* A device is worth its while for maps of many points: those of all ranks count, so that results do not depend on how
- * a map is divided. */
+/* The device to denoise on, which pays off for maps of many points. `points` counts those of all ranks, so that results
+ * do not depend on how a map is divided. */
 static struct kiln_regression_device *device_for(const struct kiln_map_work *work, uint64_t points)
 {
     return points >= device_least ? work->device : NULL;
@@ -399,7 +400,7 @@ static int sum_up(void *context, uint64_t *numbers, size_t count, struct kiln_er
     return kiln_bands_count(context, numbers, count, error);
 }
 
-/* Makes keys that order points, whatever rank they come from. */
+/* Makes a sort key for each point; keys do not depend on which rank has the point. */
 static int make_keys(const struct kiln_map_work *work, const struct kiln_neighbour_point *points, size_t count,
                      uint64_t **keys, struct kiln_error *error)
 {
@@ -449,7 +450,7 @@ static int take_planes(struct kiln_regression_light lights[2], float *const *val
     return status;
 }
 
-/* Denoises this rank's part. */
+/* Denoises this rank's subdomain. */
 static int run_part(struct kiln_map_work *work, struct kiln_parts *parts, uint64_t total,
                     struct kiln_regression_light lights[2], struct kiln_error *error)
 {
@@ -475,8 +476,8 @@ static int run_part(struct kiln_map_work *work, struct kiln_parts *parts, uint64
     return status;
 }
 
-/* Denoises a lightmap that ranks hold in bands of rows. For this, its points are divided anew: each rank denoises those
- * of one part of space and sends them back (denoise_parts.h). `total`: the points of all ranks. Collective. */
+/* Collective. Denoises a lightmap in bands of rows. Its points are divided anew: each rank denoises those in one part
+ * of space and sends them back (denoise_parts.h). `total`: points of all ranks. */
 static int run_in_parts(struct kiln_map_work *work, const struct kiln_neighbour_point *points, size_t count,
                         uint64_t total, struct kiln_regression_light lights[2], struct kiln_error *error)
 {
@@ -539,8 +540,8 @@ static int denoise(struct kiln_map_work *work, struct kiln_neighbour_point **poi
     return status;
 }
 
-/* Takes noise out of direct and of indirect light, apart, by the same sums out of those of groups, and makes the error
- * that of what is left. Where the surface goes on in another object the texels there are neighbours too. */
+/* Denoises direct and indirect light separately, and the light of groups with the same weights; then updates the error
+ * to what remains. Where the surface continues in another object, texels there are neighbours too. */
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     const double begin = seconds_now();

@@ -11,15 +11,15 @@
 #include "coordinator/output/map/bands/slices.h"
 #include "worker/base/memory.h"
 
-/* Points of a lightmap from which on cubes are larger than cells of neighbours.h, which lie in one cube each; and the
- * number of a cube along an axis at most. */
+/* MANY: points of a lightmap above which cubes are larger than the cells of neighbours.h; each cell lies in one cube.
+ * FARTHEST: largest number of a cube along an axis. */
 enum { MANY = 1 << 24, FARTHEST = KILN_NEIGHBOUR_FARTHEST };
 
-/* How far what is done in a sweep of the regression looks, the last one first, in texels. */
+/* Reach of each sweep of the regression, in texels; the last sweep comes first. */
 static const float hops[] = {KILN_NEIGHBOUR_RADIUS, 6.0f, 6.0f, KILN_NEIGHBOUR_RADIUS};
 enum { HOPS = sizeof hops / sizeof *hops };
 
-/* A cube in which there are points whose texels are of 2^level to 2^(level + 1) m. */
+/* A cube that contains points whose texel size is 2^level to 2^(level + 1) m. */
 struct cube {
     int32_t level, at[3];
     float low[3], high[3]; /* the box around them */
@@ -37,23 +37,23 @@ struct cubes {
 struct record {
     float position[3], normal[3], area, size;
     uint64_t key;
-    uint32_t own, unused; /* own: it belongs to the part */
+    uint32_t own, unused; /* own: it belongs to the subdomain */
     float values[];
 };
 
 struct kiln_parts_way {
     int shift;              /* cubes have a side of KILN_NEIGHBOUR_CELL << shift texels */
-    struct cubes here, all; /* of own points, and of all ranks'; by place, none twice */
+    struct cubes here, all; /* cubes of own points, and of all ranks' points; sorted by place, none twice */
     uint32_t *cube_of;      /* of each own point, in `here` */
-    uint8_t *far;           /* of each of `all`: KILN_PARTS_FAR if this rank does not see it */
-    uint32_t *seen;         /* numbers of those of `all` that this rank sees, its own first */
+    uint8_t *far;           /* one per cube in `all`; KILN_PARTS_FAR: this rank does not see the cube */
+    uint32_t *seen;         /* indices in `all` of the cubes that this rank sees, its own first */
     size_t seen_count;
-    uint32_t *here_of;  /* of each of `all` its number in `here`; KILN_NONE: there is none */
-    size_t *first;      /* of each of `here` in `needed`, and the end */
-    uint32_t *needed;   /* parts that need its points; first the one that has them */
-    uint32_t *sent_own; /* points that were sent to be own, by part */
+    uint32_t *here_of;  /* one per cube in `all`: its index in `here`; KILN_NONE: not there */
+    size_t *first;      /* one per cube in `here`, and the end: where its entries in `needed` begin */
+    uint32_t *needed;   /* parts that need the cube's points; first the part that owns them */
+    uint32_t *sent_own; /* per part: points sent to it as its own */
     int slices;         /* of own points */
-    size_t (*sent)[2];  /* of each slice and rank: records, and own ones; then where its next ones go */
+    size_t (*sent)[2];  /* per slice and rank: records, and own ones; later the next places to write */
     unsigned char *out, *in;
     int *counts, *starts;                 /* of what each rank shares with all */
     struct kiln_exchange everything, own; /* records that are sent; those of them that are own where they come */
@@ -87,7 +87,7 @@ static void join_cubes(struct cube *to, const struct cube *from)
     to->count += from->count;
 }
 
-/* Sorts, and makes one of those that are in the same place. */
+/* Sorts the cubes, and merges those at the same place into one. */
 static void sort_cubes(struct cubes *cubes)
 {
     size_t kept = 0;
@@ -232,7 +232,7 @@ static int too_many(struct kiln_error *error)
                      "--denoise none");
 }
 
-/* Collective. All ranks learn of all cubes. */
+/* Collective. Tells all ranks the cubes of all ranks. */
 static int share_cubes(struct kiln_parts_way *w, const struct kiln_bands *bands, struct kiln_error *error)
 {
     const int mine = w->here.count < INT_MAX ? (int)w->here.count : -1;
@@ -282,7 +282,7 @@ static int longest_axis(const struct cube *cubes, const struct place *places, si
     return axis;
 }
 
-/* Shares cubes out to the parts [first, first + parts). */
+/* Divides cubes between the parts [first, first + parts). */
 static void cut(struct cube *cubes, struct place *places, size_t count, uint32_t first, uint32_t parts)
 {
     if (parts == 1 || count == 0) {
@@ -300,7 +300,7 @@ static void cut(struct cube *cubes, struct place *places, size_t count, uint32_t
         total += cube->count;
     }
     qsort(places, count, sizeof *places, compare_places);
-    /* as many before the cut as is nearest to their share */
+    /* take cubes until the points before the cut are nearest to the share of these parts */
     while (at < count && (2 * before + cubes[places[at].cube].count) * parts < 2 * total * half)
         before += cubes[places[at++].cube].count;
     cut(cubes, places, at, first, half);
@@ -329,7 +329,7 @@ static bool is_near(const struct cube *a, const struct cube *b, float reach)
     return true;
 }
 
-/* Adds a cube, unless it has been seen. Several threads add those of one hop. */
+/* Adds a cube, unless it has been seen. Several threads may add cubes of one hop. */
 static void see_cube(struct kiln_parts_way *w, size_t cube, uint8_t far)
 {
     uint8_t before;
@@ -377,9 +377,9 @@ static void see_level(struct kiln_parts_way *w, const struct cube *from, int lev
         }
 }
 
-/* Lists the cubes that this rank sees, hop by hop: what becomes of a point is told by points that are near in the last
- * sweep, what is known of these by points near them in the sweep before, and so on. Neighbours' texels are less than
- * four times as large or small: of the level above or below at most. */
+/* Lists the cubes that this rank sees, hop by hop. In the last sweep a point depends on points near it; these depend in
+ * the sweep before on points near them, and so on. Texels of neighbours are less than four times as large or small, so
+ * at most one level above or below is searched. */
 static int see(struct kiln_parts_way *w, uint32_t part, struct kiln_error *error)
 {
     int status;
@@ -395,7 +395,7 @@ static int see(struct kiln_parts_way *w, uint32_t part, struct kiln_error *error
 #pragma omp parallel for schedule(dynamic, 64)
         for (size_t i = 0; i < end; i++) {
             const struct cube *from = &w->all.cubes[w->seen[i]];
-            const float reach = 1.001f * hops[hop] * from->size; /* some more, for the rounding of distances */
+            const float reach = 1.001f * hops[hop] * from->size; /* slightly more, since distances are rounded */
             for (int level = from->level - 1; level <= from->level + 1; level++)
                 see_level(w, from, level, reach, (uint8_t)(hop + 1));
         }
@@ -404,7 +404,7 @@ end:
     return status;
 }
 
-/* Collective. Gathers what all ranks see, one after the other. */
+/* Collective. Gathers the lists of seen cubes of all ranks, one after the other. */
 static int share_seen(struct kiln_parts_way *w, const struct kiln_bands *bands, uint32_t **seen,
                       struct kiln_error *error)
 {
@@ -422,7 +422,7 @@ static int share_seen(struct kiln_parts_way *w, const struct kiln_bands *bands, 
     return status;
 }
 
-/* Calls `visit` for each part that sees a cube in which this rank has points: first the part that has it. */
+/* Calls `visit` for each part that sees a cube in which this rank has points: first the part that owns the cube. */
 static void visit_needed(struct kiln_parts_way *w, const uint32_t *seen, uint32_t ranks,
                          void (*visit)(struct kiln_parts_way *, size_t here, uint32_t part))
 {
@@ -443,7 +443,7 @@ static void count_needed(struct kiln_parts_way *w, size_t here, uint32_t part)
 
 static void list_needed(struct kiln_parts_way *w, size_t here, uint32_t part) { w->needed[w->first[here]++] = part; }
 
-/* Which of all cubes have own points. */
+/* Finds which cubes in `all` contain own points. */
 static int find_here(struct kiln_parts_way *w, struct kiln_error *error)
 {
     const int status = kiln_allocate_bare(&w->here_of, w->all.count, sizeof *w->here_of, "parts of a lightmap", error);
@@ -454,7 +454,7 @@ static int find_here(struct kiln_parts_way *w, struct kiln_error *error)
     return status;
 }
 
-/* Collective. Lists the parts that need the points of each own cube. */
+/* Collective. Lists the subdomains that need the points of each own cube. */
 static int find_needed(struct kiln_parts_way *w, const struct kiln_bands *bands, struct kiln_error *error)
 {
     const size_t count = w->here.count;
@@ -481,7 +481,7 @@ end:
     return kiln_agree(bands->comm, status, error);
 }
 
-/* ---- to the parts ---- */
+/* ---- to the subdomains ---- */
 
 static size_t record_size(size_t planes)
 {
@@ -501,7 +501,7 @@ static void count_slice(struct kiln_parts_way *w, size_t count, uint32_t ranks, 
         }
 }
 
-/* Counts the records for each rank, and those that are own there. Finds where each slice puts them. */
+/* Counts the records for each rank, and those that the rank will own. Finds where each slice writes its records. */
 static int count_records(struct kiln_parts_way *w, const struct kiln_parts_given *given, uint32_t ranks,
                          struct kiln_error *error)
 {
@@ -539,7 +539,7 @@ static void fill_record(struct record *record, const struct kiln_parts_given *gi
         record->values[plane] = given->values[plane][p->index];
 }
 
-/* Lays the records of a slice down by rank, in the order of points. */
+/* Packs the records of a slice by rank, in the order of points. */
 static void pack_slice(struct kiln_parts_way *w, const struct kiln_parts_given *given, uint32_t ranks, int slice)
 {
     const size_t size = record_size(given->planes);
@@ -594,7 +594,7 @@ end:
     return status;
 }
 
-/* ---- a part's points ---- */
+/* ---- a subdomain's points ---- */
 
 static int compare_keys(const void *a, const void *b, void *context)
 {
@@ -603,7 +603,7 @@ static int compare_keys(const void *a, const void *b, void *context)
     return (p > q) - (p < q);
 }
 
-/* Points of other lightmaps come after all texels of this one, in the order of their keys. */
+/* Sorts points of other lightmaps by their keys; they come after all texels of this lightmap. */
 static int order_others(struct kiln_parts *p, const uint64_t *keys, size_t texels, struct kiln_error *error)
 {
     uint32_t *others = NULL;
@@ -630,7 +630,7 @@ static const struct record *record_at(const struct kiln_parts *p, size_t i)
     return (const void *)(p->way->in + i * record_size(p->planes));
 }
 
-/* Takes the records [begin, end). next: where those of others go, and own ones. */
+/* Takes the records [begin, end). next: places to write the next record of others, and the next own one. */
 static void take_slice(struct kiln_parts *p, size_t begin, size_t end, size_t next[2], uint64_t *keys)
 {
     size_t last = 0;
@@ -652,7 +652,7 @@ static void take_slice(struct kiln_parts *p, size_t begin, size_t end, size_t ne
     }
 }
 
-/* Takes all records, own ones in the order in which they have come. */
+/* Takes all records; own ones stay in the order in which they arrived. */
 static int take_slices(struct kiln_parts *p, uint64_t *keys, struct kiln_error *error)
 {
     const int slices = kiln_slices(p->count);
@@ -730,7 +730,7 @@ static int divide(struct kiln_parts_way *w, const struct kiln_parts_given *given
     const struct kiln_bands *bands = given->map->bands;
     uint64_t total = given->count;
     int status = kiln_bands_count(given->map, &total, 1, error);
-    while (total >> 2 * w->shift > MANY) /* of a surface cubes of twice the side are a quarter */
+    while (total >> 2 * w->shift > MANY) /* a surface crosses a quarter as many cubes when their side is doubled */
         w->shift++;
     if (status == KILN_OK)
         status = kiln_agree(bands->comm, list_here(w, given, error), error);

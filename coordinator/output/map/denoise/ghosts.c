@@ -17,7 +17,7 @@ static int compare_tiles(const void *a, const void *b)
     return (p->to > q->to) - (p->to < q->to);
 }
 
-/* Distance of a tile's middle from a segment on the layout, texels. */
+/* Distance between the middle of a tile and a segment on the layout, in texels. */
 static float distance_to(const float segment[2][2], uint32_t column, uint32_t row)
 {
     const float x = (float)(TILE * column) + 0.5f * TILE - segment[0][0],
@@ -27,7 +27,7 @@ static float distance_to(const float segment[2][2], uint32_t column, uint32_t ro
     return hypotf(x - t * dx, y - t * dy);
 }
 
-/* The tiles from `low` to `high` texels, widened, of `count` tiles. */
+/* Finds the tiles that the interval `low` to `high`, in texels and widened, overlaps; there are `count` tiles. */
 static void find_tiles(float low, float high, uint32_t count, uint32_t *begin, uint32_t *end)
 {
     const float first = floorf((fminf(low, high) - KILN_GHOST_TEXELS) / TILE),

@@ -8,8 +8,8 @@
 
 static bool wanted(const struct kiln_output_params *params) { return params->parts; }
 
-/* Sums over the texels of a row, and over the blocks that begin in it: areas, areas x what each part found, and those
- * of struct blocks. */
+/* Sums over a row: texel area; area x value of each part; and over the blocks that begin in the row, the sums of
+ * add_block. */
 enum { AREA, PARTS, ALONE = PARTS + KILN_PARTS, TOGETHER, TEXELS, PAIRS, SUMS };
 
 static void sum_row(const struct kiln_map *map, float *const *parts, uint32_t y, double sums[SUMS])
@@ -36,8 +36,8 @@ static double variance_of(const double values[KILN_PARTS])
 
 enum { BLOCK = 4 }; /* side, in texels: bands begin with a block */
 
-/* Adds the block whose first texel is (x, y): the variances of its texels, the variance of their sum; texels, and pairs
- * of them. */
+/* Adds the block whose first texel is (x, y) to the row's sums: the sum of its texels' variances, the variance of their
+ * sum, and the numbers of texels and of pairs of texels. */
 static void add_block(const struct kiln_map *map, float *const *parts, uint32_t x, uint32_t y, double row[SUMS])
 {
     double sums[KILN_PARTS] = {0}, texels = 0.0;
@@ -57,9 +57,9 @@ static void add_block(const struct kiln_map *map, float *const *parts, uint32_t 
     row[PAIRS] += texels * (texels - 1.0);
 }
 
-/* The mean covariance of two texels of a block over their mean variance: what neighbours share, as they share the noise
- * of the bounces that they gather. Of the sum over a block the variance is that of its texels alone, and the covariance
- * of all pairs. */
+/* Mean correlation of two texels of a block: mean covariance over mean variance. Neighbours share part of their noise,
+ * since they gather the same noisy bounces. The variance of a block's sum is the sum of its texels' variances plus the
+ * covariances of all pairs. */
 static float shared_part(const double sums[SUMS])
 {
     if (!(sums[PAIRS] > 0.0) || !(sums[TOGETHER] > sums[ALONE]) || !(sums[ALONE] > 0.0))
@@ -68,8 +68,8 @@ static float shared_part(const double sums[SUMS])
     return (float)fmin(covariance / (sums[ALONE] / sums[TEXELS]), 1.0);
 }
 
-/* Reports the standard error of the object's mean, and finds what of the error neighbours share. Changes nothing else.
- */
+/* Reports the standard error of the object's mean, and the part of the error that neighbours share. Changes nothing
+ * else. */
 static int run(struct kiln_map_work *work, struct kiln_error *error)
 {
     const struct kiln_map *map = work->map;

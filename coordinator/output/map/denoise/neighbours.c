@@ -9,12 +9,12 @@
 #include "worker/base/clones.h"
 #include "worker/base/memory.h"
 
-/* Twice the scales of the regression (regression.h), where its weights end. */
+/* Ring radii in texels: twice the scales of the regression (regression.h), where its weights reach 0. */
 const float kiln_neighbour_rings[KILN_NEIGHBOUR_RINGS] = {1.5f, 2.0f, 3.0f, 4.0f, 6.0f, KILN_NEIGHBOUR_RADIUS};
 
 enum { OUTSIDE = KILN_NEIGHBOUR_RINGS, FARTHEST = KILN_NEIGHBOUR_FARTHEST };
 
-/* How far a neighbour may lie off the tangent plane: so many texels, or so many times d sin(angle). */
+/* Largest distance of a neighbour from the tangent plane: off_most texels, or off_slope x d sin(angle). */
 static const float off_most = 0.05f, off_slope = 0.6f;
 
 /* A cell of the grid for texels of 2^level to 2^(level + 1) m. */
@@ -22,7 +22,7 @@ struct kiln_neighbour_cell {
     int32_t level, at[3];
 };
 
-/* The cells [first, end), which are all of a level. */
+/* The cells [first, end); all of them have this level. */
 struct kiln_neighbour_level {
     int32_t level;
     size_t first, end;
@@ -44,7 +44,7 @@ static int compare_cells(const struct kiln_neighbour_cell *a, const struct kiln_
     return 0;
 }
 
-/* The first of the cells [low, high) that is not before `key`; high: all are. */
+/* Binary search for the first of the cells [low, high) that is not before `key`; returns `high` if all are. */
 static size_t search_cells(const struct kiln_neighbour_grid *g, size_t low, size_t high,
                            const struct kiln_neighbour_cell *key)
 {
@@ -58,7 +58,7 @@ static size_t search_cells(const struct kiln_neighbour_grid *g, size_t low, size
     return low;
 }
 
-/* The same where that cell is likely to be among the first: in steps that double. */
+/* Same result as search_cells, by doubling steps from `low`: faster where the cell is near the front. */
 static size_t search_ahead(const struct kiln_neighbour_grid *g, size_t low, size_t high,
                            const struct kiln_neighbour_cell *key)
 {
@@ -82,14 +82,14 @@ static int64_t key_of(const struct entry *entry, int key)
 
 enum { DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS };
 
-/* Entries that are sorted digit by digit, from the last one on, by threads that have a part each. */
+/* Radix sort of entries, from the last digit on; each thread has a part of the entries. */
 struct sort {
     size_t count;
     struct entry *entries, *spare;
     int threads;
     bool in_order; /* the entries come by their order */
     int64_t least[KEYS], most[KEYS];
-    size_t (*places)[DIGITS]; /* of each thread and digit: how many there are, then where the next one goes */
+    size_t (*places)[DIGITS]; /* per thread and digit: number of entries, then the place of the next one */
 };
 
 static struct entry make_entry(const struct kiln_neighbour_grid *g, size_t i)
@@ -130,7 +130,7 @@ static size_t digit_of(const struct sort *s, const struct entry *entry, int key,
     return (size_t)((key_of(entry, key) - s->least[key]) >> shift) & (DIGITS - 1);
 }
 
-/* The first places of all threads and digits, of which there are so many. */
+/* Computes the first place of each thread and digit; there are `digits` values of a digit. */
 static void find_places(const struct sort *s, size_t digits)
 {
     for (size_t d = 0, sum = 0; d < digits; d++)
@@ -141,7 +141,7 @@ static void find_places(const struct sort *s, size_t digits)
         }
 }
 
-/* Sorts by one digit; those that have the same stay in their order. */
+/* Sorts by one digit; entries with equal digits keep their order. */
 static void sort_by_digit(struct sort *s, int key, int shift)
 {
     const int64_t most = (s->most[key] - s->least[key]) >> shift;
@@ -197,7 +197,7 @@ static bool begins_cell(const struct sort *s, size_t i)
     return i == 0 || compare_cells(&s->entries[i].cell, &s->entries[i - 1].cell) != 0;
 }
 
-/* Lists the cells: every thread knows by `before` how many begin in the parts before its own. */
+/* Lists the cells. `before` tells each thread how many cells begin in the parts of earlier threads. */
 static void list_cells(struct kiln_neighbour_grid *g, const struct sort *s, const size_t *before)
 {
 #pragma omp parallel for num_threads(s->threads) schedule(static)
@@ -259,7 +259,7 @@ static int make_levels(struct kiln_neighbour_grid *g, struct kiln_error *error)
     return status;
 }
 
-/* Brings the points into the order of the entries. */
+/* Reorders the points as the entries are sorted. */
 static int reorder(struct kiln_neighbour_grid *g, const struct sort *s, struct kiln_error *error)
 {
     struct kiln_neighbour_point *sorted = NULL;
@@ -317,7 +317,7 @@ void kiln_neighbour_grid_destroy(struct kiln_neighbour_grid **grid)
 
 /* ---- candidates ---- */
 
-/* A box in space, and the candidates in it that have been met so far. */
+/* A box in space, and the candidates found in it so far. */
 struct box {
     float low[3], high[3];
     uint64_t met;
@@ -348,7 +348,7 @@ static void take_cell(struct kiln_neighbours *n, const struct kiln_neighbour_gri
     }
 }
 
-/* The box around the cell's points, with all that lies within `radius` of their texels. */
+/* Bounding box of the cell's points, enlarged by `radius` texels of each point. */
 static struct box box_of(const struct kiln_neighbour_grid *g, size_t cell, float radius)
 {
     struct box box = {.stride = 1};
@@ -371,7 +371,8 @@ static struct box box_of(const struct kiln_neighbour_grid *g, size_t cell, float
 typedef void (*take_cells)(void *context, const struct kiln_neighbour_grid *g, size_t first, size_t end,
                            struct box *box);
 
-/* Cells follow one another along z. `from`: no cell before it is of this column; moves to the column's end. */
+/* Visits the cells of one column, which follow one another along z. `from`: start of the search, moved to the column's
+ * end. */
 static void take_column(const struct kiln_neighbour_grid *g, const struct kiln_neighbour_cell *begin,
                         const struct kiln_neighbour_cell *last, size_t *from, size_t to, struct box *box,
                         take_cells take, void *context)
@@ -408,7 +409,7 @@ static void take_level(const struct kiln_neighbour_grid *g, const struct kiln_ne
         }
 }
 
-/* All cells that touch the box of a cell, by level and along the axes. */
+/* Visits all cells that touch the box of a cell, by level and along the axes. */
 static void take_levels(const struct kiln_neighbour_grid *g, size_t cell, float radius, take_cells take, void *context)
 {
     struct box box = box_of(g, cell, radius);
@@ -441,7 +442,7 @@ void kiln_neighbours_collect(struct kiln_neighbours *n, const struct kiln_neighb
 
 /* ---- ranges ---- */
 
-/* Ranges that a thread lists, those of one cell after those of another. */
+/* List of cell ranges made by one thread, cell after cell. */
 struct range_list {
     uint32_t (*ranges)[2];
     size_t count, room;
@@ -487,7 +488,7 @@ static void list_cell(struct range_list *l, const struct kiln_neighbour_grid *g,
         add_range(l, n->candidate[i], n->candidate[i] + 1);
 }
 
-/* Lists the ranges of a slice of the cells. r->first[c + 1]: the end of those of cell c among the slice's. */
+/* Lists the ranges for a slice of the cells. r->first[c + 1]: end of cell c's ranges within the slice's list. */
 static void list_slice(struct kiln_neighbour_ranges *r, const struct kiln_neighbour_grid *g, size_t begin, size_t end,
                        struct range_list *l)
 {
@@ -505,7 +506,7 @@ static void list_slice(struct kiln_neighbour_ranges *r, const struct kiln_neighb
     kiln_free(&n);
 }
 
-/* Puts the slices' ranges behind one another. */
+/* Concatenates the range lists of all slices. */
 static int join_slices(struct kiln_neighbour_ranges *r, const struct kiln_neighbour_grid *g, struct range_list *lists,
                        int slices, struct kiln_error *error)
 {
@@ -581,8 +582,8 @@ static void make_basis(const float n[3], float t[3], float b[3])
     b[2] = -n[1];
 }
 
-/* Fills in ring and tangent coordinates of all candidates, OUTSIDE for the point itself, and `within`. No branches, so
- * that the loop becomes vector code. */
+/* Computes ring and tangent coordinates of all candidates, with ring OUTSIDE for the point itself, and counts `within`.
+ * No branches, so that the loop is vectorized. */
 static inline void classify(struct kiln_neighbours *n, const struct kiln_neighbour_point *p, uint32_t place,
                             float radius)
 {
@@ -619,7 +620,7 @@ static inline void classify(struct kiln_neighbours *n, const struct kiln_neighbo
     memcpy(n->within, within, sizeof within);
 }
 
-/* Lists the candidates that are neighbours. Returns their number. */
+/* Lists the candidates that lie in a ring. Returns their number. */
 static inline size_t list_near(struct kiln_neighbours *n)
 {
     size_t count = 0;

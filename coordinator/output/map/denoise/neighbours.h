@@ -1,5 +1,5 @@
-/* Neighbours of surface points: which points of one surface lie near a point, in space and not on the layout. So where
- * charts end does not matter.
+/* Neighbours of surface points: the points of the same surface near a point, in space and not on the layout, so that
+ * chart borders do not matter.
  *
  * Lengths around a point are measured in its texels: its `size` is the side of its texel, m. Point j is a neighbour of
  * point i if
@@ -11,9 +11,8 @@
  * So a surface's two sides, the two faces at an edge, and two faces that are parallel and a tenth of a texel apart are
  * not neighbours.
  *
- * Points are sorted into the cells of grids, one for each power of two of the texel's size. The points of a cell have
- * the same candidates, which are collected once for all of them. Not collective. What is found depends on the points
- * only. */
+ * Points are sorted into the cells of grids, one for each power of two of the texel's size. All points of a cell share
+ * one list of candidates. Not collective. The result depends on the points only. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_DENOISE_NEIGHBOURS_H
 #define KILN_COORDINATOR_OUTPUT_MAP_DENOISE_NEIGHBOURS_H
 
@@ -25,21 +24,21 @@
 #include "worker/base/status.h"
 #include "worker/pass/regression.h"
 
-/* KILN_NEIGHBOUR_RADIUS: the largest radius that neighbours are looked for in, texels; KILN_NEIGHBOUR_COSINE. */
+/* Limits of the search: KILN_NEIGHBOUR_RADIUS, largest radius, texels; KILN_NEIGHBOUR_COSINE. */
 
 struct kiln_neighbour_point {
     float position[3]; /* m */
     float normal[3];   /* unit */
     float area;        /* m2 */
     float size;        /* m, above 0 */
-    uint32_t order;    /* points of a cell are in this order: no two points have the same */
-    uint32_t index;    /* the caller's: where the point's values are */
+    uint32_t order;    /* unique; sorts the points of a cell */
+    uint32_t index;    /* caller's index of the point's values */
 };
 
-/* Side of a cell, in the smallest texels that may be in it; number of a cell along an axis at most. */
+/* Side of a cell, in the smallest texels that it may contain; largest number of a cell along an axis. */
 enum { KILN_NEIGHBOUR_CELL = 8, KILN_NEIGHBOUR_FARTHEST = 1 << 30 };
 
-/* The power of two that a texel's size is at least, whose grid it is in. The size is a normal number. */
+/* Level of a grid: exponent of the largest power of two not above the texel's size, which must be a normal number. */
 static inline int kiln_neighbour_level(float size)
 {
     uint32_t bits;
@@ -57,7 +56,7 @@ static inline double kiln_neighbour_scale(int level)
 }
 _Static_assert(KILN_NEIGHBOUR_CELL == 1 << 3, "the scale of cells");
 
-/* The number of the cell along an axis, rounded down. */
+/* Number of the cell along an axis, rounded down. */
 static inline int32_t kiln_neighbour_along(float position, double scale)
 {
     const double at = (double)position * scale, low = at > -KILN_NEIGHBOUR_FARTHEST ? at : -KILN_NEIGHBOUR_FARTHEST,
@@ -66,49 +65,51 @@ static inline int32_t kiln_neighbour_along(float position, double scale)
     return whole - (within < whole);
 }
 
-/* The points of a surface, in cells. Cell c has the places [first[c], first[c + 1]). */
+/* Grid of a surface's points. Cell c has the places [first[c], first[c + 1]). */
 struct kiln_neighbour_grid {
     size_t count, cell_count;
     struct kiln_neighbour_point *points; /* sorted */
-    uint32_t *first;                     /* of each cell, and the end */
+    uint32_t *first;                     /* first place of each cell, and the end */
     struct kiln_neighbour_cell *cells;   /* private, as the levels are */
     struct kiln_neighbour_level *levels; /* ascending */
     size_t level_count;
     struct kiln_arena arena;
 };
 
-/* Sorts the points, of which there must be less than 2^32 - 1, and at least one. *points (of kiln_allocate) is the
- * grid's from then on and becomes NULL, even if this fails: KILN_SYSTEM. */
+/* Sorts the points: at least one, and less than 2^32 - 1. *points (of kiln_allocate) then belongs to the grid and
+ * becomes NULL, even on failure: KILN_SYSTEM. */
 int kiln_neighbour_grid_create(struct kiln_neighbour_grid **grid, struct kiln_neighbour_point **points, size_t count,
                                struct kiln_error *error);
 void kiln_neighbour_grid_destroy(struct kiln_neighbour_grid **grid);
 
-/* For a device: the cell of each place, and the candidates of each cell, within KILN_NEIGHBOUR_RADIUS, as ranges of
- * places, [begin, end), ascending. They may have more places than kiln_neighbours_collect finds, but none that is near:
- * those of cells, whole, or, where these have more than KILN_NEIGHBOURS_MOST_TWICE, what it finds itself. */
+/* Input of a device: the cell of each place, and the candidates of each cell within KILN_NEIGHBOUR_RADIUS, as ascending
+ * ranges of places [begin, end). These may contain more places than kiln_neighbours_collect finds, but no more
+ * neighbours: they are whole cells or, for cells with more than KILN_NEIGHBOURS_MOST_TWICE candidates, its exact
+ * result. */
 struct kiln_neighbour_ranges {
     uint32_t *cells; /* of each place */
-    uint32_t *first; /* of each cell its first range, and the end */
+    uint32_t *first; /* first range of each cell, and the end */
     uint32_t (*ranges)[2];
     struct kiln_arena arena;
 };
-/* KILN_SYSTEM. Give back what it has in either case. */
+/* Lists the ranges. KILN_SYSTEM. Release them in either case. */
 int kiln_neighbour_ranges_list(struct kiln_neighbour_ranges *ranges, const struct kiln_neighbour_grid *grid,
                                struct kiln_error *error);
 void kiln_neighbour_ranges_release(struct kiln_neighbour_ranges *ranges);
 
-/* Candidates of a cell are at most so many. Of more, which takes a surface that lies upon itself many times, every
- * second, third ... is left out. */
+/* Largest number of candidates of a cell. If there are more, on a surface folded upon itself many times, every second,
+ * third ... is dropped. */
 enum { KILN_NEIGHBOURS_MOST = 4096, KILN_NEIGHBOURS_MOST_TWICE = 2 * KILN_NEIGHBOURS_MOST, KILN_NEIGHBOUR_RINGS = 6 };
 
-/* Length of their arrays: not a multiple of a page, so that entries of one number do not share a set of the cache. */
+/* Length of the candidate arrays: not a multiple of a page, so that entries of one index do not compete for one cache
+ * set. */
 enum { KILN_NEIGHBOURS_ROOM = KILN_NEIGHBOURS_MOST + 80 };
 
 /* Outer radius of each ring, texels. */
 extern const float kiln_neighbour_rings[KILN_NEIGHBOUR_RINGS];
 
-/* Data of one thread. `place`, `x`, `y` and `area` are of the neighbours of one point, those of the inner rings first;
- * the point itself is not among them. x and y are in its tangent plane, in texels. */
+/* Working data of one thread. `place`, `x`, `y` and `area` describe the neighbours of one point, inner rings first,
+ * without the point itself. x and y are in its tangent plane, in texels. */
 struct kiln_neighbours {
     size_t within[KILN_NEIGHBOUR_RINGS]; /* number of neighbours within each ring's radius */
     uint32_t place[KILN_NEIGHBOURS_ROOM];
@@ -120,13 +121,13 @@ struct kiln_neighbours {
     } of;                                   /* the candidates */
     float tangent[2][KILN_NEIGHBOURS_ROOM]; /* of the candidates */
     int32_t ring[KILN_NEIGHBOURS_ROOM];     /* of the candidates */
-    uint32_t near[KILN_NEIGHBOURS_ROOM];    /* which of them are neighbours */
+    uint32_t near[KILN_NEIGHBOURS_ROOM];    /* candidates that are neighbours */
 };
 
 /* Collects the candidates of a cell, for neighbours within `radius` texels. */
 void kiln_neighbours_collect(struct kiln_neighbours *n, const struct kiln_neighbour_grid *grid, size_t cell,
                              float radius);
-/* Finds the neighbours of the point at `place`, which is in that cell, within at most that radius. */
+/* Finds the neighbours of the point at `place`, in the cell collected last, within at most that radius. */
 void kiln_neighbours_find(struct kiln_neighbours *n, const struct kiln_neighbour_grid *grid, size_t place,
                           float radius);
 

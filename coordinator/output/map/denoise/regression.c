@@ -23,47 +23,46 @@ _Static_assert(SCALES == KILN_REGRESSION_SCALES && FITS == KILN_REGRESSION_FITS,
 static const float scales[SCALES] = {0.75f, 1.0f, 1.5f, 2.0f, 3.0f, 4.0f};
 static const size_t scale_of[FITS] = {0, 1, 2, 3, 4, 5, 1, 2, 3, 5};
 
-/* Numbers of two of these scales: the one by which the variance is judged and choices are averaged, and the one over
- * whose weights variances and risks are averaged. */
+/* Indices of two scales. NARROW: its fit estimates the variance, and its weights average the choices. WIDE: its weights
+ * average variances and risks. */
 enum { NARROW = 1, WIDE = 4 };
 
-/* In place of the second moment along an axis on which the neighbours do not extend, relative to the sum of weights. */
+/* Replaces the second moment along an axis on which the neighbours have no extent; relative to the sum of weights. */
 static const double ridge = 1e-5;
 
-/* Added to the moments of a quadratic fit's terms, relative to the sum of weights, with lengths in radii of the kernel.
- */
+/* Ridge added to the moments of a quadratic fit, relative to the sum of weights; lengths are in kernel radii. */
 static const double ridge_quadratic = 1e-6;
 
-/* Stein's estimate of one point over its variance is limited to this. */
+/* Upper limit of Stein's estimate of one point's risk, relative to the variance. */
 static const double risk_most = 1000.0;
 
-/* The share of the variance that a fit must leave at most to be chosen. Where it would take out less, values are far
- * from it against their noise, up to where risks are limited: even a small part of the way would be bias. */
+/* Largest risk, relative to the variance, with which a fit may be chosen. A fit that removes less noise lies far from
+ * the values compared to their noise (up to the limit of risks): even a small step towards it would be bias. */
 static const float risk_worth = 0.9f;
 
-/* The share of the variance that values must scatter about a fit if they are to tell about the variance. */
+/* Least scatter of the values about a fit, as a share of the variance, from which the variance can be estimated. */
 static const double scatter_least = 0.25;
 
 /* Least value of (fit - value)^2 over the variance. */
 static const float square_least = 1e-6f;
 
-/* A fit whose leverage exceeds this is the value itself. */
+/* Largest leverage of a usable fit; above it the fit just reproduces the value. */
 static const double leverage_most = 0.95;
 
 /* Estimate of a point's light. */
 struct estimate {
     union {
         float luminance; /* as given */
-        float noise;     /* after the last sweep: the variance of the result */
+        float noise;     /* after the last sweep: variance of the result */
     };
     union {
         float variance; /* as given */
-        float bias;     /* after the last sweep: squared, what the risk of the choices exceeds the noise by */
+        float bias;     /* after the last sweep: squared bias, the excess of the choices' risk over the noise */
     };
-    float square[FITS]; /* (fit - value)^2; then Stein's estimate over `pooled` */
-    float pooled;       /* the mean variance around, lowered as the header says */
-    float risk;         /* of the choice: the mean of Stein's estimate, at most `pooled` */
-    float part;         /* of the way from the value to the chosen fit */
+    float square[FITS]; /* (fit - value)^2; then Stein's risk estimate over `pooled` */
+    float pooled;       /* mean variance of the neighbourhood, lowered as in regression.h */
+    float risk;         /* risk of the choice: mean of Stein's estimate, at most `pooled` */
+    float part;         /* step from the value (0) towards the chosen fit (1) */
     uint32_t choice;    /* a fit, or RAW */
 };
 
@@ -79,13 +78,13 @@ struct regression {
     const struct kiln_regression_part *part; /* NULL: all points are here */
 };
 
-/* Data of one thread; arrays by neighbours, or by neighbours of each light. */
+/* Scratch data of one thread; arrays have an entry per neighbour, or per light and neighbour. */
 struct worker {
     struct kiln_neighbours n;
     float difference[LIGHTS][KILN_NEIGHBOURS_ROOM]; /* of their luminance from the point's */
     float factors[KILN_NEIGHBOURS_ROOM];
     double *sums;                 /* of other light: three of each */
-    double powers[FITS][HIGHEST]; /* 1 / radius of each fit's kernel, to the power of 0 and more */
+    double powers[FITS][HIGHEST]; /* 1 / radius of each fit's kernel, to the powers 0, 1, ... */
 };
 
 /* ---- one fit ---- */
@@ -95,8 +94,8 @@ struct moments {
     float one, x, y, xx, xy, yy, v[LIGHTS][3];
 };
 
-/* The function's value at the point is own value + sum over w_j (a + b x_j + c y_j + d x_j^2 + e x_j y_j + f y_j^2)
- * (value_j - own value). */
+/* Coefficients of a fit. Its value at the point is own value + sum over w_j (a + b x_j + c y_j + d x_j^2 + e x_j y_j +
+ * f y_j^2) (value_j - own value). */
 struct fit {
     double a, b, c, d, e, f;
     double leverage;
@@ -180,10 +179,10 @@ static struct high_moments gather_high_moments(const struct worker *w, size_t sc
     return (struct high_moments){{xxx, xxy, xyy, yyy}, {x4, x3y, xxyy, xy3, y4}, {{pxx, pxy, pyy}, {qxx, qxy, qyy}}};
 }
 
-/* Quadratic fits that are made together: one, or all of a point, in the processor's lanes. */
+/* Number of quadratic fits. They are solved together in SIMD lanes: one fit, or all of a point. */
 enum { QUADRATIC = FITS - SCALES };
 
-/* Normal equations of quadratic fits, and the first columns of their inverses; of each entry all lanes. */
+/* Normal equations of quadratic fits, and the first columns of their inverses; each entry has all lanes. */
 struct equations {
     double sum[QUADRATIC], matrix[TERMS][TERMS][QUADRATIC], column[TERMS][QUADRATIC];
 };
@@ -204,8 +203,8 @@ static void set_equations(struct equations *e, size_t lane, const struct moments
         }
 }
 
-/* Solves them from the lower triangles, which are overwritten (Cholesky's method). `lanes` is a constant where this is
- * used. */
+/* Solves the equations from their lower triangles, which are overwritten (Cholesky's method). Callers pass `lanes` as a
+ * constant. */
 static inline __attribute__((always_inline)) void solve_lanes(struct equations *e, const size_t lanes)
 {
     for (int i = 0; i < TERMS; i++)
@@ -251,7 +250,7 @@ static struct fit fit_of(const struct equations *e, size_t lane, float own, cons
     return (struct fit){column[0], column[1], column[2], column[3], column[4], column[5], column[0] * (double)own};
 }
 
-/* Both moments of a fit. Those of high orders are of use if it is quadratic. */
+/* Both kinds of moments of a fit. The high orders are for quadratic fits only. */
 struct sums {
     struct moments low;
     struct high_moments high;
@@ -330,16 +329,16 @@ static float weight_of(const struct kiln_neighbours *n, size_t i, size_t scale)
 
 /* ---- second sweep: the variance around each point ---- */
 
-/* Fits by which the variance is judged: a linear one, and a quadratic one, about which light that is curved scatters no
- * more than its noise. The squared distance of a value from a fit has the mean v (1 - 2 l_0 + sum over l_j^2); of the
- * last two terms together this many l_0 are left on a regular grid. */
+/* Fits that estimate the variance: a linear one, and a quadratic one, about which curved light scatters only by its
+ * noise. The mean squared distance between value and fit is v (1 - 2 l_0 + sum over l_j^2), where l are leverages.
+ * `leverages`: the last two terms together, in units of -l_0, on a regular grid. */
 enum { JUDGES = 2, QUADRATIC_NARROW = SCALES + 1 };
 static const struct {
     size_t fit;
     double leverages;
 } judges[JUDGES] = {{NARROW, 1.4}, {QUADRATIC_NARROW, 1.24}};
 
-/* Weighted sums over a neighbourhood. */
+/* Weighted sums over a neighbourhood that estimate its variance. */
 struct spread {
     double weight, leverage[JUDGES], variance[LIGHTS], square[LIGHTS][JUDGES];
 };
@@ -393,7 +392,7 @@ static void estimate_risks(const struct regression *r)
             estimate_risk(&r->estimates[l][i], r->leverage[i]);
 }
 
-/* Weighted sums over a neighbourhood. */
+/* Weighted sums over a neighbourhood that estimate the risk of each fit. */
 struct pool {
     float weight, leverage[FITS], risk[LIGHTS][FITS];
 };
@@ -408,7 +407,7 @@ static inline void add_to_pool(const struct regression *r, struct pool *p, size_
             p->risk[l][f] += weight * r->estimates[l][place].square[f];
 }
 
-/* The fit of the least risk of one light, and the part of the way to it. */
+/* Chooses the fit with the least risk for one light, and the step towards it. */
 static void choose(struct estimate *e, const struct pool *p, size_t light)
 {
     float least = risk_worth;
@@ -444,7 +443,7 @@ static void judge_point(const struct regression *r, struct worker *w, size_t pla
 /* The choices around a point. */
 struct shares {
     double of[FITS + 1], risk; /* risk: the mean of theirs */
-    size_t largest;            /* scale of a fit that has a share; SCALES: none has */
+    size_t largest;            /* largest scale of a fit that has a share; SCALES: no fit has one */
 };
 
 static void add_share(struct shares *shares, const struct estimate *e, double weight)
@@ -473,7 +472,7 @@ static struct shares share_choices(const struct estimate *e, const struct kiln_n
     return shares;
 }
 
-/* Factors of the neighbours' values in the result. */
+/* Adds a fit's share to the weights of the neighbours' values in the result. */
 static void add_factors(const struct kiln_neighbours *n, size_t scale, const struct fit *fit, double share,
                         float *factors)
 {
@@ -487,7 +486,7 @@ static void add_factors(const struct kiln_neighbours *n, size_t scale, const str
     }
 }
 
-/* Adds up the values of one light. Returns the variance of the sum. */
+/* Sums up the weighted values of one light. Returns the variance of the sum. */
 static double add_up(const struct regression *r, size_t light, const struct worker *w, size_t count, size_t place)
 {
     const float(*values)[3] = (const float(*)[3])r->values[light], *at = values[place];
@@ -575,13 +574,13 @@ static void set_powers(struct worker *w)
             w->powers[f][k] = pow(1.0 / (2.0 * (double)scales[scale_of[f]]), k);
 }
 
-/* Whether points of a cell are too far from own ones for a sweep of which those count that are `far` at most. */
+/* Whether a cell lies too far from own points for a sweep, which visits points with a distance of at most `far`. */
 static bool is_too_far(const struct regression *r, size_t cell, uint8_t far)
 {
     return r->part != NULL && r->part->far[r->grid->points[r->grid->first[cell]].index] > far;
 }
 
-/* Calls `visit` for all points that are `far` at most, by several threads. */
+/* Calls `visit` in several threads for all points whose distance is at most `far`. */
 static int sweep(const struct regression *r, float radius, uint8_t far,
                  void (*visit)(const struct regression *, struct worker *, size_t), struct kiln_error *error)
 {
@@ -628,7 +627,7 @@ static int take_others(struct regression *r, size_t light, struct kiln_error *er
     return status;
 }
 
-/* Values as given, and room for what is to be found of them. */
+/* Copies the given values, and allocates the results. */
 static int take_values(struct regression *r, struct kiln_error *error)
 {
     const size_t count = r->grid->count;
@@ -674,7 +673,7 @@ static int begin_estimates(struct regression *r, struct kiln_error *error)
     return status;
 }
 
-/* A point's squared bias, its variance as it was pooled, and the squared error that is left, each x its area. */
+/* Terms to sum over points, each x the point's area: squared bias, pooled variance, remaining squared error. */
 enum { BIAS, POOLED, LEFT };
 
 static double term_of(const struct regression *r, size_t light, size_t place, int term)
@@ -727,7 +726,7 @@ static int sum_up(const struct regression *r, size_t light, int term, double *su
     return status;
 }
 
-/* States what is left at all points, and sums it up. */
+/* Computes the remaining variance at all points, and its sum. */
 static int state(const struct regression *r, size_t light, struct kiln_error *error)
 {
     struct kiln_regression_light *of = &r->lights[light];
@@ -735,7 +734,7 @@ static int state(const struct regression *r, size_t light, struct kiln_error *er
     int status = sum_up(r, light, BIAS, &bias, error);
     if (status == KILN_OK)
         status = sum_up(r, light, POOLED, &of->before, error);
-    /* the squared bias of the average point, over its variance as it was pooled */
+    /* mean squared bias over mean pooled variance */
     const float mean = of->before > 0.0 ? (float)(bias / of->before) : 0.0f;
 #pragma omp parallel for if (status == KILN_OK)
     for (size_t i = 0; i < (status == KILN_OK ? count_of(r) : 0); i++) {
@@ -799,8 +798,8 @@ static void take_results(void *context, size_t first, size_t count, const struct
         }
 }
 
-/* Runs all sweeps on the device, in the place of run_sweeps. *done: whether it did. There may be no device, or other
- * light (most_others) that it does not take. */
+/* Runs all sweeps on the device instead of run_sweeps. *done: whether it did. It does not if there is no device, or if
+ * there is other light (most_others), which the device does not support. */
 static int run_on_device(struct regression *r, struct kiln_regression_device *device, bool *done,
                          struct kiln_error *error)
 {

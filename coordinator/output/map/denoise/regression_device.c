@@ -7,19 +7,19 @@
 #include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
-/* Points that go to the device together at most, unless one lightmap has more: as many as keep it at work for some
- * milliseconds, and whose arrays stay there for the next. */
+/* Largest number of points that go to the device together, unless one lightmap has more: enough to keep it busy for
+ * some milliseconds, with arrays that stay on it for the next works. */
 enum { TOGETHER = 1 << 18 };
 
-/* A work that a thread waits for. What goes to the device and comes back of a small one lies in arrays, which its own
- * thread fills and reads, while the device is at work for others. */
+/* A regression that a thread waits for. Input and output of a small one lie in arrays, which its own thread fills and
+ * reads while the device computes others. */
 struct request {
     const struct kiln_regression_work *work;
     struct request *next;
     struct kiln_gpu_regression_point *points; /* NULL: there are no arrays */
     struct kiln_gpu_regression_given *given;
     struct kiln_gpu_regression_result *results;
-    size_t first; /* its points among those that go together */
+    size_t first; /* index of its first point among those of all requests run together */
     bool ended, done;
     bool together; /* the results lie in the array */
     int status;
@@ -67,8 +67,8 @@ struct joined {
     struct kiln_arena arena;
 };
 
-/* Calls `some` for each work's part of the points [first, first + count): its own first point, how many, and the place
- * of that point among these. */
+/* Calls `some` for each request that has some of the points [first, first + count), with its first such point, their
+ * number, and their place in the arrays. */
 static void split(const struct joined *j, size_t first, size_t count,
                   void (*some)(const struct request *request, size_t first, size_t count, size_t at, void *arrays),
                   void *arrays)
@@ -113,7 +113,7 @@ static void take(void *context, size_t first, size_t count, const struct kiln_gp
     split(context, first, count, take_some, (void *)(uintptr_t)results);
 }
 
-/* Numbers of cells, of ranges and of places go on from one work to the next. */
+/* Renumbers cells, ranges and places, so that the numbers of each request follow those of the one before. */
 static void join_cells(struct joined *j)
 {
     uint32_t place = 0, cell = 0, range = 0;
@@ -173,7 +173,7 @@ static int run_joined(struct kiln_backend *backend, struct request *first, bool 
     return status;
 }
 
-/* Those that have arrays together, or else each alone. */
+/* Runs requests with arrays together, or a single one without. */
 static void run_list(struct kiln_backend *backend, struct request *first)
 {
     struct kiln_error ignored;
@@ -191,7 +191,7 @@ static void run_list(struct kiln_backend *backend, struct request *first)
 
 /* ---- taking turns ---- */
 
-/* Takes those that came first from the list, while they have few enough points in all; one at least. */
+/* Takes requests from the front of the queue: at least one, and more while their points fit together. */
 static struct request *take_turn(struct kiln_regression_device *d)
 {
     struct request *const first = d->waiting, *last = first;
@@ -211,7 +211,7 @@ static struct request *take_turn(struct kiln_regression_device *d)
     return first;
 }
 
-/* Has the device, and the lock, which it leaves while the device is at work. */
+/* Runs queued requests on the device. Holds the lock, but releases it while the device computes. */
 static void serve(struct kiln_regression_device *d)
 {
     struct request *const first = take_turn(d);
@@ -227,8 +227,8 @@ static void serve(struct kiln_regression_device *d)
     (void)pthread_cond_broadcast(&d->changed);
 }
 
-/* Makes the request's arrays, and fills those that go to the device. A request has none if it has more than TOGETHER
- * points, or if memory is short. It then goes to the device alone, which asks for its points by work->give. */
+/* Allocates the request's arrays and fills the input. There are none if it has more than TOGETHER points, or if memory
+ * is short. It then goes to the device alone, which asks for its points by work->give. */
 static void make_arrays(struct request *r)
 {
     static const char what[] = "denoising on a device";
@@ -247,7 +247,7 @@ static void make_arrays(struct request *r)
 
 static void free_arrays(struct request *r) { kiln_arena_release(&r->arena); }
 
-/* Waits in line, and has the device for all that are in it when there is nobody else. */
+/* Queues a request and waits until it is done. If no thread uses the device, runs all queued requests. */
 static void wait_for(struct kiln_regression_device *d, struct request *own)
 {
     (void)pthread_mutex_lock(&d->lock);

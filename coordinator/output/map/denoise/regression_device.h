@@ -1,7 +1,7 @@
-/* The device that takes noise out of lightmaps (worker/pass/regression.h), for many threads, each with a lightmap of
- * its own. A small lightmap keeps a device at work for less time than it takes to tell it so. What waits while the
- * device is at work therefore goes to it together, as one surface. Results are those of each lightmap alone, bit for
- * bit: a point's hang on the points of its own cells only. */
+/* Queue for the device that denoises lightmaps (worker/pass/regression.h), shared by many threads, each with a lightmap
+ * of its own. A small lightmap takes less device time than its submission. So all lightmaps that wait while the device
+ * is busy are submitted together, as one surface. Results are the same bits as for each lightmap alone, since a point's
+ * result depends only on the points of its own cells. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_DENOISE_REGRESSION_DEVICE_H
 #define KILN_COORDINATOR_OUTPUT_MAP_DENOISE_REGRESSION_DEVICE_H
 
@@ -10,13 +10,14 @@
 
 struct kiln_regression_device;
 
-/* Borrows the backend, which nobody else may use while a work runs. KILN_SYSTEM. */
+/* Borrows the backend, which nobody else may use while work runs. KILN_SYSTEM. */
 int kiln_regression_device_create(struct kiln_regression_device **device, struct kiln_backend *backend,
                                   struct kiln_error *error);
 void kiln_regression_device_destroy(struct kiln_regression_device **device);
 
-/* As kiln_backend_regress; from any thread. `give` and `take` of a small work are called by this thread, of a large one
- * perhaps by another meanwhile. All works of a device have the same number of lights. */
+/* Runs one lightmap, like kiln_backend_regress; from any thread. `give` and `take` are called by this thread if the
+ * work is small, and perhaps by another thread meanwhile if it is large. All work of a device has the same number of
+ * lights. */
 int kiln_regression_device_run(struct kiln_regression_device *device, const struct kiln_regression_work *work,
                                bool *done, struct kiln_error *error);
 

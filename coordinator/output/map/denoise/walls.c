@@ -1,15 +1,15 @@
-/* The stage "walls": what walls part on the surface of an object stays apart in its lightmap, too.
+/* The stage "walls": parts of an object's surface that walls separate stay separate in its lightmap, too.
  *
- * Walls stand on divided texels (struct kiln_divided_texel of worker/scene/surface.h). Texels of a lightmap are of one
- * region if a way leads from one to the other, from texel to texel, which no wall crosses. Regions that a wall parts do
- * not fill each other's gaps, and take no noise out of each other: positions of all but the largest are moved off the
- * surface, each by as much as no neighbour of a point may be (neighbours.h).
+ * Walls stand on divided texels (struct kiln_divided_texel of worker/scene/surface.h). Texels of a lightmap belong to
+ * one region if a path leads from one to the other, from texel to texel, that no wall crosses. Regions that a wall
+ * separates do not fill each other's gaps, and do not denoise each other: the positions of all regions but the largest
+ * are moved off the surface, farther than a neighbour may lie off the tangent plane (neighbours.h).
  *
- * Whole texels of a rim beside a wall (bake/points/divided.h) become gaps of the region that sees more: an engine that
- * reads between two texels would mix their light into the room otherwise. The region that they are filled from shows
- * next to the wall.
+ * Whole texels of a rim beside a wall (bake/points/divided.h) become gaps, which are filled from the region that sees
+ * more: an engine that interpolates between two texels would otherwise mix the rim's light into the room. The region
+ * that fills them is the one visible next to the wall.
  *
- * All of it is read from the map of all texels, which every rank has, so bands of a lightmap need no exchange. */
+ * All this is read from the map of all texels, which every rank has, so bands of a lightmap need no exchange. */
 #include <math.h>
 #include <string.h>
 
@@ -26,11 +26,11 @@ struct walls {
     const struct kiln_surface *surface;
     uint32_t width, height;
     uint32_t *region; /* of each texel; KILN_NONE: there is none */
-    uint32_t *claim;  /* the region that a texel becomes a gap of: the largest that asks for it; KILN_NONE: of none */
+    uint32_t *claim;  /* per texel: largest region that wants it as a gap of its own; KILN_NONE: none */
     uint32_t *stack;
     size_t stack_room;
     uint32_t count;
-    uint32_t *size, *cluster, *order; /* of each region; order: by how many lifts its positions are moved */
+    uint32_t *size, *cluster, *order; /* per region; order: number of lifts by which its positions are moved */
     struct kiln_arena arena;
 };
 
@@ -48,14 +48,15 @@ static bool has_point(const struct walls *w, uint32_t x, uint32_t y)
     return kiln_surface_entry(w->surface, w->work->object, x, y).at != KILN_NO_POINT;
 }
 
-/* A place that texel (x, y) shows, in its square. */
+/* The place in its square that represents texel (x, y): where the surface is visible. */
 static void shown_place(const struct kiln_divided_texel *t, float place[2])
 {
     place[0] = t != NULL ? kiln_divided_shown_x(t) : 0.5f;
     place[1] = t != NULL ? kiln_divided_shown_y(t) : 0.5f;
 }
 
-/* The part of a divided texel that the place lies in which the texel (dx, dy) away shows. */
+/* The part of a divided texel next to its neighbour (dx, dy) away: the part that contains the neighbour's
+ * representative place. */
 static uint32_t part_beside(const struct kiln_divided_texel *t, const struct kiln_divided_texel *other, int dx, int dy)
 {
     float place[2];
@@ -63,7 +64,7 @@ static uint32_t part_beside(const struct kiln_divided_texel *t, const struct kil
     return kiln_divided_part(t, place[0] + (float)dx, place[1] + (float)dy);
 }
 
-/* Whether no wall parts what two texels show. */
+/* Whether no wall separates the visible parts of two neighbouring texels. */
 static bool is_open(const struct walls *w, uint32_t x, uint32_t y, int dx, int dy)
 {
     const struct kiln_divided_texel *here = divided_at(w, x, y),
@@ -88,7 +89,7 @@ static int push(struct walls *w, size_t *top, uint32_t texel, struct kiln_error 
     return status;
 }
 
-/* All texels that ways lead to from the first. */
+/* Finds the region of texel `first`: all texels that paths lead to from there. */
 static int find_region(struct walls *w, uint32_t first, struct kiln_error *error)
 {
     size_t top = 0;
@@ -142,7 +143,7 @@ static void join_regions(struct walls *w)
         }
 }
 
-/* The largest region of a cluster stays where it is; the others are counted. */
+/* Numbers the regions of each cluster: 0 for the largest, which is not moved, then 1, 2, ... */
 static int order_regions(struct walls *w, struct kiln_error *error)
 {
     uint32_t *largest = NULL, *next = NULL;
@@ -183,7 +184,7 @@ end:
     return order_regions(w, error);
 }
 
-/* Moves the positions of texels that the map has. */
+/* Moves the positions of the map's texels on this rank. */
 static void lift_positions(const struct walls *w)
 {
     struct kiln_map *map = w->work->map;
@@ -198,7 +199,7 @@ static void lift_positions(const struct walls *w)
     }
 }
 
-/* Neighbours of the divided texel (x, y) that lie on the rim beyond its walls become gaps of its region. */
+/* Makes neighbours of the divided texel (x, y) that lie on the rim beyond its walls gaps of its region. */
 static void hide_rims(const struct walls *w, uint32_t x, uint32_t y, const struct kiln_divided_texel *t)
 {
     for (uint32_t k = 0; k < KILN_NEIGHBOUR_TEXELS; k++) {

@@ -10,7 +10,7 @@ enum { CHILDREN = 4, LEVELS = 17, BITS = 21 };
 struct kiln_edge_tree {
     const struct kiln_edge *edges;
     size_t count;
-    uint32_t *order;         /* of the edges along the curve; the leaves have CHILDREN of them each */
+    uint32_t *order;         /* indices of the edges along the curve; each leaf has CHILDREN of them */
     size_t level_count;      /* of boxes; the last level has one */
     size_t first[LEVELS];    /* of each level in `boxes` */
     size_t in_level[LEVELS]; /* number of boxes */
@@ -19,7 +19,7 @@ struct kiln_edge_tree {
 
 /* ---- boxes ---- */
 
-/* fminf and fmaxf are calls; no coordinate is other than a number. */
+/* fminf and fmaxf would be calls; coordinates are never NaN. */
 static inline float least(float a, float b) { return a < b ? a : b; }
 static inline float most(float a, float b) { return a > b ? a : b; }
 
@@ -91,7 +91,7 @@ static int compare_keys(const void *a, const void *b)
     return (p->edge > q->edge) - (p->edge < q->edge);
 }
 
-/* The Morton code of an edge's middle in the box of all. */
+/* Morton code of an edge's middle in the bounding box of all edges. */
 static uint64_t code_of(const struct kiln_edge *edge, const struct kiln_box *all)
 {
     uint64_t code = 0;

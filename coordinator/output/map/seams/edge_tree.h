@@ -1,5 +1,6 @@
-/* Edge tree: finds the edges near an edge. A tree of boxes over edges in the order of a space-filling curve, four
- * children a node. Boxes are axis-parallel; an empty one has its low corner above its high one. */
+/* Edge tree: finds the edges near a given edge. It is a bounding volume hierarchy of axis-parallel boxes with four
+ * children per node; the edges are in the order of a space-filling curve. An empty box has its low corner above its
+ * high one. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_SEAMS_EDGE_TREE_H
 #define KILN_COORDINATOR_OUTPUT_MAP_SEAMS_EDGE_TREE_H
 
@@ -27,7 +28,7 @@ struct kiln_edge {
 
 struct kiln_edge_tree;
 
-/* There must be at least one edge, and less than 2^32. They are borrowed. Not collective. */
+/* Builds the tree over at least one edge and fewer than 2^32. The edges are borrowed. Not collective. */
 int kiln_edge_tree_create(struct kiln_edge_tree **tree, const struct kiln_edge *edges, size_t count,
                           struct kiln_error *error);
 void kiln_edge_tree_destroy(struct kiln_edge_tree **tree);

@@ -17,7 +17,7 @@ enum { SIDE = KILN_SEAM_SIDE, ENTRIES = KILN_SEAM_ENTRIES };
 /* A texel that samples read. */
 struct texel {
     uint32_t map, at;
-    uint32_t part; /* of the solution: which of the group's parts has these values (parts_of) */
+    uint32_t part; /* of a solution: the part of the group that solved these values (parts_of) */
     float area;
     float values[]; /* of the planes that are smoothed */
 };
@@ -25,13 +25,13 @@ struct texel {
 /* One side of a sample, at a seam of one map or at a joint of two. */
 struct half_sample {
     uint32_t map;
-    uint32_t joint, edge; /* number of the joint; or KILN_NONE, and of the map's seam */
+    uint32_t joint, edge; /* number of the joint; or KILN_NONE, and number of the seam in the map */
     uint32_t index, side;
     uint32_t at[SIDE]; /* texels of the map */
     float weight[SIDE];
 };
 
-/* Kinds of records for the ranks that solve. */
+/* Kinds of records that are sent to the solving ranks. */
 enum kind { TEXELS, HALF_SAMPLES, KINDS };
 
 struct records {
@@ -55,15 +55,15 @@ struct kiln_joined {
     struct kiln_joined_params params;
     int rank, ranks;
     uint32_t plane_count;        /* those that are smoothed */
-    uint8_t *wide;               /* of each lightmap: its group has a map in bands */
-    size_t *first;               /* of each lightmap in `joints_of`, and the end */
+    uint8_t *wide;               /* one per lightmap: 1 if its group has a map in bands */
+    size_t *first;               /* per lightmap, and the end: where its entries in `joints_of` begin */
     uint32_t *joints_of;         /* numbers of joints */
-    struct records kinds[KINDS]; /* of own maps; then of the groups that this rank solves */
-    struct records solution;     /* texels of own maps, by map and texel */
+    struct records kinds[KINDS]; /* records of own maps; later of the groups that this rank solves */
+    struct records solution;     /* texels of own maps, sorted by map and texel */
     struct solved *solved;
     size_t solved_count, solved_capacity;
     size_t map_count;
-    struct kiln_joined_report *reports; /* of each lightmap; of a lone one the first */
+    struct kiln_joined_report *reports; /* one per lightmap; if a map is alone, only the first */
 };
 
 static void *record_at(const struct records *records, size_t i) { return records->at + i * records->size; }
@@ -98,7 +98,7 @@ static uint32_t group_of(const struct kiln_joined *j, uint32_t map)
 
 static bool is_wide(const struct kiln_joined *j, uint32_t group) { return is_alone(j) || j->wide[group] != 0; }
 
-/* By how many ranks a group is solved: each of them has planes of its own. */
+/* Number of ranks that solve a group, each with some of its planes. */
 static uint32_t parts_of(const struct kiln_joined *j, uint32_t group)
 {
     return !is_wide(j, group) ? 1 : (uint32_t)j->ranks < j->plane_count ? (uint32_t)j->ranks : j->plane_count;
@@ -207,7 +207,7 @@ struct part {
     uint32_t *marks, *texels;
 };
 
-/* Whether the first row that a place reads is one of the map's. */
+/* Whether the first row that a sample at `y` reads belongs to the map. */
 static bool reads_own_row(const struct kiln_map *map, float y)
 {
     const float row = floorf(y - 0.5f);
@@ -215,7 +215,7 @@ static bool reads_own_row(const struct kiln_map *map, float y)
     return at >= map->first_row && at < map->end_row;
 }
 
-/* Adds one side of an edge: `like` says which. */
+/* Adds the half samples of one side of an edge; `like` holds the members that they share. */
 static int add_halves(struct part *p, const struct kiln_seam_edge *edge, const struct half_sample *like,
                       const uint32_t *nearest, struct kiln_error *error)
 {
@@ -303,7 +303,7 @@ static int hand_over(struct kiln_joined *j, const struct part *p, struct kiln_er
     return KILN_OK;
 }
 
-/* Brings the row below a band, which samples read, with values in its margin. */
+/* Gets the row below a band, which samples read, with values in its margin. */
 static int bring_row(struct kiln_map *map, const uint32_t *nearest, struct kiln_error *error)
 {
     int status;
@@ -344,9 +344,9 @@ static uint32_t map_of(enum kind kind, const void *record)
     return kind == TEXELS ? ((const struct texel *)record)->map : ((const struct half_sample *)record)->map;
 }
 
-/* Where records go: to the ranks that have the texels, or to those that solve a part of their group. */
+/* Destinations other than a part of the group. HOME: the rank that has the texel. */
 #define HOME UINT32_MAX
-#define REPORT (UINT32_MAX - 1) /* to the first part, if the group has a map in bands */
+#define REPORT (UINT32_MAX - 1) /* to the rank that solves part 0, if the group has a map in bands */
 
 static int target_of(const struct kiln_joined *j, enum kind kind, const void *record, uint32_t part)
 {
@@ -374,7 +374,7 @@ static int sort_out(struct kiln_exchange *e, const struct records *records, cons
     return status;
 }
 
-/* Collective. Sends records to one kind of rank, where they are added to `in`. */
+/* Collective. Sends records to the ranks that `part` selects; received ones are appended to `in`. */
 static int travel(const struct kiln_joined *j, enum kind kind, const struct records *records, uint32_t part,
                   struct records *in, struct kiln_error *error)
 {
@@ -440,7 +440,7 @@ static void sort_records(struct kiln_joined *j, const struct records *records,
         qsort_r(records->at, records->count, records->size, compare, j);
 }
 
-/* Leaves out texels that came from two bands: a row's own, and the one above. */
+/* Removes duplicate texels: a row may arrive from its own band and from the band above. */
 static void drop_doubles(const struct kiln_joined *j, struct records *texels)
 {
     size_t kept = 0;
@@ -492,7 +492,7 @@ static uint32_t number_of(const struct solved *s, uint32_t map, uint32_t at)
     return low < s->system->unknown_count && s->maps[low] == map && s->texels[low] == at ? (uint32_t)low : KILN_NONE;
 }
 
-/* Makes a sample of its two sides, with numbers in place of texels. False if one is missing. */
+/* Joins two half samples to a sample, with numbers of unknowns instead of texels. False if a texel is missing. */
 static bool make_sample(const struct solved *s, const struct half_sample *half, const struct half_sample *other,
                         struct kiln_seam_sample *sample)
 {
@@ -528,8 +528,8 @@ static int count_own(struct solved *s, uint32_t map, size_t sample, struct kiln_
     return KILN_OK;
 }
 
-/* Both sides of a sample follow one another, unless one has no surface there. `used` is set for what the samples read,
- * and for what any side at a joint reads. */
+/* Adds the samples of a group. The two halves of a sample follow one another, unless one side has no surface there.
+ * Sets `used` for unknowns that samples read, or that any half at a joint reads. */
 static int add_samples(const struct kiln_joined *j, const struct group *g, struct solved *s, uint8_t *used,
                        struct kiln_error *error)
 {
@@ -560,7 +560,7 @@ static int add_samples(const struct kiln_joined *j, const struct group *g, struc
     return status;
 }
 
-/* Leaves out what nothing reads: it would weigh in the mean of areas. */
+/* Removes unknowns that nothing reads: they would distort the mean area. */
 static void leave_out_unused(struct solved *s, const uint8_t *used, uint32_t *numbers)
 {
     struct kiln_seam_system *system = s->system;
@@ -617,7 +617,7 @@ end:
 
 /* ---- solving ---- */
 
-/* Differences at the seams of maps in bands, which the first part reports. */
+/* Reports differences at the seams of maps in bands, on the rank that solves part 0. */
 static void report_differences(const struct kiln_joined *j, const struct solved *s, bool after)
 {
     for (size_t i = 0; s->part == 0 && i < s->own_count; i++) {
@@ -638,7 +638,7 @@ static bool is_to_solve(const struct kiln_joined *j, const struct kiln_seam_syst
            (!j->params.measure && kiln_seam_difference(system->planes, system->samples, system->sample_count) > 0.0);
 }
 
-/* Adds the values of all unknowns to the records that travel home. */
+/* Appends the values of all unknowns to the records that are sent back. */
 static int add_solution(const struct kiln_joined *j, const struct solved *s, struct records *out,
                         struct kiln_error *error)
 {
@@ -690,7 +690,7 @@ static int solve_groups(struct kiln_joined *j, struct records *out, struct kiln_
     return status;
 }
 
-/* Takes into a system what the other parts have solved, which is in the order of its unknowns. */
+/* Copies values that other parts have solved into a system; records are in the order of its unknowns. */
 static void take_parts(const struct kiln_joined *j, struct solved *s, const struct records *parts, size_t *next)
 {
     const uint32_t count = parts_of(j, s->group);
@@ -704,7 +704,7 @@ static void take_parts(const struct kiln_joined *j, struct solved *s, const stru
     }
 }
 
-/* Collective. All ranks learn how maps in bands differ at their seams. */
+/* Collective. Tells all ranks the differences at the seams of maps in bands. */
 static int share_reports(struct kiln_joined *j, const struct records *solution, struct kiln_error *error)
 {
     enum { AT_ONCE = 1 << 16 };
@@ -739,7 +739,7 @@ static uint32_t wide_group(const struct kiln_joined *j)
     return KILN_NONE;
 }
 
-/* Collective. What all maps have added goes to the ranks that solve. */
+/* Collective. Sends the records of all maps to the ranks that solve. */
 static int send_all(struct kiln_joined *j, struct kiln_error *error)
 {
     const uint32_t wide = wide_group(j), parts = wide != KILN_NONE ? parts_of(j, wide) : 1;
@@ -773,7 +773,7 @@ int kiln_joined_solve(struct kiln_joined *j, struct kiln_error *error)
     return status;
 }
 
-/* Whether the texel's lightmap stands before another in the order of the solution. */
+/* Whether the texel's lightmap comes before lightmap `number` in the order of the solution. */
 static bool is_before(const struct kiln_joined *j, const struct texel *texel, uint32_t number)
 {
     const int groups = order_of(group_of(j, texel->map), group_of(j, number));

@@ -9,13 +9,13 @@
 #include "worker/base/disjoint_sets.h"
 #include "worker/base/memory.h"
 
-/* The gap that is always allowed, of the extent: positions are rounded to float. */
+/* Smallest tolerance for a gap, relative to the scene's extent: positions are rounded to float. */
 static const double least_gap = 0x1p-21;
-/* The gap that is allowed at most, texels. */
+/* Largest tolerance for a gap, in texels. */
 static const double texel_gap = 1.0 / 16.0;
-/* Edges and joints that are shorter on the layout, in texels, are left out. */
+/* Shorter edges and joints are left out; length on the layout, in texels. */
 static const double least_texels = 1.0 / 64.0;
-/* The cosine between the directions into both triangles, at most: that of a fold of 37 degrees. */
+/* Largest cosine between the directions from the edge into both triangles: that of a fold of 37 degrees. */
 static const double opposite = -0.8;
 
 /* Where an edge comes from. */
@@ -27,10 +27,10 @@ struct search {
     const struct kiln_scene *scene;
     const struct kiln_surface *surface;
     double extent;
-    struct kiln_box *boxes, *clips; /* of each object: what it fills; where other objects are in that */
+    struct kiln_box *boxes, *clips; /* per object: its bounding box; the part of it where other objects are */
     uint8_t **ends;                 /* of each mesh that is needed: kiln_mesh_ends */
     struct origin *origins;         /* of each edge, */
-    struct kiln_edge *edges;        /* and where it is, m from the scene's centre */
+    struct kiln_edge *edges;        /* for each side, its edge in m from the scene's centre */
     size_t edge_count, origin_capacity, edge_capacity;
     struct kiln_edge_tree *tree;
     struct found *found;
@@ -62,7 +62,7 @@ static bool is_published(const struct kiln_surface *surface, uint32_t object)
             surface->lightmaps[surface->object_count + object].published != 0);
 }
 
-/* The box of each object with a published lightmap, with the gap. */
+/* Finds the box of each object with a published lightmap, enlarged by the gap. */
 static void find_boxes(const struct search *s)
 {
     const float gap = (float)(KILN_JOINT_GAP * s->extent);
@@ -87,7 +87,7 @@ static int compare_lows(const void *a, const void *b, void *context)
     return (i > j) - (i < j);
 }
 
-/* Finds for each object the part of its box in which boxes of others are. */
+/* Finds for each object the part of its box that boxes of other objects overlap. */
 static int find_clips(const struct search *s, struct kiln_error *error)
 {
     uint32_t *order = NULL;
@@ -209,7 +209,7 @@ struct side {
     struct kiln_dvec3 end[2], normal[2];
     struct kiln_dvec3 into; /* unit: from the edge into its triangle */
     double texel[2][2], length, texels;
-    double part[2]; /* of the edge: where the joint begins and ends, 0 to 1 */
+    double part[2]; /* where the joint begins and ends on the edge, 0 to 1 */
 };
 
 static struct kiln_dvec3 unit(struct kiln_dvec3 v)
@@ -247,8 +247,8 @@ static double gap_of(const struct search *s, const struct side *a, const struct 
     return fmax(least_gap * s->extent, fmin(KILN_JOINT_GAP * s->extent, texel_gap * texel));
 }
 
-/* Finds the common part of two edges, which is a part of both. False if they do not lie on one line, or if it is not
- * longer than a few gaps. */
+/* Finds the common part of two edges, as a range on each. False if they do not lie on one line, or if it is only a few
+ * gaps long. */
 static bool overlap(struct side *line, struct side *other, double gap)
 {
     const struct kiln_dvec3 direction = unit(dvec3_sub(line->end[1], line->end[0]));
@@ -313,7 +313,7 @@ struct finder {
     struct kiln_error error;
 };
 
-/* Tries an edge whose box is near that of the finder's. */
+/* Tries an edge whose box is near the box of the finder's edge. */
 static void try_edge(void *context, size_t other)
 {
     struct finder *f = context;

@@ -11,27 +11,27 @@
 
 enum { SIDE = KILN_SEAM_SIDE, ENTRIES = KILN_SEAM_ENTRIES, LANES_MOST = KILN_CHOLESKY_LANES, MOST_ROUNDS = 4 };
 
-/* In place of the relative area of values that stand for none. */
+/* Replaces the relative area of values without surface, such as those in margins. */
 static const double margin_pull = 0.01;
-/* The weight of a value that is held where it is. */
+/* Weight that fixes a value where it is. */
 static const double hold = 1e3;
 
-/* Numbers of a factor at most, unless one plane alone has more. */
+/* Largest size of a factor, in numbers, unless one plane alone needs more. */
 enum { MOST_NUMBERS = 1 << 24 };
 /* Systems of fewer unknowns are solved by one thread. */
 enum { ALONE = 1 << 10 };
 
-/* Unknowns and samples by parts: those that samples connect, directly or through others. */
+/* Connected components of the system, here called parts: unknowns and samples that are connected through samples. */
 struct parts {
     size_t count;
-    uint32_t *part_of; /* of each unknown; before, another of its part, or itself */
+    uint32_t *part_of; /* part of each unknown; while joining, another unknown of its part, or itself */
     uint32_t *unknowns, *samples;
-    size_t *first, *first_sample; /* of each part in these lists, and the end */
-    uint32_t *order;              /* of parts by size, the largest first */
+    size_t *first, *first_sample; /* where each part begins in these lists, and the end */
+    uint32_t *order;              /* parts sorted by size, the largest first */
     struct kiln_arena arena;
 };
 
-/* Terms that read an unknown: terms[first[u]] to terms[first[u + 1]] in the order of samples. */
+/* Terms that contain an unknown u: terms[first[u]] to terms[first[u + 1] - 1], in the order of samples. */
 struct readers {
     uint32_t *first;
     struct term {
@@ -40,8 +40,8 @@ struct readers {
     } * terms;
 };
 
-/* A part with some of its planes. Unknowns are numbered in the order of elimination; arrays have `lanes` numbers for
- * each. */
+/* One part with some of its planes, one in each lane. Unknowns are numbered in the order of elimination. Arrays with
+ * values have `lanes` numbers per unknown. */
 struct solver {
     const struct kiln_seam_system *system;
     size_t unknown_count, sample_count, lanes, planes; /* planes: lanes that are in use */
@@ -50,13 +50,13 @@ struct solver {
     struct readers readers;
     struct kiln_elimination elimination;
     struct kiln_cholesky factor;
-    double *pull, *diagonal; /* one of each unknown: w a (seam_system.h), and of A^T A */
+    double *pull, *diagonal; /* per unknown: w a (seam_system.h); diagonal of A^T A */
     float *baked;
     float *low, *high; /* range of the baked values around each unknown */
     bool *held;
-    double *change, *next;   /* x - baked, as it is and as it is found now */
-    double *row;             /* of samples in the place of unknowns */
-    bool solves[LANES_MOST]; /* lanes whose change is sought; none with values that are not finite */
+    double *change, *next;   /* x - baked: current one, and result of the present round */
+    double *row;             /* A baked, per sample */
+    bool solves[LANES_MOST]; /* lanes still to solve; no lanes with values that are not finite */
     struct kiln_arena arena;
 };
 
@@ -156,7 +156,7 @@ static void number_parts(struct parts *p, const struct kiln_seam_system *s)
                            b = leader_of(p->part_of, s->samples[i].at[k]);
             p->part_of[a > b ? a : b] = a > b ? b : a;
         }
-    for (uint32_t u = 0; u < s->unknown_count; u++) /* what leads is less, and has its number by now */
+    for (uint32_t u = 0; u < s->unknown_count; u++) /* a part's least unknown comes first and has its number by now */
         p->part_of[u] = p->part_of[u] == u ? (uint32_t)p->count++ : p->part_of[p->part_of[u]];
 }
 
@@ -273,7 +273,7 @@ end:
     return status;
 }
 
-/* A column of A^T A. `column` is 0, before and after. */
+/* Computes column u of A^T A. `column`: scratch that is 0 before and after. */
 static void make_column(struct solver *v, size_t u, double *column)
 {
     const struct kiln_elimination *e = &v->elimination;
@@ -303,7 +303,7 @@ static int make_matrix(struct solver *v, struct kiln_error *error)
 
 /* ---- the solution ---- */
 
-/* Takes what has been found into the lanes that are solved: the others have what they had been solved for. */
+/* Keeps the result in lanes that are still being solved; others keep their earlier result. */
 static void keep_change(struct solver *v)
 {
     for (size_t u = 0; u < v->unknown_count; u++)
@@ -312,7 +312,7 @@ static void keep_change(struct solver *v)
                 v->change[u * v->lanes + l] = v->next[u * v->lanes + l];
 }
 
-/* Solves (A^T A + diag(pull)) change = -A^T A baked, in each lane by itself. */
+/* Solves (A^T A + diag(pull)) change = -A^T A baked, separately in each lane. */
 static void find_change(struct solver *v)
 {
     const size_t lanes = v->lanes;
@@ -356,8 +356,8 @@ static void find_ranges(struct solver *v, size_t lane)
     }
 }
 
-/* Holds those values at the ends of their ranges that the change leads beyond. Returns whether there are any that were
- * not held there before: what the others are depends on them. */
+/* Fixes values that would leave their range at its nearest end. Returns whether any was not fixed there before: then
+ * the others must be solved again. */
 static bool hold_values(struct solver *v, size_t lane)
 {
     bool any = false;
@@ -373,7 +373,7 @@ static bool hold_values(struct solver *v, size_t lane)
     return any;
 }
 
-/* Solves lanes again where values had to be held, a few times. */
+/* Solves all lanes; where values had to be fixed, solves again, a few times. */
 static void solve_and_hold(struct solver *v)
 {
     bool any = true;
@@ -390,7 +390,7 @@ static void solve_and_hold(struct solver *v)
 
 /* ---- planes ---- */
 
-/* Lanes for so many planes, if a factor has so many entries. */
+/* Number of lanes for `planes` planes, with a factor of `entries` entries. */
 static size_t lanes_for(size_t planes, size_t entries)
 {
     size_t sets = (planes + LANES_MOST - 1) / LANES_MOST;
@@ -399,7 +399,7 @@ static size_t lanes_for(size_t planes, size_t entries)
     return kiln_cholesky_lanes((planes + sets - 1) / sets);
 }
 
-/* Takes a plane into a lane. Values that are no numbers are left as they are, and those with them. */
+/* Copies a plane into a lane. A lane with a value that is not finite is not solved. */
 static void take_plane(struct solver *v, size_t lane, const float *plane)
 {
     v->solves[lane] = true;
@@ -412,7 +412,7 @@ static void take_plane(struct solver *v, size_t lane, const float *plane)
     find_ranges(v, lane);
 }
 
-/* The plane is that of a lane with its change, within the ranges. */
+/* Writes a lane back to its plane: baked values plus change, clamped to their ranges. */
 static void give_plane(const struct solver *v, size_t lane, float *plane)
 {
     for (size_t i = 0, at = lane; i < v->unknown_count; i++, at += v->lanes) {
@@ -441,7 +441,7 @@ end:
     return status;
 }
 
-/* How much values are pulled to where they were; mean: of areas. */
+/* Sets the weight that pulls each value to its baked one. mean: mean area. */
 static void weigh_unknowns(struct solver *v, double mean)
 {
     for (size_t u = 0; u < v->unknown_count; u++) {
@@ -450,7 +450,7 @@ static void weigh_unknowns(struct solver *v, double mean)
     }
 }
 
-/* Not a number without area; then all weigh the same. */
+/* NaN if no value has area; then all have the same weight. */
 static double mean_area(const struct kiln_seam_system *s)
 {
     double sum = 0.0;
@@ -462,7 +462,7 @@ static double mean_area(const struct kiln_seam_system *s)
     return sum / (double)count;
 }
 
-/* Which planes: every `step`-th from the first one on, so many. */
+/* The planes first, first + step, ...; `count` of them. */
 struct planes {
     size_t first, step, count;
 };

@@ -14,7 +14,8 @@
 
 enum { ENTRIES = KILN_SEAM_ENTRIES };
 
-/* The texels that the samples read. `numbers` has an entry for each texel of the map, and becomes their numbers. */
+/* Lists the texels that the samples read. `numbers` has an entry per texel of the map, which becomes its number in the
+ * list. */
 static int list_texels(const struct kiln_map *map, const struct kiln_seam_sample *samples, size_t sample_count,
                        uint32_t *numbers, uint32_t **texels, size_t *count, struct kiln_error *error)
 {
@@ -97,7 +98,7 @@ int kiln_seams_smooth(struct kiln_map *map, const struct kiln_chart_graph *graph
     return status;
 }
 
-/* The same where the solution is there already: differences at the seams of a map in bands have been found with it. */
+/* As kiln_seams_smooth, for a map in bands, whose seams have been solved already, with the differences. */
 static int apply_band(struct kiln_map_work *work, struct kiln_seam_report *report, struct kiln_error *error)
 {
     const struct kiln_joined_report *found = kiln_joined_report(work->joined, work->object);
@@ -114,7 +115,7 @@ static int apply_band(struct kiln_map_work *work, struct kiln_seam_report *repor
     return KILN_OK;
 }
 
-/* The same for the map of an object that touches others. */
+/* As kiln_seams_smooth, for the map of an object that touches others. */
 static int apply_joined(struct kiln_map_work *work, struct kiln_seam_report *report, struct kiln_error *error)
 {
     struct kiln_seam_sample *samples = NULL;
@@ -136,16 +137,16 @@ end:
     return status;
 }
 
-/* ---- the light of groups (field/group_fields.h) ----
+/* ---- light of groups (field/group_fields.h) ----
  *
- * What smoothing makes of a texel's light, direct or indirect, it makes of that of each group, as a factor: so one
- * solution serves all of them, and they still add up. Where light grows by more than MOST_CHANGE, from next to nothing,
- * groups stay as they are, and the last one, which is of what is in no other, gets the difference. */
+ * Each group's light is scaled by the factor by which smoothing changed the direct or indirect light of the texel. So
+ * one solution serves all groups, and their sum stays the total. Where light grows by more than MOST_CHANGE, from next
+ * to nothing, no factor is used: the last group, which has the light of no other group, gets the difference. */
 
 enum { LIGHT = KILN_MAP_ERROR };
 #define MOST_CHANGE 4.0f
 
-/* The map's light before it is smoothed, in copies of the rows that it has. */
+/* Copies the map's light before it is smoothed, for the rows on this rank. */
 static int keep_light(const struct kiln_map_work *work, float *before[LIGHT], struct kiln_error *error)
 {
     const size_t first = kiln_map_first(work->map), count = kiln_map_end(work->map) - first;
@@ -169,7 +170,7 @@ static struct change change_of(float before, float after)
     return (struct change){grows || before == after ? 1.0f : after / before, grows ? after - before : 0.0f};
 }
 
-/* A colour of a texel of all groups, the first of which has its direct light in this plane. */
+/* Changes one colour of a texel in all groups. planes[0]: direct light of the first group in this colour. */
 static void change_groups(float **planes, size_t groups, size_t texel, struct change direct, struct change rest)
 {
     for (size_t g = 0; g < groups; g++) {
@@ -220,7 +221,7 @@ end:
     return status;
 }
 
-/* Samples from which on a system takes longer than most of what is done with a map. */
+/* Number of samples from which solving takes longer than most other work on a map. */
 enum { MANY_SAMPLES = 1 << 12 };
 
 static bool is_long(const struct kiln_map_work *work)

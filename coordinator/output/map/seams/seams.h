@@ -1,10 +1,10 @@
 /* Seam smoothing: changes texels so that bilinear filtering gives the same value on both sides of a seam, by the least
  * squares of seam_system.h.
  *
- * Along every seam there are samples at distances of at most half a texel. What they read are texels of the surface and
- * of the margin. A texel of the margin begins as a copy of a surface texel, and weighs least. So where there is a
- * margin it takes what lies beyond the seam, and the surface changes little; where there is none, at the edge of the
- * image or where charts lie close together, the surface texels on both sides move towards each other. */
+ * Every seam has samples at most half a texel apart. They read texels of the surface and of the margin. A margin texel
+ * begins as a copy of a surface texel and has the least weight. So where there is a margin, the margin takes the values
+ * from beyond the seam, and the surface changes little. Where there is none, at the edge of the image or between charts
+ * that lie close together, the surface texels on both sides approach each other. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_SEAMS_SEAMS_H
 #define KILN_COORDINATOR_OUTPUT_MAP_SEAMS_SEAMS_H
 
@@ -18,9 +18,9 @@ struct kiln_seam_report {
     double difference_before, difference_after;
 };
 
-/* Smooths the planes of the map that are to be smoothed at seams, or with `smooth` false only measures the differences.
- * `nearest` is the result of kiln_nearest_texels with KILN_TEXEL_FILLED and kiln_borders_assign; a margin texel that
- * gets a value of its own becomes its own nearest one. The map must be filled; its margin will be, with copies.
+/* Smooths at seams the planes of the map marked `smooth`; with `smooth` false only measures the differences. `nearest`
+ * is the result of kiln_nearest_texels with KILN_TEXEL_FILLED and kiln_borders_assign; a margin texel that gets a value
+ * of its own becomes its own nearest one. The map must be filled; this function fills the margin with copies.
  * Deterministic. Not for a map in bands, whose seams are solved by all ranks (joined.h). */
 int kiln_seams_smooth(struct kiln_map *map, const struct kiln_chart_graph *graph, uint32_t *nearest, bool smooth,
                       struct kiln_seam_report *report, struct kiln_error *error);

@@ -4,8 +4,8 @@
 #include "coordinator/output/map/seams/joined.h"
 #include "worker/base/memory.h"
 
-/* Begins the map of an object that touches others, and adds it to what is joined. Only if all maps fit in one round is
- * it kept; else it is made again when its file is written. */
+/* Begins the map of an object that touches others, and adds it to the joined system. The map is kept only if all maps
+ * fit in one round; otherwise it is made again when its file is written. */
 static int join_object(const struct kiln_writer *w, uint32_t object, struct kiln_error *error)
 {
     if (!w->works[object].in_bands && kiln_stop_asked(w->result->stop))
@@ -19,7 +19,7 @@ static int join_object(const struct kiln_writer *w, uint32_t object, struct kiln
     return status;
 }
 
-/* Collective: as kiln_writer_walk_rounds wants it. */
+/* Callback of kiln_writer_walk_rounds. Collective. */
 static int join_together(struct kiln_writer *w, const struct kiln_assignment *assignment, uint32_t round, uint32_t *own,
                          size_t count, struct kiln_error *error)
 {

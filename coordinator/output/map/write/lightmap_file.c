@@ -12,7 +12,7 @@
 #include "coordinator/output/map/bands/bands.h"
 #include "worker/base/memory.h"
 
-/* The largest value of a colour. Collective for a band's image. */
+/* Finds the largest value of a colour. Collective for an image in bands. */
 static int find_most(const struct kiln_writer *w, bool bands, const struct kiln_image *image, float *most,
                      struct kiln_error *error)
 {
@@ -26,7 +26,7 @@ static int find_most(const struct kiln_writer *w, bool bands, const struct kiln_
     return KILN_OK;
 }
 
-/* "half" if colours can be stored as halves, else "float" with the reason. */
+/* "half" if colours can be stored as halves; otherwise "float" with the reason. */
 static const char *choose_precision(const struct kiln_output_params *params, float most)
 {
     if (!params->half)
@@ -107,9 +107,7 @@ int kiln_writer_describe(const struct kiln_writer *w, uint32_t object, struct ki
         {.name = "kiln:filledTexels", .kind = KILN_EXR_INTEGER, .integer = integer_of(report->filled)},
         {.name = "kiln:seams", .kind = KILN_EXR_STRING, .text = w->params->stitch ? "smoothed" : "as gathered"},
         {.name = "kiln:denoise", .kind = KILN_EXR_STRING, .text = w->params->denoise ? "regression" : "none"},
-        {.name = "kiln:seed",
-         .kind = KILN_EXR_STRING,
-         .text = words->seed}, /* last, since it is left out if it is unknown */
+        {.name = "kiln:seed", .kind = KILN_EXR_STRING, .text = words->seed}, /* last, since it is left out if unknown */
     };
     memcpy(words->attributes, attributes, sizeof attributes);
     words->count = w->has_seed ? KILN_FILE_ATTRIBUTES : KILN_FILE_ATTRIBUTES - 1;
@@ -128,7 +126,7 @@ static int compare_channels(const void *a, const void *b)
     return strcmp(((const struct kiln_image_channel *)a)->name, ((const struct kiln_image_channel *)b)->name);
 }
 
-/* Channels of the fields [first, last) as an image whose values are those of `image`; release its channels. */
+/* Makes an image of the channels of fields [first, last), which shares the values of `image`; release its channels. */
 static int view_channels(const struct kiln_image *image, const struct kiln_field_set *fields, size_t first, size_t last,
                          struct kiln_image *view, struct kiln_error *error)
 {
@@ -143,7 +141,7 @@ static int view_channels(const struct kiln_image *image, const struct kiln_field
     return status;
 }
 
-/* Puts a file into the batch; of an image in bands all ranks write it. */
+/* Puts a file into the batch. All ranks write the file of an image in bands. */
 static int put_file(const struct kiln_writer *w, uint32_t object, const char *name, const struct kiln_image *image,
                     const struct kiln_file_words *words, struct kiln_error *error)
 {

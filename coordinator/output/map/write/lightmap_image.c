@@ -5,7 +5,7 @@
 
 #include "worker/base/memory.h"
 
-/* Moves a plane of the map into the image, which then owns it; a band's in a copy of its rows. */
+/* Moves a plane of the map into the image, which then owns it; of a map in bands, copies its rows. */
 static int move_plane(const struct kiln_map *map, const struct kiln_image *image, const char *name, float **plane,
                       struct kiln_error *error)
 {
@@ -70,7 +70,7 @@ static void add_terms(const struct kiln_image *image, const struct kiln_field_se
     }
 }
 
-/* Room for the channels that are computed of others: each of their values is. */
+/* Allocates the channels that are computed from others, since all of their values will be written. */
 static int make_room(const struct kiln_image *image, struct kiln_error *error)
 {
     int status = KILN_OK;

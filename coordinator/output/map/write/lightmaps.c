@@ -24,8 +24,8 @@ static uint64_t texels_at_once(const struct kiln_writer *w)
                                        : kiln_lightmap_texels(w->layers.planes.count, texels / w->ranks);
 }
 
-/* Whether the maps of objects that touch may stay in memory until they are written, on every rank: those of one round
- * may, and as many as take no more than the largest map does while it is denoised. Others are made twice. */
+/* Whether, on every rank, the maps of objects that touch may stay in memory until they are written. They may if all fit
+ * into one round, or take no more memory than the largest map while it is denoised. Otherwise they are made twice. */
 static int may_keep(const struct kiln_writer *w, const struct kiln_assignment *assignment,
                     const struct kiln_joints *joints, bool *keeps, struct kiln_error *error)
 {
@@ -49,8 +49,8 @@ static int may_keep(const struct kiln_writer *w, const struct kiln_assignment *a
     return kiln_agree(w->result->communicator, status, error);
 }
 
-/* Collective. Writes all files, with the seams of objects that touch as they were solved. Of maps that were kept no
- * points are sent again. */
+/* Collective. Writes all files, with the solved seams of objects that touch. For maps that were kept no points are sent
+ * again. */
 static int write_rounds(struct kiln_writer *w, const struct kiln_assignment *assignment,
                         const struct kiln_joints *joints, struct kiln_error *error)
 {
@@ -68,8 +68,8 @@ end:
     return status;
 }
 
-/* Leaves out the lightmaps that need not be written: of those that touch others all are, or none. Returns whether
- * lightmaps that touch are left. */
+/* Removes lightmaps that need not be written. Of lightmaps that touch one another all are kept, or none. Returns
+ * whether lightmaps that touch are left. */
 static bool leave_out(const struct kiln_writer *w, struct kiln_assignment *assignment, const struct kiln_joints *joints)
 {
     const uint8_t *only = w->params->only;
@@ -82,8 +82,7 @@ static bool leave_out(const struct kiln_writer *w, struct kiln_assignment *assig
     return touching;
 }
 
-/* Collective. Finds where objects touch, if their seams are to be smoothed or noise to be taken out, and writes all
- * files. */
+/* Collective. Finds where objects touch, if seams are to be smoothed or noise to be removed, and writes all files. */
 static int write_all(struct kiln_writer *w, struct kiln_error *error)
 {
     static const struct kiln_joints none = {0};

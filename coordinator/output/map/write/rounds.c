@@ -22,8 +22,8 @@ uint64_t kiln_writer_texels(const struct kiln_writer *w, const uint32_t *own, si
     return texels;
 }
 
-/* Counts the objects, the largest first, that are worked on one after the other, each by all threads: those that would
- * keep one thread at work when the others have nothing left. */
+/* Counts the objects, from the largest on, that are processed one after the other, each by all threads. A single thread
+ * would still be at work on them when the others have run out of objects. */
 static size_t count_alone(const struct kiln_writer *w, const uint32_t *own, size_t count, uint64_t threads)
 {
     enum { LEAST = 1 << 16 }; /* texels from which on many threads have enough to do */
@@ -38,8 +38,8 @@ static size_t count_alone(const struct kiln_writer *w, const uint32_t *own, size
     return alone;
 }
 
-/* Calls `run` for each of the objects, by one thread. Keeps the message of the first object that failed. Of the time
- * that this takes denoising has the part that it is of the threads' time with objects. */
+/* Calls `run` for each object, each by one thread. Keeps the message of the first object that failed. Charges denoising
+ * with its share of the threads' time on objects. */
 static int run_side_by_side(const struct kiln_writer *w, const uint32_t *own, size_t count, int threads,
                             int (*run)(const struct kiln_writer *, uint32_t, struct kiln_error *),
                             struct kiln_error *error)
@@ -70,8 +70,8 @@ static int run_side_by_side(const struct kiln_writer *w, const uint32_t *own, si
     return status;
 }
 
-/* Lists own objects of the round in `own`, largest first, so that a thread does not start the largest when the others
- * are done; creates their maps, unless they have been kept. */
+/* Lists own objects of the round in `own`, largest first, so that no thread starts a large one when the others are
+ * done. Creates their maps, unless they have been kept. */
 static int open_round(const struct kiln_writer *w, const struct kiln_assignment *assignment, uint32_t rank,
                       uint32_t round, uint32_t *own, size_t *count, struct kiln_error *error)
 {
@@ -100,7 +100,7 @@ int kiln_writer_run_some(const struct kiln_writer *w, const uint32_t *own, size_
                                               : status;
 }
 
-/* Collective. Lets the points of a round come, and ghosts. */
+/* Collective. Receives the points of a round, and ghosts. */
 static int gather_round(struct kiln_writer *w, struct kiln_texel_gather *gather, uint32_t round,
                         struct kiln_error *error)
 {

@@ -6,9 +6,9 @@
 #include "coordinator/output/map/charts/nearest.h"
 #include "worker/base/memory.h"
 
-/* Denoising reads gathered values only, and goes before they are copied. Fill and borders need all that are gathered;
- * seams need every surface texel, and which texel a margin texel is a copy of; directions that were mixed get their
- * length back; the copies are made last. */
+/* Order of the stages. Denoising reads gathered values only, so it comes before values are copied. Fill and borders
+ * need all gathered values. Seams need every surface texel, and which texel a margin texel copies. Mixed directions are
+ * normalized again; copies are made last. */
 const struct kiln_map_stage *const kiln_map_stages[] = {&kiln_map_stage_measure, &kiln_map_stage_mean_error,
                                                         &kiln_map_stage_walls,   &kiln_map_stage_denoise,
                                                         &kiln_map_stage_fill,    &kiln_map_stage_borders,
@@ -20,7 +20,7 @@ static bool is_wanted(const struct kiln_map_stage *stage, const struct kiln_outp
     return stage->wanted == NULL || stage->wanted(params);
 }
 
-/* Adds what a stage reads. `planes` become those of its fields. */
+/* Adds the fields that a stage reads, and converts `planes` to the planes of these fields. */
 static int add_stage(const struct kiln_map_stage *stage, struct kiln_layers *layers, uint32_t *planes,
                      const struct kiln_field_set *fields, struct kiln_error *error)
 {

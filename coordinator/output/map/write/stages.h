@@ -11,17 +11,17 @@ extern const struct kiln_map_stage *const kiln_map_stages[];
  * have, or if they are too many. */
 int kiln_map_stages_layers(const struct kiln_map_stage *const *stages, const struct kiln_output_params *params,
                            struct kiln_layers *layers, const struct kiln_field_set *fields, struct kiln_error *error);
-/* Runs the wanted stages up to the first with `after_joining`; kiln_map_stages_run runs the others. Ends with the first
- * stage that fails. What the stages have made is kept until kiln_map_stages_release, after which the work can begin
- * again with another map. */
+/* Runs the wanted stages up to the first with `after_joining`; kiln_map_stages_run runs the others. Stops at the first
+ * stage that fails. Graphs and arrays that stages have made are kept until kiln_map_stages_release; after it the work
+ * can begin again with another map. */
 int kiln_map_stages_begin(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
                           struct kiln_error *error);
-/* Runs the next stages as long as they take long. */
+/* Runs the next stages, up to the first that does not take long (is_long). */
 int kiln_map_stages_run_long(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
                              struct kiln_error *error);
 void kiln_map_stages_release(struct kiln_map_work *work);
-/* Runs the wanted stages, all or those that are left, and releases what they have made. Ends with the first stage that
- * fails. */
+/* Runs all wanted stages that have not run yet, and releases the data that they have made. Stops at the first stage
+ * that fails. */
 int kiln_map_stages_run(const struct kiln_map_stage *const *stages, struct kiln_map_work *work,
                         struct kiln_error *error);
 

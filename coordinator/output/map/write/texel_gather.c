@@ -10,7 +10,7 @@
 #include "coordinator/output/points.h"
 #include "worker/base/memory.h"
 
-/* A tile run that is sent for a lightmap: its own, or one that has its points as ghosts. */
+/* A tile run that is sent for a lightmap: its own, or one that uses its points as ghosts. */
 struct shipment {
     size_t tile_run;
     uint32_t map;
@@ -28,14 +28,14 @@ struct kiln_texel_gather {
     const struct kiln_layers *layers;
     int rank, ranks;
     size_t record; /* bytes */
-    size_t limit;  /* records to one rank in a pass; a tile run's worth at least */
+    size_t limit;  /* records to one rank in a pass; at least those of one tile run */
     const struct kiln_ghosts *ghosts;
-    uint64_t *bucket_first; /* rounds x ranks + 1: where the shipments for (round, owner) stand in `order` */
+    uint64_t *bucket_first; /* rounds x ranks + 1: beginning of the shipments for (round, owner) in `order` */
     uint64_t *cursor;       /* per destination, during a round */
-    struct shipment *order; /* of own tile runs by (round, owner), else in the order of tile runs */
+    struct shipment *order; /* shipments of own tile runs, sorted by (round, owner), then by tile run */
     size_t shipment_count;
     uint8_t *out, *in;    /* records */
-    struct place *places; /* of the pass at hand, one a shipment */
+    struct place *places; /* places in the current pass, one per shipment */
     size_t in_capacity;
     struct kiln_exchange exchange; /* of records for other ranks; own ones lie where they would be sent from */
     size_t own;
@@ -43,7 +43,7 @@ struct kiln_texel_gather {
 
 enum { TILE_ROWS = 8 };
 
-/* The rank that has a tile's texels. The tile may be a ghost, of which any band will do. */
+/* The rank that has a tile's texels; for a ghost tile, that of any band. */
 static uint32_t rank_of(const struct kiln_texel_gather *e, uint32_t map, uint32_t tile)
 {
     const struct kiln_lightmap *lightmap = &e->result->surface->lightmaps[map];
@@ -116,7 +116,7 @@ static int allocate_exchange(struct kiln_texel_gather *e, struct kiln_error *err
                            "the exchange of points", error));
     KILN_TRY(kiln_allocate(&e->cursor, ranks, sizeof(uint64_t), "the exchange of points", error));
     KILN_TRY(kiln_allocate_bare(&e->out, e->limit * ranks, e->record, "points to send", error));
-    /* one place for each shipment; `limit` of a rank are enough, for each shipment has a record at least */
+    /* one place per shipment; `limit` per rank suffice, since each shipment has at least one record */
     KILN_TRY(kiln_allocate_bare(&e->places, e->limit * ranks, sizeof *e->places, "points to send", error));
 end:
     return status;
@@ -166,7 +166,7 @@ void kiln_texel_gather_destroy(struct kiln_texel_gather **gather)
     kiln_free(gather);
 }
 
-/* The position and the normal, if a stage reads them. */
+/* Packs position and normal, if a stage reads them. */
 static void pack_detail(const struct kiln_texel_gather *e, const struct kiln_point_detail *detail,
                         struct kiln_texel_record *record)
 {
@@ -177,7 +177,7 @@ static void pack_detail(const struct kiln_texel_gather *e, const struct kiln_poi
         memcpy(record->values + e->layers->normal, detail->normal, sizeof detail->normal);
 }
 
-/* The values of all planes that are fields of an own point. */
+/* Packs the values of an own point in all planes that are fields. */
 static int pack_values(const struct kiln_texel_gather *e, struct kiln_own_point point, struct kiln_texel_record *record,
                        struct kiln_error *error)
 {
@@ -266,7 +266,7 @@ static int pack_pass(struct kiln_texel_gather *e, uint32_t round, int *more, str
     return status;
 }
 
-/* Makes room for so many records to come, in place of those of the pass before. */
+/* Makes room for the records of this pass, in place of those of the pass before. */
 static int make_room(struct kiln_texel_gather *e, size_t records, struct kiln_error *error)
 {
     if (records <= e->in_capacity)

@@ -1,6 +1,6 @@
-/* Texel gather: sends the points of each object to the rank that writes its lightmap (assignment.h), or to the ranks
- * that have their rows. Within a round the points are sent in passes of bounded size, so that MPI counts stay far below
- * 2^31. */
+/* Texel gather: sends the points of each object to the rank that writes its lightmap (assignment.h). Points of a
+ * lightmap in bands go to the rank that has their row. Within a round the points are sent in passes of bounded size, so
+ * that MPI counts stay far below 2^31. */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_WRITE_TEXEL_GATHER_H
 #define KILN_COORDINATOR_OUTPUT_MAP_WRITE_TEXEL_GATHER_H
 
@@ -13,9 +13,9 @@
 /* The schedule of messages, computed once. */
 struct kiln_texel_gather;
 
-/* `layers` are of the result's fields. `ghosts` (borrowed; NULL: none) are sent besides. `records_per_pass` bounds what
- * a rank sends in one pass (and about what it receives); 0 chooses 2^18, which is 15 MB with the planes that every map
- * has. */
+/* Computes the schedule. `layers` must be those of the result's fields. `ghosts` (borrowed; NULL: none) are sent, too.
+ * `records_per_pass` limits the records that a rank sends in one pass, and roughly those that it receives; 0 chooses
+ * 2^18, 15 MB with the planes that every map has. */
 int kiln_texel_gather_create(struct kiln_texel_gather **gather, const struct kiln_bake_result *result,
                              const struct kiln_assignment *assignment, const struct kiln_layers *layers,
                              const struct kiln_ghosts *ghosts, size_t records_per_pass, struct kiln_error *error);

@@ -76,14 +76,14 @@ static int begin_large(const struct kiln_writer *w, const uint32_t *objects, siz
     return status;
 }
 
-/* Begins a map of which a stage may take long. */
+/* Begins a map with a stage that may take long. */
 static int begin_large_map(const struct kiln_writer *w, uint32_t object, struct kiln_error *error)
 {
     return kiln_stop_asked(w->result->stop) ? kiln_give_up(error) : kiln_writer_begin(w, object, error);
 }
 
-/* Runs what takes long of single maps, before the files of all are made: one after the other, each with all threads,
- * since a map's part of the threads is that of its texels. */
+/* Runs the stages that may take long, map after map, each with all threads, before the files are made: a map worked on
+ * together with others gets threads only in proportion to its texels. */
 static int run_long(const struct kiln_writer *w, const uint32_t *own, size_t count, struct kiln_error *error)
 {
     enum { LEAST = 1 << 15 }; /* texels of such a map */
@@ -150,7 +150,7 @@ end:
     if (status == KILN_OK)
         status = kiln_writer_put_files(w, object, image, &words, error);
     kiln_image_destroy(&image);
-    if (w->rank != 0) /* the report is complete on all ranks, and told of by one */
+    if (w->rank != 0) /* the report is complete on all ranks; only rank 0 prints it */
         *work->report = (struct kiln_lightmap_report){0};
     return status;
 }
@@ -174,7 +174,7 @@ int kiln_writer_write(struct kiln_writer *w, const struct kiln_assignment *assig
     if (round >= assignment->own_rounds)
         return write_all_bands(w, assignment, own, count, error);
     struct large large = {0};
-    /* strips have room for few channels, of one file: the layers of groups are packed by who has the map */
+    /* strips have room for the few channels of one file; layers of groups are packed by the rank that has the map */
     const bool wide = kiln_field_set_channels(w->result->fields) + 2 > KILN_EXR_CHANNELS;
     const uint64_t least = wide                           ? UINT64_MAX
                            : w->params->least_divided > 0 ? w->params->least_divided

@@ -1,13 +1,13 @@
-/* The writer of lightmaps from within: what its files share. Each file does one thing, and uses those above it:
+/* Private header of the lightmap writer, shared by its source files. A file calls only files above it in this list:
  *
  *   maps.c            memory: opens maps, puts points into them, drops them
  *   run_maps.c        runs the stages of a map
  *   lightmap_image.c  turns a map into an image
  *   lightmap_file.c   names and describes the file of an image, and writes it
  *   rounds.c          the order of work: rounds, and which maps take all threads
- *   write_maps.c      what is done with the maps of a round: their files
- *   join_maps.c       what is done with those of objects that touch: their seams
- *   lightmaps.c       all of it */
+ *   write_maps.c      writes the files of the maps of a round
+ *   join_maps.c       solves the seams of objects that touch
+ *   lightmaps.c       the entry point: the whole sequence */
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_WRITE_WRITER_H
 #define KILN_COORDINATOR_OUTPUT_MAP_WRITE_WRITER_H
 
@@ -26,16 +26,16 @@ struct kiln_writer {
     struct kiln_layers layers;
     struct kiln_lightmap_report *reports; /* reports of this rank's objects are filled in */
     struct kiln_publish_batch *batch;     /* finished files that have yet to be published */
-    /* one for each lightmap; only those of this rank and round have a map, and those that are kept from joining */
+    /* one for each lightmap; only those of this rank and round have a map, and those kept from joining to writing */
     struct kiln_map_work *works;
     struct kiln_joined *joined; /* NULL: no objects touch */
-    struct kiln_ghosts *ghosts; /* if objects are denoised that touch */
-    int ghost_status;           /* of keeping those that come */
+    struct kiln_ghosts *ghosts; /* if objects that touch are denoised */
+    int ghost_status;           /* error of storing the ghosts that arrive */
     struct kiln_error ghost_error;
     struct kiln_bands *bands;
     struct kiln_chart_graphs *graphs;      /* of all maps */
-    struct kiln_regression_device *device; /* likewise; NULL: there is none */
-    double *denoising;                     /* s that denoising took this rank */
+    struct kiln_regression_device *device; /* device that denoises; NULL: none */
+    double *denoising;                     /* seconds of denoising on this rank */
     bool keeps;                            /* maps of objects that touch stay in memory from joining to writing */
     uint32_t rank, ranks;
     int64_t seed;
@@ -44,31 +44,30 @@ struct kiln_writer {
 
 /* ---- the maps of a rank (maps.c) ---- */
 
-/* Creates the map of an object, unless there is one, and fills in what its stages work on. */
+/* Creates the map of an object, unless it exists, and fills in the work of its stages. */
 int kiln_writer_open(const struct kiln_writer *writer, uint32_t object, struct kiln_error *error);
 
-/* Puts a point into its map, or keeps it as a ghost of another; `context` is the writer. Any thread. */
+/* Puts a point into its map, or stores it as a ghost of another map; `context` is the writer. Thread-safe. */
 void kiln_writer_put_point(void *context, const struct kiln_texel_record *record);
 
 /* Whether all points of the object have arrived. */
 int kiln_writer_check_arrived(const struct kiln_writer *writer, uint32_t object, struct kiln_error *error);
 
-/* Releases a map and what its stages have made. */
+/* Releases a map and the data that its stages have made. */
 void kiln_writer_drop(const struct kiln_writer *writer, uint32_t object);
 
 /* ---- stages (run_maps.c) ---- */
 
-/* Begins to turn gathered points into a map, unless that has been begun: the map may have been kept. */
+/* Runs the first stages of an object's map, unless they have run: the map may have been kept. */
 int kiln_writer_begin(const struct kiln_writer *writer, uint32_t object, struct kiln_error *error);
 
 /* Turns gathered points into a map with a value in every texel. */
 int kiln_writer_complete(const struct kiln_writer *writer, uint32_t object, struct kiln_error *error);
 
-/* Takes the seconds of denoising that nobody has counted yet. */
+/* Returns the seconds of denoising not yet accounted for, and resets them. */
 double kiln_writer_take_denoising(const struct kiln_writer *writer, uint32_t object);
 
-/* Collective. Begins the map of an object in bands, and solves its seams, unless they are those of objects that touch.
- */
+/* Collective. Runs the first stages of a map in bands and solves its seams, unless the object touches others. */
 int kiln_writer_solve_alone(const struct kiln_writer *writer, const struct kiln_assignment *assignment, uint32_t object,
                             struct kiln_error *error);
 
@@ -94,16 +93,16 @@ struct kiln_file_words {
 int kiln_writer_describe(const struct kiln_writer *writer, uint32_t object, struct kiln_image *image,
                          struct kiln_file_words *words, struct kiln_error *error);
 
-/* The files of one object: its lightmap, and the layers of groups where those have their own. */
+/* Writes the files of one object: its lightmap, and the layers of groups if these have files of their own. */
 int kiln_writer_put_files(const struct kiln_writer *writer, uint32_t object, struct kiln_image *image,
                           const struct kiln_file_words *words, struct kiln_error *error);
 
-/* The layers of groups that have files of their own (field/group_fields.h). */
+/* Number of layers of groups that have files of their own (field/group_fields.h). */
 size_t kiln_writer_group_files(const struct kiln_writer *writer);
 
 /* ---- rounds (rounds.c) ---- */
 
-/* The texels of some lightmaps together. */
+/* Total number of texels of some lightmaps. */
 uint64_t kiln_writer_texels(const struct kiln_writer *writer, const uint32_t *own, size_t count);
 
 /* Calls `run` for some objects of a round, the largest first. */
@@ -111,25 +110,25 @@ int kiln_writer_run_some(const struct kiln_writer *writer, const uint32_t *own, 
                          int (*run)(const struct kiln_writer *, uint32_t, struct kiln_error *),
                          struct kiln_error *error);
 
-/* Collective. Calls `finish` with the objects of each round, when their points and their ghosts have arrived. The
- * points of lightmaps whose owner in `gathered` is KILN_NONE stay where they are. */
+/* Collective. Calls `finish` with the objects of each round once their points and ghosts have arrived. Points of
+ * lightmaps whose owner in `gathered` is KILN_NONE are not sent. */
 int kiln_writer_walk_rounds(struct kiln_writer *writer, const struct kiln_assignment *assignment,
                             const struct kiln_assignment *gathered, const struct kiln_ghosts *ghosts,
                             int (*finish)(struct kiln_writer *, const struct kiln_assignment *, uint32_t round,
                                           uint32_t *own, size_t count, struct kiln_error *),
                             struct kiln_error *error);
 
-/* ---- what is done with the maps of a round (write_maps.c, join_maps.c) ---- */
+/* ---- writing and joining the maps of a round (write_maps.c, join_maps.c) ---- */
 
 /* Collective. Writes the objects of the round: each rank its small ones, then all ranks together the large ones. */
 int kiln_writer_write(struct kiln_writer *writer, const struct kiln_assignment *assignment, uint32_t round,
                       uint32_t *own, size_t count, struct kiln_error *error);
 
-/* A copy of the assignment without the lightmaps that have a joint, or without those that have none. */
+/* Copies the assignment with only the lightmaps that have a joint (`joined`), or only those without. */
 int kiln_writer_choose(struct kiln_assignment *chosen, const struct kiln_assignment *all,
                        const struct kiln_joints *joints, bool joined, struct kiln_error *error);
 
-/* Collective. Solves the seams of objects that touch. Sets `joined` of their works. */
+/* Collective. Solves the seams of objects that touch, and sets `joined` in the works of their maps. */
 int kiln_writer_join(struct kiln_writer *writer, const struct kiln_assignment *assignment,
                      const struct kiln_joints *joints, struct kiln_error *error);
 

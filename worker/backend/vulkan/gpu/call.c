@@ -1,4 +1,4 @@
-/* Calls that can fail: faults on purpose, what failed, and in which words. */
+/* Vulkan calls that can fail: error messages, and injected faults for tests. */
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>

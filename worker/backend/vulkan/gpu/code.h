@@ -7,13 +7,13 @@
 #include <stdint.h>
 
 struct gpu_code {
-    const unsigned char *packed; /* NULL: in the file, from byte `place` on */
+    const unsigned char *packed; /* compressed module; NULL: it is in the file, from byte `place` on */
     size_t place, packed_bytes;
-    size_t bytes;   /* of the words */
-    uint32_t asked; /* bit i: the code asks for its specialisation constant i, and does not only declare it */
+    size_t bytes;   /* size of the SPIR-V words, bytes */
+    uint32_t asked; /* bit i: the code uses specialisation constant i, and does not only declare it */
 };
 
-/* The file of modules of devices without doubles: its name, its size, and XXH3 of it, low and high half. */
+/* File of modules for devices without doubles: its name, its size, and its XXH3 hash, low and high half. */
 #define GPU_CODE_FILE "kiln-float.kernels"
 struct gpu_code_file {
     size_t bytes;

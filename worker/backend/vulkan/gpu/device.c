@@ -8,12 +8,12 @@
 #include "worker/base/memory.h"
 
 enum { MOST_EXTENSIONS = 8 };
-/* Flags that a queue for copies may have besides: those with others have other work, of video too. */
+/* Other flags that a queue for copies may have. Queues with still other flags have other work, such as video. */
 enum { MAY_COPY_TOO = VK_QUEUE_SPARSE_BINDING_BIT | VK_QUEUE_PROTECTED_BIT };
 
 /* ---- which device ---- */
 
-/* "none" or "0 NVIDIA X; 1 llvmpipe lacks y". */
+/* Lists the devices found: "none" or "0 NVIDIA X; 1 llvmpipe lacks y". */
 static void list_found(const struct gpu_found *found, size_t count, char *text, size_t size)
 {
     size_t length = 0;
@@ -26,7 +26,8 @@ static void list_found(const struct gpu_found *found, size_t count, char *text, 
     }
 }
 
-/* The local_rank-th in turn of the fit devices, real ones as long as there is one; writes how many ranks share it. */
+/* Chooses the local_rank-th suitable device in turn, among hardware devices if there are any; writes the number of
+ * ranks that share it. */
 static const struct gpu_found *take_turn(const struct gpu_found *found, size_t count, const struct gpu_choice *choice,
                                          uint32_t *sharers)
 {

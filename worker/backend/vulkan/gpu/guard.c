@@ -15,7 +15,7 @@
 #include "worker/base/memory.h"
 
 enum {
-    GUARD_BYTES = 1 << 18 /* a multiple of any page; most strides of an index that is one too large are smaller */,
+    GUARD_BYTES = 1 << 18 /* a multiple of any page; an index that is one too large usually hits it */,
     ALIGNMENT = 64
 };
 
@@ -25,19 +25,19 @@ struct gpu_guard {
     bool before; /* else after */
     size_t page;
     struct gpu_guarded *_Atomic newest;
-    struct gpu_buffer marker; /* the device writes here which kernel it begins: the address of its name */
+    struct gpu_buffer marker; /* the device writes here the address of the name of each kernel that it begins */
     bool explains;            /* the handler is this guard's */
     struct sigaction earlier; /* what was to happen at a SIGSEGV */
     atomic_int explaining;    /* NOT_YET, BEGUN, DONE */
 };
 
-/* The one thing that a signal handler can find. The first guard that is there has it; others' faults end the process
- * without a sentence. */
+/* The guard that the signal handler can find: the first one that exists. Faults in others end the process without a
+ * message. */
 static struct gpu_guard *_Atomic guard_of_handler;
 
 bool gpu_guarded(const struct gpu *gpu) { return gpu->guard != NULL; }
 
-/* ---- the sentence, by means that a signal handler may use ---- */
+/* ---- the message, by functions that are safe in a signal handler ---- */
 
 struct sentence {
     char text[512];
@@ -124,8 +124,9 @@ static void say_what_happened(const struct gpu_guard *guard, uintptr_t address, 
         return; /* nobody is there to be told */
 }
 
-/* The access is tried again when this returns, and then ends as it would have without. A kernel runs on several
- * threads, which may come here at once: the first of them speaks, and none may end the process before it has. */
+/* Explains a fault. The access is repeated on return, and then ends the process as it would have without this handler.
+ * A kernel may fault in several threads at once: the first one prints, and the others wait so that none ends the
+ * process before. */
 static void explain(int number, siginfo_t *info, void *context)
 {
     struct gpu_guard *guard = atomic_load(&guard_of_handler);
@@ -175,7 +176,7 @@ int gpu_guard_create(struct gpu *gpu, struct kiln_error *error)
         return status;
     gpu->guard->before = wanted == KILN_GUARD_BEFORE;
     gpu->guard->page = (size_t)sysconf(_SC_PAGESIZE);
-    gpu->about.ray_tracing = false; /* buffers that a driver keeps structures in have to begin where it wants */
+    gpu->about.ray_tracing = false; /* buffers of acceleration structures need an alignment that guards do not give */
     return KILN_OK;
 }
 
@@ -221,7 +222,7 @@ VkDeviceSize gpu_guard_memory_size(const struct gpu *gpu, VkDeviceSize needed)
     return gpu->guard != NULL ? round_up(needed, gpu->guard->page) + 2 * GUARD_BYTES + gpu->guard->page : needed;
 }
 
-/* Returns the byte of a gap at an address: no number that anybody writes. */
+/* Returns the fill byte of a gap at an address: together they form an unlikely number. */
 static unsigned char gap_byte(uintptr_t address) { return address % 4 == 3 ? 0xff : 0xa5; }
 
 static void fill(const struct gpu_guarded *g)
@@ -265,7 +266,7 @@ int gpu_guard_take(struct gpu *gpu, VkDeviceMemory memory, size_t size, const ch
     return status;
 }
 
-/* Kernels that write just beyond a buffer's inexact end leave a trace. */
+/* Finds kernels that have written just beyond a buffer's end, where it is not exactly at the guard. */
 static void check_gap(const struct gpu_guarded *g)
 {
     for (const unsigned char *p = g->begin; p < g->end; p++) {

@@ -88,7 +88,7 @@ int gpu_instance_create(struct gpu *gpu, bool validation, VkInstance *instance, 
     *instance = VK_NULL_HANDLE;
     const VkResult result =
         gpu != NULL ? GPU_TRY(gpu, vkCreateInstance(&info, NULL, instance)) : vkCreateInstance(&info, NULL, instance);
-    if (result == VK_ERROR_INCOMPATIBLE_DRIVER) /* the loader's word for: no driver is installed */
+    if (result == VK_ERROR_INCOMPATIBLE_DRIVER) /* the loader reports this if no driver is installed */
         return KILN_OK;
     if (result != VK_SUCCESS)
         return gpu_failure(gpu, result, error, "Vulkan does not start");

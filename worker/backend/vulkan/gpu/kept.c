@@ -1,5 +1,5 @@
-/* Compiled kernels that are kept from one run to the next (worker/base/kernel_store.h): a VkPipelineCache of one kernel
- * each. Nothing in here is an error: a kernel that is not there is made. So none of these calls stands in GPU_TRY. */
+/* Cache of compiled kernels between runs (worker/base/kernel_store.h): a VkPipelineCache for each kernel. Nothing here
+ * is an error: a kernel that is not in the cache is compiled. So no call here is in GPU_TRY. */
 #include <stdio.h>
 #include <string.h>
 
@@ -8,7 +8,7 @@
 #include "worker/backend/vulkan/gpu/private.h"
 #include "worker/base/memory.h"
 
-/* Hashes what a kernel is compiled for and from. Fields of properties, so that no padding is hashed. */
+/* Hashes all that a compiled kernel depends on. Properties are hashed field by field, without padding. */
 static XXH128_hash_t hash_of(const struct gpu *gpu, const struct gpu_kernel_params *k,
                              const struct gpu_words words[GPU_STAGES])
 {
@@ -29,7 +29,7 @@ static XXH128_hash_t hash_of(const struct gpu *gpu, const struct gpu_kernel_para
     return hash;
 }
 
-/* Which of several devices alike it is does not matter: what one has compiled serves them all. */
+/* Identifies the device by its model: kernels compiled on one device serve all equal ones. */
 void gpu_kept_identify(struct gpu *gpu)
 {
     VkPhysicalDeviceVulkan12Properties v12 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_PROPERTIES};
@@ -46,7 +46,7 @@ void gpu_kept_identify(struct gpu *gpu)
     memcpy(gpu->cache_uuid, p->pipelineCacheUUID, VK_UUID_SIZE);
 }
 
-/* Whether the driver's own header names this device and driver. */
+/* Whether the data's header, written by the driver, names this device and driver. */
 static bool is_ours(const struct gpu *gpu, const void *bytes, size_t size)
 {
     VkPipelineCacheHeaderVersionOne header;
@@ -85,7 +85,7 @@ void gpu_kept_open(struct gpu *gpu, const struct gpu_kernel_params *params, cons
     kiln_free(&bytes);
 }
 
-/* Keeps what the driver knows of the kernel now. */
+/* Stores the driver's present data of the kernel. */
 static void keep(const struct gpu *gpu, const struct gpu_kept *kept)
 {
     size_t size = 0;

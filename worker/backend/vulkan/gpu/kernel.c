@@ -118,7 +118,7 @@ static VkResult create_tracing_pipeline(struct gpu *gpu, struct gpu_kernel *k, V
                    gpu->extensions.create_pipelines(gpu->device, VK_NULL_HANDLE, cache, 1, &info, NULL, &k->pipeline));
 }
 
-/* One record a group, each at a multiple of the base alignment. */
+/* Makes the shader binding table: one record per group, each at a multiple of the base alignment. */
 static int create_table(struct gpu *gpu, struct gpu_kernel *k, struct kiln_error *error)
 {
     enum { MOST_BYTES = 1024 };
@@ -179,7 +179,7 @@ static int create_tracing(struct gpu *gpu, struct gpu_kernel *k, const struct gp
     return create_table(gpu, k, error);
 }
 
-/* The words of all stages there are; free each with kiln_free. */
+/* Unpacks the code of all stages; free each with kiln_free. */
 static int unpack_all(const struct gpu *gpu, const struct gpu_kernel_params *params, struct gpu_words words[GPU_STAGES],
                       struct kiln_error *error)
 {
@@ -250,7 +250,7 @@ struct dispatch {
 
 static uint32_t divide_up(uint32_t a, uint32_t b) { return a / b + (a % b != 0 ? 1 : 0); }
 
-/* Folds a dimension that is too large into z, in the way that shaders/main.glsl unfolds. False: too large in both. */
+/* Folds a dimension that is too large into z; shaders/main.glsl unfolds it. False: both are too large. */
 static bool fold(const struct gpu_step *step, const uint32_t limit[3], struct dispatch *d)
 {
     *d = (struct dispatch){.x = divide_up(step->threads_x, WORKGROUP), .y = step->threads_y, .z = 1};
@@ -262,7 +262,7 @@ static bool fold(const struct gpu_step *step, const uint32_t limit[3], struct di
     if (d->x > limit[0]) {
         d->z = divide_up(d->x, limit[0]);
         d->x = divide_up(d->x, d->z);
-        d->y += d->y == KILN_FOLD_Y ? 1 : 0; /* that number would mean that y is folded */
+        d->y += d->y == KILN_FOLD_Y ? 1 : 0; /* exactly KILN_FOLD_Y would mean that y is folded */
     }
     return d->z <= limit[2];
 }

@@ -58,7 +58,7 @@ static void lack(struct kiln_device *about, bool has, const char *what)
         (void)snprintf(about->lacks + length, sizeof about->lacks - length, "%s%s", length > 0 ? ", " : "", what);
 }
 
-/* Ray tracing without ray queries: what shaders that trace need. */
+/* Whether the device has ray-tracing pipelines, which our shaders use; ray queries are not needed. */
 static bool offers_ray_tracing(VkPhysicalDevice physical)
 {
     if (!gpu_has_extension(physical, VK_KHR_RAY_TRACING_PIPELINE_EXTENSION_NAME) ||

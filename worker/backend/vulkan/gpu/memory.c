@@ -15,7 +15,7 @@ struct gpu_buffer_memory {
 
 static uint64_t minus(uint64_t a, uint64_t b) { return a > b ? a - b : 0; }
 
-/* Returns the bytes that this process may have in all: its share of the device. */
+/* Returns the largest memory, in bytes, for this process: its share of the device. */
 static uint64_t memory_allowed(const struct gpu *gpu)
 {
     VkPhysicalDeviceMemoryBudgetPropertiesEXT budget = {
@@ -27,7 +27,7 @@ static uint64_t memory_allowed(const struct gpu *gpu)
     if (gpu->knows_budget) {
         vkGetPhysicalDeviceMemoryProperties2(gpu->physical, &memory);
         allowed = gpu->memory_used + minus(budget.heapBudget[gpu->heap], budget.heapUsage[gpu->heap]);
-        if (gpu->sharers > 1 && allowed > heap / 10 * 9) /* the others have not taken theirs yet */
+        if (gpu->sharers > 1 && allowed > heap / 10 * 9) /* the other processes may not have allocated theirs yet */
             allowed = heap / 10 * 9;
     }
     return gpu->memory_limit > 0 && gpu->memory_limit < allowed ? gpu->memory_limit : allowed;
@@ -39,7 +39,7 @@ uint64_t gpu_memory_used(const struct gpu *gpu) { return gpu->memory_used; }
 
 /* ---- buffers ---- */
 
-/* The first type with all of `wanted`, none of `unwanted`, among those that `bits` allows. */
+/* Finds the first memory type with all `wanted` flags and no `unwanted` ones, among those in `bits`. */
 static bool find_type(const struct gpu *gpu, uint32_t bits, VkMemoryPropertyFlags wanted,
                       VkMemoryPropertyFlags unwanted, uint32_t *type)
 {
@@ -166,7 +166,7 @@ int gpu_buffer_create(struct gpu *gpu, struct gpu_buffer *buffer, size_t size, e
     int status;
     KILN_TRY(kiln_allocate(&buffer->memory, 1, sizeof *buffer->memory, what, error));
 
-    /* before a driver is asked for the absurd */
+    /* checked first, so that no driver is asked for an absurd size */
     KILN_TRY(check_room(gpu, memory == GPU_DEVICE ? size : 0, what, error));
     KILN_TRY(create_vk_buffer(gpu, buffer, what, error));
     KILN_TRY(allocate_memory(gpu, buffer, memory, what, error));
@@ -217,7 +217,7 @@ int gpu_staging_create(struct gpu *gpu, struct kiln_error *error)
     return status;
 }
 
-/* `alone`: it need not wait for kernels. */
+/* Submits a copy. `alone`: it need not wait for kernels. */
 static int submit_copy(struct gpu *gpu, struct gpu_slot *slot, const struct gpu_step *step, bool alone,
                        struct kiln_error *error)
 {
@@ -233,7 +233,7 @@ static size_t piece_size(size_t size, size_t at)
     return size - at < GPU_STAGING_BYTES ? size - at : (size_t)GPU_STAGING_BYTES;
 }
 
-/* Leaves no piece under way, whatever came before. */
+/* Waits for all pieces under way, whatever the status so far. */
 static int drain(struct gpu *gpu, int status, struct kiln_error *error)
 {
     for (int i = 0; i < GPU_STAGING_PIECES; i++) {
@@ -243,7 +243,7 @@ static int drain(struct gpu *gpu, int status, struct kiln_error *error)
     return status;
 }
 
-/* One thread copies at a part of the speed at which devices read and write. */
+/* Copies by several threads: a single one is much slower than a device's transfers. */
 static void copy_by_threads(const struct gpu *gpu, char *to, const char *from, size_t size)
 {
     const size_t whole = size / PART, parts = whole > 0 ? whole : 1;
@@ -283,7 +283,7 @@ int gpu_fill(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, co
     return upload(gpu, buffer, offset, data, size, true, error);
 }
 
-/* While one piece is copied out of the staging memory the next one is on its way. */
+/* Downloads in pieces: while one piece is copied from the staging memory, the next one is transferred. */
 int gpu_download(struct gpu *gpu, const struct gpu_buffer *buffer, size_t offset, void *data, size_t size,
                  struct kiln_error *error)
 {

@@ -3,7 +3,7 @@
 
 #include "worker/backend/vulkan/gpu/private.h"
 
-/* for one submission; a device that is not back by then is taken for lost */
+/* limit for one submission; a device that takes longer counts as lost */
 #define PATIENCE_NANOSECONDS 600000000000ull
 
 static double now(void)
@@ -102,8 +102,8 @@ static int begin_commands(struct gpu *gpu, const struct gpu_commands *commands, 
     return KILN_OK;
 }
 
-/* Times are taken once all before them is done, so that what the slots add up to is never more than the time that
- * passed. */
+/* Begins a slot. Timestamps are taken after all earlier commands are complete, so that the sum over slots never exceeds
+ * the time that has passed. */
 int gpu_slot_begin(struct gpu *gpu, struct gpu_slot *slot, struct kiln_error *error)
 {
     assert(!slot->under_way);
@@ -125,7 +125,7 @@ int gpu_slot_begin_copies(struct gpu *gpu, struct gpu_slot *slot, struct kiln_er
     return begin_commands(gpu, &slot->copies, error);
 }
 
-/* Ends the commands and hands them over; with `fence` the slot is under way. */
+/* Ends and submits the commands; with `fence` the slot is then under way. */
 static int submit_commands(struct gpu *gpu, VkQueue queue, VkSubmitInfo info, VkFence fence, struct kiln_error *error)
 {
     info.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO;
@@ -164,7 +164,7 @@ int gpu_slot_end_copies(struct gpu *gpu, struct gpu_slot *slot, struct kiln_erro
     return status;
 }
 
-/* Hands over the kernels, and the copy that waits for them on the other queue. */
+/* Submits the kernels, and on the other queue the copy that waits for them. */
 static int end_with_copy(struct gpu *gpu, struct gpu_slot *slot, const struct gpu_step *copy, struct kiln_error *error)
 {
     const VkPipelineStageFlags stage = VK_PIPELINE_STAGE_ALL_COMMANDS_BIT;
@@ -194,7 +194,7 @@ static int end_with_copy(struct gpu *gpu, struct gpu_slot *slot, const struct gp
         return status;
     status = submit_commands(gpu, gpu->copy_queue, second, slot->fence, error);
     slot->under_way = status == KILN_OK;
-    if (status != KILN_OK) /* the kernels are under way, and the slot is to be free */
+    if (status != KILN_OK) /* the kernels are running, but the slot must be free */
         (void)vkDeviceWaitIdle(gpu->device);
     return status;
 }
@@ -212,7 +212,7 @@ static VkResult read_clock(struct gpu *gpu, const struct gpu_slot *slot, double 
     return result;
 }
 
-/* After a step, where steps are timed one by one. */
+/* Marks the end of a step, if steps are timed individually. */
 static void mark_step(const struct gpu *gpu, struct gpu_slot *slot, const struct gpu_step *step)
 {
     if (gpu->times == NULL || !slot->timed || slot->steps == GPU_TIMED_STEPS)
@@ -255,7 +255,7 @@ int gpu_slot_wait(struct gpu *gpu, struct gpu_slot *slot, double *seconds, struc
     if (result == VK_TIMEOUT)
         gpu->lost = gpu->hangs = true;
     if (result != VK_SUCCESS && result != VK_TIMEOUT)
-        /* nothing of it may be under way when the slot or its buffers are used again */
+        /* the slot or its buffers will be reused, so nothing may still be running */
         (void)vkDeviceWaitIdle(gpu->device);
     if (result == VK_SUCCESS)
         result = read_clock(gpu, slot, &took);
@@ -386,7 +386,7 @@ uint64_t gpu_pacer_next_filling(const struct gpu_pacer *pacer, uint64_t first_gu
     return wanted > least ? wanted : least;
 }
 
-/* Whether half the work or less has taken hardly less time. */
+/* Finds whether half the work or less took hardly less time. */
 static void compare(struct gpu_pacer *pacer, uint64_t work, double seconds)
 {
     const bool smaller = work <= pacer->compared / 2;

@@ -1,6 +1,5 @@
-/* How long kernels take, kernel by kernel, and how long the driver takes to make each, for whoever makes them quicker:
- * KILN_VULKAN_TIMES=1 prints a table to stderr when the device is left. The device's clock is read after each step
- * then. */
+/* Time that each kernel takes to run and to compile, for optimization: with KILN_VULKAN_TIMES=1 a table is printed to
+ * stderr when the device is closed. The device's clock is then read after each step. */
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,7 +14,7 @@ struct kernel_times {
     char name[NAME];
     uint32_t constant;
     uint64_t dispatches, threads;
-    double seconds, making; /* s: on the device; of the driver, for making it */
+    double seconds, making; /* s: running on the device; compiling in the driver */
 };
 
 struct gpu_times {
@@ -23,7 +22,7 @@ struct gpu_times {
     size_t count;
     uint64_t submissions;
     double waited;         /* s, of the host for submissions */
-    pthread_mutex_t mutex; /* kernels are made by several threads */
+    pthread_mutex_t mutex; /* several threads compile kernels */
 };
 
 void gpu_times_create(struct gpu *gpu)
