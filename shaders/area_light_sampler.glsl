@@ -27,7 +27,7 @@ kiln_area_light_sampler kiln_area_light_sampler_of(uint node, vec3 centre)
 
 bool kiln_is_lone_area_light(kiln_light_choice choice)
 {
-    if (!light_kind(KILN_GPU_KIND_AREA) || choice.kind != KILN_CHOICE_NODE)
+    if (!light_kind(KILN_GPU_KIND_AREA) || choice.kind != KILN_CHOICE_LIGHT_NODE)
         return false;
     const kiln_gpu_light_node node = LightNodes(SCENE.lights.nodes).at[choice.index];
     return node.left == KILN_GPU_NONE && node.right < SCENE.lights.area_count;

@@ -3,7 +3,7 @@ KILN_PUSH(kiln_gpu_bvh_push);
 
 KILN_ARRAY(BvhRoots, kiln_gpu_bvh, 8);
 KILN_ARRAY(BvhNodes, kiln_gpu_bvh_node, 16);
-KILN_ARRAY(BvhShares, kiln_gpu_bvh_share, 16);
+KILN_ARRAY(BvhSubtrees, kiln_gpu_bvh_subtree, 16);
 KILN_ARRAY(BvhStates, kiln_gpu_bvh_state, 8);
 KILN_ARRAY(BvhWords, uint, 4);
 #define BVH BvhRoots(push.bvh).at[0]

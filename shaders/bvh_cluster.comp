@@ -17,7 +17,7 @@ bool is_nearer(float area, uint key, float than_area, uint than_key)
 
 /* Returns triangles and least cost of a joined pair (Ylitie et al. 2017, equations 2 to 5). They become a leaf if that
  * costs no more than a node with four children. A node and a triangle cost the same. */
-kiln_gpu_bvh_share share_of(const kiln_gpu_bvh_share a, const kiln_gpu_bvh_share b, float area)
+kiln_gpu_bvh_subtree share_of(const kiln_gpu_bvh_subtree a, const kiln_gpu_bvh_subtree b, float area)
 {
     const uint triangles = (a.triangles & ~KILN_GPU_LEAF) + (b.triangles & ~KILN_GPU_LEAF);
     uint first;
@@ -25,7 +25,7 @@ kiln_gpu_bvh_share share_of(const kiln_gpu_bvh_share a, const kiln_gpu_bvh_share
     const bool leaf = triangles <= KILN_BVH_LEAF && together <= apart;
     const float one = leaf ? together : apart, two = min(one, bvh_distribute(a.cost, b.cost, 2u, first));
     const float three = min(two, bvh_distribute(a.cost, b.cost, 3u, first));
-    return kiln_gpu_bvh_share(leaf ? KILN_GPU_LEAF | triangles : triangles, float[3](one, two, three));
+    return kiln_gpu_bvh_subtree(leaf ? KILN_GPU_LEAF | triangles : triangles, float[3](one, two, three));
 }
 
 void write_node(uint at, const bvh_box box, uint first, uint second)
@@ -108,8 +108,8 @@ uint join(uint i, uint j, uint made)
         bvh_join(bvh_box_of(BvhNodes(BVH.nodes + 32ul * a).at[0]), bvh_box_of(BvhNodes(BVH.nodes + 32ul * b).at[0]));
     const uint node = BVH.count + made;
     write_node(node, box, a, b);
-    BvhShares(BVH.shares).at[node] =
-        share_of(BvhShares(BVH.shares).at[a], BvhShares(BVH.shares).at[b], bvh_area(box, BVH.inverse_extent));
+    BvhSubtrees(BVH.subtrees).at[node] =
+        share_of(BvhSubtrees(BVH.subtrees).at[a], BvhSubtrees(BVH.subtrees).at[b], bvh_area(box, BVH.inverse_extent));
     return node;
 }
 
@@ -140,7 +140,7 @@ void give(uint i)
 {
     const uint node = BvhWords(BVH.clusters[push.from]).at[i];
     BvhNodes(BVH.left).at[i] = BvhNodes(BVH.nodes + 32ul * node).at[0];
-    BvhShares(BVH.left_shares).at[i] = BvhShares(BVH.shares).at[node];
+    BvhSubtrees(BVH.left_subtrees).at[i] = BvhSubtrees(BVH.subtrees).at[node];
 }
 
 void kiln_kernel(uint x, uint y)

@@ -10,7 +10,7 @@
 KILN_ARRAY(BvhTasks, kiln_gpu_bvh_task, 4);
 KILN_ARRAY(BvhReals, float, 4);
 KILN_ARRAY(BvhTriangles, kiln_gpu_triangle, 16);
-KILN_ARRAY(BvhNodes4, kiln_gpu_node4, 16);
+KILN_ARRAY(BvhNodes4, kiln_gpu_bvh4_node, 16);
 
 const uint WIDTH_MOST = 4u;
 const float NOWHERE = 3.0e38;
@@ -24,11 +24,11 @@ struct family {
     uint leaf[WIDTH_MOST]; /* triangles; 0: a node */
 };
 
-bool is_leaf(uint node) { return (BvhShares(BVH.shares).at[node].triangles & KILN_GPU_LEAF) != 0u; }
+bool is_leaf(uint node) { return (BvhSubtrees(BVH.subtrees).at[node].triangles & KILN_GPU_LEAF) != 0u; }
 
 void take(inout family f, uint node)
 {
-    const uint triangles = BvhShares(BVH.shares).at[node].triangles;
+    const uint triangles = BvhSubtrees(BVH.subtrees).at[node].triangles;
     f.node[f.count] = node;
     f.leaf[f.count] = (triangles & KILN_GPU_LEAF) != 0u ? triangles & ~KILN_GPU_LEAF : 0u;
     f.count++;
@@ -50,7 +50,7 @@ family gather(uint from)
         depth--;
         const uint own = node[depth];
         uint most = room[depth];
-        const kiln_gpu_bvh_share share = BvhShares(BVH.shares).at[own];
+        const kiln_gpu_bvh_subtree share = BvhSubtrees(BVH.subtrees).at[own];
         while (own != from && most > 1u && share.cost[most - 1u] == share.cost[most - 2u])
             most--;
         if (most == 1u) {
@@ -59,7 +59,8 @@ family gather(uint from)
         }
         const kiln_gpu_bvh_node opened = BvhNodes(BVH.nodes + 32ul * own).at[0];
         uint first;
-        bvh_distribute(BvhShares(BVH.shares).at[opened.first].cost, BvhShares(BVH.shares).at[opened.second].cost, most,
+        bvh_distribute(BvhSubtrees(BVH.subtrees).at[opened.first].cost,
+                       BvhSubtrees(BVH.subtrees).at[opened.second].cost, most,
                        first);
         node[depth] = opened.second;
         room[depth++] = most - first;
@@ -102,7 +103,7 @@ void open_group(uint group, uint lane, bool next)
         if (f.leaf[i] != 0u)
             continue;
         task_at(child++).at[0] = kiln_gpu_bvh_task(f.node[i], triangle, 0u, 0u, 0u, 0u);
-        triangle += BvhShares(BVH.shares).at[f.node[i]].triangles;
+        triangle += BvhSubtrees(BVH.subtrees).at[f.node[i]].triangles;
     }
 }
 
@@ -158,7 +159,7 @@ void write_triangles(uint node, uint at)
 
 void write_four(uint place, const family f, const uint code[WIDTH_MOST])
 {
-    kiln_gpu_node4 to;
+    kiln_gpu_bvh4_node to;
     for (uint i = 0u; i < 4u; i++) {
         const bool there = i < f.count;
         kiln_gpu_bvh_node n;

@@ -125,7 +125,7 @@ void write_leaf(uint i)
         kiln_gpu_bvh_node(float[3](box.lower.x, box.lower.y, box.lower.z), triangle,
                           float[3](box.upper.x, box.upper.y, box.upper.z), KILN_GPU_NONE);
     const float cost = bvh_area(box, BVH.inverse_extent);
-    BvhShares(BVH.shares).at[i] = kiln_gpu_bvh_share(KILN_GPU_LEAF | 1u, float[3](cost, cost, cost));
+    BvhSubtrees(BVH.subtrees).at[i] = kiln_gpu_bvh_subtree(KILN_GPU_LEAF | 1u, float[3](cost, cost, cost));
     BvhWords(BVH.clusters[0]).at[i] = i;
 }
 

@@ -204,7 +204,7 @@ void add_target_sample(inout Sums sums, kiln_gpu_point p, kiln_area_light_sample
 Sums sample_target(kiln_gpu_point p, uint node, uint begin, uint end, inout uint stopped)
 {
     const kiln_area_light_sampler target = kiln_area_light_sampler_of(node, p.centre);
-    const Sequence sequence = sequence_of(p, kiln_direct_identity(KILN_CHOICE_NODE, node, push.pass.stream));
+    const Sequence sequence = sequence_of(p, kiln_direct_identity(KILN_CHOICE_LIGHT_NODE, node, push.pass.stream));
     Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
     uint k = begin;
     for (; k < end; k++)
@@ -250,7 +250,7 @@ void kiln_kernel(uint x, uint y)
         share_of(r, i, samples, begin, end);
         if (!is_own(packed) || (begin >= end && samples < KILN_QUARTERS_FROM))
             continue;
-        group_kind = kind == KILN_GPU_CHOICE_TARGET ? KILN_CHOICE_NODE : kind;
+        group_kind = kind == KILN_GPU_CHOICE_TARGET ? KILN_CHOICE_LIGHT_NODE : kind;
         group_index = index;
         group_scale = 1 / real(samples);
         Sums sums;

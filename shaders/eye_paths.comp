@@ -173,7 +173,7 @@ void ask_lamp()
     const real3 n = real3(light_normal(here));
     const bool is_sun = task == SUN;
     const kiln_light_choice choice =
-        kiln_light_choice(is_sun ? KILN_CHOICE_DIRECTIONAL : KILN_CHOICE_NODE, is_sun ? sun : 0u, 1u);
+        kiln_light_choice(is_sun ? KILN_CHOICE_DIRECTIONAL : KILN_CHOICE_LIGHT_NODE, is_sun ? sun : 0u, 1u);
     if (kiln_sample_choice(choice, 0u, real3(here.m.position), n, n, real_unit(pick.x), real_unit(place.x),
                            real_unit(place.y), drawn))
         ask_sample(is_sun ? emission_directional(sun) : drawn.light);

@@ -108,7 +108,7 @@ kiln_bsdf_lobes kiln_surface_lobes(uint material, uint triangle, float u, float 
     const vec3 color = kiln_surface_color(triangle, u, v, true);
     if (HAS_VARIED != 0u && (g.flags & KILN_GPU_GLOSS_PREPARED) == 0u)
         return kiln_bsdf_prepare_hit(kiln_gloss_bsdf(g, color, texels, anisotropy),
-                                     kiln_bsdf_tables(g.brushed[0], g.brushed[1], g.held[0], g.held[1]));
+                                     kiln_bsdf_tables(g.brushed[0], g.brushed[1], g.trapped[0], g.trapped[1]));
     kiln_bsdf_lobes lobes = LobesArray(SCENE.materials.lobes).at[material];
     if ((g.flags & KILN_GPU_GLOSS_DYED) != 0u)
         kiln_bsdf_dye(lobes, color);

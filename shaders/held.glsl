@@ -5,7 +5,7 @@
 layout(buffer_reference, scalar, buffer_reference_align = 8) readonly buffer HeldRef { kiln_gpu_held value; };
 KILN_ARRAY(HeldPoints, kiln_gpu_held_point, 8);
 KILN_ARRAY(HeldLights, kiln_gpu_held_light, 8);
-KILN_ARRAY(HeldParts, kiln_gpu_held_part, 8);
+KILN_ARRAY(HeldTerms, kiln_gpu_held_term, 8);
 KILN_ARRAY(DirectAnswers, kiln_gpu_direct_answer, 4);
 KILN_ARRAY(HeldPowers, kiln_gpu_held_power, 8);
 KILN_ARRAY(HeldPairs, uvec2, 8);

@@ -59,7 +59,7 @@ Direct mix_parts(kiln_gpu_held held, kiln_gpu_held_light about, uint own)
     float present = 1.0;
     bool valid = true;
     for (uint k = 0u; k < about.part_count; k++) {
-        const kiln_gpu_held_part part = HeldParts(held.mixes + uint64_t(about.part_first + k) * 24ul).at[0];
+        const kiln_gpu_held_term part = HeldTerms(held.mixes + uint64_t(about.part_first + k) * 24ul).at[0];
         const kiln_gpu_direct_answer a = DirectAnswers(part.answers + uint64_t(own) * 36ul).at[0];
         const vec3 factor = vec3(part.factor[0], part.factor[1], part.factor[2]),
                    light = vec3(a.irradiance[0], a.irradiance[1], a.irradiance[2]),

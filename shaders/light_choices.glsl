@@ -37,7 +37,7 @@ bool kiln_lights_candidate(uint i, real3 n, uint samples, out kiln_light_choice 
     const uint suns = light_kind(KILN_GPU_KIND_SUN) ? SCENE.lights.directional_count : 0u;
     real importance;
     if (i < cut_count) {
-        choice.kind = KILN_CHOICE_NODE;
+        choice.kind = KILN_CHOICE_LIGHT_NODE;
         choice.index = cut_node[i];
         importance = cut_importance[i];
     } else if (i - cut_count < suns) {

@@ -55,7 +55,7 @@ vec3 vec3_of(float a[3]) { return vec3(a[0], a[1], a[2]); }
 #define KILN_SKY_COSINE(lights, y) real(LightReals(SCENE.lights.rows).at[y])
 #define KILN_SKY_BAND(lights, y) real(LightReals(SCENE.lights.rows).at[SCENE.lights.height + 1u + (y)])
 #define KILN_SUN_LUMINANCE(light) real_luminance(real3(light.irradiance))
-#define KILN_NODE_IMPORTANCE(lights, index, p, spread, n) light_importance(index, p, spread, n)
+#define KILN_LIGHT_NODE_IMPORTANCE(lights, index, p, spread, n) light_importance(index, p, spread, n)
 
 #define kiln_lights_nodes(index) LightNodes(SCENE.lights.nodes).at[index]
 
@@ -99,7 +99,7 @@ uint cut_count, cut_leaves; /* cut_leaves: bit i is set where cut_node[i] is a s
 real cut_total;             /* importance of all candidates */
 
 #define KILN_CUT uint /* there is one */
-#define KILN_CUT_NODE(cut, i) cut_node[i]
+#define KILN_CUT_LIGHT_NODE(cut, i) cut_node[i]
 #define KILN_CUT_IMPORTANCE(cut, i) cut_importance[i]
 #define KILN_CUT_IS_LEAF(lights, cut, i) ((cut_leaves >> i & 1u) != 0u)
 

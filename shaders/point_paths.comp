@@ -60,7 +60,7 @@ bool lands_on(kiln_gpu_point p)
         return false;
 #ifdef KILN_GLOSS
     if ((p.flags & KILN_GPU_POINT_GLOSS) != 0u)
-        return PointGlossArray(POINTS_THERE.parts + uint64_t(p.first_part - KILN_GPU_POINT_GLOSS_PARTS) * 56ul)
+        return PointGlossArray(POINTS_THERE.parts + uint64_t(p.first_piece - KILN_GPU_POINT_GLOSS_PIECES) * 56ul)
                    .at[0]
                    .matt > 0.0;
 #endif

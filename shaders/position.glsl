@@ -8,7 +8,7 @@
 #include "shaders/shared/warp.h"
 
 KILN_ARRAY(PointArray, kiln_gpu_point, 8);
-KILN_ARRAY(PartArray, kiln_gpu_part, 8);
+KILN_ARRAY(PieceArray, kiln_gpu_piece, 8);
 KILN_ARRAY(WordArray, uint, 4);
 
 /* The shading normal of a sample whose geometric normal is n: as frame_shading. */
@@ -37,16 +37,16 @@ void kiln_mask_place(uint64_t address, inout float s, inout float t)
 }
 
 /* A part of a point, and a position in it: p + w1 e1 + w2 e2. A whole point is a single part with w1, w2 = s, t. */
-struct kiln_part_place {
+struct kiln_piece_place {
     uint part;
     float w1, w2;
 };
 
-kiln_part_place kiln_find_part(kiln_gpu_point p, uint64_t parts, float s, float t)
+kiln_piece_place kiln_find_piece(kiln_gpu_point p, uint64_t parts, float s, float t)
 {
     if ((p.flags & KILN_GPU_POINT_PARTIAL) == 0u)
-        return kiln_part_place(0u, s, t);
-    PartArray all = PartArray(parts + uint64_t(p.first_part) * 56ul);
+        return kiln_piece_place(0u, s, t);
+    PieceArray all = PieceArray(parts + uint64_t(p.first_piece) * 56ul);
     uint low = 0u, high = p.part_count - 1u;
     while (low < high) {
         const uint middle = low + (high - low) / 2u;
@@ -57,24 +57,24 @@ kiln_part_place kiln_find_part(kiln_gpu_point p, uint64_t parts, float s, float 
     }
     const float before = low > 0u ? all.at[low - 1u].until : 0.0, width = all.at[low].until - before;
     const float root = sqrt(width > 0.0 ? clamp((s - before) / width, 0.0, 1.0) : 0.5), w2 = root * t;
-    return kiln_part_place(low, root - w2, w2);
+    return kiln_piece_place(low, root - w2, w2);
 }
 
-KILN_ARRAY(PartTriangleArray, kiln_gpu_part_triangle, 4);
+KILN_ARRAY(PieceTriangleArray, kiln_gpu_piece_triangle, 4);
 
 /* kiln_footprint_sample_present of worker/scene/footprint.h. */
-kiln_part_place kiln_find_present(kiln_gpu_point p, uint64_t parts, float s, float t)
+kiln_piece_place kiln_find_present(kiln_gpu_point p, uint64_t parts, float s, float t)
 {
-    const uint64_t mask = parts + (uint64_t(p.first_part) + p.part_count) * 56ul;
-    PartTriangleArray triangles = PartTriangleArray(mask + 56ul);
+    const uint64_t mask = parts + (uint64_t(p.first_piece) + p.part_count) * 56ul;
+    PieceTriangleArray triangles = PieceTriangleArray(mask + 56ul);
     const float most = MaskArray(mask).at[0].most;
     float u = s, v = t;
-    kiln_part_place place;
+    kiln_piece_place place;
     for (uint i = 0u; i < KILN_PLACE_TRIES; i++) {
         const uint hash = kiln_place_try(s, t, p.key, i);
         kiln_mask_place(mask, u, v);
-        place = kiln_find_part(p, parts, u, v);
-        const kiln_gpu_part_triangle of = triangles.at[place.part];
+        place = kiln_find_piece(p, parts, u, v);
+        const kiln_gpu_piece_triangle of = triangles.at[place.part];
         const float b1 = of.weight[0] + place.w1 * of.along_e1[0] + place.w2 * of.along_e2[0],
                     b2 = of.weight[1] + place.w1 * of.along_e1[1] + place.w2 * of.along_e2[1];
         const float opacity =
@@ -89,21 +89,21 @@ kiln_part_place kiln_find_present(kiln_gpu_point p, uint64_t parts, float s, flo
 
 /* Position on the point for s and t in (0, 1): position with offset, geometric normal, and the offset. Returns the
  * part. */
-kiln_part_place kiln_place(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal,
+kiln_piece_place kiln_place(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 position, out vec3 normal,
                            out float offset)
 {
-    kiln_part_place place;
+    kiln_piece_place place;
     if (HAS_ALPHA != 0u && (p.flags & KILN_GPU_POINT_MASKED) != 0u)
         place = kiln_find_present(p, parts, s, t);
     else
-        place = kiln_find_part(p, parts, s, t);
+        place = kiln_find_piece(p, parts, s, t);
     if ((p.flags & KILN_GPU_POINT_PARTIAL) == 0u) {
         position = p.origin + place.w1 * p.edge_s + place.w2 * p.edge_t;
         normal = p.normal;
         offset = p.offset;
         return place;
     }
-    const kiln_gpu_part part = PartArray(parts + uint64_t(p.first_part) * 56ul).at[place.part];
+    const kiln_gpu_piece part = PieceArray(parts + uint64_t(p.first_piece) * 56ul).at[place.part];
     position = part.p + place.w1 * part.e1 + place.w2 * part.e2;
     normal = part.normal;
     offset = part.offset;
@@ -145,17 +145,17 @@ bool kiln_buried(vec3 position, vec3 normal)
 }
 
 /* Height by which rays are lifted off the part, at a position of a lifted point. */
-float kiln_part_lift(kiln_gpu_point p, uint64_t parts, kiln_part_place place)
+float kiln_part_lift(kiln_gpu_point p, uint64_t parts, kiln_piece_place place)
 {
     const uint before = p.part_count + ((p.flags & KILN_GPU_POINT_MASKED) != 0u ? 1u : 0u);
-    const kiln_gpu_part_triangle of =
-        PartTriangleArray(parts + (uint64_t(p.first_part) + before) * 56ul).at[place.part];
+    const kiln_gpu_piece_triangle of =
+        PieceTriangleArray(parts + (uint64_t(p.first_piece) + before) * 56ul).at[place.part];
     return kiln_lift_at(kiln_lift(of.lift), of.weight[0] + place.w1 * of.along_e1[0] + place.w2 * of.along_e2[0],
                         of.weight[1] + place.w1 * of.along_e1[1] + place.w2 * of.along_e2[1]);
 }
 
 /* Lifts a position, but not through a surface above it. */
-void kiln_lift_position(kiln_gpu_point p, uint64_t parts, kiln_part_place place, vec3 normal, inout vec3 position,
+void kiln_lift_position(kiln_gpu_point p, uint64_t parts, kiln_piece_place place, vec3 normal, inout vec3 position,
                         inout float offset)
 {
     float lift = kiln_part_lift(p, parts, place);
@@ -182,7 +182,7 @@ void kiln_position(kiln_gpu_point p, uint64_t parts, float s, float t, out vec3 
     float u = s, v = t;
     bool again = true;
     for (uint i = 0u; again; i++) {
-        const kiln_part_place place = kiln_place(p, parts, u, v, position, normal, offset);
+        const kiln_piece_place place = kiln_place(p, parts, u, v, position, normal, offset);
         if (HAS_SMOOTH != 0u && (p.flags & KILN_GPU_POINT_LIFTED) != 0u)
             kiln_lift_position(p, parts, place, normal, position, offset);
         again = DRAW_AGAIN != 0u && i < KILN_BURIED_TRIES && kiln_buried(position, normal);

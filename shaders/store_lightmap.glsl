@@ -63,9 +63,9 @@ bool kiln_divided_choose(uint64_t number, vec2 place, out uint64_t point)
     for (uint i = 0u; i < texel.line_count; i++)
         kiln_cut_add(texel.lines[3u * i] * place.x + texel.lines[3u * i + 1u] * place.y - texel.lines[3u * i + 2u],
                      texel.margin, i, sure, perhaps);
-    const uint part = kiln_cut_part(texel.codes[0], texel.codes[1], sure);
-    point = texel.part[min(part, uint(KILN_TEXEL_PARTS) - 1u)];
-    return part < uint(KILN_TEXEL_PARTS) && part == kiln_cut_part(texel.codes[0], texel.codes[1], perhaps) &&
+    const uint part = kiln_cut_subtexel(texel.codes[0], texel.codes[1], sure);
+    point = texel.part[min(part, uint(KILN_SUBTEXELS) - 1u)];
+    return part < uint(KILN_SUBTEXELS) && part == kiln_cut_subtexel(texel.codes[0], texel.codes[1], perhaps) &&
            point != ~0ul;
 }
 

@@ -17,7 +17,7 @@ float kiln_taken_up(kiln_gpu_point p, uint64_t parts, float cosine)
     if (!(cosine > 0.0))
         return 0.0;
     const kiln_gpu_point_gloss g =
-        PointGlossArray(parts + uint64_t(p.first_part - KILN_GPU_POINT_GLOSS_PARTS) * 56ul).at[0];
+        PointGlossArray(parts + uint64_t(p.first_piece - KILN_GPU_POINT_GLOSS_PIECES) * 56ul).at[0];
     kiln_bsdf_lobes l;
     l.p.model = g.model;
     l.p.thin_wall = 1u; /* the coat is that of the point's own side */

@@ -68,7 +68,7 @@ bool draw_sample(Vertex v, uint surface, uint i, out kiln_light_sample s, out ui
     if (tree && !light_kind(KILN_GPU_KIND_AREA | KILN_GPU_KIND_PUNCTUAL))
         return false;
     const kiln_light_choice choice =
-        kiln_light_choice(tree ? KILN_CHOICE_NODE : KILN_CHOICE_DIRECTIONAL, tree ? 0u : i - 2u, 1u);
+        kiln_light_choice(tree ? KILN_CHOICE_LIGHT_NODE : KILN_CHOICE_DIRECTIONAL, tree ? 0u : i - 2u, 1u);
     const bool drawn = kiln_sample_choice(choice, 0u, real3(v.m.position), n, n, real_unit(pick.x), real_unit(place.x),
                                           real_unit(place.y), s);
     light = tree ? s.light : light;

@@ -55,10 +55,10 @@ int kiln_bake_take_charge(struct kiln_bake *b, struct kiln_error *error)
 /* Rank 0. Checks that each lightmap can be written. */
 static int check_lightmaps(const struct kiln_bake *b, const struct kiln_prepared *p, struct kiln_error *error)
 {
-    const struct kiln_manifest_parts parts = {.volume = b->job->volume.samples != 0,
-                                              .preview = b->job->preview,
-                                              .scene = b->job->write_scene,
-                                              .groups = b->job->scene.group_count};
+    const struct kiln_optional_results parts = {.volume = b->job->volume.samples != 0,
+                                                .preview = b->job->preview,
+                                                .scene = b->job->write_scene,
+                                                .groups = b->job->scene.group_count};
     return kiln_manifest_look(b->job->output, p->scene, p->surface, &parts, error);
 }
 

@@ -44,7 +44,7 @@ void kiln_bake_settle_scene(const struct kiln_bake *b, bool refused)
 
 int kiln_bake_check_folder(struct kiln_bake *b, struct kiln_error *error)
 {
-    static const struct kiln_manifest_parts all = {.volume = true, .preview = true, .scene = true};
+    static const struct kiln_optional_results all = {.volume = true, .preview = true, .scene = true};
     const struct kiln_output_name trace = {
         .option = "--trace",
         .path = b->job->ranks.trace,
@@ -74,12 +74,12 @@ static int make_lightmap_folder(struct kiln_bake *b, struct kiln_error *error)
 static int remove_stale(const struct kiln_bake *b, struct kiln_error *error)
 {
     struct kiln_pruned pruned;
-    const struct kiln_manifest_parts parts = {.volume = b->job->volume.samples != 0,
-                                              .preview = b->job->preview,
-                                              .scene = b->job->write_scene,
-                                              .groups = b->job->scene.group_count,
-                                              .more = b->transport_files,
-                                              .more_count = b->transport_file_count};
+    const struct kiln_optional_results parts = {.volume = b->job->volume.samples != 0,
+                                                .preview = b->job->preview,
+                                                .scene = b->job->write_scene,
+                                                .groups = b->job->scene.group_count,
+                                                .more = b->transport_files,
+                                                .more_count = b->transport_file_count};
     const int status =
         kiln_manifest_prune(b->job->output, b->prepared->scene, b->prepared->surface, &parts, &pruned, error);
     if (status == KILN_OK && b->job->light.keep == KILN_KEEP_NONE)

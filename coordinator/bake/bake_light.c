@@ -189,7 +189,7 @@ int kiln_bake_check_density(struct kiln_bake *b, struct kiln_error *error)
 }
 
 /* kiln_volume_save */
-static int save_volume(void *context, const struct kiln_block *blocks, size_t count, bool stop,
+static int save_volume(void *context, const struct kiln_array_range *blocks, size_t count, bool stop,
                        struct kiln_error *error)
 {
     struct kiln_bake *b = context;
@@ -198,7 +198,7 @@ static int save_volume(void *context, const struct kiln_block *blocks, size_t co
 }
 
 /* Implements kiln_volume_save for relit states: saves nothing, since they have no checkpoint to resume from. */
-static int save_nothing(void *context, const struct kiln_block *blocks, size_t count, bool stop,
+static int save_nothing(void *context, const struct kiln_array_range *blocks, size_t count, bool stop,
                         struct kiln_error *error)
 {
     (void)context;

@@ -306,12 +306,12 @@ static int write_report(struct kiln_bake *b, struct kiln_error *error)
 static int write_manifest(struct kiln_bake *b, struct kiln_error *error)
 {
     kiln_progress_phase(b->progress, "manifest", 0);
-    const struct kiln_manifest_parts parts = {.volume = b->job->volume.samples != 0,
-                                              .preview = b->job->preview,
-                                              .scene = b->exported,
-                                              .groups = b->job->scene.group_count,
-                                              .more = b->transport_files,
-                                              .more_count = b->transport_file_count};
+    const struct kiln_optional_results parts = {.volume = b->job->volume.samples != 0,
+                                                .preview = b->job->preview,
+                                                .scene = b->exported,
+                                                .groups = b->job->scene.group_count,
+                                                .more = b->transport_files,
+                                                .more_count = b->transport_file_count};
     const int status =
         kiln_manifest_write(b->communicator, b->job->output, b->prepared->scene, b->prepared->surface, &parts, error);
     kiln_progress_finish(b->progress);

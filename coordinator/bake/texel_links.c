@@ -164,7 +164,7 @@ static void add_link(const struct work *w, const struct kiln_patch *own, double 
     const struct kiln_patch_receiver receiver = {dvec3_of(own->normal), dvec3_of(own->normal), false};
     const bool leaf = (to & KILN_LINK_LEAF) != 0;
     const uint32_t first = leaf ? to & ~KILN_LINK_LEAF : p->nodes[to].first, count = leaf ? 1 : p->nodes[to].count;
-    struct kiln_node_view view;
+    struct kiln_link_node_view view;
     const double share =
         100.0 * scale * through * kiln_link_factors(p, &receiver, dvec3_of(own->place), own->number, to, &view).factor;
     for (uint32_t k = first; k < first + count; k++)

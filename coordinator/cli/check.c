@@ -271,9 +271,9 @@ static void check_objects(struct report *r)
         if (o->points == 0)
             add(r, WARNING, "object", name, "it covers no texel");
     }
-    if (r->look->surface.shared_texels > 0)
+    if (r->look->surface.overlapped_texels > 0)
         add(r, INFORMATION, "lightmaps", "", "%llu of %llu surface points are shared by charts",
-            (unsigned long long)r->look->surface.shared_texels, (unsigned long long)r->look->surface.points);
+            (unsigned long long)r->look->surface.overlapped_texels, (unsigned long long)r->look->surface.points);
 }
 
 static json_t *report_json(const struct report *r, const struct kiln_job *job)

@@ -113,12 +113,12 @@ static int read_light(struct export *e, struct kiln_error *error)
         return KILN_OK;
     int status;
     KILN_TRY(kiln_results_image(e->results, "kiln.h5", &dataset, 1, &rows, error));
-    if (rows->width != e->vertices || kiln_rows_of(rows, dataset, 2) == NULL)
+    if (rows->width != e->vertices || kiln_dataset_of(rows, dataset, 2) == NULL)
         KILN_TRY(kiln_fail(error, KILN_BAD_INPUT,
                            "%.512s/kiln.h5 does not have the vertices of scene.kscene; bake again", e->directory));
     KILN_TRY(kiln_allocate(&e->light, (size_t)e->vertices, sizeof *e->light, "irradiance at vertices", error));
     for (uint64_t i = 0; i < 3 * e->vertices; i++) {
-        const float value = kiln_rows_of(rows, dataset, (unsigned)(i % 3))[i / 3];
+        const float value = kiln_dataset_of(rows, dataset, (unsigned)(i % 3))[i / 3];
         e->light[i / 3][i % 3] = value;
         if (!(value >= 0.0f && isfinite(value)))
             KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "%.512s/kiln.h5: vertex %llu has irradiance %g; bake again",

@@ -191,7 +191,7 @@ static json_t *surface_json(const struct kiln_scene_survey *look)
 {
     const struct kiln_surface_report *s = &look->surface;
     return json_pack("{s:I, s:I, s:f, s:f, s:f, s:f, s:I, s:f}", "points", (json_int_t)s->points, "texels",
-                     (json_int_t)look->texels, "overlap_share", share(s->shared_texels, s->points), "invalid_share",
+                     (json_int_t)look->texels, "overlap_share", share(s->overlapped_texels, s->points), "invalid_share",
                      share(look->invalid, s->points), "area", s->geometry_area, "worst_object_area_error",
                      s->worst_object_area_error, "cells", (json_int_t)s->cells_occupied, "cell_size", s->cell_size);
 }
@@ -248,7 +248,7 @@ static void print_surface(const struct kiln_scene_survey *look)
     (void)printf("  lightmaps    %llu texels, %llu of them surface points\n", (unsigned long long)look->texels,
                  (unsigned long long)r->points);
     (void)printf("  overlap      %.3g %% of the points are shared by charts\n",
-                 100.0 * share(r->shared_texels, r->points));
+                 100.0 * share(r->overlapped_texels, r->points));
     (void)printf("  invalid      %.3g %% of the points lie inside other geometry\n",
                  100.0 * share(look->invalid, r->points));
     (void)printf("  area         %.6g m2; texel areas of the worst object are off by %.2g %%\n", r->geometry_area,

@@ -130,7 +130,7 @@ static int with_manifest(const struct mix *m, bool after, struct kiln_error *err
     struct kiln_pruned pruned;
     int status = kiln_allocate(&names, m->map_count + 2, sizeof *names, "the manifest", error);
     status = kiln_agree(MPI_COMM_WORLD, status, error);
-    const struct kiln_manifest_parts parts = {
+    const struct kiln_optional_results parts = {
         .more = names, .more_count = status == KILN_OK ? name_files(m, names) : 0, .preview = true, .no_points = true};
     if (status == KILN_OK && after)
         status = kiln_manifest_write(MPI_COMM_WORLD, m->output, NULL, NULL, &parts, error);

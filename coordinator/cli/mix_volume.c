@@ -79,7 +79,7 @@ static int read_into(const struct volume_mix *m, const char *dataset, unsigned c
     struct kiln_image *image = NULL;
     int status = kiln_results_image(m->params->results, NAME, &dataset, 1, &image, error);
     for (unsigned c = 0; c < components && status == KILN_OK; c++) {
-        const float *from = kiln_rows_of(image, dataset, c);
+        const float *from = kiln_dataset_of(image, dataset, c);
         if (from == NULL || image->width != m->volume.count)
             status = damaged(m, dataset, error);
         for (uint64_t p = 0; p < m->volume.count && status == KILN_OK; p++)

@@ -75,8 +75,8 @@ static int make_links(struct kiln_view_made *m, const struct kiln_job *job, cons
     char texel[80];
     int status;
     KILN_TRY(kiln_texel_links_find(&links, job->arguments[0], job->view.texel, error));
-    KILN_TRY(kiln_point_rows_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error));
-    KILN_TRY(kiln_point_rows_replace(m->rows, links.share, 1, links.points, error));
+    KILN_TRY(kiln_point_dataset_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error));
+    KILN_TRY(kiln_point_dataset_replace(m->rows, links.share, 1, links.points, error));
 end:
     m->nodes = links.nodes;
     m->single = links.single;
@@ -100,8 +100,8 @@ static int make_seen(struct kiln_view_made *m, const struct kiln_job *job, const
     int status;
     KILN_TRY(job->view.voxels > 0 ? kiln_voxels_create(&voxels, geometry, job->view.voxels, error) : KILN_OK);
     KILN_TRY(kiln_seen_find(s, results, scene, geometry, job->view.texel, voxels, error));
-    KILN_TRY(kiln_point_rows_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error));
-    KILN_TRY(kiln_point_rows_replace(m->rows, s->color, 3, s->points, error));
+    KILN_TRY(kiln_point_dataset_read(&m->rows, results, &show->field, (uint32_t)scene->object_count, error));
+    KILN_TRY(kiln_point_dataset_replace(m->rows, s->color, 3, s->points, error));
 end:
     kiln_seen_key(&m->key);
     (void)snprintf(by, sizeof by, ", by %u voxels %llu, of which %llu are the same ones", job->view.voxels,
@@ -143,5 +143,5 @@ void kiln_view_made_lend(struct kiln_view_made *m, struct kiln_view_source *sour
 void kiln_view_made_destroy(struct kiln_view_made *m)
 {
     kiln_voxels_destroy(&m->voxels);
-    kiln_point_rows_destroy(&m->rows);
+    kiln_point_dataset_destroy(&m->rows);
 }

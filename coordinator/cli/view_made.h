@@ -14,7 +14,7 @@ struct kiln_view_made {
     bool boxes;                         /* voxels are drawn as boxes */
     struct kiln_view_renderer renderer; /* with `boxes`: renderer of the voxels */
     struct kiln_color_key key;          /* color key of voxels, or of points that a texel sees; pairs 0: no key */
-    struct kiln_point_rows *rows;       /* values for links, or for points that a texel sees; NULL: neither is shown */
+    struct kiln_point_dataset *rows;    /* values for links, or for points that a texel sees; NULL: neither is shown */
     uint32_t nodes, single;             /* with `all`: as in struct kiln_texel_links */
     double all;
     struct kiln_seen seen; /* of the texel; its arrays of values are already released */

@@ -228,7 +228,7 @@ static int save(struct kiln_view_rounds *r, const struct kiln_path_parameters *c
     const size_t pixels = (size_t)c->width * c->height;
     if (film != NULL)
         kiln_view_add_films(film, pixels);
-    const struct kiln_block blocks[] = {
+    const struct kiln_array_range blocks[] = {
         {.name = "pixels",
          .first = sums->first,
          .count = sums->count,

@@ -81,7 +81,7 @@ enum kiln_field_meaning {
 
 /* A row of the table. Strings and arrays are static. */
 struct kiln_field {
-    const char *name; /* also the name of its block in a checkpoint: shorter than KILN_BLOCK_NAME */
+    const char *name; /* also the name of its block in a checkpoint: shorter than KILN_ARRAY_NAME */
     const char *unit; /* "m2", "1", ...; NULL: the unit of the bake's light (coordinator/field/units.h) */
     bool is_radiance; /* with unit NULL: the unit is that of radiance; else of irradiance */
     enum kiln_field_meaning meaning;

@@ -5,7 +5,7 @@
 
 #include "worker/base/memory.h"
 
-int kiln_block_insane(const char *name, struct kiln_error *error)
+int kiln_array_insane(const char *name, struct kiln_error *error)
 {
     return kiln_fail(
         error, KILN_IO,
@@ -53,8 +53,8 @@ static struct items items_of(const struct kiln_field *field, const struct kiln_s
                                                  : (struct items){surface->first.at, surface->count};
 }
 
-size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_rank_data *data,
-                         const struct kiln_save_moment *moment, struct kiln_block *blocks)
+size_t kiln_field_arrays(const struct kiln_field_set *fields, const struct kiln_rank_data *data,
+                         const struct kiln_save_moment *moment, struct kiln_array_range *blocks)
 {
     size_t count = 0;
     for (size_t i = 0; i < fields->count; i++) {
@@ -63,10 +63,10 @@ size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_
             continue;
         assert(field->length == KILN_FIELD_EACH);
         const struct items items = items_of(field, moment, &data->surface);
-        blocks[count] = (struct kiln_block){.first = items.first,
-                                            .count = items.count,
-                                            .size = block_size(field, moment),
-                                            .data = kiln_rank_field(data, fields, i)};
+        blocks[count] = (struct kiln_array_range){.first = items.first,
+                                                  .count = items.count,
+                                                  .size = block_size(field, moment),
+                                                  .data = kiln_rank_field(data, fields, i)};
         (void)strncpy(blocks[count].name, field->name, sizeof blocks[count].name - 1);
         count++;
     }
@@ -87,7 +87,7 @@ static int read_block(const struct kiln_checkpoint *checkpoint, const struct kil
                          "beginning",
                          field->name);
     return status == KILN_OK && !is_compact(field, moment) && !kiln_field_is_sane(field, values, items.count)
-               ? kiln_block_insane(field->name, error)
+               ? kiln_array_insane(field->name, error)
                : status;
 }
 
@@ -111,7 +111,7 @@ end:
     return status;
 }
 
-int kiln_field_blocks_read(const struct kiln_checkpoint *checkpoint, const struct kiln_field_set *fields,
+int kiln_field_arrays_read(const struct kiln_checkpoint *checkpoint, const struct kiln_field_set *fields,
                            const struct kiln_rank_data *data, const struct kiln_save_moment *moment,
                            bool *surface_changed, struct kiln_error *error)
 {

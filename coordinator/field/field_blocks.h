@@ -16,17 +16,17 @@ struct kiln_save_moment {
 
 /* Makes the blocks of this rank's own items (points or tile runs), one for each saved field, in `blocks`, which has
  * room for KILN_FIELDS_MAX. Returns their number. They borrow the arrays. */
-size_t kiln_field_blocks(const struct kiln_field_set *fields, const struct kiln_rank_data *data,
-                         const struct kiln_save_moment *moment, struct kiln_block *blocks);
+size_t kiln_field_arrays(const struct kiln_field_set *fields, const struct kiln_rank_data *data,
+                         const struct kiln_save_moment *moment, struct kiln_array_range *blocks);
 
 /* Fills the arrays of own items from the open generation. The surface's fields are written only if their values differ;
  * *surface_changed says whether they did. KILN_IO with a sentence when blocks are missing, have elements of another
  * size, or hold values that no bake can have. */
-int kiln_field_blocks_read(const struct kiln_checkpoint *checkpoint, const struct kiln_field_set *fields,
+int kiln_field_arrays_read(const struct kiln_checkpoint *checkpoint, const struct kiln_field_set *fields,
                            const struct kiln_rank_data *data, const struct kiln_save_moment *moment,
                            bool *surface_changed, struct kiln_error *error);
 
 /* Returns KILN_IO, with the sentence for a block with values that no bake can have. */
-int kiln_block_insane(const char *name, struct kiln_error *error);
+int kiln_array_insane(const char *name, struct kiln_error *error);
 
 #endif

@@ -72,10 +72,10 @@ double kiln_radiosity_allgather_scale(const struct kiln_radiosity_allgather *all
 static int make_blocks(struct kiln_radiosity_allgather *x, struct kiln_error *error)
 {
     int status =
-        kiln_node_block(x->node, &x->values, x->params.total, sizeof *x->values, "the radiosity of all points", error);
+        kiln_node_region(x->node, &x->values, x->params.total, sizeof *x->values, "the radiosity of all points", error);
     if (status == KILN_OK && x->nodes > 1)
-        status = kiln_node_block(x->node, &x->incoming, x->params.total, sizeof *x->incoming,
-                                 "the radiosity on its way", error);
+        status = kiln_node_region(x->node, &x->incoming, x->params.total, sizeof *x->incoming,
+                                  "the radiosity on its way", error);
     return status;
 }
 

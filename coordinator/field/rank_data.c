@@ -24,10 +24,10 @@ struct kiln_node_data {
     struct kiln_surface *surface;
     int count, own;
     struct kiln_field_set fields;
-    uint64_t *radiosity;                  /* of all points, borrowed; NULL: not known yet */
-    struct kiln_node_parts *parts[LIVES]; /* memory by life; NULL for the surface: it is still where it was built */
-    struct kiln_rank_data *data;          /* count */
-    struct extent *extents;               /* count */
+    uint64_t *radiosity;                    /* of all points, borrowed; NULL: not known yet */
+    struct kiln_rank_regions *parts[LIVES]; /* memory by life; NULL for the surface: it is still where it was built */
+    struct kiln_rank_data *data;            /* count */
+    struct extent *extents;                 /* count */
 };
 
 /* Offset of the pointer to a field's array in struct kiln_rank_data. */
@@ -113,9 +113,9 @@ static size_t lay_out(struct kiln_rank_data *data, const struct kiln_field_set *
 static int make_parts(struct kiln_node_data *d, enum kiln_field_life life, struct kiln_error *error)
 {
     const size_t bytes = lay_out(NULL, &d->fields, &d->extents[d->own], life, NULL);
-    const int status = kiln_node_parts_create(&d->parts[life], d->node, bytes, purposes[life], error);
+    const int status = kiln_rank_regions_create(&d->parts[life], d->node, bytes, purposes[life], error);
     for (int i = 0; i < d->count && status == KILN_OK; i++)
-        (void)lay_out(&d->data[i], &d->fields, &d->extents[i], life, kiln_node_part(d->parts[life], i));
+        (void)lay_out(&d->data[i], &d->fields, &d->extents[i], life, kiln_rank_region(d->parts[life], i));
     return status;
 }
 
@@ -276,7 +276,7 @@ void kiln_rank_data_lend(const struct kiln_rank_data *own, struct kiln_surface *
     surface->closing = own->surface.closing;
 }
 
-void kiln_node_data_end(struct kiln_node_data *d) { kiln_node_parts_destroy(&d->parts[KILN_FIELD_STEP]); }
+void kiln_node_data_end(struct kiln_node_data *d) { kiln_rank_regions_destroy(&d->parts[KILN_FIELD_STEP]); }
 
 void kiln_node_data_destroy(struct kiln_node_data **node_data)
 {
@@ -284,7 +284,7 @@ void kiln_node_data_destroy(struct kiln_node_data **node_data)
     if (d == NULL)
         return;
     for (int life = LIVES - 1; life >= 0; life--)
-        kiln_node_parts_destroy(&d->parts[life]);
+        kiln_rank_regions_destroy(&d->parts[life]);
     kiln_free(&d->data);
     kiln_free(&d->extents);
     kiln_free(node_data);
@@ -348,7 +348,7 @@ struct redistribution {
 static int redistribute_life(struct kiln_node_data *d, const struct redistribution *r, enum kiln_field_life life,
                              const struct kiln_rank_data *old, struct kiln_error *error)
 {
-    struct kiln_node_parts *parts = d->parts[life];
+    struct kiln_rank_regions *parts = d->parts[life];
     d->parts[life] = NULL;
     int status = kiln_agree(r->communicator, make_somewhere(d, life, error), error);
     for (size_t i = 0; i < d->fields.count && status == KILN_OK; i++) {
@@ -359,7 +359,7 @@ static int redistribute_life(struct kiln_node_data *d, const struct redistributi
                                        kiln_rank_field(&d->data[d->own], &d->fields, i), error);
     }
     if (parts != NULL)
-        kiln_node_parts_destroy(&parts);
+        kiln_rank_regions_destroy(&parts);
     return status;
 }
 

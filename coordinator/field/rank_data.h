@@ -3,7 +3,7 @@
  *
  * Each rank owns a contiguous range of the global order of surface points, which its backend computes. With work
  * stealing another rank of the node may compute a part of them; it then reads the owner's surface and writes the
- * owner's results. For that, the owner's arrays are moved into memory of the node (kiln_node_parts). Without work
+ * owner's results. For that, the owner's arrays are moved into memory of the node (kiln_rank_regions). Without work
  * stealing, or if the node's memory has no room, the arrays stay private to the rank, and it sees no other rank's.
  *
  * The bake's field set (field.h) determines the arrays: memory, layout and redistribution iterate over it. */

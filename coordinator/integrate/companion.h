@@ -29,7 +29,7 @@ enum kiln_companion_place { KILN_COMPANION_LIST(KILN_COMPANION_PLACE) KILN_COMPA
 /* Whether a step has any of the companions whose bits are given. */
 static inline bool kiln_step_has(const struct kiln_step *step, uint32_t bits) { return (step->with & bits) != 0; }
 
-enum { KILN_COMPANION_BLOCKS = 7 }; /* maximum number of checkpoint blocks of a companion */
+enum { KILN_COMPANION_ARRAYS = 7 }; /* maximum number of checkpoint blocks of a companion */
 
 struct kiln_batches;
 struct kiln_saved;
@@ -188,9 +188,9 @@ struct kiln_companion {
                        struct kiln_error *error);
     int (*after_move)(void *self, const struct kiln_companion_site *site, struct kiln_error *error);
 
-    /* Makes the blocks for a checkpoint within the step: fills in at most KILN_COMPANION_BLOCKS, which borrow, and
+    /* Makes the blocks for a checkpoint within the step: fills in at most KILN_COMPANION_ARRAYS, which borrow, and
      * returns their number. The companion reads them itself, in before_step of the resumed step. */
-    size_t (*blocks)(void *self, struct kiln_block *blocks);
+    size_t (*blocks)(void *self, struct kiln_array_range *blocks);
     /* Bytes of a point in these blocks. */
     uint64_t (*saved_bytes)(const struct kiln_integrate_settings *settings);
     /* Whether a report that was read from a checkpoint is plausible. */

@@ -180,13 +180,13 @@ void kiln_company_close(const struct kiln_company *c, struct kiln_energy_closing
             c->table[i]->close(&c->site, closing);
 }
 
-size_t kiln_company_blocks(struct kiln_company *c, struct kiln_block *blocks)
+size_t kiln_company_arrays(struct kiln_company *c, struct kiln_array_range *blocks)
 {
     size_t filled = 0;
     for (size_t i = 0, count = count_of(c); i < count; i++)
         if (is_there(c, i, step_of(c)) && c->table[i]->blocks != NULL)
             filled += c->table[i]->blocks(c->of[i].self, blocks + filled);
-    assert(filled <= KILN_COMPANY_BLOCKS);
+    assert(filled <= KILN_COMPANY_ARRAYS);
     return filled;
 }
 

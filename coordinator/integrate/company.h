@@ -49,9 +49,9 @@ void kiln_company_extend(const struct kiln_company *company, struct kiln_own_poi
 
 void kiln_company_close(const struct kiln_company *company, struct kiln_energy_closing *closing);
 
-/* Fills in the checkpoint blocks of all companions, at most KILN_COMPANY_BLOCKS, and returns their number. */
-enum { KILN_COMPANY_BLOCKS = 2 * KILN_COMPANION_BLOCKS };
-size_t kiln_company_blocks(struct kiln_company *company, struct kiln_block *blocks);
+/* Fills in the checkpoint blocks of all companions, at most KILN_COMPANY_ARRAYS, and returns their number. */
+enum { KILN_COMPANY_ARRAYS = 2 * KILN_COMPANION_ARRAYS };
+size_t kiln_company_arrays(struct kiln_company *company, struct kiln_array_range *blocks);
 /* Bytes of a point in the arrays of a step. */
 uint64_t kiln_company_saved_bytes(const struct kiln_company *company, const struct kiln_step *step);
 

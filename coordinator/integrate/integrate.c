@@ -143,7 +143,7 @@ int kiln_integrate(struct kiln_solution **solution, const struct kiln_integrate_
 }
 
 int kiln_integrate_save(struct kiln_solution *solution, const struct kiln_integrate_params *params,
-                        const struct kiln_block *more, size_t count, struct kiln_error *error)
+                        const struct kiln_array_range *more, size_t count, struct kiln_error *error)
 {
     return kiln_save_solution(solution, params, more, count, error);
 }

@@ -59,6 +59,6 @@ int kiln_integrate(struct kiln_solution **solution, const struct kiln_integrate_
 /* Collective. Writes a checkpoint of a complete solution, with additional blocks of the caller, so that the caller's
  * later work can be resumed too. */
 int kiln_integrate_save(struct kiln_solution *solution, const struct kiln_integrate_params *params,
-                        const struct kiln_block *more, size_t count, struct kiln_error *error);
+                        const struct kiln_array_range *more, size_t count, struct kiln_error *error);
 
 #endif

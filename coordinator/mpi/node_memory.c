@@ -10,7 +10,7 @@
 #include "coordinator/mpi/agree.h"
 #include "coordinator/mpi/assert_same.h"
 
-struct block {
+struct region {
     uint64_t shared;   /* size of its shared memory, bytes; 0: it is from kiln_allocate */
     void *here;        /* address on this rank */
     const void *there; /* address on the leader */
@@ -22,7 +22,7 @@ struct kiln_node_memory {
     bool full;   /* kiln_node_full */
     bool warned; /* the reason has been printed */
     uint64_t bytes;
-    struct block *blocks;
+    struct region *regions;
     size_t count, room;
 };
 
@@ -59,13 +59,13 @@ void kiln_node_destroy(struct kiln_node_memory **node)
     if (n == NULL)
         return;
     for (size_t i = n->count; i > 0; i--) {
-        struct block *b = &n->blocks[i - 1];
+        struct region *b = &n->regions[i - 1];
         if (b->shared != 0)
             kiln_shared_release(&b->here, b->shared);
         else
             kiln_free(&b->here);
     }
-    kiln_free(&n->blocks);
+    kiln_free(&n->regions);
     (void)MPI_Comm_free(&n->communicator);
     kiln_free(node);
 }
@@ -88,63 +88,63 @@ static void warn_not_shared(struct kiln_node_memory *n, const struct kiln_error 
 }
 
 /* Collective over the node. The leader allocates shared memory and the other ranks map it; all get the same status. */
-static int open_block(const struct kiln_node_memory *n, uint64_t bytes, struct block *block, struct kiln_error *error)
+static int open_block(const struct kiln_node_memory *n, uint64_t bytes, struct region *region, struct kiln_error *error)
 {
     struct kiln_shared_key key = {0};
-    const int made = n->rank == 0 ? kiln_shared_make(&block->here, &key, bytes, error) : KILN_OK;
+    const int made = n->rank == 0 ? kiln_shared_make(&region->here, &key, bytes, error) : KILN_OK;
     int status = kiln_agree(n->communicator, made, error);
     if (status == KILN_OK) {
         struct kiln_shared_key leader = key;
         (void)MPI_Bcast(&leader, (int)sizeof leader, MPI_BYTE, 0, n->communicator);
-        status =
-            kiln_agree(n->communicator, n->rank != 0 ? kiln_shared_open(&block->here, &leader, error) : KILN_OK, error);
+        status = kiln_agree(n->communicator, n->rank != 0 ? kiln_shared_open(&region->here, &leader, error) : KILN_OK,
+                            error);
     }
     kiln_shared_seal(&key);
     if (status != KILN_OK)
-        kiln_shared_release(&block->here, bytes);
-    block->shared = bytes;
+        kiln_shared_release(&region->here, bytes);
+    region->shared = bytes;
     return status;
 }
 
-static int add_block(struct kiln_node_memory *n, const struct block *block, uint64_t bytes)
+static int add_block(struct kiln_node_memory *n, const struct region *region, uint64_t bytes)
 {
-    n->blocks[n->count++] = *block; /* make_block has made room */
+    n->regions[n->count++] = *region; /* make_block has made room */
     n->bytes += bytes;
     return KILN_OK;
 }
 
 static int make_own_block(struct kiln_node_memory *n, uint64_t bytes, void **here, struct kiln_error *error)
 {
-    struct block block = {0};
-    const int status = kiln_allocate(&block.here, bytes, 1, "the memory of a node", error);
-    *here = block.here;
-    block.there = block.here;
-    return status == KILN_OK ? add_block(n, &block, bytes) : status;
+    struct region region = {0};
+    const int status = kiln_allocate(&region.here, bytes, 1, "the memory of a node", error);
+    *here = region.here;
+    region.there = region.here;
+    return status == KILN_OK ? add_block(n, &region, bytes) : status;
 }
 
 /* Collective over the node; `bytes` is the same on all ranks. */
 static int make_block(struct kiln_node_memory *n, uint64_t bytes, void **here, struct kiln_error *error)
 {
-    struct block block = {0};
+    struct region region = {0};
     struct kiln_error why = {{0}};
-    int status = kiln_grow(&n->blocks, &n->room, n->count + 1, sizeof *n->blocks, "the blocks of a node", &why);
+    int status = kiln_grow(&n->regions, &n->room, n->count + 1, sizeof *n->regions, "the blocks of a node", &why);
     if (n->ranks == 1)
         return status == KILN_OK ? make_own_block(n, bytes, here, error) : kiln_fail(error, status, "%s", why.message);
     status = kiln_agree(n->communicator, status, &why);
     if (status == KILN_OK && n->full)
         return kiln_fail(error, KILN_SYSTEM, "the ranks of this host share no memory");
     if (status == KILN_OK)
-        status = open_block(n, bytes, &block, &why);
+        status = open_block(n, bytes, &region, &why);
     if (status != KILN_OK) {
         n->full = true;
         warn_not_shared(n, &why);
         return kiln_fail(error, status, "%s", why.message);
     }
-    uint64_t there = (uint64_t)(uintptr_t)block.here;
+    uint64_t there = (uint64_t)(uintptr_t)region.here;
     (void)MPI_Bcast(&there, 1, MPI_UINT64_T, 0, n->communicator);
-    block.there = (const void *)(uintptr_t)there;
-    *here = block.here;
-    return add_block(n, &block, bytes);
+    region.there = (const void *)(uintptr_t)there;
+    *here = region.here;
+    return add_block(n, &region, bytes);
 }
 
 /* Computes the size of a block: a multiple of 64, at least 64, so that an empty block has an address of its own,
@@ -157,8 +157,8 @@ static int bytes_of(size_t count, size_t size, const char *what, uint64_t *bytes
     return KILN_OK;
 }
 
-int kiln_node_block(struct kiln_node_memory *node, void *pointer, size_t count, size_t size, const char *what,
-                    struct kiln_error *error)
+int kiln_node_region(struct kiln_node_memory *node, void *pointer, size_t count, size_t size, const char *what,
+                     struct kiln_error *error)
 {
     uint64_t bytes = 0;
     void *here = NULL;
@@ -174,7 +174,7 @@ int kiln_node_block(struct kiln_node_memory *node, void *pointer, size_t count, 
 
 /* ---- regions ---- */
 
-struct kiln_node_parts {
+struct kiln_rank_regions {
     int ranks;
     bool is_shared; /* false: the only region is from kiln_allocate */
     struct {
@@ -184,7 +184,7 @@ struct kiln_node_parts {
 };
 
 /* Collective over the node. Each rank allocates its own region and maps those of the others. */
-static int open_parts(const struct kiln_node_memory *n, struct kiln_node_parts *p, uint64_t bytes,
+static int open_parts(const struct kiln_node_memory *n, struct kiln_rank_regions *p, uint64_t bytes,
                       struct kiln_shared_key *keys, struct kiln_error *error)
 {
     struct kiln_shared_key own = {0};
@@ -203,14 +203,14 @@ static int open_parts(const struct kiln_node_memory *n, struct kiln_node_parts *
     return status;
 }
 
-static void close_parts(struct kiln_node_parts *p)
+static void close_parts(struct kiln_rank_regions *p)
 {
     for (int r = 0; r < p->ranks; r++)
         kiln_shared_release(&p->part[r].at, p->part[r].bytes);
 }
 
 /* Collective over the node. */
-static int share_parts(struct kiln_node_memory *n, struct kiln_node_parts *p, uint64_t bytes, const char *what,
+static int share_parts(struct kiln_node_memory *n, struct kiln_rank_regions *p, uint64_t bytes, const char *what,
                        struct kiln_error *error)
 {
     struct kiln_shared_key *keys = NULL;
@@ -230,11 +230,11 @@ static int share_parts(struct kiln_node_memory *n, struct kiln_node_parts *p, ui
     return kiln_fail(error, status, "%s", why.message);
 }
 
-int kiln_node_parts_create(struct kiln_node_parts **parts, struct kiln_node_memory *node, uint64_t bytes,
-                           const char *what, struct kiln_error *error)
+int kiln_rank_regions_create(struct kiln_rank_regions **parts, struct kiln_node_memory *node, uint64_t bytes,
+                             const char *what, struct kiln_error *error)
 {
     const int ranks = node != NULL ? node->ranks : 1;
-    struct kiln_node_parts *p = NULL;
+    struct kiln_rank_regions *p = NULL;
     bytes = (bytes + 64) / 64 * 64;
     int status = kiln_allocate(&p, 1, sizeof *p + (size_t)ranks * sizeof *p->part, what, error);
     if (status == KILN_OK) {
@@ -251,9 +251,9 @@ int kiln_node_parts_create(struct kiln_node_parts **parts, struct kiln_node_memo
     return status;
 }
 
-void kiln_node_parts_destroy(struct kiln_node_parts **parts)
+void kiln_rank_regions_destroy(struct kiln_rank_regions **parts)
 {
-    struct kiln_node_parts *p = *parts;
+    struct kiln_rank_regions *p = *parts;
     if (p == NULL)
         return;
     if (p->is_shared)
@@ -263,7 +263,7 @@ void kiln_node_parts_destroy(struct kiln_node_parts **parts)
     kiln_free(parts);
 }
 
-void *kiln_node_part(const struct kiln_node_parts *parts, int rank) { return parts->part[rank].at; }
+void *kiln_rank_region(const struct kiln_rank_regions *parts, int rank) { return parts->part[rank].at; }
 
 /* ---- building ---- */
 
@@ -359,8 +359,8 @@ void *kiln_node_place(const void *node, const void *there)
 {
     const struct kiln_node_memory *n = node;
     for (size_t i = 0; i < n->count; i++)
-        if (n->blocks[i].there == there)
-            return n->blocks[i].here;
+        if (n->regions[i].there == there)
+            return n->regions[i].here;
     return NULL;
 }
 

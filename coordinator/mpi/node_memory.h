@@ -32,8 +32,8 @@ uint64_t kiln_node_bytes(const struct kiln_node_memory *node); /* of all blocks;
 
 /* Collective over the node. Allocates a zeroed block of count x size bytes; *pointer receives its address on this rank.
  * `what` names it in error messages. All ranks of the node get the same status. */
-int kiln_node_block(struct kiln_node_memory *node, void *pointer, size_t count, size_t size, const char *what,
-                    struct kiln_error *error);
+int kiln_node_region(struct kiln_node_memory *node, void *pointer, size_t count, size_t size, const char *what,
+                     struct kiln_error *error);
 
 /* Collective over the node. The leader runs build(context, memory, error); what that allocates from `memory` becomes
  * blocks. Meanwhile the other ranks sleep and take part in these allocations. All ranks get the leader's status and
@@ -50,17 +50,17 @@ void *kiln_node_place(const void *node, const void *there);
 /* Rank regions: an array of regions, one owned by each rank of the node and readable and writable by all of them.
  * Unlike the node's they can be freed. kiln_node_bytes does not count them, since they are counted with each rank. The
  * pages of one lie in its owner's NUMA domain. */
-struct kiln_node_parts;
+struct kiln_rank_regions;
 /* Collective over the node. Allocates a zeroed region of `bytes` for this rank and maps those of the other ranks. All
  * ranks get the same status: KILN_SYSTEM if one of them cannot allocate its region or map another; the leader then
  * prints the reason, and kiln_node_full does not change. With `node` NULL the call is not collective, and this rank's
- * region is the only one. Destroy with kiln_node_parts_destroy. */
-int kiln_node_parts_create(struct kiln_node_parts **parts, struct kiln_node_memory *node, uint64_t bytes,
-                           const char *what, struct kiln_error *error);
+ * region is the only one. Destroy with kiln_rank_regions_destroy. */
+int kiln_rank_regions_create(struct kiln_rank_regions **parts, struct kiln_node_memory *node, uint64_t bytes,
+                             const char *what, struct kiln_error *error);
 /* Collective over the node. */
-void kiln_node_parts_destroy(struct kiln_node_parts **parts);
+void kiln_rank_regions_destroy(struct kiln_rank_regions **parts);
 /* The region of rank `rank` of the node. If they were created with `node` NULL, the only one is that of rank 0. */
-void *kiln_node_part(const struct kiln_node_parts *parts, int rank);
+void *kiln_rank_region(const struct kiln_rank_regions *parts, int rank);
 
 /* Collective over the node. Copies `size` bytes at `data` from the leader to all ranks. */
 void kiln_node_broadcast(const struct kiln_node_memory *node, void *data, size_t size);

@@ -224,8 +224,8 @@ size_t kiln_columns_row(const struct kiln_columns *columns)
 
 /* ---- rows ---- */
 
-int kiln_rows_allocate(struct kiln_rows *rows, const struct kiln_columns *columns, size_t count,
-                       struct kiln_error *error)
+int kiln_column_values_allocate(struct kiln_column_values *rows, const struct kiln_columns *columns, size_t count,
+                                struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t c = 0; status == KILN_OK && c < columns->count; c++)
@@ -233,7 +233,7 @@ int kiln_rows_allocate(struct kiln_rows *rows, const struct kiln_columns *column
     return status;
 }
 
-void kiln_rows_free(struct kiln_rows *rows)
+void kiln_column_values_free(struct kiln_column_values *rows)
 {
     for (int c = 0; c < KILN_COLUMNS_MAX; c++)
         kiln_free(&rows->column[c]);
@@ -251,7 +251,7 @@ void kiln_column_floats(const struct kiln_column *column, const struct kiln_bake
 
 /* Writes rows of `points` points of a tile run, from `first` on, starting at row number `row`. The points' details are
  * known. */
-static void put_points(struct kiln_rows *rows, const struct kiln_columns *columns, uint64_t row,
+static void put_points(struct kiln_column_values *rows, const struct kiln_columns *columns, uint64_t row,
                        const struct kiln_column_point *first, uint32_t points)
 {
     for (size_t c = 0; c < columns->count; c++) {
@@ -271,7 +271,7 @@ static void put_points(struct kiln_rows *rows, const struct kiln_columns *column
 }
 
 /* Whether a wanted column needs the points' details, which take longer than all else. */
-static bool needs_details(const struct kiln_rows *rows, const struct kiln_columns *columns)
+static bool needs_details(const struct kiln_column_values *rows, const struct kiln_columns *columns)
 {
     bool needs = false;
     for (size_t c = 0; c < columns->count; c++)
@@ -294,8 +294,9 @@ static size_t find_tile_run(const struct kiln_surface *s, struct kiln_global_poi
 }
 
 /* A tile run on the border of two ranges is processed for both. */
-void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_columns *columns, const struct kiln_bake_result *result,
-                    struct kiln_global_point first, struct kiln_global_point last)
+void kiln_column_values_fill(struct kiln_column_values *rows, const struct kiln_columns *columns,
+                             const struct kiln_bake_result *result, struct kiln_global_point first,
+                             struct kiln_global_point last)
 {
     const struct kiln_surface *s = result->surface;
     const bool detailed = needs_details(rows, columns);

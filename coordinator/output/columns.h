@@ -54,21 +54,22 @@ size_t kiln_column_row(const struct kiln_column *column);
 size_t kiln_columns_row(const struct kiln_columns *columns);
 
 /* Rows of some points: one array for each column; NULL: the column is not requested. */
-struct kiln_rows {
+struct kiln_column_values {
     void *column[KILN_COLUMNS_MAX];
 };
 
-int kiln_rows_allocate(struct kiln_rows *rows, const struct kiln_columns *columns, size_t count,
-                       struct kiln_error *error);
-void kiln_rows_free(struct kiln_rows *rows);
+int kiln_column_values_allocate(struct kiln_column_values *rows, const struct kiln_columns *columns, size_t count,
+                                struct kiln_error *error);
+void kiln_column_values_free(struct kiln_column_values *rows);
 
 /* Fills in the rows of the points [first, last), which this rank must own; `first` is row 0. Uses all threads.
  */
-void kiln_rows_fill(struct kiln_rows *rows, const struct kiln_columns *columns, const struct kiln_bake_result *result,
-                    struct kiln_global_point first, struct kiln_global_point last);
+void kiln_column_values_fill(struct kiln_column_values *rows, const struct kiln_columns *columns,
+                             const struct kiln_bake_result *result, struct kiln_global_point first,
+                             struct kiln_global_point last);
 
-/* Writes the rows of own points in a column that is a field, as kiln_rows_fill does: at most KILN_TILE_TEXELS points
- * from `first` on. */
+/* Writes the rows of own points in a column that is a field, as kiln_column_values_fill does: at most KILN_TILE_TEXELS
+ * points from `first` on. */
 void kiln_column_floats(const struct kiln_column *column, const struct kiln_bake_result *result,
                         struct kiln_own_point first, uint32_t points, float *floats);
 

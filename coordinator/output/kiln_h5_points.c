@@ -81,8 +81,8 @@ uint8_t *points_shuffled(const struct kiln_points_writer *w)
 /* ---- rows of other ranks ---- */
 
 /* Copies `count` rows between columns and a message, which holds one column after the other. */
-static void move_rows(const struct kiln_rows *rows, const struct kiln_columns *columns, uint64_t at, uint64_t count,
-                      uint8_t *message, bool out)
+static void move_rows(const struct kiln_column_values *rows, const struct kiln_columns *columns, uint64_t at,
+                      uint64_t count, uint8_t *message, bool out)
 {
     for (size_t c = 0; c < columns->count; c++) {
         const size_t row = kiln_column_row(&columns->column[c]), bytes = count * row;
@@ -103,8 +103,8 @@ static int send_head(struct kiln_points_writer *w, struct kiln_error *error)
     const uint64_t first = w->starts[w->rank], last = head_end(w, w->rank);
     if (first == last)
         return KILN_OK;
-    kiln_rows_fill(&w->rows, &w->columns, w->result, (struct kiln_global_point){first},
-                   (struct kiln_global_point){last});
+    kiln_column_values_fill(&w->rows, &w->columns, w->result, (struct kiln_global_point){first},
+                            (struct kiln_global_point){last});
     move_rows(&w->rows, &w->columns, 0, last - first, w->packed, true);
     const int sent = MPI_Send(w->packed, (int)((last - first) * kiln_columns_row(&w->columns)), MPI_BYTE,
                               owner_of(w, first), TAG_ROWS, w->result->communicator);
@@ -156,7 +156,7 @@ static bool is_there(const struct kiln_points_writer *w, size_t column)
  */
 static void fill_batch(struct kiln_points_writer *w)
 {
-    struct kiln_rows wanted = w->rows;
+    struct kiln_column_values wanted = w->rows;
     bool none = true;
     for (size_t c = 0; c < w->columns.count; c++)
         if (is_there(w, c))
@@ -168,8 +168,8 @@ static void fill_batch(struct kiln_points_writer *w)
     const uint64_t own = points_minimum(own_end, last) - first;
     if (none)
         return;
-    kiln_rows_fill(&wanted, &w->columns, w->result, (struct kiln_global_point){first},
-                   (struct kiln_global_point){first + own});
+    kiln_column_values_fill(&wanted, &w->columns, w->result, (struct kiln_global_point){first},
+                            (struct kiln_global_point){first + own});
     for (size_t c = 0; c < w->columns.count && own_end < last; c++) {
         const size_t row = kiln_column_row(points_column(w, c));
         memcpy((uint8_t *)w->rows.column[c] + own * row, (uint8_t *)w->tail.column[c] + own_end % w->chunk_rows * row,
@@ -287,9 +287,9 @@ static int allocate(struct kiln_points_writer *w, struct kiln_error *error)
     const uint64_t parts = points_parts(w, w->rank), own = points_minimum(parts / w->columns.count, w->at_once);
     /* a rank without chunks needs one slot for the rows that it sends */
     const size_t chunks = own > 0 ? own : 1, places = place_in_chunk(w, w->columns.count);
-    int status = kiln_rows_allocate(&w->rows, &w->columns, chunks * w->chunk_rows, error);
+    int status = kiln_column_values_allocate(&w->rows, &w->columns, chunks * w->chunk_rows, error);
     if (status == KILN_OK)
-        status = kiln_rows_allocate(&w->tail, &w->columns, w->chunk_rows, error);
+        status = kiln_column_values_allocate(&w->tail, &w->columns, w->chunk_rows, error);
     if (status == KILN_OK)
         status = kiln_arena_allocate(&w->arena, &w->shuffled, (size_t)w->threads * w->shuffled_bytes, 1,
                                      "points to write", error);
@@ -355,8 +355,8 @@ void kiln_points_writer_destroy(struct kiln_points_writer **writer)
         return;
     for (uint64_t part = 0; w->kept != NULL && part < points_parts(w, w->rank); part++)
         kiln_free(&w->kept[part]);
-    kiln_rows_free(&w->rows);
-    kiln_rows_free(&w->tail);
+    kiln_column_values_free(&w->rows);
+    kiln_column_values_free(&w->tail);
     kiln_arena_release(&w->arena);
     kiln_free(&w->packed);
     kiln_free(&w->spare);

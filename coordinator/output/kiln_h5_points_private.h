@@ -21,7 +21,7 @@ struct kiln_points_writer {
     struct kiln_columns columns;
     size_t total; /* index of the column POINTS_TOTAL */
     hid_t datasets[KILN_COLUMNS_MAX];
-    struct kiln_rows rows, tail; /* rows of the batch; rows of the last own chunk received from later ranks */
+    struct kiln_column_values rows, tail; /* rows of the batch; rows of the last own chunk received from later ranks */
     /* packed: one slot for each part of a batch; spare: the previous batch, which is being written */
     uint8_t *packed, *spare;
     uint8_t *shuffled; /* of each thread, shuffled_bytes */

@@ -125,7 +125,7 @@ static int name_file(struct kiln_manifest *m, const char *folder, const char *na
 
 /* Lists the files of the bake; the same on all ranks. */
 static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *scene,
-                      const struct kiln_surface *surface, const struct kiln_manifest_parts *parts,
+                      const struct kiln_surface *surface, const struct kiln_optional_results *parts,
                       struct kiln_error *error)
 {
     const char *const others[] = {"run.json",
@@ -279,7 +279,7 @@ static int publish(const struct kiln_manifest *m, const char *directory, const s
 }
 
 int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene,
-                        const struct kiln_surface *surface, const struct kiln_manifest_parts *parts,
+                        const struct kiln_surface *surface, const struct kiln_optional_results *parts,
                         struct kiln_error *error)
 {
     struct kiln_manifest *m = NULL;
@@ -380,7 +380,7 @@ end:
 }
 
 int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
-                        const struct kiln_manifest_parts *parts, struct kiln_pruned *pruned, struct kiln_error *error)
+                        const struct kiln_optional_results *parts, struct kiln_pruned *pruned, struct kiln_error *error)
 {
     static const char *const pictures[] = {"report.html", "view.png"};
     struct kiln_manifest *before = NULL, *wanted = NULL;
@@ -401,7 +401,7 @@ int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, c
 }
 
 int kiln_manifest_look(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
-                       const struct kiln_manifest_parts *parts, struct kiln_error *error)
+                       const struct kiln_optional_results *parts, struct kiln_error *error)
 {
     static const char *const folders[] = {"lightmaps", "lightmaps/back", "checkpoint"};
     struct kiln_manifest *wanted = NULL;

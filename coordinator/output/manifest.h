@@ -30,7 +30,7 @@ struct kiln_manifest {
 };
 
 /* Which of the optional results a bake has. */
-struct kiln_manifest_parts {
+struct kiln_optional_results {
     bool volume, preview, scene; /* volume.hdf, preview.png, scene.glb */
     char *const *more;           /* paths of further files, relative to the folder; borrowed */
     size_t more_count;
@@ -41,7 +41,7 @@ struct kiln_manifest_parts {
 /* Collective. Hashes the results of a bake of `scene` in `directory`, each rank some of their pieces, with all threads,
  * and writes the manifest on rank 0. KILN_IO if a result is missing. */
 int kiln_manifest_write(MPI_Comm communicator, const char *directory, const struct kiln_scene *scene,
-                        const struct kiln_surface *surface, const struct kiln_manifest_parts *parts,
+                        const struct kiln_surface *surface, const struct kiln_optional_results *parts,
                         struct kiln_error *error);
 
 /* Rank 0. Removes the manifest, before results are replaced, so that the folder no longer counts as complete. */
@@ -60,13 +60,14 @@ struct kiln_pruned {
  * these pictures are removed. KILN_CANNOT_CREATE if a file cannot be removed. Can be called again after it was
  * interrupted. */
 int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
-                        const struct kiln_manifest_parts *parts, struct kiln_pruned *pruned, struct kiln_error *error);
+                        const struct kiln_optional_results *parts, struct kiln_pruned *pruned,
+                        struct kiln_error *error);
 
 /* Rank 0, before the first pass. Checks that every result of a bake of `scene` can be written; with `scene` and
  * `surface` NULL, those results that have the same name in every bake. KILN_CANNOT_CREATE, with a message that names
  * the link, folder or device that has the name of a result. */
 int kiln_manifest_look(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
-                       const struct kiln_manifest_parts *parts, struct kiln_error *error);
+                       const struct kiln_optional_results *parts, struct kiln_error *error);
 
 /* Parses the manifest from the text of the file `path`. KILN_BAD_INPUT if it is damaged. Destroy with
  * kiln_manifest_destroy. Not collective. */

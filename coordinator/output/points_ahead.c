@@ -50,7 +50,7 @@ static uint64_t now(clockid_t clock)
 
 /* Buffers of a thread. */
 struct room {
-    struct kiln_rows rows;
+    struct kiln_column_values rows;
     uint8_t *shuffled, *packed;
 };
 
@@ -62,7 +62,7 @@ static int make_room(const struct kiln_points_ahead *a, struct room *room)
         most = bytes > most ? bytes : most;
     }
     int status;
-    KILN_TRY(kiln_rows_allocate(&room->rows, &a->columns, KILN_H5_CHUNK_ROWS, NULL));
+    KILN_TRY(kiln_column_values_allocate(&room->rows, &a->columns, KILN_H5_CHUNK_ROWS, NULL));
     KILN_TRY(kiln_allocate(&room->shuffled, most, 1, "points to write", NULL));
     KILN_TRY(kiln_allocate(&room->packed, kiln_chunk_bound(most), 1, "packed points", NULL));
 end:
@@ -71,7 +71,7 @@ end:
 
 static void leave_room(struct room *room)
 {
-    kiln_rows_free(&room->rows);
+    kiln_column_values_free(&room->rows);
     kiln_free(&room->shuffled);
     kiln_free(&room->packed);
 }
@@ -99,13 +99,13 @@ static int pack_column(struct kiln_points_ahead *a, uint64_t index, size_t c, co
 static int pack_chunk(struct kiln_points_ahead *a, enum stage stage, uint64_t index, struct room *room)
 {
     const uint64_t first = (a->first + index) * KILN_H5_CHUNK_ROWS;
-    struct kiln_rows wanted = room->rows;
+    struct kiln_column_values wanted = room->rows;
     int status = KILN_OK;
     for (size_t c = 0; c < a->columns.count; c++)
         if (stage_of(&a->columns.column[c]) != stage)
             wanted.column[c] = NULL;
-    kiln_rows_fill(&wanted, &a->columns, &a->result, (struct kiln_global_point){first},
-                   (struct kiln_global_point){first + KILN_H5_CHUNK_ROWS});
+    kiln_column_values_fill(&wanted, &a->columns, &a->result, (struct kiln_global_point){first},
+                            (struct kiln_global_point){first + KILN_H5_CHUNK_ROWS});
     for (size_t c = 0; status == KILN_OK && c < a->columns.count; c++)
         if (wanted.column[c] != NULL)
             status = pack_column(a, index, c, room);

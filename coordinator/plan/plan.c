@@ -223,7 +223,7 @@ static void plan_disk(struct kiln_plan *plan, const struct kiln_prepared *p, con
         (uint64_t)((double)plan->probes * (PROBE_DISK * (double)sizeof(struct kiln_probe_result) +
                                            OCCLUDER_DISK * (double)sizeof(struct kiln_probe_occluders)));
     plan->scene_bytes = p->scene->mapped_bytes;
-    plan->preview_bytes = job->preview ? (uint64_t)(PREVIEW_DISK * kiln_preview_part(job, p->scene, points)) : 0;
+    plan->preview_bytes = job->preview ? (uint64_t)(PREVIEW_DISK * kiln_preview_share(job, p->scene, points)) : 0;
     plan->export_bytes = job->write_scene ? kiln_export_size(p->scene) : 0;
     const struct kiln_companion_kept kept = {
         .job = job, .points = plan->surface.points, .goes_on = kiln_transport_goes_on(job, p)};
@@ -344,8 +344,9 @@ static double take_seconds(const struct kiln_prepared *p) { return TAKE_POINT_SE
 static double preview_seconds(const struct kiln_prepared *p, const struct kiln_job *job)
 {
     const double drawn = PREVIEW_DRAWN * (p->scene->taken != NULL ? PREVIEW_OF_GLOSS : 1.0) / p->threads;
-    return job->preview ? kiln_preview_part(job, p->scene, (double)p->surface_report.points) * (drawn + PREVIEW_WRITTEN)
-                        : 0.0;
+    return job->preview
+               ? kiln_preview_share(job, p->scene, (double)p->surface_report.points) * (drawn + PREVIEW_WRITTEN)
+               : 0.0;
 }
 
 /* A moment, s: by the clock, and of the processor. */

@@ -61,32 +61,32 @@ static int read_at(int descriptor, const char *path, uint64_t offset, uint64_t s
     return KILN_OK;
 }
 
-static bool read_block(const json_t *json, struct checkpoint_block *b)
+static bool read_block(const json_t *json, struct checkpoint_array *b)
 {
     const char *name = NULL;
     json_int_t n[4];
     if (json_unpack((json_t *)(uintptr_t)json, "[s,I,I,I,I]", &name, &n[0], &n[1], &n[2], &n[3]) != 0 ||
         strlen(name) >= sizeof b->name || n[0] < 0 || n[1] < 0 || n[2] <= 0 || n[3] < 0)
         return false;
-    *b = (struct checkpoint_block){
+    *b = (struct checkpoint_array){
         .first = (uint64_t)n[0], .count = (uint64_t)n[1], .size = (uint64_t)n[2], .offset = (uint64_t)n[3]};
     memcpy(b->name, name, strlen(name));
     return true;
 }
 
 /* `room`: for the arrays of the file. */
-static bool read_part_entry(const json_t *json, struct checkpoint_entry *part, struct checkpoint_block *room)
+static bool read_part_entry(const json_t *json, struct checkpoint_entry *part, struct checkpoint_array *room)
 {
     const json_t *blocks = json_object_get(json, "blocks");
     const char *hash = json_string_value(json_object_get(json, "xxh3_128"));
     const json_int_t bytes = json_integer_value(json_object_get(json, "bytes"));
     part->bytes = (uint64_t)bytes;
-    part->block_count = (uint32_t)json_array_size(blocks);
-    if (hash == NULL || strlen(hash) != 32 || bytes < 0 || json_array_size(blocks) > KILN_BLOCKS_MAX)
+    part->array_count = (uint32_t)json_array_size(blocks);
+    if (hash == NULL || strlen(hash) != 32 || bytes < 0 || json_array_size(blocks) > KILN_ARRAYS_MAX)
         return false;
     memcpy(part->hash, hash, sizeof part->hash);
-    for (uint32_t i = 0; i < part->block_count; i++) {
-        struct checkpoint_block *b = &room[i];
+    for (uint32_t i = 0; i < part->array_count; i++) {
+        struct checkpoint_array *b = &room[i];
         if (!read_block(json_array_get(blocks, i), b) || b->offset > part->bytes ||
             b->count > (part->bytes - b->offset) / b->size)
             return false;
@@ -106,10 +106,10 @@ static int read_parts(struct kiln_checkpoint *c, const char *path, const json_t 
     count = 0;
     for (size_t i = 0; status == KILN_OK && i < c->part_count; i++) {
         struct checkpoint_entry *part = &c->parts[i];
-        part->first_block = count;
+        part->first_array = count;
         if (!read_part_entry(json_array_get(parts, i), part, c->blocks + count))
             return damaged(error, path, "is not a checkpoint's manifest");
-        count += part->block_count;
+        count += part->array_count;
     }
     return status;
 }
@@ -148,7 +148,7 @@ static int parse_manifest(struct kiln_checkpoint *c, const char *path, const cha
 }
 
 /* Collective: rank 0 reads the manifest and broadcasts it. */
-static int share_manifest(struct kiln_checkpoint *c, uint64_t generation, struct kiln_error *error)
+static int broadcast_manifest(struct kiln_checkpoint *c, uint64_t generation, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE], name[CHECKPOINT_NAME], *text = NULL;
     size_t size = 0;
@@ -233,7 +233,7 @@ static void forget(struct kiln_checkpoint *c)
 /* Collective: opens a generation. KILN_IO: it is damaged. */
 static int try_generation(struct kiln_checkpoint *c, uint64_t generation, struct kiln_error *error)
 {
-    int status = share_manifest(c, generation, error);
+    int status = broadcast_manifest(c, generation, error);
     if (status == KILN_OK)
         status = verify_parts(c, generation, error);
     if (status == KILN_OK)
@@ -325,12 +325,12 @@ double kiln_checkpoint_written(const struct kiln_checkpoint *c)
 {
     return json_real_value(json_object_get(c->manifest, "written"));
 }
-size_t kiln_checkpoint_parts(const struct kiln_checkpoint *c) { return c->part_count; }
+size_t kiln_checkpoint_files(const struct kiln_checkpoint *c) { return c->part_count; }
 
-static const struct checkpoint_block *find_block(const struct kiln_checkpoint *c, size_t part, const char *name)
+static const struct checkpoint_array *find_array(const struct kiln_checkpoint *c, size_t part, const char *name)
 {
-    const struct checkpoint_block *blocks = c->blocks + c->parts[part].first_block;
-    for (uint32_t i = 0; i < c->parts[part].block_count; i++)
+    const struct checkpoint_array *blocks = c->blocks + c->parts[part].first_array;
+    for (uint32_t i = 0; i < c->parts[part].array_count; i++)
         if (strcmp(blocks[i].name, name) == 0)
             return &blocks[i];
     return NULL;
@@ -339,15 +339,15 @@ static const struct checkpoint_block *find_block(const struct kiln_checkpoint *c
 bool kiln_checkpoint_has(const struct kiln_checkpoint *c, const char *name)
 {
     for (size_t i = 0; i < c->part_count; i++)
-        if (find_block(c, i, name) != NULL)
+        if (find_array(c, i, name) != NULL)
             return true;
     return false;
 }
 
-void kiln_checkpoint_part_range(const struct kiln_checkpoint *c, size_t part, const char *name, uint64_t *first,
+void kiln_checkpoint_file_range(const struct kiln_checkpoint *c, size_t part, const char *name, uint64_t *first,
                                 uint64_t *count)
 {
-    const struct checkpoint_block *b = find_block(c, part, name);
+    const struct checkpoint_array *b = find_array(c, part, name);
     *first = b != NULL ? b->first : 0;
     *count = b != NULL ? b->count : 0;
 }
@@ -369,12 +369,12 @@ static int read_from(const struct kiln_checkpoint *c, size_t part, uint64_t offs
 
 /* Finds the file that contains element `at` of the array, starting with file `from`, since files are in the order of
  * their ranges. NULL: there is none. */
-static const struct checkpoint_block *block_with(const struct kiln_checkpoint *c, const char *name, size_t size,
+static const struct checkpoint_array *block_with(const struct kiln_checkpoint *c, const char *name, size_t size,
                                                  uint64_t at, size_t from, size_t *part)
 {
     for (size_t i = 0; i < c->part_count; i++) {
         *part = (from + i) % c->part_count;
-        const struct checkpoint_block *b = find_block(c, *part, name);
+        const struct checkpoint_array *b = find_array(c, *part, name);
         if (b != NULL && b->size == size && at >= b->first && at - b->first < b->count)
             return b;
     }
@@ -387,7 +387,7 @@ int kiln_checkpoint_read(const struct kiln_checkpoint *c, const char *name, uint
     size_t part = 0;
     for (uint64_t got = 0; got < count;) { /* each element is read from one file, even if ranges overlap */
         const uint64_t at = first + got;
-        const struct checkpoint_block *b = block_with(c, name, size, at, part, &part);
+        const struct checkpoint_array *b = block_with(c, name, size, at, part, &part);
         if (b == NULL)
             return kiln_fail(error, KILN_IO,
                              "the checkpoint %s has %llu of %llu values of '%s' from %llu on; give --no-resume to "
@@ -404,10 +404,10 @@ int kiln_checkpoint_read(const struct kiln_checkpoint *c, const char *name, uint
     return KILN_OK;
 }
 
-int kiln_checkpoint_read_part(const struct kiln_checkpoint *c, size_t part, const char *name, size_t size, void *values,
+int kiln_checkpoint_read_file(const struct kiln_checkpoint *c, size_t part, const char *name, size_t size, void *values,
                               uint64_t *count, struct kiln_error *error)
 {
-    const struct checkpoint_block *b = find_block(c, part, name);
+    const struct checkpoint_array *b = find_array(c, part, name);
     void *bytes = NULL;
     *count = 0;
     if (b == NULL || b->size != size)

@@ -23,11 +23,11 @@
 
 #include "worker/base/status.h"
 
-enum { KILN_BLOCK_NAME = 24, KILN_BLOCKS_MAX = 9728 };
+enum { KILN_ARRAY_NAME = 24, KILN_ARRAYS_MAX = 9728 };
 
 /* A range of an array, as one rank holds it. */
-struct kiln_block {
-    char name[KILN_BLOCK_NAME];
+struct kiln_array_range {
+    char name[KILN_ARRAY_NAME];
     uint64_t first, count; /* range of elements */
     uint64_t size;         /* bytes of an element */
     const void *data;      /* borrowed during the call */
@@ -55,8 +55,8 @@ double kiln_checkpoint_written(const struct kiln_checkpoint *checkpoint);
  * KILN_IO, with both numbers, unless 1.2 times the size of the checkpoint is free. If the space of the older generation
  * suffices, that is removed first, so that one complete generation always exists. After KILN_IO, KILN_CANNOT_CREATE and
  * KILN_PERMISSION the existing generations are unchanged. */
-int kiln_checkpoint_write(struct kiln_checkpoint *checkpoint, const json_t *identity, const struct kiln_block *blocks,
-                          size_t block_count, struct kiln_error *error);
+int kiln_checkpoint_write(struct kiln_checkpoint *checkpoint, const json_t *identity,
+                          const struct kiln_array_range *blocks, size_t array_count, struct kiln_error *error);
 /* Number of the last generation that was written or opened. */
 uint64_t kiln_checkpoint_last(const struct kiln_checkpoint *checkpoint);
 /* Cost of checkpoints: the number of generations written, the seconds of writing on this rank, and the bytes of the
@@ -71,12 +71,12 @@ int kiln_checkpoint_read(const struct kiln_checkpoint *checkpoint, const char *n
 bool kiln_checkpoint_has(const struct kiln_checkpoint *checkpoint, const char *name);
 
 /* Number of files of the open generation, one for each rank that wrote it. */
-size_t kiln_checkpoint_parts(const struct kiln_checkpoint *checkpoint);
+size_t kiln_checkpoint_files(const struct kiln_checkpoint *checkpoint);
 /* The range of the array that file `part` contains; *count 0: none. */
-void kiln_checkpoint_part_range(const struct kiln_checkpoint *checkpoint, size_t part, const char *name,
+void kiln_checkpoint_file_range(const struct kiln_checkpoint *checkpoint, size_t part, const char *name,
                                 uint64_t *first, uint64_t *count);
 /* Not collective. Reads all elements of the array that file `part` contains; *values is from kiln_allocate. */
-int kiln_checkpoint_read_part(const struct kiln_checkpoint *checkpoint, size_t part, const char *name, size_t size,
+int kiln_checkpoint_read_file(const struct kiln_checkpoint *checkpoint, size_t part, const char *name, size_t size,
                               void *values, uint64_t *count, struct kiln_error *error);
 
 /* Collective. Removes all generations, and the folder if nothing else is in it. Ignores failures. */

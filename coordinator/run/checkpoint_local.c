@@ -367,7 +367,7 @@ static bool leads_node(MPI_Comm communicator)
 }
 
 /* Collective. Shares the bake's key with all ranks; false: there is none. */
-static bool share_key(MPI_Comm communicator, const char *directory, char key[KEY_TEXT])
+static bool broadcast_key(MPI_Comm communicator, const char *directory, char key[KEY_TEXT])
 {
     int rank, there = 0;
     (void)MPI_Comm_rank(communicator, &rank);
@@ -386,7 +386,7 @@ void checkpoint_local_remove(struct kiln_checkpoint *c)
     join(l, GIVEN_UP);
     l->generation = 0;
     (void)MPI_Barrier(c->communicator); /* no rank copies any more */
-    const bool there = share_key(c->communicator, c->directory, key), leads = leads_node(c->communicator);
+    const bool there = broadcast_key(c->communicator, c->directory, key), leads = leads_node(c->communicator);
     if (!there || !leads)
         return;
     visit_ranks(l->folder, key, remove_rank, NULL);
@@ -423,7 +423,7 @@ int kiln_checkpoint_write_locally(struct kiln_checkpoint *c, const char *local, 
     }
     if (status != KILN_OK)
         kiln_free(&c->local);
-    if (status == KILN_OK && share_key(c->communicator, c->directory, key) && leads_node(c->communicator))
+    if (status == KILN_OK && broadcast_key(c->communicator, c->directory, key) && leads_node(c->communicator))
         visit_ranks(local, key, prune_rank, c);
     return status;
 }
@@ -491,7 +491,7 @@ static bool bring_part(void *context, const char *place, uint64_t rank)
 }
 
 /* Collective: shares the manifest of the lowest rank that has one. False: no rank has one. */
-static bool share_manifest(struct bringing *b, struct kiln_error *error)
+static bool broadcast_manifest(struct bringing *b, struct kiln_error *error)
 {
     int ranks, holder;
     (void)MPI_Comm_size(b->communicator, &ranks);
@@ -529,7 +529,7 @@ static int begin_generation(const struct bringing *b)
 /* Collective: copies one generation to the bake's folder. *whole: all of its parts were found. */
 static int bring(struct bringing *b, bool *whole)
 {
-    *whole = share_manifest(b, b->error);
+    *whole = broadcast_manifest(b, b->error);
     int status = KILN_OK;
     if (*whole)
         status = kiln_allocate(&b->there, b->part_count, 1, "parts of a checkpoint", b->error);
@@ -568,7 +568,7 @@ int kiln_checkpoint_bring_home(MPI_Comm communicator, const char *directory, con
     bool whole = false;
     int status = KILN_OK;
     (void)MPI_Comm_rank(communicator, &b.rank);
-    if (!share_key(communicator, directory, b.key))
+    if (!broadcast_key(communicator, directory, b.key))
         return KILN_OK;
     b.leads = leads_node(communicator);
     if (b.rank == 0)

@@ -11,25 +11,25 @@
 enum { KILN_CHECKPOINT_FORMAT = 11, CHECKPOINT_NAME = 96 };
 
 /* Position of an array in a file. */
-struct checkpoint_block {
-    char name[KILN_BLOCK_NAME];
+struct checkpoint_array {
+    char name[KILN_ARRAY_NAME];
     uint64_t first, count, size, offset;
 };
 
 /* A file of the generation being written. */
-struct checkpoint_part {
+struct checkpoint_file {
     uint64_t bytes;
     char hash[KILN_HASH_TEXT];
-    uint32_t block_count;
-    struct checkpoint_block blocks[KILN_BLOCKS_MAX];
+    uint32_t array_count;
+    struct checkpoint_array blocks[KILN_ARRAYS_MAX];
 };
 
-/* A file of the open generation. Its blocks are `block_count` blocks of the checkpoint from index `first_block` on. */
+/* A file of the open generation. Its blocks are `array_count` blocks of the checkpoint from index `first_array` on. */
 struct checkpoint_entry {
     uint64_t bytes;
     char hash[KILN_HASH_TEXT];
-    uint32_t block_count;
-    size_t first_block;
+    uint32_t array_count;
+    size_t first_array;
 };
 
 /* File in a bake's folder that holds the key of its checkpoints on disks of nodes (checkpoint_local.h). */
@@ -48,7 +48,7 @@ struct kiln_checkpoint {
     json_t *manifest;
     struct checkpoint_entry *parts;
     size_t part_count;
-    struct checkpoint_block *blocks; /* of all parts */
+    struct checkpoint_array *blocks; /* of all parts */
     char path[KILN_PATH_SIZE];       /* path of its folder, for messages */
     /* writing */
     uint64_t newest; /* highest number of any generation so far */

@@ -65,7 +65,7 @@ int checkpoint_begin(const char *place, bool first, uint64_t bytes, uint64_t gen
     return status;
 }
 
-static uint64_t sum_bytes(const struct kiln_block *blocks, size_t count)
+static uint64_t sum_bytes(const struct kiln_array_range *blocks, size_t count)
 {
     uint64_t bytes = 0;
     for (size_t i = 0; i < count; i++)
@@ -74,7 +74,7 @@ static uint64_t sum_bytes(const struct kiln_block *blocks, size_t count)
 }
 
 /* Hashes and writes one megabyte at a time, so that it is read from memory only once. */
-static int write_block(int descriptor, XXH3_state_t *hash, const struct kiln_block *block, uint64_t offset,
+static int write_array(int descriptor, XXH3_state_t *hash, const struct kiln_array_range *block, uint64_t offset,
                        const char *path, struct kiln_error *error)
 {
     enum { STEP = 1 << 20 };
@@ -89,8 +89,8 @@ static int write_block(int descriptor, XXH3_state_t *hash, const struct kiln_blo
     return status;
 }
 
-static int write_part(const struct kiln_checkpoint *c, uint64_t generation, const struct kiln_block *blocks,
-                      size_t count, struct checkpoint_part *part, struct kiln_error *error)
+static int write_part(const struct kiln_checkpoint *c, uint64_t generation, const struct kiln_array_range *blocks,
+                      size_t count, struct checkpoint_file *part, struct kiln_error *error)
 {
     char path[KILN_PATH_SIZE], name[CHECKPOINT_NAME];
     int descriptor = -1;
@@ -106,11 +106,11 @@ static int write_part(const struct kiln_checkpoint *c, uint64_t generation, cons
     if (status == KILN_OK)
         (void)XXH3_128bits_reset(hash);
     for (size_t i = 0; i < count && status == KILN_OK; i++) {
-        struct checkpoint_block *b = &part->blocks[part->block_count++];
-        *b = (struct checkpoint_block){
+        struct checkpoint_array *b = &part->blocks[part->array_count++];
+        *b = (struct checkpoint_array){
             .first = blocks[i].first, .count = blocks[i].count, .size = blocks[i].size, .offset = part->bytes};
         memcpy(b->name, blocks[i].name, sizeof b->name);
-        status = write_block(descriptor, hash, &blocks[i], part->bytes, path, error);
+        status = write_array(descriptor, hash, &blocks[i], part->bytes, path, error);
         part->bytes += b->count * b->size;
     }
     if (status == KILN_OK && kiln_fsync(descriptor) != 0)
@@ -125,11 +125,11 @@ static int write_part(const struct kiln_checkpoint *c, uint64_t generation, cons
     return status;
 }
 
-static json_t *part_json(const struct checkpoint_part *part)
+static json_t *part_json(const struct checkpoint_file *part)
 {
     json_t *blocks = json_array();
-    for (uint32_t i = 0; i < part->block_count; i++) {
-        const struct checkpoint_block *b = &part->blocks[i];
+    for (uint32_t i = 0; i < part->array_count; i++) {
+        const struct checkpoint_array *b = &part->blocks[i];
         json_array_append_new(blocks, json_pack("[s,I,I,I,I]", b->name, (json_int_t)b->first, (json_int_t)b->count,
                                                 (json_int_t)b->size, (json_int_t)b->offset));
     }
@@ -137,7 +137,7 @@ static json_t *part_json(const struct checkpoint_part *part)
 }
 
 /* Rank 0: creates the manifest. */
-static json_t *manifest_json(const json_t *identity, uint64_t generation, const struct checkpoint_part *parts,
+static json_t *manifest_json(const json_t *identity, uint64_t generation, const struct checkpoint_file *parts,
                              size_t count)
 {
     static const char *const order = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? "little" : "big";
@@ -178,9 +178,9 @@ struct manifest_text {
 
 /* Collective: gathers the tables of all files, and makes a manifest from them. */
 static int gather_manifest(const struct kiln_checkpoint *c, uint64_t generation, const json_t *identity,
-                           const struct checkpoint_part *own, struct manifest_text *m, struct kiln_error *error)
+                           const struct checkpoint_file *own, struct manifest_text *m, struct kiln_error *error)
 {
-    struct checkpoint_part *parts = NULL;
+    struct checkpoint_file *parts = NULL;
     int status = KILN_OK;
     if (c->rank == 0)
         status = kiln_allocate(&parts, (size_t)c->ranks, sizeof *parts, "a checkpoint's manifest", error);
@@ -210,17 +210,17 @@ static int gather_manifest(const struct kiln_checkpoint *c, uint64_t generation,
 
 /* Collective: writes a generation at c->place, by all ranks into one folder or by each into its own. */
 static int write_generation(struct kiln_checkpoint *c, uint64_t generation, const json_t *identity,
-                            const struct kiln_block *blocks, size_t block_count, uint64_t bytes,
+                            const struct kiln_array_range *blocks, size_t array_count, uint64_t bytes,
                             struct manifest_text *m, struct kiln_error *error)
 {
     const bool leads = c->rank == 0 || c->local != NULL;
-    struct checkpoint_part *own = NULL;
+    struct checkpoint_file *own = NULL;
     int status = kiln_allocate(&own, 1, sizeof *own, "a checkpoint's table of arrays", error);
     if (status == KILN_OK && leads)
         status = checkpoint_begin(c->place, c->written == 0, bytes, generation, error);
     status = kiln_agree(c->communicator, status, error);
     if (status == KILN_OK)
-        status = kiln_agree(c->communicator, write_part(c, generation, blocks, block_count, own, error), error);
+        status = kiln_agree(c->communicator, write_part(c, generation, blocks, array_count, own, error), error);
     if (status == KILN_OK)
         status = gather_manifest(c, generation, identity, own, m, error);
     if (status == KILN_OK && leads)
@@ -234,12 +234,12 @@ static int write_generation(struct kiln_checkpoint *c, uint64_t generation, cons
     return status;
 }
 
-int kiln_checkpoint_write(struct kiln_checkpoint *c, const json_t *identity, const struct kiln_block *blocks,
-                          size_t block_count, struct kiln_error *error)
+int kiln_checkpoint_write(struct kiln_checkpoint *c, const json_t *identity, const struct kiln_array_range *blocks,
+                          size_t array_count, struct kiln_error *error)
 {
     const double start = MPI_Wtime();
     const uint64_t generation = c->newest + 1;
-    const uint64_t bytes = sum_bytes(blocks, block_count);
+    const uint64_t bytes = sum_bytes(blocks, array_count);
     uint64_t all = 0;
     struct manifest_text m = {.text = NULL};
     kiln_assert_same(c->communicator, generation, "the number of a checkpoint");
@@ -247,7 +247,7 @@ int kiln_checkpoint_write(struct kiln_checkpoint *c, const json_t *identity, con
     (void)MPI_Allreduce(&bytes, &all, 1, MPI_UINT64_T, MPI_SUM, c->communicator);
     int status;
     KILN_TRY(c->local != NULL ? checkpoint_local_begin(c, error) : KILN_OK);
-    KILN_TRY(write_generation(c, generation, identity, blocks, block_count, c->local != NULL ? bytes : all, &m, error));
+    KILN_TRY(write_generation(c, generation, identity, blocks, array_count, c->local != NULL ? bytes : all, &m, error));
     if (c->local != NULL)
         checkpoint_local_copy(c, generation, all, m.text, m.size);
     c->newest = generation;

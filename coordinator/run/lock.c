@@ -137,7 +137,7 @@ static int refuse(const char *directory, const struct holder *holder, struct kil
 
 /* ---- locks of the file system ---- */
 
-enum { GOT, HELD, NO_LOCKS };
+enum { GOT, LOCKED, NO_LOCKS };
 
 static int set_lock(int descriptor, short type)
 {
@@ -146,7 +146,7 @@ static int set_lock(int descriptor, short type)
     do
         result = fcntl(descriptor, F_OFD_SETLK, &whole);
     while (result != 0 && errno == EINTR);
-    return result == 0 ? GOT : errno == EAGAIN || errno == EACCES ? HELD : NO_LOCKS;
+    return result == 0 ? GOT : errno == EAGAIN || errno == EACCES ? LOCKED : NO_LOCKS;
 }
 
 static bool same_file(const struct stat *a, const struct stat *b)
@@ -290,7 +290,7 @@ static enum verdict try_existing(const struct kiln_lock *lock, int descriptor, s
     struct stat judged;
     const int folder = lock->folder.descriptor, state = lock->locks ? set_lock(descriptor, F_WRLCK) : NO_LOCKS;
     read_holder(descriptor, holder);
-    if (state == HELD)
+    if (state == LOCKED)
         return BUSY;
     if (fstat(descriptor, &judged) != 0 || !is_named(&lock->folder, descriptor))
         return AGAIN;

@@ -73,8 +73,8 @@ static int split_between_tile_runs(struct kiln_build *build, const struct rank_b
     for (uint32_t r = 0; r <= ranks; r++)
         bounds->tile_run[r] = bounds->point[r] = 0;
     for (uint64_t b = build->own_first; b < build->own_end; b++) {
-        for (size_t i = 0; i < build->blocks[b].count; i++) {
-            const struct kiln_unplaced_run *run = &build->blocks[b].runs[i];
+        for (size_t i = 0; i < build->tile_ranges[b].count; i++) {
+            const struct kiln_unplaced_run *run = &build->tile_ranges[b].runs[i];
             const uint64_t end = run->first + kiln_unplaced_run_points(run);
             for (uint32_t r = first_rank_beyond(build, run->first); r < ranks; r++) {
                 const uint64_t ideal = kiln_partition_ideal(points, ranks, r);
@@ -119,11 +119,11 @@ struct placed_run {
     uint32_t pieces, cdf_entries;
 };
 
-static struct placed_run place_run(const struct kiln_block *block, const struct kiln_unplaced_run *run)
+static struct placed_run place_run(const struct kiln_tile_range *tile_range, const struct kiln_unplaced_run *run)
 {
     return (struct placed_run){.tile_run = {.first = {run->first},
                                             .mask = run->mask,
-                                            .map = block->map,
+                                            .map = tile_range->map,
                                             .tile = run->tile,
                                             .cell = run->cell,
                                             .count = (uint32_t)kiln_unplaced_run_points(run)},
@@ -177,11 +177,11 @@ static size_t keep_own_runs(const struct kiln_build *build, const struct rank_bo
 {
     size_t others = 0;
     for (uint64_t b = build->own_first; b < build->own_end; b++) {
-        for (size_t i = 0; i < build->blocks[b].count; i++) {
-            const struct kiln_unplaced_run *run = &build->blocks[b].runs[i];
+        for (size_t i = 0; i < build->tile_ranges[b].count; i++) {
+            const struct kiln_unplaced_run *run = &build->tile_ranges[b].runs[i];
             const uint32_t owner = owner_of(build, bounds, run->position);
             if (owner == build->params->rank) {
-                const struct placed_run own = place_run(&build->blocks[b], run);
+                const struct placed_run own = place_run(&build->tile_ranges[b], run);
                 receive_runs(receiver, &own, 1);
             } else {
                 counts[owner]++;
@@ -198,11 +198,11 @@ static void fill_send_buffer(const struct kiln_build *build, const struct rank_b
     for (uint32_t r = 1; r < build->params->ranks; r++)
         buffer->place[r] = buffer->place[r - 1] + buffer->counts[r - 1];
     for (uint64_t b = build->own_first; b < build->own_end; b++) {
-        for (size_t i = 0; i < build->blocks[b].count; i++) {
-            const struct kiln_unplaced_run *run = &build->blocks[b].runs[i];
+        for (size_t i = 0; i < build->tile_ranges[b].count; i++) {
+            const struct kiln_unplaced_run *run = &build->tile_ranges[b].runs[i];
             const uint32_t owner = owner_of(build, bounds, run->position);
             if (owner != build->params->rank)
-                buffer->runs[buffer->place[owner]++] = place_run(&build->blocks[b], run);
+                buffer->runs[buffer->place[owner]++] = place_run(&build->tile_ranges[b], run);
         }
     }
 }

@@ -16,7 +16,7 @@
 #include "coordinator/surface/surface_build.h"
 
 /* Tiles of one lightmap that follow one another in Morton order. A range is covered by one thread of one rank. */
-enum { KILN_BLOCK_TILES = 512 };
+enum { KILN_RANGE_TILES = 512 };
 
 /* The points of one tile in one cell, before their place in the global order is known. Each becomes a tile run. */
 struct kiln_unplaced_run {
@@ -29,11 +29,11 @@ struct kiln_unplaced_run {
     uint32_t pieces, cdf_entries; /* how many entries it needs in the surface's arrays */
 };
 
-struct kiln_block {
+struct kiln_tile_range {
     struct kiln_unplaced_run *runs; /* by tile in Morton order; within a tile by first point */
     size_t count, capacity;
     double area;
-    uint64_t shared_texels;
+    uint64_t overlapped_texels;
     uint32_t map; /* number of its lightmap */
 };
 
@@ -59,11 +59,11 @@ struct kiln_build {
     uint32_t threads;
     struct kiln_grid grid;
     uint32_t *vertex_chart;
-    double *object_area;         /* one per object: m2, sum of its triangles */
-    uint64_t *map_block;         /* one per lightmap, and one more at the end: its first range */
-    struct kiln_block *blocks;   /* the ranges of all ranks; only those of this rank have runs */
-    uint64_t own_first, own_end; /* ranges that this rank covers */
-    uint64_t *cell_codes;        /* Morton codes of the occupied cells, ascending */
+    double *object_area;                 /* one per object: m2, sum of its triangles */
+    uint64_t *map_range;                 /* one per lightmap, and one more at the end: its first range */
+    struct kiln_tile_range *tile_ranges; /* the ranges of all ranks; only those of this rank have runs */
+    uint64_t own_first, own_end;         /* ranges that this rank covers */
+    uint64_t *cell_codes;                /* Morton codes of the occupied cells, ascending */
     struct kiln_units units;
     struct kiln_texture_means **means; /* one per material, some shared or NULL; used by kiln_build_fill */
     uint32_t *owners;                  /* the first material of each distinct mean: `owner_count` */

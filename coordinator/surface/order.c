@@ -31,16 +31,16 @@ static int list_own_cells(const struct kiln_build *build, uint64_t **codes, size
     size_t count = 0, capacity = 0;
     *points = 0;
     for (uint64_t b = build->own_first; b < build->own_end; b++) {
-        const struct kiln_block *block = &build->blocks[b];
-        for (size_t i = 0; i < block->count; i++) {
-            *points += kiln_unplaced_run_points(&block->runs[i]);
-            if (count > 0 && (*codes)[count - 1] == block->runs[i].code)
+        const struct kiln_tile_range *tile_range = &build->tile_ranges[b];
+        for (size_t i = 0; i < tile_range->count; i++) {
+            *points += kiln_unplaced_run_points(&tile_range->runs[i]);
+            if (count > 0 && (*codes)[count - 1] == tile_range->runs[i].code)
                 continue;
             const int status =
                 kiln_grow(codes, &capacity, count + 1, sizeof **codes, "the occupied cells", build->error);
             if (status != KILN_OK)
                 return status;
-            (*codes)[count++] = block->runs[i].code;
+            (*codes)[count++] = tile_range->runs[i].code;
         }
     }
     *cells = make_unique(*codes, count);
@@ -93,25 +93,25 @@ static void merge_runs(struct kiln_build *build, uint32_t shift, bool whole_tile
     const int team = (int)build->threads;
 #pragma omp parallel for schedule(dynamic, 16) num_threads(team)
     for (uint64_t b = build->own_first; b < build->own_end; b++) {
-        struct kiln_block *block = &build->blocks[b];
+        struct kiln_tile_range *tile_range = &build->tile_ranges[b];
         size_t kept = 0, tile_first = 0;
-        for (size_t i = 0; i < block->count; i++) {
-            struct kiln_unplaced_run run = block->runs[i];
+        for (size_t i = 0; i < tile_range->count; i++) {
+            struct kiln_unplaced_run run = tile_range->runs[i];
             run.code >>= shift;
-            if (kept > 0 && block->runs[kept - 1].tile != run.tile)
+            if (kept > 0 && tile_range->runs[kept - 1].tile != run.tile)
                 tile_first = kept;
             size_t at = tile_first;
-            while (at < kept && !whole_tiles && block->runs[at].code != run.code)
+            while (at < kept && !whole_tiles && tile_range->runs[at].code != run.code)
                 at++;
             if (at == kept) {
-                block->runs[kept++] = run;
+                tile_range->runs[kept++] = run;
                 continue;
             }
-            block->runs[at].mask |= run.mask;
-            block->runs[at].pieces += run.pieces;
-            block->runs[at].cdf_entries += run.cdf_entries;
+            tile_range->runs[at].mask |= run.mask;
+            tile_range->runs[at].pieces += run.pieces;
+            tile_range->runs[at].cdf_entries += run.cdf_entries;
         }
-        block->count = kept;
+        tile_range->count = kept;
     }
 }
 
@@ -145,8 +145,8 @@ static int number_cells(struct kiln_build *build)
     const int team = (int)build->threads;
 #pragma omp parallel for schedule(dynamic, 16) num_threads(team)
     for (uint64_t b = build->own_first; b < build->own_end; b++) {
-        for (size_t i = 0; i < build->blocks[b].count; i++) {
-            struct kiln_unplaced_run *run = &build->blocks[b].runs[i];
+        for (size_t i = 0; i < build->tile_ranges[b].count; i++) {
+            struct kiln_unplaced_run *run = &build->tile_ranges[b].runs[i];
             const uint64_t *at = bsearch(&run->code, build->cell_codes, cells, sizeof *at, ascending);
             run->cell = (uint32_t)(at - build->cell_codes);
         }
@@ -154,10 +154,10 @@ static int number_cells(struct kiln_build *build)
     return KILN_OK;
 }
 
-static uint64_t unit_of(const struct kiln_build *build, const struct kiln_block *block,
+static uint64_t unit_of(const struct kiln_build *build, const struct kiln_tile_range *tile_range,
                         const struct kiln_unplaced_run *run)
 {
-    return build->params->partition == KILN_PARTITION_CELLS ? run->cell : block->map;
+    return build->params->partition == KILN_PARTITION_CELLS ? run->cell : tile_range->map;
 }
 
 /* Gives this rank's runs their places in the global order. The runs of all ranks, in order of ranks, are already sorted
@@ -166,9 +166,9 @@ static uint64_t unit_of(const struct kiln_build *build, const struct kiln_block 
 static void number_runs(struct kiln_build *build, uint64_t *point, uint64_t *tile_run)
 {
     for (uint64_t b = build->own_first; b < build->own_end; b++) {
-        for (size_t i = 0; i < build->blocks[b].count; i++) {
-            struct kiln_unplaced_run *run = &build->blocks[b].runs[i];
-            const uint64_t unit = unit_of(build, &build->blocks[b], run);
+        for (size_t i = 0; i < build->tile_ranges[b].count; i++) {
+            struct kiln_unplaced_run *run = &build->tile_ranges[b].runs[i];
+            const uint64_t unit = unit_of(build, &build->tile_ranges[b], run);
             run->position = tile_run[unit]++;
             run->first = point[unit];
             point[unit] += kiln_unplaced_run_points(run);
@@ -203,9 +203,9 @@ static int place_runs(struct kiln_build *build, int status)
         status = allocate_units(build, &sums, &before);
     const uint64_t count = units->count;
     for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++) {
-        for (size_t i = 0; i < build->blocks[b].count; i++) {
-            const struct kiln_unplaced_run *run = &build->blocks[b].runs[i];
-            const uint64_t unit = unit_of(build, &build->blocks[b], run);
+        for (size_t i = 0; i < build->tile_ranges[b].count; i++) {
+            const struct kiln_unplaced_run *run = &build->tile_ranges[b].runs[i];
+            const uint64_t unit = unit_of(build, &build->tile_ranges[b], run);
             sums[unit] += kiln_unplaced_run_points(run);
             sums[count + unit]++;
         }
@@ -266,24 +266,24 @@ static void write_entry(struct map_writer *writer, uint64_t place, uint64_t mask
 }
 
 /* Number of the range's runs, from run `i` on, that belong to one tile. */
-static size_t runs_of_tile(const struct kiln_block *block, size_t i)
+static size_t runs_of_tile(const struct kiln_tile_range *tile_range, size_t i)
 {
     size_t next = i + 1;
-    while (next < block->count && block->runs[next].tile == block->runs[i].tile)
+    while (next < tile_range->count && tile_range->runs[next].tile == tile_range->runs[i].tile)
         next++;
     return next - i;
 }
 
-static void write_block(struct map_writer *writer, const struct kiln_block *block)
+static void write_block(struct map_writer *writer, const struct kiln_tile_range *tile_range)
 {
     const struct kiln_surface *s = writer->surface;
-    for (size_t i = 0, count; i < block->count; i += count) {
-        const struct kiln_unplaced_run *runs = &block->runs[i];
+    for (size_t i = 0, count; i < tile_range->count; i += count) {
+        const struct kiln_unplaced_run *runs = &tile_range->runs[i];
         uint64_t mask = 0;
-        count = runs_of_tile(block, i);
+        count = runs_of_tile(tile_range, i);
         for (size_t k = 0; k < count; k++)
             mask |= runs[k].mask;
-        write_entry(writer, s->lightmaps[block->map].tile_first + runs->tile, mask,
+        write_entry(writer, s->lightmaps[tile_range->map].tile_first + runs->tile, mask,
                     count > 1 ? KILN_TILE_SPLIT | writer->split : runs->first);
         for (size_t k = 0; k < count && count > 1; k++)
             write_entry(writer, s->tile_count + writer->split++, runs[k].mask, runs[k].first);
@@ -299,9 +299,9 @@ static int fill_map(struct kiln_build *build, int status)
     uint64_t splits = 0, before = 0;
     size_t entries = 0;
     for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++) {
-        const struct kiln_block *block = &build->blocks[b];
-        for (size_t i = 0, count; i < block->count; i += count) {
-            count = runs_of_tile(block, i);
+        const struct kiln_tile_range *tile_range = &build->tile_ranges[b];
+        for (size_t i = 0, count; i < tile_range->count; i += count) {
+            count = runs_of_tile(tile_range, i);
             splits += count > 1 ? count : 0;
             entries += count > 1 ? count + 1 : 1;
         }
@@ -317,7 +317,7 @@ static int fill_map(struct kiln_build *build, int status)
     if (status == KILN_OK && build->workers > 1)
         status = kiln_allocate(&writer.list, entries, sizeof *writer.list, "the lightmap tiles to send", build->error);
     for (uint64_t b = build->own_first; b < build->own_end && status == KILN_OK; b++)
-        write_block(&writer, &build->blocks[b]);
+        write_block(&writer, &build->tile_ranges[b]);
     status = x->allgather(x->context, status, writer.list, writer.count, sizeof *writer.list, receive_entries, s,
                           build->error);
     kiln_free(&writer.list);

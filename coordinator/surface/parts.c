@@ -34,9 +34,9 @@ struct span {
 
 struct adding {
     struct kiln_surface *s;
-    struct kiln_parted_texel *texels;
+    struct kiln_subtexel_set *texels;
     size_t count;
-    struct kiln_parted_piece *pieces;
+    struct kiln_subtexel_piece *pieces;
     size_t piece_count;
     struct extra *extras;
     size_t extra_count;
@@ -54,13 +54,13 @@ static int compare(uint64_t a, uint64_t b) { return a < b ? -1 : a > b ? 1 : 0; 
 
 static int by_texel(const void *a, const void *b)
 {
-    const struct kiln_parted_texel *x = a, *y = b;
+    const struct kiln_subtexel_set *x = a, *y = b;
     return compare(x->divided.part[0].at, y->divided.part[0].at);
 }
 
 static int by_piece(const void *a, const void *b)
 {
-    const struct kiln_parted_piece *x = a, *y = b;
+    const struct kiln_subtexel_piece *x = a, *y = b;
     const int point = compare(x->point, y->point), part = compare(x->part, y->part);
     return point != 0 ? point : part != 0 ? part : compare(x->triangle, y->triangle);
 }
@@ -81,7 +81,7 @@ static int by_tile(const void *a, const void *b)
 
 static int by_point(const void *a, const void *b)
 {
-    const struct kiln_texel_part *x = a, *y = b;
+    const struct kiln_subtexel *x = a, *y = b;
     return compare(x->point.at, y->point.at);
 }
 
@@ -113,7 +113,7 @@ static int list_extras(struct adding *a, struct kiln_error *error)
         count += a->texels[i].count - 1;
     const int status = kiln_arena_allocate(&a->arena, &a->extras, count, sizeof *a->extras, WHAT, error);
     for (size_t i = 0; i < a->count && status == KILN_OK; i++) {
-        const struct kiln_parted_texel *t = &a->texels[i];
+        const struct kiln_subtexel_set *t = &a->texels[i];
         for (uint32_t k = 1; k < t->count; k++)
             a->extras[a->extra_count++] = (struct extra){.cell = a->s->cell_first != NULL ? t->cell : 0,
                                                          .map = t->map + k * a->s->whole_maps,
@@ -375,7 +375,7 @@ static int list_parts(struct adding *a, struct kiln_error *error)
         s->divided[i] = a->texels[i].divided;
         for (uint32_t k = 0; k < a->texels[i].count; k++)
             s->parts[s->part_count++] =
-                (struct kiln_texel_part){.point = a->texels[i].divided.part[k], .divided = i, .part = k};
+                (struct kiln_subtexel){.point = a->texels[i].divided.part[k], .divided = i, .part = k};
     }
     s->divided_count = a->count;
 end:
@@ -411,17 +411,17 @@ static int list_spans(struct adding *a, struct kiln_error *error)
 }
 
 /* The divided texel with this point, given by its new number; NULL: the texel is whole. */
-static const struct kiln_parted_texel *texel_of(const struct adding *a, uint64_t point)
+static const struct kiln_subtexel_set *texel_of(const struct adding *a, uint64_t point)
 {
-    const struct kiln_parted_texel key = {.divided = {.part = {{point}}}};
+    const struct kiln_subtexel_set key = {.divided = {.part = {{point}}}};
     return bsearch(&key, a->texels, a->count, sizeof *a->texels, by_texel);
 }
 
 /* The pieces of a part of a texel; `was`: old number of the texel's point. */
-static const struct kiln_parted_piece *pieces_of(const struct adding *a, uint64_t was, uint32_t part, size_t *count)
+static const struct kiln_subtexel_piece *pieces_of(const struct adding *a, uint64_t was, uint32_t part, size_t *count)
 {
     size_t low = 0, high = a->piece_count;
-    const struct kiln_parted_piece key = {.point = was, .part = part};
+    const struct kiln_subtexel_piece key = {.point = was, .part = part};
     while (low < high) {
         const size_t middle = low + (high - low) / 2;
         if (by_piece(&a->pieces[middle], &key) < 0)
@@ -483,7 +483,7 @@ end:
 }
 
 /* Appends the pieces of a part. `whole`: flag in the point's piece count. */
-static void add_part_pieces(struct own *o, const struct kiln_parted_piece *pieces, size_t count, uint16_t whole)
+static void add_part_pieces(struct own *o, const struct kiln_subtexel_piece *pieces, size_t count, uint16_t whole)
 {
     double total = 0.0, sum = 0.0;
     for (size_t i = 0; i < count; i++)
@@ -500,9 +500,9 @@ static void add_part_pieces(struct own *o, const struct kiln_parted_piece *piece
 static void add_new(struct own *o, const struct adding *a, const uint64_t *was, const struct group *group)
 {
     for (size_t i = group->first; i < group->first + group->count; i++) {
-        const struct kiln_parted_texel *t = &a->texels[a->extras[i].texel];
+        const struct kiln_subtexel_set *t = &a->texels[a->extras[i].texel];
         size_t count;
-        const struct kiln_parted_piece *pieces = pieces_of(a, was[a->extras[i].texel], a->extras[i].part, &count);
+        const struct kiln_subtexel_piece *pieces = pieces_of(a, was[a->extras[i].texel], a->extras[i].part, &count);
         add_part_pieces(o, pieces, count, 0);
         memcpy(o->albedo + 3 * o->point, t->albedo, sizeof t->albedo);
         o->area[o->point] = fmaxf(t->area[a->extras[i].part], 0x1p-126f);
@@ -517,7 +517,7 @@ static void add_old(struct own *o, const struct adding *a, const uint64_t *was, 
 {
     const struct kiln_surface *s = a->s;
     const uint32_t count = s->piece_count[old] & KILN_PIECES_MOST;
-    const struct kiln_parted_texel *t = texel_of(a, global);
+    const struct kiln_subtexel_set *t = texel_of(a, global);
     memcpy(o->albedo + 3 * o->point, s->albedo + 3 * old, 3 * sizeof *s->albedo);
     o->area[o->point] = s->area[old];
     o->visible[o->point] = s->visible[old];
@@ -530,7 +530,7 @@ static void add_old(struct own *o, const struct adding *a, const uint64_t *was, 
         return;
     }
     size_t part_pieces;
-    const struct kiln_parted_piece *pieces = pieces_of(a, was[t - a->texels], 0, &part_pieces);
+    const struct kiln_subtexel_piece *pieces = pieces_of(a, was[t - a->texels], 0, &part_pieces);
     add_part_pieces(o, pieces, part_pieces, part_pieces == 1 ? s->piece_count[old] & KILN_PIECES_WHOLE : 0);
     for (uint32_t k = 1; k < t->count; k++)
         o->area[o->point] -= t->area[k];
@@ -625,8 +625,8 @@ end:
     return status;
 }
 
-int kiln_surface_add_parts(struct kiln_surface *surface, struct kiln_parted_texel *texels, size_t count,
-                           struct kiln_parted_piece *pieces, size_t piece_count, struct kiln_error *error)
+int kiln_surface_add_subtexels(struct kiln_surface *surface, struct kiln_subtexel_set *texels, size_t count,
+                               struct kiln_subtexel_piece *pieces, size_t piece_count, struct kiln_error *error)
 {
     struct adding a = {.s = surface,
                        .texels = texels,

@@ -6,18 +6,18 @@
 #include "worker/scene/surface.h"
 
 /* A divided texel. `divided` is complete except for point numbers: part[0] is the existing point of the texel;
- * kiln_surface_add_parts fills in the others. */
-struct kiln_parted_texel {
+ * kiln_surface_add_subtexels fills in the others. */
+struct kiln_subtexel_set {
     struct kiln_divided_texel divided;
-    uint32_t count;               /* subtexels: 1 to KILN_TEXEL_PARTS */
-    float area[KILN_TEXEL_PARTS]; /* m2 of each part; not read for part 0, which keeps the rest of the area */
+    uint32_t count;             /* subtexels: 1 to KILN_SUBTEXELS */
+    float area[KILN_SUBTEXELS]; /* m2 of each part; not read for part 0, which keeps the rest of the area */
     uint16_t albedo[3];
     uint32_t map, tile, cell; /* lightmap, tile and cell of the texel's tile run */
 };
 
 /* Piece: the area of one triangle in one part. */
-struct kiln_parted_piece {
-    uint64_t point; /* as in kiln_parted_texel.divided.part[0] */
+struct kiln_subtexel_piece {
+    uint64_t point; /* as in kiln_subtexel_set.divided.part[0] */
     uint32_t part, triangle;
     double area; /* m2, for area sampling */
 };
@@ -30,7 +30,7 @@ struct kiln_parted_piece {
  * Every rank passes all texels and all pieces of the scene, in any order; both lists are sorted. The surface's global
  * arrays must not be shared yet, and it must have no divided texel. Not collective. KILN_SYSTEM; afterwards the surface
  * can only be destroyed. */
-int kiln_surface_add_parts(struct kiln_surface *surface, struct kiln_parted_texel *texels, size_t count,
-                           struct kiln_parted_piece *pieces, size_t piece_count, struct kiln_error *error);
+int kiln_surface_add_subtexels(struct kiln_surface *surface, struct kiln_subtexel_set *texels, size_t count,
+                               struct kiln_subtexel_piece *pieces, size_t piece_count, struct kiln_error *error);
 
 #endif

@@ -111,8 +111,8 @@ static void size_lightmap(const struct kiln_build *build, uint32_t number, struc
 
 static void number_blocks(struct kiln_build *build, uint32_t map)
 {
-    build->map_block[map + 1] =
-        build->map_block[map] + (tiles_of(build, map) + KILN_BLOCK_TILES - 1) / KILN_BLOCK_TILES;
+    build->map_range[map + 1] =
+        build->map_range[map] + (tiles_of(build, map) + KILN_RANGE_TILES - 1) / KILN_RANGE_TILES;
 }
 
 static int place_octrees(struct kiln_build *build)
@@ -138,7 +138,7 @@ static int place_lightmaps(struct kiln_build *build)
     int status = kiln_allocate(&surface->lightmaps, surface->map_count, sizeof *surface->lightmaps, "the lightmaps",
                                build->error);
     if (status == KILN_OK)
-        status = kiln_allocate(&build->map_block, (size_t)surface->map_count + 1, sizeof *build->map_block,
+        status = kiln_allocate(&build->map_range, (size_t)surface->map_count + 1, sizeof *build->map_range,
                                "the lightmaps", build->error);
     if (status != KILN_OK)
         return status;
@@ -174,7 +174,7 @@ static double work_of_tile(const struct kiln_build *build, size_t map)
 /* Says which lightmap each range belongs to, and divides the ranges between the ranks by estimated work. */
 static int assign_blocks(struct kiln_build *build)
 {
-    const uint64_t count = build->map_block[build->surface->map_count];
+    const uint64_t count = build->map_range[build->surface->map_count];
     uint64_t *work = NULL, *bounds = NULL;
     int status = kiln_allocate(&work, count, sizeof *work, "the work of the ranks", build->error);
     if (status == KILN_OK)
@@ -185,9 +185,9 @@ static int assign_blocks(struct kiln_build *build)
     for (size_t o = 0; o < build->surface->map_count; o++) {
         const double work_a_tile = work_of_tile(build, o);
         uint64_t tiles = tiles_of(build, o);
-        for (uint64_t b = build->map_block[o]; b < build->map_block[o + 1]; b++) {
-            const uint64_t here = tiles < KILN_BLOCK_TILES ? tiles : KILN_BLOCK_TILES;
-            build->blocks[b].map = (uint32_t)o;
+        for (uint64_t b = build->map_range[o]; b < build->map_range[o + 1]; b++) {
+            const uint64_t here = tiles < KILN_RANGE_TILES ? tiles : KILN_RANGE_TILES;
+            build->tile_ranges[b].map = (uint32_t)o;
             work[b] = (uint64_t)((double)here * work_a_tile);
             tiles -= here;
         }
@@ -208,7 +208,7 @@ int kiln_build_measure(struct kiln_build *build)
     KILN_TRY(place_lightmaps(build));
     KILN_TRY(kiln_allocate(&build->object_area, scene->object_count, sizeof *build->object_area, "the objects' areas",
                            build->error));
-    KILN_TRY(kiln_allocate(&build->blocks, build->map_block[build->surface->map_count], sizeof *build->blocks,
+    KILN_TRY(kiln_allocate(&build->tile_ranges, build->map_range[build->surface->map_count], sizeof *build->tile_ranges,
                            "the blocks of lightmap tiles", build->error));
     KILN_TRY(assign_blocks(build));
     KILN_TRY(kiln_grid_choose(&build->grid, build->geometry, build->params->cell_size, build->error));
@@ -263,55 +263,56 @@ static void add_to_texel(const struct kiln_build *build, struct texel_sum *sum, 
 
 /* Covers one tile and appends its unplaced runs, one for each cell that a texel of it lies in. */
 static int cover_tile(const struct kiln_build *build, const struct kiln_coverage *coverage, uint32_t tile,
-                      struct kiln_coverage_scratch *scratch, struct kiln_block *block, struct kiln_error *error)
+                      struct kiln_coverage_scratch *scratch, struct kiln_tile_range *tile_range,
+                      struct kiln_error *error)
 {
     int status = kiln_coverage_tile(coverage, tile, UINT64_MAX, scratch, error);
     if (status == KILN_OK)
-        status = kiln_grow(&block->runs, &block->capacity, block->count + KILN_TILE_TEXELS, sizeof *block->runs,
-                           "the tile runs found", error);
+        status = kiln_grow(&tile_range->runs, &tile_range->capacity, tile_range->count + KILN_TILE_TEXELS,
+                           sizeof *tile_range->runs, "the tile runs found", error);
     if (status != KILN_OK || scratch->count == 0)
         return status;
     struct texel_sum sums[KILN_TILE_TEXELS] = {0};
     for (size_t i = 0; i < scratch->count; i++)
         add_to_texel(build, &sums[scratch->pieces[i].bit], &scratch->pieces[i]);
-    const size_t first = block->count;
+    const size_t first = tile_range->count;
     for (uint32_t bit = 0; bit < KILN_TILE_TEXELS; bit++) {
         const struct texel_sum *sum = &sums[bit];
         if (sum->pieces == 0)
             continue;
         const uint64_t code = kiln_grid_code(&build->grid, dvec3_scale(sum->moment, 1.0 / sum->area));
         size_t at = first;
-        while (at < block->count && block->runs[at].code != code)
+        while (at < tile_range->count && tile_range->runs[at].code != code)
             at++;
-        struct kiln_unplaced_run *run = &block->runs[at];
-        if (at == block->count) {
+        struct kiln_unplaced_run *run = &tile_range->runs[at];
+        if (at == tile_range->count) {
             *run = (struct kiln_unplaced_run){.code = code, .tile = tile};
-            block->count++;
+            tile_range->count++;
         }
         const uint32_t kept = sum->pieces < KILN_PIECES_MOST ? sum->pieces : KILN_PIECES_MOST;
         run->mask |= 1ull << bit;
         run->pieces += kept;
         run->cdf_entries += kept - 1;
-        block->area += sum->area;
-        block->shared_texels += sum->shared ? 1 : 0;
+        tile_range->area += sum->area;
+        tile_range->overlapped_texels += sum->shared ? 1 : 0;
     }
     return KILN_OK;
 }
 
 /* Shrinks a range's array to what it holds: there may be very many small objects. */
-static int trim_block(struct kiln_block *block, struct kiln_error *error)
+static int trim_block(struct kiln_tile_range *tile_range, struct kiln_error *error)
 {
     struct kiln_unplaced_run *exact = NULL;
-    if (block->capacity == block->count)
+    if (tile_range->capacity == tile_range->count)
         return KILN_OK;
-    const int status = kiln_allocate(&exact, block->count, sizeof *exact, "the tile runs found", error);
+    const int status = kiln_allocate(&exact, tile_range->count, sizeof *exact, "the tile runs found", error);
     if (status != KILN_OK)
         return status;
-    if (block->count > 0)
-        memcpy(exact, block->runs, block->count * sizeof *exact);
-    kiln_free(&block->runs);
-    block->runs = exact;
-    block->capacity = block->count;
+    if (tile_range->count > 0)
+        memcpy(exact, tile_range->runs, tile_range->count * sizeof *exact);
+    kiln_free(&tile_range->runs);
+    tile_range->runs = exact;
+    tile_range->capacity = tile_range->count;
     return KILN_OK;
 }
 
@@ -330,8 +331,8 @@ static void cover_map(struct kiln_build *build, uint32_t number, uint32_t thread
 {
     (void)context;
     const struct kiln_lightmap *map = &build->surface->lightmaps[number];
-    const uint64_t tiles = tiles_of(build, number), block_first = build->map_block[number],
-                   block_last = build->map_block[number + 1];
+    const uint64_t tiles = tiles_of(build, number), block_first = build->map_range[number],
+                   block_last = build->map_range[number + 1];
     const uint64_t own_first = block_first > build->own_first ? block_first : build->own_first;
     const uint64_t own_end = block_last < build->own_end ? block_last : build->own_end;
     struct kiln_error error;
@@ -364,15 +365,15 @@ static void cover_map(struct kiln_build *build, uint32_t number, uint32_t thread
         struct kiln_error own;
 #pragma omp for schedule(dynamic)
         for (uint64_t b = own_first; b < own_end; b++) {
-            struct kiln_block *block = &build->blocks[b];
-            const uint64_t first = (b - block_first) * KILN_BLOCK_TILES;
-            const uint64_t last = first + KILN_BLOCK_TILES < tiles ? first + KILN_BLOCK_TILES : tiles;
+            struct kiln_tile_range *tile_range = &build->tile_ranges[b];
+            const uint64_t first = (b - block_first) * KILN_RANGE_TILES;
+            const uint64_t last = first + KILN_RANGE_TILES < tiles ? first + KILN_RANGE_TILES : tiles;
             for (uint64_t i = first; i < last && !kiln_build_failed(build); i++) {
-                const int failed = cover_tile(build, &coverage, order[i], &scratch, block, &own);
+                const int failed = cover_tile(build, &coverage, order[i], &scratch, tile_range, &own);
                 if (failed != KILN_OK)
                     kiln_build_fail(build, failed, &own);
             }
-            const int failed = trim_block(block, &own);
+            const int failed = trim_block(tile_range, &own);
             if (failed != KILN_OK)
                 kiln_build_fail(build, failed, &own);
         }
@@ -390,7 +391,7 @@ static int cover_own(struct kiln_build *build)
     int status;
     KILN_TRY(kiln_allocate(&wanted, build->scene->mesh_count, sizeof *wanted, "the meshes to cover", build->error));
     for (uint64_t b = build->own_first; b < build->own_end; b++)
-        wanted[build->scene->objects[kiln_map_object(build->surface, build->blocks[b].map)].mesh] = 1;
+        wanted[build->scene->objects[kiln_map_object(build->surface, build->tile_ranges[b].map)].mesh] = 1;
     if (build->geometry->leaves == NULL)
         KILN_TRY(kiln_charts_find(&build->vertex_chart, build->scene, wanted, build->threads, build->error));
     kiln_build_for_maps(build, NULL, cover_map, NULL);
@@ -403,7 +404,7 @@ end:
 
 /* The sums of one range as they are sent to all ranks, so that all add the same numbers in the same order. */
 struct block_sums {
-    uint64_t block, shared_texels;
+    uint64_t tile_range, overlapped_texels;
     double area, object_area; /* m2; object_area is used from an object's first range only */
 };
 
@@ -413,11 +414,11 @@ static void receive_sums(void *taker, const void *records, size_t count)
     struct kiln_build *build = taker;
     const struct block_sums *sums = records;
     for (size_t i = 0; i < count; i++) {
-        struct kiln_block *block = &build->blocks[sums[i].block];
-        block->area = sums[i].area;
-        block->shared_texels = sums[i].shared_texels;
-        if (block->map < build->surface->object_count && build->map_block[block->map] == sums[i].block)
-            build->object_area[block->map] = sums[i].object_area;
+        struct kiln_tile_range *tile_range = &build->tile_ranges[sums[i].tile_range];
+        tile_range->area = sums[i].area;
+        tile_range->overlapped_texels = sums[i].overlapped_texels;
+        if (tile_range->map < build->surface->object_count && build->map_range[tile_range->map] == sums[i].tile_range)
+            build->object_area[tile_range->map] = sums[i].object_area;
     }
 }
 
@@ -428,9 +429,9 @@ static int exchange_sums(struct kiln_build *build, int status)
     if (status == KILN_OK)
         status = kiln_allocate(&sums, count, sizeof *sums, "the areas of lightmap tiles", build->error);
     for (size_t i = 0; i < count && status == KILN_OK; i++) {
-        const struct kiln_block *block = &build->blocks[build->own_first + i];
-        const double whole = block->map < build->surface->object_count ? build->object_area[block->map] : 0.0;
-        sums[i] = (struct block_sums){build->own_first + i, block->shared_texels, block->area, whole};
+        const struct kiln_tile_range *tile_range = &build->tile_ranges[build->own_first + i];
+        const double whole = tile_range->map < build->surface->object_count ? build->object_area[tile_range->map] : 0.0;
+        sums[i] = (struct block_sums){build->own_first + i, tile_range->overlapped_texels, tile_range->area, whole};
     }
     status = build->exchange->allgather(build->exchange->context, status, sums, count, sizeof *sums, receive_sums,
                                         build, build->error);
@@ -444,9 +445,9 @@ static void report_areas(struct kiln_build *build)
     for (size_t o = 0; o < build->scene->object_count; o++) {
         double area = 0.0;
         for (size_t map = o; map < kiln_front_maps(build->surface); map += build->scene->object_count)
-            for (uint64_t b = build->map_block[map]; b < build->map_block[map + 1]; b++) {
-                area += build->blocks[b].area;
-                report->shared_texels += build->blocks[b].shared_texels;
+            for (uint64_t b = build->map_range[map]; b < build->map_range[map + 1]; b++) {
+                area += build->tile_ranges[b].area;
+                report->overlapped_texels += build->tile_ranges[b].overlapped_texels;
             }
         if (build->surface->bricks != NULL) /* the first octree of an object may have no ranges */
             build->object_area[o] = area_of(build, (uint32_t)o);

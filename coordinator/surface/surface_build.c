@@ -57,13 +57,13 @@ static uint64_t count_back_points(const struct kiln_surface *s)
 
 static void release(struct kiln_build *build)
 {
-    if (build->blocks != NULL) {
-        const uint64_t count = build->map_block[build->surface->map_count];
+    if (build->tile_ranges != NULL) {
+        const uint64_t count = build->map_range[build->surface->map_count];
         for (uint64_t b = 0; b < count; b++)
-            kiln_free(&build->blocks[b].runs);
+            kiln_free(&build->tile_ranges[b].runs);
     }
-    kiln_free(&build->blocks);
-    kiln_free(&build->map_block);
+    kiln_free(&build->tile_ranges);
+    kiln_free(&build->map_range);
     kiln_free(&build->object_area);
     kiln_free(&build->vertex_chart);
     kiln_free(&build->cell_codes);

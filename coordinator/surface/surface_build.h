@@ -65,7 +65,7 @@ struct kiln_surface_report {
     double geometry_area;           /* m2, sum over all triangles */
     double worst_object_area_error; /* largest |sum of texel areas / surface area - 1| over objects with area */
     uint32_t worst_object;
-    uint64_t shared_texels;          /* texels that hold pieces of more than one chart */
+    uint64_t overlapped_texels;      /* texels that hold pieces of more than one chart */
     double imbalance;                /* points of the rank with the most / mean over the ranks - 1 */
     uint64_t points_min, points_max; /* of the rank with the fewest and of the one with the most */
 };

@@ -68,15 +68,15 @@ static bool find_channels(struct kiln_leaf_light *l, const char *dataset)
     const uint32_t count = l->image->width;
     bool good = true;
     for (unsigned c = 0; c < 3; c++) {
-        const float *values = kiln_rows_of(l->image, dataset, c);
+        const float *values = kiln_dataset_of(l->image, dataset, c);
         l->rgb[c] = values == NULL && c > 0 ? l->rgb[c - 1] : values; /* one or two components: repeat the last one */
-        l->leaf[c] = kiln_rows_of(l->image, "/points/leaf", c);
+        l->leaf[c] = kiln_dataset_of(l->image, "/points/leaf", c);
         good = good && l->rgb[c] != NULL && is_key(l->leaf[c], count);
     }
-    l->facing = kiln_rows_of(l->image, "/points/facing", 0);
-    l->object = kiln_rows_of(l->image, "/points/object", 0);
-    l->valid = kiln_rows_of(l->image, "/points/valid", 0);
-    l->side = kiln_rows_of(l->image, SIDE, 0);
+    l->facing = kiln_dataset_of(l->image, "/points/facing", 0);
+    l->object = kiln_dataset_of(l->image, "/points/object", 0);
+    l->valid = kiln_dataset_of(l->image, "/points/valid", 0);
+    l->side = kiln_dataset_of(l->image, SIDE, 0);
     return good && is_key(l->facing, count) && is_key(l->object, count) && is_key(l->valid, count) &&
            (l->side == NULL || is_key(l->side, count));
 }

@@ -11,7 +11,7 @@
 #define SIDE "/points/side"
 #define PART "/points/part"
 
-struct kiln_point_rows {
+struct kiln_point_dataset {
     struct kiln_image *image;                       /* a pixel for each point */
     const float *value[3], *object, *x, *y, *valid; /* valid NULL: all are */
     const float *side, *part;                       /* NULL: all are fronts; all are parts 0, which lightmaps show */
@@ -21,17 +21,17 @@ struct kiln_point_rows {
     struct kiln_arena arena;
 };
 
-static bool find_rows(struct kiln_point_rows *r, const struct kiln_field *field)
+static bool find_rows(struct kiln_point_dataset *r, const struct kiln_field *field)
 {
     const uint32_t last = field->components - 1;
     for (uint32_t c = 0; c < 3; c++)
-        r->value[c] = kiln_rows_of(r->image, field->dataset, c < last ? c : last);
-    r->object = kiln_rows_of(r->image, "/points/object", 0);
-    r->x = kiln_rows_of(r->image, "/points/texel", 0);
-    r->y = kiln_rows_of(r->image, "/points/texel", 1);
-    r->valid = strncmp(field->dataset, "/points/", 8) == 0 ? NULL : kiln_rows_of(r->image, "/points/valid", 0);
-    r->side = kiln_rows_of(r->image, SIDE, 0);
-    r->part = kiln_rows_of(r->image, PART, 0);
+        r->value[c] = kiln_dataset_of(r->image, field->dataset, c < last ? c : last);
+    r->object = kiln_dataset_of(r->image, "/points/object", 0);
+    r->x = kiln_dataset_of(r->image, "/points/texel", 0);
+    r->y = kiln_dataset_of(r->image, "/points/texel", 1);
+    r->valid = strncmp(field->dataset, "/points/", 8) == 0 ? NULL : kiln_dataset_of(r->image, "/points/valid", 0);
+    r->side = kiln_dataset_of(r->image, SIDE, 0);
+    r->part = kiln_dataset_of(r->image, PART, 0);
     bool found = r->value[0] != NULL && r->value[1] != NULL && r->value[2] != NULL && r->object != NULL &&
                  r->x != NULL && r->y != NULL;
     for (uint32_t i = 0; found && i < r->image->width; i++)
@@ -40,7 +40,7 @@ static bool find_rows(struct kiln_point_rows *r, const struct kiln_field *field)
 }
 
 /* Sorts the points by object. */
-static int sort_rows(struct kiln_point_rows *r, struct kiln_error *error)
+static int sort_rows(struct kiln_point_dataset *r, struct kiln_error *error)
 {
     int status = kiln_arena_allocate(&r->arena, &r->first, (size_t)r->objects + 2, sizeof *r->first,
                                      "the points of a bake", error);
@@ -58,8 +58,8 @@ static int sort_rows(struct kiln_point_rows *r, struct kiln_error *error)
     return KILN_OK;
 }
 
-int kiln_point_rows_read(struct kiln_point_rows **rows, struct kiln_results *results, const struct kiln_field *field,
-                         uint32_t objects, struct kiln_error *error)
+int kiln_point_dataset_read(struct kiln_point_dataset **rows, struct kiln_results *results,
+                            const struct kiln_field *field, uint32_t objects, struct kiln_error *error)
 {
     enum { ALWAYS = 4, MORE = 2, WAYS = 4 };
     static const char *const more[WAYS][MORE] = {{SIDE, PART}, {PART}, {SIDE}, {NULL}}; /* not all bakes have them */
@@ -67,7 +67,7 @@ int kiln_point_rows_read(struct kiln_point_rows **rows, struct kiln_results *res
     int status = kiln_allocate(rows, 1, sizeof **rows, "the points of a bake", error);
     if (status != KILN_OK)
         return status;
-    struct kiln_point_rows *r = *rows;
+    struct kiln_point_dataset *r = *rows;
     r->objects = objects;
     status = KILN_NO_INPUT;
     for (size_t way = 0; status == KILN_NO_INPUT && way < WAYS; way++) {
@@ -82,12 +82,12 @@ int kiln_point_rows_read(struct kiln_point_rows **rows, struct kiln_results *res
     if (status == KILN_OK)
         status = sort_rows(r, error);
     if (status != KILN_OK)
-        kiln_point_rows_destroy(rows);
+        kiln_point_dataset_destroy(rows);
     return status;
 }
 
-int kiln_point_rows_replace(struct kiln_point_rows *r, const float *values, size_t components, uint64_t count,
-                            struct kiln_error *error)
+int kiln_point_dataset_replace(struct kiln_point_dataset *r, const float *values, size_t components, uint64_t count,
+                               struct kiln_error *error)
 {
     if (count != r->image->width)
         return kiln_fail(error, KILN_BAD_INPUT, "kiln.h5 has %u surface points, and the scene %llu; bake again",
@@ -102,7 +102,7 @@ int kiln_point_rows_replace(struct kiln_point_rows *r, const float *values, size
     return KILN_OK;
 }
 
-void kiln_point_rows_destroy(struct kiln_point_rows **rows)
+void kiln_point_dataset_destroy(struct kiln_point_dataset **rows)
 {
     if (*rows == NULL)
         return;
@@ -111,7 +111,7 @@ void kiln_point_rows_destroy(struct kiln_point_rows **rows)
     kiln_free(rows);
 }
 
-int kiln_point_map_create(struct kiln_image **image, const struct kiln_point_rows *r, uint32_t object, bool back,
+int kiln_point_map_create(struct kiln_image **image, const struct kiln_point_dataset *r, uint32_t object, bool back,
                           uint32_t width, uint32_t height, struct kiln_error *error)
 {
     static const char *const names[] = {"R", "G", "B"};

@@ -42,16 +42,16 @@ static int read_points(struct points *p, struct kiln_results *results, struct ki
     p->count = p->image->width;
     bool found = true;
     for (unsigned c = 0; c < 3; c++) {
-        p->at[c] = kiln_rows_of(p->image, datasets[0], c);
-        p->normal[c] = kiln_rows_of(p->image, datasets[1], c);
+        p->at[c] = kiln_dataset_of(p->image, datasets[0], c);
+        p->normal[c] = kiln_dataset_of(p->image, datasets[1], c);
         found = found && p->at[c] != NULL && p->normal[c] != NULL;
     }
-    p->object = kiln_rows_of(p->image, datasets[2], 0);
-    p->x = kiln_rows_of(p->image, datasets[3], 0);
-    p->y = kiln_rows_of(p->image, datasets[3], 1);
-    p->valid = kiln_rows_of(p->image, datasets[4], 0);
-    p->area = kiln_rows_of(p->image, datasets[5], 0);
-    p->side = kiln_rows_of(p->image, datasets[6], 0);
+    p->object = kiln_dataset_of(p->image, datasets[2], 0);
+    p->x = kiln_dataset_of(p->image, datasets[3], 0);
+    p->y = kiln_dataset_of(p->image, datasets[3], 1);
+    p->valid = kiln_dataset_of(p->image, datasets[4], 0);
+    p->area = kiln_dataset_of(p->image, datasets[5], 0);
+    p->side = kiln_dataset_of(p->image, datasets[6], 0);
     found = found && p->object != NULL && p->x != NULL && p->y != NULL && p->valid != NULL && p->area != NULL;
     return found ? KILN_OK : kiln_fail(error, KILN_BAD_INPUT, "kiln.h5 does not say where points lie; bake again");
 }

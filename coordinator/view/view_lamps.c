@@ -142,7 +142,7 @@ static bool draw_sample(const struct kiln_emission *e, size_t round, const struc
                         const struct kiln_view_way *way, struct kiln_light_sample *sample, uint32_t *light)
 {
     const struct kiln_lights *lights = e->lights;
-    struct kiln_light_choice choice = {.kind = KILN_CHOICE_NODE, .samples = 1};
+    struct kiln_light_choice choice = {.kind = KILN_CHOICE_LIGHT_NODE, .samples = 1};
     double u = 0.5, v = 0.5, pick = 0.5, rest;
     if (round > lights->directional_count) {
         *light = kiln_emission_environment(e);

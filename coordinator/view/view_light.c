@@ -50,9 +50,9 @@ struct kiln_view_maps {
     struct kiln_view_source own;           /* a copy */
     const struct kiln_view_source *source; /* = &own */
     uint32_t coarse;
-    struct map *maps;               /* one for each object, then one for the back of each object */
-    struct kiln_leaf_light *leaves; /* leaves, for octrees, instead of maps; NULL: not needed, or not loaded */
-    struct kiln_point_rows *rows;   /* rows of a field that lightmaps lack; NULL: as above */
+    struct map *maps;                /* one for each object, then one for the back of each object */
+    struct kiln_leaf_light *leaves;  /* leaves, for octrees, instead of maps; NULL: not needed, or not loaded */
+    struct kiln_point_dataset *rows; /* rows of a field that lightmaps lack; NULL: as above */
 };
 
 int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_source *source, uint32_t coarse,
@@ -71,9 +71,9 @@ int kiln_view_maps_create(struct kiln_view_maps **maps, const struct kiln_view_s
     return status;
 }
 
-void kiln_view_maps_take_rows(struct kiln_view_maps *maps, struct kiln_point_rows **rows)
+void kiln_view_maps_take_rows(struct kiln_view_maps *maps, struct kiln_point_dataset **rows)
 {
-    kiln_point_rows_destroy(&maps->rows);
+    kiln_point_dataset_destroy(&maps->rows);
     maps->rows = *rows;
     *rows = NULL;
 }
@@ -86,7 +86,7 @@ void kiln_view_maps_destroy(struct kiln_view_maps **maps)
         kiln_image_destroy(&(*maps)->maps[i].image);
     kiln_free(&(*maps)->maps);
     kiln_leaf_light_destroy(&(*maps)->leaves);
-    kiln_point_rows_destroy(&(*maps)->rows);
+    kiln_point_dataset_destroy(&(*maps)->rows);
     kiln_free(maps);
 }
 
@@ -233,9 +233,9 @@ static int load_points(struct kiln_view_maps *maps, uint32_t object, bool back, 
     const struct kiln_object *o = &s->scene->objects[object];
     struct map *map = &maps->maps[object + (back ? s->scene->object_count : 0)];
     float *planes[3];
-    int status = maps->rows != NULL
-                     ? KILN_OK
-                     : kiln_point_rows_read(&maps->rows, s->results, s->field, (uint32_t)s->scene->object_count, error);
+    int status = maps->rows != NULL ? KILN_OK
+                                    : kiln_point_dataset_read(&maps->rows, s->results, s->field,
+                                                              (uint32_t)s->scene->object_count, error);
     kiln_image_destroy(&map->image);
     if (status == KILN_OK)
         status =

@@ -24,7 +24,7 @@ void kiln_view_texel_color(uint32_t object, const float at[2], float rgb[3]);
 
 /* Sets the values of the source's field at all points, instead of reading them from kiln.h5. Takes ownership: *rows
  * becomes NULL. To be called before a lightmap is loaded. */
-void kiln_view_maps_take_rows(struct kiln_view_maps *maps, struct kiln_point_rows **rows);
+void kiln_view_maps_take_rows(struct kiln_view_maps *maps, struct kiln_point_dataset **rows);
 
 /* Tells whether the hit is on a back that has no lightmap and is shown with the light of its front. */
 bool kiln_view_shows_front(const struct kiln_view_maps *maps, const struct kiln_hit *hit);

@@ -48,8 +48,8 @@ KILN_FUNCTION void kiln_triangle_weights(kiln_real3 e1, kiln_real3 e2, kiln_real
 /* Parts of an emitting triangle (worker/light/lamp_parts.h), by repeated bisection. Returns the bit path to the part
  * that contains a point, first step in the highest bit. A triangle (v0, v1, v2) has the halves (m, v0, v1) and (m, v2,
  * v0), with m the midpoint of the edge from v1 to v2. `turn`: the number of the corner that is v0 at first. */
-#define KILN_PART_DEPTH 32u
-KILN_FUNCTION KILN_U32 kiln_part_path(kiln_real b1, kiln_real b2, KILN_U32 turn)
+#define KILN_SUBTRIANGLE_DEPTH 32u
+KILN_FUNCTION KILN_U32 kiln_subtriangle_path(kiln_real b1, kiln_real b2, KILN_U32 turn)
 {
     const kiln_real b0 = 1 - b1 - b2;
     kiln_real w0 = turn == 0u   ? b0
@@ -62,7 +62,7 @@ KILN_FUNCTION KILN_U32 kiln_part_path(kiln_real b1, kiln_real b2, KILN_U32 turn)
                    : turn == 1u ? b0
                                 : b1;
     KILN_U32 path = 0u;
-    for (KILN_U32 i = 0u; i < KILN_PART_DEPTH; i++) {
+    for (KILN_U32 i = 0u; i < KILN_SUBTRIANGLE_DEPTH; i++) {
         const bool second = w2 > w1;
         const kiln_real lesser = second ? w1 : w2, rest = second ? w2 - w1 : w1 - w2, kept = w0;
         path = path * 2u + (second ? 1u : 0u);

@@ -28,7 +28,7 @@
 #define KILN_BRUSHED_FRESNEL 1 /* mean exact Fresnel reflectance, weighted by the facets' reflection, from outside */
 #define KILN_BRUSHED_THIN 2    /* fraction lost by glass, reflection and refraction, from the thinner medium */
 #define KILN_BRUSHED_DENSE 3   /* fraction lost by glass, reflection and refraction, from the denser medium */
-#define KILN_BRUSHED_HELD 4    /* kiln_bsdf_held */
+#define KILN_BRUSHED_TRAPPED 4 /* kiln_bsdf_trapped */
 #define KILN_BRUSHED_COAT 5    /* kiln_bsdf_coat_factor */
 #define KILN_BRUSHED_VALUES 6
 
@@ -44,7 +44,7 @@ KILN_FUNCTION float kiln_brushed_layer(float alpha)
 
 /* Means that a table has for the lobes that use it. */
 struct kiln_brushed_means {
-    float lost, glass_front, glass_back, glass_coat, held; /* the members of struct kiln_bsdf_lobes */
+    float lost, glass_front, glass_back, glass_coat, trapped; /* the members of struct kiln_bsdf_lobes */
     /* in: fraction of light that the coat transmits; kept: times the fraction that facets do not lose; share: times
      * their Fresnel share (kiln_fresnel_share); on both sides. From these follows the light of the matt layer, for any
      * specular colour. */

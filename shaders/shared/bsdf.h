@@ -132,8 +132,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
         const float here = front ? l.glass_lost_coat : l.glass_lost_back;
         const float there = front ? l.glass_lost_back : l.glass_lost_coat;
         a.spread_near = vec3_madd(a.spread_near, f.same, rest * here);
-        if (!front && l.held_mean > 0.0f)
-            a.spread_near = vec3_add(a.spread_near, kiln_bsdf_gray(l.glass * kiln_bsdf_held(l, o)));
+        if (!front && l.trapped_mean > 0.0f)
+            a.spread_near = vec3_add(a.spread_near, kiln_bsdf_gray(l.glass * kiln_bsdf_trapped(l, o)));
         a.spread_far = vec3_scale(vec3_mul(l.p.base_color, f.other), rest * there);
     }
     return a;
@@ -349,9 +349,9 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_given_back(KILN_STRUCT kiln_bsdf_lobes l, bo
             coats = (1.0f - kiln_bsdf_coat_albedo(l, front, o.z)) * (1.0f - kiln_bsdf_coat_albedo(l, front, mu));
         if (same) {
             sum = vec3_madd(sum, f.same, lost * coats);
-            if (!front && l.held_mean > 0.0f)
-                sum =
-                    vec3_add(sum, kiln_bsdf_gray(l.glass * kiln_bsdf_held(l, o) * kiln_bsdf_held(l, i) / l.held_mean));
+            if (!front && l.trapped_mean > 0.0f)
+                sum = vec3_add(
+                    sum, kiln_bsdf_gray(l.glass * kiln_bsdf_trapped(l, o) * kiln_bsdf_trapped(l, i) / l.trapped_mean));
         } else {
             const KILN_VECTOR eta = kiln_bsdf_eta(l.p, front);
             KILN_VECTOR color = vec3_mul(l.p.base_color, f.other);

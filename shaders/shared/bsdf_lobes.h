@@ -55,9 +55,9 @@ struct kiln_bsdf_lobes {
     KILN_VECTOR metal_spread; /* colour of multiple scattering by metals */
     float lost_mean;          /* cosine-weighted mean over the hemisphere of the loss by facets; likewise below: */
     float glass_lost_front, glass_lost_back, glass_lost_coat; /* loss by glass on each side; front times the coat's T */
-    float under_front, under_back; /* fraction that reaches the diffuse surface; 1 if there is none */
-    KILN_STRUCT kiln_curve held;   /* kiln_bsdf_held, in Chebyshev polynomials of 2 sqrt(mu) - 1 */
-    float held_mean;               /* mean of `held`; 0 if unknown */
+    float under_front, under_back;  /* fraction that reaches the diffuse surface; 1 if there is none */
+    KILN_STRUCT kiln_curve trapped; /* kiln_bsdf_trapped, in Chebyshev polynomials of 2 sqrt(mu) - 1 */
+    float trapped_mean;             /* mean of `held`; 0 if unknown */
 };
 
 /* Computes alphas along the tangent and across it, from glTF's roughness and anisotropy strength, 0 to 1
@@ -276,31 +276,31 @@ KILN_FUNCTION float kiln_bsdf_sent_behind(KILN_STRUCT kiln_bsdf_lobes l, KILN_VE
     return sent;
 }
 
-#define KILN_HELD_POINTS 9
-#define KILN_HELD_FACETS 377
-KILN_FUNCTION KILN_STRUCT kiln_curve kiln_bsdf_held_curve(KILN_STRUCT kiln_bsdf_lobes l)
+#define KILN_TRAPPED_POINTS 9
+#define KILN_TRAPPED_FACETS 377
+KILN_FUNCTION KILN_STRUCT kiln_curve kiln_bsdf_trapped_curve(KILN_STRUCT kiln_bsdf_lobes l)
 {
     KILN_STRUCT kiln_curve s;
-    for (int j = 0; j < KILN_HELD_POINTS; j++)
+    for (int j = 0; j < KILN_TRAPPED_POINTS; j++)
         s.c[j] = 0.0f;
-    for (int k = 0; k < KILN_HELD_POINTS; k++) {
+    for (int k = 0; k < KILN_TRAPPED_POINTS; k++) {
         float sine, x, sent = 0.0f;
-        kiln_turn((KILN_TO_F32(k) + 0.5f) / KILN_TO_F32(2 * KILN_HELD_POINTS), KILN_TO(sine), KILN_TO(x));
+        kiln_turn((KILN_TO_F32(k) + 0.5f) / KILN_TO_F32(2 * KILN_TRAPPED_POINTS), KILN_TO(sine), KILN_TO(x));
         const float root = 0.5f * (1.0f + x), mu = root * root;
         const KILN_VECTOR o = vec3(float_sqrt((1.0f - mu) * (1.0f + mu)), 0.0f, mu);
-        for (int j = 0; j < KILN_HELD_FACETS; j++) { /* on one side of the plane of o; the other is symmetric */
-            const float u = KILN_TO_F32(j * 233 % KILN_HELD_FACETS) / KILN_TO_F32(2 * KILN_HELD_FACETS);
-            const float v = (KILN_TO_F32(j) + 0.5f) / KILN_TO_F32(KILN_HELD_FACETS);
+        for (int j = 0; j < KILN_TRAPPED_FACETS; j++) { /* on one side of the plane of o; the other is symmetric */
+            const float u = KILN_TO_F32(j * 233 % KILN_TRAPPED_FACETS) / KILN_TO_F32(2 * KILN_TRAPPED_FACETS);
+            const float v = (KILN_TO_F32(j) + 0.5f) / KILN_TO_F32(KILN_TRAPPED_FACETS);
             sent += kiln_bsdf_sent_behind(l, o, kiln_ggx_sample(o, l.alpha_x, l.alpha_y, u, v));
         }
-        sent /= KILN_TO_F32(KILN_HELD_FACETS);
+        sent /= KILN_TO_F32(KILN_TRAPPED_FACETS);
         const float missing = 1.0f - sent - kiln_boundary_lost(l.boundary, mu, l.p.eta.y >= 1.0f);
         /* reduced a little, so that a furnace is hardly ever too bright; for nearly smooth facets the missing part is
          * tiny and its peak too narrow for the polynomials */
-        const float held = (missing - 0.0038f) * l.face.alpha / (l.face.alpha + 0.005f);
+        const float trapped = (missing - 0.0038f) * l.face.alpha / (l.face.alpha + 0.005f);
         float before = x, now = 1.0f; /* Chebyshev's polynomials at x */
-        for (int j = 0; j < KILN_HELD_POINTS; j++) {
-            s.c[j] += held * now * (j == 0 ? 1.0f : 2.0f) / KILN_TO_F32(KILN_HELD_POINTS);
+        for (int j = 0; j < KILN_TRAPPED_POINTS; j++) {
+            s.c[j] += trapped * now * (j == 0 ? 1.0f : 2.0f) / KILN_TO_F32(KILN_TRAPPED_POINTS);
             const float next = 2.0f * x * now - before;
             before = now;
             now = next;
@@ -310,40 +310,40 @@ KILN_FUNCTION KILN_STRUCT kiln_curve kiln_bsdf_held_curve(KILN_STRUCT kiln_bsdf_
 }
 
 /* Returns the fraction of light from behind that the coat sends back diffusely. */
-KILN_FUNCTION float kiln_bsdf_held(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
+KILN_FUNCTION float kiln_bsdf_trapped(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
 {
     if (kiln_bsdf_has_table(l))
-        return kiln_bsdf_from_table(l, w, KILN_BRUSHED_HELD);
+        return kiln_bsdf_from_table(l, w, KILN_BRUSHED_TRAPPED);
     const float x = 2.0f * float_sqrt(float_abs(w.z)) - 1.0f;
     float a = 0.0f, b = 0.0f;
-    for (int j = KILN_HELD_POINTS - 1; j > 0; j--) { /* Clenshaw's recurrence */
-        const float next = 2.0f * x * a - b + l.held.c[j];
+    for (int j = KILN_TRAPPED_POINTS - 1; j > 0; j--) { /* Clenshaw's recurrence */
+        const float next = 2.0f * x * a - b + l.trapped.c[j];
         b = a;
         a = next;
     }
-    return float_max(x * a - b + l.held.c[0], 0.0f);
+    return float_max(x * a - b + l.trapped.c[0], 0.0f);
 }
 
 /* Table of the curve `held` over roughness, for a material with a roughness texture. `bare` is for coat strength 0,
  * `coated` for 1, at equal steps of the roughness and, if that has a texture too, of the coat's roughness. It is
  * interpolated linearly in the strength and in both roughnesses. */
-#define KILN_BSDF_HELD_LAYERS 17
-#define KILN_BSDF_HELD_COATS 9
-struct kiln_bsdf_held_table {
-    float first, last;           /* steps of the first and the last roughness, 0 to KILN_BSDF_HELD_LAYERS - 1 */
-    float coat_first, coat_last; /* steps of the coat's roughness, 0 to KILN_BSDF_HELD_COATS - 1; equal: one only */
-    KILN_STRUCT kiln_curve bare[KILN_BSDF_HELD_LAYERS];
+#define KILN_BSDF_TRAPPED_LAYERS 17
+#define KILN_BSDF_TRAPPED_COATS 9
+struct kiln_bsdf_trapped_table {
+    float first, last;           /* steps of the first and the last roughness, 0 to KILN_BSDF_TRAPPED_LAYERS - 1 */
+    float coat_first, coat_last; /* steps of the coat's roughness, 0 to KILN_BSDF_TRAPPED_COATS - 1; equal: one only */
+    KILN_STRUCT kiln_curve bare[KILN_BSDF_TRAPPED_LAYERS];
     KILN_STRUCT kiln_curve
-        coated[KILN_BSDF_HELD_COATS * KILN_BSDF_HELD_LAYERS]; /* by the coat's roughness, then roughness */
+        coated[KILN_BSDF_TRAPPED_COATS * KILN_BSDF_TRAPPED_LAYERS]; /* by the coat's roughness, then roughness */
 };
 #ifdef KILN_GLSL
-KILN_ARRAY(BsdfHeldTables, kiln_bsdf_held_table, 4);
-#    define KILN_BSDF_HELD_THERE (HAS_HELD != 0u)
-#    define KILN_BSDF_HELD_TABLE(low, high) BsdfHeldTables(packUint2x32(uvec2(low, high))).at[0]
+KILN_ARRAY(BsdfTrappedTables, kiln_bsdf_trapped_table, 4);
+#    define KILN_BSDF_TRAPPED_THERE (HAS_TRAPPED != 0u)
+#    define KILN_BSDF_TRAPPED_TABLE(low, high) BsdfTrappedTables(packUint2x32(uvec2(low, high))).at[0]
 #else
-#    define KILN_BSDF_HELD_THERE true
-#    define KILN_BSDF_HELD_TABLE(low, high)                                                                            \
-        (*(const struct kiln_bsdf_held_table *)(uintptr_t)((uint64_t)(high) << 32 | (uint64_t)(low)))
+#    define KILN_BSDF_TRAPPED_THERE true
+#    define KILN_BSDF_TRAPPED_TABLE(low, high)                                                                         \
+        (*(const struct kiln_bsdf_trapped_table *)(uintptr_t)((uint64_t)(high) << 32 | (uint64_t)(low)))
 #endif
 
 /* ---- the diffuse surface, for code that stores its radiosity ----
@@ -377,22 +377,22 @@ KILN_FUNCTION float kiln_diffuse_out(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR 
 
 /* ---- preparing ---- */
 
-/* Fills in `held_mean`. */
-KILN_FUNCTION void kiln_bsdf_mean_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
+/* Fills in `trapped_mean`. */
+KILN_FUNCTION void kiln_bsdf_mean_trapped(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
 {
     for (int k = 0; k < KILN_MEAN_POINTS; k++)
-        KILN_AT(l).held_mean +=
-            KILN_MEAN_WEIGHTS[k] * kiln_bsdf_held(KILN_AT(l), vec3(0.0f, 0.0f, KILN_MEAN_COSINES[k]));
+        KILN_AT(l).trapped_mean +=
+            KILN_MEAN_WEIGHTS[k] * kiln_bsdf_trapped(KILN_AT(l), vec3(0.0f, 0.0f, KILN_MEAN_COSINES[k]));
 }
 
-/* Fills in `holds`, `held` and `held_mean`; all else in the lobes must be prepared. */
-KILN_FUNCTION void kiln_bsdf_find_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
+/* Fills in `holds`, `held` and `trapped_mean`; all else in the lobes must be prepared. */
+KILN_FUNCTION void kiln_bsdf_find_trapped(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
 {
     KILN_AT(l).holds = kiln_bsdf_holds(KILN_AT(l)) && KILN_AT(l).base_is_mirror == 0u ? 1u : 0u;
     if (KILN_AT(l).holds == 0u)
         return;
-    KILN_AT(l).held = kiln_bsdf_held_curve(KILN_AT(l));
-    kiln_bsdf_mean_held(l);
+    KILN_AT(l).trapped = kiln_bsdf_trapped_curve(KILN_AT(l));
+    kiln_bsdf_mean_trapped(l);
 }
 
 KILN_FUNCTION void kiln_bsdf_means(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
@@ -470,9 +470,9 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_begin(KILN_STRUCT kiln_bsdf 
     l.brushed_low = 0u;
     l.brushed_high = 0u;
     l.brushed_part = 0.0f;
-    for (int k = 0; k < KILN_HELD_POINTS; k++)
-        l.held.c[k] = 0.0f;
-    l.held_mean = 0.0f;
+    for (int k = 0; k < KILN_TRAPPED_POINTS; k++)
+        l.trapped.c[k] = 0.0f;
+    l.trapped_mean = 0.0f;
     return l;
 }
 
@@ -480,7 +480,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_begin(KILN_STRUCT kiln_bsdf 
 
 struct kiln_bsdf_tables {
     KILN_U32 brushed_low, brushed_high; /* address of the first layer of brushed facets; 0: there is none */
-    KILN_U32 held_low, held_high;       /* of a struct kiln_bsdf_held_table */
+    KILN_U32 trapped_low, trapped_high; /* of a struct kiln_bsdf_trapped_table */
 };
 
 /* Fraction of all light that reaches the matt layer. `let_in`: fraction that the coat transmits; `kept`: times what
@@ -518,7 +518,7 @@ KILN_FUNCTION KILN_STRUCT kiln_brushed_means kiln_brushed_means_at(KILN_U32 low,
         sum.glass_front += weight * m.glass_front;
         sum.glass_back += weight * m.glass_back;
         sum.glass_coat += weight * m.glass_coat;
-        sum.held += weight * m.held;
+        sum.trapped += weight * m.trapped;
         sum.in_front += weight * m.in_front;
         sum.kept_front += weight * m.kept_front;
         sum.share_front += weight * m.share_front;
@@ -551,7 +551,7 @@ KILN_FUNCTION void kiln_bsdf_take_layers(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes)
     KILN_AT(l).glass_lost_back = m.glass_back;
     KILN_AT(l).glass_lost_coat = m.glass_coat;
     KILN_AT(l).holds = kiln_bsdf_holds(KILN_AT(l)) ? 1u : 0u;
-    KILN_AT(l).held_mean = KILN_AT(l).holds != 0u ? m.held : 0.0f;
+    KILN_AT(l).trapped_mean = KILN_AT(l).holds != 0u ? m.trapped : 0.0f;
     KILN_AT(l).under_front = 1.0f;
     KILN_AT(l).under_back = 1.0f;
     if (KILN_AT(l).matt > 0.0f) {
@@ -562,15 +562,15 @@ KILN_FUNCTION void kiln_bsdf_take_layers(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes)
 
 KILN_FUNCTION float kiln_between(float a, float b, float part) { return (1.0f - part) * a + part * b; }
 
-/* Fills in `holds`, `held` and `held_mean` by a table. */
-KILN_FUNCTION void kiln_bsdf_take_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KILN_U32 low, KILN_U32 high)
+/* Fills in `holds`, `held` and `trapped_mean` by a table. */
+KILN_FUNCTION void kiln_bsdf_take_trapped(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KILN_U32 low, KILN_U32 high)
 {
     if (!kiln_bsdf_holds(KILN_AT(l)) || KILN_AT(l).base_is_mirror != 0u)
         return;
-    const float steps = KILN_TO_F32(KILN_BSDF_HELD_LAYERS - 1), coats = KILN_TO_F32(KILN_BSDF_HELD_COATS - 1);
-    const float first = KILN_BSDF_HELD_TABLE(low, high).first, last = KILN_BSDF_HELD_TABLE(low, high).last;
-    const float coat_first = KILN_BSDF_HELD_TABLE(low, high).coat_first,
-                coat_last = KILN_BSDF_HELD_TABLE(low, high).coat_last;
+    const float steps = KILN_TO_F32(KILN_BSDF_TRAPPED_LAYERS - 1), coats = KILN_TO_F32(KILN_BSDF_TRAPPED_COATS - 1);
+    const float first = KILN_BSDF_TRAPPED_TABLE(low, high).first, last = KILN_BSDF_TRAPPED_TABLE(low, high).last;
+    const float coat_first = KILN_BSDF_TRAPPED_TABLE(low, high).coat_first,
+                coat_last = KILN_BSDF_TRAPPED_TABLE(low, high).coat_last;
     const float r = float_min(float_max(float_sqrt(KILN_AT(l).p.alpha_x) * steps, first), last) - first;
     const float s =
         float_min(float_max(float_sqrt(KILN_AT(l).p.coat_alpha) * coats, coat_first), coat_last) - coat_first;
@@ -578,19 +578,19 @@ KILN_FUNCTION void kiln_bsdf_take_held(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l
     const KILN_I32 j = KILN_TO_I32(float_max(float_min(s, coat_last - coat_first - 1.0f), 0.0f));
     const KILN_I32 i_next = last > first ? i + 1 : i, j_next = coat_last > coat_first ? j + 1 : j;
     const float a = r - KILN_TO_F32(i), b = s - KILN_TO_F32(j);
-    for (KILN_I32 k = 0; k < KILN_HELD_POINTS; k++) {
-        const float bare = kiln_between(KILN_BSDF_HELD_TABLE(low, high).bare[i].c[k],
-                                        KILN_BSDF_HELD_TABLE(low, high).bare[i_next].c[k], a);
+    for (KILN_I32 k = 0; k < KILN_TRAPPED_POINTS; k++) {
+        const float bare = kiln_between(KILN_BSDF_TRAPPED_TABLE(low, high).bare[i].c[k],
+                                        KILN_BSDF_TRAPPED_TABLE(low, high).bare[i_next].c[k], a);
         const float here =
-            kiln_between(KILN_BSDF_HELD_TABLE(low, high).coated[KILN_BSDF_HELD_LAYERS * j + i].c[k],
-                         KILN_BSDF_HELD_TABLE(low, high).coated[KILN_BSDF_HELD_LAYERS * j + i_next].c[k], a);
+            kiln_between(KILN_BSDF_TRAPPED_TABLE(low, high).coated[KILN_BSDF_TRAPPED_LAYERS * j + i].c[k],
+                         KILN_BSDF_TRAPPED_TABLE(low, high).coated[KILN_BSDF_TRAPPED_LAYERS * j + i_next].c[k], a);
         const float there =
-            kiln_between(KILN_BSDF_HELD_TABLE(low, high).coated[KILN_BSDF_HELD_LAYERS * j_next + i].c[k],
-                         KILN_BSDF_HELD_TABLE(low, high).coated[KILN_BSDF_HELD_LAYERS * j_next + i_next].c[k], a);
-        KILN_AT(l).held.c[k] = kiln_between(bare, kiln_between(here, there, b), KILN_AT(l).coat.strength);
+            kiln_between(KILN_BSDF_TRAPPED_TABLE(low, high).coated[KILN_BSDF_TRAPPED_LAYERS * j_next + i].c[k],
+                         KILN_BSDF_TRAPPED_TABLE(low, high).coated[KILN_BSDF_TRAPPED_LAYERS * j_next + i_next].c[k], a);
+        KILN_AT(l).trapped.c[k] = kiln_between(bare, kiln_between(here, there, b), KILN_AT(l).coat.strength);
     }
     KILN_AT(l).holds = 1u;
-    kiln_bsdf_mean_held(l);
+    kiln_bsdf_mean_trapped(l);
 }
 
 /* Prepares the lobes at a hit, with the tables of its material. */
@@ -602,8 +602,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare_hit(KILN_STRUCT kiln
         kiln_bsdf_take_layers(KILN_TO(l), tables.brushed_low, tables.brushed_high);
     else
         kiln_bsdf_means(KILN_TO(l));
-    if (KILN_BSDF_HELD_THERE && (tables.held_low | tables.held_high) != 0u)
-        kiln_bsdf_take_held(KILN_TO(l), tables.held_low, tables.held_high);
+    if (KILN_BSDF_TRAPPED_THERE && (tables.trapped_low | tables.trapped_high) != 0u)
+        kiln_bsdf_take_trapped(KILN_TO(l), tables.trapped_low, tables.trapped_high);
     kiln_bsdf_dye(KILN_TO(l), p.base_color);
     return l;
 }
@@ -614,7 +614,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_lobes kiln_bsdf_prepare(KILN_STRUCT kiln_bsd
     KILN_STRUCT kiln_bsdf_lobes l = kiln_bsdf_begin(p);
     kiln_bsdf_means(KILN_TO(l));
     kiln_bsdf_dye(KILN_TO(l), p.base_color);
-    kiln_bsdf_find_held(KILN_TO(l));
+    kiln_bsdf_find_trapped(KILN_TO(l));
     return l;
 }
 

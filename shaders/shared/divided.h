@@ -10,9 +10,9 @@
 #include "shaders/shared/language.h"
 
 #define KILN_CUT_LINES 4
-#define KILN_CUT_FLOATS 12 /* of the lines */
-#define KILN_TEXEL_PARTS 4 /* of a texel, at most */
-#define KILN_PART_NONE 15u /* a cell without a subtexel: no light is there */
+#define KILN_CUT_FLOATS 12     /* of the lines */
+#define KILN_SUBTEXELS 4       /* of a texel, at most */
+#define KILN_SUBTEXEL_NONE 15u /* a cell without a subtexel: no light is there */
 
 /* Sets bit i, of line i, in the two codes of a position. `beyond`: signed distance of the position beyond the line.
  * `sure` gets the bit if the position is surely beyond it, `perhaps` if it may be, within `margin`. */
@@ -26,7 +26,7 @@ KILN_FUNCTION void kiln_cut_add(float beyond, float margin, KILN_U32 i, KILN_INO
 }
 
 /* Returns the part of the cell with this code; `low` and `high` are the two words of all cells' parts. */
-KILN_FUNCTION KILN_U32 kiln_cut_part(KILN_U32 low, KILN_U32 high, KILN_U32 code)
+KILN_FUNCTION KILN_U32 kiln_cut_subtexel(KILN_U32 low, KILN_U32 high, KILN_U32 code)
 {
     return (code < 8u ? low >> (4u * code) : high >> (4u * code - 32u)) & 15u;
 }

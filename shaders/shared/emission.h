@@ -48,8 +48,8 @@ KILN_FUNCTION kiln_real kiln_tree_chance(KILN_CONTEXT(kiln_emission, emission) K
         const KILN_U32 parent = KILN_AT(KILN_LOAD(emission, parent, node)),
                        left = KILN_AT(KILN_LOAD(lights, nodes, parent)).left,
                        right = KILN_AT(KILN_LOAD(lights, nodes, parent)).right;
-        const kiln_real a = KILN_NODE_IMPORTANCE(lights, left, p, kiln_real_of(0), n),
-                        b = KILN_NODE_IMPORTANCE(lights, right, p, kiln_real_of(0), n);
+        const kiln_real a = KILN_LIGHT_NODE_IMPORTANCE(lights, left, p, kiln_real_of(0), n),
+                        b = KILN_LIGHT_NODE_IMPORTANCE(lights, right, p, kiln_real_of(0), n);
         if (!(a + b > 0))
             return kiln_real_of(0);
         chance *= (node == left ? a : b) / (a + b);
@@ -108,7 +108,7 @@ KILN_FUNCTION KILN_U32 kiln_area_light_at(KILN_CONTEXT(kiln_lights, lights) KILN
         return KILN_NONE;
     if (!KILN_MAY_BE(KILN_GPU_KIND_TEXTURED) || KILN_AT(KILN_LOAD(lights, areas, low)).depth == 0u)
         return low;
-    const KILN_U32 path = kiln_part_path(b1, b2, KILN_AT(KILN_LOAD(lights, areas, low)).turn);
+    const KILN_U32 path = kiln_subtriangle_path(b1, b2, KILN_AT(KILN_LOAD(lights, areas, low)).turn);
     for (high = count; low + 1u < high;) { /* the last light of the triangle whose path is not above */
         const KILN_U32 middle = (low + high) / 2u;
         if (KILN_AT(KILN_LOAD(lights, areas, middle)).triangle == triangle &&

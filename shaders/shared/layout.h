@@ -43,15 +43,15 @@ KILN_SIZE_IS(kiln_gpu_record, 32);
 
 /* ---- surface points made ready for sampling ---- */
 
-#define KILN_GPU_POINT_PARTIAL 1u /* edges unused: parts[first_part .. first_part + part_count) */
+#define KILN_GPU_POINT_PARTIAL 1u /* edges unused: parts[first_piece .. first_piece + part_count) */
 #define KILN_GPU_POINT_ONE_NORMAL 2u
 #define KILN_GPU_POINT_SMOOTH 4u /* the shading normal may differ from the geometric one */
-/* the surface exists only on a part of the point: its mask is parts[first_part + part_count]. The mask is followed by
+/* the surface exists only on a part of the point: its mask is parts[first_piece + part_count]. The mask is followed by
  * the triangles of its parts, or by the one triangle of a point that is not partial */
 #define KILN_GPU_POINT_MASKED 8u
-/* glossy material: its data (layout_point_gloss.h) begins at parts[first_part - KILN_GPU_POINT_GLOSS_PARTS] */
+/* glossy material: its data (layout_point_gloss.h) begins at parts[first_piece - KILN_GPU_POINT_GLOSS_PIECES] */
 #define KILN_GPU_POINT_GLOSS 16u
-#define KILN_GPU_POINT_GLOSS_PARTS 4u
+#define KILN_GPU_POINT_GLOSS_PIECES 4u
 #define KILN_GPU_POINT_RECEIVES_ONLY 32u /* receiver-only object: lit, but no ray hits it */
 /* lifted ray origins (shaders/shared/lift.h): the parts, and the mask if there is one, are followed by their triangles
  */
@@ -66,20 +66,20 @@ struct kiln_gpu_point {
     KILN_WORD key;       /* hash of (seed, object, texel) */
     KILN_WORD tile_key;  /* hash of (seed, object, tile) */
     KILN_WORD flags;
-    KILN_WORD first_part, part_count; /* of partial points, including partly buried ones */
-    KILN_REAL32 present;              /* see struct kiln_point_result */
-    KILN_VECTOR centre;               /* of the point, for choosing lights */
-    KILN_REAL32 spread;               /* largest distance of the point's surface from `centre`, m */
+    KILN_WORD first_piece, part_count; /* of partial points, including partly buried ones */
+    KILN_REAL32 present;               /* see struct kiln_point_result */
+    KILN_VECTOR centre;                /* of the point, for choosing lights */
+    KILN_REAL32 spread;                /* largest distance of the point's surface from `centre`, m */
 };
 KILN_SIZE_IS(kiln_gpu_point, 104);
 
 /* A triangle of a partial point. Positions are p + b1 e1 + b2 e2, with the offset off the surface included. */
-struct kiln_gpu_part {
+struct kiln_gpu_piece {
     KILN_VECTOR p, e1, e2, normal;
     KILN_REAL32 until; /* cumulative fraction of the point's area, including this part; the last is 1 */
     KILN_REAL32 offset;
 };
-KILN_SIZE_IS(kiln_gpu_part, 56);
+KILN_SIZE_IS(kiln_gpu_piece, 56);
 
 /* A point's mask (struct kiln_mask of worker/scene/footprint.h), as large as a piece. */
 struct kiln_gpu_mask {
@@ -93,13 +93,13 @@ KILN_SIZE_IS(kiln_gpu_mask, 56);
 /* Location of a part of a masked or lifted point on its world triangle; as large as a part. At p + b1 e1 + b2 e2 the
  * barycentric weights of corners 1 and 2 are weight + b1 along_e1 + b2 along_e2. For a whole point (s, t) replaces (b1,
  * b2). */
-struct kiln_gpu_part_triangle {
+struct kiln_gpu_piece_triangle {
     KILN_WORD triangle;
     KILN_REAL32 weight[2], along_e1[2], along_e2[2];
     KILN_REAL32 lift[6]; /* struct kiln_lift */
     KILN_WORD reserved[1];
 };
-KILN_SIZE_IS(kiln_gpu_part_triangle, 56);
+KILN_SIZE_IS(kiln_gpu_piece_triangle, 56);
 
 /* State of a point after the validity pass; one word per point. */
 #define KILN_GPU_STATE_INVALID 0u

@@ -10,13 +10,13 @@ struct kiln_gpu_bvh_node {
 };
 KILN_SIZE_IS(kiln_gpu_bvh_node, 32);
 
-struct kiln_gpu_bvh_share { /* statistics of a node's subtree */
-    KILN_WORD triangles;    /* number of them; with KILN_GPU_LEAF if they become one leaf */
+struct kiln_gpu_bvh_subtree { /* statistics of a node's subtree */
+    KILN_WORD triangles;      /* number of them; with KILN_GPU_LEAF if they become one leaf */
     /* least cost, by the surface area heuristic, of the subtree as 1, at most 2 or at most 3 children of a 4-wide node;
      * areas are relative to the square of the world's extent */
     KILN_REAL32 cost[3];
 };
-KILN_SIZE_IS(kiln_gpu_bvh_share, 16);
+KILN_SIZE_IS(kiln_gpu_bvh_subtree, 16);
 
 struct kiln_gpu_bvh_state {
     KILN_WORD clusters, made; /* clusters not yet merged; inner nodes made so far */
@@ -36,15 +36,15 @@ KILN_SIZE_IS(kiln_gpu_bvh_task, 24);
 
 struct kiln_gpu_bvh {
     KILN_ADDRESS vertices, indices;
-    KILN_ADDRESS keys[2];           /* 64-bit words: positions on the curve, before and after a sorting pass */
-    KILN_ADDRESS values[2];         /* words: world numbers of the sorted triangles */
-    KILN_ADDRESS histogram;         /* words: count of digit d in group g at d * groups + g */
-    KILN_ADDRESS sums;              /* words: partial sum of each group of threads */
-    KILN_ADDRESS nodes;             /* struct kiln_gpu_bvh_node */
-    KILN_ADDRESS shares;            /* struct kiln_gpu_bvh_share of each */
-    KILN_ADDRESS clusters[2];       /* words: unmerged clusters, before and after a round */
-    KILN_ADDRESS nearest;           /* words: for each cluster the place of the one to merge with */
-    KILN_ADDRESS left, left_shares; /* nodes that the host merges, and the share of each */
+    KILN_ADDRESS keys[2];             /* 64-bit words: positions on the curve, before and after a sorting pass */
+    KILN_ADDRESS values[2];           /* words: world numbers of the sorted triangles */
+    KILN_ADDRESS histogram;           /* words: count of digit d in group g at d * groups + g */
+    KILN_ADDRESS sums;                /* words: partial sum of each group of threads */
+    KILN_ADDRESS nodes;               /* struct kiln_gpu_bvh_node */
+    KILN_ADDRESS subtrees;            /* struct kiln_gpu_bvh_subtree of each */
+    KILN_ADDRESS clusters[2];         /* words: unmerged clusters, before and after a round */
+    KILN_ADDRESS nearest;             /* words: for each cluster the place of the one to merge with */
+    KILN_ADDRESS left, left_subtrees; /* nodes that the host merges, and the share of each */
     KILN_ADDRESS states; /* struct kiln_gpu_bvh_state before and after a round; then a word, children of a level */
     KILN_ADDRESS tasks;  /* struct kiln_gpu_bvh_task, level by level */
     KILN_ADDRESS layout_nodes, layout_triangles;

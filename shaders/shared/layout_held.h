@@ -26,12 +26,12 @@ struct kiln_gpu_direct_answer {
 KILN_SIZE_IS(kiln_gpu_direct_answer, 36);
 
 /* A term of a light's direct light. */
-struct kiln_gpu_held_part {
+struct kiln_gpu_held_term {
     KILN_ADDRESS answers; /* struct kiln_gpu_direct_answer of each point: means */
     KILN_REAL32 factor[3];
     KILN_WORD reserved;
 };
-KILN_SIZE_IS(kiln_gpu_held_part, 24);
+KILN_SIZE_IS(kiln_gpu_held_term, 24);
 
 /* Floats of a gather answer under a light: incident, irradiance (3 each), escaped, blocked, error. Without smooth
  * normals irradiance is left out, as it equals incident. */
@@ -56,7 +56,7 @@ struct kiln_gpu_held {
     KILN_ADDRESS errors;   /* words, indexed as `sums`: packed errors, in the upper half of indirect light alone */
     KILN_ADDRESS direct;   /* three floats each, indexed as `sums`: direct irradiance, for lights that are mixed */
     KILN_ADDRESS direct_errors; /* words, indexed as `sums`: packed errors of `direct` */
-    KILN_ADDRESS mixes;         /* struct kiln_gpu_held_part each */
+    KILN_ADDRESS mixes;         /* struct kiln_gpu_held_term each */
     KILN_ADDRESS of_point;      /* struct kiln_gpu_held_point each */
     KILN_ADDRESS lights;        /* struct kiln_gpu_held_light each */
     /* sums of power of group g of points under light l: from (g * count + l) * KILN_GPU_HELD_POWERS on */

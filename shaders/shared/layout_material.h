@@ -68,7 +68,7 @@ struct kiln_gpu_gloss { /* struct kiln_gloss of the material of the same index *
     KILN_REAL32 coat, coat_roughness, anisotropy, exponent;
     KILN_REAL32 turn_cosine, turn_sine; /* of anisotropy_rotation */
     KILN_STRUCT kiln_gpu_gloss_texture textures[KILN_GPU_GLOSS_USES];
-    KILN_WORD brushed[2], held[2]; /* struct kiln_bsdf_tables, unless PREPARED */
+    KILN_WORD brushed[2], trapped[2]; /* struct kiln_bsdf_tables, unless PREPARED */
 };
 KILN_SIZE_IS(kiln_gpu_gloss, 368);
 

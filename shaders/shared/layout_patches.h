@@ -11,20 +11,20 @@ struct kiln_gpu_patch {
 KILN_SIZE_IS(kiln_gpu_patch, 48);
 
 /* Members of struct kiln_patch_node that decide whether a node faces a point: read for every pair. */
-struct kiln_gpu_node_facing {
+struct kiln_gpu_patch_node_facing {
     KILN_VECTOR centre;
     KILN_REAL32 area;
     KILN_VECTOR normal;
     KILN_WORD number;
 };
-KILN_SIZE_IS(kiln_gpu_node_facing, 32);
+KILN_SIZE_IS(kiln_gpu_patch_node_facing, 32);
 
 /* Other members of struct kiln_patch_node, read only for nodes that face the point. */
-struct kiln_gpu_node_shape {
+struct kiln_gpu_patch_node_shape {
     KILN_VECTOR place, edge_s, edge_t;
     KILN_REAL32 radiosity[3];
 };
-KILN_SIZE_IS(kiln_gpu_node_shape, 48);
+KILN_SIZE_IS(kiln_gpu_patch_node_shape, 48);
 
 /* A row is the nodes that one thread sums. Its result for a point is 8 floats: incident, irradiance (3 each), sum of
  * factors, and three counts of pairs packed in base KILN_GPU_PAIRS_BASE: facing pairs times base^2, known ones of these

@@ -6,7 +6,7 @@
 #include "shaders/shared/layout.h"
 
 /* Members of struct kiln_bsdf_lobes, evaluated at the middle of the point, that determine its absorption. The struct
- * takes the space of KILN_GPU_POINT_GLOSS_PARTS parts, in front of the point's own parts. */
+ * takes the space of KILN_GPU_POINT_GLOSS_PIECES parts, in front of the point's own parts. */
 struct kiln_gpu_point_gloss {
     KILN_WORD model;
     KILN_REAL32 matt;            /* share of the base that is diffuse */

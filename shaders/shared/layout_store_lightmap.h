@@ -8,7 +8,7 @@ struct kiln_gpu_lightmap { /* struct kiln_lightmap */
 KILN_SIZE_IS(kiln_gpu_lightmap, 32);
 
 struct kiln_gpu_divided { /* struct kiln_divided_texel */
-    KILN_WORD64 part[KILN_TEXEL_PARTS];
+    KILN_WORD64 part[KILN_SUBTEXELS];
     KILN_REAL32 lines[KILN_CUT_FLOATS], margin;
     KILN_WORD line_count, codes[2], sides, bit;
     KILN_WORD64 tile;

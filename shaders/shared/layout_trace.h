@@ -27,24 +27,24 @@ KILN_SIZE_IS(kiln_gpu_triangle, 48);
 
 /* Node with four children, 128 bytes. Each row of bounds has a value a child: lower x, upper x, lower y, ... upper z. A
  * missing child has a box whose lower bounds are above its upper ones. */
-struct kiln_gpu_node4 {
+struct kiln_gpu_bvh4_node {
     KILN_REAL32 bounds[6][4];
     KILN_WORD child[4], unused[4];
 };
-KILN_SIZE_IS(kiln_gpu_node4, 128);
+KILN_SIZE_IS(kiln_gpu_bvh4_node, 128);
 
 /* Compressed node with eight children, 80 bytes (Ylitie, Karras and Laine, "Efficient incoherent ray traversal on GPUs
  * through compressed wide BVHs", 2017, section 3). Bounds are stored in steps of 2^(exponent - 127) from `origin`.
  * `meta` of a child: 0 none; a node 1 << 5 | 24 + slot; a leaf its count in unary digits << 5 | place of its first
  * triangle after triangle_first. */
-struct kiln_gpu_node8 {
+struct kiln_gpu_bvh8_node {
     KILN_REAL32 origin[3];
     KILN_WORD exponents_inner; /* exponents of x, y, z in a byte each; mask of the slots that are nodes */
     KILN_WORD node_first, triangle_first;
     KILN_WORD meta[2];      /* bytes */
     KILN_WORD bounds[6][2]; /* bytes: lower x, y, z, upper x, y, z */
 };
-KILN_SIZE_IS(kiln_gpu_node8, 80);
+KILN_SIZE_IS(kiln_gpu_bvh8_node, 80);
 
 /* Stack entries of a thread in each layout (one more for the end); bvh.c builds trees that need no more. */
 #define KILN_GPU_STACK4 124u

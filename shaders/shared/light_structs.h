@@ -32,7 +32,7 @@ struct kiln_directional_light {
 };
 
 /* Kinds of struct kiln_light_choice */
-#define KILN_CHOICE_NODE 0u
+#define KILN_CHOICE_LIGHT_NODE 0u
 #define KILN_CHOICE_DIRECTIONAL 1u
 #define KILN_CHOICE_ENVIRONMENT 2u
 

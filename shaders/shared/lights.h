@@ -10,11 +10,11 @@
  *   KILN_SKY_COSINE(lights, y)       the cosine from +y at the upper edge of row y
  *   KILN_SKY_BAND(lights, y)         what that is above the next row's
  *   KILN_SUN_LUMINANCE(light), KILN_SKY_LUMINANCE(lights)
- *   KILN_NODE_IMPORTANCE(lights, index, p, spread, n)   kiln_light_importance of a cluster
+ *   KILN_LIGHT_NODE_IMPORTANCE(lights, index, p, spread, n)   kiln_light_importance of a cluster
  *   kiln_environment_radiance, kiln_area_light_radiance_on: what the environment sends, and what an area light sends at
  *                                    the place `on` from its corner 0 (textures are apart)
- *   KILN_CUT, a cut through the tree; KILN_CUT_NODE(cut, i), KILN_CUT_IMPORTANCE(cut, i), KILN_CUT_IS_LEAF(lights, cut,
- *   i) of its cluster i, and kiln_cut_set, which sets it */
+ *   KILN_CUT, a cut through the tree; KILN_CUT_LIGHT_NODE(cut, i), KILN_CUT_IMPORTANCE(cut, i),
+ * KILN_CUT_IS_LEAF(lights, cut, i) of its cluster i, and kiln_cut_set, which sets it */
 #ifndef KILN_SHADERS_SHARED_LIGHTS_H
 #define KILN_SHADERS_SHARED_LIGHTS_H
 
@@ -46,12 +46,12 @@ KILN_FUNCTION KILN_U32 kiln_cut_best(KILN_CONTEXT(kiln_lights, lights) KILN_CUT 
 KILN_FUNCTION KILN_U32 kiln_cut_split(KILN_CONTEXT(kiln_lights, lights) KILN_CUT cut, KILN_U32 count, KILN_U32 best,
                                       kiln_real3 p, kiln_real spread, kiln_real3 n)
 {
-    const KILN_U32 parent = KILN_CUT_NODE(cut, best);
+    const KILN_U32 parent = KILN_CUT_LIGHT_NODE(cut, best);
     bool kept = false;
     for (KILN_U32 c = 0u; c < 2u; c++) {
         const KILN_U32 child =
             c == 0u ? KILN_AT(KILN_LOAD(lights, nodes, parent)).left : KILN_AT(KILN_LOAD(lights, nodes, parent)).right;
-        const kiln_real importance = KILN_NODE_IMPORTANCE(lights, child, p, spread, n);
+        const kiln_real importance = KILN_LIGHT_NODE_IMPORTANCE(lights, child, p, spread, n);
         if (importance <= 0)
             continue;
         kiln_cut_set(KILN_PASS(lights) cut, kept ? count++ : best, child, importance);
@@ -59,7 +59,7 @@ KILN_FUNCTION KILN_U32 kiln_cut_split(KILN_CONTEXT(kiln_lights, lights) KILN_CUT
     }
     if (!kept) { /* the parent's bound was loose: the cluster is behind the point's horizon after all */
         count--;
-        kiln_cut_set(KILN_PASS(lights) cut, best, KILN_CUT_NODE(cut, count), KILN_CUT_IMPORTANCE(cut, count));
+        kiln_cut_set(KILN_PASS(lights) cut, best, KILN_CUT_LIGHT_NODE(cut, count), KILN_CUT_IMPORTANCE(cut, count));
     }
     return count;
 }
@@ -69,7 +69,7 @@ KILN_FUNCTION KILN_U32 kiln_cut_split(KILN_CONTEXT(kiln_lights, lights) KILN_CUT
 KILN_FUNCTION KILN_U32 kiln_cut_tree(KILN_CONTEXT(kiln_lights, lights) KILN_CUT cut, kiln_real3 p, kiln_real spread,
                                      kiln_real3 n, KILN_U32 limit)
 {
-    const kiln_real importance = KILN_NODE_IMPORTANCE(lights, 0u, p, spread, n);
+    const kiln_real importance = KILN_LIGHT_NODE_IMPORTANCE(lights, 0u, p, spread, n);
     if (importance <= 0)
         return 0u;
     kiln_cut_set(KILN_PASS(lights) cut, 0u, 0u, importance);
@@ -256,8 +256,8 @@ KILN_FUNCTION bool kiln_pick_light(KILN_CONTEXT(kiln_lights, lights) KILN_U32 no
     for (KILN_U32 left = KILN_AT(KILN_LOAD(lights, nodes, node)).left; left != KILN_NONE;
          left = KILN_AT(KILN_LOAD(lights, nodes, node)).left) {
         const KILN_U32 right = KILN_AT(KILN_LOAD(lights, nodes, node)).right;
-        const kiln_real a = KILN_NODE_IMPORTANCE(lights, left, p, kiln_real_of(0), n),
-                        b = KILN_NODE_IMPORTANCE(lights, right, p, kiln_real_of(0), n);
+        const kiln_real a = KILN_LIGHT_NODE_IMPORTANCE(lights, left, p, kiln_real_of(0), n),
+                        b = KILN_LIGHT_NODE_IMPORTANCE(lights, right, p, kiln_real_of(0), n);
         if (a + b <= 0)
             return false;
         node = kiln_light_tree_step(a / (a + b), KILN_TO(pick), KILN_TO(KILN_AT(weight))) ? left : right;

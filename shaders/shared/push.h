@@ -327,7 +327,7 @@ struct kiln_gpu_patches_push {
     KILN_ADDRESS scene;
     KILN_STRUCT kiln_gpu_chunk chunk;
     KILN_ADDRESS points;         /* struct kiln_gpu_patch of each point of the chunk */
-    KILN_ADDRESS facing, shapes; /* struct kiln_gpu_node_facing and kiln_gpu_node_shape of each node */
+    KILN_ADDRESS facing, shapes; /* struct kiln_gpu_patch_node_facing and kiln_gpu_patch_node_shape of each node */
     KILN_ADDRESS slices; /* floats: c of row r of a point at (r * KILN_GPU_PATCH_FLOATS + c) * chunk.total + x */
     KILN_WORD nodes, nodes_a_row;
     KILN_WORD row_first;                 /* row of y = 0 */

@@ -1,4 +1,4 @@
-/* Traversal of struct kiln_gpu_node8 (Ylitie, Karras and Laine 2017, sections 3 and 4). Part of trace/compute.glsl.
+/* Traversal of struct kiln_gpu_bvh8_node (Ylitie, Karras and Laine 2017, sections 3 and 4). Part of trace/compute.glsl.
  *
  * A group of nodes is two words: the index of the first; and a mask of slots still to be visited (bits 24 to 31, in the
  * order of the ray's octant) and of slots that are nodes (bits 0 to 7). A group of triangles: the index of the first,

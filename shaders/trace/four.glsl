@@ -1,5 +1,5 @@
-/* Traversal of struct kiln_gpu_node4, children in the order in which the ray enters them. Part of trace/compute.glsl.
- */
+/* Traversal of struct kiln_gpu_bvh4_node, children in the order in which the ray enters them. Part of
+ * trace/compute.glsl. */
 
 /* Puts the nearer of two children first. */
 void kiln_order(inout float near_a, inout uint child_a, inout float near_b, inout uint child_b)

@@ -27,7 +27,7 @@ struct rays {
 };
 
 struct layout {
-    struct kiln_gpu_node4 *nodes;
+    struct kiln_gpu_bvh4_node *nodes;
     struct kiln_gpu_triangle *triangles;
     size_t node_count, triangle_count;
 };
@@ -46,7 +46,7 @@ static void check(int status, const struct kiln_error *error)
 
 /* ---- what a layout costs ---- */
 
-static double area_of(const struct kiln_gpu_node4 *node, int i)
+static double area_of(const struct kiln_gpu_bvh4_node *node, int i)
 {
     const double x = (double)node->bounds[1][i] - (double)node->bounds[0][i],
                  y = (double)node->bounds[3][i] - (double)node->bounds[2][i],
@@ -97,8 +97,8 @@ static int near_first(float near[4], uint32_t child[4], int count)
     return count;
 }
 
-static int enter(const struct kiln_gpu_node4 *node, struct kiln_vec3 origin, struct kiln_vec3 inverse, float distance,
-                 uint32_t child[4])
+static int enter(const struct kiln_gpu_bvh4_node *node, struct kiln_vec3 origin, struct kiln_vec3 inverse,
+                 float distance, uint32_t child[4])
 {
     const float o[3] = {origin.x, origin.y, origin.z}, r[3] = {inverse.x, inverse.y, inverse.z};
     float near[4];

@@ -137,7 +137,7 @@ static void check_allgather(struct test *t)
 static void check_checkpoint(struct test *t)
 {
     const uint64_t value = 7;
-    const struct kiln_block block = {"sevens", (uint64_t)t->rank, 1, sizeof value, &value};
+    const struct kiln_array_range block = {"sevens", (uint64_t)t->rank, 1, sizeof value, &value};
     json_t *identity = json_pack("{s:i}", "seed", differs(t, "identity") ? 2 : 1);
     struct kiln_checkpoint *checkpoint = NULL;
     int status = kiln_checkpoint_open(&checkpoint, MPI_COMM_WORLD, differs(t, "folder") ? "/" : t->folder,

@@ -205,9 +205,9 @@ static int save(struct test *t)
 {
     static const struct kiln_save_moment after_all = {.in_step = false};
     struct kiln_checkpoint *checkpoint = NULL;
-    struct kiln_block blocks[KILN_FIELDS_MAX];
+    struct kiln_array_range blocks[KILN_FIELDS_MAX];
     json_t *identity = json_object();
-    const size_t count = kiln_field_blocks(&t->fields, own(t), &after_all, blocks);
+    const size_t count = kiln_field_arrays(&t->fields, own(t), &after_all, blocks);
     int status = kiln_checkpoint_open(&checkpoint, MPI_COMM_WORLD, t->directory, false, &t->error);
     if (status == KILN_OK)
         status = kiln_checkpoint_write(checkpoint, identity, blocks, count, &t->error);
@@ -222,7 +222,7 @@ static int restore(struct test *t, const struct kiln_field_set *fields, bool *ch
     struct kiln_checkpoint *checkpoint = NULL;
     int status = kiln_checkpoint_open(&checkpoint, MPI_COMM_WORLD, t->directory, true, &t->error);
     if (status == KILN_OK)
-        status = kiln_field_blocks_read(checkpoint, fields, own(t), &after_all, changed, &t->error);
+        status = kiln_field_arrays_read(checkpoint, fields, own(t), &after_all, changed, &t->error);
     kiln_checkpoint_close(&checkpoint);
     return status;
 }

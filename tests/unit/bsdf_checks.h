@@ -55,7 +55,7 @@ struct textured {
     const struct material *material;
     float index;
     struct kiln_brushed_table stack[KILN_BRUSHED_LAYERS];
-    struct kiln_bsdf_held_table held;
+    struct kiln_bsdf_trapped_table trapped;
     struct kiln_bsdf_tables tables;
 };
 static inline struct kiln_bsdf_tables textured_tables(const struct material *m, struct kiln_bsdf p)
@@ -67,7 +67,7 @@ static inline struct kiln_bsdf_tables textured_tables(const struct material *m, 
     last.material = m;
     last.index = p.eta.y;
     last.tables = (struct kiln_bsdf_tables){0};
-    const void *table = m->anisotropy > 0.0f ? (const void *)last.stack : &last.held;
+    const void *table = m->anisotropy > 0.0f ? (const void *)last.stack : &last.trapped;
     const uint32_t low = (uint32_t)(uintptr_t)table, high = (uint32_t)((uint64_t)(uintptr_t)table >> 32);
     if (m->anisotropy > 0.0f) {
         kiln_brushed_stack(last.stack, &p, m->anisotropy,
@@ -75,11 +75,11 @@ static inline struct kiln_bsdf_tables textured_tables(const struct material *m, 
         last.tables.brushed_low = low;
         last.tables.brushed_high = high;
     } else {
-        kiln_bsdf_held_tabulate(&last.held, &p, kiln_layers_of(0.0f, 1.0f, KILN_BSDF_HELD_LAYERS - 1),
-                                m->coat_varies ? kiln_layers_of(0.0f, 1.0f, KILN_BSDF_HELD_COATS - 1)
-                                               : kiln_layers_of(coat, coat, KILN_BSDF_HELD_COATS - 1));
-        last.tables.held_low = low;
-        last.tables.held_high = high;
+        kiln_bsdf_trapped_tabulate(&last.trapped, &p, kiln_layers_of(0.0f, 1.0f, KILN_BSDF_TRAPPED_LAYERS - 1),
+                                   m->coat_varies ? kiln_layers_of(0.0f, 1.0f, KILN_BSDF_TRAPPED_COATS - 1)
+                                                  : kiln_layers_of(coat, coat, KILN_BSDF_TRAPPED_COATS - 1));
+        last.tables.trapped_low = low;
+        last.tables.trapped_high = high;
     }
     return last.tables;
 }

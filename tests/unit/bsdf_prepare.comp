@@ -22,8 +22,8 @@ void kiln_kernel(uint x, uint y)
     kiln_bsdf_lobes l = Lobes(push.lobes).at[x];
     if ((push.tables.brushed_low | push.tables.brushed_high) != 0u && l.base_is_mirror == 0u)
         kiln_bsdf_take_layers(l, push.tables.brushed_low, push.tables.brushed_high);
-    if ((push.tables.held_low | push.tables.held_high) != 0u)
-        kiln_bsdf_take_held(l, push.tables.held_low, push.tables.held_high);
+    if ((push.tables.trapped_low | push.tables.trapped_high) != 0u)
+        kiln_bsdf_take_trapped(l, push.tables.trapped_low, push.tables.trapped_high);
     kiln_bsdf_dye(l, l.p.base_color);
     Lobes(push.lobes).at[x] = l;
 }

@@ -47,7 +47,7 @@ static struct kiln_lights lights_of(struct kiln_area_light *areas, size_t count)
     return lights;
 }
 
-static const struct kiln_light_choice lone = {.kind = KILN_CHOICE_NODE, .index = 0, .samples = 64};
+static const struct kiln_light_choice lone = {.kind = KILN_CHOICE_LIGHT_NODE, .index = 0, .samples = 64};
 
 /* Girard's theorem, of unit vectors: the angles less pi. */
 static double solid_angle(struct kiln_dvec3 a, struct kiln_dvec3 b, struct kiln_dvec3 c)

@@ -176,7 +176,7 @@ static void points_mix_nodes(void **state)
     build(&w, 1);
     for (uint32_t scale = 2; scale <= 4; scale *= 2) {
         uint64_t *mixtures = calloc(w.surface->count, sizeof *mixtures);
-        assert_int_equal(kiln_nodes_find(w.surface, w.backend, 1, scale, mixtures, NULL), KILN_OK);
+        assert_int_equal(kiln_anchors_find(w.surface, w.backend, 1, scale, mixtures, NULL), KILN_OK);
         for (size_t f = 0; f < w.surface->tile_run_count; f++) {
             const struct kiln_tile_run *run = &w.surface->tile_runs[f];
             struct kiln_sparse drawn;

@@ -480,7 +480,7 @@ static void too_deep(void **state)
 }
 
 /* The tree of `chain`: at each level four triangles in large boxes beside a small one with all the rest. */
-static void chain_nodes(struct kiln_gpu_bvh_node *nodes, struct kiln_gpu_bvh_share *shares, uint32_t triangles)
+static void chain_nodes(struct kiln_gpu_bvh_node *nodes, struct kiln_gpu_bvh_subtree *shares, uint32_t triangles)
 {
     uint32_t at = triangles, rest = KILN_GPU_NONE;
     for (uint32_t i = 0; i < triangles; i++) {
@@ -505,7 +505,7 @@ static void chain(void **state)
     (void)state;
     enum { TRIANGLES = 400 };
     static struct kiln_gpu_bvh_node nodes[2 * TRIANGLES - 1];
-    static struct kiln_gpu_bvh_share shares[2 * TRIANGLES - 1];
+    static struct kiln_gpu_bvh_subtree shares[2 * TRIANGLES - 1];
     struct world *w = world_create(3 * TRIANGLES, TRIANGLES);
     struct bvh *bvh = NULL;
     struct bvh_layout layout[LAYOUTS];

@@ -55,7 +55,7 @@ static int quit_run(struct kiln_backend *backend, const struct kiln_pass *pass, 
     if (batch->claims != NULL)
         assert_int_equal(batch->claims->claim(batch->claims->context, 0, LAST_GOOD + 4), LAST_GOOD + 4);
     for (size_t first = 0; first + 4 <= LAST_GOOD; first += 4) {
-        const struct kiln_batch part = kiln_batch_part(batch, first, 4);
+        const struct kiln_batch part = kiln_batch_range(batch, first, 4);
         const int status = kiln_backend_run(((struct quitter *)backend)->embree, pass, parameters, &part, rays, error);
         if (status != KILN_OK)
             return status;
@@ -148,7 +148,7 @@ static void embree_goes_on(void **state)
             batch.claims = &claims;
             assert_int_equal(kiln_backend_run(backend, &kiln_pass_direct, NULL, &batch, &rays, &error), KILN_OK);
             assert_true(got.next == LAST_GOOD + 4 && claimed == got.next && got.next < batch.count);
-            struct kiln_batch rest = kiln_batch_part(&batch, got.next, batch.count - got.next);
+            struct kiln_batch rest = kiln_batch_range(&batch, got.next, batch.count - got.next);
             rest.claims = &claims;
             assert_int_equal(kiln_backend_run(backend, &kiln_pass_direct, NULL, &rest, &rays, &error), KILN_OK);
             assert_true(claimed == batch.count && got.next == claimed);

@@ -24,7 +24,7 @@ static void rows_fit(void **state)
     const struct kiln_field *table = kiln_fields(&rows);
     for (size_t i = 0; i < rows; i++) {
         const struct kiln_field *f = &table[i];
-        assert_true(strlen(f->name) < KILN_BLOCK_NAME && f->components > 0);
+        assert_true(strlen(f->name) < KILN_ARRAY_NAME && f->components > 0);
         assert_true(f->components <= KILN_FIELD_COMPONENTS_MAX && f->low <= f->high);
         assert_true(f->dataset == NULL || (f->dataset[0] == '/' && strchr(f->dataset + 1, '/') != NULL &&
                                            strchr(f->dataset + 1, '/') == strrchr(f->dataset, '/')));

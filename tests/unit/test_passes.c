@@ -282,7 +282,7 @@ static void numbers_may_differ(struct kiln_backend *backend, const struct world 
         for (size_t i = 0; i < all.count; i++) {
             if (numbers[i] != number)
                 continue;
-            struct kiln_batch one = kiln_batch_part(&all, all.first + i, 1);
+            struct kiln_batch one = kiln_batch_range(&all, all.first + i, 1);
             one.samples = number;
             expected_rays += run(backend, pass, one, &uniform);
         }
@@ -433,7 +433,7 @@ static void others_may_be_computed(struct kiln_backend *backend, const struct wo
     const size_t begin = some.offset[others.first] * pass->result_bytes,
                  end = some.offset[others.first + others.count] * pass->result_bytes;
     assert_int_equal(kiln_backend_set_others(backend, others, &error), KILN_OK);
-    (void)run(backend, pass, kiln_batch_part(&all, others.first, others.count), &some);
+    (void)run(backend, pass, kiln_batch_range(&all, others.first, others.count), &some);
     assert_int_equal(kiln_backend_set_others(backend, (struct kiln_others){.surface = NULL}, &error), KILN_OK);
     (void)run(backend, pass, all, &again);
     assert_memory_equal(some.results + begin, every.results + begin, end - begin);

@@ -67,9 +67,9 @@ static void nothing_where_none_is_needed(void **state)
     add_gloss(f, ALL)->transmission = 1.0f;
     add_gloss(f, ALL)->clearcoat = 1.0f;
     struct kiln_gloss_lobes *lobes = lobes_of(f, &bytes);
-    assert_true(bytes.all == 0 && bytes.brushed == 0 && bytes.held == 0);
+    assert_true(bytes.all == 0 && bytes.brushed == 0 && bytes.trapped == 0);
     for (uint32_t i = 0; i < f->scene.material_count; i++)
-        assert_true(!lobes[i].ready && (lobes[i].tables.brushed_low | lobes[i].tables.held_low) == 0);
+        assert_true(!lobes[i].ready && (lobes[i].tables.brushed_low | lobes[i].tables.trapped_low) == 0);
     kiln_free(&lobes);
     fixture_destroy(f);
 }
@@ -88,7 +88,7 @@ static void layers_that_a_texture_needs(void **state)
         gloss->specular_color[0] = 0.5f;
         struct kiln_gloss_lobes *lobes = lobes_of(f, &bytes);
         assert_int_equal(bytes.all, (size_t)layers[texture] * sizeof(struct kiln_brushed_table));
-        assert_true(bytes.brushed == bytes.all && bytes.held == 0);
+        assert_true(bytes.brushed == bytes.all && bytes.trapped == 0);
         assert_int_equal(lobes[0].tables.brushed_low, lobes[1].tables.brushed_low);
         const struct kiln_brushed_table *first =
             &KILN_BRUSHED_TABLE(lobes[0].tables.brushed_low, lobes[0].tables.brushed_high, 0);
@@ -117,10 +117,10 @@ static void coats_over_rough_glass(void **state)
         gloss->ior = i == 2 ? 1.33f : 1.5f;
     }
     struct kiln_gloss_lobes *lobes = lobes_of(f, &bytes);
-    assert_int_equal(bytes.held, 2 * sizeof(struct kiln_bsdf_held_table));
+    assert_int_equal(bytes.trapped, 2 * sizeof(struct kiln_bsdf_trapped_table));
     assert_int_equal(bytes.brushed, 0);
-    assert_true(lobes[0].tables.held_low == lobes[1].tables.held_low);
-    assert_true(lobes[0].tables.held_low != lobes[2].tables.held_low);
+    assert_true(lobes[0].tables.trapped_low == lobes[1].tables.trapped_low);
+    assert_true(lobes[0].tables.trapped_low != lobes[2].tables.trapped_low);
     kiln_free(&lobes);
     fixture_destroy(f);
 }

@@ -282,7 +282,7 @@ static void coverage_is_exact(void **state)
         }
     }
     assert_int_equal(wholes, 0); /* the diagonal runs through both inner texels */
-    assert_int_equal(b.report.shared_texels, 0);
+    assert_int_equal(b.report.overlapped_texels, 0);
     release(&b);
 }
 
@@ -391,7 +391,7 @@ static void shared_texels_are_counted(void **state)
     b.geometry = create_geometry(f);
     build(&b, 0.0, KILN_PARTITION_CELLS, 0, 1, 1);
     assert_int_equal(b.surface->point_count, 64);
-    assert_int_equal(b.report.shared_texels, 8); /* column 3 */
+    assert_int_equal(b.report.overlapped_texels, 8); /* column 3 */
     assert_true(b.report.worst_object_area_error < 1e-9);
     release(&b);
 }

@@ -131,7 +131,7 @@ static void paths_lead_to_the_place(void **state)
     for (int i = 0; i < 2000; i++) {
         static const double whole[3][2] = {{0.0, 0.0}, {1.0, 0.0}, {0.0, 1.0}};
         const double root = sqrt(next(&random) * 0x1p-32), b1 = root * (next(&random) * 0x1p-32), b2 = root - b1;
-        const uint32_t turn = (uint32_t)i % 3, path = kiln_part_path(b1, b2, turn);
+        const uint32_t turn = (uint32_t)i % 3, path = kiln_subtriangle_path(b1, b2, turn);
         double v[3][2];
         for (uint32_t k = 0; k < 3; k++)
             memcpy(v[k], whole[(turn + k) % 3], sizeof v[k]);

@@ -188,14 +188,14 @@ static struct kiln_bsdf_tables upload_tables(struct gpu *gpu, const struct kiln_
 {
     struct kiln_bsdf_tables there = {0};
     const bool brushed = (host->brushed_low | host->brushed_high) != 0;
-    const uint32_t low = brushed ? host->brushed_low : host->held_low;
-    const uint32_t high = brushed ? host->brushed_high : host->held_high;
+    const uint32_t low = brushed ? host->brushed_low : host->trapped_low;
+    const uint32_t high = brushed ? host->brushed_high : host->trapped_high;
     const void *table = (const void *)(uintptr_t)((uint64_t)high << 32 | low);
     const size_t bytes =
-        brushed ? KILN_BRUSHED_LAYERS * sizeof(struct kiln_brushed_table) : sizeof(struct kiln_bsdf_held_table);
+        brushed ? KILN_BRUSHED_LAYERS * sizeof(struct kiln_brushed_table) : sizeof(struct kiln_bsdf_trapped_table);
     assert_int_equal(gpu_buffer_of(gpu, buffer, table, bytes, "tables", NULL), KILN_OK);
-    *(brushed ? &there.brushed_low : &there.held_low) = (uint32_t)buffer->address;
-    *(brushed ? &there.brushed_high : &there.held_high) = (uint32_t)(buffer->address >> 32);
+    *(brushed ? &there.brushed_low : &there.trapped_low) = (uint32_t)buffer->address;
+    *(brushed ? &there.brushed_high : &there.trapped_high) = (uint32_t)(buffer->address >> 32);
     return there;
 }
 

@@ -185,7 +185,7 @@ static int run_by_stretches(struct kiln_backend *backend, const struct kiln_pass
     for (size_t i = 0, end; i < batch->count && status == KILN_OK; i = end) {
         for (end = i + 1; end < batch->count && each[end] == each[i];)
             end++;
-        struct kiln_batch part = kiln_batch_part(batch, batch->first + i, end - i);
+        struct kiln_batch part = kiln_batch_range(batch, batch->first + i, end - i);
         part.samples = each[i];
         part.samples_each = NULL;
         if (each[i] > 0)
@@ -216,7 +216,7 @@ static int run_claimed(struct kiln_backend *backend, const struct kiln_pass *pas
                        const struct kiln_batch *batch, uint64_t *rays, struct kiln_error *error)
 {
     const size_t count = batch->claims->claim(batch->claims->context, batch->first, batch->count);
-    const struct kiln_batch whole = kiln_batch_part(batch, batch->first, count);
+    const struct kiln_batch whole = kiln_batch_range(batch, batch->first, count);
     return kiln_backend_run(backend, pass, parameters, &whole, rays, error);
 }
 

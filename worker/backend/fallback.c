@@ -86,7 +86,7 @@ static struct kiln_batch rest_of(const struct watched_run *w)
 {
     const struct kiln_batch *batch = w->batch;
     const size_t first = w->left == NULL ? w->next : batch->first;
-    struct kiln_batch rest = kiln_batch_part(batch, first, w->end - first);
+    struct kiln_batch rest = kiln_batch_range(batch, first, w->end - first);
     if (w->left != NULL)
         rest.samples_each = w->left;
     return rest;

@@ -29,7 +29,7 @@ static inline uint64_t bits_of(const uint64_t is[GROUP], uint32_t first)
 }
 
 /* Decides whether a point links to a node, opens it or leaves it out; without branches, for SIMD lanes. */
-static inline void judge(const struct kiln_node_view *v, const struct kiln_link_node *node, double square_error,
+static inline void judge(const struct kiln_link_node_view *v, const struct kiln_link_node *node, double square_error,
                          uint64_t *open, uint64_t *stands, uint64_t *whole)
 {
     const double radius = (double)node->radius, high = v->height * v->inverse, reaches = v->reach * v->inverse,
@@ -57,8 +57,8 @@ KILN_CLONES struct kiln_link_lane_choices kiln_link_lanes_judge(const struct kil
         if ((mask >> first & ((1u << GROUP) - 1)) == 0)
             continue;
         for (uint32_t l = 0; l < GROUP; l++) {
-            const struct kiln_node_view v =
-                kiln_node_view_of(node, lane_of(lanes->n, first + l), lane_of(lanes->at, first + l));
+            const struct kiln_link_node_view v =
+                kiln_link_node_view_of(node, lane_of(lanes->n, first + l), lane_of(lanes->at, first + l));
             judge(&v, node, square_error, &open[l], &stands[l], &whole[l]);
         }
         choices.open |= bits_of(open, first);
@@ -78,18 +78,18 @@ KILN_CLONES void kiln_link_lanes_factors(const struct kiln_link_lanes *lanes, co
             continue;
         for (uint32_t l = 0; l < GROUP; l++) {
             const struct kiln_dvec3 n = lane_of(lanes->n, first + l);
-            const struct kiln_node_view v = kiln_node_view_of(node, n, lane_of(lanes->at, first + l));
+            const struct kiln_link_node_view v = kiln_link_node_view_of(node, n, lane_of(lanes->at, first + l));
             whole[l] = v.whole;
             f->inverse[first + l] = v.inverse;
-            f->factor[first + l] = f->shading[first + l] = kiln_node_factor(node, n, &v);
-            set_lane(f->slope, first + l, kiln_node_slope(node, n, &v));
+            f->factor[first + l] = f->shading[first + l] = kiln_link_node_factor(node, n, &v);
+            set_lane(f->slope, first + l, kiln_link_node_slope(node, n, &v));
         }
         for (uint32_t l = 0; lanes->smooth && l < GROUP; l++) {
             const struct kiln_dvec3 s = lane_of(lanes->s, first + l);
-            const struct kiln_node_view v =
-                kiln_node_view_of(node, lane_of(lanes->n, first + l), lane_of(lanes->at, first + l));
-            f->shading[first + l] = kiln_node_factor(node, s, &v);
-            set_lane(f->shading_slope, first + l, kiln_node_slope(node, s, &v));
+            const struct kiln_link_node_view v =
+                kiln_link_node_view_of(node, lane_of(lanes->n, first + l), lane_of(lanes->at, first + l));
+            f->shading[first + l] = kiln_link_node_factor(node, s, &v);
+            set_lane(f->shading_slope, first + l, kiln_link_node_slope(node, s, &v));
         }
         f->whole |= bits_of(whole, first);
     }

@@ -106,7 +106,7 @@ static void find_node_factors(struct kiln_link_run *w, uint32_t to, uint64_t mas
     for (uint64_t rest = mask & ~f->whole; rest != 0; rest &= rest - 1) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
         const struct kiln_link_leaf *by = &p->leaves[kiln_link_choose(p, node, to, w->patch[bit]->number)];
-        enter_factors(f, bit, kiln_node_factors_by(&w->receiver[bit], w->at[bit], by, (double)node->area), by);
+        enter_factors(f, bit, kiln_link_node_factors_by(&w->receiver[bit], w->at[bit], by, (double)node->area), by);
     }
 }
 

@@ -180,7 +180,7 @@ static bool is_chosen(const struct verify_backend *v, const struct kiln_tile_run
 
 static int trace_again(struct verified_run *run, size_t first, size_t count, struct kiln_error *error)
 {
-    struct kiln_batch chosen = kiln_batch_part(run->batch, first, count);
+    struct kiln_batch chosen = kiln_batch_range(run->batch, first, count);
     chosen.take = take_again;
     chosen.context = run;
     uint64_t rays = 0; /* not the caller's */

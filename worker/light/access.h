@@ -16,7 +16,7 @@
 #define KILN_SKY_COSINE(lights, y) cos(KILN_PI *(y) / (lights)->scene->environment->height)
 #define KILN_SKY_BAND(lights, y) (KILN_SKY_COSINE(lights, y) - KILN_SKY_COSINE(lights, (y) + 1))
 #define KILN_SUN_LUMINANCE(light) kiln_luminance_of_floats((light)->irradiance)
-#define KILN_NODE_IMPORTANCE(lights, index, p, spread, n)                                                              \
+#define KILN_LIGHT_NODE_IMPORTANCE(lights, index, p, spread, n)                                                        \
     kiln_light_node_importance(&(lights)->nodes[index], p, spread, n)
 
 /* Radiance of an area light at a place; `on`: the place relative to the light's corner 0. */
@@ -31,7 +31,7 @@ static inline void kiln_area_light_radiance_on(const struct kiln_lights *lights,
 
 /* A cut of the light tree: an array of choices that have no samples yet. */
 #define KILN_CUT struct kiln_light_choice *
-#define KILN_CUT_NODE(cut, i) ((cut)[i].index)
+#define KILN_CUT_LIGHT_NODE(cut, i) ((cut)[i].index)
 #define KILN_CUT_IMPORTANCE(cut, i) ((cut)[i].importance)
 #define KILN_CUT_IS_LEAF(lights, cut, i) ((lights)->nodes[(cut)[i].index].left == KILN_NONE)
 
@@ -39,7 +39,7 @@ static inline void kiln_cut_set(const struct kiln_lights *lights, struct kiln_li
                                 uint32_t node, double importance)
 {
     (void)lights;
-    cut[i] = (struct kiln_light_choice){KILN_CHOICE_NODE, node, 0, importance};
+    cut[i] = (struct kiln_light_choice){KILN_CHOICE_LIGHT_NODE, node, 0, importance};
 }
 
 #include "shaders/shared/lights.h"

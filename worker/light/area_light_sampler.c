@@ -6,7 +6,7 @@
 bool kiln_area_light_sampler(const struct kiln_lights *lights, const struct kiln_light_choice *choice,
                              struct kiln_dvec3 centre, double spread, struct kiln_area_light_sampler *target)
 {
-    if (choice->kind != KILN_CHOICE_NODE)
+    if (choice->kind != KILN_CHOICE_LIGHT_NODE)
         return false;
     const struct kiln_light_node *node = &lights->nodes[choice->index];
     if (node->left != KILN_NONE || node->right >= lights->area_count)

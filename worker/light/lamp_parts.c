@@ -98,7 +98,7 @@ static int choose(struct cutting *c, size_t room, size_t *count, struct kiln_err
         const struct part *p = &c->parts[i];
         const struct whole *w = &c->wholes[p->whole];
         c->chosen[i] = 0;
-        if (p->depth < KILN_PART_DEPTH && p->excess * w->parts > UNEVEN * w->power)
+        if (p->depth < KILN_SUBTRIANGLE_DEPTH && p->excess * w->parts > UNEVEN * w->power)
             wants[(*count)++] = (struct want){p->excess, i};
     }
     if (*count > room)

@@ -161,7 +161,7 @@ static void tabulate(float at[KILN_BRUSHED_VALUES], const struct lattice *g, con
     at[KILN_BRUSHED_FRESNEL] = (float)(whole > 0.0 ? fmin(from_thin / whole + FRESNEL_MORE, 1.0) : 1.0);
     at[KILN_BRUSHED_THIN] = 0.0f;
     at[KILN_BRUSHED_DENSE] = 0.0f;
-    at[KILN_BRUSHED_HELD] = 0.0f;
+    at[KILN_BRUSHED_TRAPPED] = 0.0f;
     at[KILN_BRUSHED_COAT] = l->coat.strength > 0.0f ? kiln_coat_factor(l->coat, o.z) : 1.0f;
     if (!is_glass(l))
         return;
@@ -171,7 +171,7 @@ static void tabulate(float at[KILN_BRUSHED_VALUES], const struct lattice *g, con
     at[KILN_BRUSHED_DENSE] = (float)fmax(1.0 - DENSE_LESS - dense, 0.0);
     if (l->holds != 0) {
         const double bare = l->p.eta.y < 1.0f ? thin : dense; /* from behind, were there no coat */
-        at[KILN_BRUSHED_HELD] = (float)fmax(bare - sent_behind(&f, g->count, l, o) - HELD_LESS, 0.0);
+        at[KILN_BRUSHED_TRAPPED] = (float)fmax(bare - sent_behind(&f, g->count, l, o) - HELD_LESS, 0.0);
     }
 }
 
@@ -311,7 +311,7 @@ void kiln_brushed_tabulate(struct kiln_brushed_table *table, const struct kiln_b
 /* Means over the hemisphere, weighted by the cosine, as kiln_bsdf_means computes them. */
 static void find_means(struct kiln_bsdf_lobes *l)
 {
-    double lost = 0.0, front = 0.0, back = 0.0, coat = 0.0, under_front = 0.0, under_back = 0.0, held = 0.0;
+    double lost = 0.0, front = 0.0, back = 0.0, coat = 0.0, under_front = 0.0, under_back = 0.0, trapped = 0.0;
     for (int k = 0; k < RINGS * SECTORS; k++) {
         const float mu = sqrtf(((float)(k / SECTORS) + 0.5f) / (float)RINGS);
         const struct kiln_vec3 w = direction_of(mu, k % SECTORS), behind = vec3(w.x, w.y, -w.z);
@@ -322,7 +322,7 @@ static void find_means(struct kiln_bsdf_lobes *l)
         coat += (double)(there * (1.0f - kiln_bsdf_coat_albedo(*l, true, mu)));
         under_front += (double)kiln_diffuse_in(*l, w);
         under_back += (double)kiln_diffuse_in(*l, behind);
-        held += (double)kiln_bsdf_held(*l, w);
+        trapped += (double)kiln_bsdf_trapped(*l, w);
     }
     const double all = 1.0 / (RINGS * SECTORS);
     const bool glass = l->glass > 0.0f;
@@ -332,7 +332,7 @@ static void find_means(struct kiln_bsdf_lobes *l)
     l->glass_lost_coat = glass ? (float)(coat * all) : 0.0f;
     l->under_front = l->matt > 0.0f ? (float)(under_front * all) : 1.0f;
     l->under_back = l->matt > 0.0f ? (float)(under_back * all) : 1.0f;
-    l->held_mean = l->holds != 0 ? (float)(held * all) : 0.0f;
+    l->trapped_mean = l->holds != 0 ? (float)(trapped * all) : 0.0f;
 }
 
 /* ---- means over the azimuth, as curves ---- */
@@ -425,7 +425,7 @@ static struct kiln_brushed_means means_of(const struct kiln_bsdf_lobes *l)
                                        .glass_front = l->glass_lost_front,
                                        .glass_back = l->glass_lost_back,
                                        .glass_coat = l->glass_lost_coat,
-                                       .held = l->held_mean,
+                                       .trapped = l->trapped_mean,
                                        .in_front = (float)(in[0] * all),
                                        .kept_front = (float)(kept[0] * all),
                                        .share_front = (float)(share[0] * all),
@@ -488,24 +488,24 @@ static struct kiln_curve held_curve(const struct kiln_bsdf *p, float roughness, 
     own.coat_alpha = coat_roughness * coat_roughness;
     struct kiln_bsdf_lobes l = kiln_bsdf_begin(own);
     l.holds = 1;
-    struct kiln_curve curve = kiln_bsdf_held_curve(l);
+    struct kiln_curve curve = kiln_bsdf_trapped_curve(l);
     curve.c[0] -= HELD_BETWEEN_LESS;
     return curve;
 }
 
-void kiln_bsdf_held_tabulate(struct kiln_bsdf_held_table *table, const struct kiln_bsdf *p, struct kiln_layers layers,
-                             struct kiln_layers coats)
+void kiln_bsdf_trapped_tabulate(struct kiln_bsdf_trapped_table *table, const struct kiln_bsdf *p,
+                                struct kiln_layers layers, struct kiln_layers coats)
 {
-    *table = (struct kiln_bsdf_held_table){
+    *table = (struct kiln_bsdf_trapped_table){
         .first = layers.first, .last = layers.last, .coat_first = coats.first, .coat_last = coats.last};
 #pragma omp parallel for collapse(2) schedule(dynamic)
     for (int j = -1; j < coats.count; j++) /* -1: without a coat */
         for (int k = 0; k < layers.count; k++) {
-            const float roughness = (layers.first + (float)k) / (float)(KILN_BSDF_HELD_LAYERS - 1);
+            const float roughness = (layers.first + (float)k) / (float)(KILN_BSDF_TRAPPED_LAYERS - 1);
             if (j < 0)
                 table->bare[k] = held_curve(p, roughness, 0.0f, 0.0f);
             else
-                table->coated[KILN_BSDF_HELD_LAYERS * j + k] =
-                    held_curve(p, roughness, 1.0f, (coats.first + (float)j) / (float)(KILN_BSDF_HELD_COATS - 1));
+                table->coated[KILN_BSDF_TRAPPED_LAYERS * j + k] =
+                    held_curve(p, roughness, 1.0f, (coats.first + (float)j) / (float)(KILN_BSDF_TRAPPED_COATS - 1));
         }
 }

@@ -33,8 +33,8 @@ struct kiln_layers kiln_layers_of(float least, float most, int steps);
 void kiln_brushed_stack(struct kiln_brushed_table *tables, const struct kiln_bsdf *material, float anisotropy,
                         struct kiln_layers layers);
 /* Fills in a material's table of light that its coat holds back, over roughnesses and coats. `layers`, `coats`: of
- * grids of KILN_BSDF_HELD_LAYERS - 1 and KILN_BSDF_HELD_COATS - 1 steps. */
-void kiln_bsdf_held_tabulate(struct kiln_bsdf_held_table *table, const struct kiln_bsdf *material,
-                             struct kiln_layers layers, struct kiln_layers coats);
+ * grids of KILN_BSDF_TRAPPED_LAYERS - 1 and KILN_BSDF_TRAPPED_COATS - 1 steps. */
+void kiln_bsdf_trapped_tabulate(struct kiln_bsdf_trapped_table *table, const struct kiln_bsdf *material,
+                                struct kiln_layers layers, struct kiln_layers coats);
 
 #endif

@@ -58,7 +58,7 @@ struct plan {
 static size_t plan_bytes(const struct plan *p)
 {
     return p->kind == BRUSHED ? (size_t)p->layers.count * sizeof(struct kiln_brushed_table)
-           : p->kind == HELD  ? sizeof(struct kiln_bsdf_held_table)
+           : p->kind == HELD  ? sizeof(struct kiln_bsdf_trapped_table)
                               : 0;
 }
 
@@ -117,8 +117,8 @@ static void plan_held(struct plan *p, const struct kiln_scene *scene, const stru
     if (!(gloss->clearcoat > 0.0f) || !(p->material.transmission > 0.0f) || gloss->mean_metallic == 1.0f)
         return;
     p->kind = HELD;
-    p->layers = kiln_layers_of(roughness.least, roughness.most, KILN_BSDF_HELD_LAYERS - 1);
-    p->coats = kiln_layers_of(coat.least, coat.most, KILN_BSDF_HELD_COATS - 1);
+    p->layers = kiln_layers_of(roughness.least, roughness.most, KILN_BSDF_TRAPPED_LAYERS - 1);
+    p->coats = kiln_layers_of(coat.least, coat.most, KILN_BSDF_TRAPPED_COATS - 1);
 }
 
 static void plan_of(struct plan *p, const struct kiln_scene *scene, const struct kiln_gloss_lobes *of,
@@ -173,7 +173,7 @@ static void make_table(void *table, const struct plan *p, const struct kiln_glos
     else if (p->kind == BRUSHED)
         kiln_brushed_stack(table, &p->material, p->anisotropy, p->layers);
     else
-        kiln_bsdf_held_tabulate(table, &p->material, p->layers, p->coats);
+        kiln_bsdf_trapped_tabulate(table, &p->material, p->layers, p->coats);
 }
 
 /* Sets the table of a material, its own or that of an earlier material, which have the same offset. */
@@ -186,8 +186,8 @@ static void use_table(struct kiln_gloss_lobes *of, const struct plan *p, const v
         of->tables.brushed_low = (uint32_t)address;
         of->tables.brushed_high = (uint32_t)(address >> 32);
     } else {
-        of->tables.held_low = (uint32_t)address;
-        of->tables.held_high = (uint32_t)(address >> 32);
+        of->tables.trapped_low = (uint32_t)address;
+        of->tables.trapped_high = (uint32_t)(address >> 32);
     }
 }
 
@@ -285,9 +285,9 @@ struct kiln_scene_table_bytes kiln_scene_table_bytes(const struct kiln_gloss_lob
             bytes.brushed = largest(bytes.brushed, end_of(lobes, count, t->brushed_low, t->brushed_high,
                                                           (1 + (size_t)(first->last - first->first)) * sizeof *first));
         } else
-            bytes.held = largest(bytes.held,
-                                 end_of(lobes, count, t->held_low, t->held_high, sizeof(struct kiln_bsdf_held_table)));
+            bytes.trapped = largest(bytes.trapped, end_of(lobes, count, t->trapped_low, t->trapped_high,
+                                                          sizeof(struct kiln_bsdf_trapped_table)));
     }
-    bytes.all = largest(bytes.brushed, bytes.held);
+    bytes.all = largest(bytes.brushed, bytes.trapped);
     return bytes;
 }

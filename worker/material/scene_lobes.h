@@ -16,7 +16,7 @@ static inline const void *kiln_scene_tables(const struct kiln_gloss_lobes *lobes
     return lobes + count;
 }
 struct kiln_scene_table_bytes {
-    size_t all, brushed, held;
+    size_t all, brushed, trapped;
 };
 struct kiln_scene_table_bytes kiln_scene_table_bytes(const struct kiln_gloss_lobes *lobes, size_t count);
 

@@ -16,7 +16,7 @@ struct kiln_direct_answer {
 };
 
 /* A known part of a light's direct light, and the factor that scales it. */
-struct kiln_held_part {
+struct kiln_held_term {
     uint64_t key; /* identity of the answers: same key, same answers */
     const struct kiln_direct_answer *answers;
     float factor[3];
@@ -29,7 +29,7 @@ struct kiln_held_light {
      * samples, a power of two; errors add up by their squares. */
     bool mixed;
     uint32_t samples;
-    const struct kiln_held_part *parts;
+    const struct kiln_held_term *parts;
     uint32_t part_count; /* 0: it is dark */
     /* second way (not mixed): state that the host supplies */
     const void *next;          /* the radiosity that is gathered first: packed, or with `compact` in 4 bytes */

@@ -8,14 +8,14 @@
 #include "worker/pass/patch_factors.h"
 #include "worker/sampling/keys.h"
 
-#define KILN_NODE_FLAT 0.1 /* nodes with a smaller bend count as flat */
+#define KILN_LINK_NODE_FLAT 0.1 /* nodes with a smaller bend count as flat */
 /* Squared distance of a rectangle's sides from its centre, in variances: 3, less a margin for rounding, so that the
  * node of a wall standing on the floor lies above the floor. */
-#define KILN_NODE_RECTANGLE 2.9
+#define KILN_LINK_NODE_RECTANGLE 2.9
 enum { KILN_LINK_DRAWS = 4 };
 
 /* Geometry of a node as seen from a point. */
-struct kiln_node_view {
+struct kiln_link_node_view {
     struct kiln_dvec3 d;
     double distance, inverse, other; /* inverse: 1 / distance; other: -d . the node's normal */
     double height, reach;            /* upper bounds: of the node over the point's horizon, of the point over its */
@@ -23,7 +23,7 @@ struct kiln_node_view {
 };
 
 /* The covariance of the node's surface times a vector. */
-static inline struct kiln_dvec3 kiln_node_covariance_times(const struct kiln_link_node *node, struct kiln_dvec3 v)
+static inline struct kiln_dvec3 kiln_link_node_covariance_times(const struct kiln_link_node *node, struct kiln_dvec3 v)
 {
     const float *c = node->covariance;
     return dvec3((double)c[0] * v.x + (double)c[3] * v.y + (double)c[4] * v.z,
@@ -33,37 +33,37 @@ static inline struct kiln_dvec3 kiln_node_covariance_times(const struct kiln_lin
 
 /* Whether a node lies above a plane with normal n. `height`: of its centre over the plane. The node is taken as a ball
  * or, if it is flat, as the rectangle that has its covariance. */
-static inline bool kiln_node_is_above(const struct kiln_link_node *node, struct kiln_dvec3 n, double height)
+static inline bool kiln_link_node_is_above(const struct kiln_link_node *node, struct kiln_dvec3 n, double height)
 {
     const double radius = (double)node->radius,
-                 least = KILN_NODE_RECTANGLE * dvec3_dot(n, kiln_node_covariance_times(node, n));
-    const bool flat = node->bend < KILN_NODE_FLAT;
+                 least = KILN_LINK_NODE_RECTANGLE * dvec3_dot(n, kiln_link_node_covariance_times(node, n));
+    const bool flat = node->bend < KILN_LINK_NODE_FLAT;
     return (height >= radius) | (flat & (height > 0.0) & (height * height >= least));
 }
 
 /* Returns the view of the node from a point at `at` with the normal n. */
-static inline struct kiln_node_view kiln_node_view_of(const struct kiln_link_node *node, struct kiln_dvec3 n,
-                                                      struct kiln_dvec3 at)
+static inline struct kiln_link_node_view kiln_link_node_view_of(const struct kiln_link_node *node, struct kiln_dvec3 n,
+                                                                struct kiln_dvec3 at)
 {
     const struct kiln_dvec3 d = dvec3_sub(dvec3_of(node->centre), at);
-    struct kiln_node_view v = {
+    struct kiln_link_node_view v = {
         .d = d, .distance = sqrt(dvec3_dot(d, d)), .other = -dvec3_dot(dvec3_of(node->normal), d)};
     v.inverse = 1.0 / v.distance;
     const double radius = (double)node->radius, height = dvec3_dot(n, d),
                  off = (double)node->height + (double)node->bend * (v.distance + radius);
     v.height = height + radius;
     v.reach = v.other + off;
-    v.whole = (v.other >= off) & kiln_node_is_above(node, n, height);
+    v.whole = (v.other >= off) & kiln_link_node_is_above(node, n, height);
     return v;
 }
 
 /* Mean of n.d / |d|^4 over the node's surface, divided by |d|^-4 at its centre, to the second order. For a disc that
  * faces the point it is (1 + x)^-2, where 2 x is the loss to that order. */
-static inline double kiln_node_mean_height(const struct kiln_link_node *node, struct kiln_dvec3 n,
-                                           const struct kiln_node_view *v)
+static inline double kiln_link_node_mean_height(const struct kiln_link_node *node, struct kiln_dvec3 n,
+                                                const struct kiln_link_node_view *v)
 {
     const float *c = node->covariance;
-    const struct kiln_dvec3 d = v->d, along = kiln_node_covariance_times(node, d);
+    const struct kiln_dvec3 d = v->d, along = kiln_link_node_covariance_times(node, d);
     const double height = dvec3_dot(n, d), trace = (double)c[0] + (double)c[1] + (double)c[2],
                  per = v->inverse * v->inverse, more = (12.0 * dvec3_dot(d, along) * per - 2.0 * trace) * per,
                  less = 1.0 / ((1.0 - 0.5 * more) * (1.0 - 0.5 * more)), plus = 1.0 + more,
@@ -72,16 +72,16 @@ static inline double kiln_node_mean_height(const struct kiln_link_node *node, st
 }
 
 /* F of a node that is wholly visible from the point, about the normal n. */
-static inline double kiln_node_factor(const struct kiln_link_node *node, struct kiln_dvec3 n,
-                                      const struct kiln_node_view *v)
+static inline double kiln_link_node_factor(const struct kiln_link_node *node, struct kiln_dvec3 n,
+                                           const struct kiln_link_node_view *v)
 {
     const double per = v->inverse * v->inverse, far = (double)node->area * (1.0 / KILN_PI) * v->other * per * per;
-    return far * kiln_node_mean_height(node, n, v);
+    return far * kiln_link_node_mean_height(node, n, v);
 }
 
 /* Gradient of F with respect to the position of a small node, about the normal n. */
-static inline struct kiln_dvec3 kiln_node_slope(const struct kiln_link_node *node, struct kiln_dvec3 n,
-                                                const struct kiln_node_view *v)
+static inline struct kiln_dvec3 kiln_link_node_slope(const struct kiln_link_node *node, struct kiln_dvec3 n,
+                                                     const struct kiln_link_node_view *v)
 {
     const double per = v->inverse * v->inverse, far = (double)node->area * (1.0 / KILN_PI) * per * per,
                  height = dvec3_dot(n, v->d), along = 4.0 * height * v->other * per;
@@ -134,9 +134,9 @@ static inline void kiln_link_fetch_leaf(const struct kiln_links_parameters *p, u
 }
 
 /* Factors of a node as if its whole area were at its point `by`; zeros if one does not face the other. */
-static inline struct kiln_patch_factors kiln_node_factors_by(const struct kiln_patch_receiver *receiver,
-                                                             struct kiln_dvec3 at, const struct kiln_link_leaf *by,
-                                                             double area)
+static inline struct kiln_patch_factors kiln_link_node_factors_by(const struct kiln_patch_receiver *receiver,
+                                                                  struct kiln_dvec3 at, const struct kiln_link_leaf *by,
+                                                                  double area)
 {
     const struct kiln_dvec3 d = dvec3_sub(dvec3_of(by->centre), at);
     const double cosine = dvec3_dot(receiver->n, d), other = -dvec3_dot(dvec3_of(by->normal), d),
@@ -162,7 +162,7 @@ static inline struct kiln_patch_factors kiln_leaf_factors(const struct kiln_patc
 static inline struct kiln_patch_factors kiln_link_factors(const struct kiln_links_parameters *p,
                                                           const struct kiln_patch_receiver *receiver,
                                                           struct kiln_dvec3 at, uint32_t number, uint32_t to,
-                                                          struct kiln_node_view *v)
+                                                          struct kiln_link_node_view *v)
 {
     struct kiln_patch_factors f;
     if ((to & KILN_LINK_LEAF) != 0) {
@@ -170,12 +170,12 @@ static inline struct kiln_patch_factors kiln_link_factors(const struct kiln_link
         return kiln_leaf_factors(receiver, at, &p->points[p->order[to & ~KILN_LINK_LEAF]]);
     }
     const struct kiln_link_node *node = &p->nodes[to];
-    *v = kiln_node_view_of(node, receiver->n, at);
+    *v = kiln_link_node_view_of(node, receiver->n, at);
     if (!v->whole)
-        return kiln_node_factors_by(receiver, at, &p->leaves[kiln_link_choose(p, node, to, number)],
-                                    (double)node->area);
-    f.factor = kiln_node_factor(node, receiver->n, v);
-    f.shading = receiver->smooth ? kiln_node_factor(node, receiver->s, v) : f.factor;
+        return kiln_link_node_factors_by(receiver, at, &p->leaves[kiln_link_choose(p, node, to, number)],
+                                         (double)node->area);
+    f.factor = kiln_link_node_factor(node, receiver->n, v);
+    f.shading = receiver->smooth ? kiln_link_node_factor(node, receiver->s, v) : f.factor;
     return f;
 }
 

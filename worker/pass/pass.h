@@ -194,7 +194,7 @@ static inline size_t kiln_batch_stretch(const struct kiln_batch *batch, size_t f
 }
 
 /* Returns the part [first, first + count) of the batch, without claims. */
-static inline struct kiln_batch kiln_batch_part(const struct kiln_batch *batch, size_t first, size_t count)
+static inline struct kiln_batch kiln_batch_range(const struct kiln_batch *batch, size_t first, size_t count)
 {
     struct kiln_batch part = *batch;
     part.first = first;

@@ -18,8 +18,8 @@ static void local_corners(const struct kiln_footprint *f, uint32_t triangle, str
     kiln_texel_triangle(f->scene, f->geometry, triangle, &f->place, local);
 }
 
-uint32_t kiln_part_clip(const struct kiln_divided_texel *texel, uint32_t part,
-                        struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t corners)
+uint32_t kiln_subtexel_clip(const struct kiln_divided_texel *texel, uint32_t part,
+                            struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t corners)
 {
     const uint32_t sides = texel->sides >> 8 * part;
     for (uint32_t i = 0; i < texel->line_count; i++) {
@@ -37,7 +37,7 @@ uint32_t kiln_footprint_clip(const struct kiln_footprint *f, uint32_t triangle,
     struct kiln_texel_triangle local;
     local_corners(f, triangle, &local);
     const uint32_t corners = kiln_texel_clip(&local, 0.0, 0.0, 1.0, 1.0, polygon);
-    return f->divided == NULL ? corners : kiln_part_clip(f->divided, f->part, polygon, corners);
+    return f->divided == NULL ? corners : kiln_subtexel_clip(f->divided, f->part, polygon, corners);
 }
 
 /* ---- room for rounding ---- */
@@ -188,8 +188,8 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
     f->area_cdf = surface->area_cdf + at->cdf;
     f->place = at->place;
     f->back = at->back;
-    const struct kiln_texel_part *part =
-        surface->part_count > 0 ? kiln_surface_part(surface, kiln_global_of_own(surface, at->point)) : NULL;
+    const struct kiln_subtexel *part =
+        surface->part_count > 0 ? kiln_surface_subtexel(surface, kiln_global_of_own(surface, at->point)) : NULL;
     f->divided = part != NULL ? &surface->divided[part->divided] : NULL;
     f->part = part != NULL ? part->part : 0;
     if (kiln_point_whole(surface, at->point) && part == NULL) {

@@ -137,13 +137,13 @@ void kiln_footprint_prepare(struct kiln_footprint *footprint, const struct kiln_
                             const struct kiln_geometry *geometry, const struct kiln_surface *surface,
                             const struct kiln_point_cursor *at);
 
-/* Clips a triangle to the footprint; kiln_part_clip clips a polygon in the footprint to a part of a divided texel. Both
- * return the number of corners, below 3 if nothing is left. The outline is moved inwards by the rounding error of
+/* Clips a triangle to the footprint; kiln_subtexel_clip clips a polygon in the footprint to a part of a divided texel.
+ * Both return the number of corners, below 3 if nothing is left. The outline is moved inwards by the rounding error of
  * positions. */
 uint32_t kiln_footprint_clip(const struct kiln_footprint *footprint, uint32_t triangle,
                              struct kiln_clip_corner polygon[KILN_CLIP_CORNERS]);
-uint32_t kiln_part_clip(const struct kiln_divided_texel *texel, uint32_t part,
-                        struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t corners);
+uint32_t kiln_subtexel_clip(const struct kiln_divided_texel *texel, uint32_t part,
+                            struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], uint32_t corners);
 
 /* Whether the surface in a texel, of `area` m2, is so small that rounding moves places across its edge: the end of a
  * surface that continues in other texels. `triangle`: its largest triangle. No light is gathered there. */

@@ -4,7 +4,7 @@
 
 #include "worker/base/memory.h"
 
-const struct kiln_texel_part *kiln_surface_part(const struct kiln_surface *s, struct kiln_global_point point)
+const struct kiln_subtexel *kiln_surface_subtexel(const struct kiln_surface *s, struct kiln_global_point point)
 {
     uint64_t low = 0, high = s->part_count;
     while (low < high) {

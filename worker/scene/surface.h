@@ -69,7 +69,7 @@ struct kiln_split_tile_run {
  * within `margin` of a line between two parts belongs to none, since rounding decides on which side of the wall a ray
  * hits. Samples of a part come from a convex set of its cells, at least `margin` away from its lines. */
 struct kiln_divided_texel {
-    struct kiln_global_point part[KILN_TEXEL_PARTS]; /* point of each part; KILN_NO_POINT: no such part */
+    struct kiln_global_point part[KILN_SUBTEXELS]; /* point of each part; KILN_NO_POINT: no such part */
     float lines[KILN_CUT_FLOATS];
     float margin; /* in sides of the texel */
     uint32_t line_count;
@@ -90,14 +90,14 @@ static inline float kiln_divided_shown_y(const struct kiln_divided_texel *t)
 {
     return (float)(t->shown >> 20) / 4095.0f;
 }
-/* Part of the cell that contains the place (x, y), which may lie outside the texel; KILN_PART_NONE: none. The margin is
- * ignored. */
-static inline uint32_t kiln_divided_part(const struct kiln_divided_texel *texel, float x, float y)
+/* Part of the cell that contains the place (x, y), which may lie outside the texel; KILN_SUBTEXEL_NONE: none. The
+ * margin is ignored. */
+static inline uint32_t kiln_divided_subtexel(const struct kiln_divided_texel *texel, float x, float y)
 {
     uint32_t code = 0;
     for (uint32_t i = 0; i < texel->line_count; i++)
         code |= (uint32_t)(texel->lines[3 * i] * x + texel->lines[3 * i + 1] * y > texel->lines[3 * i + 2]) << i;
-    return kiln_cut_part(texel->codes[0], texel->codes[1], code);
+    return kiln_cut_subtexel(texel->codes[0], texel->codes[1], code);
 }
 /* Point at the place (x, y) of the texel; KILN_NO_POINT within the margin and in cells without a part. */
 static inline struct kiln_global_point kiln_divided_choose(const struct kiln_divided_texel *texel, float x, float y)
@@ -106,8 +106,8 @@ static inline struct kiln_global_point kiln_divided_choose(const struct kiln_div
     for (uint32_t i = 0; i < texel->line_count; i++)
         kiln_cut_add(texel->lines[3 * i] * x + texel->lines[3 * i + 1] * y - texel->lines[3 * i + 2], texel->margin, i,
                      &sure, &perhaps);
-    const uint32_t part = kiln_cut_part(texel->codes[0], texel->codes[1], sure);
-    return part < KILN_TEXEL_PARTS && part == kiln_cut_part(texel->codes[0], texel->codes[1], perhaps)
+    const uint32_t part = kiln_cut_subtexel(texel->codes[0], texel->codes[1], sure);
+    return part < KILN_SUBTEXELS && part == kiln_cut_subtexel(texel->codes[0], texel->codes[1], perhaps)
                ? texel->part[part]
                : (struct kiln_global_point){KILN_NO_POINT};
 }
@@ -122,7 +122,7 @@ static inline void kiln_neighbour_texel(uint32_t k, int step[2])
 }
 
 /* Table entry to find a part of a divided texel by its point. */
-struct kiln_texel_part {
+struct kiln_subtexel {
     struct kiln_global_point point;
     uint64_t divided; /* index in `divided` */
     uint32_t part, reserved;
@@ -167,7 +167,7 @@ struct kiln_surface {
     uint64_t divided_count;
     struct kiln_divided_texel *divided; /* by point of subtexel 0 */
     uint64_t part_count;
-    struct kiln_texel_part *parts; /* of all divided texels, by point */
+    struct kiln_subtexel *parts; /* of all divided texels, by point */
     /* octrees: the place of each tile's brick (kiln_brick_place), and the hash table; NULL with lightmaps */
     uint64_t *bricks;
     struct kiln_brick_slot *slots;
@@ -303,7 +303,7 @@ static inline const struct kiln_brick_slot *kiln_brick_slot(const struct kiln_su
 }
 
 /* Finds the divided texel and part of a point; NULL: its texel is not divided. */
-const struct kiln_texel_part *kiln_surface_part(const struct kiln_surface *s, struct kiln_global_point point);
+const struct kiln_subtexel *kiln_surface_subtexel(const struct kiln_surface *s, struct kiln_global_point point);
 
 /* Subtracts the unlit area of divided texels from `visible` of this rank's points. Call once, after the validity pass.
  * Valid points stay valid. */

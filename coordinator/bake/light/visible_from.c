@@ -139,7 +139,7 @@ static void mark_tile(struct search *s, uint64_t tile, uint32_t bit, uint8_t val
         s->hit[tile] |= 1ull << bit;
 }
 
-/* The part of its texel that a hit lies on; KILN_TEXEL_PARTS: none. Views show part 0. */
+/* The part of its texel that a hit lies on; KILN_SUBTEXELS: none. Views show part 0. */
 static uint32_t part_of_hit(const struct search *s, const struct kiln_hit *hit, bool back, uint8_t value)
 {
     const struct kiln_store store = {s->p->surface, s->p->geometry};
@@ -148,8 +148,8 @@ static uint32_t part_of_hit(const struct search *s, const struct kiln_hit *hit, 
     const struct kiln_global_point point = s->p->surface->bricks != NULL
                                                ? kiln_octree_find(&store, hit->triangle, hit->u, hit->v, back)
                                                : kiln_store_find(&store, hit->triangle, hit->u, hit->v, back);
-    const struct kiln_texel_part *part = point.at != KILN_NO_POINT ? kiln_surface_part(s->p->surface, point) : NULL;
-    return point.at == KILN_NO_POINT ? KILN_TEXEL_PARTS : part != NULL ? part->part : 0;
+    const struct kiln_subtexel *part = point.at != KILN_NO_POINT ? kiln_surface_subtexel(s->p->surface, point) : NULL;
+    return point.at == KILN_NO_POINT ? KILN_SUBTEXELS : part != NULL ? part->part : 0;
 }
 
 /* Marks a tile in the lightmap that holds the given part of divided texels. */
@@ -157,7 +157,7 @@ static void mark_part(struct search *s, uint32_t map, uint32_t part, uint32_t ti
 {
     const struct kiln_surface *surface = s->p->surface;
     const uint32_t m = map + part * surface->whole_maps;
-    if (part < KILN_TEXEL_PARTS && m < surface->map_count && surface->lightmaps[m].tiles_x > 0)
+    if (part < KILN_SUBTEXELS && m < surface->map_count && surface->lightmaps[m].tiles_x > 0)
         mark_tile(s, surface->lightmaps[m].tile_first + tile, bit, value);
 }
 

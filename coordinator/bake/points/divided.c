@@ -52,7 +52,7 @@ struct candidate {
     float borders[KILN_CUT_FLOATS]; /* lines of walls along its borders: the texel lies where a x + b y <= c */
     uint32_t border_count;
     struct kiln_divided_texel texel;
-    struct kiln_texel_parts parts;
+    struct kiln_subtexels parts;
     bool crossed;      /* a wall crosses its sides; always true for a texel that is covered in part */
     bool shown_chosen; /* subtexel 0 is the one to show */
 };
@@ -68,9 +68,9 @@ struct search {
     double far;             /* m: more than the scene is wide */
     struct candidate *some; /* list of up to CHUNK_TEXELS candidates, and its length */
     size_t some_count;
-    struct kiln_parted_texel *texels; /* what has been found */
+    struct kiln_subtexel_set *texels; /* what has been found */
     size_t texel_count, texel_room;
-    struct kiln_parted_piece *pieces;
+    struct kiln_subtexel_piece *pieces;
     size_t piece_count, piece_room;
 };
 
@@ -519,7 +519,7 @@ static void drop_joined(struct search *s)
 static void make_parts(const struct search *s, struct candidate *c)
 {
     const struct kiln_texel_pieces pieces = pieces_of(s, &c->at);
-    kiln_texel_parts_make(&c->cells, &pieces, c->margin, c->borders, c->border_count, &c->texel, &c->parts);
+    kiln_subtexels_make(&c->cells, &pieces, c->margin, c->borders, c->border_count, &c->texel, &c->parts);
 }
 
 static void make_all_parts(struct search *s)
@@ -550,7 +550,7 @@ static void way_of(int k, double way[2])
 enum { VIEWS = KILN_CELLS_MOST + KILN_NEIGHBOUR_TEXELS };
 static uint32_t part_of_cell(const struct candidate *c, uint32_t cell)
 {
-    return kiln_cut_part(c->texel.codes[0], c->texel.codes[1], c->cells.cell[cell].code);
+    return kiln_cut_subtexel(c->texel.codes[0], c->texel.codes[1], c->cells.cell[cell].code);
 }
 
 static bool view_of(const struct search *s, const struct candidate *c, uint32_t i, double from[2])
@@ -565,7 +565,7 @@ static bool view_of(const struct search *s, const struct candidate *c, uint32_t 
     kiln_neighbour_texel(i - KILN_CELLS_MOST, step);
     from[0] = 0.5 + step[0];
     from[1] = 0.5 + step[1];
-    return c->shown_chosen && kiln_divided_part(&c->texel, (float)from[0], (float)from[1]) != 0 &&
+    return c->shown_chosen && kiln_divided_subtexel(&c->texel, (float)from[0], (float)from[1]) != 0 &&
            neighbour(s->surface, &c->at, step).at != KILN_NO_POINT;
 }
 
@@ -713,7 +713,7 @@ static struct seen seen_of_part(const struct candidate *c, uint32_t part, const 
 /* Chooses the part to show: the largest one that no other part's view beats. Parts are sorted by falling area. */
 static void choose_shown(struct candidate *c, const struct seen seen[VIEWS], const bool there[VIEWS])
 {
-    struct seen of[KILN_TEXEL_PARTS];
+    struct seen of[KILN_SUBTEXELS];
     uint32_t shown = 0;
     for (uint32_t k = 0; k < c->parts.count; k++)
         of[k] = seen_of_part(c, k, seen, there);
@@ -722,7 +722,7 @@ static void choose_shown(struct candidate *c, const struct seen seen[VIEWS], con
         for (uint32_t k = 0; k < c->parts.count; k++)
             less = less || is_less(of[shown], of[k]);
     }
-    kiln_texel_parts_show(&c->texel, &c->parts, shown);
+    kiln_subtexels_show(&c->texel, &c->parts, shown);
 }
 
 /* Marks the neighbours that may be rims beside the subtexel that is shown. */
@@ -828,14 +828,14 @@ static int keep_pieces(struct search *s, const struct candidate *c, struct kiln_
     const struct kiln_texel_pieces pieces = pieces_of(s, &c->at);
     for (uint32_t part = 0; part < c->parts.count; part++)
         for (uint32_t i = 0; i < pieces.count; i++) {
-            const double area = kiln_texel_part_area(&c->texel, part, &pieces, pieces.triangles[i]);
+            const double area = kiln_subtexel_area(&c->texel, part, &pieces, pieces.triangles[i]);
             if (!(area > 0.0))
                 continue;
             const int status =
                 kiln_grow(&s->pieces, &s->piece_room, s->piece_count + 1, sizeof *s->pieces, "divided texels", error);
             if (status != KILN_OK)
                 return status;
-            s->pieces[s->piece_count++] = (struct kiln_parted_piece){
+            s->pieces[s->piece_count++] = (struct kiln_subtexel_piece){
                 .point = c->texel.part[0].at, .part = part, .triangle = pieces.triangles[i], .area = area};
         }
     return KILN_OK;
@@ -850,11 +850,11 @@ static int keep(struct search *s, struct candidate *c, struct kiln_error *error)
         kiln_grow(&s->texels, &s->texel_room, s->texel_count + 1, sizeof *s->texels, "divided texels", error);
     if (status != KILN_OK)
         return status;
-    struct kiln_parted_texel *t = &s->texels[s->texel_count++];
+    struct kiln_subtexel_set *t = &s->texels[s->texel_count++];
     c->texel.part[0] = kiln_global_of_own(surface, c->at.point);
     c->texel.tile = map->tile_first + run->tile;
     c->texel.bit = kiln_morton8(c->at.x % KILN_TILE_SIDE, c->at.y % KILN_TILE_SIDE);
-    *t = (struct kiln_parted_texel){
+    *t = (struct kiln_subtexel_set){
         .divided = c->texel, .count = c->parts.count, .map = run->map, .tile = run->tile, .cell = run->cell};
     for (uint32_t k = 0; k < c->parts.count; k++)
         t->area[k] = (float)c->parts.area[k];
@@ -1107,7 +1107,7 @@ int kiln_divide_texels(struct kiln_surface *surface, const struct kiln_scene *sc
     status = gather(&s, status, &s.texels, &s.texel_count, sizeof *s.texels, error);
     status = gather(&s, status, &s.pieces, &s.piece_count, sizeof *s.pieces, error);
     if (status == KILN_OK)
-        status = kiln_surface_add_parts(surface, s.texels, s.texel_count, s.pieces, s.piece_count, error);
+        status = kiln_surface_add_subtexels(surface, s.texels, s.texel_count, s.pieces, s.piece_count, error);
     if (exchange != NULL)
         status = exchange->agree(exchange->context, status, error);
     kiln_free(&s.texels);

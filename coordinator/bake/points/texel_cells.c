@@ -213,20 +213,21 @@ static void set_code(struct kiln_divided_texel *texel, uint32_t code, uint32_t p
     *word = (*word & ~(15u << code % 8 * 4)) | part << code % 8 * 4;
 }
 
-double kiln_texel_part_area(const struct kiln_divided_texel *texel, uint32_t part,
-                            const struct kiln_texel_pieces *pieces, uint32_t triangle)
+double kiln_subtexel_area(const struct kiln_divided_texel *texel, uint32_t part, const struct kiln_texel_pieces *pieces,
+                          uint32_t triangle)
 {
     struct kiln_clip_corner polygon[KILN_CLIP_CORNERS], middle;
     struct kiln_texel_triangle local;
     kiln_texel_triangle(pieces->scene, pieces->geometry, triangle, pieces->place, &local);
-    const uint32_t corners = kiln_part_clip(texel, part, polygon, kiln_texel_clip(&local, 0.0, 0.0, 1.0, 1.0, polygon));
+    const uint32_t corners =
+        kiln_subtexel_clip(texel, part, polygon, kiln_texel_clip(&local, 0.0, 0.0, 1.0, 1.0, polygon));
     return area_of(pieces, triangle, polygon, corners, &middle);
 }
 
 static bool has_room(const struct kiln_divided_texel *texel, uint32_t part, const struct kiln_texel_pieces *pieces)
 {
     for (uint32_t i = 0; i < pieces->count; i++) {
-        const double area = kiln_texel_part_area(texel, part, pieces, pieces->triangles[i]);
+        const double area = kiln_subtexel_area(texel, part, pieces, pieces->triangles[i]);
         if (area > 0.0 &&
             !kiln_texel_is_sliver(pieces->scene, pieces->geometry, pieces->triangles[i], pieces->place, area))
             return true;
@@ -236,7 +237,7 @@ static bool has_room(const struct kiln_divided_texel *texel, uint32_t part, cons
 
 static void add_part(const struct kiln_texel_cells *cells, const struct group *group,
                      const struct kiln_texel_pieces *pieces, struct kiln_divided_texel *texel,
-                     struct kiln_texel_parts *parts)
+                     struct kiln_subtexels *parts)
 {
     const uint32_t part = parts->count;
     const uint32_t before = texel->sides;
@@ -263,7 +264,7 @@ static void fill_codes(const struct kiln_texel_cells *cells, struct kiln_divided
         for (uint32_t i = 0; i < cells->line_count && (there >> code & 1) == 0; i++) {
             const uint32_t beside = code ^ 1u << i;
             if ((there >> beside & 1) != 0)
-                set_code(texel, code, kiln_cut_part(texel->codes[0], texel->codes[1], beside));
+                set_code(texel, code, kiln_cut_subtexel(texel->codes[0], texel->codes[1], beside));
         }
 }
 
@@ -280,30 +281,30 @@ static void add_borders(const float *borders, uint32_t count, struct kiln_divide
 {
     for (uint32_t i = 0; i < count && texel->line_count < KILN_CUT_LINES; i++) {
         memcpy(&texel->lines[3 * texel->line_count], &borders[3 * i], 3 * sizeof *borders);
-        for (uint32_t k = 0; k < KILN_TEXEL_PARTS; k++)
+        for (uint32_t k = 0; k < KILN_SUBTEXELS; k++)
             texel->sides |= 1u << texel->line_count << 8 * k;
         texel->line_count++;
     }
 }
 
-void kiln_texel_parts_make(const struct kiln_texel_cells *cells, const struct kiln_texel_pieces *pieces, double margin,
-                           const float *borders, uint32_t border_count, struct kiln_divided_texel *texel,
-                           struct kiln_texel_parts *parts)
+void kiln_subtexels_make(const struct kiln_texel_cells *cells, const struct kiln_texel_pieces *pieces, double margin,
+                         const float *borders, uint32_t border_count, struct kiln_divided_texel *texel,
+                         struct kiln_subtexels *parts)
 {
     struct group groups[KILN_CELLS_MOST];
     const uint32_t count = find_groups(cells, groups);
     double total = 0.0;
-    *parts = (struct kiln_texel_parts){0};
+    *parts = (struct kiln_subtexels){0};
     if (count == 0 || (count == 1 && border_count == 0 && !any_buried(cells)))
         return;
-    for (int k = 0; k < KILN_TEXEL_PARTS; k++)
+    for (int k = 0; k < KILN_SUBTEXELS; k++)
         texel->part[k].at = KILN_NO_POINT;
     memcpy(texel->lines, cells->lines, sizeof texel->lines);
     texel->line_count = cells->line_count;
     texel->margin = (float)margin;
     texel->codes[0] = texel->codes[1] = 0xffffffffu;
     texel->sides = 0;
-    for (uint32_t g = 0; g < count && parts->count < KILN_TEXEL_PARTS; g++)
+    for (uint32_t g = 0; g < count && parts->count < KILN_SUBTEXELS; g++)
         add_part(cells, &groups[g], pieces, texel, parts);
     fill_codes(cells, texel);
     add_borders(borders, border_count, texel);
@@ -314,15 +315,15 @@ void kiln_texel_parts_make(const struct kiln_texel_cells *cells, const struct ki
     texel->within = (float)fmax(total, 0.0);
 }
 
-void kiln_texel_parts_show(struct kiln_divided_texel *texel, struct kiln_texel_parts *parts, uint32_t part)
+void kiln_subtexels_show(struct kiln_divided_texel *texel, struct kiln_subtexels *parts, uint32_t part)
 {
     const uint32_t first = texel->sides & 0xffu, other = texel->sides >> 8 * part & 0xffu;
-    const struct kiln_texel_parts before = *parts;
+    const struct kiln_subtexels before = *parts;
     if (part == 0)
         return;
     texel->sides = (texel->sides & ~(0xffu | 0xffu << 8 * part)) | other | first << 8 * part;
     for (uint32_t code = 0; code < 1u << texel->line_count; code++) {
-        const uint32_t of = kiln_cut_part(texel->codes[0], texel->codes[1], code);
+        const uint32_t of = kiln_cut_subtexel(texel->codes[0], texel->codes[1], code);
         if (of == 0 || of == part)
             set_code(texel, code, of == 0 ? part : 0);
     }

@@ -45,25 +45,25 @@ bool kiln_texel_cells_pair(const struct kiln_texel_cells *cells, uint32_t k, uin
 void kiln_texel_cells_join(struct kiln_texel_cells *cells, uint32_t first, uint32_t second);
 
 /* Parts of a texel, by area: groups of joined cells, without buried cells. */
-struct kiln_texel_parts {
+struct kiln_subtexels {
     uint32_t count;
-    double area[KILN_TEXEL_PARTS];      /* m2 */
-    double centre[KILN_TEXEL_PARTS][2]; /* of its largest cell */
+    double area[KILN_SUBTEXELS];      /* m2 */
+    double centre[KILN_SUBTEXELS][2]; /* of its largest cell */
 };
 
 /* Makes the parts of a texel and fills in lines, margin, codes, sides and `within` of `texel`. `margin`: in sides of
- * the texel. Parts thinner than the margin are left out, and so are the smallest beyond KILN_TEXEL_PARTS. `borders`:
+ * the texel. Parts thinner than the margin are left out, and so are the smallest beyond KILN_SUBTEXELS. `borders`:
  * lines along the texel's sides on which walls stand, with the texel at a x + b y <= c; they are added while there is
  * room. Makes no parts if there is no such line and light reaches all of the texel: the texel is whole. */
-void kiln_texel_parts_make(const struct kiln_texel_cells *cells, const struct kiln_texel_pieces *pieces, double margin,
-                           const float *borders, uint32_t border_count, struct kiln_divided_texel *texel,
-                           struct kiln_texel_parts *parts);
+void kiln_subtexels_make(const struct kiln_texel_cells *cells, const struct kiln_texel_pieces *pieces, double margin,
+                         const float *borders, uint32_t border_count, struct kiln_divided_texel *texel,
+                         struct kiln_subtexels *parts);
 
 /* Exchanges part 0 and part `part`. */
-void kiln_texel_parts_show(struct kiln_divided_texel *texel, struct kiln_texel_parts *parts, uint32_t part);
+void kiln_subtexels_show(struct kiln_divided_texel *texel, struct kiln_subtexels *parts, uint32_t part);
 
 /* Area of the region of a triangle from which samples of a part are drawn, m2. */
-double kiln_texel_part_area(const struct kiln_divided_texel *texel, uint32_t part,
-                            const struct kiln_texel_pieces *pieces, uint32_t triangle);
+double kiln_subtexel_area(const struct kiln_divided_texel *texel, uint32_t part, const struct kiln_texel_pieces *pieces,
+                          uint32_t triangle);
 
 #endif

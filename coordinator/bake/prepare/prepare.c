@@ -345,7 +345,7 @@ static bool share_array(struct kiln_prepared *p, void *pointer, size_t count, si
 {
     void *own, *block;
     memcpy(&own, pointer, sizeof own);
-    if (kiln_node_block(p->node, &block, count, size, what, NULL) != KILN_OK)
+    if (kiln_node_region(p->node, &block, count, size, what, NULL) != KILN_OK)
         return false;
     if (kiln_node_rank(p->node) == 0)
         memcpy(block, own, count * size);

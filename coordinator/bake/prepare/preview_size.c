@@ -16,7 +16,7 @@ uint64_t kiln_preview_pixels(const struct kiln_job *j, const struct kiln_scene *
     return pixels > PIXELS_LEAST ? pixels : PIXELS_LEAST;
 }
 
-double kiln_preview_part(const struct kiln_job *job, const struct kiln_scene *scene, double points)
+double kiln_preview_share(const struct kiln_job *job, const struct kiln_scene *scene, double points)
 {
     return fmin((double)kiln_preview_pixels(job, scene, points) / PIXELS_FULL, 1.0);
 }

@@ -13,6 +13,6 @@
 uint64_t kiln_preview_pixels(const struct kiln_job *job, const struct kiln_scene *scene, double points);
 
 /* kiln_preview_pixels divided by the pixels of an unlimited preview, at most 1. */
-double kiln_preview_part(const struct kiln_job *job, const struct kiln_scene *scene, double points);
+double kiln_preview_share(const struct kiln_job *job, const struct kiln_scene *scene, double points);
 
 #endif

@@ -46,7 +46,7 @@ uint64_t kiln_largest_lightmap(const struct kiln_scene *scene)
 /* Bytes of a preview, except those for its lightmaps. */
 static double preview_bytes(const struct kiln_job *job, const struct kiln_scene *scene, double points)
 {
-    return PREVIEW_BYTES + PREVIEW_PICTURE * kiln_preview_part(job, scene, points) +
+    return PREVIEW_BYTES + PREVIEW_PICTURE * kiln_preview_share(job, scene, points) +
            (scene->taken != NULL ? PREVIEW_GLOSS : 0.0);
 }
 

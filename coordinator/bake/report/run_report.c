@@ -884,8 +884,8 @@ static void add_points(json_t *root, const struct kiln_run *run, json_t *error_r
         root, "points",
         json_pack("{s:I, s:I, s:o, s:I, s:I, s:f, s:f, s:f, s:f}", "count", (json_int_t)p->surface_report.points,
                   "texels", (json_int_t)p->surface_report.texels, "invalid", invalid_json(run, values), "shared",
-                  (json_int_t)p->surface_report.shared_texels, "divided", (json_int_t)p->surface->divided_count, "area",
-                  p->surface_report.area, "geometry_area", p->surface_report.geometry_area, "doubled_area",
+                  (json_int_t)p->surface_report.overlapped_texels, "divided", (json_int_t)p->surface->divided_count,
+                  "area", p->surface_report.area, "geometry_area", p->surface_report.geometry_area, "doubled_area",
                   p->geometry->doubled_area, "worst_object_area_error", p->surface_report.worst_object_area_error));
     if (run->job->light.only_visible_from != NULL) {
         /* lamps light surfaces that have no points in this bake */

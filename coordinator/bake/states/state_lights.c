@@ -16,7 +16,7 @@
 
 /* Number of samples that direct light given as a mean claims to have. It is a power of two, so that a mean is exact; it
  * is too small for a pilot step; and each part of a bake in parts still has quarters of it. */
-enum { GIVEN_SAMPLES = 16, KEPT_MOST = 64, PARTS_MOST = 2 * KILN_STATE_PARTS, STEPS_MOST = KILN_PARTS };
+enum { GIVEN_SAMPLES = 16, KEPT_MOST = 64, PARTS_MOST = 2 * KILN_STATE_TERMS, STEPS_MOST = KILN_PARTS };
 
 /* The direct light of some elements. */
 struct kept {
@@ -40,7 +40,7 @@ struct mix {
     size_t count;
     bool same;
     struct part parts[PARTS_MOST];
-    struct kiln_held_part held[PARTS_MOST]; /* the same, for a device */
+    struct kiln_held_term held[PARTS_MOST]; /* the same, for a device */
 };
 
 struct kiln_state_lights {
@@ -433,7 +433,7 @@ static int find_parts(struct kiln_state_lights *l, const struct kiln_state_scene
         if (status != KILN_OK)
             break;
         add_emission(&m->emission, part);
-        m->held[i] = (struct kiln_held_part){.key = key, .answers = part->kept->answers[0]};
+        m->held[i] = (struct kiln_held_term){.key = key, .answers = part->kept->answers[0]};
         memcpy(m->held[i].factor, part->factor, sizeof part->factor);
     }
     return status;
@@ -542,13 +542,13 @@ void kiln_state_lights_counts(const struct kiln_state_lights *l, uint64_t *trace
         *bytes += (uint64_t)l->kept[i]->steps * l->bake->prepared->surface->count * sizeof(struct kiln_direct_answer);
 }
 
-/* The base scene's elements that emit, in up to KILN_STATE_PARTS parts of about as many. */
+/* The base scene's elements that emit, in up to KILN_STATE_TERMS parts of about as many. */
 static void number_parts(struct kiln_state_lights *l)
 {
     size_t number = 0;
     for (size_t i = 0; i < l->elements; i++)
         l->emitting += emits(l, l->base, i);
-    const size_t each = (l->emitting + KILN_STATE_PARTS - 1) / KILN_STATE_PARTS;
+    const size_t each = (l->emitting + KILN_STATE_TERMS - 1) / KILN_STATE_TERMS;
     for (size_t i = 0; i < l->elements; i++)
         l->part_of[i] = emits(l, l->base, i) ? (uint32_t)(number++ / each) : KILN_NONE;
 }

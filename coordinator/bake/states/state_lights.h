@@ -1,7 +1,7 @@
 /* Lights of a state (kiln relight --states, --listen), and a cache of the direct light of parts of them.
  *
  * The elements of a scene are its sources of light: each light, each emitting material, the environment. Up to
- * KILN_STATE_PARTS elements are a part each; if there are more, each part has several. The direct light of each part is
+ * KILN_STATE_TERMS elements are a part each; if there are more, each part has several. The direct light of each part is
  * traced once, alone, with all samples of the bake. A state's direct light is the sum of the direct light of its parts,
  * scaled by channel. If the elements of a part change differently, those that change alike form a part of their own,
  * for that state. An element that is moved, turned or new has no kept light to scale: it is traced. So the parts of a
@@ -14,7 +14,7 @@
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/integrate/relight/states.h"
 
-enum { KILN_STATE_PARTS = 16 };
+enum { KILN_STATE_TERMS = 16 };
 
 /* Lights, materials and environment of a state: modified copies of the scene's arrays. */
 struct kiln_state_scene {

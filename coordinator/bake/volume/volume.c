@@ -130,9 +130,9 @@ end:
             w->done[i] = KILN_PROBE_TO_DO;
         w->finished += w->done[i] != KILN_PROBE_TO_DO;
     }
-    for (size_t part = (size_t)rank; status == KILN_OK && part < kiln_checkpoint_parts(c); part += (size_t)ranks) {
+    for (size_t part = (size_t)rank; status == KILN_OK && part < kiln_checkpoint_files(c); part += (size_t)ranks) {
         uint64_t *rays = NULL, one = 0;
-        status = kiln_checkpoint_read_part(c, part, "probe_rays", sizeof *rays, &rays, &one, error);
+        status = kiln_checkpoint_read_file(c, part, "probe_rays", sizeof *rays, &rays, &one, error);
         *w->rays += one > 0 ? *rays : 0;
         kiln_free(&rays);
     }
@@ -143,7 +143,7 @@ end:
 static int save(const struct volume_work *w, bool stop, struct kiln_error *error)
 {
     const uint64_t first = w->volume->first, count = w->volume->count;
-    const struct kiln_block blocks[] = {
+    const struct kiln_array_range blocks[] = {
         {"probes", first, count, sizeof *w->probes, w->probes},
         {"probe_occluders", first, count, sizeof *w->occluders, w->occluders},
         {"probe_places", first, count, sizeof *w->places, w->places},

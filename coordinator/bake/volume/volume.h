@@ -10,7 +10,7 @@
 
 /* Collective. Writes a checkpoint of the light on the surfaces and of these arrays of probes. With `stop`, returns
  * KILN_STOPPED afterwards. */
-typedef int (*kiln_volume_save)(void *context, const struct kiln_block *blocks, size_t count, bool stop,
+typedef int (*kiln_volume_save)(void *context, const struct kiln_array_range *blocks, size_t count, bool stop,
                                 struct kiln_error *error);
 
 struct kiln_volume_params {

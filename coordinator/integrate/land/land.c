@@ -124,10 +124,10 @@ static void find_lit(const struct kiln_landing *l)
 }
 
 /* Paths of a batch, at most. */
-static uint64_t most_of_block(const struct kiln_landing *l)
+static uint64_t most_of_batch(const struct kiln_landing *l)
 {
     const uint64_t pilots = kiln_landing_pilot_paths(l), most = l->photons > pilots ? l->photons : pilots;
-    return most < KILN_LAND_BLOCK ? most : KILN_LAND_BLOCK;
+    return most < KILN_LAND_BATCH ? most : KILN_LAND_BATCH;
 }
 
 /* Collective. */
@@ -146,7 +146,7 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
         find_lit(l);
     if (status == KILN_OK)
         status = kiln_land_exchange_create(&l->exchange, l->params->communicator, l->params->node, own->first.at,
-                                           own->count, most_of_block(l), l->params->settings->exchange_limit, error);
+                                           own->count, most_of_batch(l), l->params->settings->exchange_limit, error);
     l->landing_weights = (struct kiln_landing_weights){
         .mis = l->techniques.mis, .rays = (double)kiln_landing_own_rays(l), .area = l->lit};
     l->solution->report.landing.rays = kiln_landing_gathers(l) ? kiln_landing_own_rays(l) : 0;

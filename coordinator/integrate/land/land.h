@@ -3,7 +3,7 @@
  *
  * A step has a number of iterations of `photons` paths each. Path i depends only on the seed, on i and on the aims of
  * its iteration; no two steps of a bake share a number. The paths of an iteration are cut into batches of
- * KILN_LAND_BLOCK; each rank traces an equal part of a block. Landings are sent to the ranks that own the points, at
+ * KILN_LAND_BATCH; each rank traces an equal part of a block. Landings are sent to the ranks that own the points, at
  * most 32 bytes a path, sorted there by stretches of points, which threads share, and summed in the order of the paths.
  * After an iteration the aims are corrected. The flux that lands by an aim has a second moment m, which is the same for
  * any ranks, since it is summed in integers. Shares of paths proportional to the root of m minimise the sum of the
@@ -53,7 +53,7 @@
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/integrate/run/save.h"
 
-enum { KILN_LAND_BLOCK = 1 << 22 };
+enum { KILN_LAND_BATCH = 1 << 22 };
 
 struct kiln_landing;
 
@@ -89,8 +89,8 @@ int kiln_landing_run(struct kiln_landing *landing, struct kiln_error *error);
 
 /* Fills in the blocks of a checkpoint within the step, which borrow, and returns their number. There are none outside a
  * landing step, and none during pilots, which a resumed bake traces again. */
-enum { KILN_LANDING_BLOCKS = 6 };
-size_t kiln_landing_blocks(struct kiln_landing *landing, struct kiln_block blocks[KILN_LANDING_BLOCKS]);
+enum { KILN_LANDING_ARRAYS = 6 };
+size_t kiln_landing_arrays(struct kiln_landing *landing, struct kiln_array_range blocks[KILN_LANDING_ARRAYS]);
 
 /* The step is over: frees what it needed. */
 void kiln_landing_end(struct kiln_landing *landing);

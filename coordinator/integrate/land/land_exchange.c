@@ -25,7 +25,7 @@ struct part {
 
 static struct part part_of(const struct kiln_land_exchange *e, int rank)
 {
-    char *at = kiln_node_part(e->parts, rank);
+    char *at = kiln_rank_region(e->parts, rank);
     const size_t records = e->room * sizeof *e->records, order = e->room * sizeof(uint32_t);
     return (struct part){.records = (struct kiln_landing_record *)(void *)at,
                          .order = (uint32_t *)(void *)(at + records),
@@ -39,7 +39,7 @@ static int share(struct kiln_land_exchange *e, struct kiln_node_memory *node, ui
     e->room = (size_t)(paths / (uint64_t)e->ranks) + 1;
     const uint64_t bytes =
         e->room * (sizeof *e->records + sizeof(uint32_t)) + (e->stretch[e->ranks] + 1) * sizeof(uint32_t);
-    if (kiln_node_parts_create(&e->parts, node, bytes, "the landings of light paths", NULL) != KILN_OK) {
+    if (kiln_rank_regions_create(&e->parts, node, bytes, "the landings of light paths", NULL) != KILN_OK) {
         e->room = 0;
         return KILN_OK;
     }
@@ -99,7 +99,7 @@ void kiln_land_exchange_release(struct kiln_land_exchange *e)
     if (e->parts == NULL)
         kiln_free(&e->records);
     e->records = NULL;
-    kiln_node_parts_destroy(&e->parts);
+    kiln_rank_regions_destroy(&e->parts);
     kiln_free(&e->first);
     kiln_free(&e->stretch);
     kiln_exchange_release(&e->exchange);

@@ -45,7 +45,7 @@ struct kiln_land_exchange {
     uint64_t *stretch;                   /* ranks + 1: number of the first stretch of a rank, counted over all ranks */
     struct kiln_exchange exchange;       /* of records that are sent */
     struct kiln_node_memory *node;       /* the node, if it has all ranks */
-    struct kiln_node_parts *parts;       /* parts of its ranks, in order; NULL: records are sent */
+    struct kiln_rank_regions *parts;     /* parts of its ranks, in order; NULL: records are sent */
     struct kiln_landing_record *records; /* records of the block, in path order; in the own part */
     uint32_t *bin_of; /* for each record: the rank that owns its point, if it is to be sent; else the stretch */
     int shift;        /* 2^shift points are a stretch */

@@ -164,12 +164,12 @@ uint64_t kiln_landing_at_once(const struct kiln_landing *l, uint64_t of_the_host
 static uint64_t paths_at_once(const struct kiln_landing *l)
 {
     const uint64_t least = kiln_landing_at_once(l, BATCH_PATHS);
-    const double some = fmin(HANDED_SECONDS * l->speed, (double)KILN_LAND_BLOCK);
+    const double some = fmin(HANDED_SECONDS * l->speed, (double)KILN_LAND_BATCH);
     return least > BATCH_PATHS && some > (double)least ? (uint64_t)some : least;
 }
 
 /* Collective. Traces this rank's part of the batch of paths [first, first + count). */
-static int trace_block(struct kiln_landing *l, uint64_t first, uint64_t count, struct kiln_error *error)
+static int trace_batch(struct kiln_landing *l, uint64_t first, uint64_t count, struct kiln_error *error)
 {
     const uint64_t rank = (uint64_t)l->params->rank, ranks = (uint64_t)l->params->ranks,
                    begin = first + count * rank / ranks, end = first + count * (rank + 1) / ranks;
@@ -188,8 +188,8 @@ int kiln_landing_run_paths(struct kiln_landing *l, uint64_t number, uint64_t bef
     const uint64_t paths = l->aims->paths;
     int status = KILN_OK;
     while (l->done < paths && status == KILN_OK) {
-        const uint64_t count = paths - l->done < KILN_LAND_BLOCK ? paths - l->done : KILN_LAND_BLOCK;
-        status = trace_block(l, number * paths + l->done, count, error);
+        const uint64_t count = paths - l->done < KILN_LAND_BATCH ? paths - l->done : KILN_LAND_BATCH;
+        status = trace_batch(l, number * paths + l->done, count, error);
         const double start = MPI_Wtime();
         kiln_control_blocking(l->params->control, "exchanging landings of light", 0.0);
         if (status == KILN_OK)

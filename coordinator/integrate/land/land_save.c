@@ -5,7 +5,7 @@
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
-size_t kiln_landing_blocks(struct kiln_landing *l, struct kiln_block blocks[KILN_LANDING_BLOCKS])
+size_t kiln_landing_arrays(struct kiln_landing *l, struct kiln_array_range blocks[KILN_LANDING_ARRAYS])
 {
     const struct kiln_surface *own = &l->solution->own->surface;
     const uint64_t first = own->first.at, aims = l->aims->count;
@@ -19,14 +19,15 @@ size_t kiln_landing_blocks(struct kiln_landing *l, struct kiln_block blocks[KILN
                                             .aims = aims,
                                             .radius = l->radius};
     if (l->params->rank == 0) {
-        blocks[count++] = (struct kiln_block){"landing", 0, 1, sizeof l->record, &l->record};
-        blocks[count++] = (struct kiln_block){"landing_learnt", 0, aims, sizeof *l->learnt, l->learnt};
-        blocks[count++] = (struct kiln_block){"landing_paths", 0, aims, sizeof *l->paths, l->paths};
+        blocks[count++] = (struct kiln_array_range){"landing", 0, 1, sizeof l->record, &l->record};
+        blocks[count++] = (struct kiln_array_range){"landing_learnt", 0, aims, sizeof *l->learnt, l->learnt};
+        blocks[count++] = (struct kiln_array_range){"landing_paths", 0, aims, sizeof *l->paths, l->paths};
     }
-    blocks[count++] = (struct kiln_block){"landing_moments", 0, aims, sizeof *l->moments_before, l->moments_before};
-    blocks[count++] = (struct kiln_block){"landing_sums", first, own->count, sizeof *l->sums, l->sums};
+    blocks[count++] =
+        (struct kiln_array_range){"landing_moments", 0, aims, sizeof *l->moments_before, l->moments_before};
+    blocks[count++] = (struct kiln_array_range){"landing_sums", first, own->count, sizeof *l->sums, l->sums};
     if (kiln_landing_merges(l))
-        blocks[count++] = (struct kiln_block){"landing_merged", first, own->count, sizeof *l->merged, l->merged};
+        blocks[count++] = (struct kiln_array_range){"landing_merged", first, own->count, sizeof *l->merged, l->merged};
     return count;
 }
 
@@ -34,7 +35,7 @@ size_t kiln_landing_blocks(struct kiln_landing *l, struct kiln_block blocks[KILN
 static int add_moments(struct kiln_landing *l, size_t part, struct kiln_error *error)
 {
     uint64_t *moments = NULL, count = 0;
-    const int status = kiln_checkpoint_read_part(l->params->checkpoint, part, "landing_moments", sizeof *moments,
+    const int status = kiln_checkpoint_read_file(l->params->checkpoint, part, "landing_moments", sizeof *moments,
                                                  &moments, &count, error);
     for (uint64_t i = 0; status == KILN_OK && i < count && i < l->aims->count; i++)
         l->moments[i] += moments[i];
@@ -63,10 +64,10 @@ static int read_landing(struct kiln_landing *l, const struct kiln_landing_saved 
     KILN_TRY(kiln_checkpoint_read(c, "landing_sums", first, own->count, sizeof *l->sums, l->sums, error));
     if (kiln_landing_merges(l))
         KILN_TRY(kiln_checkpoint_read(c, "landing_merged", first, own->count, sizeof *l->merged, l->merged, error));
-    for (size_t part = (size_t)l->params->rank; part < kiln_checkpoint_parts(c); part += (size_t)l->params->ranks)
+    for (size_t part = (size_t)l->params->rank; part < kiln_checkpoint_files(c); part += (size_t)l->params->ranks)
         KILN_TRY(add_moments(l, part, error));
 end:
-    return status == KILN_OK && !is_sane(l, s) ? kiln_block_insane("landing", error) : status;
+    return status == KILN_OK && !is_sane(l, s) ? kiln_array_insane("landing", error) : status;
 }
 
 int kiln_landing_restore(struct kiln_landing *l, struct kiln_error *error)

@@ -35,7 +35,7 @@ uint64_t kiln_landing_bytes(const struct kiln_integrate_settings *settings, size
                             double landed)
 {
     const double photons = (double)kiln_landing_photons(settings, aims),
-                 block = fmin(photons, (double)KILN_LAND_BLOCK) / ranks,
+                 block = fmin(photons, (double)KILN_LAND_BATCH) / ranks,
                  record = (double)sizeof(struct kiln_landing_record), number = (double)sizeof(uint32_t),
                  sent = (2.0 * record + 2.0 * number) * landed,
                  shared = record + number + 2.0 * number * landed, /* it has room for all paths */

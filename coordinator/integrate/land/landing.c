@@ -5,7 +5,7 @@
 #include "coordinator/integrate/land/land_plan.h"
 #include "coordinator/integrate/land/land_report.h"
 
-static_assert((int)KILN_LANDING_BLOCKS <= (int)KILN_COMPANION_BLOCKS, "a checkpoint has room for landings");
+static_assert((int)KILN_LANDING_ARRAYS <= (int)KILN_COMPANION_ARRAYS, "a checkpoint has room for landings");
 
 static bool landing_wanted(const struct kiln_integrate_params *params)
 {
@@ -46,7 +46,7 @@ static int answer(void *self, const struct kiln_batch *batch, struct kiln_error 
     return kiln_landing_give(self, batch, error);
 }
 
-static size_t blocks(void *self, struct kiln_block *of) { return kiln_landing_blocks(self, of); }
+static size_t blocks(void *self, struct kiln_array_range *of) { return kiln_landing_arrays(self, of); }
 
 static uint64_t saved_bytes(const struct kiln_integrate_settings *settings)
 {

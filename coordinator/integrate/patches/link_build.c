@@ -385,7 +385,7 @@ end:
     for (size_t i = 0; i < all->count; i++) {
         const struct branch *b = &all->of[i];
         if (is_part(b))
-            nodes->parts[nodes->part_count++] = (struct kiln_link_part){b->first, (uint32_t)b->own.count};
+            nodes->parts[nodes->part_count++] = (struct kiln_link_subtree){b->first, (uint32_t)b->own.count};
         else
             nodes->over[nodes->over_count++] = b->first;
     }

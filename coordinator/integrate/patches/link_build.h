@@ -7,7 +7,7 @@
 #include "worker/pass/links.h"
 
 /* A subtree: nodes `first` to `first + count`, a node and all its descendants. */
-struct kiln_link_part {
+struct kiln_link_subtree {
     uint32_t first, count;
 };
 
@@ -17,7 +17,7 @@ struct kiln_link_nodes {
     size_t count;
     /* each node either is in one of these subtrees or is an ancestor of some; `over` lists the ancestors, parents
      * first */
-    struct kiln_link_part *parts;
+    struct kiln_link_subtree *parts;
     uint32_t *over;
     size_t part_count, over_count;
     struct kiln_arena arena;

@@ -76,14 +76,15 @@ static int close_file(struct link_file *f, bool writes, struct kiln_error *error
 /* ---- writing ---- */
 
 /* This rank's range of the file, and its place. */
-struct share {
+struct rank_range {
     uint64_t runs, bytes;           /* of this rank */
     uint64_t first_run, first_byte; /* of all codes, behind the table */
     uint64_t all_runs, all_bytes;
 };
 
 /* Collective. */
-static struct share share_of(MPI_Comm communicator, const struct kiln_surface *s, struct kiln_kept_links *const *kept)
+static struct rank_range rank_range_of(MPI_Comm communicator, const struct kiln_surface *s,
+                                       struct kiln_kept_links *const *kept)
 {
     uint64_t own[2] = {s->tile_run_count, 0}, before[2] = {0, 0}, all[2];
     int rank;
@@ -94,15 +95,15 @@ static struct share share_of(MPI_Comm communicator, const struct kiln_surface *s
     (void)MPI_Allreduce(own, all, 2, MPI_UINT64_T, MPI_SUM, communicator);
     if (rank == 0)
         before[0] = before[1] = 0;
-    return (struct share){own[0], own[1], before[0], before[1], all[0], all[1]};
+    return (struct rank_range){own[0], own[1], before[0], before[1], all[0], all[1]};
 }
 
 /* Writes the table and codes of this rank's tile runs in the form of the file. */
-static void lay_out(const struct kiln_surface *s, struct kiln_kept_links *const *kept, const struct share *share,
-                    uint64_t key, struct kiln_links_entry *table, uint8_t *codes)
+static void lay_out(const struct kiln_surface *s, struct kiln_kept_links *const *kept,
+                    const struct rank_range *rank_range, uint64_t key, struct kiln_links_entry *table, uint8_t *codes)
 {
     uint64_t at = 0;
-    const uint64_t begin = KILN_LINKS_BEGIN + share->all_runs * sizeof *table + share->first_byte;
+    const uint64_t begin = KILN_LINKS_BEGIN + rank_range->all_runs * sizeof *table + rank_range->first_byte;
     for (size_t i = 0; i < s->tile_run_count; i++) {
         const struct kiln_kept_links *k = kept[i];
         table[i] = (struct kiln_links_entry){.first = s->tile_runs[i].first.at};
@@ -115,20 +116,21 @@ static void lay_out(const struct kiln_surface *s, struct kiln_kept_links *const 
 }
 
 /* Not collective. */
-static int write_share(const struct link_file *f, const struct kiln_surface *s, struct kiln_kept_links *const *kept,
-                       const struct share *share, uint64_t key, struct kiln_error *error)
+static int write_rank_range(const struct link_file *f, const struct kiln_surface *s,
+                            struct kiln_kept_links *const *kept, const struct rank_range *rank_range, uint64_t key,
+                            struct kiln_error *error)
 {
     static const char what[] = "the links that are kept";
     struct kiln_links_entry *table = NULL;
     uint8_t *codes = NULL;
     int status;
-    KILN_TRY(kiln_allocate(&table, (size_t)share->runs, sizeof *table, what, error));
-    KILN_TRY(kiln_allocate(&codes, (size_t)share->bytes, 1, what, error));
-    lay_out(s, kept, share, key, table, codes);
-    KILN_TRY(
-        write_at(f, table, share->runs * sizeof *table, KILN_LINKS_BEGIN + share->first_run * sizeof *table, error));
-    KILN_TRY(write_at(f, codes, share->bytes, KILN_LINKS_BEGIN + share->all_runs * sizeof *table + share->first_byte,
-                      error));
+    KILN_TRY(kiln_allocate(&table, (size_t)rank_range->runs, sizeof *table, what, error));
+    KILN_TRY(kiln_allocate(&codes, (size_t)rank_range->bytes, 1, what, error));
+    lay_out(s, kept, rank_range, key, table, codes);
+    KILN_TRY(write_at(f, table, rank_range->runs * sizeof *table,
+                      KILN_LINKS_BEGIN + rank_range->first_run * sizeof *table, error));
+    KILN_TRY(write_at(f, codes, rank_range->bytes,
+                      KILN_LINKS_BEGIN + rank_range->all_runs * sizeof *table + rank_range->first_byte, error));
 end:
     kiln_free(&table);
     kiln_free(&codes);
@@ -168,12 +170,12 @@ int kiln_link_file_write(const struct kiln_transport *t, MPI_Comm communicator, 
                          struct kiln_kept_links *const *kept, const struct kiln_link_choice *choice,
                          struct kiln_error *error)
 {
-    const struct share share = share_of(communicator, s, kept);
+    const struct rank_range rank_range = rank_range_of(communicator, s, kept);
     struct kiln_links_header h = header_of(t, choice);
     struct link_file f;
     int finished;
-    h.runs = share.all_runs;
-    h.bytes = KILN_LINKS_BEGIN + share.all_runs * sizeof(struct kiln_links_entry) + share.all_bytes;
+    h.runs = rank_range.all_runs;
+    h.bytes = KILN_LINKS_BEGIN + rank_range.all_runs * sizeof(struct kiln_links_entry) + rank_range.all_bytes;
     finished = t->rank == 0 && is_finished(t, &h);
     (void)MPI_Bcast(&finished, 1, MPI_INT, 0, communicator);
     if (finished != 0)
@@ -181,7 +183,7 @@ int kiln_link_file_write(const struct kiln_transport *t, MPI_Comm communicator, 
     name_file(&f, t);
     int status = make_file(&f, t, communicator, h.bytes, error);
     if (status == KILN_OK)
-        status = kiln_agree(communicator, write_share(&f, s, kept, &share, h.key, error), error);
+        status = kiln_agree(communicator, write_rank_range(&f, s, kept, &rank_range, h.key, error), error);
     if (status == KILN_OK && t->rank == 0)
         status = write_at(&f, &h, sizeof h, 0, error);
     const int closed = close_file(&f, true, status == KILN_OK ? error : NULL);

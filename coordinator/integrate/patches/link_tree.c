@@ -212,7 +212,7 @@ void kiln_link_tree_set_light(struct kiln_link_tree *t, uint32_t bounce, kiln_li
     }
 #pragma omp parallel for schedule(dynamic, 1)
     for (size_t i = 0; i < t->nodes.part_count; i++) {
-        const struct kiln_link_part *part = &t->nodes.parts[i];
+        const struct kiln_link_subtree *part = &t->nodes.parts[i];
         for (size_t n = part->first + part->count; n > part->first; n--)
             take_node(t, n - 1);
     }

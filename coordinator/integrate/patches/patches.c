@@ -210,37 +210,37 @@ static void number_points(struct kiln_patches *p)
 }
 
 /* First point and number of points of each rank. */
-struct shares {
+struct rank_ranges {
     int *first, *count;
 };
 
-static int find_shares(const struct kiln_patches *p, struct shares *shares, struct kiln_error *error)
+static int allocate_rank_ranges(const struct kiln_patches *p, struct rank_ranges *rank_ranges, struct kiln_error *error)
 {
     const struct kiln_patches_source *source = &p->source;
-    int status =
-        kiln_allocate(&shares->first, (size_t)source->ranks, sizeof *shares->first, "the ranks' patches", error);
+    int status = kiln_allocate(&rank_ranges->first, (size_t)source->ranks, sizeof *rank_ranges->first,
+                               "the ranks' patches", error);
     if (status == KILN_OK)
-        status =
-            kiln_allocate(&shares->count, (size_t)source->ranks, sizeof *shares->count, "the ranks' patches", error);
+        status = kiln_allocate(&rank_ranges->count, (size_t)source->ranks, sizeof *rank_ranges->count,
+                               "the ranks' patches", error);
     return status;
 }
 
 /* Collective. */
-static void tell_shares(const struct kiln_patches *p, struct shares *shares)
+static void gather_rank_ranges(const struct kiln_patches *p, struct rank_ranges *rank_ranges)
 {
     const struct kiln_surface *s = p->source.surface;
     const int first = (int)s->first.at, count = (int)s->count;
-    (void)MPI_Allgather(&first, 1, MPI_INT, shares->first, 1, MPI_INT, p->source.communicator);
-    (void)MPI_Allgather(&count, 1, MPI_INT, shares->count, 1, MPI_INT, p->source.communicator);
+    (void)MPI_Allgather(&first, 1, MPI_INT, rank_ranges->first, 1, MPI_INT, p->source.communicator);
+    (void)MPI_Allgather(&count, 1, MPI_INT, rank_ranges->count, 1, MPI_INT, p->source.communicator);
 }
 
 /* Collective. Gathers the values of all ranks on all ranks, `bytes` per point. */
-static void share(const struct kiln_patches *p, const struct shares *shares, void *values, size_t bytes)
+static void share(const struct kiln_patches *p, const struct rank_ranges *rank_ranges, void *values, size_t bytes)
 {
     MPI_Datatype value;
     (void)MPI_Type_contiguous((int)bytes, MPI_BYTE, &value);
     (void)MPI_Type_commit(&value);
-    (void)MPI_Allgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, values, shares->count, shares->first, value,
+    (void)MPI_Allgatherv(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, values, rank_ranges->count, rank_ranges->first, value,
                          p->source.communicator);
     (void)MPI_Type_free(&value);
 }
@@ -292,23 +292,23 @@ static int find_own_shapes(struct kiln_patches *p, struct kiln_error *error)
 static int find_shapes(struct kiln_patches *p, struct kiln_error *error)
 {
     const struct kiln_patches_source *source = &p->source;
-    struct shares shares = {NULL, NULL};
+    struct rank_ranges rank_ranges = {NULL, NULL};
     int status = make_room(p, error);
     if (status == KILN_OK)
         status = find_own_shapes(p, error);
     status = kiln_agree(source->communicator, status, error);
     if (status == KILN_OK)
-        status = kiln_agree(source->communicator, find_shares(p, &shares, error), error);
+        status = kiln_agree(source->communicator, allocate_rank_ranges(p, &rank_ranges, error), error);
     if (status == KILN_OK) {
-        tell_shares(p, &shares);
-        share(p, &shares, p->points, sizeof *p->points);
+        gather_rank_ranges(p, &rank_ranges);
+        share(p, &rank_ranges, p->points, sizeof *p->points);
     }
     if (status == KILN_OK && p->emission != NULL)
-        share(p, &shares, p->emission, sizeof *p->emission);
+        share(p, &rank_ranges, p->emission, sizeof *p->emission);
     if (status == KILN_OK)
         number_points(p);
-    kiln_free(&shares.first);
-    kiln_free(&shares.count);
+    kiln_free(&rank_ranges.first);
+    kiln_free(&rank_ranges.count);
     return status;
 }
 
@@ -566,7 +566,7 @@ static int find_first_light(struct kiln_patches *p, float *light, struct kiln_er
 {
     const struct kiln_surface *s = p->source.surface;
     const float *direct = p->source.direct != NULL ? *p->source.direct : NULL;
-    struct shares shares = {NULL, NULL};
+    struct rank_ranges rank_ranges = {NULL, NULL};
     for (uint64_t i = 0; i < s->point_count && (direct == NULL || p->step->bounce == 0); i++) {
         float radiosity[3];
         light_of(p, i, radiosity);
@@ -574,7 +574,7 @@ static int find_first_light(struct kiln_patches *p, float *light, struct kiln_er
     }
     if (direct == NULL || p->step->bounce == 0)
         return KILN_OK;
-    const int status = kiln_agree(p->source.communicator, find_shares(p, &shares, error), error);
+    const int status = kiln_agree(p->source.communicator, allocate_rank_ranges(p, &rank_ranges, error), error);
     for (struct kiln_own_point own = {0}; status == KILN_OK && own.at < s->count; own.at++) {
         float albedo[3], radiosity[3];
         kiln_point_albedo(s, own, albedo);
@@ -583,11 +583,11 @@ static int find_first_light(struct kiln_patches *p, float *light, struct kiln_er
         light[s->first.at + own.at] = kiln_luminance_in_float(radiosity);
     }
     if (status == KILN_OK) {
-        tell_shares(p, &shares);
-        share(p, &shares, light, sizeof *light);
+        gather_rank_ranges(p, &rank_ranges);
+        share(p, &rank_ranges, light, sizeof *light);
     }
-    kiln_free(&shares.first);
-    kiln_free(&shares.count);
+    kiln_free(&rank_ranges.first);
+    kiln_free(&rank_ranges.count);
     return status;
 }
 

@@ -13,7 +13,7 @@ enum { ATTEMPTS = 4 }; /* then everything is asked for */
 /* ---- running tile runs again ---- */
 
 /* Held tile runs: those of this rank that lacked radiosity, and the range that they lie in. */
-struct held {
+struct retried {
     const struct kiln_second_go *go;
     size_t first, end; /* tile runs */
     size_t count;
@@ -22,13 +22,13 @@ struct held {
     uint64_t *place;   /* number of a held tile run's first point among the held points */
 };
 
-static void held_release(struct held *h)
+static void held_release(struct retried *h)
 {
     kiln_free(&h->samples);
     kiln_free(&h->place);
 }
 
-static void find_range(struct held *h)
+static void find_range(struct retried *h)
 {
     const struct kiln_rank_data *own = h->go->solution->own;
     h->first = h->end = h->count = 0;
@@ -43,7 +43,7 @@ static void find_range(struct held *h)
     }
 }
 
-static int find_held(struct held *h, struct kiln_error *error)
+static int find_held(struct retried *h, struct kiln_error *error)
 {
     const struct kiln_rank_data *own = h->go->solution->own;
     const struct kiln_field_set *fields = h->go->params->fields;
@@ -67,7 +67,7 @@ end:
     return status;
 }
 
-static int run_held(const struct held *h, kiln_take_results take, void *context, bool may_lack,
+static int run_held(const struct retried *h, kiln_take_results take, void *context, bool may_lack,
                     struct kiln_error *error)
 {
     const struct kiln_second_go *go = h->go;
@@ -96,7 +96,7 @@ end:
 
 /* Search for the absent units that the held points' rays have met. Units are found digit by digit, in base 3. */
 struct search {
-    struct held *held;
+    struct retried *retried;
     uint64_t count;  /* absent units */
     uint64_t *units; /* their numbers, ascending */
     uint64_t *rank;  /* per absent unit: its index in `units` */
@@ -120,12 +120,12 @@ static int take_digits(void *context, size_t first, size_t count, const void *re
 {
     (void)error;
     const struct search *s = context;
-    const struct kiln_second_go *go = s->held->go;
+    const struct kiln_second_go *go = s->retried->go;
     const struct kiln_pass *pass = kiln_solution_step(go->solution)->step.pass;
     const struct kiln_tile_run *runs = go->solution->own->surface.tile_runs;
     const char *result = results;
     for (size_t f = first; f < first + count; f++) {
-        uint8_t *met = s->met + s->level * s->held->points + s->held->place[f - s->held->first];
+        uint8_t *met = s->met + s->level * s->retried->points + s->retried->place[f - s->retried->first];
         for (uint32_t i = 0; i < runs[f].count; i++, result += pass->result_bytes)
             met[i] = (uint8_t)pass->lacks(result);
     }
@@ -151,7 +151,7 @@ static int list_absent(struct search *s, const uint8_t *reach, uint64_t units, s
     for (uint64_t most = 1; most < s->count; most *= 3)
         s->levels++;
     if (status == KILN_OK)
-        status = kiln_arena_allocate(&s->arena, &s->met, (size_t)(s->levels * s->held->points), sizeof *s->met,
+        status = kiln_arena_allocate(&s->arena, &s->met, (size_t)(s->levels * s->retried->points), sizeof *s->met,
                                      "what points have met", error);
     return status;
 }
@@ -167,15 +167,15 @@ static void ask(const struct search *s, uint64_t i, uint32_t level, uint64_t beg
         return;
     }
     for (uint64_t digit = 0; digit < 3; digit++)
-        if (((uint32_t)s->met[level * s->held->points + i] >> digit & 1u) != 0 && begin + digit * stride < s->count)
+        if (((uint32_t)s->met[level * s->retried->points + i] >> digit & 1u) != 0 && begin + digit * stride < s->count)
             ask(s, i, level + 1, begin + digit * stride, stride / 3, wanted);
 }
 
 /* Collective on the node. Requests the units that the held tile runs have met. */
-static int find_met(struct held *h, uint64_t units, uint8_t *wanted, struct kiln_error *error)
+static int find_met(struct retried *h, uint64_t units, uint8_t *wanted, struct kiln_error *error)
 {
     struct kiln_radiosity_allgather *allgather = h->go->solution->allgather;
-    struct search s = {.held = h};
+    struct search s = {.retried = h};
     uint64_t first = 1;
     int status = list_absent(&s, kiln_radiosity_allgather_reach(allgather), units, error);
     /* all of the node's ranks or none: of ranks that cannot mark, points are not found */
@@ -198,7 +198,7 @@ static int find_met(struct held *h, uint64_t units, uint8_t *wanted, struct kiln
 }
 
 /* Collective. */
-static int receive(struct held *h, bool everything, struct kiln_error *error)
+static int receive(struct retried *h, bool everything, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = h->go->params;
     const struct kiln_solution *solution = h->go->solution;
@@ -240,7 +240,7 @@ static bool has_all(const struct kiln_second_go *go)
 
 /* Collective. Receives the radiosity that the held tile runs need, and computes them. Those that lack some again stay
  * held. */
-static int attempt(struct held *h, bool everything, struct kiln_error *error)
+static int attempt(struct retried *h, bool everything, struct kiln_error *error)
 {
     const struct kiln_second_go *go = h->go;
     int status = kiln_agree(go->params->communicator, find_held(h, error), error);
@@ -256,7 +256,7 @@ static int attempt(struct held *h, bool everything, struct kiln_error *error)
 
 static uint64_t held_of_all(const struct kiln_second_go *go)
 {
-    struct held h = {.go = go};
+    struct retried h = {.go = go};
     find_range(&h);
     uint64_t count = h.count;
     (void)MPI_Allreduce(MPI_IN_PLACE, &count, 1, MPI_UINT64_T, MPI_SUM, go->params->communicator);
@@ -272,7 +272,7 @@ int kiln_second_go(const struct kiln_second_go *go, struct kiln_error *error)
     if (!report->step.pass->reads_radiosity || go->solution->own->lacking == NULL)
         return KILN_OK;
     for (uint32_t i = 0; status == KILN_OK && held_of_all(go) > 0; i++) {
-        struct held h = {.go = go};
+        struct retried h = {.go = go};
         /* it may take as long as the step */
         kiln_control_blocking(p->control, "radiosity of what was not seen before", 60.0 + 100.0 * report->seconds);
         status = attempt(&h, i + 1 >= ATTEMPTS, error);

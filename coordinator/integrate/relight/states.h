@@ -22,7 +22,7 @@ struct kiln_state_direct {
     void *context;
     /* `give` returns the scaled sum of these parts (worker/pass/held.h), so a device may compute it */
     bool mixed;
-    const struct kiln_held_part *parts;
+    const struct kiln_held_term *parts;
     uint32_t part_count;
 };
 

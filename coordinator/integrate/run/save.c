@@ -16,8 +16,8 @@
 /* most steps: with the largest number of bounces, in parts, or in rounds with sixteen steps per bounce */
 enum { STEPS_MOST = 16 * 10002 };
 /* blocks besides fields: those listed here, and those of kiln_integrate_save */
-enum { OTHER_BLOCKS = 12 + KILN_COMPANY_BLOCKS };
-static_assert((int)KILN_FIELDS_MAX + (int)OTHER_BLOCKS <= (int)KILN_BLOCKS_MAX, "a checkpoint has room for all fields");
+enum { OTHER_BLOCKS = 12 + KILN_COMPANY_ARRAYS };
+static_assert((int)KILN_FIELDS_MAX + (int)OTHER_BLOCKS <= (int)KILN_ARRAYS_MAX, "a checkpoint has room for all fields");
 
 /* ---- records ----
  *
@@ -198,16 +198,16 @@ struct save_work {
     struct saved_group *groups;
     struct saved_range *done;
     size_t group_count, done_count;
-    struct kiln_block blocks[KILN_BLOCKS_MAX];
-    size_t block_count;
+    struct kiln_array_range blocks[KILN_ARRAYS_MAX];
+    size_t array_count;
     struct kiln_arena arena;
 };
 
-static void add_block(struct save_work *w, const char *name, uint64_t first, uint64_t count, size_t size,
+static void add_array(struct save_work *w, const char *name, uint64_t first, uint64_t count, size_t size,
                       const void *data)
 {
-    struct kiln_block *b = &w->blocks[w->block_count++];
-    *b = (struct kiln_block){.first = first, .count = count, .size = size, .data = data};
+    struct kiln_array_range *b = &w->blocks[w->array_count++];
+    *b = (struct kiln_array_range){.first = first, .count = count, .size = size, .data = data};
     (void)strncpy(b->name, name, sizeof b->name - 1);
 }
 
@@ -306,25 +306,25 @@ static void list_blocks(const struct kiln_saved *s, struct save_work *w, bool fi
     const struct kiln_integrate_report *r = &s->solution->report;
     const struct kiln_save_moment moment = moment_of(s, count_before(s), finished);
     if (s->params->rank == 0) {
-        add_block(w, "state", 0, 1, sizeof w->state, &w->state);
-        add_block(w, "steps", 0, r->steps.count, sizeof *w->reports, w->reports);
+        add_array(w, "state", 0, 1, sizeof w->state, &w->state);
+        add_array(w, "steps", 0, r->steps.count, sizeof *w->reports, w->reports);
     }
     if (s->params->rank == 0 && !finished) {
-        add_block(w, "group_before", 0, s->ledger->group_count, sizeof *s->ledger->group_before,
+        add_array(w, "group_before", 0, s->ledger->group_count, sizeof *s->ledger->group_before,
                   s->ledger->group_before);
-        add_block(w, "group_total", 0, s->ledger->group_count, sizeof *s->ledger->group_total, s->ledger->group_total);
+        add_array(w, "group_total", 0, s->ledger->group_count, sizeof *s->ledger->group_total, s->ledger->group_total);
     }
-    add_block(w, "own_steps", 0, r->steps.count, sizeof *w->own_steps, w->own_steps);
-    w->block_count += kiln_field_blocks(fields_of(s), s->solution->own, &moment, w->blocks + w->block_count);
+    add_array(w, "own_steps", 0, r->steps.count, sizeof *w->own_steps, w->own_steps);
+    w->array_count += kiln_field_arrays(fields_of(s), s->solution->own, &moment, w->blocks + w->array_count);
     if (finished)
         return;
-    add_block(w, "done", 0, w->done_count, sizeof *w->done, w->done);
-    add_block(w, "own_sums", 0, 1, sizeof w->sums, &w->sums);
-    add_block(w, "own_groups", 0, w->group_count, sizeof *w->groups, w->groups);
-    w->block_count += kiln_company_blocks(s->company, w->blocks + w->block_count);
+    add_array(w, "done", 0, w->done_count, sizeof *w->done, w->done);
+    add_array(w, "own_sums", 0, 1, sizeof w->sums, &w->sums);
+    add_array(w, "own_groups", 0, w->group_count, sizeof *w->groups, w->groups);
+    w->array_count += kiln_company_arrays(s->company, w->blocks + w->array_count);
 }
 
-static int save_with(const struct kiln_saved *s, bool finished, const struct kiln_block *more, size_t more_count,
+static int save_with(const struct kiln_saved *s, bool finished, const struct kiln_array_range *more, size_t more_count,
                      struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = s->params;
@@ -342,12 +342,12 @@ static int save_with(const struct kiln_saved *s, bool finished, const struct kil
     if (status == KILN_OK && !finished)
         status = collect_done(s, &w, error);
     list_blocks(s, &w, finished);
-    assert(w.block_count + more_count <= KILN_BLOCKS_MAX);
+    assert(w.array_count + more_count <= KILN_ARRAYS_MAX);
     for (size_t i = 0; i < more_count; i++)
-        w.blocks[w.block_count++] = more[i];
+        w.blocks[w.array_count++] = more[i];
     status = kiln_agree(p->communicator, status, error);
     if (status == KILN_OK)
-        status = kiln_checkpoint_write(p->checkpoint, p->identity, w.blocks, w.block_count, error);
+        status = kiln_checkpoint_write(p->checkpoint, p->identity, w.blocks, w.array_count, error);
     kiln_control_blocking(p->control, NULL, 0.0);
     kiln_trace_add(p->trace, KILN_TRACE_CHECKPOINT, "checkpoint", start, MPI_Wtime(), (int64_t)p->surface->count);
     if (status == KILN_OK)
@@ -362,7 +362,7 @@ int kiln_save(const struct kiln_saved *s, bool finished, struct kiln_error *erro
 }
 
 int kiln_save_solution(struct kiln_solution *solution, const struct kiln_integrate_params *params,
-                       const struct kiln_block *more, size_t count, struct kiln_error *error)
+                       const struct kiln_array_range *more, size_t count, struct kiln_error *error)
 {
     struct kiln_ledger none = {0};
     struct kiln_step_work done = {0};
@@ -433,7 +433,7 @@ static int restore_state(const struct kiln_saved *s, bool *finished, struct kiln
     s->ledger->unit = state.unit;
     s->ledger->unit_squared = state.unit_squared;
     if (!state_is_sane(&state))
-        return kiln_block_insane("state", error);
+        return kiln_array_insane("state", error);
     if (*finished)
         return KILN_OK;
     status = kiln_checkpoint_read(c, "group_before", 0, s->ledger->group_count, sizeof *s->ledger->group_before,
@@ -441,7 +441,7 @@ static int restore_state(const struct kiln_saved *s, bool *finished, struct kiln
     if (status == KILN_OK)
         status = kiln_checkpoint_read(c, "group_total", 0, s->ledger->group_count, sizeof *s->ledger->group_total,
                                       s->ledger->group_total, error);
-    return status == KILN_OK && !groups_are_sane(s) ? kiln_block_insane("group_total", error) : status;
+    return status == KILN_OK && !groups_are_sane(s) ? kiln_array_insane("group_total", error) : status;
 }
 
 static bool report_is_sane(const struct saved_report *r)
@@ -471,7 +471,7 @@ static int append_report(const struct kiln_saved *s, const struct saved_report *
     reports->of[reports->count++] = report;
     return report_is_sane(saved) && kiln_companions_are_sane(s->params->companions, &report)
                ? KILN_OK
-               : kiln_block_insane("steps", error);
+               : kiln_array_insane("steps", error);
 }
 
 /* Reads the records of steps. Their number `count` was checked before. */
@@ -491,7 +491,7 @@ end:
 static int restore_steps(const struct kiln_saved *s, struct kiln_error *error)
 {
     uint64_t first, count;
-    kiln_checkpoint_part_range(s->params->checkpoint, 0, "steps", &first, &count);
+    kiln_checkpoint_file_range(s->params->checkpoint, 0, "steps", &first, &count);
     if (count == 0 || count > STEPS_MOST)
         return kiln_fail(
             error, KILN_IO,
@@ -509,7 +509,7 @@ static int restore_points(const struct kiln_saved *s, uint64_t tile_run_first, b
     const struct kiln_save_moment moment = moment_of(s, tile_run_first, finished);
     bool changed = false;
     const int status =
-        kiln_field_blocks_read(s->params->checkpoint, fields_of(s), s->solution->own, &moment, &changed, error);
+        kiln_field_arrays_read(s->params->checkpoint, fields_of(s), s->solution->own, &moment, &changed, error);
     return status == KILN_OK && changed ? kiln_backend_set_surface(s->params->backend, s->params->surface, error)
                                         : status;
 }
@@ -524,7 +524,7 @@ static int add_part(const struct kiln_saved *s, size_t part, bool finished, stru
     struct saved_sums *sums = NULL;
     uint64_t count = 0;
     int status;
-    KILN_TRY(kiln_checkpoint_read_part(c, part, "own_steps", sizeof *steps, &steps, &count, error));
+    KILN_TRY(kiln_checkpoint_read_file(c, part, "own_steps", sizeof *steps, &steps, &count, error));
     for (uint64_t i = 0; i < count && i < r->steps.count; i++) {
         r->steps.of[i].rays += steps[i].rays;
         r->steps.of[i].seconds += steps[i].seconds;
@@ -534,13 +534,13 @@ static int add_part(const struct kiln_saved *s, size_t part, bool finished, stru
         r->steps.of[i].probe_seconds += steps[i].probe_seconds;
     }
     if (!finished)
-        KILN_TRY(kiln_checkpoint_read_part(c, part, "own_sums", sizeof *sums, &sums, &count, error));
+        KILN_TRY(kiln_checkpoint_read_file(c, part, "own_sums", sizeof *sums, &sums, &count, error));
     for (int k = 0; !finished && count == 1 && k < KILN_SUMS; k++)
         s->ledger->sums[k].value += sum_read(&sums->sums[k]);
     if (!finished)
         s->ledger->variance.value += count == 1 ? sum_read(&sums->variance) : 0;
     if (!finished)
-        KILN_TRY(kiln_checkpoint_read_part(c, part, "own_groups", sizeof *groups, &groups, &count, error));
+        KILN_TRY(kiln_checkpoint_read_file(c, part, "own_groups", sizeof *groups, &groups, &count, error));
     for (uint64_t i = 0; !finished && i < count; i++)
         if (groups[i].index < s->ledger->group_count)
             s->ledger->group_now[groups[i].index].value += sum_read(&groups[i].sum);
@@ -575,13 +575,13 @@ static int restore_todo(const struct kiln_saved *s, struct kiln_error *error)
     int status = KILN_OK;
     s->work->todo_first = s->work->todo_count = 0;
     s->work->points_done = surface->count;
-    for (size_t part = 0; part < kiln_checkpoint_parts(c) && status == KILN_OK; part++) {
+    for (size_t part = 0; part < kiln_checkpoint_files(c) && status == KILN_OK; part++) {
         uint64_t first, count, ranges = 0;
         struct saved_range *done = NULL;
-        kiln_checkpoint_part_range(c, part, "direct", &first, &count);
+        kiln_checkpoint_file_range(c, part, "direct", &first, &count);
         if (count == 0 || first >= surface->first.at + surface->count || first + count <= surface->first.at)
             continue;
-        status = kiln_checkpoint_read_part(c, part, "done", sizeof *done, &done, &ranges, error);
+        status = kiln_checkpoint_read_file(c, part, "done", sizeof *done, &done, &ranges, error);
         for (uint64_t i = 0; i < ranges && status == KILN_OK; i++) {
             const size_t begin = tile_run_at(surface, (struct kiln_global_point){done[i].first}),
                          end = tile_run_at(surface, (struct kiln_global_point){done[i].first + done[i].count});
@@ -606,7 +606,7 @@ int kiln_restore(const struct kiln_saved *s, bool *finished, struct kiln_error *
     KILN_TRY(restore_state(s, finished, error));
     KILN_TRY(restore_steps(s, error));
     KILN_TRY(restore_points(s, before, *finished, error));
-    for (size_t part = (size_t)p->rank; part < kiln_checkpoint_parts(p->checkpoint); part += (size_t)p->ranks)
+    for (size_t part = (size_t)p->rank; part < kiln_checkpoint_files(p->checkpoint); part += (size_t)p->ranks)
         KILN_TRY(add_part(s, part, *finished, error));
     if (!*finished)
         KILN_TRY(restore_todo(s, error));

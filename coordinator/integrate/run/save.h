@@ -22,7 +22,7 @@ int kiln_save(const struct kiln_saved *saved, bool finished, struct kiln_error *
 int kiln_save_and_stop(const struct kiln_saved *saved, bool finished, struct kiln_error *error);
 /* Collective. Writes a checkpoint of a complete solution, with additional blocks of the caller. */
 int kiln_save_solution(struct kiln_solution *solution, const struct kiln_integrate_params *params,
-                       const struct kiln_block *more, size_t count, struct kiln_error *error);
+                       const struct kiln_array_range *more, size_t count, struct kiln_error *error);
 /* Collective. Restores the state from the open generation, without the radiosity of other ranks' points. */
 int kiln_restore(const struct kiln_saved *saved, bool *finished, struct kiln_error *error);
 /* Bytes of a checkpoint, sum of all ranks. */

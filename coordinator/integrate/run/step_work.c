@@ -27,7 +27,7 @@ void kiln_step_work_offer(struct kiln_step_work *work, const struct kiln_rank_da
 {
     kiln_work_queue_begin(own->queue);
     work->sent = 0;
-    work->held = false;
+    work->has_gaps = false;
     if (work->todo_first < work->todo_count)
         kiln_work_queue_open(own->queue, work->todo[work->todo_first]);
 }
@@ -47,7 +47,7 @@ bool kiln_step_work_any(struct kiln_step_work *work, const struct kiln_rank_data
     while (work->todo_first < work->todo_count && kiln_work_queue_left(own->queue).count == 0) {
         if (++work->todo_first == work->todo_count)
             break;
-        work->held = work->held || kiln_work_queue_away(own->queue) > 0;
+        work->has_gaps = work->has_gaps || kiln_work_queue_away(own->queue) > 0;
         kiln_work_queue_open(own->queue, work->todo[work->todo_first]);
     }
     return work->todo_first < work->todo_count;
@@ -57,10 +57,10 @@ uint64_t kiln_step_work_done_before(struct kiln_step_work *work, const struct ki
 {
     const struct kiln_surface *surface = &own->surface;
     if (kiln_work_queue_away(own->queue) == 0)
-        work->held = false;
-    if (!work->held && own->lacking == NULL)
+        work->has_gaps = false;
+    if (!work->has_gaps && own->lacking == NULL)
         work->sent = end;
-    while (!work->held && work->sent < end && own->lacking[work->sent] == 0)
+    while (!work->has_gaps && work->sent < end && own->lacking[work->sent] == 0)
         work->sent++;
     return work->sent < surface->tile_run_count ? kiln_own_of_global(surface, surface->tile_runs[work->sent].first).at
                                                 : surface->count;

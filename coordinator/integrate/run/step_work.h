@@ -14,7 +14,7 @@ struct kiln_step_work {
     uint64_t points_done; /* own points computed by this rank or earlier runs, without those returned by others */
     size_t sent;          /* own tile runs before this one are done, as far as known */
     /* some range before the current one has gaps: other ranks have not returned the work that they took */
-    bool held;
+    bool has_gaps;
     bool measured; /* the costs of all own tile runs were measured in this step */
 };
 

@@ -224,8 +224,8 @@ static void mix_all(const struct kiln_tile_run *run, const uint16_t *block, uint
         mixtures[k] = mix(&tile, k);
 }
 
-int kiln_nodes_find(const struct kiln_surface *surface, struct kiln_backend *backend, uint32_t threads, uint32_t scale,
-                    uint64_t *mixtures, struct kiln_error *error)
+int kiln_anchors_find(const struct kiln_surface *surface, struct kiln_backend *backend, uint32_t threads,
+                      uint32_t scale, uint64_t *mixtures, struct kiln_error *error)
 {
     uint16_t *block = NULL;
     int status = kiln_allocate(&block, surface->count, sizeof *block, "the blocks of points", error);

@@ -22,8 +22,8 @@
 
 /* Computes the mixtures of all points of the surface, packed, one per own point. `scale`: a power of two, 2 to
  * KILN_TILE_SIDE / 2. `backend` as for kiln_blocks_find. Not collective. KILN_SYSTEM, KILN_NO_DEVICE. */
-int kiln_nodes_find(const struct kiln_surface *surface, struct kiln_backend *backend, uint32_t threads, uint32_t scale,
-                    uint64_t *mixtures, struct kiln_error *error);
+int kiln_anchors_find(const struct kiln_surface *surface, struct kiln_backend *backend, uint32_t threads,
+                      uint32_t scale, uint64_t *mixtures, struct kiln_error *error);
 
 /* Which points of a tile run gather: its nodes that are valid; and what each mixes. `mixtures`: of its first point on.
  * Pure. */

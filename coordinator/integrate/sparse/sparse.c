@@ -37,8 +37,8 @@ static int find_blocks(const struct kiln_integrate_params *params, const struct 
 static int find_nodes(const struct kiln_integrate_params *params, const struct kiln_rank_data *data,
                       struct kiln_error *error)
 {
-    return kiln_nodes_find(&data->surface, params->backend, params->threads, params->settings->final_scale,
-                           data->mixture, error);
+    return kiln_anchors_find(&data->surface, params->backend, params->threads, params->settings->final_scale,
+                             data->mixture, error);
 }
 
 const struct kiln_companion kiln_companion_blocks = {.name = "blocks",

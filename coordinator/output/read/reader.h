@@ -24,7 +24,7 @@ void kiln_reader_destroy(struct kiln_reader **reader);
 
 /* Does the same as kiln_ranges_check (ranges.h). */
 int kiln_reader_ranges(struct kiln_reader *reader, int descriptor, const char *path, struct kiln_error *error);
-/* Does the same as kiln_exr_read (exr.h); with a path that ends in .h5 or .hdf, as kiln_rows_read (rows.h) of the
+/* Does the same as kiln_exr_read (exr.h); with a path that ends in .h5 or .hdf, as kiln_datasets_read (rows.h) of the
  * datasets `wanted`. */
 int kiln_reader_image(struct kiln_reader *reader, int descriptor, const char *path, const char *const *wanted,
                       size_t wanted_count, struct kiln_image **image, struct kiln_error *error);

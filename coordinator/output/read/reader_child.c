@@ -69,7 +69,7 @@ static int read_image(const struct reader_request *request, int file, int memory
     const bool rows = ends_with(request->path, ".h5") || ends_with(request->path, ".hdf");
     int status;
     KILN_TRY(rows && request->wanted_count > 0
-                 ? kiln_rows_read(file, request->path, wanted, request->wanted_count, &image, error)
+                 ? kiln_datasets_read(file, request->path, wanted, request->wanted_count, &image, error)
                  : kiln_exr_read_open(file, request->path, request->wanted_count > 0 ? wanted : NULL,
                                       request->wanted_count, &image, error));
     if (image->channel_count > READER_CHANNELS)

@@ -33,7 +33,7 @@ static bool name_channel(char name[KILN_CHANNEL_NAME_SIZE], const char *dataset,
     return length > 0 && length < KILN_CHANNEL_NAME_SIZE;
 }
 
-const float *kiln_rows_of(const struct kiln_image *image, const char *dataset, unsigned component)
+const float *kiln_dataset_of(const struct kiln_image *image, const char *dataset, unsigned component)
 {
     char name[KILN_CHANNEL_NAME_SIZE];
     const struct kiln_image_channel *channel =
@@ -131,8 +131,8 @@ end:
     return status;
 }
 
-int kiln_rows_read(int descriptor, const char *path, const char *const *datasets, size_t count,
-                   struct kiln_image **image, struct kiln_error *error)
+int kiln_datasets_read(int descriptor, const char *path, const char *const *datasets, size_t count,
+                       struct kiln_image **image, struct kiln_error *error)
 {
     struct source s = {.path = path, .datasets = datasets, .count = count};
     *image = NULL;

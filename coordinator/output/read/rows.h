@@ -10,10 +10,10 @@
  * same number of rows. Each component becomes a channel, named by dataset and component: "/irradiance/total.0".
  * Integers become floats. KILN_NO_INPUT if the file has no such dataset; KILN_BAD_INPUT if it is damaged. For the
  * confined child of a reader (reader.h). */
-int kiln_rows_read(int descriptor, const char *path, const char *const *datasets, size_t count,
-                   struct kiln_image **image, struct kiln_error *error);
+int kiln_datasets_read(int descriptor, const char *path, const char *const *datasets, size_t count,
+                       struct kiln_image **image, struct kiln_error *error);
 
 /* The values of a component of a dataset, or NULL. */
-const float *kiln_rows_of(const struct kiln_image *image, const char *dataset, unsigned component);
+const float *kiln_dataset_of(const struct kiln_image *image, const char *dataset, unsigned component);
 
 #endif

@@ -142,7 +142,7 @@ static void add_sample(struct eye *e, const struct vertex *v, const struct kiln_
 static void sample_tree(struct eye *e, const struct vertex *v)
 {
     const struct kiln_lights *lights = e->w->all->emission->lights;
-    const struct kiln_light_choice choice = {.kind = KILN_CHOICE_NODE, .samples = 1};
+    const struct kiln_light_choice choice = {.kind = KILN_CHOICE_LIGHT_NODE, .samples = 1};
     struct kiln_light_sample sample = {0};
     double u, t, pick, rest;
     if (lights->node_count == 0)

@@ -101,7 +101,7 @@ static void add_sample(struct chain *c, const struct vertex *v, const struct kil
 static void sample_choice(struct chain *c, const struct vertex *v, uint32_t surface, struct kiln_light_choice choice,
                           uint32_t light)
 {
-    const bool tree = choice.kind == KILN_CHOICE_NODE;
+    const bool tree = choice.kind == KILN_CHOICE_LIGHT_NODE;
     const struct kiln_dvec3 n = subpaths_light_normal(v);
     struct kiln_light_sample sample = {0};
     double u = 0.5, w = 0.5, pick = 0.5, rest;
@@ -138,7 +138,8 @@ static void sample_lights(struct chain *c, const struct vertex *v, uint32_t surf
     if (vertex_is_smooth(v))
         return;
     if (lights->node_count > 0)
-        sample_choice(c, v, surface, (struct kiln_light_choice){.kind = KILN_CHOICE_NODE, .samples = 1}, KILN_NONE);
+        sample_choice(c, v, surface, (struct kiln_light_choice){.kind = KILN_CHOICE_LIGHT_NODE, .samples = 1},
+                      KILN_NONE);
     for (size_t i = 0; i < lights->directional_count; i++)
         sample_choice(c, v, surface,
                       (struct kiln_light_choice){.kind = KILN_CHOICE_DIRECTIONAL, .index = (uint32_t)i, .samples = 1},

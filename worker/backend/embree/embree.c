@@ -205,7 +205,7 @@ static int embree_run(struct kiln_backend *backend, const struct kiln_pass *pass
         size_t end = first;
         for (uint64_t points = 0; end < last && (pass->is_whole || points < PART_POINTS); end++)
             points += results_of(b, pass, end);
-        const struct kiln_batch part = kiln_batch_part(batch, first, end - first);
+        const struct kiln_batch part = kiln_batch_range(batch, first, end - first);
         status = pass->domain == KILN_DOMAIN_TILE_RUNS ? begin_groups(b, first, most, error) : KILN_OK;
         if (status == KILN_OK)
             status = pass_functions[pass->index](b, parameters, &part, results, rays, error);

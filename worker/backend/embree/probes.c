@@ -175,8 +175,8 @@ static uint64_t gather_lights(const struct embree_backend *b, struct embree_cont
             add(sums, s.direction, s.value);
             if (groups != NULL)
                 add(&groups[kiln_light_group(b->base.given.groups->lights, lights, &choices[i],
-                                             choices[i].kind == KILN_CHOICE_NODE ? s.light : KILN_NONE, p, s.direction,
-                                             s.distance)],
+                                             choices[i].kind == KILN_CHOICE_LIGHT_NODE ? s.light : KILN_NONE, p,
+                                             s.direction, s.distance)],
                     s.direction, s.value);
         }
     }

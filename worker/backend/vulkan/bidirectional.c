@@ -407,7 +407,7 @@ static int run_left(struct vulkan_backend *b, const void *parameters, struct kil
         status =
             left->take != NULL ? left->take(left->context, left->first, left->count, b->both->results, error) : KILN_OK;
         *refused = status != KILN_OK;
-        *left = kiln_batch_part(left, left->first + left->count, 0);
+        *left = kiln_batch_range(left, left->first + left->count, 0);
     }
     if (status != KILN_OK)
         vulkan_bidirectional_release(b);

@@ -9,7 +9,7 @@
 
 #include "worker/base/memory.h"
 
-enum { LEAF_MOST = 3 /* the limit of a child of struct kiln_gpu_node8 */, WIDTH_MOST = 8 };
+enum { LEAF_MOST = 3 /* the limit of a child of struct kiln_gpu_bvh8_node */, WIDTH_MOST = 8 };
 enum {
     DEPTH_LIMIT = 40,
     /* largest depth of the tree, so that traversal stacks suffice: three entries per level four-wide, one eight-wide.
@@ -433,12 +433,12 @@ static struct box box_of(const struct kiln_gpu_bvh_node *node)
 }
 
 /* Children stand before their parents. */
-static void take_node(const struct kiln_gpu_bvh_node *nodes, const struct kiln_gpu_bvh_share *shares, uint32_t at,
+static void take_node(const struct kiln_gpu_bvh_node *nodes, const struct kiln_gpu_bvh_subtree *subtrees, uint32_t at,
                       struct built *tree)
 {
     struct built *to = &tree[at];
-    to->triangles = shares[at].triangles & ~KILN_GPU_LEAF;
-    to->count = (shares[at].triangles & KILN_GPU_LEAF) != 0 ? to->triangles : 0;
+    to->triangles = subtrees[at].triangles & ~KILN_GPU_LEAF;
+    to->count = (subtrees[at].triangles & KILN_GPU_LEAF) != 0 ? to->triangles : 0;
     to->leaves = 1;
     if (to->count != 0) {
         (void)list_triangles(nodes, at, to->is.triangle);
@@ -453,7 +453,7 @@ static void take_node(const struct kiln_gpu_bvh_node *nodes, const struct kiln_g
 }
 
 int bvh_create_of(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params,
-                  const struct kiln_gpu_bvh_node *nodes, const struct kiln_gpu_bvh_share *shares,
+                  const struct kiln_gpu_bvh_node *nodes, const struct kiln_gpu_bvh_subtree *subtrees,
                   struct kiln_error *error)
 {
     const size_t count = 2 * kiln_geometry_hittable_count(geometry) - 1;
@@ -462,7 +462,7 @@ int bvh_create_of(struct bvh **bvh, const struct kiln_geometry *geometry, const 
     if (status == KILN_OK)
         status = allocate_untouched(&tree, count, sizeof *tree, "the device's BVH", error);
     for (size_t i = 0; i < count && status == KILN_OK; i++)
-        take_node(nodes, shares, (uint32_t)i, tree);
+        take_node(nodes, subtrees, (uint32_t)i, tree);
     const struct box bounds = box_of(&nodes[count - 1]);
     if (status == KILN_OK)
         status = flatten_root(*bvh, &tree[count - 1], &bounds, error);
@@ -602,10 +602,10 @@ static uint32_t child_code(const struct bvh *bvh, const struct family *family, u
     return count == 0 ? family->place[i] : KILN_GPU_LEAF | (count - 1u) << KILN_GPU_LEAF_COUNT_SHIFT | family->place[i];
 }
 
-static void encode4(const struct bvh *bvh, const struct family *family, struct kiln_gpu_node4 *to)
+static void encode4(const struct bvh *bvh, const struct family *family, struct kiln_gpu_bvh4_node *to)
 {
     const float nowhere = 3.0e38f;
-    *to = (struct kiln_gpu_node4){.unused = {0, 0, 0, 0}};
+    *to = (struct kiln_gpu_bvh4_node){.unused = {0, 0, 0, 0}};
     for (uint32_t i = 0; i < 4; i++) {
         const bool there = family->member[i] != KILN_GPU_NONE;
         const struct box *box = there ? &bvh->nodes[family->member[i]].box : NULL;
@@ -629,7 +629,7 @@ static int step_exponent(double length)
 }
 
 static void encode8_bounds(const struct bvh *bvh, const struct family *family, uint32_t k, int exponent,
-                           struct kiln_gpu_node8 *to)
+                           struct kiln_gpu_bvh8_node *to)
 {
     for (uint32_t i = 0; i < 8; i++) {
         if (family->member[i] == KILN_GPU_NONE)
@@ -644,10 +644,10 @@ static void encode8_bounds(const struct bvh *bvh, const struct family *family, u
     }
 }
 
-static void encode8(const struct bvh *bvh, const struct family *family, uint32_t parent, struct kiln_gpu_node8 *to)
+static void encode8(const struct bvh *bvh, const struct family *family, uint32_t parent, struct kiln_gpu_bvh8_node *to)
 {
     const struct box *whole = &bvh->nodes[parent].box;
-    *to = (struct kiln_gpu_node8){.origin = {whole->lower[0], whole->lower[1], whole->lower[2]}};
+    *to = (struct kiln_gpu_bvh8_node){.origin = {whole->lower[0], whole->lower[1], whole->lower[2]}};
     for (uint32_t k = 0; k < 3; k++) {
         const int exponent = step_exponent((double)whole->upper[k] - (double)whole->lower[k]);
         to->exponents_inner |= (uint32_t)(exponent + 127) << 8 * k;
@@ -733,9 +733,9 @@ static void measure(const struct export *e, uint32_t from)
 static void encode(const struct export *e, const struct family *family, uint32_t from, uint32_t at)
 {
     if (e->kind == KILN_TRAVERSAL_FOUR)
-        encode4(e->bvh, family, (struct kiln_gpu_node4 *)e->layout->nodes + at);
+        encode4(e->bvh, family, (struct kiln_gpu_bvh4_node *)e->layout->nodes + at);
     else
-        encode8(e->bvh, family, from, (struct kiln_gpu_node8 *)e->layout->nodes + at);
+        encode8(e->bvh, family, from, (struct kiln_gpu_bvh8_node *)e->layout->nodes + at);
 }
 
 /* Fills the layout's node `at` from node `from` of the tree, and all below it, from `start` on. */
@@ -792,7 +792,8 @@ int bvh_layout_create(struct bvh_layout *layout, const struct bvh *bvh, uint32_t
 {
     const bool four = traversal == KILN_TRAVERSAL_FOUR;
     struct export e = {.bvh = bvh, .layout = layout, .kind = traversal, .width = four ? 4 : 8};
-    *layout = (struct bvh_layout){.node_size = four ? sizeof(struct kiln_gpu_node4) : sizeof(struct kiln_gpu_node8)};
+    *layout =
+        (struct bvh_layout){.node_size = four ? sizeof(struct kiln_gpu_bvh4_node) : sizeof(struct kiln_gpu_bvh8_node)};
     assert(traversal <= KILN_TRAVERSAL_EIGHT);
     int status = allocate_untouched(&layout->triangles, bvh->order_count, sizeof *layout->triangles,
                                     "the triangles of the BVH", error);

@@ -31,7 +31,7 @@ int bvh_create(struct bvh **bvh, const struct kiln_geometry *geometry, const str
 /* Makes the tree from that of bvh_device.h, with at least one triangle that rays can hit: it has twice as many nodes as
  * triangles, less one. */
 int bvh_create_of(struct bvh **bvh, const struct kiln_geometry *geometry, const struct bvh_params *params,
-                  const struct kiln_gpu_bvh_node *nodes, const struct kiln_gpu_bvh_share *shares,
+                  const struct kiln_gpu_bvh_node *nodes, const struct kiln_gpu_bvh_subtree *subtrees,
                   struct kiln_error *error);
 bool bvh_is_of_device(const struct bvh *bvh);
 void bvh_destroy(struct bvh **bvh);

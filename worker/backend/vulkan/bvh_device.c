@@ -30,12 +30,12 @@ enum array {
     HISTOGRAM,
     SUMS,
     NODES,
-    SHARES,
+    SUBTREES,
     CLUSTERS,
     CLUSTERS_AFTER,
     NEAREST,
     LEFT,
-    LEFT_SHARES,
+    LEFT_SUBTREES,
     STATES,
     TASKS,
     ROOT,
@@ -79,14 +79,14 @@ static uint64_t bytes_of(uint64_t count, const struct kiln_geometry *g, enum arr
         return (count / 64 + 1) * sizeof(uint32_t);
     case NODES:
         return (2 * count - 1) * sizeof(struct kiln_gpu_bvh_node);
-    case SHARES:
-        return (2 * count - 1) * sizeof(struct kiln_gpu_bvh_share);
+    case SUBTREES:
+        return (2 * count - 1) * sizeof(struct kiln_gpu_bvh_subtree);
     case STATES:
         return 2 * sizeof(struct kiln_gpu_bvh_state) + sizeof(uint64_t);
     case LEFT:
         return (count < KILN_BVH_TOP ? count : KILN_BVH_TOP) * sizeof(struct kiln_gpu_bvh_node);
-    case LEFT_SHARES:
-        return (count < KILN_BVH_TOP ? count : KILN_BVH_TOP) * sizeof(struct kiln_gpu_bvh_share);
+    case LEFT_SUBTREES:
+        return (count < KILN_BVH_TOP ? count : KILN_BVH_TOP) * sizeof(struct kiln_gpu_bvh_subtree);
     case TASKS:
         return count * sizeof(struct kiln_gpu_bvh_task);
     case ROOT:
@@ -103,7 +103,7 @@ bool bvh_device_can(const struct gpu *gpu, const struct kiln_geometry *geometry)
         return false;
     /* tasks are allocated after half of the arrays are freed; a layout needs less than a node of 128 bytes for two
      * triangles */
-    uint64_t bytes = count * (sizeof(struct kiln_gpu_node4) / 2 + sizeof(struct kiln_gpu_triangle));
+    uint64_t bytes = count * (sizeof(struct kiln_gpu_bvh4_node) / 2 + sizeof(struct kiln_gpu_triangle));
     for (int i = 0; i < ARRAYS; i++)
         bytes += bytes_of(count, geometry, (enum array)i);
     return bytes < gpu_memory_left(gpu) / 8 * 7;
@@ -190,10 +190,10 @@ static int bring_root(struct bvh_device *t, struct kiln_error *error)
     root->histogram = a[HISTOGRAM].address;
     root->sums = a[SUMS].address;
     root->nodes = a[NODES].address;
-    root->shares = a[SHARES].address;
+    root->subtrees = a[SUBTREES].address;
     root->nearest = a[NEAREST].address;
     root->left = a[LEFT].address;
-    root->left_shares = a[LEFT_SHARES].address;
+    root->left_subtrees = a[LEFT_SUBTREES].address;
     root->states = a[STATES].address;
     root->tasks = a[TASKS].address;
     return gpu_upload(t->gpu, &a[ROOT], 0, root, sizeof *root, error);
@@ -276,7 +276,7 @@ static int join(struct bvh_device *t, struct script *s, struct kiln_gpu_bvh_stat
 /* Arrays from which the host builds the top of the tree. */
 struct top {
     struct kiln_gpu_bvh_node *clusters, *nodes;
-    struct kiln_gpu_bvh_share *shares, *node_shares;
+    struct kiln_gpu_bvh_subtree *subtrees, *node_subtrees;
     uint32_t *names;
     struct kiln_arena arena;
 };
@@ -286,8 +286,8 @@ static int allocate_top(struct top *top, uint32_t count, struct kiln_error *erro
     int status;
     KILN_TRY(kiln_arena_allocate(&top->arena, &top->clusters, count, sizeof *top->clusters, what, error));
     KILN_TRY(kiln_arena_allocate(&top->arena, &top->nodes, count, sizeof *top->nodes, what, error));
-    KILN_TRY(kiln_arena_allocate(&top->arena, &top->shares, count, sizeof *top->shares, what, error));
-    KILN_TRY(kiln_arena_allocate(&top->arena, &top->node_shares, count, sizeof *top->node_shares, what, error));
+    KILN_TRY(kiln_arena_allocate(&top->arena, &top->subtrees, count, sizeof *top->subtrees, what, error));
+    KILN_TRY(kiln_arena_allocate(&top->arena, &top->node_subtrees, count, sizeof *top->node_subtrees, what, error));
     KILN_TRY(kiln_arena_allocate(&top->arena, &top->names, count, sizeof *top->names, what, error));
 end:
     return status;
@@ -300,23 +300,23 @@ static int build_top(struct bvh_device *t, const struct top *top, const struct k
 {
     const size_t count = left->clusters, first = (size_t)t->count + left->made;
     const struct bvh_top work = {.clusters = top->clusters,
-                                 .shares = top->shares,
+                                 .subtrees = top->subtrees,
                                  .names = top->names,
                                  .count = left->clusters,
                                  .first = (uint32_t)first,
                                  .inverse_extent = t->root.inverse_extent,
                                  .threads = t->threads,
                                  .nodes = top->nodes,
-                                 .node_shares = top->node_shares};
+                                 .node_subtrees = top->node_subtrees};
     int status;
     KILN_TRY(gpu_download(t->gpu, &t->arrays[LEFT], 0, top->clusters, count * sizeof *top->clusters, error));
-    KILN_TRY(gpu_download(t->gpu, &t->arrays[LEFT_SHARES], 0, top->shares, count * sizeof *top->shares, error));
+    KILN_TRY(gpu_download(t->gpu, &t->arrays[LEFT_SUBTREES], 0, top->subtrees, count * sizeof *top->subtrees, error));
     KILN_TRY(gpu_download(t->gpu, &t->arrays[CLUSTERS + (int)from], 0, top->names, count * sizeof *top->names, error));
     KILN_TRY(bvh_top_build(&work, error));
     KILN_TRY(gpu_upload(t->gpu, &t->arrays[NODES], first * sizeof *top->nodes, top->nodes,
                         (count - 1) * sizeof *top->nodes, error));
-    KILN_TRY(gpu_upload(t->gpu, &t->arrays[SHARES], first * sizeof *top->node_shares, top->node_shares,
-                        (count - 1) * sizeof *top->node_shares, error));
+    KILN_TRY(gpu_upload(t->gpu, &t->arrays[SUBTREES], first * sizeof *top->node_subtrees, top->node_subtrees,
+                        (count - 1) * sizeof *top->node_subtrees, error));
 end:
     return status;
 }
@@ -356,7 +356,7 @@ static int build(struct bvh_device *t, struct kiln_error *error)
 end:
     for (int i = KEYS; i <= HISTOGRAM; i++)
         gpu_buffer_destroy(t->gpu, &t->arrays[i]);
-    for (int i = CLUSTERS; i <= LEFT_SHARES; i++)
+    for (int i = CLUSTERS; i <= LEFT_SUBTREES; i++)
         gpu_buffer_destroy(t->gpu, &t->arrays[i]);
     kiln_free(&s);
     return status;
@@ -434,7 +434,7 @@ static int write_layout(struct bvh_device *t, struct script *s, const struct lev
 {
     layout->node_count = l->first[l->count];
     layout->triangle_count = t->count;
-    int status = gpu_buffer_create(t->gpu, &layout->nodes, layout->node_count * sizeof(struct kiln_gpu_node4),
+    int status = gpu_buffer_create(t->gpu, &layout->nodes, layout->node_count * sizeof(struct kiln_gpu_bvh4_node),
                                    GPU_DEVICE, "the BVH", error);
     if (status == KILN_OK)
         status = gpu_buffer_create(t->gpu, &layout->triangles, t->count * sizeof(struct kiln_gpu_triangle), GPU_DEVICE,
@@ -530,16 +530,16 @@ int bvh_device_fetch(struct bvh_device *tree, const struct bvh_params *params, s
 {
     const size_t count = 2 * (size_t)tree->count - 1;
     struct kiln_gpu_bvh_node *nodes = NULL;
-    struct kiln_gpu_bvh_share *shares = NULL;
+    struct kiln_gpu_bvh_subtree *subtrees = NULL;
     *bvh = NULL;
     int status;
     KILN_TRY(kiln_allocate(&nodes, count, sizeof *nodes, "the device's BVH", error));
-    KILN_TRY(kiln_allocate(&shares, count, sizeof *shares, "the device's BVH", error));
+    KILN_TRY(kiln_allocate(&subtrees, count, sizeof *subtrees, "the device's BVH", error));
     KILN_TRY(gpu_download(tree->gpu, &tree->arrays[NODES], 0, nodes, count * sizeof *nodes, error));
-    KILN_TRY(gpu_download(tree->gpu, &tree->arrays[SHARES], 0, shares, count * sizeof *shares, error));
-    KILN_TRY(bvh_create_of(bvh, tree->geometry, params, nodes, shares, error));
+    KILN_TRY(gpu_download(tree->gpu, &tree->arrays[SUBTREES], 0, subtrees, count * sizeof *subtrees, error));
+    KILN_TRY(bvh_create_of(bvh, tree->geometry, params, nodes, subtrees, error));
 end:
     kiln_free(&nodes);
-    kiln_free(&shares);
+    kiln_free(&subtrees);
     return status;
 }

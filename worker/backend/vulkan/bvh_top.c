@@ -48,7 +48,7 @@ static void join(struct kiln_gpu_bvh_node *to, const struct kiln_gpu_bvh_node *o
     }
 }
 
-static uint32_t triangles_of(const struct kiln_gpu_bvh_share *share) { return share->triangles & ~KILN_GPU_LEAF; }
+static uint32_t triangles_of(const struct kiln_gpu_bvh_subtree *share) { return share->triangles & ~KILN_GPU_LEAF; }
 
 /* ---- where to split ---- */
 
@@ -66,14 +66,14 @@ static void sweep(const struct work *w, const struct range *r, uint32_t axis, st
     uint32_t triangles = 0;
     for (uint32_t i = r->count - 1; i > 0; i--) {
         join(&box, &top->clusters[order[i]]);
-        triangles += triangles_of(&top->shares[order[i]]);
+        triangles += triangles_of(&top->subtrees[order[i]]);
         right[i] = area_of(&box, top->inverse_extent) * (float)triangles;
     }
     box = top->clusters[order[0]];
     triangles = 0;
     for (uint32_t i = 1; i < r->count; i++) {
         join(&box, &top->clusters[order[i - 1]]);
-        triangles += triangles_of(&top->shares[order[i - 1]]);
+        triangles += triangles_of(&top->subtrees[order[i - 1]]);
         const float cost = area_of(&box, top->inverse_extent) * (float)triangles + right[i];
         const bool less = cost < best->cost * (1.0f - HARDLY_LESS), equal = cost <= best->cost * (1.0f + HARDLY_LESS);
         if (less || (equal && from_middle(i, r->count) < from_middle(best->first, r->count)))
@@ -112,25 +112,25 @@ static float distribute(const float a[3], const float b[3], uint32_t room)
 }
 
 /* shaders/bvh_cluster.comp */
-static struct kiln_gpu_bvh_share share_of(const struct kiln_gpu_bvh_share *a, const struct kiln_gpu_bvh_share *b,
-                                          float area)
+static struct kiln_gpu_bvh_subtree share_of(const struct kiln_gpu_bvh_subtree *a, const struct kiln_gpu_bvh_subtree *b,
+                                            float area)
 {
     const uint32_t triangles = triangles_of(a) + triangles_of(b);
     const float apart = area + distribute(a->cost, b->cost, 4), together = area * (float)triangles;
     const bool leaf = triangles <= KILN_BVH_LEAF && together <= apart;
     const float one = leaf ? together : apart, two = fminf(one, distribute(a->cost, b->cost, 2));
-    return (struct kiln_gpu_bvh_share){leaf ? KILN_GPU_LEAF | triangles : triangles,
-                                       {one, two, fminf(two, distribute(a->cost, b->cost, 3))}};
+    return (struct kiln_gpu_bvh_subtree){leaf ? KILN_GPU_LEAF | triangles : triangles,
+                                         {one, two, fminf(two, distribute(a->cost, b->cost, 3))}};
 }
 
 /* Number of a range's root, its box, and its triangles and cost. */
 static uint32_t root_of(const struct work *w, const struct range *r, struct kiln_gpu_bvh_node *box,
-                        struct kiln_gpu_bvh_share *share)
+                        struct kiln_gpu_bvh_subtree *share)
 {
     const struct bvh_top *top = w->top;
     const uint32_t cluster = w->order[0][r->first], made = r->node + r->count - 2;
     *box = r->count == 1 ? top->clusters[cluster] : top->nodes[made];
-    *share = r->count == 1 ? top->shares[cluster] : top->node_shares[made];
+    *share = r->count == 1 ? top->subtrees[cluster] : top->node_subtrees[made];
     return r->count == 1 ? top->names[cluster] : top->first + made;
 }
 
@@ -149,13 +149,13 @@ static void build(const struct work *w, struct range r)
     build(w, b);
 #pragma omp taskwait
     struct kiln_gpu_bvh_node node, second;
-    struct kiln_gpu_bvh_share share_a, share_b;
+    struct kiln_gpu_bvh_subtree share_a, share_b;
     const uint32_t name_a = root_of(w, &a, &node, &share_a), name_b = root_of(w, &b, &second, &share_b);
     join(&node, &second);
     node.first = name_a;
     node.second = name_b;
     w->top->nodes[r.node + r.count - 2] = node;
-    w->top->node_shares[r.node + r.count - 2] = share_of(&share_a, &share_b, area_of(&node, w->top->inverse_extent));
+    w->top->node_subtrees[r.node + r.count - 2] = share_of(&share_a, &share_b, area_of(&node, w->top->inverse_extent));
 }
 
 /* ---- orders ---- */

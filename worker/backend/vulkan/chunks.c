@@ -226,7 +226,8 @@ static bool take_tile_run(struct run *r, uint64_t points, struct flight *flight)
 }
 
 /* Takes the next tile runs of one block, at most `points` points by weight (but at least one tile run). */
-static void take_tile_runs(struct run *r, const struct vulkan_block *block, uint64_t points, struct flight *flight)
+static void take_tile_runs(struct run *r, const struct vulkan_point_range *block, uint64_t points,
+                           struct flight *flight)
 {
     size_t end = block->tile_run_first + block->tile_run_count;
     end = end > r->end ? r->end : end;
@@ -278,7 +279,7 @@ static void name_points(struct kiln_gpu_chunk *chunk, const struct gpu_buffer *b
     chunk->count = lower_bound(list, count, (uint64_t)chunk->origin + chunk->total) - chunk->first;
 }
 
-static void describe(const struct run *r, const struct vulkan_block *block, const struct flight *flight,
+static void describe(const struct run *r, const struct vulkan_point_range *block, const struct flight *flight,
                      struct vulkan_chunk *chunk)
 {
     const struct gpu *gpu = r->b->gpu;
@@ -392,18 +393,18 @@ static int submit_portion(struct run *r, struct vulkan_chunk *chunk, struct flig
 }
 
 /* Finds the block of the next tile run. If memory is short, flights under way must land first. */
-static int find_block(struct run *r, struct vulkan_block **block, struct kiln_error *error)
+static int find_block(struct run *r, struct vulkan_point_range **block, struct kiln_error *error)
 {
     uint32_t in_use = 0;
     for (int i = 0; i < GPU_SLOTS; i++)
         in_use += r->flights[i].under_way;
-    int status = vulkan_points_block(r->b->points, r->next, r->pass->states, in_use, block, error);
+    int status = vulkan_points_range(r->b->points, r->next, r->pass->states, in_use, block, error);
     if (status == KILN_OK || in_use == 0 || gpu_lost(r->b->gpu))
         return status;
     status = KILN_OK;
     for (uint32_t i = 0; i < GPU_SLOTS && status == KILN_OK; i++)
         status = land(r, (r->slot + i) % GPU_SLOTS, error);
-    return status == KILN_OK ? vulkan_points_block(r->b->points, r->next, r->pass->states, 0, block, error) : status;
+    return status == KILN_OK ? vulkan_points_range(r->b->points, r->next, r->pass->states, 0, block, error) : status;
 }
 
 /* Number of rows of the chunk that fit into a time slice, by the speed measured so far. */
@@ -417,7 +418,7 @@ static uint32_t rows_now(const struct run *r, const struct flight *flight)
 /* Starts the next chunk in r->slot, which is free. */
 static int start(struct run *r, struct kiln_error *error)
 {
-    struct vulkan_block *block;
+    struct vulkan_point_range *block;
     int status = find_block(r, &block, error);
     if (status != KILN_OK)
         return status;

@@ -199,7 +199,7 @@ static bool has_room(struct vulkan_backend *b, const struct kiln_held *begin)
     return bytes <= gpu_memory_left(b->gpu) / 2;
 }
 
-static int bring_answers(struct vulkan_backend *b, const struct kiln_held_part *part, struct kiln_error *error)
+static int bring_answers(struct vulkan_backend *b, const struct kiln_held_term *part, struct kiln_error *error)
 {
     struct vulkan_held *h = &b->held;
     if (find_answers(h, part->key) != NULL)
@@ -222,7 +222,7 @@ static int bring_parts(struct vulkan_backend *b, const struct kiln_held *begin, 
                        struct kiln_error *error)
 {
     struct vulkan_held *h = &b->held;
-    struct kiln_gpu_held_part *parts = NULL;
+    struct kiln_gpu_held_term *parts = NULL;
     uint32_t count = 0;
     int status = KILN_OK;
     for (uint32_t l = 0; l < begin->count; l++)

@@ -468,7 +468,7 @@ static int run_part(struct rows_run *r, const struct kiln_batch *part, uint64_t 
     for (size_t i = 0, next; i < part->count && status == KILN_OK; i = next) {
         for (next = i + 1; next < part->count && r->there[next] == r->there[i];)
             next++;
-        const struct kiln_batch piece = kiln_batch_part(part, part->first + i, next - i);
+        const struct kiln_batch piece = kiln_batch_range(part, part->first + i, next - i);
         status = r->there[i] != 0 ? replay(r, &piece, error) : trace(r, &piece, rays, error);
     }
     return status;
@@ -499,7 +499,7 @@ int vulkan_gather_rows(struct vulkan_backend *b, const struct kiln_batch *batch,
         r.words = r.read != NULL ? r.read
                                  : kiln_resident_row(r.rows->resident,
                                                      b->surface->tile_runs[first].first.at - r.rows->resident->first);
-        const struct kiln_batch part = kiln_batch_part(batch, first, count);
+        const struct kiln_batch part = kiln_batch_range(batch, first, count);
         status = run_part(&r, &part, rays, error);
     }
     kiln_free(&r.there);

@@ -48,7 +48,7 @@ static struct gpu_kernel_params describe(const struct vulkan_backend *b, const s
     constants[VULKAN_HAS_VARIED] = b->materials.varied;
     constants[VULKAN_HAS_GLOSSY] = b->materials.gloss;
     constants[VULKAN_HAS_BRUSHED] = b->materials.brushed;
-    constants[VULKAN_HAS_HELD] = b->materials.held;
+    constants[VULKAN_HAS_TRAPPED] = b->materials.trapped;
     for (uint32_t i = 0; i < VULKAN_CONSTANTS && !pipeline; i++)
         if (constants[i] != 0 && !asks_for(code, i))
             constants[i] = 0;

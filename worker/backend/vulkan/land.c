@@ -205,7 +205,7 @@ static int end_portion(struct land_run *r, uint32_t slot, struct kiln_batch *lef
     *rays += r->rays - before;
     status = left->take != NULL ? left->take(left->context, left->first, count, r->results, error) : KILN_OK;
     *refused = status != KILN_OK;
-    *left = kiln_batch_part(left, left->first + count, left->count - count);
+    *left = kiln_batch_range(left, left->first + count, left->count - count);
     return status;
 }
 
@@ -216,7 +216,7 @@ static int end_spheres(struct land_run *r, struct kiln_batch *left, uint64_t *ra
     if (status != KILN_OK)
         return status;
     *rays += r->rays;
-    *left = kiln_batch_part(left, left->first + left->count, 0);
+    *left = kiln_batch_range(left, left->first + left->count, 0);
     return KILN_OK;
 }
 

@@ -216,10 +216,10 @@ static void prepare_lobes(struct staging *s, const struct vulkan_materials *m, u
     if (!of->ready) {
         gloss->brushed[0] = of->tables.brushed_low;
         gloss->brushed[1] = of->tables.brushed_high;
-        gloss->held[0] = of->tables.held_low;
-        gloss->held[1] = of->tables.held_high;
+        gloss->trapped[0] = of->tables.trapped_low;
+        gloss->trapped[1] = of->tables.trapped_high;
         move_table(s, m, &gloss->brushed[0], &gloss->brushed[1]);
-        move_table(s, m, &gloss->held[0], &gloss->held[1]);
+        move_table(s, m, &gloss->trapped[0], &gloss->trapped[1]);
         s->varied = true;
         return;
     }
@@ -237,7 +237,7 @@ static int prepare_tables(struct staging *s, struct vulkan_materials *m, struct 
         return status;
     const struct kiln_scene_table_bytes bytes = kiln_scene_table_bytes(m->lobes, scene->material_count);
     m->brushed = bytes.brushed != 0;
-    m->held = bytes.held != 0;
+    m->trapped = bytes.trapped != 0;
     if (bytes.all != 0)
         status = gpu_buffer_of(s->gpu, &m->tables, kiln_scene_tables(m->lobes, scene->material_count), bytes.all,
                                "the tables of materials", error);

@@ -22,7 +22,7 @@ struct vulkan_materials {
     struct gpu_buffer tables;       /* kiln_scene_tables */
     bool gloss;                     /* kernels treat some materials as not purely diffuse */
     bool varied;                    /* lobes of some materials vary over the surface (KILN_GPU_GLOSS_PREPARED) */
-    bool brushed, held;             /* some materials have tables of brushed facets; of light trapped under coats */
+    bool brushed, trapped;          /* some materials have tables of brushed facets; of light trapped under coats */
 };
 
 /* Uploads materials, and writes the addresses into `layout` (all 0 when there is nothing); with `all` the coatings of

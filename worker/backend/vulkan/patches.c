@@ -64,19 +64,19 @@ static void describe_points(const struct patches_run *r, struct kiln_gpu_patch *
         }
 }
 
-static void describe_nodes(const struct patches_run *r, struct kiln_gpu_node_facing *facings,
-                           struct kiln_gpu_node_shape *shapes)
+static void describe_nodes(const struct patches_run *r, struct kiln_gpu_patch_node_facing *facings,
+                           struct kiln_gpu_patch_node_shape *shapes)
 {
 #pragma omp parallel for num_threads((int)r->b->threads) if (r->p->count > 1 << 14)
     for (uint64_t k = 0; k < r->p->count; k++) {
         const struct kiln_patch_node *node = &r->p->nodes[k];
         const struct kiln_patch *patch = &node->patch;
-        facings[k] = (struct kiln_gpu_node_facing){node->centre, patch->area, patch->normal, patch->number};
-        shapes[k] =
-            (struct kiln_gpu_node_shape){.place = patch->place,
-                                         .edge_s = patch->edge_s,
-                                         .edge_t = patch->edge_t,
-                                         .radiosity = {node->radiosity[0], node->radiosity[1], node->radiosity[2]}};
+        facings[k] = (struct kiln_gpu_patch_node_facing){node->centre, patch->area, patch->normal, patch->number};
+        shapes[k] = (struct kiln_gpu_patch_node_shape){
+            .place = patch->place,
+            .edge_s = patch->edge_s,
+            .edge_t = patch->edge_t,
+            .radiosity = {node->radiosity[0], node->radiosity[1], node->radiosity[2]}};
     }
 }
 
@@ -109,8 +109,8 @@ static int bring_nodes(const struct patches_run *r, struct kiln_error *error)
 {
     static const char what[] = "the nodes that points gather from";
     const size_t count = (size_t)r->p->count;
-    struct kiln_gpu_node_facing *facings = NULL;
-    struct kiln_gpu_node_shape *shapes = NULL;
+    struct kiln_gpu_patch_node_facing *facings = NULL;
+    struct kiln_gpu_patch_node_shape *shapes = NULL;
     int status;
     KILN_TRY(kiln_allocate(&facings, count, sizeof *facings, what, error));
     KILN_TRY(kiln_allocate(&shapes, count, sizeof *shapes, what, error));

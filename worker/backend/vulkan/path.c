@@ -234,7 +234,7 @@ static int run_left(struct vulkan_backend *b, const void *parameters, struct kil
         if (status == KILN_OK) {
             status = left->take != NULL ? left->take(left->context, left->first, pixels, r.answers, error) : KILN_OK;
             *refused = status != KILN_OK;
-            *left = kiln_batch_part(left, left->first + pixels, left->count - pixels);
+            *left = kiln_batch_range(left, left->first + pixels, left->count - pixels);
         }
     }
     finish(&r);

@@ -21,7 +21,7 @@ static uint64_t pieces_of(const struct kiln_surface *s, size_t tile_run)
 }
 
 /* Divides the tile runs [begin, end) into blocks; if `blocks` is NULL, only counts them. */
-static size_t cut(const struct kiln_surface *s, size_t begin, size_t end, struct vulkan_block *blocks)
+static size_t cut(const struct kiln_surface *s, size_t begin, size_t end, struct vulkan_point_range *blocks)
 {
     size_t count = 0;
     for (size_t f = begin; f < end;) {
@@ -33,10 +33,10 @@ static size_t cut(const struct kiln_surface *s, size_t begin, size_t end, struct
             pieces += pieces_of(s, f++);
         }
         if (blocks != NULL)
-            blocks[count] = (struct vulkan_block){.tile_run_first = first,
-                                                  .tile_run_count = f - first,
-                                                  .first = kiln_own_of_global(s, s->tile_runs[first].first),
-                                                  .count = points};
+            blocks[count] = (struct vulkan_point_range){.tile_run_first = first,
+                                                        .tile_run_count = f - first,
+                                                        .first = kiln_own_of_global(s, s->tile_runs[first].first),
+                                                        .count = points};
         count++;
     }
     return count;
@@ -98,7 +98,7 @@ int vulkan_points_of_others(struct vulkan_points **points, struct vulkan_points 
 static void workspace_destroy(struct points_workspace **workspace);
 static void ahead_destroy(struct points_ahead **ahead);
 
-static void forget_lists(struct vulkan_points *p, struct vulkan_block *block)
+static void forget_lists(struct vulkan_points *p, struct vulkan_point_range *block)
 {
     gpu_buffer_destroy(p->gpu, &block->list);
     gpu_buffer_destroy(p->gpu, &block->asked_list);
@@ -107,7 +107,7 @@ static void forget_lists(struct vulkan_points *p, struct vulkan_block *block)
     block->buried_count = block->asked_count = 0;
 }
 
-static void release(struct vulkan_points *p, struct vulkan_block *block)
+static void release(struct vulkan_points *p, struct vulkan_point_range *block)
 {
     gpu_buffer_destroy(p->gpu, &block->points);
     gpu_buffer_destroy(p->gpu, &block->parts);
@@ -152,7 +152,7 @@ void vulkan_points_forget_states(struct vulkan_points *points)
 static void forget_states_of(struct vulkan_points *points, const struct kiln_batch *batch)
 {
     for (size_t i = 0; batch != NULL && i < points->block_count; i++) {
-        struct vulkan_block *b = &points->blocks[i];
+        struct vulkan_point_range *b = &points->blocks[i];
         if (b->tile_run_first < batch->first + batch->count && batch->first < b->tile_run_first + b->tile_run_count)
             b->states_known = false;
     }
@@ -168,7 +168,7 @@ void vulkan_points_choose(struct vulkan_points *points, const struct kiln_batch 
 
 /* Parts made by one thread, in an array of its own. */
 struct part_list {
-    struct kiln_gpu_part *at;
+    struct kiln_gpu_piece *at;
     size_t count, room;
     size_t offset; /* their offset in the block's array */
 };
@@ -185,7 +185,7 @@ struct points_workspace {
 /* A range being made. */
 struct maker {
     const struct vulkan_points *p;
-    const struct vulkan_block *block;
+    const struct vulkan_point_range *block;
     struct points_workspace *w;
     size_t part_count;
 };
@@ -227,7 +227,7 @@ static void know(struct known *k, const struct maker *m, uint32_t triangle)
         k->lift = (struct kiln_lift){{0.0f}};
 }
 
-static struct kiln_gpu_part part_of(const struct maker *m, struct known *k, const struct kiln_footprint_triangle *from)
+static struct kiln_gpu_piece part_of(const struct maker *m, struct known *k, const struct kiln_footprint_triangle *from)
 {
     struct kiln_vec3 corner[3];
     kiln_geometry_corners(m->p->params->geometry, from->triangle, corner);
@@ -238,12 +238,12 @@ static struct kiln_gpu_part part_of(const struct maker *m, struct known *k, cons
     for (int c = 0; c < 3; c++)
         at[c] = dvec3_add(dvec3_scale(e1, from->b1[c]), dvec3_scale(e2, from->b2[c]));
     const struct kiln_dvec3 off = dvec3_scale(dvec3_of(k->normal), (double)k->offset);
-    return (struct kiln_gpu_part){.p = vec3_of(dvec3_add(dvec3_add(c0, at[0]), off)),
-                                  .e1 = vec3_of(dvec3_sub(at[1], at[0])),
-                                  .e2 = vec3_of(dvec3_sub(at[2], at[0])),
-                                  .normal = k->normal,
-                                  .until = (float)from->until,
-                                  .offset = k->offset};
+    return (struct kiln_gpu_piece){.p = vec3_of(dvec3_add(dvec3_add(c0, at[0]), off)),
+                                   .e1 = vec3_of(dvec3_sub(at[1], at[0])),
+                                   .e2 = vec3_of(dvec3_sub(at[2], at[0])),
+                                   .normal = k->normal,
+                                   .until = (float)from->until,
+                                   .offset = k->offset};
 }
 
 /* The box about a point's parts. */
@@ -275,16 +275,16 @@ static int make_parts(struct maker *m, struct part_list *list, struct known *k, 
     struct box box = {vec3(INFINITY, INFINITY, INFINITY), vec3(-INFINITY, -INFINITY, -INFINITY)};
     bool one_normal = true;
     point->flags |= KILN_GPU_POINT_PARTIAL;
-    point->first_part = (uint32_t)list->count;
+    point->first_piece = (uint32_t)list->count;
     for (uint32_t i = 0; i < f->piece_count; i++) {
         struct kiln_footprint_triangle parts[KILN_FOOTPRINT_TRIANGLES];
-        const uint32_t count = triangles_of(f, i, list->count - point->first_part, parts);
+        const uint32_t count = triangles_of(f, i, list->count - point->first_piece, parts);
         const int status =
             kiln_grow(&list->at, &list->room, list->count + count, sizeof *list->at, "the parts of points", error);
         if (status != KILN_OK)
             return status;
         for (uint32_t j = 0; j < count; j++) {
-            const struct kiln_gpu_part part = part_of(m, k, &parts[j]);
+            const struct kiln_gpu_piece part = part_of(m, k, &parts[j]);
             box_add(&box, part.p);
             box_add(&box, vec3_add(part.p, part.e1));
             box_add(&box, vec3_add(part.p, part.e2));
@@ -292,7 +292,7 @@ static int make_parts(struct maker *m, struct part_list *list, struct known *k, 
             list->at[list->count++] = part;
         }
     }
-    point->part_count = (uint32_t)(list->count - point->first_part);
+    point->part_count = (uint32_t)(list->count - point->first_piece);
     point->centre = vec3_scale(vec3_add(box.low, box.high), 0.5f);
     point->spread = 0.5f * vec3_length(vec3_sub(box.high, box.low));
     point->flags |= one_normal ? KILN_GPU_POINT_ONE_NORMAL : 0;
@@ -310,25 +310,25 @@ static void make_whole(const struct known *k, const struct kiln_footprint *f, st
     point->edge_t = f->whole.dv;
 }
 
-static struct kiln_gpu_part_triangle part_triangle_of(const struct kiln_footprint_triangle *from)
+static struct kiln_gpu_piece_triangle part_triangle_of(const struct kiln_footprint_triangle *from)
 {
     const double *b1 = from->b1, *b2 = from->b2;
-    return (struct kiln_gpu_part_triangle){.triangle = from->triangle,
-                                           .weight = {(float)b1[0], (float)b2[0]},
-                                           .along_e1 = {(float)(b1[1] - b1[0]), (float)(b2[1] - b2[0])},
-                                           .along_e2 = {(float)(b1[2] - b1[0]), (float)(b2[2] - b2[0])}};
+    return (struct kiln_gpu_piece_triangle){.triangle = from->triangle,
+                                            .weight = {(float)b1[0], (float)b2[0]},
+                                            .along_e1 = {(float)(b1[1] - b1[0]), (float)(b2[1] - b2[0])},
+                                            .along_e2 = {(float)(b1[2] - b1[0]), (float)(b2[2] - b2[0])}};
 }
 
-static struct kiln_gpu_part_triangle whole_triangle_of(const struct kiln_footprint *f)
+static struct kiln_gpu_piece_triangle whole_triangle_of(const struct kiln_footprint *f)
 {
-    return (struct kiln_gpu_part_triangle){.triangle = f->pieces[0],
-                                           .weight = {f->whole.b[0], f->whole.b[1]},
-                                           .along_e1 = {f->whole.b_du[0], f->whole.b_du[1]},
-                                           .along_e2 = {f->whole.b_dv[0], f->whole.b_dv[1]}};
+    return (struct kiln_gpu_piece_triangle){.triangle = f->pieces[0],
+                                            .weight = {f->whole.b[0], f->whole.b[1]},
+                                            .along_e1 = {f->whole.b_du[0], f->whole.b_du[1]},
+                                            .along_e2 = {f->whole.b_dv[0], f->whole.b_dv[1]}};
 }
 
 static void add_part_triangle(const struct maker *m, struct known *k, struct part_list *list,
-                              struct kiln_gpu_part_triangle from)
+                              struct kiln_gpu_piece_triangle from)
 {
     know(k, m, from.triangle);
     memcpy(from.lift, k->lift.at, sizeof from.lift);
@@ -356,7 +356,7 @@ static int make_triangles(const struct maker *m, struct part_list *list, struct 
     if (status != KILN_OK)
         return status;
     if ((point->flags & KILN_GPU_POINT_PARTIAL) == 0)
-        point->first_part = (uint32_t)list->count;
+        point->first_piece = (uint32_t)list->count;
     if (mask != NULL) {
         struct kiln_gpu_mask to = {.count = mask->count, .most = mask->most};
         point->flags |= KILN_GPU_POINT_MASKED;
@@ -388,7 +388,7 @@ static int make_gloss(const struct maker *m, struct part_list *list, const struc
     const struct kiln_gloss *gloss = kiln_gloss_taken(scene, record->material & KILN_RECORD_MATERIAL);
     if (gloss == NULL)
         return KILN_OK;
-    const int status = kiln_grow(&list->at, &list->room, list->count + KILN_GPU_POINT_GLOSS_PARTS, sizeof *list->at,
+    const int status = kiln_grow(&list->at, &list->room, list->count + KILN_GPU_POINT_GLOSS_PIECES, sizeof *list->at,
                                  "the parts of points", error);
     if (status != KILN_OK)
         return status;
@@ -403,10 +403,10 @@ static int make_gloss(const struct maker *m, struct part_list *list, const struc
                                              .face = l.face,
                                              .coat = kiln_bsdf_coated(l, !back) ? l.coat.strength : 0.0f,
                                              .coat_face = l.coat.face};
-    _Static_assert(sizeof own == KILN_GPU_POINT_GLOSS_PARTS * sizeof(struct kiln_gpu_part), "parts of a point");
+    _Static_assert(sizeof own == KILN_GPU_POINT_GLOSS_PIECES * sizeof(struct kiln_gpu_piece), "parts of a point");
     memcpy(&list->at[list->count], &own, sizeof own);
-    list->count += KILN_GPU_POINT_GLOSS_PARTS;
-    point->first_part = (uint32_t)list->count;
+    list->count += KILN_GPU_POINT_GLOSS_PIECES;
+    point->first_piece = (uint32_t)list->count;
     point->flags |= KILN_GPU_POINT_GLOSS;
     return KILN_OK;
 }
@@ -471,7 +471,7 @@ static int make_tile_run(struct maker *m, struct part_list *list, struct known *
 /* Each thread's points and parts. */
 static int make_all(struct maker *m, struct kiln_error *error)
 {
-    const struct vulkan_block *block = m->block;
+    const struct vulkan_point_range *block = m->block;
     int status = KILN_OK;
 #pragma omp parallel num_threads((int)m->w->threads)
     {
@@ -506,12 +506,12 @@ static void place_parts(struct maker *m)
     for (size_t f = 0; f < m->block->tile_run_count; f++) {
         struct kiln_gpu_point *points = w->points + (tile_runs[f].first.at - tile_runs[0].first.at);
         for (uint32_t i = 0; i < tile_runs[f].count; i++)
-            points[i].first_part += (uint32_t)w->lists[w->thread_of[f]].offset;
+            points[i].first_piece += (uint32_t)w->lists[w->thread_of[f]].offset;
     }
 }
 
 static int make_workspace(struct points_workspace **workspace, const struct vulkan_points *p,
-                          const struct vulkan_block *block, struct kiln_error *error)
+                          const struct vulkan_point_range *block, struct kiln_error *error)
 {
     int status = KILN_OK;
     if (*workspace == NULL) {
@@ -543,7 +543,7 @@ static int fill(struct maker *m, struct kiln_error *error)
 struct points_ahead {
     pthread_t thread;
     bool runs;
-    const struct vulkan_block *block; /* NULL: there is none */
+    const struct vulkan_point_range *block; /* NULL: there is none */
     struct maker maker;
     struct points_workspace *workspace;
     int status;
@@ -579,9 +579,9 @@ static void ahead_destroy(struct points_ahead **ahead)
 
 /* Begins to make the next block, which is likely to be needed next. If there is no thread or memory for it, it is made
  * when needed. */
-static void begin_ahead(struct vulkan_points *p, const struct vulkan_block *block)
+static void begin_ahead(struct vulkan_points *p, const struct vulkan_point_range *block)
 {
-    const struct vulkan_block *next = block + 1;
+    const struct vulkan_point_range *next = block + 1;
     if (next == p->blocks + p->block_count || next->resident) {
         ahead_destroy(&p->ahead);
         return;
@@ -597,7 +597,7 @@ static void begin_ahead(struct vulkan_points *p, const struct vulkan_block *bloc
 }
 
 /* Gets the block's points in p->workspace: those made ahead of time, or makes them now. */
-static int make_block(struct vulkan_points *p, const struct vulkan_block *block, struct maker *m,
+static int make_block(struct vulkan_points *p, const struct vulkan_point_range *block, struct maker *m,
                       struct kiln_error *error)
 {
     struct points_ahead *a = p->ahead;
@@ -620,9 +620,9 @@ static int make_block(struct vulkan_points *p, const struct vulkan_block *block,
 /* Frees the least recently used block, if last used before `since`; false: none. */
 static bool make_way(struct vulkan_points *p, uint64_t since)
 {
-    struct vulkan_block *oldest = NULL;
+    struct vulkan_point_range *oldest = NULL;
     for (size_t i = 0; i < p->block_count; i++) {
-        struct vulkan_block *b = &p->blocks[i];
+        struct vulkan_point_range *b = &p->blocks[i];
         if (b->resident && b->last_used < since && (oldest == NULL || b->last_used < oldest->last_used))
             oldest = b;
     }
@@ -634,12 +634,13 @@ static bool make_way(struct vulkan_points *p, uint64_t since)
 /* Memory left for the passes' own buffers. */
 enum { RESERVE = 192 << 20 };
 
-static int upload(struct vulkan_points *p, struct vulkan_block *block, const struct maker *m, struct kiln_error *error)
+static int upload(struct vulkan_points *p, struct vulkan_point_range *block, const struct maker *m,
+                  struct kiln_error *error)
 {
     int status;
     KILN_TRY(gpu_buffer_of(p->gpu, &block->points, m->w->points, block->count * sizeof *m->w->points,
                            "a block of points", error));
-    KILN_TRY(gpu_buffer_create(p->gpu, &block->parts, m->part_count * sizeof(struct kiln_gpu_part), GPU_DEVICE,
+    KILN_TRY(gpu_buffer_create(p->gpu, &block->parts, m->part_count * sizeof(struct kiln_gpu_piece), GPU_DEVICE,
                                "the parts of a block of points", error));
     for (uint32_t t = 0; t < m->w->threads; t++) {
         const struct part_list *list = &m->w->lists[t];
@@ -652,7 +653,7 @@ end:
     return status;
 }
 
-static int bring(struct vulkan_points *p, struct vulkan_block *block, uint64_t since, struct kiln_error *error)
+static int bring(struct vulkan_points *p, struct vulkan_point_range *block, uint64_t since, struct kiln_error *error)
 {
     const double start = kiln_clock_seconds();
     struct maker m;
@@ -661,7 +662,7 @@ static int bring(struct vulkan_points *p, struct vulkan_block *block, uint64_t s
     begin_ahead(p, block);
     const uint64_t words = p->surface->near_probes != NULL ? 3 : 2;
     const uint64_t wanted = block->count * (sizeof(struct kiln_gpu_point) + words * sizeof(uint32_t)) +
-                            m.part_count * sizeof(struct kiln_gpu_part) + RESERVE;
+                            m.part_count * sizeof(struct kiln_gpu_piece) + RESERVE;
     while (gpu_memory_left(p->gpu) < wanted &&
            (make_way(p, since) || (p->idle != NULL && make_way(p->idle, UINT64_MAX))))
         ;
@@ -681,7 +682,7 @@ static uint32_t state_of(uint16_t visible)
 }
 
 /* Computes the state word of each of the block's points. */
-static void find_states(const struct vulkan_points *p, const struct vulkan_block *block, uint32_t *states)
+static void find_states(const struct vulkan_points *p, const struct vulkan_point_range *block, uint32_t *states)
 {
     const struct kiln_surface *s = p->surface;
     const struct kiln_batch *chosen = p->chosen;
@@ -701,8 +702,8 @@ static void find_states(const struct vulkan_points *p, const struct vulkan_block
 }
 
 /* Lists the block's points that have one of two states, on the host and on the device. */
-static int list_points(struct vulkan_points *p, const struct vulkan_block *block, const uint32_t *states, uint32_t one,
-                       uint32_t other, uint32_t **list, uint32_t *count, struct gpu_buffer *buffer,
+static int list_points(struct vulkan_points *p, const struct vulkan_point_range *block, const uint32_t *states,
+                       uint32_t one, uint32_t other, uint32_t **list, uint32_t *count, struct gpu_buffer *buffer,
                        struct kiln_error *error)
 {
     uint32_t found = 0;
@@ -718,7 +719,7 @@ static int list_points(struct vulkan_points *p, const struct vulkan_block *block
     return gpu_buffer_of(p->gpu, buffer, *list, found * sizeof **list, "a list of points", error);
 }
 
-static int bring_states(struct vulkan_points *p, struct vulkan_block *block, struct kiln_error *error)
+static int bring_states(struct vulkan_points *p, struct vulkan_point_range *block, struct kiln_error *error)
 {
     uint32_t *states = NULL;
     forget_lists(p, block);
@@ -737,7 +738,7 @@ end:
     return status;
 }
 
-static int bring_probes(struct vulkan_points *p, struct vulkan_block *block, struct kiln_error *error)
+static int bring_probes(struct vulkan_points *p, struct vulkan_point_range *block, struct kiln_error *error)
 {
     const uint32_t *words = p->surface->near_probes;
     if (words == NULL || block->near_probes.size > 0)
@@ -755,8 +756,8 @@ int vulkan_points_ready(struct vulkan_points *points, struct kiln_error *error)
     return status;
 }
 
-int vulkan_points_block(struct vulkan_points *points, size_t tile_run, bool states, uint32_t in_use,
-                        struct vulkan_block **block, struct kiln_error *error)
+int vulkan_points_range(struct vulkan_points *points, size_t tile_run, bool states, uint32_t in_use,
+                        struct vulkan_point_range **block, struct kiln_error *error)
 {
     size_t low = 0, high = points->block_count - 1;
     while (low < high) { /* find the last block that begins at or before the tile run */
@@ -766,7 +767,7 @@ int vulkan_points_block(struct vulkan_points *points, size_t tile_run, bool stat
         else
             high = middle - 1;
     }
-    struct vulkan_block *b = &points->blocks[low];
+    struct vulkan_point_range *b = &points->blocks[low];
     const uint64_t since = points->clock < in_use ? 0 : points->clock - in_use + 1;
     b->last_used = ++points->clock;
     int status;

@@ -9,7 +9,7 @@
 #include "worker/backend/vulkan/layout.h"
 #include "worker/backend/vulkan/materials.h"
 
-struct vulkan_block {
+struct vulkan_point_range {
     size_t tile_run_first, tile_run_count;
     struct kiln_own_point first; /* its points */
     uint64_t count;
@@ -32,7 +32,7 @@ struct vulkan_points {
     const struct kiln_surface *surface;
     const struct vulkan_materials *materials;
     size_t block_count;
-    struct vulkan_block *blocks;
+    struct vulkan_point_range *blocks;
     uint64_t clock;
     struct vulkan_points *idle;         /* points whose blocks are all evicted for these; NULL: none */
     double seconds;                     /* time spent so far to upload points */
@@ -67,8 +67,8 @@ void vulkan_points_destroy(struct vulkan_points **points);
 /* Finds or uploads the block that contains `tile_run`. `states`: with the current states from surface->visible (else
  * they are undefined). The `in_use` blocks requested last are not evicted, as the device may be using them.
  * KILN_NO_DEVICE if there is no memory then. */
-int vulkan_points_block(struct vulkan_points *points, size_t tile_run, bool states, uint32_t in_use,
-                        struct vulkan_block **block, struct kiln_error *error);
+int vulkan_points_range(struct vulkan_points *points, size_t tile_run, bool states, uint32_t in_use,
+                        struct vulkan_point_range **block, struct kiln_error *error);
 
 /* Uploads the states of all blocks that are on the device, at once while the device is idle. */
 int vulkan_points_ready(struct vulkan_points *points, struct kiln_error *error);

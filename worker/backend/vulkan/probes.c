@@ -271,7 +271,7 @@ static int run_left(struct vulkan_backend *b, const void *parameters, struct kil
         if (status == KILN_OK) {
             status = left->take != NULL ? left->take(left->context, left->first, probes, r.answers, error) : KILN_OK;
             *refused = status != KILN_OK;
-            *left = kiln_batch_part(left, left->first + probes, left->count - probes);
+            *left = kiln_batch_range(left, left->first + probes, left->count - probes);
         }
     }
     finish(&r);

@@ -106,7 +106,7 @@ static int run_left(struct vulkan_backend *b, const void *parameters, struct kil
             status =
                 left->take != NULL ? left->take(left->context, left->first, count, r.results.mapped, error) : KILN_OK;
             *refused = status != KILN_OK;
-            *left = kiln_batch_part(left, left->first + count, left->count - count);
+            *left = kiln_batch_range(left, left->first + count, left->count - count);
         }
     }
     gpu_buffer_destroy(b->gpu, &r.positions);

@@ -118,9 +118,9 @@ static int run_block(struct reference_run *r, size_t tile_run, uint32_t from, ui
     struct vulkan_backend *b = r->both.b;
     const struct kiln_surface *s = b->surface;
     const size_t end = r->batch->first + r->batch->count;
-    struct vulkan_block *block;
+    struct vulkan_point_range *block;
     int status;
-    KILN_TRY(vulkan_points_block(b->points, tile_run, true, 0, &block, error));
+    KILN_TRY(vulkan_points_range(b->points, tile_run, true, 0, &block, error));
     *next = block->tile_run_first + block->tile_run_count;
     *next = *next < end ? *next : end;
     const uint64_t first = place_of(r, tile_run),

@@ -67,7 +67,7 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
 }
 
 /* Runs again for `count` undecided points of one block. `open`: their own indices. */
-static int look_again(struct validity *v, const struct vulkan_block *block, const uint64_t *open, uint32_t count,
+static int look_again(struct validity *v, const struct vulkan_point_range *block, const uint64_t *open, uint32_t count,
                       struct kiln_error *error)
 {
     struct gpu *gpu = v->b->gpu;
@@ -118,8 +118,8 @@ static int look_at_open(struct validity *v, size_t tile_run_first, size_t tile_r
     int status = KILN_OK;
     size_t next = 0;
     for (size_t f = tile_run_first; f < tile_run_first + tile_run_count && status == KILN_OK && next < v->open_count;) {
-        struct vulkan_block *block;
-        status = vulkan_points_block(v->b->points, f, false, 0, &block, error);
+        struct vulkan_point_range *block;
+        status = vulkan_points_range(v->b->points, f, false, 0, &block, error);
         size_t end = next;
         while (status == KILN_OK && end < v->open_count && v->open[end] < block->first.at + block->count)
             end++;

@@ -451,15 +451,15 @@ static int take_planes(struct kiln_regression_light lights[2], float *const *val
 }
 
 /* Denoises this rank's subdomain. */
-static int run_part(struct kiln_map_work *work, struct kiln_parts *parts, uint64_t total,
+static int run_part(struct kiln_map_work *work, struct kiln_subdomain *parts, uint64_t total,
                     struct kiln_regression_light lights[2], struct kiln_error *error)
 {
-    const struct kiln_regression_part part = {.own = (uint32_t)parts->own,
-                                              .far = parts->far,
-                                              .agree = agree,
-                                              .most = find_most,
-                                              .sum = sum_up,
-                                              .context = work->map};
+    const struct kiln_regression_subdomain part = {.own = (uint32_t)parts->own,
+                                                   .far = parts->far,
+                                                   .agree = agree,
+                                                   .most = find_most,
+                                                   .sum = sum_up,
+                                                   .context = work->map};
     struct kiln_regression_light inner[2] = {{.variance = NULL}};
     struct kiln_neighbour_grid *grid = NULL;
     int status = take_planes(inner, parts->values, lights[0].other_count, error);
@@ -481,22 +481,22 @@ static int run_part(struct kiln_map_work *work, struct kiln_parts *parts, uint64
 static int run_in_parts(struct kiln_map_work *work, const struct kiln_neighbour_point *points, size_t count,
                         uint64_t total, struct kiln_regression_light lights[2], struct kiln_error *error)
 {
-    struct kiln_parts *parts = NULL;
+    struct kiln_subdomain *parts = NULL;
     float **values = NULL;
     uint64_t *keys = NULL;
     size_t planes = 0;
     int status = make_keys(work, points, count, &keys, error);
     if (status == KILN_OK)
         status = list_values(lights, &values, &planes, error);
-    const struct kiln_parts_given given = {
+    const struct kiln_subdomain_given given = {
         .map = work->map, .points = points, .keys = keys, .count = count, .planes = planes, .values = values};
     if ((status = kiln_bands_agree(work->map, status, error)) == KILN_OK)
-        status = kiln_parts_create(&parts, &given, error);
+        status = kiln_subdomain_create(&parts, &given, error);
     if (status == KILN_OK)
         status = run_part(work, parts, total, lights, error);
     if (status == KILN_OK)
-        status = kiln_parts_give_back(parts, &given, error);
-    kiln_parts_destroy(&parts);
+        status = kiln_subdomain_give_back(parts, &given, error);
+    kiln_subdomain_destroy(&parts);
     kiln_free(&values);
     kiln_free(&keys);
     return status;

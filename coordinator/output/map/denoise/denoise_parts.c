@@ -41,11 +41,11 @@ struct record {
     float values[];
 };
 
-struct kiln_parts_way {
+struct kiln_subdomain_way {
     int shift;              /* cubes have a side of KILN_NEIGHBOUR_CELL << shift texels */
     struct cubes here, all; /* cubes of own points, and of all ranks' points; sorted by place, none twice */
     uint32_t *cube_of;      /* of each own point, in `here` */
-    uint8_t *far;           /* one per cube in `all`; KILN_PARTS_FAR: this rank does not see the cube */
+    uint8_t *far;           /* one per cube in `all`; KILN_SUBDOMAIN_FAR: this rank does not see the cube */
     uint32_t *seen;         /* indices in `all` of the cubes that this rank sees, its own first */
     size_t seen_count;
     uint32_t *here_of;  /* one per cube in `all`: its index in `here`; KILN_NONE: not there */
@@ -127,8 +127,8 @@ static struct cube cube_around(const float position[3], float size, int shift)
 }
 
 /* Lists the cubes of the points [begin, end). Points that follow one another often share one. */
-static int list_slice(struct cubes *cubes, const struct kiln_parts_given *given, int shift, size_t begin, size_t end,
-                      struct kiln_error *error)
+static int list_slice(struct cubes *cubes, const struct kiln_subdomain_given *given, int shift, size_t begin,
+                      size_t end, struct kiln_error *error)
 {
     int status = KILN_OK;
     for (size_t i = begin; i < end && status == KILN_OK; i++) {
@@ -163,7 +163,7 @@ static int join_lists(struct cubes *all, const struct cubes *lists, int slices, 
 }
 
 /* Finds the cubes of own points in `here`. */
-static void find_cubes(struct kiln_parts_way *w, const struct kiln_parts_given *given)
+static void find_cubes(struct kiln_subdomain_way *w, const struct kiln_subdomain_given *given)
 {
 #pragma omp parallel for num_threads(w->slices) schedule(static)
     for (int t = 0; t < w->slices; t++) {
@@ -179,7 +179,7 @@ static void find_cubes(struct kiln_parts_way *w, const struct kiln_parts_given *
 }
 
 /* Lists the cubes of own points. */
-static int list_here(struct kiln_parts_way *w, const struct kiln_parts_given *given, struct kiln_error *error)
+static int list_here(struct kiln_subdomain_way *w, const struct kiln_subdomain_given *given, struct kiln_error *error)
 {
     struct cubes *lists = NULL;
     int status = kiln_allocate(&lists, (size_t)w->slices, sizeof *lists, "parts of a lightmap", error);
@@ -233,7 +233,7 @@ static int too_many(struct kiln_error *error)
 }
 
 /* Collective. Tells all ranks the cubes of all ranks. */
-static int share_cubes(struct kiln_parts_way *w, const struct kiln_bands *bands, struct kiln_error *error)
+static int share_cubes(struct kiln_subdomain_way *w, const struct kiln_bands *bands, struct kiln_error *error)
 {
     const int mine = w->here.count < INT_MAX ? (int)w->here.count : -1;
     MPI_Datatype type = MPI_DATATYPE_NULL;
@@ -330,20 +330,20 @@ static bool is_near(const struct cube *a, const struct cube *b, float reach)
 }
 
 /* Adds a cube, unless it has been seen. Several threads may add cubes of one hop. */
-static void see_cube(struct kiln_parts_way *w, size_t cube, uint8_t far)
+static void see_cube(struct kiln_subdomain_way *w, size_t cube, uint8_t far)
 {
     uint8_t before;
     size_t at;
 #pragma omp atomic read
     before = w->far[cube];
-    if (before != KILN_PARTS_FAR)
+    if (before != KILN_SUBDOMAIN_FAR)
         return;
 #pragma omp atomic capture
     {
         before = w->far[cube];
         w->far[cube] = far;
     }
-    if (before != KILN_PARTS_FAR)
+    if (before != KILN_SUBDOMAIN_FAR)
         return;
 #pragma omp atomic capture
     at = w->seen_count++;
@@ -351,7 +351,7 @@ static void see_cube(struct kiln_parts_way *w, size_t cube, uint8_t far)
 }
 
 /* Adds the cubes of one level near a cube that are not yet seen. */
-static void see_level(struct kiln_parts_way *w, const struct cube *from, int level, float reach, uint8_t far)
+static void see_level(struct kiln_subdomain_way *w, const struct cube *from, int level, float reach, uint8_t far)
 {
     struct cube key = {.level = level, .at = {-FARTHEST, -FARTHEST, -FARTHEST}};
     const double scale = kiln_neighbour_scale(level + w->shift);
@@ -380,13 +380,13 @@ static void see_level(struct kiln_parts_way *w, const struct cube *from, int lev
 /* Lists the cubes that this rank sees, hop by hop. In the last sweep a point depends on points near it; these depend in
  * the sweep before on points near them, and so on. Texels of neighbours are less than four times as large or small, so
  * at most one level above or below is searched. */
-static int see(struct kiln_parts_way *w, uint32_t part, struct kiln_error *error)
+static int see(struct kiln_subdomain_way *w, uint32_t part, struct kiln_error *error)
 {
     int status;
     KILN_TRY(kiln_allocate_bare(&w->far, w->all.count, sizeof *w->far, "parts of a lightmap", error));
     KILN_TRY(kiln_allocate_bare(&w->seen, w->all.count, sizeof *w->seen, "parts of a lightmap", error));
     for (size_t i = 0; i < w->all.count; i++) {
-        w->far[i] = w->all.cubes[i].part == part ? 0 : KILN_PARTS_FAR;
+        w->far[i] = w->all.cubes[i].part == part ? 0 : KILN_SUBDOMAIN_FAR;
         if (w->far[i] == 0)
             w->seen[w->seen_count++] = (uint32_t)i;
     }
@@ -405,7 +405,7 @@ end:
 }
 
 /* Collective. Gathers the lists of seen cubes of all ranks, one after the other. */
-static int share_seen(struct kiln_parts_way *w, const struct kiln_bands *bands, uint32_t **seen,
+static int share_seen(struct kiln_subdomain_way *w, const struct kiln_bands *bands, uint32_t **seen,
                       struct kiln_error *error)
 {
     const int mine = w->seen_count < INT_MAX ? (int)w->seen_count : -1;
@@ -423,8 +423,8 @@ static int share_seen(struct kiln_parts_way *w, const struct kiln_bands *bands, 
 }
 
 /* Calls `visit` for each part that sees a cube in which this rank has points: first the part that owns the cube. */
-static void visit_needed(struct kiln_parts_way *w, const uint32_t *seen, uint32_t ranks,
-                         void (*visit)(struct kiln_parts_way *, size_t here, uint32_t part))
+static void visit_needed(struct kiln_subdomain_way *w, const uint32_t *seen, uint32_t ranks,
+                         void (*visit)(struct kiln_subdomain_way *, size_t here, uint32_t part))
 {
     for (int others = 0; others < 2; others++)
         for (uint32_t part = 0; part < ranks; part++)
@@ -435,16 +435,19 @@ static void visit_needed(struct kiln_parts_way *w, const uint32_t *seen, uint32_
             }
 }
 
-static void count_needed(struct kiln_parts_way *w, size_t here, uint32_t part)
+static void count_needed(struct kiln_subdomain_way *w, size_t here, uint32_t part)
 {
     (void)part;
     w->first[here + 1]++;
 }
 
-static void list_needed(struct kiln_parts_way *w, size_t here, uint32_t part) { w->needed[w->first[here]++] = part; }
+static void list_needed(struct kiln_subdomain_way *w, size_t here, uint32_t part)
+{
+    w->needed[w->first[here]++] = part;
+}
 
 /* Finds which cubes in `all` contain own points. */
-static int find_here(struct kiln_parts_way *w, struct kiln_error *error)
+static int find_here(struct kiln_subdomain_way *w, struct kiln_error *error)
 {
     const int status = kiln_allocate_bare(&w->here_of, w->all.count, sizeof *w->here_of, "parts of a lightmap", error);
     for (size_t i = 0, here = 0; i < w->all.count && status == KILN_OK; i++) {
@@ -455,7 +458,7 @@ static int find_here(struct kiln_parts_way *w, struct kiln_error *error)
 }
 
 /* Collective. Lists the subdomains that need the points of each own cube. */
-static int find_needed(struct kiln_parts_way *w, const struct kiln_bands *bands, struct kiln_error *error)
+static int find_needed(struct kiln_subdomain_way *w, const struct kiln_bands *bands, struct kiln_error *error)
 {
     const size_t count = w->here.count;
     uint32_t *seen = NULL;
@@ -490,7 +493,7 @@ static size_t record_size(size_t planes)
 }
 
 /* Counts what a slice sends. */
-static void count_slice(struct kiln_parts_way *w, size_t count, uint32_t ranks, int slice)
+static void count_slice(struct kiln_subdomain_way *w, size_t count, uint32_t ranks, int slice)
 {
     size_t(*sent)[2] = w->sent + (size_t)slice * ranks, begin, end;
     kiln_slice(w->slices, slice, count, &begin, &end);
@@ -502,7 +505,7 @@ static void count_slice(struct kiln_parts_way *w, size_t count, uint32_t ranks, 
 }
 
 /* Counts the records for each rank, and those that the rank will own. Finds where each slice writes its records. */
-static int count_records(struct kiln_parts_way *w, const struct kiln_parts_given *given, uint32_t ranks,
+static int count_records(struct kiln_subdomain_way *w, const struct kiln_subdomain_given *given, uint32_t ranks,
                          struct kiln_error *error)
 {
     size_t next[2] = {0};
@@ -529,7 +532,7 @@ static int count_records(struct kiln_parts_way *w, const struct kiln_parts_given
     return KILN_OK;
 }
 
-static void fill_record(struct record *record, const struct kiln_parts_given *given, size_t i, bool own)
+static void fill_record(struct record *record, const struct kiln_subdomain_given *given, size_t i, bool own)
 {
     const struct kiln_neighbour_point *p = &given->points[i];
     *record = (struct record){.area = p->area, .size = p->size, .key = given->keys[i], .own = own};
@@ -540,7 +543,8 @@ static void fill_record(struct record *record, const struct kiln_parts_given *gi
 }
 
 /* Packs the records of a slice by rank, in the order of points. */
-static void pack_slice(struct kiln_parts_way *w, const struct kiln_parts_given *given, uint32_t ranks, int slice)
+static void pack_slice(struct kiln_subdomain_way *w, const struct kiln_subdomain_given *given, uint32_t ranks,
+                       int slice)
 {
     const size_t size = record_size(given->planes);
     size_t(*sent)[2] = w->sent + (size_t)slice * ranks, begin, end;
@@ -555,7 +559,7 @@ static void pack_slice(struct kiln_parts_way *w, const struct kiln_parts_given *
         }
 }
 
-static void pack_records(struct kiln_parts_way *w, const struct kiln_parts_given *given, uint32_t ranks)
+static void pack_records(struct kiln_subdomain_way *w, const struct kiln_subdomain_given *given, uint32_t ranks)
 {
 #pragma omp parallel for num_threads(w->slices) schedule(static)
     for (int t = 0; t < w->slices; t++)
@@ -564,7 +568,7 @@ static void pack_records(struct kiln_parts_way *w, const struct kiln_parts_given
 }
 
 /* Not collective. Lays down the records to send. */
-static int lay_down(struct kiln_parts_way *w, const struct kiln_parts_given *given, struct kiln_error *error)
+static int lay_down(struct kiln_subdomain_way *w, const struct kiln_subdomain_given *given, struct kiln_error *error)
 {
     const char *what = "parts of a lightmap";
     const uint32_t ranks = given->map->bands->ranks;
@@ -578,7 +582,8 @@ end:
 }
 
 /* Collective. Sends all records. */
-static int send_records(struct kiln_parts_way *w, const struct kiln_parts_given *given, struct kiln_error *error)
+static int send_records(struct kiln_subdomain_way *w, const struct kiln_subdomain_given *given,
+                        struct kiln_error *error)
 {
     const size_t size = record_size(given->planes);
     int status;
@@ -604,7 +609,7 @@ static int compare_keys(const void *a, const void *b, void *context)
 }
 
 /* Sorts points of other lightmaps by their keys; they come after all texels of this lightmap. */
-static int order_others(struct kiln_parts *p, const uint64_t *keys, size_t texels, struct kiln_error *error)
+static int order_others(struct kiln_subdomain *p, const uint64_t *keys, size_t texels, struct kiln_error *error)
 {
     uint32_t *others = NULL;
     size_t many = 0, count = 0;
@@ -625,13 +630,13 @@ static int order_others(struct kiln_parts *p, const uint64_t *keys, size_t texel
     return status == KILN_OK && texels + count >= UINT32_MAX ? too_many(error) : status;
 }
 
-static const struct record *record_at(const struct kiln_parts *p, size_t i)
+static const struct record *record_at(const struct kiln_subdomain *p, size_t i)
 {
     return (const void *)(p->way->in + i * record_size(p->planes));
 }
 
 /* Takes the records [begin, end). next: places to write the next record of others, and the next own one. */
-static void take_slice(struct kiln_parts *p, size_t begin, size_t end, size_t next[2], uint64_t *keys)
+static void take_slice(struct kiln_subdomain *p, size_t begin, size_t end, size_t next[2], uint64_t *keys)
 {
     size_t last = 0;
     for (size_t i = begin; i < end; i++) {
@@ -653,7 +658,7 @@ static void take_slice(struct kiln_parts *p, size_t begin, size_t end, size_t ne
 }
 
 /* Takes all records; own ones stay in the order in which they arrived. */
-static int take_slices(struct kiln_parts *p, uint64_t *keys, struct kiln_error *error)
+static int take_slices(struct kiln_subdomain *p, uint64_t *keys, struct kiln_error *error)
 {
     const int slices = kiln_slices(p->count);
     size_t(*next)[2] = NULL, own = 0;
@@ -686,7 +691,7 @@ static int take_slices(struct kiln_parts *p, uint64_t *keys, struct kiln_error *
     return KILN_OK;
 }
 
-static int take_records(struct kiln_parts *p, const struct kiln_map *map, struct kiln_error *error)
+static int take_records(struct kiln_subdomain *p, const struct kiln_map *map, struct kiln_error *error)
 {
     uint64_t *keys = NULL;
     int status;
@@ -705,9 +710,9 @@ end:
 
 /* ---- all of it ---- */
 
-static int allocate_way(struct kiln_parts *p, const struct kiln_parts_given *given, struct kiln_error *error)
+static int allocate_way(struct kiln_subdomain *p, const struct kiln_subdomain_given *given, struct kiln_error *error)
 {
-    struct kiln_parts_way *w = NULL;
+    struct kiln_subdomain_way *w = NULL;
     int status = kiln_allocate(&p->way, 1, sizeof *p->way, "parts of a lightmap", error);
     if (status == KILN_OK)
         status = kiln_allocate(&p->values, given->planes, sizeof *p->values, "parts of a lightmap", error);
@@ -725,7 +730,7 @@ static int allocate_way(struct kiln_parts *p, const struct kiln_parts_given *giv
 }
 
 /* Collective. Divides space. */
-static int divide(struct kiln_parts_way *w, const struct kiln_parts_given *given, struct kiln_error *error)
+static int divide(struct kiln_subdomain_way *w, const struct kiln_subdomain_given *given, struct kiln_error *error)
 {
     const struct kiln_bands *bands = given->map->bands;
     uint64_t total = given->count;
@@ -742,14 +747,15 @@ static int divide(struct kiln_parts_way *w, const struct kiln_parts_given *given
     return status == KILN_OK ? find_needed(w, bands, error) : status;
 }
 
-int kiln_parts_create(struct kiln_parts **parts, const struct kiln_parts_given *given, struct kiln_error *error)
+int kiln_subdomain_create(struct kiln_subdomain **parts, const struct kiln_subdomain_given *given,
+                          struct kiln_error *error)
 {
     const struct kiln_bands *bands = given->map->bands;
     int status = kiln_allocate(parts, 1, sizeof **parts, "parts of a lightmap", error);
     if (status == KILN_OK)
         status = allocate_way(*parts, given, error);
     KILN_TRY(kiln_agree(bands->comm, status, error));
-    struct kiln_parts_way *w = (*parts)->way;
+    struct kiln_subdomain_way *w = (*parts)->way;
     KILN_TRY(kiln_exchange_create(&w->everything, bands->comm, 0, "points of parts of a lightmap", error));
     KILN_TRY(kiln_exchange_create(&w->own, bands->comm, 0, "points of parts of a lightmap", error));
     KILN_TRY(divide(w, given, error));
@@ -759,13 +765,14 @@ int kiln_parts_create(struct kiln_parts **parts, const struct kiln_parts_given *
     KILN_TRY(kiln_agree(bands->comm, take_records(*parts, given->map, error), error));
 end:
     if (status != KILN_OK)
-        kiln_parts_destroy(parts);
+        kiln_subdomain_destroy(parts);
     return status;
 }
 
-int kiln_parts_give_back(const struct kiln_parts *p, const struct kiln_parts_given *given, struct kiln_error *error)
+int kiln_subdomain_give_back(const struct kiln_subdomain *p, const struct kiln_subdomain_given *given,
+                             struct kiln_error *error)
 {
-    struct kiln_parts_way *w = p->way;
+    struct kiln_subdomain_way *w = p->way;
     float *out = NULL, *in = NULL;
     int status = kiln_allocate_bare(&out, p->own, p->planes * sizeof *out, "parts of a lightmap", error);
     if (status == KILN_OK)
@@ -784,12 +791,12 @@ int kiln_parts_give_back(const struct kiln_parts *p, const struct kiln_parts_giv
     return status;
 }
 
-void kiln_parts_destroy(struct kiln_parts **parts)
+void kiln_subdomain_destroy(struct kiln_subdomain **parts)
 {
-    struct kiln_parts *p = *parts;
+    struct kiln_subdomain *p = *parts;
     if (p == NULL)
         return;
-    struct kiln_parts_way *w = p->way;
+    struct kiln_subdomain_way *w = p->way;
     if (w != NULL) {
         kiln_exchange_release(&w->everything);
         kiln_exchange_release(&w->own);

@@ -14,10 +14,10 @@
 #include "coordinator/output/map/denoise/neighbours.h"
 
 /* Distance of a point that no sweep reads. */
-enum { KILN_PARTS_FAR = UINT8_MAX };
+enum { KILN_SUBDOMAIN_FAR = UINT8_MAX };
 
 /* Input of a rank for a lightmap: points of its band, and some of other lightmaps. */
-struct kiln_parts_given {
+struct kiln_subdomain_given {
     const struct kiln_map *map;
     const struct kiln_neighbour_point *points;
     const uint64_t *keys; /* unique among the points of all ranks: below 2^32 the `order` of a point of the map,
@@ -27,19 +27,20 @@ struct kiln_parts_given {
 };
 
 /* Points to denoise on a rank: those with an index below `own` are its part, the others only serve as neighbours. */
-struct kiln_parts {
+struct kiln_subdomain {
     struct kiln_neighbour_point *points;
     size_t count, own, planes;
-    float **values;             /* of each plane, indexed by the points' `index` */
-    uint8_t *far;               /* by index: distance in neighbour steps from own points (regression.h) */
-    struct kiln_parts_way *way; /* private */
+    float **values;                 /* of each plane, indexed by the points' `index` */
+    uint8_t *far;                   /* by index: distance in neighbour steps from own points (regression.h) */
+    struct kiln_subdomain_way *way; /* private */
 };
 
 /* Collective. Sends the points to the parts that need them, and receives this rank's. */
-int kiln_parts_create(struct kiln_parts **parts, const struct kiln_parts_given *given, struct kiln_error *error);
+int kiln_subdomain_create(struct kiln_subdomain **parts, const struct kiln_subdomain_given *given,
+                          struct kiln_error *error);
 /* Collective. Returns the values of own points to their bands. */
-int kiln_parts_give_back(const struct kiln_parts *parts, const struct kiln_parts_given *given,
-                         struct kiln_error *error);
-void kiln_parts_destroy(struct kiln_parts **parts);
+int kiln_subdomain_give_back(const struct kiln_subdomain *parts, const struct kiln_subdomain_given *given,
+                             struct kiln_error *error);
+void kiln_subdomain_destroy(struct kiln_subdomain **parts);
 
 #endif

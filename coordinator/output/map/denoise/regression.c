@@ -75,7 +75,7 @@ struct regression {
     float (*values[LIGHTS])[3]; /* as given */
     float *others[LIGHTS];      /* likewise: of each point three of each */
     float (*leverage)[FITS];
-    const struct kiln_regression_part *part; /* NULL: all points are here */
+    const struct kiln_regression_subdomain *part; /* NULL: all points are here */
 };
 
 /* Scratch data of one thread; arrays have an entry per neighbour, or per light and neighbour. */
@@ -833,7 +833,7 @@ static int run_here(struct regression *r, struct kiln_regression_device *device,
 }
 
 int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regression_light *lights, size_t count,
-                        const struct kiln_regression_part *part, struct kiln_regression_device *device,
+                        const struct kiln_regression_subdomain *part, struct kiln_regression_device *device,
                         struct kiln_error *error)
 {
     struct regression r = {.grid = grid, .lights = lights, .light_count = count, .part = part};

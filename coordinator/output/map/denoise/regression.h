@@ -54,7 +54,7 @@ struct kiln_regression_light {
 
 /* Points that are a part of a surface. Points with an index below `own` count in sums over all points, each on one rank
  * only. The others only serve as neighbours, and their results are of no use. */
-struct kiln_regression_part {
+struct kiln_regression_subdomain {
     uint32_t own;
     const uint8_t *far; /* by index, the same for all points of a cell: number of neighbour steps to an own point; 0 for
                          * own points. It determines which of the point's data are needed */
@@ -70,7 +70,7 @@ struct kiln_regression_part {
  * is NULL if the grid has all points of the surface. Otherwise the call is collective, and `grid` may be NULL on a rank
  * without points. KILN_SYSTEM: the contents of the planes are of no use then. */
 int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regression_light *lights, size_t count,
-                        const struct kiln_regression_part *part, struct kiln_regression_device *device,
+                        const struct kiln_regression_subdomain *part, struct kiln_regression_device *device,
                         struct kiln_error *error);
 
 #endif

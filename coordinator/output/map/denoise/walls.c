@@ -61,7 +61,7 @@ static uint32_t part_beside(const struct kiln_divided_texel *t, const struct kil
 {
     float place[2];
     shown_place(other, place);
-    return kiln_divided_part(t, place[0] + (float)dx, place[1] + (float)dy);
+    return kiln_divided_subtexel(t, place[0] + (float)dx, place[1] + (float)dy);
 }
 
 /* Whether no wall separates the visible parts of two neighbouring texels. */

@@ -53,7 +53,7 @@ struct solver {
     double *pull, *diagonal; /* per unknown: w a (seam_system.h); diagonal of A^T A */
     float *baked;
     float *low, *high; /* range of the baked values around each unknown */
-    bool *held;
+    bool *pinned;
     double *change, *next;   /* x - baked: current one, and result of the present round */
     double *row;             /* A baked, per sample */
     bool solves[LANES_MOST]; /* lanes still to solve; no lanes with values that are not finite */
@@ -329,7 +329,7 @@ static void find_change(struct solver *v)
             for (size_t t = v->readers.first[u]; t < v->readers.first[u + 1]; t++)
                 sum -= (double)v->readers.terms[t].weight * v->row[v->readers.terms[t].sample * lanes + l];
             v->next[u * lanes + l] = sum;
-            v->factor.diagonal[u * lanes + l] = v->diagonal[u] + (v->held[u * lanes + l] ? hold : v->pull[u]);
+            v->factor.diagonal[u * lanes + l] = v->diagonal[u] + (v->pinned[u * lanes + l] ? hold : v->pull[u]);
         }
     kiln_cholesky_factorize(&v->factor);
     kiln_cholesky_solve(&v->factor, v->next);
@@ -364,10 +364,10 @@ static bool hold_values(struct solver *v, size_t lane)
     for (size_t i = lane; i < v->unknown_count * v->lanes; i += v->lanes) {
         const float value = (float)((double)v->baked[i] + v->change[i]),
                     within = fmaxf(v->low[i], fminf(v->high[i], value));
-        if (value == within || (v->held[i] && v->baked[i] == within))
+        if (value == within || (v->pinned[i] && v->baked[i] == within))
             continue;
         v->baked[i] = within;
-        v->held[i] = true;
+        v->pinned[i] = true;
         any = true;
     }
     return any;
@@ -406,7 +406,7 @@ static void take_plane(struct solver *v, size_t lane, const float *plane)
     for (size_t i = 0, at = lane; i < v->unknown_count; i++, at += v->lanes) {
         v->baked[at] = plane[v->unknowns[i]];
         v->change[at] = 0.0;
-        v->held[at] = false;
+        v->pinned[at] = false;
         v->solves[lane] = v->solves[lane] && isfinite(v->baked[at]);
     }
     find_ranges(v, lane);
@@ -431,7 +431,7 @@ static int allocate_lanes(struct solver *v, struct kiln_error *error)
     KILN_TRY(kiln_arena_allocate(&v->arena, &v->row, v->sample_count * v->lanes, sizeof *v->row, what, error));
     KILN_TRY(kiln_arena_allocate(&v->arena, &v->change, count, sizeof *v->change, what, error));
     KILN_TRY(kiln_arena_allocate(&v->arena, &v->next, count, sizeof *v->next, what, error));
-    KILN_TRY(kiln_arena_allocate(&v->arena, &v->held, count, sizeof *v->held, what, error));
+    KILN_TRY(kiln_arena_allocate(&v->arena, &v->pinned, count, sizeof *v->pinned, what, error));
     for (size_t i = 0; i < sizeof floats / sizeof *floats; i++)
         KILN_TRY(kiln_allocate(floats[i], count, sizeof **floats[i], what, error));
     KILN_TRY(kiln_arena_allocate_bare(&v->arena, &v->pull, v->unknown_count, sizeof *v->pull, what, error));
