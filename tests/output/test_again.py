@@ -232,7 +232,9 @@ class Again(unittest.TestCase):
 
     def test_ranks(self):
         """Of several ranks each removes what it has begun."""
-        out, environment = self.path('ranks'), dict(os.environ, **harness.MPI_ENVIRONMENT)
+        # mpirun kills ranks for good a second after it has asked them to end, which on a busy machine is too soon
+        patient = {'OMPI_MCA_odls_base_sigkill_timeout': '30'}
+        out, environment = self.path('ranks'), dict(os.environ, **harness.MPI_ENVIRONMENT, **patient)
         words = ['mpirun', '--bind-to', 'none', '-n', '2', KILN, *map(str, self.commands()['mix'](out))]
         for number in (signal.SIGTERM, signal.SIGINT):
             process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,

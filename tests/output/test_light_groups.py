@@ -75,7 +75,7 @@ class LightGroups(InOwnFolder):
         three = self.bake('three', *options, prefix=self.mpi(3))
         self.same(three, wanted, 'three ranks')
         out, stops = os.path.join(self.folder, 'stopped'), 0
-        slow = ('env', 'KILN_SLOW_RANK=0:8')
+        slow = ('env', 'KILN_SLOW_RANK=0:24')
         code = 75
         while code == 75 and stops < 20:
             answer = kiln('bake', SCENE, *SMALL, *options, '--max-time', 0.2 * 1.3 ** stops, '-o', out, prefix=slow,
