@@ -1,6 +1,8 @@
-/* Shadow rays, for direct.comp and direct_precise.comp (KILN_PRECISE). Thread (x, y) traces its slice of a quarter of
- * every choice's samples at point x (struct kiln_gpu_direct). Choices with few samples are not divided: each belongs to
- * one of the threads in turn. Neighbouring threads take the same sample of neighbouring points. */
+/* Shadow rays: the kernel of direct.comp, and of direct_precise.comp (KILN_PRECISE). Thread (x, y) works for point x.
+ * The samples of each choice of lights (struct kiln_light_choice) are cut into four quarters, and a quarter into
+ * slices. The thread traces the same slice of every choice: number row_first + y of all quarters' slices (struct
+ * kiln_gpu_direct). A choice with few samples is not cut: one thread has all of them, and the threads take turns.
+ * Neighbouring threads take the same sample of neighbouring points. */
 #include "shaders/kernel.glsl"
 #include "shaders/direct.glsl"
 

@@ -195,7 +195,8 @@ bool is_coarse(uint triangle, kiln_gpu_path_triangle t, bool back)
     return max(height.x, max(height.y, height.z)) > 0.0;
 }
 
-/* Height above its offset at which a ray starts, below any surface above it. */
+/* Returns the lift of a ray's start at (u, v) of a triangle, m: its height above the usual offset. The lift is at most
+ * the share KILN_LIFT_CLEAR of the distance to the next surface above, so that the start does not pass through that. */
 float lift_at(kiln_gpu_path_triangle t, bool back, float u, float v)
 {
     const float most = kiln_lift_at(lifts_of(t, back), u, v);

@@ -22,7 +22,8 @@ void kiln_bake_keep_scene(struct kiln_bake *b)
         return;
     (void)kiln_unlinkat(folder.descriptor, before_name, 0);
     b->makes_scene = fstatat(folder.descriptor, scene_name, &there, AT_SYMLINK_NOFOLLOW) != 0;
-    /* a file system without hard links: the earlier scene is lost if the bake is refused */
+    /* linkat fails on a file system without hard links: then the earlier scene file is not kept, and a refused bake
+     * loses it */
     b->keeps_scene = !b->makes_scene && linkat(folder.descriptor, scene_name, folder.descriptor, before_name, 0) == 0;
     kiln_folder_close(&folder);
 }

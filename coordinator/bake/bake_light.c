@@ -14,7 +14,8 @@ static bool has_step(const struct kiln_step_reports *steps, uint32_t role)
     return i < steps->count;
 }
 
-/* Adds the time that companions took beside a step to their phases; NULL: adds the phases. */
+/* Adds the seconds that each companion took beside a step to the companion's phase. `step` NULL: adds the phases
+ * themselves, with 0 s. */
 static void add_companion_phases(struct kiln_bake *b, const struct kiln_step_report *step)
 {
     for (size_t i = 0; kiln_companions[i] != NULL; i++)
@@ -71,7 +72,7 @@ static int settle_paths(struct kiln_bake *b, struct kiln_error *error)
     return status;
 }
 
-/* kiln_beside */
+/* Starts threads that pack columns of kiln.h5 while light is computed: `start` of b->beside (struct kiln_beside). */
 static void pack_ahead(void *context, const struct kiln_rank_data *own)
 {
     struct kiln_bake *b = context;

@@ -86,7 +86,8 @@ static json_t *objects_json(const struct kiln_scene_survey *look)
     return list;
 }
 
-/* Describes gloss with the members' names of glTF extensions; null: the material has none. */
+/* Describes a material's gloss as JSON. Most keys are names from glTF's materials in snake case, without "Factor"; the
+ * rest are kiln's own. `g` NULL: the material has no gloss, and the result is null. */
 static json_t *gloss_json(const struct kiln_gloss *g)
 {
     static const char *const uses[KILN_GLOSS_USES] = {

@@ -41,7 +41,7 @@ static void join_group(const struct mixing *m, const char *name, struct factor *
     }
 }
 
-/* Whether patches of the sky are groups (--sky-patches). */
+/* Whether each patch of the sky has a light group of its own (--sky-patches). */
 static bool has_patches(const struct mixing *m)
 {
     for (size_t g = 0; g < m->factors->count; g++)

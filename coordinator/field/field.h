@@ -177,8 +177,8 @@ uint64_t kiln_field_set_column_bytes(const struct kiln_field_set *set);
  * `values` is the field's array. Non-numeric types (tile runs, queues) have no published form. */
 void kiln_field_floats(const struct kiln_field *field, const void *values, uint64_t first, uint64_t items,
                        float *floats);
-/* Whether the values of `count` items are plausible for a bake: finite, and within the row's range. Of the integer
- * types, only 32-bit integers are checked. */
+/* Whether the values of `count` items are plausible for a bake: finite, and within the field's range from `low` to
+ * `high`. Of the integer types, only 32-bit integers are checked. */
 bool kiln_field_is_sane(const struct kiln_field *field, const void *values, uint64_t count);
 
 #endif

@@ -266,7 +266,8 @@ static void start_pieces(const struct kiln_radiosity_allgather *x, struct lane *
     }
 }
 
-/* All of the group. */
+/* Starts the exchange of all values of a group among the members of a lane, in one MPI call. If there are too many
+ * points for the counts of a call, the values go in pieces. */
 static void start_whole(struct kiln_radiosity_allgather *x, struct lane *lane, const struct message *g)
 {
     if (x->params.total > x->params.limit) {

@@ -44,7 +44,8 @@ static void chart_of_face(struct kiln_shape *shape, struct kiln_dvec3 a, struct 
     kiln_shape_chart(shape, u, dvec3_sub(towards, dvec3_scale(u, dvec3_dot(u, towards))));
 }
 
-/* Returns the vertex's index; 0 when there is no memory. */
+/* Adds a vertex and returns its index. Returns 0 once the shape has failed (shape->status): no memory, or too many
+ * vertices. */
 static uint32_t add_vertex(struct kiln_shape *shape, struct kiln_dvec3 position, struct kiln_dvec3 normal,
                            struct kiln_vec2 texcoord)
 {

@@ -166,7 +166,8 @@ static void read_primitive(struct gltf *g, struct gltf_place place, const json_t
                             (p->material->emission.texture != KILN_NONE && p->emission == NULL);
 }
 
-/* Replaces an accessor's values by decompressed ones. */
+/* Replaces the accessors that a primitive uses by copies with the values that its Draco extension decodes. The indices
+ * are replaced, too. */
 static void decompress(struct gltf *g, struct gltf_place place, const json_t *json, struct primitive *p)
 {
     char base[32], emission[32], normal[32], gloss[32];

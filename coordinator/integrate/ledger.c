@@ -179,7 +179,8 @@ static inline __attribute__((always_inline)) void add_arrived(const struct kiln_
     add_terms(&tile_run->reflected, luminance, run->count, per_unit);
 }
 
-/* Adds up the fate of the sent radiosity. `variance`: as add_sent returns it, divided by the samples. */
+/* Adds up what became of the power that the points sent: the sum of all, and the parts that escaped or fell on backs.
+ * variance[k]: variance of the lost part of point k, luminance. */
 static inline __attribute__((always_inline)) void add_gone(const struct kiln_tally_run *run, double per_unit,
                                                            struct kiln_tally *tally, double *variance)
 {
@@ -323,7 +324,8 @@ static void compare_firsts(struct kiln_energy *e, const struct kiln_step_reports
     e->caustic.compared = e->caustic.compared && !kiln_caustics_found(steps).left_out;
 }
 
-/* Returns the light on backs that should not receive any. */
+/* Returns the luminance of the power that falls on backs and should not. Light of suns and sky may fall on the outside
+ * of rooms; so may its bounced light there, as far as it can be told apart. Rounding errors count as 0. */
 static double find_lost(const struct kiln_energy *e, const struct kiln_emission_result *light)
 {
     const double all = kiln_luminance(e->blocked), straight = kiln_luminance(light->blocked),

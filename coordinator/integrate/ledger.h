@@ -106,8 +106,9 @@ struct kiln_energy_closing {
         albedo_scale; /* of what a point sends, the part that gathers read, at first 1; the rest counts as absorbed */
 };
 
-/* The balance of a whole bake: emitted light against where the counted steps found it; and what of it has met no
- * diffuse surface before, traced from the lights against found. */
+/* Fills in the energy balance of a whole bake: the light that lamps emit, and where the counted steps found that it
+ * went. Also compares light that has met no diffuse surface yet: as traced from the lights, and as the steps found it
+ * at surface points. */
 void kiln_energy_close(struct kiln_energy *energy, const struct kiln_step_reports *steps,
                        const struct kiln_emission_result *emission, const struct kiln_energy_closing *closing);
 

@@ -174,7 +174,8 @@ static void filmic(const struct filmic *f, const double rgb[3], double out[3])
         out[c] = (out[c] - FILMIC_INSET * after) / (1.0 - FILMIC_INSET);
 }
 
-/* `f`: of a filmic tone. */
+/* Maps a linear colour to three sRGB codes, 0 to 1: by the exposure, then by the curve of the tone. A colour that is
+ * not finite becomes magenta. `f`: curve of a filmic tone; other tones do not read it. */
 static void map_color(const struct kiln_tone *tone, const struct filmic *f, const float rgb[3], double code[3])
 {
     double exposed[3], shown[3];

@@ -244,7 +244,8 @@ static void cover(const struct kiln_coverage *c, const struct tile_window *windo
 
 /* ---- leaves ---- */
 
-/* A triangle over one column of leaves in a brick. */
+/* A triangle and a column of octree leaves in a brick, for finding the triangle's pieces in these leaves. A brick is a
+ * cube of 4 x 4 x 4 leaves (worker/scene/surface.h). */
 struct leaf_column {
     const struct kiln_coverage *coverage;
     uint32_t triangle;

@@ -613,8 +613,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_draw(KILN_STRUCT kiln_bsdf_l
     return d;
 }
 
-/* Reverse density: with which a path that comes from d.i is continued to o, per steradian; for a delta its probability.
- */
+/* Density with which kiln_bsdf_draw would sample the reverse of a drawn direction: a path comes from d.i, and goes on
+ * to o. Per steradian; for a delta (a mirror or smooth glass) it is the probability. */
 KILN_FUNCTION float kiln_bsdf_reverse(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, KILN_STRUCT kiln_bsdf_drawn d,
                                       KILN_U32 lobes)
 {

@@ -46,7 +46,7 @@ struct kiln_bsdf_lobes {
     float metal, glass, matt; /* shares of the base; their sum is 1 */
     float alpha_x, alpha_y;
     KILN_U32 base_is_mirror, coat_is_mirror, disperses; /* 0 or 1: buffers hold no bool */
-    KILN_U32 holds;                                     /* 0 or 1: `held` is known */
+    KILN_U32 holds;                                     /* 0 or 1: `trapped` is known */
     KILN_U32 brushed_low, brushed_high;                 /* address of a struct kiln_brushed_table; 0: there is none */
     float brushed_part;                                 /* fraction of the way to the next layer */
     KILN_STRUCT kiln_interface face;
@@ -57,7 +57,7 @@ struct kiln_bsdf_lobes {
     float glass_lost_front, glass_lost_back, glass_lost_coat; /* loss by glass on each side; front times the coat's T */
     float under_front, under_back;  /* fraction that reaches the diffuse surface; 1 if there is none */
     KILN_STRUCT kiln_curve trapped; /* kiln_bsdf_trapped, in Chebyshev polynomials of 2 sqrt(mu) - 1 */
-    float trapped_mean;             /* mean of `held`; 0 if unknown */
+    float trapped_mean;             /* mean of kiln_bsdf_trapped; 0 if unknown */
 };
 
 /* Computes alphas along the tangent and across it, from glTF's roughness and anisotropy strength, 0 to 1
@@ -92,7 +92,9 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_gray(float a) { return vec3(a, a, a); }
 struct kiln_bsdf_fresnel {
     KILN_VECTOR reflected, through; /* through: 1 - the largest channel, so that it is not coloured */
 };
-/* Reflectance of one channel: the exact one, scaled to `normal` times color at normal incidence. */
+/* Reflectance of one channel of a dielectric with KHR_materials_specular. `exact`: the Fresnel reflectance. `normal`:
+ * the Fresnel reflectance at normal incidence. The result goes from normal x color (at most 1) at normal incidence to 1
+ * at grazing incidence, both times the specular strength. */
 KILN_FUNCTION float kiln_bsdf_scaled(KILN_STRUCT kiln_bsdf p, float exact, float normal, float color)
 {
     return kiln_fresnel_scaled(p.specular, exact, normal, color);
@@ -224,13 +226,18 @@ KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool fro
 
 /* ---- light from behind a coat over rough glass ----
  *
- * The coat reflects back a part of the light that facets transmit. Two terms model it. The first goes into the facets'
- * mirror directions. For reciprocity it is the geometric mean of the coat's reflectances for the light that a facet
- * transmits from o and from i. The approximation gets worse with roughness, so the term is scaled down with it, and
- * never exceeds the light sent back. The rest is `held`, a diffuse lobe held(o) held(i) / (pi mean held), as Kulla and
- * Conty ("Revisiting Physically Based Shading at Imageworks", 2017) use for the facets' loss. `held` depends on the
- * cosine, the index and both roughnesses. It is computed per material by summing over its facets: 377 facets at each of
- * 9 cosines. That is too slow at each hit of a textured material, which has a table instead. */
+ * The coat reflects back a part of the light that the facets of the glass transmit. Two terms model this light.
+ *
+ * The first term goes into the facets' mirror directions (kiln_bsdf_mirrored). The coat has one reflectance for the
+ * light that a facet transmits from o, and another for that from i. The term has their geometric mean, so that it is
+ * reciprocal. This approximation gets worse with roughness. So the term is scaled down as roughness grows, and never
+ * exceeds the light sent back.
+ *
+ * The second term is the rest: a diffuse lobe trapped(o) trapped(i) / (pi mean trapped), with kiln_bsdf_trapped. Kulla
+ * and Conty ("Revisiting Physically Based Shading at Imageworks", 2017) use such a lobe for the facets' loss. `trapped`
+ * depends on the cosine, the index and both roughnesses. It is computed once for a material, by summing over its
+ * facets: 377 facets at each of 9 cosines. That is too slow at each hit of a textured material, which has a table
+ * instead. */
 
 KILN_FUNCTION bool kiln_bsdf_holds(KILN_STRUCT kiln_bsdf_lobes l)
 {
@@ -253,8 +260,9 @@ KILN_FUNCTION float kiln_bsdf_mirrored(KILN_STRUCT kiln_bsdf_lobes l, float o, f
     return kiln_bsdf_mirrored_share(l) * float_sqrt(of_o * of_i);
 }
 
-/* Returns the fraction of light from behind, from direction o (z > 0 behind), that the facet h scatters to both sides.
- */
+/* Returns the fraction of light from behind that the facet h sends on, to both sides: mirrored, reflected back by the
+ * coat, or refracted. o: direction that the light comes from, with z > 0 behind. The facet is one that kiln_ggx_sample
+ * draws from o. */
 KILN_FUNCTION float kiln_bsdf_sent_behind(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR o, KILN_VECTOR h)
 {
     const float eta = kiln_bsdf_eta(l.p, false).y, cosine = vec3_dot(o, h);
@@ -324,7 +332,7 @@ KILN_FUNCTION float kiln_bsdf_trapped(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR
     return float_max(x * a - b + l.trapped.c[0], 0.0f);
 }
 
-/* Table of the curve `held` over roughness, for a material with a roughness texture. `bare` is for coat strength 0,
+/* Table of the curve `trapped` over roughness, for a material with a roughness texture. `bare` is for coat strength 0,
  * `coated` for 1, at equal steps of the roughness and, if that has a texture too, of the coat's roughness. It is
  * interpolated linearly in the strength and in both roughnesses. */
 #define KILN_BSDF_TRAPPED_LAYERS 17
@@ -385,7 +393,7 @@ KILN_FUNCTION void kiln_bsdf_mean_trapped(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes
             KILN_MEAN_WEIGHTS[k] * kiln_bsdf_trapped(KILN_AT(l), vec3(0.0f, 0.0f, KILN_MEAN_COSINES[k]));
 }
 
-/* Fills in `holds`, `held` and `trapped_mean`; all else in the lobes must be prepared. */
+/* Fills in `holds`, `trapped` and `trapped_mean`; all else in the lobes must be prepared. */
 KILN_FUNCTION void kiln_bsdf_find_trapped(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l)
 {
     KILN_AT(l).holds = kiln_bsdf_holds(KILN_AT(l)) && KILN_AT(l).base_is_mirror == 0u ? 1u : 0u;
@@ -562,7 +570,7 @@ KILN_FUNCTION void kiln_bsdf_take_layers(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes)
 
 KILN_FUNCTION float kiln_between(float a, float b, float part) { return (1.0f - part) * a + part * b; }
 
-/* Fills in `holds`, `held` and `trapped_mean` by a table. */
+/* Fills in `holds`, `trapped` and `trapped_mean` by a table. */
 KILN_FUNCTION void kiln_bsdf_take_trapped(KILN_INOUT(KILN_STRUCT kiln_bsdf_lobes) l, KILN_U32 low, KILN_U32 high)
 {
     if (!kiln_bsdf_holds(KILN_AT(l)) || KILN_AT(l).base_is_mirror != 0u)

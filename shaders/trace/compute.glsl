@@ -19,8 +19,8 @@ struct kiln_ray {
     uint preferred;    /* KILN_EITHER, ... */
 };
 
-/* The nearest hit so far; `distance` begins as the ray's limit, and for a face with a lower preference includes
- * kiln_behind. */
+/* The nearest hit so far. `distance` is the ray's limit at first. A hit on a face of lower preference counts as farther
+ * away: kiln_behind is then a part of `distance`. */
 struct kiln_found {
     float distance, u, v;
     uint triangle;

@@ -982,7 +982,8 @@ static int trace_diagonals(struct search *s, size_t begin, size_t end, struct ki
     return trace(s, r, rays, error);
 }
 
-/* Makes candidates of a tile run's points whose diagonals meet walls. `first`: index of the run's first ray. */
+/* Adds candidates: texels that walls may divide. They are the points of a tile run whose diagonals meet walls. A full
+ * list of candidates is processed at once (divide_some). `first`: index of the run's first ray. */
 static int look_at_run(struct search *s, size_t run, const struct kiln_wall_rays *r, size_t first,
                        struct kiln_error *error)
 {

@@ -51,10 +51,11 @@ struct kiln_subtexels {
     double centre[KILN_SUBTEXELS][2]; /* of its largest cell */
 };
 
-/* Makes the parts of a texel and fills in lines, margin, codes, sides and `within` of `texel`. `margin`: in sides of
- * the texel. Parts thinner than the margin are left out, and so are the smallest beyond KILN_SUBTEXELS. `borders`:
- * lines along the texel's sides on which walls stand, with the texel at a x + b y <= c; they are added while there is
- * room. Makes no parts if there is no such line and light reaches all of the texel: the texel is whole. */
+/* Makes the parts of a texel, and fills in lines, margin, codes, sides and `within` of `texel`. `margin`: in sides of
+ * the texel. Parts thinner than the margin are left out. So are the smallest parts, if there are more than
+ * KILN_SUBTEXELS. `borders`: lines of walls that stand on the texel's sides; the texel lies where a x + b y <= c. These
+ * lines are added to the texel's while there is room. A texel without borders that light reaches everywhere is whole,
+ * and gets no parts; neither does one whose cells are all buried. */
 void kiln_subtexels_make(const struct kiln_texel_cells *cells, const struct kiln_texel_pieces *pieces, double margin,
                          const float *borders, uint32_t border_count, struct kiln_divided_texel *texel,
                          struct kiln_subtexels *parts);

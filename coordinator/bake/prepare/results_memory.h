@@ -8,7 +8,8 @@
 /* Bytes of a row of kiln.h5 in the measured bakes; the bytes of other fields are added. */
 #define KILN_RESULTS_COLUMNS 56.0
 
-/* Memory of passes, their code and MPI that a rank takes only after its memory is measured before the light. */
+/* Memory that a rank takes late, bytes: for passes, their code and MPI. A rank's memory is measured before the light is
+ * computed, when this part is not there yet. */
 enum { KILN_PASS_BYTES = 8 << 20 };
 
 /* Size of the results. Points and texels may be fractional, as in a plan. */

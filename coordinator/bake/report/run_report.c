@@ -363,8 +363,9 @@ static uint64_t points_above(const struct kiln_run *run, const uint16_t *error, 
     return above;
 }
 
-/* Collective. Adds the outcome of --target-error for a bake that opens links: by the errors of texels in all, and by
- * the errors of direct light and of links alone, where these are known. */
+/* Collective. Adds the outcome of --target-error for a bake with --patches links: the target, and the fractions of
+ * points above it. One fraction goes by the error of all light. Two go by the errors of direct light and of indirect
+ * light (links) alone, where these are known. */
 static void add_target_of_links(const struct kiln_run *run, double mean, double points, json_t *json)
 {
     static const char *const keys[] = {"above_target", "above_target_direct", "above_target_indirect"};

@@ -344,8 +344,9 @@ static uint32_t divide(struct kiln_state_lights *l, const struct kiln_state_scen
     return parts;
 }
 
-/* Makes a scene with the elements of one part only: changed elements as in the state, others as in the base scene.
- * Returns a hash of their values. */
+/* Makes the scene l->only, in which only one part of the state's elements shines: lights, emissions of materials, the
+ * environment. Elements that no factor turns into the state's (own_changed) are as in the state, others as in the base
+ * scene. Returns a hash of the part's values. */
 static uint64_t isolate(struct kiln_state_lights *l, const struct kiln_state_scene *scene, uint32_t part)
 {
     const struct kiln_scene *s = l->bake->prepared->scene;

@@ -131,8 +131,8 @@ static void take_sums(const uint64_t tile[static SUMS], double sums[static SUMS]
         sums[k] = (double)tile[k] / (k == POINTS || k == ANSWERS ? 1.0 : STEPS);
 }
 
-/* Error of the tail in an object: the sums over its tiles of `off` and of `most`, as power relative to the mean power
- * of all points. */
+/* Error that the tail would make in an object: sums over its tiles of `off` and of `most` (struct miss), each times the
+ * power of the tile's last bounce. Powers are relative to the mean power of all points. */
 struct missed {
     double off, most;
 };

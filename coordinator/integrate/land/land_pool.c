@@ -7,8 +7,8 @@
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
-/* Least effective numbers of equal paths: for a point's light, and for that of all noisy points of a lightmap
- * together. */
+/* Least numbers of equal paths that light must come from. A point whose light is of fewer than PATHS is noisy. If the
+ * light of all noisy points of a lightmap together is of fewer than PATHS_OF_ALL, it is left out. */
 #define PATHS 4.0
 #define PATHS_OF_ALL 2.0
 
@@ -19,7 +19,8 @@ struct pool {
     struct kiln_exact_sum of[SUMS];
 };
 
-/* Pools of noisy points, one for each lightmap of part 0; the other parts of divided texels share its pool. */
+/* Pools of noisy points, one for each lightmap of whole texels. That lightmap has part 0 of divided texels, too.
+ * Further parts are in lightmaps of their own; their points share the pool of part 0. */
 struct pools {
     struct pool *maps;
     size_t count;

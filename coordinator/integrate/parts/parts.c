@@ -133,7 +133,7 @@ static void state_errors(const struct kiln_rank_data *data, const struct kiln_pa
     }
 }
 
-/* ---- a part is over ---- */
+/* ---- the end of a part: one of several solves, each with a share of the samples (parts.h) ---- */
 
 static bool is_over(const struct kiln_integrate_settings *settings, const struct kiln_step_reports *part)
 {
@@ -178,7 +178,8 @@ static int after_step(void *self, const struct kiln_companion_site *site, double
 
 static bool is_sane(const struct kiln_step_report *report) { return kiln_round_is_sane(&report->round); }
 
-/* The outcome of --target-error: after the last round of parts. */
+/* Adds the outcome of --target-error to the report: the target, the fraction of points above it after the last round of
+ * parts, and the number of rounds. */
 static void report(const struct kiln_companion_told *told, json_t *json)
 {
     const struct kiln_step_reports *steps = &told->solution->report.steps;

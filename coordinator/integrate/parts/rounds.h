@@ -30,8 +30,9 @@ bool kiln_round_is_sane(const struct kiln_round *round);
  * the result: a quarter of a part's share, even, at least 2. If only other steps gather from it: at least one. */
 uint32_t kiln_round_first(uint32_t samples, bool counts);
 
-/* Sets the samples, and their range of the sequence, of a step in part `own` of a round from level to level. On entry
- * the step has the samples of the first round. */
+/* Sets the number of samples of a step in a later round, and where they begin in the sample sequence. The round goes
+ * from level round->from to level round->to. `own`: number of the part in the round. `counts`: whether the step counts
+ * for the result. On entry the step has the samples of the first round. */
 void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts, struct kiln_step *step);
 
 /* Collective, after the last part of a round, whose report is the last. Writes the finished tile runs, the samples of

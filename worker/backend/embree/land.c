@@ -296,7 +296,8 @@ static void add_chords(const struct kiln_probe_spheres *spheres, struct sphere_c
             sphere_stretch_add(spheres, threads, count, stretch);
 }
 
-/* Allocates the chords of each of the backend's threads. */
+/* Allocates a list of chords for each of the backend's threads. A chord is the part of a light path inside a sphere
+ * about a probe (worker/pass/spheres.h). */
 static int begin_chords(const struct embree_backend *b, const struct kiln_probe_spheres *spheres,
                         struct sphere_chords **threads, struct kiln_error *error)
 {

@@ -161,7 +161,8 @@ static void record_sums(const struct hemisphere *h, const struct vulkan_chunk *c
     vulkan_record(recording, h->reduce, chunk->all.total, 1, &push, bytes);
 }
 
-/* Runs the first kernel over a portion; partly buried points are processed separately. */
+/* Records the first kernel for a portion of a chunk, and the kernels that follow chains apart. Partly buried points get
+ * a dispatch of their own, whose kernel draws buried positions again. */
 static int record_rays(struct hemisphere *h, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
                        struct kiln_error *error)
 {

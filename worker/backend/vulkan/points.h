@@ -54,7 +54,7 @@ static inline uint32_t vulkan_light_threads(uint32_t threads)
     return some < most ? some : most;
 }
 
-/* Borrows everything. Makes no range yet. */
+/* Makes the blocks of this rank's points. None of them is prepared or uploaded yet. All pointers are borrowed. */
 int vulkan_points_create(struct vulkan_points **points, struct gpu *gpu, const struct kiln_backend_params *params,
                          const struct kiln_surface *surface, const struct vulkan_materials *materials,
                          struct kiln_error *error);
