@@ -2,6 +2,9 @@
 reader of the repository can follow."""
 import os
 import re
+import shlex
+import subprocess
+import textwrap
 import unittest
 
 import tree
@@ -17,6 +20,9 @@ ELSEWHERE = re.compile(r'\b(' + '|'.join(PAGES) + r')(\.md\b| section\b| finding
 # A file that a text names: by its path, or a page or header by its name alone.
 NAMED = re.compile(r'(?<![\w./<-])((?:coordinator|worker|shaders|tests|cluster|jobs)/[\w./-]*'
                    r'\.(?:c|h|cpp|comp|glsl|py|md|txt)|[A-Z]+\.md)\b')
+# A line of what git says of a commit, and a command that made it say so with the lines that follow.
+OF_COMMIT = re.compile(r' +[\w./-]+ +\| +\d+ [+-]+')
+QUOTED = re.compile(r'^    \$ (git show .*)\n((?:    .*\n|\n(?=    ))*)', re.M)
 # A source that a comment names by its name alone, and those of libraries.
 COMMENT = re.compile(r'/\*.*?\*/|//[^\n]*', re.S)
 # A comment that begins with one of these words has not said what the thing is.
@@ -71,7 +77,7 @@ def lost_names(files, known):
     names = {os.path.basename(path) for path in known}
     for path, text in files.items():
         for number, line in enumerate(text.splitlines(), 1):
-            for name in NAMED.findall(line):
+            for name in () if OF_COMMIT.fullmatch(line) else NAMED.findall(line):  # a commit names files as they were
                 near = {name, os.path.join(os.path.dirname(path), name)}
                 if not near & known and not BUILT.search(name) and 'NAME' not in name and \
                         ('/' in name or name not in names):
@@ -130,6 +136,17 @@ class Texts(unittest.TestCase):
                if not path.startswith('tests/tree/') and os.path.basename(path) != 'NOTES.md'}
         self.none(lost_names(own, self.known))
 
+    def test_quotes(self):
+        """What git is quoted with is what it says, unless the repository is here without its history."""
+        quotes = QUOTED.findall(tree.read('CONTRIBUTING.md'))
+        self.assertNotEqual([], quotes)
+        for command, quoted in quotes:
+            words = ['git', '-C', tree.ROOT, *shlex.split(command)[1:]]
+            if subprocess.run([*words[:3], 'cat-file', '-e', words[-1]], capture_output=True).returncode != 0:
+                self.skipTest(f'{words[-1]} is not here')
+            said = subprocess.run(words, check=True, capture_output=True, text=True).stdout
+            self.assertEqual(said.rstrip(), textwrap.dedent(quoted).rstrip(), command)
+
     def test_sources(self):
         self.none(lost_sources(self.files, self.known))
 
@@ -165,7 +182,8 @@ class Checks(unittest.TestCase):
 
     def test_names(self):
         known = {'coordinator/a.h', 'tests/README.md', 'tests/unit/b.c'}
-        cases = {'coordinator/a.h': 0, 'coordinator/b.h': 1, 'README.md': 0, 'TODO.md': 1, '<mpi.h>': 0}
+        cases = {'coordinator/a.h': 0, 'coordinator/b.h': 1, 'README.md': 0, 'TODO.md': 1, '<mpi.h>': 0,
+                 '     coordinator/b.h  |  3 +++': 0, '| coordinator/b.h | 3 |': 1}
         for line, count in cases.items():
             self.assertEqual(count, len(list(lost_names({'tests/x.py': line}, known))), line)
 
