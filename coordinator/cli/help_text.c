@@ -13,10 +13,10 @@ void kiln_help_head(const struct kiln_option *option, char text[KILN_HELP_HEAD])
     const struct kiln_option *second = kiln_option_second(option);
     (void)snprintf(text, KILN_HELP_HEAD, "%s--%s", strcmp(option->name, "output") == 0 ? "-o, " : "", option->name);
     const char *separator = " ";
-    if (option->value != NULL)
+    if (option->value != NULL && !option->percentage) {
         add(text, KILN_HELP_HEAD, separator, option->value);
-    if (option->value != NULL)
         separator = "|";
+    }
     if (option->may_be_infinite)
         add(text, KILN_HELP_HEAD, separator, "inf");
     if (option->word != NULL)
@@ -25,6 +25,8 @@ void kiln_help_head(const struct kiln_option *option, char text[KILN_HELP_HEAD])
         add(text, KILN_HELP_HEAD, separator, option->choices[i]);
         separator = "|";
     }
+    if (option->percentage)
+        add(text, KILN_HELP_HEAD, separator, option->value);
     if (second != NULL) {
         add(text, KILN_HELP_HEAD, "[:", second->value);
         add(text, KILN_HELP_HEAD, "]", "");

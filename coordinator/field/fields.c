@@ -15,17 +15,14 @@
 #define AT(member) offsetof(struct kiln_rank_data, member)
 
 static bool has_probes(const struct kiln_job *job) { return kiln_job_has_probes(job); }
-static bool wants_error_map(const struct kiln_job *job)
-{
-    return job->lightmaps.error_map || job->light.target_error > 0.0;
-}
+static bool wants_error_map(const struct kiln_job *job) { return job->lightmaps.error_map || kiln_job_has_rounds(job); }
 static bool wants_occlusion(const struct kiln_job *job) { return job->light.occlusion.distance > 0.0; }
 static bool wants_harmonics(const struct kiln_job *job) { return job->light.directional == KILN_DIRECTIONAL_SH1; }
 static bool wants_dominant(const struct kiln_job *job) { return job->light.directional == KILN_DIRECTIONAL_DOMINANT; }
 static bool wants_parts(const struct kiln_job *job) { return kiln_job_parts(job) > 1; }
 static bool has_adaptive_samples(const struct kiln_job *job)
 {
-    return job->light.schedule == KILN_SCHEDULE_LEAN || job->light.target_error > 0.0;
+    return job->light.schedule == KILN_SCHEDULE_LEAN || kiln_job_has_rounds(job);
 }
 static bool has_late_bounces(const struct kiln_job *job)
 {
@@ -42,7 +39,8 @@ static bool has_closing(const struct kiln_job *job)
 }
 static bool has_guide(const struct kiln_job *job) { return job->light.guide > 0; }
 static bool receives_visible(const struct kiln_job *job) { return job->ranks.exchange_points == KILN_EXCHANGE_VISIBLE; }
-static bool has_target(const struct kiln_job *job) { return job->light.target_error > 0.0; }
+static bool has_target(const struct kiln_job *job) { return kiln_job_has_rounds(job); }
+static bool goes_on(const struct kiln_job *job) { return kiln_job_goes_on(job); }
 static bool wants_errors_apart(const struct kiln_job *job)
 {
     return job->lightmaps.error_map || kiln_job_denoises(job);
@@ -344,6 +342,16 @@ static const struct kiln_field table[] = {
          "differ by (Student's t, 3 degrees of freedom)",
      .noisy = true,
      .present = wants_parts},
+    {.name = "parts_radiosity",
+     .unit = "W m-2",
+     .type = KILN_FIELD_RADIOSITY,
+     .components = KILN_PARTS,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(parts_radiosity),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .present = goes_on},
     {.name = "node",
      .unit = "texel",
      .type = KILN_FIELD_UINT16,

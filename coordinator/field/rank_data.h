@@ -32,7 +32,9 @@ struct kiln_rank_data {
     uint16_t *error_direct, *error_indirect; /* errors of direct and indirect light, likewise; NULL: not wanted */
     uint16_t *error_caustic;                 /* likewise */
     float *indirect,
-        *parts;       /* 3 and KILN_PARTS a point, of a bake in parts (integrate/parts/parts.h); NULL: not in parts */
+        *parts; /* 3 and KILN_PARTS a point, of a bake in parts (integrate/parts/parts.h); NULL: not in parts */
+    /* KILN_PARTS a point: packed total radiosity as part k of each round found it; NULL: rounds start at the lamps */
+    uint64_t *parts_radiosity;
     uint64_t *next;   /* 1 a point: packed radiosity of the present step; or see kiln_next_compact */
     uint64_t *source; /* 1 a point: packed radiosity that is gathered from; NULL: not known yet */
     /* 1 a tile run: samples of each of its points, in a step with adaptive samples; NULL: the bake has no such steps */

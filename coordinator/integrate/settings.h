@@ -23,6 +23,7 @@ struct kiln_integrate_settings {
     int64_t bounces; /* indirect bounces; -1: until little energy is left, then a tail */
     bool tail;       /* add the geometric tail after the last bounce, though `bounces` is given */
     uint32_t samples_direct, samples_bounce, samples_indirect;
+    uint32_t samples_quantity;   /* rays of a quantity (quantity.h) */
     uint32_t indirect_scale;     /* side of a block in bounces (blocks.h), texels: a power of two; 1: no blocks */
     uint32_t final_scale;        /* side of a block in the final gather (nodes.h), likewise */
     enum kiln_caustics caustics; /* resolved, never AUTO; up to KILN_CAUSTICS_NONE there is no such step */
@@ -38,8 +39,12 @@ struct kiln_integrate_settings {
                      */
     uint64_t seed;
     uint32_t parts;      /* number of parts of the bake (parts.h): KILN_PARTS to know its errors, or 1 */
-    double target_error; /* relative; parts are added until a texel's error is below it (parts.h); 0: none */
-    size_t lights;       /* of the scene: emitting triangles, punctual lights, suns, the environment */
+    double target_error; /* relative; rounds follow until each texel's standard error is below it (rounds.h); 0: none */
+    /* relative; rounds follow until 95 % of the texels stay below it with their published light (published.h); 0: none.
+     * At most one of the two targets is given */
+    double published_error;
+    bool goes_on;  /* private to parts.c: the steps are those of a part that starts from the light of earlier rounds */
+    size_t lights; /* of the scene: emitting triangles, punctual lights, suns, the environment */
 
     /* range of gather rays, and the probes used beyond it (radiance.h); borrowed; NULL: unlimited rays. `next` of an
      * integrator does not read it */
@@ -63,5 +68,11 @@ struct kiln_integrate_settings {
 
     struct kiln_faults faults; /* for tests: which rank is slow */
 };
+
+/* Whether rounds of parts follow until the error is small enough. */
+static inline bool kiln_has_rounds(const struct kiln_integrate_settings *settings)
+{
+    return settings->target_error > 0.0 || settings->published_error > 0.0;
+}
 
 #endif

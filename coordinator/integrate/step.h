@@ -93,7 +93,8 @@ struct kiln_step_report {
     /* Largest such error of an object's mean, beyond noise; 0 where nothing depends on it, for example if the tail is
      * not good enough for the whole scene. */
     double object_error;
-    /* after the last step of a round (rounds.h): fraction of points in tile runs with an error above the target */
+    /* after the last step of a round (rounds.h): fraction of points in tile runs with an error above the target; for an
+     * error of published light, the error reached (parts/published.h) */
     double unfinished;
     struct kiln_round round;            /* the next round */
     bool out_of_time;                   /* the next round is omitted, since it would hardly end in time */

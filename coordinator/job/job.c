@@ -33,8 +33,11 @@ static int set_defaults(struct kiln_job *job, struct kiln_error *error)
 
 static void set_quality(struct kiln_job *job)
 {
+    double percent;
+    const bool error = kiln_option_percentage(job->light.quality, &percent);
     for (size_t i = 0; i < kiln_quality_count; i++)
-        if (strcmp(kiln_qualities[i].name, job->light.quality) == 0) {
+        if (error ? i == 0 || percent <= kiln_qualities[i].finer_than
+                  : strcmp(kiln_qualities[i].name, job->light.quality) == 0) {
             job->light.samples_direct = kiln_qualities[i].samples_direct;
             job->light.samples_bounce = kiln_qualities[i].samples_bounce;
             job->light.samples_indirect = kiln_qualities[i].samples_indirect;
@@ -341,6 +344,38 @@ struct unused_option {
     bool wanted;
 };
 
+/* Makes --quality N% a target. Refuses options that give sample counts, or that exclude rounds. */
+static int settle_quality(struct kiln_job *job, struct kiln_error *error)
+{
+    struct kiln_job_light *l = &job->light;
+    double percent;
+    const struct unused_option others[] = {{"samples-direct", given(job, "samples-direct")},
+                                           {"samples-bounce", given(job, "samples-bounce")},
+                                           {"samples-indirect", given(job, "samples-indirect")},
+                                           {"target-error", l->target_error > 0.0},
+                                           {"keep-transport", l->keep != KILN_KEEP_NONE},
+                                           {"light-groups", job->scene.light_groups != NULL},
+                                           {"sky-patches", job->scene.sky_patches != 0},
+                                           {"only-visible-from", l->only_visible_from != NULL},
+                                           {"indirect-scale", l->indirect_scale > 0},
+                                           {"final-scale", l->final_scale > 0},
+                                           {"schedule equal", l->schedule != KILN_SCHEDULE_LEAN},
+                                           {"method", kiln_job_is_reference(job) || kiln_job_is_radiosity(job)},
+                                           {"store", job->lightmaps.store != KILN_STORE_KIND_LIGHTMAP},
+                                           {"states", job->relighting.states != NULL || job->relighting.listen}};
+    l->published_error = 0.0;
+    if (!kiln_option_percentage(l->quality, &percent))
+        return KILN_OK;
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (others[i].wanted)
+            return kiln_fail(error, KILN_USAGE,
+                             "--quality %s asks for an error, and --%s excludes that; leave it out, or give a preset "
+                             "(--quality preview)",
+                             l->quality, others[i].name);
+    l->published_error = percent / 100.0;
+    return KILN_OK;
+}
+
 static int refuse_unused(const struct kiln_job *job, const struct unused_option *options, size_t count,
                          struct kiln_error *error)
 {
@@ -567,6 +602,7 @@ static int settle_light(struct kiln_job *job, uint32_t commands, struct kiln_err
                       "--exchange-points visible sends what surface points see, and radiance probes see more: give "
                       "--tracing-range inf, or --exchange-points all"));
     KILN_TRY(settle_store(job, error));
+    KILN_TRY(settle_quality(job, error));
 end:
     return status;
 }

@@ -89,6 +89,9 @@ struct kiln_job_light {
     uint32_t chain_length;   /* surfaces in a gather ray's chain that are always traced (shaders/shared/chain.h) */
     char *only_visible_from; /* cameras, or a path's file: bake/light/visible_from.h; NULL: all surfaces are lit */
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
+    /* no option: error of published light that --quality asks for, which 95 % of the texels stay below; 0: --quality is
+     * a preset of sample counts, as with a method or options that exclude rounds */
+    double published_error;
     struct kiln_radiance_settings radiance;     /* radiance probes for distant light; see kiln_job_has_probes */
     struct kiln_reference_parameters paths;     /* of the methods of kiln_job_is_reference */
     struct kiln_patch_settings patches;         /* of the method of kiln_job_is_radiosity */
@@ -283,6 +286,17 @@ static inline bool kiln_job_has_links(const struct kiln_job *job)
            job->light.patches.patches == KILN_PATCHES_LINKS;
 }
 
+/* Whether light is computed in rounds, until its error is small enough (integrate/parts/rounds.h). */
+static inline bool kiln_job_has_rounds(const struct kiln_job *job)
+{
+    return job->light.target_error > 0.0 || job->light.published_error > 0.0;
+}
+
+/* Whether parts of later rounds start from the light of earlier ones instead of the lamps (integrate/parts/parts.h).
+ * Only
+ * --quality N% does: it excludes methods and options with which they cannot. */
+static inline bool kiln_job_goes_on(const struct kiln_job *job) { return job->light.published_error > 0.0; }
+
 /* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
 enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be known (integrate/parts/parts.h) */
 /* Factor on an error that is estimated from so few parts alone, so that 95 % of all values lie within two stated
@@ -290,7 +304,7 @@ enum { KILN_PARTS = 4 }; /* that light is computed in where its errors are to be
 #define KILN_PARTS_STUDENT 1.591
 static inline uint32_t kiln_job_parts(const struct kiln_job *job)
 {
-    return (job->lightmaps.error_map || job->light.target_error > 0.0) && !kiln_job_has_links(job) ? KILN_PARTS : 1;
+    return (job->lightmaps.error_map || kiln_job_has_rounds(job)) && !kiln_job_has_links(job) ? KILN_PARTS : 1;
 }
 
 /* kiln_job_takes_gloss: whether mirrors, gloss and glass reflect or transmit light. kiln_job_has_caustics: whether a

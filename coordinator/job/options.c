@@ -325,8 +325,12 @@ const struct kiln_option kiln_options[] = {
      .group = "Light transport",
      .kind = KILN_OPTION_CHOICE,
      .fallback = "preview",
+     .value = "N%",
      .choices = qualities,
-     .help = "preset of the sample counts; counts that are given one by one win over it",
+     .percentage = true,
+     .minimum = 0.1,
+     .maximum = 50.0,
+     .help = "preset of sample counts (given ones win); or N%: the error that 95 % of texels stay below",
      .commands = TRACES,
      .of_light = true,
      .common = TRACES,
@@ -1804,10 +1808,10 @@ const struct kiln_option kiln_options[] = {
 const size_t kiln_option_count = ARRAY_COUNT(kiln_options);
 
 const struct kiln_quality kiln_qualities[] = {
-    {"draft", 64, 4, 32, 16},
-    {"preview", 64, 8, 128, 64},
-    {"production", 256, 16, 512, 256},
-    {"reference", 1024, 64, 4096, 1024},
+    {"draft", 64, 4, 32, 16, 20.0},
+    {"preview", 64, 8, 128, 64, 8.0},
+    {"production", 256, 16, 512, 256, 3.0},
+    {"reference", 1024, 64, 4096, 1024, 1.0},
 };
 const size_t kiln_quality_count = ARRAY_COUNT(kiln_qualities);
 

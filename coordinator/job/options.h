@@ -87,6 +87,7 @@ struct kiln_option {
     const struct kiln_option_word *words; /* more words, of KILN_OPTION_DOUBLE; ends with a NULL word; NULL: none */
     bool may_be_infinite;                 /* of KILN_OPTION_DOUBLE: accepts "inf" */
     const char *const *choices;           /* ends with NULL */
+    bool percentage;                      /* of choices: also a number from minimum to maximum with a % sign */
     int refusal;       /* status of an unknown choice; 0: KILN_USAGE, or KILN_BAD_INPUT in a job file */
     const char *help;  /* one line */
     uint32_t commands; /* the commands that have the option: enum kiln_command_bit, or-ed */
@@ -106,6 +107,7 @@ extern const size_t kiln_option_count;
 struct kiln_quality {
     const char *name;
     uint32_t samples_direct, samples_bounce, samples_indirect, samples_probe;
+    double finer_than; /* with an error above so many %, --quality N% takes the counts of the preset before */
 };
 extern const struct kiln_quality kiln_qualities[];
 extern const size_t kiln_quality_count;
@@ -161,6 +163,8 @@ const char *kiln_option_default(const struct kiln_option *option);
 int kiln_option_set(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
                     int status, const char *folder, struct kiln_error *error);
 
+/* Parses a number with a % sign. */
+bool kiln_option_percentage(const char *text, double *percent);
 /* Reads the text of a KILN_OPTION_BOX. */
 bool kiln_option_box(const char *text, double box[6]);
 

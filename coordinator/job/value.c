@@ -128,6 +128,17 @@ static int set_flag(struct kiln_job *job, const struct kiln_option *option, cons
     return KILN_OK;
 }
 
+bool kiln_option_percentage(const char *text, double *percent)
+{
+    char number[32];
+    const size_t length = strlen(text);
+    if (length < 2 || length >= sizeof number || text[length - 1] != '%')
+        return false;
+    memcpy(number, text, length - 1);
+    number[length - 1] = '\0';
+    return decimal(number, percent);
+}
+
 static int set_choice(struct kiln_job *job, const struct kiln_option *option, const char *text, const char *where,
                       int status, struct kiln_error *error)
 {
@@ -147,14 +158,20 @@ static int set_choice(struct kiln_job *job, const struct kiln_option *option, co
         const size_t used = strlen(list);
         (void)snprintf(list + used, sizeof list - used, "%s%s", i == 0 ? "" : ", ", option->choices[i]);
     }
+    double percent;
+    if (option->percentage && kiln_option_percentage(text, &percent))
+        return percent >= option->minimum && percent <= option->maximum
+                   ? kiln_job_keep(job, text, strlen(text), field(job, option), error)
+                   : kiln_fail(error, status, "%s: %.200s is out of range; it must be from %g%% to %g%%", where, text,
+                               option->minimum, option->maximum);
     const struct kiln_gone_option *gone = kiln_gone_value_find(option->name, text);
     if (gone != NULL)
         return kiln_fail(error, status, "%s: '%s' is no more since kiln %s: %s", where, text, gone->since,
                          gone->instead);
     return kiln_fail(error, option->refusal != 0 ? option->refusal : status,
-                     option->refusal != 0 ? "%s: this build has no %s '%.200s'; it has: %s"
-                                          : "%s: there is no %s '%.200s'; there is: %s",
-                     where, option->name, text, list);
+                     option->refusal != 0 ? "%s: this build has no %s '%.200s'; it has: %s%s"
+                                          : "%s: there is no %s '%.200s'; there is: %s%s",
+                     where, option->name, text, list, option->percentage ? ", or an error such as 5%" : "");
 }
 
 /* Parses numbers separated by commas. */

@@ -130,7 +130,7 @@ static struct kiln_integrate_settings coarse_settings(const struct kiln_job *job
         s.bounces = bounces < MOST_BOUNCES ? bounces : MOST_BOUNCES;
     }
     s.parts = 1;
-    s.target_error = 0.0;
+    s.target_error = s.published_error = 0.0;
     s.indirect_scale = s.final_scale = 1;
     s.occlusion = NULL;
     s.directional = KILN_DIRECTIONAL_NONE;
@@ -149,7 +149,7 @@ static int solve(struct kiln_density_check *check, const struct kiln_prepared *c
     struct kiln_solution *solved = NULL;
     plain.lightmaps.error_map = false;
     plain.scene.group_count = 0;
-    plain.light.target_error = 0.0;
+    plain.light.target_error = plain.light.published_error = 0.0;
     plain.light.indirect_scale = plain.light.final_scale = 0;
     plain.lightmaps.denoise = KILN_DENOISE_NONE;
     plain.light.occlusion.distance = 0.0;

@@ -2,6 +2,10 @@
 
 #include "coordinator/integrate/integrator.h"
 
+/* Samples in whose place each of four parts of the first round has a sixteenth, where --quality asks for an error
+ * (integrate/parts/rounds.h). */
+enum { FIRST_DIRECT = 32, FIRST_BOUNCE = 16, FIRST_INDIRECT = 64 };
+
 /* Number of iterations of a step of light paths in the first round. */
 static uint32_t iterations_of(const struct kiln_job *job)
 {
@@ -23,14 +27,16 @@ uint32_t kiln_light_photons(const struct kiln_job *job, uint64_t points)
 struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, const struct kiln_lights *lights,
                                                    uint64_t points)
 {
+    const bool rounds = job->light.published_error > 0.0;
     return (struct kiln_integrate_settings){
         .integrator = kiln_integrator_find(job->light.method != NULL ? job->light.method : kiln_integrator_names[0]),
         .schedule = job->light.schedule,
         .bounces = job->light.bounces,
         .tail = job->light.tail,
-        .samples_direct = job->light.samples_direct,
-        .samples_bounce = job->light.samples_bounce,
-        .samples_indirect = job->light.samples_indirect,
+        .samples_direct = rounds ? FIRST_DIRECT : job->light.samples_direct,
+        .samples_bounce = rounds ? FIRST_BOUNCE : job->light.samples_bounce,
+        .samples_indirect = rounds ? FIRST_INDIRECT : job->light.samples_indirect,
+        .samples_quantity = job->light.samples_indirect,
         .indirect_scale = 1u << job->light.indirect_scale,
         .final_scale = 1u << job->light.final_scale,
         .caustics = kiln_job_has_caustics(job) ? (enum kiln_caustics)job->light.caustics : KILN_CAUSTICS_NONE,
@@ -48,6 +54,7 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, c
         .seed = job->light.seed,
         .parts = kiln_job_parts(job),
         .target_error = job->light.target_error,
+        .published_error = job->light.published_error,
         .lights = lights->area_count + lights->point_count + lights->directional_count + lights->environment,
         .radiance = kiln_job_has_probes(job) ? &job->light.radiance : NULL,
         .reference = kiln_job_is_reference(job) ? &job->light.paths : NULL,

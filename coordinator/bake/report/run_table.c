@@ -274,6 +274,21 @@ static void note_target_of_links(const json_t *report, json_t *notes)
                             target, 100.0 * above, parts));
 }
 
+/* Notes an error of published light that was asked for and not reached. */
+static void note_published(const json_t *report, json_t *notes)
+{
+    const json_t *error = json_object_get(report, "error");
+    const double asked = number_of(error, "asked"), reached = number_of(error, "published");
+    if (json_object_get(error, "published") != NULL && reached > asked)
+        (void)json_array_append_new(
+            notes, json_sprintf("--quality %.3g%% is not reached: 95 %% of the texels are less than %.2g %% off; %s",
+                                100.0 * asked, 100.0 * reached,
+                                json_is_true(json_object_get(error, "out_of_time"))
+                                    ? "--max-time ended the rounds, and more time would help"
+                                    : "texels that light reaches by rare ways have had the most samples that a texel "
+                                      "gets; --target-error sends more"));
+}
+
 /* Notes, for a bake for some views, that most surfaces may have no light. */
 static void note_views(const json_t *report, json_t *notes)
 {
@@ -442,6 +457,7 @@ json_t *kiln_run_notes(const json_t *report)
     note_unfound_light(report, notes);
     note_kept_light(report, notes);
     note_receivers(report, notes);
+    note_published(report, notes);
     note_target_of_links(report, notes);
     note_views(report, notes);
     note_volume(report, notes);
@@ -531,6 +547,12 @@ static void print_mean_errors(FILE *stream, const json_t *report)
 static void print_target(FILE *stream, const json_t *error)
 {
     const double rounds = number_of(error, "rounds");
+    if (json_object_get(error, "published") != NULL)
+        (void)fprintf(stream,
+                      "95 %% of the texels are less than %.2g %% off as published (asked: %.3g %%), after %.0f "
+                      "round%s\n",
+                      100.0 * number_of(error, "published"), 100.0 * number_of(error, "asked"), rounds,
+                      rounds > 1.0 ? "s" : "");
     if (json_object_get(error, "target") == NULL)
         return;
     (void)fprintf(stream, "%.2f %% of the surface points lie where the error is above %.3g %%",
@@ -547,7 +569,7 @@ static void print_reached(FILE *stream, const json_t *report)
                  invalid = json_number_value(json_object_get(points, "invalid"));
     (void)fprintf(stream, "%.0f surface points, %.2f %% of them buried\n", count,
                   count > 0.0 ? 100.0 * invalid / count : 0.0);
-    (void)fprintf(stream, "standard error %.3f %% of the mean",
+    (void)fprintf(stream, "standard error of raw samples %.3f %% of the mean",
                   100.0 * number_of(json_object_get(report, "error"), "mean_relative"));
     if (has_ledger(report))
         (void)fprintf(stream, "; energy balanced to %.3f %% of what was emitted",

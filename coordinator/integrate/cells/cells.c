@@ -39,7 +39,7 @@ static int begin_step(struct kiln_integration *in, struct kiln_step_report *last
     if (step->role == KILN_CELLS_DIRECT) {
         kiln_ledger_forget_groups(in->ledger);
         kiln_late_reset(own);
-        if (own->surface.guide != NULL)
+        if (own->surface.guide != NULL && !kiln_part_goes_on(own, step))
             memset(own->surface.guide, 0, KILN_GUIDE_FLOATS * own->surface.count * sizeof *own->surface.guide);
     }
     if (step->bounce == 0)
@@ -50,6 +50,8 @@ static int begin_step(struct kiln_integration *in, struct kiln_step_report *last
         if (step->bounce == 1) /* from now on the sum is of irradiance, and of bounces only */
             memset(own->sum, 0, 3 * own->surface.count * sizeof *own->sum);
         in->solution->report.bounces = step->bounce;
+    } else if (step->role == KILN_CELLS_FINAL && kiln_part_goes_on(own, step)) {
+        kiln_part_pack(own, step);
     } else if (step->role == KILN_CELLS_FINAL) {
         if (kiln_cells_adds_tail(in->settings))
             kiln_tail_add(in);
@@ -79,6 +81,8 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
     const size_t first = kiln_cells_first(in->settings);
     if (last->step.role == KILN_CELLS_PILOT)
         return kiln_adapt_samples(in, in->settings->samples_direct - last->step.samples, error);
+    if (kiln_part_goes_on(own, &last->step))
+        return KILN_OK;
     if (in->settings->bounces == 0)
         kiln_company_each_light(in->company, begin_with_direct);
     if (in->settings->bounces == 0) /* there is no indirect light */
@@ -90,7 +94,7 @@ static int end_step(struct kiln_integration *in, struct kiln_step_reports *repor
     const int status = decides ? kiln_tail_measure(in, &part, &last->tail_error, error) : KILN_OK;
     const size_t count = part.count - first;
     if (status != KILN_OK || !decides || last->step.role != KILN_CELLS_BOUNCE ||
-        (!kiln_cells_settled(part.of + first, count) && count <= KILN_BOUNCES_ALL))
+        (!kiln_cells_settled(in->settings, part.of + first, count) && count <= KILN_BOUNCES_ALL))
         return status;
     return kiln_tile_error(in, &last->object_error, error);
 }

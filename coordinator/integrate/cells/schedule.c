@@ -18,6 +18,7 @@
  * bounces continue until all are within the second twice in succession, since once may be chance. */
 #define OBJECT_ERROR_MOST 3e-3
 #define OBJECT_ERROR_GOOD 2e-3
+#define FINE_TARGET 0.02 /* error of published light that these are for */
 enum {
     LEAST_BOUNCES = 3,      /* bounces before the ratio of two is trusted */
     DIVERGING_BOUNCES = 32, /* bounces before a sum is taken for divergent */
@@ -135,35 +136,46 @@ static double error_by_tail(const struct kiln_tail_fit *fit, const struct kiln_s
     return all > 0.0 ? fmin(fit->error, 1.0) * left / all : 0.0;
 }
 
-bool kiln_cells_settled(const struct kiln_step_report *reports, size_t count)
+/* Errors that the tail may have, over those that production has: a coarse target makes no use of late bounces. */
+static double tolerance(const struct kiln_integrate_settings *settings)
 {
+    return fmax(1.0, settings->published_error / FINE_TARGET);
+}
+
+bool kiln_cells_settled(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
+                        size_t count)
+{
+    const double most = TAIL_ERROR * tolerance(settings);
     const struct kiln_step_report *last = &reports[count - 1];
     struct kiln_tail_fit fit;
     kiln_cells_fit_tail(reports, count, &fit);
     return !(reflected(last) > LEAST_LIGHT * reflected_by_all(reports, count)) ||
            (count > LEAST_BOUNCES && kiln_cells_ratio(reports, count - 1) < KILN_TAIL_RATIO_MOST &&
-            last->tail_error <= TAIL_ERROR && error_by_tail(&fit, reports, count) <= TAIL_ERROR);
+            last->tail_error <= most && error_by_tail(&fit, reports, count) <= most);
 }
 
-static bool objects_have_settled(const struct kiln_step_report *reports, size_t count)
+static bool objects_have_settled(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
+                                 size_t count)
 {
     const double last = reports[count - 1].object_error, before = count > 1 ? reports[count - 2].object_error : 0.0;
+    const double times = tolerance(settings);
     double most = 0.0;
     for (size_t i = 0; i < count; i++)
         most = fmax(most, reports[i].object_error);
-    return most <= OBJECT_ERROR_MOST || !(last > 0.0) ||
-           (last <= OBJECT_ERROR_GOOD && before > 0.0 && before <= OBJECT_ERROR_GOOD);
+    return most <= times * OBJECT_ERROR_MOST || !(last > 0.0) ||
+           (last <= times * OBJECT_ERROR_GOOD && before > 0.0 && before <= times * OBJECT_ERROR_GOOD);
 }
 
 /* Whether a geometric series from the last step on is good enough, for the scene and for the mean of each of its
  * objects; or has no end. */
-static bool has_settled(const struct kiln_step_report *reports, size_t count)
+static bool has_settled(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
+                        size_t count)
 {
     struct kiln_tail_fit fit;
     kiln_cells_fit_tail(reports, count, &fit);
     if (fit.diverges && count > DIVERGING_BOUNCES)
         return true;
-    return kiln_cells_settled(reports, count) && objects_have_settled(reports, count);
+    return kiln_cells_settled(settings, reports, count) && objects_have_settled(settings, reports, count);
 }
 
 /* Returns the rays per point in the bounce after `count` steps, for the lean schedule. The first bounces carry most of
@@ -191,8 +203,9 @@ static bool next_lean(const struct kiln_integrate_settings *settings, const stru
 {
     if (settings->bounces == 0 || reports[count - 1].step.role == KILN_CELLS_FINAL)
         return false;
-    const bool more = settings->bounces > 0 ? (int64_t)count < settings->bounces
-                                            : count <= KILN_BOUNCES_ALL && !has_settled(reports, count);
+    const bool more = settings->goes_on       ? false
+                      : settings->bounces > 0 ? (int64_t)count < settings->bounces
+                                              : count <= KILN_BOUNCES_ALL && !has_settled(settings, reports, count);
     step->role = more ? KILN_CELLS_BOUNCE : KILN_CELLS_FINAL;
     step->samples = more ? bounce_samples(settings, reports, count) : settings->samples_indirect;
     step->stream = more ? step->bounce : KILN_CELLS_FINAL_STREAM;

@@ -39,8 +39,9 @@ enum { KILN_LUMINANCE = 3 };
 double kiln_cells_reflected(const struct kiln_step_report *reports, size_t i, int channel);
 
 /* Whether a geometric series from the last step on is accurate enough for the scene as a whole: to two parts in a
- * thousand. Single objects: tile_error.h. */
-bool kiln_cells_settled(const struct kiln_step_report *reports, size_t count);
+ * thousand, or a tenth of a coarser target. Single objects: tile_error.h. */
+bool kiln_cells_settled(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
+                        size_t count);
 
 /* Reflected power of step `i` divided by that of the step before, luminance; 0 if the latter is 0. For a late bounce
  * (late.h), the divisor is the power for which it gathers. */

@@ -125,6 +125,22 @@ void kiln_cells_enter(const struct kiln_taking *t, const struct kiln_rank_data *
     }
 }
 
+void kiln_cells_send(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
+                     const struct kiln_tile_run *f, uint32_t bit, const float radiosity[3], bool counts)
+{
+    float all[3];
+    if (data->parts_radiosity == NULL || !counts)
+        return;
+    if (t->step->part < KILN_PARTS) {
+        if (t->step->role != KILN_CELLS_PILOT && t->step->role != KILN_CELLS_BOUNCE)
+            kiln_part_send(data, own, f, bit, radiosity, t->step, t->step->role != KILN_CELLS_DIRECT);
+    } else if (t->step->role == KILN_CELLS_FINAL) { /* the sum has direct light and caustics until now */
+        for (uint64_t c = 0; c < 3; c++)
+            all[c] = data->sum[3 * own.at + c] + radiosity[c];
+        kiln_part_send(data, own, f, bit, all, t->step, false);
+    }
+}
+
 /* Makes random bits for rounding to the 4-byte form. The tile's bits are rotated by each texel's bit-reversed index (a
  * rotated van der Corput sequence). So the texels of each aligned square round up and down in turn, and the error of
  * their mean is much smaller than with independent bits. */
@@ -354,6 +370,7 @@ static void take_points(const struct kiln_taking *t, const struct kiln_rank_data
             radiosity[c] = albedo[c] * r.incident[c];
         if (counts && t->step->role != KILN_CELLS_PILOT)
             tally(t, &data->surface, own, &r, albedo, alone, &run, sums, tile_run);
+        kiln_cells_send(t, data, own, f, (uint32_t)__builtin_ctzll(rest), radiosity, unfinished);
         kiln_cells_enter(t, data, own, &r, radiosity, unfinished);
         pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest),
                   t->step->role == KILN_CELLS_CAUSTIC ? data->sum + 3 * own.at : radiosity); /* with direct light's */

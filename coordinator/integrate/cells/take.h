@@ -13,6 +13,11 @@ void kiln_cells_take(const struct kiln_taking *taking, const struct kiln_rank_da
  * point then sends, W/m2. `counts`: the point's error is not small enough yet (kiln_part_changes). */
 void kiln_cells_enter(const struct kiln_taking *taking, const struct kiln_rank_data *data, struct kiln_own_point own,
                       const struct kiln_point_mean *answer, const float radiosity[3], bool counts);
+
+/* Takes what a point sends by its answer into that of parts (kiln_part_send); where there is nothing to, does nothing.
+ */
+void kiln_cells_send(const struct kiln_taking *taking, const struct kiln_rank_data *data, struct kiln_own_point own,
+                     const struct kiln_tile_run *tile_run, uint32_t bit, const float radiosity[3], bool counts);
 /* Adds a point's result to the tallies, for the same integrators. `sent`: as in struct kiln_ledger_point. */
 void kiln_cells_tally(const struct kiln_taking *taking, const struct kiln_surface *surface, struct kiln_own_point own,
                       const struct kiln_point_mean *answer, const float albedo[3], const float *sent,

@@ -21,7 +21,7 @@ uint64_t kiln_landing_photons(const struct kiln_integrate_settings *settings, si
 
 uint32_t kiln_landing_rays(const struct kiln_integrate_settings *s, uint32_t samples, bool images)
 {
-    const bool few = s->caustics == KILN_CAUSTICS_VCM && !(s->target_error > 0.0) && !images;
+    const bool few = s->caustics == KILN_CAUSTICS_VCM && !kiln_has_rounds(s) && !images;
     return few && samples >= FEW_FROM && samples % (2 * RAYS_SHARE) == 0 ? samples / RAYS_SHARE : samples;
 }
 

@@ -149,7 +149,7 @@ int kiln_part_survey(const struct kiln_integrate_params *p, const struct kiln_ra
     int status;
     KILN_TRY(find_mean(p, data, unit, &survey->mean, error));
     KILN_TRY(add_variances(p, data, survey->mean, sums, error));
-    if (!(p->settings->target_error > 0.0))
+    if (!kiln_has_rounds(p->settings))
         KILN_TRY(share(p, data, survey, error));
 end:
     survey->gain = has_quarters(part) && sums[1] > sums[0]

@@ -6,6 +6,10 @@
 #include "coordinator/integrate/parts/part_errors.h"
 #include "coordinator/integrate/parts/rounds.h"
 #include "coordinator/integrate/companion.h"
+#include "coordinator/integrate/packing.h"
+#include "worker/scene/radiosity.h"
+
+enum { ROUNDING = 1 << 16 }; /* streams of rounding after those of steps */
 
 /* ---- the sequence of steps, and each part's share of their samples ---- */
 
@@ -38,8 +42,8 @@ static void share_samples(const struct kiln_integrate_settings *settings, const 
     if (settings->parts <= 1)
         return;
     step->part = part;
-    step->samples = settings->target_error > 0.0 ? kiln_round_first(step->samples, step->counted)
-                                                 : (step->samples + KILN_PARTS - 1) / KILN_PARTS;
+    step->samples = kiln_has_rounds(settings) ? kiln_round_first(step->samples, step->counted)
+                                              : (step->samples + KILN_PARTS - 1) / KILN_PARTS;
     step->first_sample = step->samples * (part % KILN_PARTS);
     const uint32_t first = step->samples;
     if (round != NULL)
@@ -51,7 +55,15 @@ static void share_samples(const struct kiln_integrate_settings *settings, const 
 /* Whether another round follows the last report, which ends a round. */
 static bool wants_round(const struct kiln_integrate_settings *settings, const struct kiln_step_report *last)
 {
-    return settings->target_error > 0.0 && last->round.to > last->round.from;
+    return kiln_has_rounds(settings) && last->round.to > last->round.from;
+}
+
+/* The settings that a part's steps are of. */
+static struct kiln_integrate_settings settings_of(const struct kiln_integrate_settings *settings, uint32_t part)
+{
+    struct kiln_integrate_settings of_part = *settings;
+    of_part.goes_on = settings->published_error > 0.0 && part >= KILN_PARTS;
+    return of_part;
 }
 
 bool kiln_parts_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
@@ -60,13 +72,15 @@ bool kiln_parts_next(const struct kiln_integrate_settings *settings, const struc
     const size_t first = kiln_part_first(reports, count);
     uint32_t part = count > 0 ? reports[first].step.part : 0;
     const struct kiln_round *round = count > 0 ? kiln_round_of(reports, count) : NULL;
-    bool any = settings->integrator->next(settings, reports + first, count - first, step);
+    struct kiln_integrate_settings of_part = settings_of(settings, part);
+    bool any = settings->integrator->next(&of_part, reports + first, count - first, step);
     if (!any && settings->parts > 1 && ((part + 1) % KILN_PARTS != 0 || wants_round(settings, &reports[count - 1]))) {
-        any = settings->integrator->next(settings, reports + count, 0, step);
-        round = ++part % KILN_PARTS == 0 ? &reports[count - 1].round : round;
+        of_part = settings_of(settings, ++part);
+        any = settings->integrator->next(&of_part, reports + count, 0, step);
+        round = part % KILN_PARTS == 0 ? &reports[count - 1].round : round;
     }
     if (any)
-        share_samples(settings, round, part, step);
+        share_samples(&of_part, round, part, step);
     return any;
 }
 
@@ -107,6 +121,31 @@ void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own,
         *found_by(data, own, step->part) += share_of(step) * luminance;
 }
 
+/* Radiosity in all of a point, as part `part` of each round has found it. */
+static uint64_t *sent_by(const struct kiln_rank_data *data, struct kiln_own_point own, uint32_t part)
+{
+    return &data->parts_radiosity[KILN_PARTS * own.at + part % KILN_PARTS];
+}
+
+void kiln_part_send(const struct kiln_rank_data *data, struct kiln_own_point own, const struct kiln_tile_run *run,
+                    uint32_t bit, const float radiosity[3], const struct kiln_step *step, bool more)
+{
+    float sent[3] = {0.0f, 0.0f, 0.0f};
+    const float share = share_of(step), before = more ? 1.0f : 1.0f - share;
+    if (before > 0.0f)
+        kiln_radiosity_unpack(*sent_by(data, own, step->part), sent);
+    for (int c = 0; c < 3; c++)
+        sent[c] = before * sent[c] + share * radiosity[c];
+    *sent_by(data, own, step->part) =
+        kiln_radiosity_pack(sent, kiln_packing_hash(run, bit, ROUNDING + KILN_ROLES_MAX * step->part + step->role));
+}
+
+void kiln_part_pack(const struct kiln_rank_data *data, const struct kiln_step *step)
+{
+    for (uint64_t i = 0; i < data->surface.count; i++)
+        data->next[i] = *sent_by(data, (struct kiln_own_point){i}, step->part);
+}
+
 /* Averages the part's indirect light into the means. */
 static void take_indirect(const struct kiln_rank_data *data, const struct kiln_step *step)
 {
@@ -138,7 +177,8 @@ static void state_errors(const struct kiln_rank_data *data, const struct kiln_pa
 static bool is_over(const struct kiln_integrate_settings *settings, const struct kiln_step_reports *part)
 {
     struct kiln_step step;
-    return !settings->integrator->next(settings, part->of, part->count, &step);
+    const struct kiln_integrate_settings of_part = settings_of(settings, part->of[0].step.part);
+    return !settings->integrator->next(&of_part, part->of, part->count, &step);
 }
 
 int kiln_part_end(const struct kiln_integrate_params *p, struct kiln_solution *solution, double unit,
@@ -153,7 +193,7 @@ int kiln_part_end(const struct kiln_integrate_params *p, struct kiln_solution *s
     if (data->parts == NULL || !is_over(p->settings, &part))
         return KILN_OK;
     take_indirect(data, &last->step);
-    if (p->settings->target_error > 0.0 && (last->step.part + 1) % KILN_PARTS == 0)
+    if (kiln_has_rounds(p->settings) && (last->step.part + 1) % KILN_PARTS == 0)
         status = kiln_round_judge(p, data, unit, &solution->report.steps, error);
     if (status != KILN_OK || kiln_parts_next(p->settings, steps->of, steps->count, &next))
         return status;
@@ -178,27 +218,41 @@ static int after_step(void *self, const struct kiln_companion_site *site, double
 
 static bool is_sane(const struct kiln_step_report *report) { return kiln_round_is_sane(&report->round); }
 
-/* Adds the outcome of --target-error to the report: the target, the fraction of points above it after the last round of
- * parts, and the number of rounds. */
+/* Adds the outcome of rounds to the report: what --target-error or --quality asked for, what was reached, and the
+ * number of rounds. */
 static void report(const struct kiln_companion_told *told, json_t *json)
 {
     const struct kiln_step_reports *steps = &told->solution->report.steps;
-    const double target = told->job->light.target_error;
+    const double target = told->job->light.target_error, published = told->job->light.published_error;
     size_t last = steps->count;
     while (last > 0 && steps->of[last - 1].step.quantity != NULL)
         last--;
-    if (!(target > 0.0) || kiln_job_parts(told->job) == 1 || last == 0)
+    if (!kiln_job_has_rounds(told->job) || kiln_job_parts(told->job) == 1 || last == 0)
         return;
-    (void)json_object_set_new(json, "target", json_real(target));
-    (void)json_object_set_new(json, "above_target", json_real(steps->of[last - 1].unfinished));
+    if (published > 0.0) {
+        (void)json_object_set_new(json, "asked", json_real(published));
+        (void)json_object_set_new(json, "published", json_real(steps->of[last - 1].unfinished));
+        (void)json_object_set_new(json, "out_of_time", json_boolean(steps->of[last - 1].out_of_time));
+    } else {
+        (void)json_object_set_new(json, "target", json_real(target));
+        (void)json_object_set_new(json, "above_target", json_real(steps->of[last - 1].unfinished));
+    }
     (void)json_object_set_new(json, "rounds",
                               json_integer((json_int_t)(steps->of[last - 1].step.part / KILN_PARTS + 1)));
+}
+
+/* A preset's counts are options by themselves. */
+static void identify(const struct kiln_job *job, json_t *fields)
+{
+    if (job->light.published_error > 0.0)
+        (void)json_object_set_new(fields, "error of published light", json_string(job->light.quality));
 }
 
 static const char *const identity[] = {"error-map", "target-error", NULL};
 
 const struct kiln_companion kiln_companion_parts = {.name = "parts",
                                                     .identity = identity,
+                                                    .identify = identify,
                                                     .identity_after = "exchange",
                                                     .wanted = parts_wanted,
                                                     .after_step = after_step,

@@ -9,6 +9,10 @@
  *
  * The error of the mean is derived from the spread of the parts: part_errors.h.
  *
+ * With an error of published light, later rounds do not start at the lamps: the final gather of a part reads the
+ * radiosity that the parts of the same number found in earlier rounds. It has no bounces, and finished tile runs cost
+ * nothing. The noise of that radiosity weighs less with each round; parts of other numbers are independent of it.
+ *
  * With a target error the first round has fewer samples, and rounds follow until the target is reached (rounds.h). The
  * mean is over all samples: each part weighs by its number of samples. Only the first round is in the energy ledger. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PARTS_PARTS_H
@@ -30,6 +34,15 @@ static inline struct kiln_step_reports kiln_part_reports(const struct kiln_step_
  * kiln_integrator.next. */
 bool kiln_parts_next(const struct kiln_integrate_settings *settings, const struct kiln_step_report *reports,
                      size_t count, struct kiln_step *step);
+
+/* Whether the step is of a part that goes on from the light of earlier rounds. */
+static inline bool kiln_part_goes_on(const struct kiln_rank_data *data, const struct kiln_step *step)
+{
+    return data->parts_radiosity != NULL && step->part >= KILN_PARTS;
+}
+
+/* Packs what parts of the step's number have found in earlier rounds into `next`: what the final gather reads. */
+void kiln_part_pack(const struct kiln_rank_data *data, const struct kiln_step *step);
 
 /* Samples of all earlier parts over those of this part, in a step that counts for the result. */
 static inline double kiln_part_before(const struct kiln_step *step)
@@ -59,6 +72,11 @@ void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point ow
                      const struct kiln_step *step);
 void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
                    const struct kiln_step *step);
+
+/* Takes what a point sends in all, as the part has found it, into that of the parts of its number. With `more` it is
+ * added to what the part has found before. */
+void kiln_part_send(const struct kiln_rank_data *data, struct kiln_own_point own, const struct kiln_tile_run *run,
+                    uint32_t bit, const float radiosity[3], const struct kiln_step *step, bool more);
 
 /* Collective. Ends a step of the integrator. After the last step of a part, indirect light is added to its mean; after
  * a round, the error is evaluated and reported with the step; after the last part, the means become the result, and the

@@ -5,16 +5,20 @@
 #include "coordinator/run/control.h"
 #include "coordinator/integrate/parts/part_errors.h"
 #include "coordinator/integrate/parts/parts.h"
+#include "coordinator/integrate/parts/published.h"
 
 enum {
     FIRST = 4 * KILN_PARTS, /* samples of the settings over those of a part in the first round */
     LEVELS = 40,
-    LEVELS_MOST = 6,       /* most levels per round: few samples give an unreliable error */
-    SAMPLES_MOST = 1 << 18 /* of a step of one part */
+    LEVELS_MOST = 6,         /* most levels per round: few samples give an unreliable error */
+    SAMPLES_MOST = 1 << 18,  /* of a step of one part */
+    PUBLISHED_MOST = 1 << 11 /* likewise, for an error of published light: few texels would want more */
 };
-#define LEFT 0.025  /* fraction of points that may lie in unfinished tile runs */
-#define MORE 0.1    /* fraction of unfinished points that may get more samples than they need */
-#define SAFETY 1.25 /* factor on the expected time of a round */
+#define LEFT 0.025         /* fraction of points that may lie in unfinished tile runs */
+#define MORE 0.1           /* fraction of unfinished points that may get more samples than they need */
+#define SAFETY 1.25        /* factor on the expected time of a round */
+#define PUBLISHED_MORE 0.5 /* likewise, for an error of published light: rounds cost more than some samples */
+#define OF_PUBLISHED 0.5   /* standard error over a target that 95.45 % of normal errors stay below */
 
 /* ---- samples ---- */
 
@@ -63,11 +67,17 @@ void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts,
 struct target {
     struct kiln_part_survey survey;
     double relative; /* error over luminance */
+    struct kiln_published published;
+    bool of_published;
 };
 
 /* Mean square of a tile run's errors, relative to the allowed error. */
-static double mean_square(const struct kiln_rank_data *data, const struct kiln_tile_run *run, const struct target *t)
+static double mean_square(const struct kiln_rank_data *data, const struct kiln_tile_run *run, struct target *t)
 {
+    if (t->of_published) {
+        const double error = kiln_published_tile(&t->published, data, run) / (OF_PUBLISHED * t->relative);
+        return error * error;
+    }
     const struct kiln_own_point first = kiln_own_of_global(&data->surface, run->first);
     double square = 0.0, valid = 0.0;
     float errors[KILN_PART_ERRORS];
@@ -87,12 +97,12 @@ static double mean_square(const struct kiln_rank_data *data, const struct kiln_t
 /* ---- the next round ---- */
 
 /* The level at which a tile run is expected to be finished. */
-static uint32_t level_needed(uint32_t level, double square)
+static uint32_t level_needed(uint32_t level, double square, bool published)
 {
     uint32_t needed = level + 1;
     for (; needed < LEVELS - 1; needed++) {
         const double times = (double)level_times(needed) / (double)level_times(level);
-        if (times * sqrt(times) >= square)
+        if ((published ? times : times * sqrt(times)) >= square)
             break;
     }
     return needed;
@@ -113,18 +123,22 @@ static uint64_t most_first(const struct kiln_integrate_settings *settings)
     return counted > bounce ? counted : bounce;
 }
 
-static void choose_level(const struct kiln_integrate_params *p, const struct needs *needs, struct kiln_round *round)
+static void choose_level(const struct kiln_integrate_params *p, const struct needs *needs, double left,
+                         struct kiln_round *round)
 {
+    const bool published = p->settings->published_error > 0.0;
+    const double more = published ? PUBLISHED_MORE : MORE;
     const uint64_t first = most_first(p->settings), points = p->surface->point_count;
     const uint32_t now = round->from;
     uint64_t unfinished = 0, below = 0;
     for (uint32_t l = 0; l < LEVELS; l++)
         unfinished += needs->points[l];
     round->share = points > 0 ? (double)unfinished / (double)points : 0.0;
-    if (round->share <= LEFT)
+    if (round->share <= left)
         return;
     for (uint32_t l = now + 1; l < LEVELS && l <= now + LEVELS_MOST; l++) {
-        if (first / 2 * level_times(l) > SAMPLES_MOST || (double)below > MORE * (double)unfinished)
+        if (first / 2 * level_times(l) > (published ? PUBLISHED_MOST : SAMPLES_MOST) ||
+            (double)below > more * (double)unfinished)
             break;
         below += needs->points[l];
         round->to = l;
@@ -165,7 +179,11 @@ static void set_samples(const struct kiln_integrate_settings *settings, const st
     kiln_round_share(round, 0, true, &direct);
     kiln_round_share(round, 0, true, &gather);
     data->samples[i] = finished ? 0 : gather.samples;
-    data->samples_direct[i] = finished && direct.samples > first ? first : direct.samples;
+    const bool needed = data->parts_radiosity == NULL; /* for the bounces of another solve */
+    data->samples_direct[i] = !finished                ? direct.samples
+                              : !needed                ? 0
+                              : direct.samples > first ? first
+                                                       : direct.samples;
 }
 
 /* The level of the round that the last report is of. */
@@ -180,24 +198,33 @@ int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_ra
 {
     struct kiln_step_report *last = &steps->of[steps->count - 1];
     const struct kiln_step_reports part = kiln_part_reports(steps);
-    struct target t = {.relative = p->settings->target_error};
+    const bool published = p->settings->published_error > 0.0;
+    struct target t = {.relative = published ? p->settings->published_error : p->settings->target_error,
+                       .of_published = published};
     struct needs needs = {{0}};
     struct kiln_round round = {.from = level_of_last(steps)};
-    const int status = kiln_part_survey(p, data, &part, unit, &t.survey, error);
+    int status = kiln_part_survey(p, data, &part, unit, &t.survey, error);
+    if (status == KILN_OK && published)
+        status = kiln_published_begin(&t.published, p, data, t.survey.gain, unit, error);
     for (size_t i = 0; status == KILN_OK && i < data->surface.tile_run_count; i++) {
         const struct kiln_tile_run *run = &data->surface.tile_runs[i];
         const double square = mean_square(data, run, &t);
         const bool finished = square <= 1.0 || !kiln_part_changes(data, run, last->step.part);
-        needs.points[finished ? 0 : level_needed(round.from, square)] += finished ? 0 : run->count;
+        needs.points[finished ? 0 : level_needed(round.from, square, published)] += finished ? 0 : run->count;
         data->samples[i] = !finished;
     }
     (void)MPI_Allreduce(MPI_IN_PLACE, needs.points, LEVELS, MPI_UINT64_T, MPI_SUM, p->communicator);
-    choose_level(p, &needs, &round);
-    last->unfinished = round.share;
+    double reached = 0.0;
+    if (status == KILN_OK && published)
+        reached = kiln_published_reached(&t.published, p->communicator);
+    const bool enough = published && reached <= t.relative;
+    choose_level(p, &needs, enough ? 1.0 : published ? 0.0 : LEFT, &round);
+    last->unfinished = published ? reached : round.share;
     last->out_of_time = keep_in_time(p, steps, &round);
     last->round = round;
     for (size_t i = 0; status == KILN_OK && round.to > 0 && i < data->surface.tile_run_count; i++)
         set_samples(p->settings, data, &round, i, data->samples[i] == 0);
     kiln_part_survey_release(&t.survey);
+    kiln_published_release(&t.published);
     return status;
 }

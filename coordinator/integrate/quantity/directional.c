@@ -16,7 +16,7 @@ static bool wanted(const struct kiln_integrate_settings *settings)
 static void make_step(const struct kiln_integrate_settings *settings, struct kiln_step *step)
 {
     step->pass = &kiln_pass_directional;
-    step->samples = settings->samples_indirect;
+    step->samples = settings->samples_quantity;
 }
 
 /* Computes the dominant direction of light, and how directed the light is: 0 for light from everywhere, 1 from a single

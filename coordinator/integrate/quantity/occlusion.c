@@ -11,7 +11,7 @@ static void make_step(const struct kiln_integrate_settings *settings, struct kil
 {
     step->pass = &kiln_pass_occlusion;
     step->parameters = settings->occlusion;
-    step->samples = settings->samples_indirect;
+    step->samples = settings->samples_quantity;
 }
 
 static void *values_of(const struct kiln_taking *t, const struct kiln_rank_data *data, const char *field)

@@ -186,7 +186,7 @@ static int save_between(struct kiln_lockstep *l, bool finished, struct kiln_erro
 static void tell_of_direct(const struct kiln_integrate_params *p, const struct kiln_step *step)
 {
     const struct kiln_integrate_settings *s = p->settings;
-    const bool last = s->parts <= 1 || (step->part + 1 == s->parts && !(s->target_error > 0.0));
+    const bool last = s->parts <= 1 || (step->part + 1 == s->parts && !kiln_has_rounds(s));
     if (p->beside != NULL && last && step->quantity == NULL && step->pass->reads_radiosity)
         p->beside->direct(p->beside->context);
 }

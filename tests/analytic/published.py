@@ -1,0 +1,97 @@
+"""--quality N%: whether 95 % of the published texels are less than N % off, and what goes with it.
+
+The Cornell box, small, against a bake of many samples by another seed: the measure is that of tests/bench/quality.py.
+The true error stays below what is asked, and is no less than a third of what the bake states. Finer errors take more
+rounds, and later ones have no bounces. The same bits with three ranks, and after a bake that was stopped. Options that
+exclude an error are refused.
+"""
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'common'))
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'bench'))
+import harness  # noqa: E402
+import quality  # noqa: E402
+
+import numpy as np  # noqa: E402
+
+SIZE = ('--texels-per-metre', 8)
+PLAIN = ('--samples-probe', 0, '--no-export', '--no-preview')
+REFERENCE = ('--samples-direct', 512, '--samples-bounce', 64, '--samples-indirect', 2048, '--seed', 1000, '--denoise',
+             'none')
+STOPPED = 75
+
+
+def digest(bake):
+    joined = hashlib.sha256()
+    for entry in bake.run['objects']:
+        with open(os.path.join(bake.directory, entry['lightmap']), 'rb') as file:
+            joined.update(file.read())
+    return joined.hexdigest()
+
+
+def try_errors(checks, kiln, scene):
+    truth = quality.maps(kiln.bake(scene, *SIZE, *PLAIN, *REFERENCE).directory)
+    rounds = []
+    for asked in (8, 3):
+        for seed in (1, 2):
+            bake = kiln.bake(scene, *SIZE, *PLAIN, '--quality', f'{asked}%', '--seed', seed)
+            if not checks.baked(bake):
+                return
+            found = quality.errors(quality.maps(bake.directory), truth)
+            stated, true = bake.run['error']['published'], np.quantile(found, quality.SHARE)
+            print('asked %g %%: true %.2f %%, stated %.2f %%, %d rounds' % (asked, 100 * true, 100 * stated,
+                                                                           bake.run['error']['rounds']))
+            checks.that(true <= 0.0105 * asked, '%g %% asked, but %.2f %%' % (asked, 100 * true))
+            checks.that(stated / 3 <= true <= 1.2 * stated, '%.2f %% stated, but %.2f %%' % (100 * stated, 100 * true))
+            checks.that(stated <= asked / 100, '%.2f %% stated of %g %%' % (100 * stated, asked))
+            rounds.append(bake.run['error']['rounds'])
+    checks.that(min(rounds[2:]) > max(rounds[:2]), 'rounds: %s' % rounds)
+    bounces = sum(b['samples'] for b in bake.run['bounces'] if b['kind'] == 'bounce' and b['part'] >= 4)
+    checks.that(bounces == 0, 'later rounds begin at the lamps')
+
+
+def try_bits(checks, kiln, scene):
+    asked = ('--quality', '4%', *SIZE, *PLAIN)
+    one = kiln.bake(scene, *asked)
+    checks.that(digest(one) == digest(kiln.bake(scene, *asked, ranks=3)), 'three ranks give other bits')
+    stops, code, folder = 0, STOPPED, os.path.join(kiln.scratch, 'stopped')
+    command = [kiln.path, 'bake', scene, *map(str, asked), '--backend', 'embree', '--quiet', '-o', folder]
+    while code == STOPPED and stops < 40:  # not by --max-time, which ends the rounds
+        process = subprocess.Popen(command, stderr=subprocess.DEVNULL, env=dict(os.environ, KILN_SLOW_RANK='0:6'))
+        try:
+            process.wait(0.5 * 1.2 ** stops)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGTERM)
+        code = process.wait(60)
+        stops += code == STOPPED
+    checks.that(code == 0 and stops > 0, 'ended with %d after %d stops' % (code, stops))
+    stopped = harness.Bake(folder)
+    checks.that(digest(one) == digest(stopped), 'other bits after %d stops' % stops)
+
+
+def try_refusals(checks, kiln, scene):
+    for options, part in ((('--quality', '8%', '--samples-direct', 4), '--samples-direct excludes that'),
+                          (('--quality', '8%', '--target-error', 0.1), '--target-error excludes that'),
+                          (('--quality', '8%', '--method', 'path'), '--method excludes that'),
+                          (('--quality', '0%'), 'from 0.1% to 50%'), (('--quality', 'x%'), 'or an error such as 5%')):
+        process = kiln.command('bake', scene, *options, '-o', os.path.join(kiln.scratch, 'refused'))
+        checks.that(process.status == 64 and part in process.sentence(), process.sentence(), process)
+
+
+def main():
+    _, kiln = harness.start(__doc__)
+    checks = harness.Checks()
+    scene = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
+    try_errors(checks, kiln, scene)
+    if kiln.backend == 'embree':
+        try_bits(checks, kiln, scene)
+        try_refusals(checks, kiln, scene)
+    return checks.end()
+
+
+if __name__ == '__main__':
+    sys.exit(main())
