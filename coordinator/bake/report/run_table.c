@@ -402,6 +402,9 @@ static void note_tail(const json_t *report, json_t *notes)
 {
     const json_t *tail = json_object_get(report, "tail");
     const double error = number_of(tail, "error"), tile_error = number_of(tail, "tile_error");
+    /* later rounds go on from that light (integrate/parts/parts.h), and their error is judged */
+    const bool goes_on = number_of(json_object_get(report, "error"), "rounds") > 1.0 &&
+                         json_object_get(json_object_get(report, "error"), "published") != NULL;
     char pocket[240];
     name_pocket(tail, pocket, sizeof pocket);
     if (json_is_true(json_object_get(tail, "diverges")))
@@ -416,7 +419,7 @@ static void note_tail(const json_t *report, json_t *notes)
                                 "reflect nearly all light%s; a lower albedo of these ends it (white paint has 0.8 to "
                                 "0.9), and --bounces N --tail with a larger N counts more of them",
                                 100.0 * error, pocket));
-    else if (tile_error > NOTE_TILE_TAIL)
+    else if (tile_error > NOTE_TILE_TAIL && !goes_on)
         (void)json_array_append_new(
             notes, json_sprintf("in small closed places light goes on for longer than bounces did%s: texels there may "
                                 "be off by %.3g %%, while objects' means are right; a lower albedo of that material "
