@@ -69,8 +69,8 @@ struct kiln_round {
     double share;
 };
 
-/* Results of the pilots of a caustics step (land_trial.h): root mean squares over the area, relative to direct light.
- * Zero: no trial. */
+/* Results of the pilots of a caustics step (land_trial.h): root mean squares over the area, relative to direct light;
+ * for an error of published light, means. Zero: no trial. */
 struct kiln_caustic_trial {
     bool tried, left_out;
     double brings, rest; /* contribution of caustics; error of the remaining light */

@@ -348,7 +348,7 @@ static int compare_things(const void *a, const void *b)
     return (t->key > u->key) - (t->key < u->key);
 }
 
-/* Which of the six axis directions a surface faces. */
+/* Number of the axis direction, of six, that a surface faces. */
 static uint64_t side_of(const struct kiln_geometry *g, uint64_t triangle)
 {
     struct kiln_vec3 c[3];

@@ -136,7 +136,7 @@ static double error_by_tail(const struct kiln_tail_fit *fit, const struct kiln_s
     return all > 0.0 ? fmin(fit->error, 1.0) * left / all : 0.0;
 }
 
-/* Errors that the tail may have, over those that production has: a coarse target makes no use of late bounces. */
+/* Factor on the errors that the tail may have: a coarse target makes no use of late bounces. */
 static double tolerance(const struct kiln_integrate_settings *settings)
 {
     return fmax(1.0, settings->published_error / FINE_TARGET);

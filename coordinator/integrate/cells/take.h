@@ -14,8 +14,8 @@ void kiln_cells_take(const struct kiln_taking *taking, const struct kiln_rank_da
 void kiln_cells_enter(const struct kiln_taking *taking, const struct kiln_rank_data *data, struct kiln_own_point own,
                       const struct kiln_point_mean *answer, const float radiosity[3], bool counts);
 
-/* Takes what a point sends by its answer into that of parts (kiln_part_send); where there is nothing to, does nothing.
- */
+/* Adds a point's radiosity, W/m2, to that of the parts of the step's number (kiln_part_send), if later rounds read it.
+ * `bit`: the point's place in its tile. */
 void kiln_cells_send(const struct kiln_taking *taking, const struct kiln_rank_data *data, struct kiln_own_point own,
                      const struct kiln_tile_run *tile_run, uint32_t bit, const float radiosity[3], bool counts);
 /* Adds a point's result to the tallies, for the same integrators. `sent`: as in struct kiln_ledger_point. */

@@ -73,8 +73,8 @@ void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point ow
 void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
                    const struct kiln_step *step);
 
-/* Takes what a point sends in all, as the part has found it, into that of the parts of its number. With `more` it is
- * added to what the part has found before. */
+/* Averages a point's radiosity, W/m2, as the part found it, into that of the parts of its number. `more`: adds it to
+ * what the part has found before. `bit`: the point's place in its tile, for stochastic rounding. */
 void kiln_part_send(const struct kiln_rank_data *data, struct kiln_own_point own, const struct kiln_tile_run *run,
                     uint32_t bit, const float radiosity[3], const struct kiln_step *step, bool more);
 

@@ -6,6 +6,9 @@
  * each solve, with the samples of direct light from the first round. Rounds end when at most 2.5 % of the points lie in
  * other tile runs.
  *
+ * With an error of published light in place of a target (published.h), a tile run is finished where twice its standard
+ * error is at most that error, and rounds end when 95 % of all points are expected to stay below it.
+ *
  * Sample counts go by levels: at level l a step has level_times(l) / 2 times the samples of the first round: 1, 1.5, 2,
  * 3, 4, 6, 8, ... times. All unfinished tile runs have the same level. The next round raises it to the level that at
  * most a tenth of their points are expected to need. This prediction lets a variance fall with the samples to the power

@@ -39,8 +39,8 @@ int kiln_blocks_find(const struct kiln_surface *surface, struct kiln_backend *ba
  * `block` begins with the tile run's first point. */
 void kiln_block_corners(const struct kiln_tile_run *tile_run, const uint16_t *block, uint8_t corner[KILN_TILE_TEXELS]);
 
-/* Which points of a tile run gather in a step, and whose answer each takes. `block` is that of the tile run's first
- * point; `scale` as for kiln_blocks_find. Pure. */
+/* Chooses the points of a tile run that gather in a step, and the point whose answer each takes. `block` is that of the
+ * tile run's first point; `scale` as for kiln_blocks_find. Pure. */
 void kiln_blocks_draw(struct kiln_sparse *sparse, const struct kiln_surface *surface,
                       const struct kiln_tile_run *tile_run, const uint16_t *block, uint32_t scale, uint64_t seed,
                       const struct kiln_step *step);

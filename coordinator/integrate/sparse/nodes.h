@@ -25,8 +25,8 @@
 int kiln_anchors_find(const struct kiln_surface *surface, struct kiln_backend *backend, uint32_t threads,
                       uint32_t scale, uint64_t *mixtures, struct kiln_error *error);
 
-/* Which points of a tile run gather: its nodes that are valid; and what each mixes. `mixtures`: of its first point on.
- * Pure. */
+/* Chooses the points of a tile run that gather, its valid anchors, and the anchors that each point mixes. `mixtures`:
+ * those of the tile run's points, from the first on. Pure. */
 void kiln_nodes_draw(struct kiln_sparse *sparse, const struct kiln_surface *surface,
                      const struct kiln_tile_run *tile_run, const uint64_t *mixtures);
 
