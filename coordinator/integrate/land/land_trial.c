@@ -8,13 +8,12 @@
 #include "worker/base/color.h"
 #include "worker/base/memory.h"
 
-#define DARK 0.05          /* least direct light that shares refer to, relative to the mean */
-#define DARK_PUBLISHED 0.5 /* likewise, for an error of published light: it has indirect light, too */
-#define DENOISED 0.25      /* fraction of the stated error of direct light that denoising leaves */
-#define OF_A_RAY 0.05      /* relative error of indirect light, denoised, times the root of its rays */
-#define OF_TARGET 0.25     /* fraction of the target error that leaving out caustics may cost */
-#define OF_PUBLISHED 0.1   /* fraction of the error of published light that caustics must bring in the mean */
-#define SHARE_MOST 1e15    /* limit of a texel's share, so that sums of squares stay in range */
+#define DARK 0.05        /* least direct light that shares refer to, relative to the mean */
+#define DENOISED 0.25    /* fraction of the stated error of direct light that denoising leaves */
+#define OF_A_RAY 0.05    /* relative error of indirect light, denoised, times the root of its rays */
+#define OF_TARGET 0.25   /* fraction of the target error that leaving out caustics may cost */
+#define OF_PUBLISHED 0.1 /* fraction of the error of published light that caustics must bring in the mean */
+#define SHARE_MOST 1e15  /* limit of a texel's share, so that sums of squares stay in range */
 
 /* Sums over points of area times these. */
 enum { AREA, DIRECT, MEAN, PRODUCT, ERROR, SUMS };
@@ -121,7 +120,6 @@ static void judge(const struct kiln_integrate_settings *settings, const struct t
 int kiln_land_trial_end(struct kiln_landing *l, int rounds, struct kiln_error *error)
 {
     struct kiln_caustic_trial *trial = &kiln_solution_step(l->solution)->caustics;
-    const bool published = l->params->settings->published_error > 0.0;
     struct trial_sums s = {.units = {0.0}};
     if (l->tried[0] == NULL)
         return KILN_OK;
@@ -129,7 +127,7 @@ int kiln_land_trial_end(struct kiln_landing *l, int rounds, struct kiln_error *e
     const double area = value_of(&s, AREA), direct = value_of(&s, DIRECT);
     *trial = (struct kiln_caustic_trial){.tried = true};
     if (status == KILN_OK && area > 0.0 && direct > 0.0) { /* without any other light, caustics are all light */
-        status = sum_shares(l, (published ? DARK_PUBLISHED : DARK) * direct / area, rounds, &s, error);
+        status = sum_shares(l, DARK * direct / area, rounds, &s, error);
         if (status == KILN_OK)
             judge(l->params->settings, &s, trial);
     }
