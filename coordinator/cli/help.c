@@ -108,11 +108,12 @@ static void print_option(struct page *page, const struct kiln_command *command, 
 
 static void print_qualities(struct page *page)
 {
-    (void)fprintf(page->stream, "\n%-16s%9s%9s%10s%8s\n", "--quality sets", "direct", "bounce", "indirect", "probe");
+    (void)fprintf(page->stream, "\n%-16s%7s%10s%8s%10s%7s\n", "--quality", "error", "or direct", "bounce", "indirect",
+                  "probe");
     for (size_t i = 0; i < kiln_quality_count; i++)
-        (void)fprintf(page->stream, "  %-14s%9u%9u%10u%8u\n", kiln_qualities[i].name, kiln_qualities[i].samples_direct,
-                      kiln_qualities[i].samples_bounce, kiln_qualities[i].samples_indirect,
-                      kiln_qualities[i].samples_probe);
+        (void)fprintf(page->stream, "  %-14s%5g %%%10u%8u%10u%7u\n", kiln_qualities[i].name, kiln_qualities[i].error,
+                      kiln_qualities[i].samples_direct, kiln_qualities[i].samples_bounce,
+                      kiln_qualities[i].samples_indirect, kiln_qualities[i].samples_probe);
 }
 
 /* The keys of changes: coordinator/job/changes.h, coordinator/import/changes.c. */

@@ -29,9 +29,9 @@ static json_t *option_json(const struct kiln_option *option)
 
 static json_t *quality_json(const struct kiln_quality *q)
 {
-    return json_pack("{s:s, s:i, s:i, s:i, s:i}", "name", q->name, "samples-direct", (int)q->samples_direct,
-                     "samples-bounce", (int)q->samples_bounce, "samples-indirect", (int)q->samples_indirect,
-                     "samples-probe", (int)q->samples_probe);
+    return json_pack("{s:s, s:f, s:i, s:i, s:i, s:i}", "name", q->name, "error", 0.01 * q->error, "samples-direct",
+                     (int)q->samples_direct, "samples-bounce", (int)q->samples_bounce, "samples-indirect",
+                     (int)q->samples_indirect, "samples-probe", (int)q->samples_probe);
 }
 
 int kiln_help_json(const struct kiln_command *command, struct kiln_error *error)

@@ -107,12 +107,13 @@ static void print_options(FILE *stream)
         group = kiln_options[i].group;
         print_option(stream, &kiln_options[i]);
     }
-    (void)fprintf(stream, ".SS What \\-\\-quality sets\n.EX\n%-12s%9s%9s%10s%8s\n", "", "direct", "bounce", "indirect",
-                  "probe");
+    (void)fprintf(stream, ".SS What \\-\\-quality sets\nAn error that 95 %% of the texels stay below, or sample counts "
+                          "where an option gives some or excludes an error.\n.EX\n%-12s%7s%9s%9s%10s%8s\n",
+                  "", "error", "direct", "bounce", "indirect", "probe");
     for (size_t i = 0; i < kiln_quality_count; i++)
-        (void)fprintf(stream, "%-12s%9u%9u%10u%8u\n", kiln_qualities[i].name, kiln_qualities[i].samples_direct,
-                      kiln_qualities[i].samples_bounce, kiln_qualities[i].samples_indirect,
-                      kiln_qualities[i].samples_probe);
+        (void)fprintf(stream, "%-12s%5g %%%9u%9u%10u%8u\n", kiln_qualities[i].name, kiln_qualities[i].error,
+                      kiln_qualities[i].samples_direct, kiln_qualities[i].samples_bounce,
+                      kiln_qualities[i].samples_indirect, kiln_qualities[i].samples_probe);
     (void)fputs(".EE\n", stream);
 }
 

@@ -149,6 +149,7 @@ static int read_layout_write(const struct child *child, struct kiln_error *error
     const struct kiln_layout_params layout = {.scene = params->path,
                                               .texels_max = (double)(machine_memory() / LEAST_OF_TEXEL),
                                               .texels_per_metre = params->texels_per_metre,
+                                              .texels = params->texels,
                                               .lightmap_size = params->lightmap_size,
                                               .lightmap_max = params->lightmap_max,
                                               .repack = params->repack,
@@ -200,7 +201,8 @@ static bool parse_arguments(int argc, char **argv, struct child *child)
                                                 .changes = argv[16][0] == '\0' ? NULL : argv[16],
                                                 .up_z = strcmp(argv[17], "z") == 0,
                                                 .unit = strtod(argv[18], NULL),
-                                                .strict = argv[19][0] != '\0'};
+                                                .strict = argv[19][0] != '\0',
+                                                .texels = strtod(argv[20], NULL)};
     child->program = strtoull(argv[12], NULL, 16);
     return true;
 }

@@ -11,7 +11,7 @@
 #include "coordinator/import/confine.h"
 #include "coordinator/import/import.h"
 
-enum { KILN_CHILD_ARGUMENTS = 20 };
+enum { KILN_CHILD_ARGUMENTS = 21 };
 
 /* Restricts this process: it dies with its parent, and memory, CPU time, open files and file size are limited. If the
  * kernel has Landlock, only the folders of params->path and params->environment can be read. No file may be opened for

@@ -150,7 +150,7 @@ static double wall_limit(const struct kiln_import_params *params)
 static int run_child(const struct kiln_import_params *params, uint64_t program, int file, const char *part,
                      struct kiln_error *error)
 {
-    char numbers[9][NUMBER_SIZE];
+    char numbers[10][NUMBER_SIZE];
     (void)snprintf(numbers[0], NUMBER_SIZE, "%.17g", params->texels_per_metre);
     (void)snprintf(numbers[1], NUMBER_SIZE, "%u", params->lightmap_size);
     (void)snprintf(numbers[2], NUMBER_SIZE, "%u", params->lightmap_max);
@@ -160,6 +160,7 @@ static int run_child(const struct kiln_import_params *params, uint64_t program, 
     (void)snprintf(numbers[6], NUMBER_SIZE, "%u", params->time_limit);
     (void)snprintf(numbers[7], NUMBER_SIZE, "%016llx", (unsigned long long)program);
     (void)snprintf(numbers[8], NUMBER_SIZE, "%.17g", params->unit);
+    (void)snprintf(numbers[9], NUMBER_SIZE, "%.17g", params->texels);
     const char *environment = params->environment == NULL ? "" : params->environment;
     const char *arguments[KILN_CHILD_ARGUMENTS + 1] = {"kiln",
                                                        "import-child",
@@ -184,6 +185,7 @@ static int run_child(const struct kiln_import_params *params, uint64_t program, 
                                                        params->up_z ? "z" : "y",
                                                        numbers[8],
                                                        params->strict ? "strict" : "",
+                                                       numbers[9],
                                                        NULL};
     const struct kiln_confined_call call = {.program = program_of(params),
                                             .arguments = arguments,

@@ -21,6 +21,7 @@ struct kiln_import_params {
     const char *path;   /* scene file; a kiln scene file (.kscene) is copied */
     const char *output; /* where to write the scene file; "/proc/self/fd/N": into that open, empty file */
     double texels_per_metre;
+    double texels; /* as in struct kiln_layout_params */
     uint32_t lightmap_size, lightmap_max;
     bool repack, keep_shared; /* as in struct kiln_layout_params */
     bool no_layout;           /* no lightmap layout is made, for stores that do not need it (kiln_layout_none) */

@@ -28,7 +28,8 @@ struct kiln_beside {
 struct kiln_integrate_params {
     MPI_Comm communicator;
     int rank, ranks;
-    double begin; /* MPI_Wtime() when the run began */
+    double begin;       /* MPI_Wtime() when the run began */
+    double after_light; /* s that the run is expected to take after its light; 0: unknown */
     const struct kiln_integrate_settings *settings;
     const struct kiln_field_set *fields; /* fields that the bake keeps */
     struct kiln_backend *backend;        /* has its surface */

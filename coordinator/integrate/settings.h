@@ -43,6 +43,8 @@ struct kiln_integrate_settings {
     /* relative; rounds follow until 95 % of the texels stay below it with their published light (published.h); 0: none.
      * At most one of the two targets is given */
     double published_error;
+    double time; /* with published_error: s of the whole run, after which there is no round; 0: any (rounds_time.h) */
+    struct kiln_round_list rounds; /* with published_error: --rounds */
     bool goes_on;  /* private to parts.c: the steps are those of a part that starts from the light of earlier rounds */
     size_t lights; /* of the scene: emitting triangles, punctual lights, suns, the environment */
 

@@ -15,6 +15,15 @@ enum kiln_sky_patches { KILN_SKY_WHOLE = 0, KILN_SKY_145 = 1, KILN_SKY_577 = 2, 
 /* --method radiosity: how emitting surfaces light others: sampled by the direct pass, or as patches. */
 enum kiln_lights_choice { KILN_LIGHTS_SAMPLED = 0, KILN_LIGHTS_PATCHES = 1 };
 
+enum { KILN_ROUND_LEVELS = 40 }; /* of samples: coordinator/integrate/parts/rounds.h */
+
+/* --rounds: levels of the rounds after the first, in ascending order. */
+struct kiln_round_list {
+    bool given; /* else the error decides, and the clock */
+    uint32_t count;
+    uint8_t levels[KILN_ROUND_LEVELS];
+};
+
 /* --method radiosity: representation of the patches in a window of texels (coordinator/integrate/patches/patches.h). */
 enum kiln_undersample { KILN_SAMPLE_ALL = 0, KILN_SAMPLE_STRIDE = 1, KILN_SAMPLE_RANDOM = 2, KILN_SAMPLE_MIPMAP = 3 };
 

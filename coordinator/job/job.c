@@ -1,6 +1,7 @@
 #include "coordinator/job/job.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 
@@ -12,6 +13,8 @@
 #include "coordinator/job/options.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/direction_set.h"
+
+#define TIMED_ERROR 0.005 /* error of published light that ends a bake with --time alone */
 
 static struct kiln_job_owned *owned(struct kiln_job *job) { return job->strings; }
 
@@ -36,8 +39,9 @@ static void set_quality(struct kiln_job *job)
     double percent;
     const bool error = kiln_option_percentage(job->light.quality, &percent);
     for (size_t i = 0; i < kiln_quality_count; i++)
-        if (error ? i == 0 || percent <= kiln_qualities[i].finer_than
+        if (error ? i == 0 || percent <= kiln_qualities[i].error
                   : strcmp(kiln_qualities[i].name, job->light.quality) == 0) {
+            job->lightmaps.texels = (double)kiln_qualities[i].texels;
             job->light.samples_direct = kiln_qualities[i].samples_direct;
             job->light.samples_bounce = kiln_qualities[i].samples_bounce;
             job->light.samples_indirect = kiln_qualities[i].samples_indirect;
@@ -344,11 +348,22 @@ struct unused_option {
     bool wanted;
 };
 
-/* Makes --quality N% a target. Refuses options that give sample counts, or that exclude rounds. */
-static int settle_quality(struct kiln_job *job, struct kiln_error *error)
+/* The error of published light that --quality asks for, %; 0: none. */
+static double error_asked(const struct kiln_job *job)
 {
-    struct kiln_job_light *l = &job->light;
     double percent;
+    if (kiln_option_percentage(job->light.quality, &percent))
+        return percent;
+    for (size_t i = 0; i < kiln_quality_count; i++)
+        if (strcmp(kiln_qualities[i].name, job->light.quality) == 0)
+            return kiln_qualities[i].error;
+    return 0.0;
+}
+
+/* The option that gives sample counts, or with which light has no rounds; NULL: none does. */
+static const char *excludes_rounds(struct kiln_job *job)
+{
+    const struct kiln_job_light *l = &job->light;
     const struct unused_option others[] = {{"samples-direct", given(job, "samples-direct")},
                                            {"samples-bounce", given(job, "samples-bounce")},
                                            {"samples-indirect", given(job, "samples-indirect")},
@@ -359,21 +374,64 @@ static int settle_quality(struct kiln_job *job, struct kiln_error *error)
                                            {"only-visible-from", l->only_visible_from != NULL},
                                            {"indirect-scale", l->indirect_scale > 0},
                                            {"final-scale", l->final_scale > 0},
-                                           {"schedule equal", l->schedule != KILN_SCHEDULE_LEAN},
+                                           {"schedule", l->schedule != KILN_SCHEDULE_LEAN},
                                            {"method", kiln_job_is_reference(job) || kiln_job_is_radiosity(job)},
                                            {"store", job->lightmaps.store != KILN_STORE_KIND_LIGHTMAP},
                                            {"states", job->relighting.states != NULL || job->relighting.listen}};
-    l->published_error = 0.0;
-    if (!kiln_option_percentage(l->quality, &percent))
-        return KILN_OK;
     for (size_t i = 0; i < sizeof others / sizeof *others; i++)
         if (others[i].wanted)
+            return others[i].name;
+    return NULL;
+}
+
+/* Reads --rounds: ascending levels, or 0 alone. */
+static int read_rounds(struct kiln_job *job, struct kiln_error *error)
+{
+    struct kiln_round_list list = {.given = job->light.rounds != NULL};
+    const char *at = job->light.rounds;
+    while (at != NULL && *at != '\0') {
+        char *end;
+        const unsigned long level = *at >= '0' && *at <= '9' ? strtoul(at, &end, 10) : KILN_ROUND_LEVELS;
+        const uint32_t last = list.count > 0 ? list.levels[list.count - 1] : 0;
+        if (level >= KILN_ROUND_LEVELS || (*end != ',' && *end != '\0') || (*end == ',' && end[1] == '\0') ||
+            (level <= last && !(level == 0 && list.count == 0 && *end == '\0')))
             return kiln_fail(error, KILN_USAGE,
-                             "--quality %s asks for an error, and --%s excludes that; leave it out, or give a preset "
-                             "(--quality preview)",
-                             l->quality, others[i].name);
-    l->published_error = percent / 100.0;
+                             "--rounds %s: give ascending levels below %d, such as 3,7, or 0 for the first round alone",
+                             job->light.rounds, KILN_ROUND_LEVELS);
+        if (level > 0)
+            list.levels[list.count++] = (uint8_t)level;
+        at = *end == ',' ? end + 1 : end;
+    }
+    if (job->light.rounds != NULL && *job->light.rounds == '\0')
+        return kiln_fail(error, KILN_USAGE, "--rounds is empty: give ascending levels, such as 3,7");
+    job->light.round_list = list;
     return KILN_OK;
+}
+
+/* Makes the error that --quality stands for a target of bakes. A preset's sample counts take its place where an option
+ * excludes rounds; an error in % is refused then. */
+static int settle_quality(struct kiln_job *job, uint32_t command, struct kiln_error *error)
+{
+    struct kiln_job_light *l = &job->light;
+    double percent;
+    const char *excluding = excludes_rounds(job);
+    l->published_error = 0.0;
+    l->counted_for = excluding;
+    if ((command & (KILN_FOR_BAKE | KILN_FOR_PLAN | KILN_FOR_SUBMIT)) == 0)
+        return KILN_OK;
+    if (excluding != NULL && kiln_option_percentage(l->quality, &percent))
+        return kiln_fail(error, KILN_USAGE,
+                         "--quality %s asks for an error, and --%s excludes that; leave it out, or give a preset, whose "
+                         "sample counts are taken then (--quality preview)",
+                         l->quality, excluding);
+    const char *of_rounds = l->time > 0.0 ? "time" : l->rounds != NULL ? "rounds" : NULL;
+    if (excluding != NULL && of_rounds != NULL)
+        return kiln_fail(error, KILN_USAGE, "--%s is about rounds of samples, and --%s excludes rounds: leave one out",
+                         of_rounds, excluding);
+    l->published_error = excluding != NULL                           ? 0.0
+                         : l->time > 0.0 && !given(job, "quality") ? TIMED_ERROR
+                                                                     : error_asked(job) / 100.0;
+    return read_rounds(job, error);
 }
 
 static int refuse_unused(const struct kiln_job *job, const struct unused_option *options, size_t count,
@@ -602,7 +660,7 @@ static int settle_light(struct kiln_job *job, uint32_t commands, struct kiln_err
                       "--exchange-points visible sends what surface points see, and radiance probes see more: give "
                       "--tracing-range inf, or --exchange-points all"));
     KILN_TRY(settle_store(job, error));
-    KILN_TRY(settle_quality(job, error));
+    KILN_TRY(settle_quality(job, commands, error));
 end:
     return status;
 }

@@ -68,7 +68,7 @@ struct kiln_job_machine {
 
 /* Light transport. */
 struct kiln_job_light {
-    char *quality;   /* draft | preview | production | reference: preset of the sample counts */
+    char *quality;   /* draft | preview | production | reference, or an error such as "5%" */
     char *method;    /* name of an integrator (coordinator/integrate/integrators.c) */
     int64_t bounces; /* indirect bounces; -1: until little energy is left, then the tail */
     bool tail;       /* add the geometric tail after the last bounce (default: only when bounces is -1) */
@@ -89,9 +89,11 @@ struct kiln_job_light {
     uint32_t chain_length;   /* surfaces in a gather ray's chain that are always traced (shaders/shared/chain.h) */
     char *only_visible_from; /* cameras, or a path's file: bake/light/visible_from.h; NULL: all surfaces are lit */
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
-    /* no option: error of published light that --quality asks for, which 95 % of the texels stay below; 0: --quality is
-     * a preset of sample counts, as with a method or options that exclude rounds */
-    double published_error;
+    double published_error; /* no option: that --quality asks for, which 95 % of the texels stay below; 0: none */
+    double time;             /* s that the whole bake may take; the rounds end early enough for that; 0: any */
+    char *rounds;            /* levels of the rounds after the first, "3,7"; NULL: by the error */
+    struct kiln_round_list round_list; /* no option: of `rounds` */
+    const char *counted_for; /* no option: the one that makes --quality a preset of sample counts; NULL: none does */
     struct kiln_radiance_settings radiance;     /* radiance probes for distant light; see kiln_job_has_probes */
     struct kiln_reference_parameters paths;     /* of the methods of kiln_job_is_reference */
     struct kiln_patch_settings patches;         /* of the method of kiln_job_is_radiosity */
@@ -106,6 +108,7 @@ struct kiln_job_lightmaps {
     int store;        /* enum kiln_store_kind */
     double leaf_size; /* m, of octrees; 0: 1 / texels_per_metre */
     double texels_per_metre;
+    double texels; /* no option: of the whole scene with automatic density, by --quality */
     uint32_t size;      /* texels a side; 0: by density */
     uint32_t most;      /* texels a side, at most */
     bool half;          /* write lightmaps as half floats where no value overflows */
@@ -293,8 +296,7 @@ static inline bool kiln_job_has_rounds(const struct kiln_job *job)
 }
 
 /* Whether parts of later rounds start from the light of earlier ones instead of the lamps (integrate/parts/parts.h).
- * Only
- * --quality N% does: it excludes methods and options with which they cannot. */
+ * With an error of published light they do, which excludes methods and options with which they cannot. */
 static inline bool kiln_job_goes_on(const struct kiln_job *job) { return job->light.published_error > 0.0; }
 
 /* Whether noise is taken out of the lightmaps: what --denoise and --quality say together. */
@@ -341,7 +343,7 @@ static inline bool kiln_job_denoises(const struct kiln_job *job)
 {
     return job->lightmaps.denoise == KILN_DENOISE_REGRESSION ||
            (job->lightmaps.denoise == KILN_DENOISE_AUTO && job->light.quality != NULL &&
-            strcmp(job->light.quality, "reference") != 0);
+            (job->light.published_error > 0.0 || strcmp(job->light.quality, "reference") != 0));
 }
 
 /* Prints one line for each option that was given by its former name, with the present form. Not collective. */

@@ -103,11 +103,13 @@ struct kiln_option {
 extern const struct kiln_option kiln_options[];
 extern const size_t kiln_option_count;
 
-/* A preset of --quality: its sample counts. */
+/* A preset of --quality: an error of published light, and the sample counts of bakes that no error can end (job.h:
+ * kiln_job_light.counted_for). */
 struct kiln_quality {
     const char *name;
+    double error;    /* %; with --quality N% all else is that of the finest preset with at least this error */
+    uint32_t texels; /* of the scene with automatic density */
     uint32_t samples_direct, samples_bounce, samples_indirect, samples_probe;
-    double finer_than; /* with an error above so many %, --quality N% takes the counts of the preset before */
 };
 extern const struct kiln_quality kiln_qualities[];
 extern const size_t kiln_quality_count;

@@ -15,11 +15,11 @@ enum { DEFAULT_MAX = 4096, DEFAULT_PADDING = 2, LARGEST_SIDE = 1 << 16, NOTES_MA
 /* most texels of all lightmaps that settings in the file itself may cause: 2^25 or, if the user gives a density or a
  * size, OWN_TIMES the number without these settings */
 static const double OWN_TEXELS = 33554432.0, OWN_TIMES = 16.0;
-static const double SCENE_TEXELS = 262144.0; /* 2^18: texels of the whole scene with automatic density */
+static const double SCENE_TEXELS = 262144.0; /* default of texels of the whole scene with automatic density */
 /* fraction of a lightmap that one of kiln's layouts fills; assumed until it is made */
 static const double EXPECTED_USE = 0.7;
 /* 2^20: texels of the whole scene, at most, when densities are raised so that charts lie further apart */
-static const double PADDED_TEXELS = 1048576.0;
+#define PADDED 4.0 /* times as many texels at most, where charts need distance */
 /* fraction of a layout's chart borders that may lie nearer than two texels to another chart */
 static const double CLOSE_FRACTION = 0.01;
 /* fraction of shared texels that is accepted in a back's lightmap, since avoiding them costs four times as many
@@ -405,7 +405,7 @@ static int deal_densities(struct planner *p, struct kiln_density_demand *demands
     kiln_free(&p->density.of);
     return p->params.texels_per_metre > 0.0
                ? name_densities(p, error)
-               : kiln_density_choose(&p->density, demands, object_count(p), SCENE_TEXELS, error);
+               : kiln_density_choose(&p->density, demands, object_count(p), p->params.texels, error);
 }
 
 /* ---- limits of the number of texels ---- */
@@ -864,7 +864,7 @@ static bool is_even(const struct planner *p, size_t object, double density)
 }
 
 /* Raises the densities of the largest object and then of those with the most worth per texel, as long as the scene
- * stays below PADDED_TEXELS. An object may then have more than its allowed fraction of all texels: light that bleeds
+ * stays below PADDED times its texels. An object may then have more than its allowed fraction of all texels: light that bleeds
  * between charts is worse. */
 static void raise_best(struct planner *p, struct raise *raises, size_t count, double texels)
 {
@@ -874,7 +874,7 @@ static void raise_best(struct planner *p, struct raise *raises, size_t count, do
     qsort(raises, count, sizeof *raises, compare_raises);
     for (size_t i = 0; i < count; i++) {
         const struct raise *raise = &raises[i];
-        if (texels + raise->added > PADDED_TEXELS ||
+        if (texels + raise->added > PADDED * p->params.texels ||
             !is_even(p, raise->object, p->densities[raise->object] * raise->factor))
             continue;
         texels += raise->added;
@@ -1374,6 +1374,8 @@ static int check_params(struct kiln_layout_params *params, struct kiln_error *er
         params->lightmap_max = DEFAULT_MAX;
     if (params->padding == 0)
         params->padding = DEFAULT_PADDING;
+    if (!(params->texels > 0.0))
+        params->texels = SCENE_TEXELS;
     if (params->lightmap_max > LARGEST_SIDE || params->lightmap_size > LARGEST_SIDE)
         return kiln_fail(
             error, KILN_USAGE, "the options ask for a lightmap of %u texels a side; at most %d are possible",

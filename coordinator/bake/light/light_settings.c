@@ -55,6 +55,8 @@ struct kiln_integrate_settings kiln_light_settings(const struct kiln_job *job, c
         .parts = kiln_job_parts(job),
         .target_error = job->light.target_error,
         .published_error = job->light.published_error,
+        .time = job->light.time,
+        .rounds = job->light.round_list,
         .lights = lights->area_count + lights->point_count + lights->directional_count + lights->environment,
         .radiance = kiln_job_has_probes(job) ? &job->light.radiance : NULL,
         .reference = kiln_job_is_reference(job) ? &job->light.paths : NULL,

@@ -6,6 +6,7 @@ struct kiln_import_params kiln_job_import_params(const struct kiln_job *job, con
     return (struct kiln_import_params){.path = job->scene.file,
                                        .output = output,
                                        .texels_per_metre = job->lightmaps.texels_per_metre,
+                                       .texels = job->lightmaps.texels,
                                        .lightmap_size = job->lightmaps.size,
                                        .lightmap_max = job->lightmaps.most,
                                        .repack = job->scene.repack,

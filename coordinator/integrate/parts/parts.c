@@ -218,6 +218,16 @@ static int after_step(void *self, const struct kiln_companion_site *site, double
 
 static bool is_sane(const struct kiln_step_report *report) { return kiln_round_is_sane(&report->round); }
 
+/* The levels of the rounds after the first, of the first `count` steps: what --rounds takes. */
+static json_t *levels_of(const struct kiln_step_reports *steps, size_t count)
+{
+    json_t *levels = json_array();
+    for (size_t i = 0; i + 1 < count; i++)
+        if (steps->of[i].round.to > steps->of[i].round.from)
+            (void)json_array_append_new(levels, json_integer((json_int_t)steps->of[i].round.to));
+    return levels;
+}
+
 /* Adds the outcome of rounds to the report: what --target-error or --quality asked for, what was reached, and the
  * number of rounds. */
 static void report(const struct kiln_companion_told *told, json_t *json)
@@ -233,6 +243,7 @@ static void report(const struct kiln_companion_told *told, json_t *json)
         (void)json_object_set_new(json, "asked", json_real(published));
         (void)json_object_set_new(json, "published", json_real(steps->of[last - 1].unfinished));
         (void)json_object_set_new(json, "out_of_time", json_boolean(steps->of[last - 1].out_of_time));
+        (void)json_object_set_new(json, "levels", levels_of(steps, last));
     } else {
         (void)json_object_set_new(json, "target", json_real(target));
         (void)json_object_set_new(json, "above_target", json_real(steps->of[last - 1].unfinished));
@@ -245,10 +256,10 @@ static void report(const struct kiln_companion_told *told, json_t *json)
 static void identify(const struct kiln_job *job, json_t *fields)
 {
     if (job->light.published_error > 0.0)
-        (void)json_object_set_new(fields, "error of published light", json_string(job->light.quality));
+        (void)json_object_set_new(fields, "error of published light", json_real(job->light.published_error));
 }
 
-static const char *const identity[] = {"error-map", "target-error", NULL};
+static const char *const identity[] = {"error-map", "target-error", "rounds", NULL};
 
 const struct kiln_companion kiln_companion_parts = {.name = "parts",
                                                     .identity = identity,

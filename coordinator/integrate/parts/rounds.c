@@ -2,22 +2,23 @@
 
 #include <math.h>
 
-#include "coordinator/run/control.h"
 #include "coordinator/integrate/parts/part_errors.h"
 #include "coordinator/integrate/parts/parts.h"
 #include "coordinator/integrate/parts/published.h"
+#include "coordinator/integrate/parts/rounds_time.h"
+#include "coordinator/mpi/agree.h"
+#include "worker/base/memory.h"
 
 enum {
     FIRST = 4 * KILN_PARTS, /* samples of the settings over those of a part in the first round */
-    LEVELS = 40,
     LEVELS_MOST = 6,         /* most levels per round: few samples give an unreliable error */
     SAMPLES_MOST = 1 << 18,  /* of a step of one part */
     PUBLISHED_MOST = 1 << 11 /* likewise, for an error of published light: few texels would want more */
 };
 #define LEFT 0.025         /* fraction of points that may lie in unfinished tile runs */
 #define MORE 0.1           /* fraction of unfinished points that may get more samples than they need */
-#define SAFETY 1.25        /* factor on the expected time of a round */
 #define PUBLISHED_MORE 0.5 /* likewise, for an error of published light: rounds cost more than some samples */
+#define AHEAD 0.4          /* a round asks for this much of the error reached, at most: so the worst tiles come first */
 #define OF_PUBLISHED 0.5   /* standard error over a target that 95.45 % of normal errors stay below */
 
 /* ---- samples ---- */
@@ -32,7 +33,7 @@ const struct kiln_round *kiln_round_of(const struct kiln_step_report *reports, s
 
 bool kiln_round_is_sane(const struct kiln_round *round)
 {
-    return round->from < LEVELS && round->to < LEVELS && round->share >= 0.0 && round->share <= 1.0;
+    return round->from < KILN_ROUND_LEVELS && round->to < KILN_ROUND_LEVELS && round->share >= 0.0 && round->share <= 1.0;
 }
 
 uint32_t kiln_round_first(uint32_t samples, bool counts)
@@ -41,12 +42,11 @@ uint32_t kiln_round_first(uint32_t samples, bool counts)
     return counts ? share + (share & 1u) : share;
 }
 
-/* Twice the samples up to a level, relative to those of the first round. */
-static uint64_t level_times(uint32_t level) { return (level % 2 > 0 ? 3ull : 2ull) << level / 2; }
+uint64_t kiln_round_times(uint32_t level) { return (level % 2 > 0 ? 3ull : 2ull) << level / 2; }
 
 void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts, struct kiln_step *step)
 {
-    const uint64_t before = level_times(round->from), more = round->to > 0 ? level_times(round->to) - before : 0;
+    const uint64_t before = kiln_round_times(round->from), more = round->to > 0 ? kiln_round_times(round->to) - before : 0;
     const uint32_t first = step->samples;
     if (counts) {
         step->samples = (uint32_t)(first / 2 * more);
@@ -71,13 +71,12 @@ struct target {
     bool of_published;
 };
 
-/* Mean square of a tile run's errors, relative to the allowed error. */
-static double mean_square(const struct kiln_rank_data *data, const struct kiln_tile_run *run, struct target *t)
+/* Error of a tile run: root mean square over its points, relative to the allowed error; of published light, over the
+ * light. */
+static double error_of(const struct kiln_rank_data *data, const struct kiln_tile_run *run, struct target *t)
 {
-    if (t->of_published) {
-        const double error = kiln_published_tile(&t->published, data, run) / (OF_PUBLISHED * t->relative);
-        return error * error;
-    }
+    if (t->of_published)
+        return kiln_published_tile(&t->published, data, run);
     const struct kiln_own_point first = kiln_own_of_global(&data->surface, run->first);
     double square = 0.0, valid = 0.0;
     float errors[KILN_PART_ERRORS];
@@ -91,7 +90,25 @@ static double mean_square(const struct kiln_rank_data *data, const struct kiln_t
         square += fmin(ratio * ratio, 1e30);
         valid += 1.0;
     }
-    return valid > 0.0 ? square / valid : 0.0;
+    return valid > 0.0 ? sqrt(square / valid) : 0.0;
+}
+
+/* Finds the errors of all tile runs, and prepares the target that they are compared with. Collective.
+ * kiln_published_begin and the survey are released by the caller. */
+static int find_errors(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, double unit,
+                       struct target *t, double *errors, double *reached, struct kiln_error *error)
+{
+    *reached = 0.0;
+    if (t->of_published) {
+        const int status = kiln_published_begin(&t->published, p, data, t->survey.gain, unit, error);
+        if (status != KILN_OK)
+            return status;
+    }
+    for (size_t i = 0; i < data->surface.tile_run_count; i++)
+        errors[i] = error_of(data, &data->surface.tile_runs[i], t);
+    if (t->of_published)
+        *reached = kiln_published_reached(&t->published, p->communicator);
+    return KILN_OK;
 }
 
 /* ---- the next round ---- */
@@ -100,8 +117,8 @@ static double mean_square(const struct kiln_rank_data *data, const struct kiln_t
 static uint32_t level_needed(uint32_t level, double square, bool published)
 {
     uint32_t needed = level + 1;
-    for (; needed < LEVELS - 1; needed++) {
-        const double times = (double)level_times(needed) / (double)level_times(level);
+    for (; needed < KILN_ROUND_LEVELS - 1; needed++) {
+        const double times = (double)kiln_round_times(needed) / (double)kiln_round_times(level);
         if ((published ? times : times * sqrt(times)) >= square)
             break;
     }
@@ -110,7 +127,7 @@ static uint32_t level_needed(uint32_t level, double square, bool published)
 
 /* Numbers of unfinished points, by the level at which they are expected to be finished. */
 struct needs {
-    uint64_t points[LEVELS];
+    uint64_t points[KILN_ROUND_LEVELS];
 };
 
 /* The most samples that a part of the first round has in a step. */
@@ -131,41 +148,18 @@ static void choose_level(const struct kiln_integrate_params *p, const struct nee
     const uint64_t first = most_first(p->settings), points = p->surface->point_count;
     const uint32_t now = round->from;
     uint64_t unfinished = 0, below = 0;
-    for (uint32_t l = 0; l < LEVELS; l++)
+    for (uint32_t l = 0; l < KILN_ROUND_LEVELS; l++)
         unfinished += needs->points[l];
     round->share = points > 0 ? (double)unfinished / (double)points : 0.0;
     if (round->share <= left)
         return;
-    for (uint32_t l = now + 1; l < LEVELS && l <= now + LEVELS_MOST; l++) {
-        if (first / 2 * level_times(l) > (published ? PUBLISHED_MOST : SAMPLES_MOST) ||
+    for (uint32_t l = now + 1; l < KILN_ROUND_LEVELS && l <= now + LEVELS_MOST; l++) {
+        if (first / 2 * kiln_round_times(l) > (published ? PUBLISHED_MOST : SAMPLES_MOST) ||
             (double)below > more * (double)unfinished)
             break;
         below += needs->points[l];
         round->to = l;
     }
-}
-
-/* Collective. Lowers the level of a round until it is expected to end within --max-time; if no level would, the round
- * is cancelled. Returns whether it was cancelled for lack of time. */
-static bool keep_in_time(const struct kiln_integrate_params *p, const struct kiln_step_reports *steps,
-                         struct kiln_round *round)
-{
-    const uint32_t last = steps->of[steps->count - 1].step.part / KILN_PARTS;
-    const double left = kiln_control_seconds_left(p->control);
-    size_t first = steps->count;
-    double seconds = 0.0;
-    for (; first > 0 && steps->of[first - 1].step.part / KILN_PARTS == last; first--)
-        seconds += steps->of[first - 1].seconds + steps->of[first - 1].exchange_seconds;
-    const uint64_t now = level_times(round->from),
-                   before = first > 0 ? level_times(steps->of[first - 1].round.from) : 0;
-    uint32_t to = round->to;
-    while (isfinite(left) && to > round->from &&
-           left < SAFETY * seconds * (double)(level_times(to) - now) / (double)(now - before))
-        to--;
-    (void)MPI_Bcast(&to, 1, MPI_UINT32_T, 0, p->communicator);
-    const bool late = to < round->to;
-    round->to = to > round->from ? to : 0;
-    return late && round->to == 0;
 }
 
 /* The samples of a tile run in the terminal steps and in direct light of the next round. */
@@ -193,6 +187,22 @@ static uint32_t level_of_last(const struct kiln_step_reports *steps)
     return before != NULL ? before->to : 0;
 }
 
+/* Sorts tile runs into finished and unfinished ones, data->samples, and counts the latter's points by their needs. */
+static void sort_tiles(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, const double *errors,
+                       const struct target *t, double reached, const struct kiln_step_report *last, struct needs *needs)
+{
+    const uint32_t now = last->round.from;
+    const double allowed = t->of_published ? OF_PUBLISHED * fmax(t->relative, AHEAD * reached) : 1.0;
+    for (size_t i = 0; i < data->surface.tile_run_count; i++) {
+        const struct kiln_tile_run *run = &data->surface.tile_runs[i];
+        const double square = errors[i] * errors[i] / (allowed * allowed);
+        const bool finished = square <= 1.0 || !kiln_part_changes(data, run, last->step.part);
+        needs->points[finished ? 0 : level_needed(now, square, t->of_published)] += finished ? 0 : run->count;
+        data->samples[i] = !finished;
+    }
+    (void)MPI_Allreduce(MPI_IN_PLACE, needs->points, KILN_ROUND_LEVELS, MPI_UINT64_T, MPI_SUM, p->communicator);
+}
+
 int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, double unit,
                      struct kiln_step_reports *steps, struct kiln_error *error)
 {
@@ -202,29 +212,24 @@ int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_ra
     struct target t = {.relative = published ? p->settings->published_error : p->settings->target_error,
                        .of_published = published};
     struct needs needs = {{0}};
-    struct kiln_round round = {.from = level_of_last(steps)};
-    int status = kiln_part_survey(p, data, &part, unit, &t.survey, error);
-    if (status == KILN_OK && published)
-        status = kiln_published_begin(&t.published, p, data, t.survey.gain, unit, error);
-    for (size_t i = 0; status == KILN_OK && i < data->surface.tile_run_count; i++) {
-        const struct kiln_tile_run *run = &data->surface.tile_runs[i];
-        const double square = mean_square(data, run, &t);
-        const bool finished = square <= 1.0 || !kiln_part_changes(data, run, last->step.part);
-        needs.points[finished ? 0 : level_needed(round.from, square, published)] += finished ? 0 : run->count;
-        data->samples[i] = !finished;
+    double reached = 0.0, *errors = NULL;
+    last->round = (struct kiln_round){.from = level_of_last(steps)};
+    int status = kiln_allocate(&errors, data->surface.tile_run_count, sizeof *errors, "the errors of tiles", error);
+    status = kiln_agree(p->communicator, status, error);
+    if (status == KILN_OK)
+        status = kiln_part_survey(p, data, &part, unit, &t.survey, error);
+    if (status == KILN_OK)
+        status = find_errors(p, data, unit, &t, errors, &reached, error);
+    if (status == KILN_OK) {
+        sort_tiles(p, data, errors, &t, reached, last, &needs);
+        choose_level(p, &needs, published && reached <= t.relative ? 1.0 : published ? 0.0 : LEFT, &last->round);
+        last->unfinished = published ? reached : last->round.share;
+        last->out_of_time = kiln_round_fit(p, steps, &last->round);
     }
-    (void)MPI_Allreduce(MPI_IN_PLACE, needs.points, LEVELS, MPI_UINT64_T, MPI_SUM, p->communicator);
-    double reached = 0.0;
-    if (status == KILN_OK && published)
-        reached = kiln_published_reached(&t.published, p->communicator);
-    const bool enough = published && reached <= t.relative;
-    choose_level(p, &needs, enough ? 1.0 : published ? 0.0 : LEFT, &round);
-    last->unfinished = published ? reached : round.share;
-    last->out_of_time = keep_in_time(p, steps, &round);
-    last->round = round;
-    for (size_t i = 0; status == KILN_OK && round.to > 0 && i < data->surface.tile_run_count; i++)
-        set_samples(p->settings, data, &round, i, data->samples[i] == 0);
+    for (size_t i = 0; status == KILN_OK && last->round.to > 0 && i < data->surface.tile_run_count; i++)
+        set_samples(p->settings, data, &last->round, i, data->samples[i] == 0);
     kiln_part_survey_release(&t.survey);
     kiln_published_release(&t.published);
+    kiln_free(&errors);
     return status;
 }

@@ -7,7 +7,9 @@
  * other tile runs.
  *
  * With an error of published light in place of a target (published.h), a tile run is finished where twice its standard
- * error is at most that error, and rounds end when 95 % of all points are expected to stay below it.
+ * error is at most that error, and rounds end when 95 % of all points are expected to stay below it. A round asks for
+ * two fifths of the error reached before it, if that is more: so the worst tile runs get samples first, and a clock that
+ * ends the rounds (rounds_time.h) finds all of them about as good.
  *
  * Sample counts go by levels: at level l a step has level_times(l) / 2 times the samples of the first round: 1, 1.5, 2,
  * 3, 4, 6, 8, ... times. All unfinished tile runs have the same level. The next round raises it to the level that at
@@ -22,6 +24,9 @@
 #define KILN_COORDINATOR_INTEGRATE_PARTS_ROUNDS_H
 
 #include "coordinator/integrate/integrate.h"
+
+/* Twice the samples up to a level, relative to those of the first round. */
+uint64_t kiln_round_times(uint32_t level);
 
 /* Returns the round of the last of `count` reports; NULL: the first round. */
 const struct kiln_round *kiln_round_of(const struct kiln_step_report *reports, size_t count);
@@ -39,8 +44,8 @@ uint32_t kiln_round_first(uint32_t samples, bool counts);
 void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts, struct kiln_step *step);
 
 /* Collective, after the last part of a round, whose report is the last. Writes the finished tile runs, the samples of
- * the others and the next round into the report and the sample fields. With --max-time, it chooses a round that is
- * expected to end in time. `unit`: of exact sums of power, W. KILN_SYSTEM. */
+ * the others and the next round into the report and the sample fields. A clock may shorten the round (rounds_time.h).
+ * `unit`: of exact sums of power, W. KILN_SYSTEM. */
 int kiln_round_judge(const struct kiln_integrate_params *params, const struct kiln_rank_data *data, double unit,
                      struct kiln_step_reports *steps, struct kiln_error *error);
 
