@@ -41,6 +41,7 @@ static bool has_guide(const struct kiln_job *job) { return job->light.guide > 0;
 static bool receives_visible(const struct kiln_job *job) { return job->ranks.exchange_points == KILN_EXCHANGE_VISIBLE; }
 static bool has_target(const struct kiln_job *job) { return kiln_job_has_rounds(job); }
 static bool goes_on(const struct kiln_job *job) { return kiln_job_goes_on(job); }
+static bool caustics_go_on(const struct kiln_job *job) { return kiln_job_goes_on(job) && kiln_job_has_caustics(job); }
 static bool wants_errors_apart(const struct kiln_job *job)
 {
     return job->lightmaps.error_map || kiln_job_denoises(job);
@@ -352,6 +353,25 @@ static const struct kiln_field table[] = {
      .saved = KILN_FIELD_SAVED,
      .high = INFINITY,
      .present = goes_on},
+    {.name = "parts_caustic",
+     .type = KILN_FIELD_FLOAT,
+     .components = KILN_PARTS,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(parts_caustic),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .present = caustics_go_on},
+    {.name = "parts_caustic_radiosity",
+     .unit = "W m-2",
+     .type = KILN_FIELD_RADIOSITY,
+     .components = KILN_PARTS,
+     .domain = KILN_DOMAIN_POINT,
+     .life = KILN_FIELD_RESULT,
+     .member = AT(parts_caustic_radiosity),
+     .saved = KILN_FIELD_SAVED,
+     .high = INFINITY,
+     .present = caustics_go_on},
     {.name = "node",
      .unit = "texel",
      .type = KILN_FIELD_UINT16,

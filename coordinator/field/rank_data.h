@@ -35,6 +35,10 @@ struct kiln_rank_data {
         *parts; /* 3 and KILN_PARTS a point, of a bake in parts (integrate/parts/parts.h); NULL: not in parts */
     /* KILN_PARTS a point: packed total radiosity as part k of each round found it; NULL: rounds start at the lamps */
     uint64_t *parts_radiosity;
+    /* KILN_PARTS a point: luminance and packed radiosity of the caustics that part k of each round found
+     * (integrate/parts/part_caustics.h); NULL: rounds start at the lamps, or there are none */
+    float *parts_caustic;
+    uint64_t *parts_caustic_radiosity;
     uint64_t *next;   /* 1 a point: packed radiosity of the present step; or see kiln_next_compact */
     uint64_t *source; /* 1 a point: packed radiosity that is gathered from; NULL: not known yet */
     /* 1 a tile run: samples of each of its points, in a step with adaptive samples; NULL: the bake has no such steps */

@@ -63,10 +63,12 @@ struct kiln_step_balance {
 };
 
 /* A round of a bake with a target error (rounds.h): its first and last level, and the fraction of unfinished points.
- * Zero: no round. */
+ * Zero: no round. With an error of published light caustics have levels of their own; with two equal ones the round has
+ * no caustics. */
 struct kiln_round {
     uint32_t from, to;
     double share;
+    uint32_t caustics_from, caustics_to;
 };
 
 /* Results of the pilots of a caustics step (land_trial.h): root mean squares over the area, relative to direct light;

@@ -8,6 +8,7 @@
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/sparse/sparse.h"
 #include "coordinator/integrate/packing.h"
+#include "coordinator/integrate/parts/part_caustics.h"
 #include "coordinator/integrate/parts/parts.h"
 #include "worker/pass/guided.h"
 #include "worker/scene/radiosity.h"
@@ -83,6 +84,36 @@ static void enter_caustic(const struct kiln_taking *t, const struct kiln_rank_da
     mix_error(data->error_caustic, own, r->error, t->step);
 }
 
+/* Averages caustics of a later round into those before, in finished tile runs, too. */
+static void mix_caustic(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
+                        const struct kiln_tile_run *f, uint32_t bit, const struct kiln_point_mean *r,
+                        const float radiosity[3])
+{
+    kiln_part_mix_caustics(data, own, f, bit, kiln_luminance_in_float(r->irradiance), radiosity, t->step);
+    kiln_part_mix(data->caustic + 3 * own.at, r->irradiance, 3, t->step);
+    mix_error(data->error_caustic, own, r->error, t->step);
+    if (kiln_part_changes(data, f, t->step->part))
+        add_error(data->error, own, share_of_error(t, r->error));
+}
+
+/* Starts a part of a later round with direct light, and with the caustics of earlier rounds. */
+static void begin_with_caustics(const struct kiln_taking *t, const struct kiln_rank_data *data,
+                                struct kiln_own_point own, const struct kiln_point_mean *r, const float radiosity[3],
+                                bool counts)
+{
+    float sum[3] = {radiosity[0], radiosity[1], radiosity[2]}, total[3] = {radiosity[0], radiosity[1], radiosity[2]};
+    kiln_part_add_caustics(data, own, t->step, sum, total);
+    set(data->sum, own, sum);
+    if (!counts)
+        return;
+    kiln_part_mix(data->direct + 3 * own.at, r->irradiance, 3, t->step);
+    kiln_part_begin(data, own, kiln_luminance_in_float(r->irradiance) + kiln_part_caustics_light(data, own, t->step),
+                    t->step);
+    if (data->radiosity != NULL)
+        kiln_part_mix(data->radiosity + 3 * own.at, total, 3, t->step);
+    begin_errors(t, data, own, r->error);
+}
+
 void kiln_cells_enter(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
                       const struct kiln_point_mean *r, const float radiosity[3], bool counts)
 {
@@ -93,6 +124,10 @@ void kiln_cells_enter(const struct kiln_taking *t, const struct kiln_rank_data *
         begin_errors(t, data, own, r->error);
         break;
     case KILN_CELLS_DIRECT:
+        if (kiln_part_has_caustics(data, t->step)) {
+            begin_with_caustics(t, data, own, r, radiosity, counts);
+            break;
+        }
         set(data->sum, own, radiosity);
         if (!counts)
             break;
@@ -350,6 +385,22 @@ static const struct kiln_point_result *point_results(const struct kiln_taking *t
     return points;
 }
 
+/* Stores a point's result, and what the point sends to later rounds. */
+static void enter_point(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
+                        const struct kiln_tile_run *f, uint32_t bit, const struct kiln_point_mean *r,
+                        const float radiosity[3], bool counts)
+{
+    const bool caustic = t->step->role == KILN_CELLS_CAUSTIC;
+    if (caustic && kiln_part_has_caustics(data, t->step)) {
+        mix_caustic(t, data, own, f, bit, r, radiosity);
+        return;
+    }
+    kiln_cells_send(t, data, own, f, bit, radiosity, counts);
+    kiln_cells_enter(t, data, own, r, radiosity, counts);
+    if (caustic)
+        kiln_part_keep_caustics(data, own, f, bit, kiln_luminance_in_float(r->irradiance), radiosity, t->step);
+}
+
 /* Takes the results of a step in which each point has its own answer. `second`: this step's weight in direct light,
  * which the pilot has begun; NULL: there was no pilot. `counts`: adds to the sums of power. */
 static void take_points(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
@@ -370,8 +421,7 @@ static void take_points(const struct kiln_taking *t, const struct kiln_rank_data
             radiosity[c] = albedo[c] * r.incident[c];
         if (counts && t->step->role != KILN_CELLS_PILOT)
             tally(t, &data->surface, own, &r, albedo, alone, &run, sums, tile_run);
-        kiln_cells_send(t, data, own, f, (uint32_t)__builtin_ctzll(rest), radiosity, unfinished);
-        kiln_cells_enter(t, data, own, &r, radiosity, unfinished);
+        enter_point(t, data, own, f, (uint32_t)__builtin_ctzll(rest), &r, radiosity, unfinished);
         pack_next(t, data, own, f, tile, (uint32_t)__builtin_ctzll(rest),
                   t->step->role == KILN_CELLS_CAUSTIC ? data->sum + 3 * own.at : radiosity); /* with direct light's */
     }

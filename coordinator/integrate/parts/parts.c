@@ -7,6 +7,7 @@
 #include "coordinator/integrate/parts/rounds.h"
 #include "coordinator/integrate/companion.h"
 #include "coordinator/integrate/packing.h"
+#include "worker/pass/caustic.h"
 #include "worker/scene/radiosity.h"
 
 enum { ROUNDING = 1 << 16 }; /* streams of rounding after those of steps */
@@ -22,13 +23,14 @@ size_t kiln_part_first(const struct kiln_step_report *reports, size_t count)
 }
 
 /* Gives a part its own light paths in a step whose samples are set; `first`: the samples in the first round. With
- * growing iterations, the iterations of all parts follow one another just as samples do. The division is exact: samples
- * are multiples of half of `first`, and KILN_ITERATIONS_FIRST is even. */
+ * growing iterations, and with an error of published light, the iterations of all parts follow one another just as
+ * samples do. The division is exact: samples are multiples of half of `first`, and KILN_ITERATIONS_FIRST is even; those
+ * of caustics with a level of their own are multiples of `first`. */
 static void share_iterations(const struct kiln_integrate_settings *settings, uint32_t first, struct kiln_step *step)
 {
     const uint64_t iterations = step->iterations;
     step->first_iteration = (uint32_t)(iterations * step->part);
-    if (settings->iterations_grow && kiln_step_has(step, KILN_WITH(landing))) {
+    if ((settings->iterations_grow || settings->published_error > 0.0) && kiln_step_has(step, KILN_WITH(landing))) {
         step->iterations = (uint32_t)(iterations * step->samples / first);
         step->first_iteration = (uint32_t)(iterations * step->first_sample / first);
     }
@@ -46,8 +48,11 @@ static void share_samples(const struct kiln_integrate_settings *settings, const 
                                               : (step->samples + KILN_PARTS - 1) / KILN_PARTS;
     step->first_sample = step->samples * (part % KILN_PARTS);
     const uint32_t first = step->samples;
-    if (round != NULL)
-        kiln_round_share(round, part % KILN_PARTS, step->counted, step);
+    struct kiln_round own;
+    if (round != NULL) {
+        own = settings->goes_on && step->pass == &kiln_pass_caustic ? kiln_round_of_caustics(round) : *round;
+        kiln_round_share(&own, part % KILN_PARTS, step->counted, step);
+    }
     step->counted = step->counted && round == NULL;
     share_iterations(settings, first, step);
 }
@@ -58,11 +63,14 @@ static bool wants_round(const struct kiln_integrate_settings *settings, const st
     return kiln_has_rounds(settings) && last->round.to > last->round.from;
 }
 
-/* The settings that a part's steps are of. */
-static struct kiln_integrate_settings settings_of(const struct kiln_integrate_settings *settings, uint32_t part)
+/* The settings that a part's steps are of. `round`: as above. */
+static struct kiln_integrate_settings settings_of(const struct kiln_integrate_settings *settings, uint32_t part,
+                                                  const struct kiln_round *round)
 {
     struct kiln_integrate_settings of_part = *settings;
     of_part.goes_on = settings->published_error > 0.0 && part >= KILN_PARTS;
+    if (of_part.goes_on && round != NULL && round->caustics_to == round->caustics_from)
+        of_part.caustics = KILN_CAUSTICS_NONE;
     return of_part;
 }
 
@@ -72,12 +80,12 @@ bool kiln_parts_next(const struct kiln_integrate_settings *settings, const struc
     const size_t first = kiln_part_first(reports, count);
     uint32_t part = count > 0 ? reports[first].step.part : 0;
     const struct kiln_round *round = count > 0 ? kiln_round_of(reports, count) : NULL;
-    struct kiln_integrate_settings of_part = settings_of(settings, part);
+    struct kiln_integrate_settings of_part = settings_of(settings, part, round);
     bool any = settings->integrator->next(&of_part, reports + first, count - first, step);
     if (!any && settings->parts > 1 && ((part + 1) % KILN_PARTS != 0 || wants_round(settings, &reports[count - 1]))) {
-        of_part = settings_of(settings, ++part);
+        round = ++part % KILN_PARTS == 0 ? &reports[count - 1].round : round;
+        of_part = settings_of(settings, part, round);
         any = settings->integrator->next(&of_part, reports + count, 0, step);
-        round = part % KILN_PARTS == 0 ? &reports[count - 1].round : round;
     }
     if (any)
         share_samples(&of_part, round, part, step);
@@ -98,27 +106,20 @@ static float *found_by(const struct kiln_rank_data *data, struct kiln_own_point 
     return &data->parts[KILN_PARTS * own.at + part % KILN_PARTS];
 }
 
-/* Weight of a part's samples among those of the parts with the same number in this and earlier rounds. */
-static float share_of(const struct kiln_step *step)
-{
-    const double before = (kiln_part_before(step) - (double)(step->part % KILN_PARTS)) / KILN_PARTS;
-    return step->part < KILN_PARTS ? 1.0f : (float)(1.0 / (before + 1.0));
-}
-
 void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
                      const struct kiln_step *step)
 {
     if (data->parts == NULL)
         return;
     float *found = found_by(data, own, step->part);
-    *found = (1.0f - share_of(step)) * *found + share_of(step) * luminance;
+    *found = (1.0f - kiln_part_share(step)) * *found + kiln_part_share(step) * luminance;
 }
 
 void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
                    const struct kiln_step *step)
 {
     if (data->parts != NULL)
-        *found_by(data, own, step->part) += share_of(step) * luminance;
+        *found_by(data, own, step->part) += kiln_part_share(step) * luminance;
 }
 
 /* Radiosity in all of a point, as part `part` of each round has found it. */
@@ -131,7 +132,7 @@ void kiln_part_send(const struct kiln_rank_data *data, struct kiln_own_point own
                     uint32_t bit, const float radiosity[3], const struct kiln_step *step, bool more)
 {
     float sent[3] = {0.0f, 0.0f, 0.0f};
-    const float share = share_of(step), before = more ? 1.0f : 1.0f - share;
+    const float share = kiln_part_share(step), before = more ? 1.0f : 1.0f - share;
     if (before > 0.0f)
         kiln_radiosity_unpack(*sent_by(data, own, step->part), sent);
     for (int c = 0; c < 3; c++)
@@ -174,10 +175,12 @@ static void state_errors(const struct kiln_rank_data *data, const struct kiln_pa
 
 /* ---- the end of a part: one of several solves, each with a share of the samples (parts.h) ---- */
 
-static bool is_over(const struct kiln_integrate_settings *settings, const struct kiln_step_reports *part)
+static bool is_over(const struct kiln_integrate_settings *settings, const struct kiln_step_reports *steps,
+                    const struct kiln_step_reports *part)
 {
     struct kiln_step step;
-    const struct kiln_integrate_settings of_part = settings_of(settings, part->of[0].step.part);
+    const struct kiln_integrate_settings of_part =
+        settings_of(settings, part->of[0].step.part, kiln_round_of(steps->of, steps->count));
     return !settings->integrator->next(&of_part, part->of, part->count, &step);
 }
 
@@ -190,7 +193,7 @@ int kiln_part_end(const struct kiln_integrate_params *p, struct kiln_solution *s
     struct kiln_part_survey survey;
     struct kiln_step next;
     int status = KILN_OK;
-    if (data->parts == NULL || !is_over(p->settings, &part))
+    if (data->parts == NULL || !is_over(p->settings, steps, &part))
         return KILN_OK;
     take_indirect(data, &last->step);
     if (kiln_has_rounds(p->settings) && (last->step.part + 1) % KILN_PARTS == 0)

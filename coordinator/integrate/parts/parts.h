@@ -49,6 +49,12 @@ static inline double kiln_part_before(const struct kiln_step *step)
 {
     return step->part == 0 ? 0.0 : (double)step->first_sample / (double)step->samples;
 }
+/* Weight of a part's samples among those of the parts with the same number in this and earlier rounds. */
+static inline float kiln_part_share(const struct kiln_step *step)
+{
+    const double before = (kiln_part_before(step) - (double)(step->part % KILN_PARTS)) / KILN_PARTS;
+    return step->part < KILN_PARTS ? 1.0f : (float)(1.0 / (before + 1.0));
+}
 /* Updates `mean`, over the samples of all earlier parts, with this part's values. */
 static inline void kiln_part_mix(float *mean, const float *values, size_t components, const struct kiln_step *step)
 {

@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "coordinator/integrate/parts/part_caustics.h"
 #include "coordinator/integrate/parts/part_errors.h"
 #include "coordinator/integrate/parts/parts.h"
 #include "coordinator/integrate/parts/published.h"
@@ -11,6 +12,7 @@
 
 enum {
     FIRST = 4 * KILN_PARTS, /* samples of the settings over those of a part in the first round */
+    WHOLE = 2,               /* levels to twice the samples */
     LEVELS_MOST = 6,         /* most levels per round: few samples give an unreliable error */
     SAMPLES_MOST = 1 << 18,  /* of a step of one part */
     PUBLISHED_MOST = 1 << 11 /* likewise, for an error of published light: few texels would want more */
@@ -18,7 +20,7 @@ enum {
 #define LEFT 0.025         /* fraction of points that may lie in unfinished tile runs */
 #define MORE 0.1           /* fraction of unfinished points that may get more samples than they need */
 #define PUBLISHED_MORE 0.5 /* likewise, for an error of published light: rounds cost more than some samples */
-#define AHEAD 0.4          /* a round asks for this much of the error reached, at most: so the worst tiles come first */
+#define NEAREST 0.70710678 /* of twice the samples */
 #define OF_PUBLISHED 0.5   /* standard error over a target that 95.45 % of normal errors stay below */
 
 /* ---- samples ---- */
@@ -33,7 +35,13 @@ const struct kiln_round *kiln_round_of(const struct kiln_step_report *reports, s
 
 bool kiln_round_is_sane(const struct kiln_round *round)
 {
-    return round->from < KILN_ROUND_LEVELS && round->to < KILN_ROUND_LEVELS && round->share >= 0.0 && round->share <= 1.0;
+    return round->from < KILN_ROUND_LEVELS && round->to < KILN_ROUND_LEVELS && round->share >= 0.0 && round->share <= 1.0 &&
+           round->caustics_from <= round->caustics_to && round->caustics_to < KILN_ROUND_LEVELS;
+}
+
+struct kiln_round kiln_round_of_caustics(const struct kiln_round *round)
+{
+    return (struct kiln_round){.from = round->caustics_from, .to = round->caustics_to, .share = round->share};
 }
 
 uint32_t kiln_round_first(uint32_t samples, bool counts)
@@ -125,6 +133,19 @@ static uint32_t level_needed(uint32_t level, double square, bool published)
     return needed;
 }
 
+/* Chooses the level of caustics in a round whose other levels are known: the nearest to what is wanted. `growth`:
+ * kiln_caustics_growth. */
+static void choose_caustics(struct kiln_round *round, double growth)
+{
+    const double wanted = growth * (double)kiln_round_times(round->to) / (double)kiln_round_times(round->from),
+                 from = (double)kiln_round_times(round->caustics_from);
+    uint32_t to = round->caustics_from;
+    while (round->to > 0 && to < round->caustics_from + LEVELS_MOST && to + WHOLE < KILN_ROUND_LEVELS &&
+           wanted >= NEAREST * (double)kiln_round_times(to + WHOLE) / from)
+        to += WHOLE;
+    round->caustics_to = to;
+}
+
 /* Numbers of unfinished points, by the level at which they are expected to be finished. */
 struct needs {
     uint64_t points[KILN_ROUND_LEVELS];
@@ -180,25 +201,40 @@ static void set_samples(const struct kiln_integrate_settings *settings, const st
                                                        : direct.samples;
 }
 
-/* The level of the round that the last report is of. */
-static uint32_t level_of_last(const struct kiln_step_reports *steps)
+/* A round that begins at the levels of the one that the last report is of. */
+static struct kiln_round round_after(const struct kiln_step_reports *steps)
 {
     const struct kiln_round *before = kiln_round_of(steps->of, steps->count);
-    return before != NULL ? before->to : 0;
+    return before != NULL ? (struct kiln_round){.from = before->to, .caustics_from = before->caustics_to}
+                          : (struct kiln_round){.from = 0};
+}
+
+/* Collective. What caustics should grow by, relative to all other samples. */
+static double growth_of_caustics(const struct kiln_integrate_params *p, const struct kiln_round *round,
+                                 struct kiln_caustics_need *need)
+{
+    const uint64_t points = p->surface->point_count;
+    kiln_caustics_need_reduce(need, p->communicator);
+    return points == 0 ? 0.0
+                       : kiln_caustics_growth(need, (double)kiln_round_times(round->caustics_from),
+                                              (double)kiln_round_times(round->from), (double)need->points / (double)points);
 }
 
 /* Sorts tile runs into finished and unfinished ones, data->samples, and counts the latter's points by their needs. */
 static void sort_tiles(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, const double *errors,
-                       const struct target *t, double reached, const struct kiln_step_report *last, struct needs *needs)
+                       const struct target *t, const struct kiln_step_report *last, struct needs *needs,
+                       struct kiln_caustics_need *caustics)
 {
     const uint32_t now = last->round.from;
-    const double allowed = t->of_published ? OF_PUBLISHED * fmax(t->relative, AHEAD * reached) : 1.0;
+    const double allowed = t->of_published ? OF_PUBLISHED * t->relative : 1.0;
     for (size_t i = 0; i < data->surface.tile_run_count; i++) {
         const struct kiln_tile_run *run = &data->surface.tile_runs[i];
         const double square = errors[i] * errors[i] / (allowed * allowed);
         const bool finished = square <= 1.0 || !kiln_part_changes(data, run, last->step.part);
         needs->points[finished ? 0 : level_needed(now, square, t->of_published)] += finished ? 0 : run->count;
         data->samples[i] = !finished;
+        if (t->of_published && !finished)
+            kiln_caustics_need_add(caustics, run->count, square, kiln_part_caustics_share(data, run));
     }
     (void)MPI_Allreduce(MPI_IN_PLACE, needs->points, KILN_ROUND_LEVELS, MPI_UINT64_T, MPI_SUM, p->communicator);
 }
@@ -212,8 +248,9 @@ int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_ra
     struct target t = {.relative = published ? p->settings->published_error : p->settings->target_error,
                        .of_published = published};
     struct needs needs = {{0}};
+    struct kiln_caustics_need caustics = {0};
     double reached = 0.0, *errors = NULL;
-    last->round = (struct kiln_round){.from = level_of_last(steps)};
+    last->round = round_after(steps);
     int status = kiln_allocate(&errors, data->surface.tile_run_count, sizeof *errors, "the errors of tiles", error);
     status = kiln_agree(p->communicator, status, error);
     if (status == KILN_OK)
@@ -221,10 +258,11 @@ int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_ra
     if (status == KILN_OK)
         status = find_errors(p, data, unit, &t, errors, &reached, error);
     if (status == KILN_OK) {
-        sort_tiles(p, data, errors, &t, reached, last, &needs);
+        sort_tiles(p, data, errors, &t, last, &needs, &caustics);
         choose_level(p, &needs, published && reached <= t.relative ? 1.0 : published ? 0.0 : LEFT, &last->round);
         last->unfinished = published ? reached : last->round.share;
         last->out_of_time = kiln_round_fit(p, steps, &last->round);
+        choose_caustics(&last->round, growth_of_caustics(p, &last->round, &caustics));
     }
     for (size_t i = 0; status == KILN_OK && last->round.to > 0 && i < data->surface.tile_run_count; i++)
         set_samples(p->settings, data, &last->round, i, data->samples[i] == 0);

@@ -7,9 +7,7 @@
  * other tile runs.
  *
  * With an error of published light in place of a target (published.h), a tile run is finished where twice its standard
- * error is at most that error, and rounds end when 95 % of all points are expected to stay below it. A round asks for
- * two fifths of the error reached before it, if that is more: so the worst tile runs get samples first, and a clock that
- * ends the rounds (rounds_time.h) finds all of them about as good.
+ * error is at most that error, and rounds end when 95 % of all points are expected to stay below it.
  *
  * Sample counts go by levels: at level l a step has level_times(l) / 2 times the samples of the first round: 1, 1.5, 2,
  * 3, 4, 6, 8, ... times. All unfinished tile runs have the same level. The next round raises it to the level that at
@@ -17,6 +15,10 @@
  * of 1.5, which is faster than usual (Mitchell, "Consequences of Stratified Sampling in Graphics", SIGGRAPH 1996). So
  * few points get more samples than they need, and a finished tile run's error lies within a level of the target. Rounds
  * take consecutive ranges of a Sobol' sequence.
+ *
+ * With an error of published light caustics have levels of their own, of whole multiples of the first round's samples
+ * and light paths. They rise as far as the caustics' share of the error asks (part_caustics.h), at all points; a round
+ * whose other samples do more for their cost has no caustics.
  *
  * Intermediate steps need not be as good as the final gather of few points: their samples are reduced by the fraction
  * of unfinished points. */
@@ -37,6 +39,9 @@ bool kiln_round_is_sane(const struct kiln_round *round);
 /* Returns the samples of a step in a part of the first round, given `samples` of the settings. If the step counts for
  * the result: a quarter of a part's share, even, at least 2. If only other steps gather from it: at least one. */
 uint32_t kiln_round_first(uint32_t samples, bool counts);
+
+/* A round between the levels of caustics. */
+struct kiln_round kiln_round_of_caustics(const struct kiln_round *round);
 
 /* Sets the number of samples of a step in a later round, and where they begin in the sample sequence. The round goes
  * from level round->from to level round->to. `own`: number of the part in the round. `counts`: whether the step counts
