@@ -39,11 +39,12 @@ struct kiln_radiance_report {
 
 /* Report on the light paths of a bake; all zeros: it traces none. The same on all ranks. */
 struct kiln_landing_report {
-    uint64_t photons; /* of an iteration: at least one for each aim */
-    uint64_t aims;    /* pairs of a lamp and an object with gloss, or a part of one */
-    uint32_t rays;    /* rays per point of the last step that share its light with paths; 0: none */
-    double radius;    /* m, initial merge radius of the last step that merged */
-    uint32_t on_host; /* passes that the device leaves to the host: bits KILN_PASS_INDEX_..., of this rank */
+    uint64_t photons;    /* of an iteration: at least one for each aim */
+    uint32_t iterations; /* of a step, in the first round */
+    uint64_t aims;       /* pairs of a lamp and an object with gloss, or a part of one */
+    uint32_t rays;       /* rays per point of the last step that share its light with paths; 0: none */
+    double radius;       /* m, initial merge radius of the last step that merged */
+    uint32_t on_host;    /* passes that the device leaves to the host: bits KILN_PASS_INDEX_..., of this rank */
 };
 
 struct kiln_integrate_report {

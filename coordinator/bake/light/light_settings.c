@@ -1,14 +1,20 @@
 #include "coordinator/bake/light/light_settings.h"
 
 #include "coordinator/integrate/integrator.h"
+#include "coordinator/job/options.h"
 
 /* Samples in whose place each of four parts of the first round has a sixteenth, where --quality asks for an error
  * (integrate/parts/rounds.h). */
 enum { FIRST_DIRECT = 32, FIRST_BOUNCE = 16, FIRST_INDIRECT = 64 };
+/* Iterations of a part's light paths there: pilots take as many as one, and a device takes longer for many small ones.
+ * And the rays of a point, in all parts, that light paths are counted by. */
+enum { FIRST_ITERATIONS = 4, FIRST_RAYS = FIRST_INDIRECT / 4 };
 
 /* Number of iterations of a step of light paths in the first round. */
 static uint32_t iterations_of(const struct kiln_job *job)
 {
+    if (kiln_job_goes_on(job) && !kiln_job_given(job, kiln_option_find_for("iterations", KILN_FOR_BAKE)))
+        return job->light.iterations > 0 ? FIRST_ITERATIONS : 0;
     return job->light.iterations == KILN_ITERATIONS_ALL ? KILN_ITERATIONS_FIRST : job->light.iterations;
 }
 
@@ -17,7 +23,8 @@ uint32_t kiln_light_photons(const struct kiln_job *job, uint64_t points)
     enum { LEAST = 1 << 15, MOST = 1 << 21, RAYS_A_PATH = 4 };
     if (job->light.photons > 0 || job->light.iterations == 0)
         return job->light.photons;
-    const uint64_t photons = points * job->light.samples_indirect / RAYS_A_PATH / iterations_of(job),
+    const uint64_t rays = kiln_job_goes_on(job) ? FIRST_RAYS : job->light.samples_indirect,
+                   photons = points * rays / RAYS_A_PATH / iterations_of(job),
                    bounded = photons < LEAST  ? LEAST
                              : photons > MOST ? MOST
                                               : photons;

@@ -63,7 +63,8 @@ int kiln_landing_create(struct kiln_landing **landing, const struct kiln_integra
     const uint64_t photons = status == KILN_OK ? kiln_landing_photons(params->settings, l->aims->count) : 0;
     l->photons = photons;
     KILN_TRY(status);
-    solution->report.landing = (struct kiln_landing_report){.photons = photons, .aims = l->aims->count};
+    solution->report.landing = (struct kiln_landing_report){
+        .photons = photons, .iterations = params->settings->iterations, .aims = l->aims->count};
     if (photons < l->aims->count)
         KILN_TRY(
             kiln_fail(error, KILN_USAGE,

@@ -42,7 +42,7 @@ void kiln_landing_report_materials(const struct kiln_companion_told *told, json_
         (void)json_object_set_new(json, "iterations",
                                   told->job->light.iterations == KILN_ITERATIONS_ALL
                                       ? json_string("all")
-                                      : json_integer((json_int_t)told->job->light.iterations));
+                                      : json_integer((json_int_t)landing->iterations));
     }
     if (landing->on_host != 0)
         (void)json_object_set_new(json, "on_host", on_host_json(landing->on_host));
