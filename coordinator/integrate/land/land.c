@@ -193,6 +193,9 @@ int kiln_landing_run(struct kiln_landing *l, struct kiln_error *error)
     const uint64_t iterations = kiln_landing_iterations(l), pilots = kiln_landing_pilot_paths(l);
     kiln_landing_forget(l);
     kiln_landing_end(l);
+    l->solution->report.landing.rays = 0;
+    if (kiln_land_trial_leaves_out(l))
+        return KILN_OK;
     int status = begin_step(l, error);
     if (status == KILN_OK)
         status = kiln_landing_restore(l, error);

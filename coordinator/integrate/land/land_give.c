@@ -36,7 +36,8 @@ size_t kiln_landing_same_kind(const struct kiln_landing *l, size_t first, size_t
 static struct kiln_point_result answer(const struct kiln_landing *l, const struct kiln_surface *surface,
                                        const struct kiln_point_cursor *at)
 {
-    const struct kiln_landing_sum *sum = &l->sums[at->point.at];
+    static const struct kiln_landing_sum none = {.count = 0};
+    const struct kiln_landing_sum *sum = l->sums != NULL ? &l->sums[at->point.at] : &none;
     struct kiln_point_result r = {.present = 1.0f, .count = 1};
     if (!kiln_point_valid(surface, at->point))
         return (struct kiln_point_result){.count = 0};
@@ -86,17 +87,20 @@ static int give(struct kiln_landing *l, const struct kiln_batch *batch, size_t f
                 struct kiln_error *error)
 {
     const struct kiln_surface *surface = &l->solution->own->surface;
-    struct kiln_step_report *report = kiln_solution_step(l->solution);
+    const struct kiln_tile_run *runs = surface->tile_runs;
     const bool merged = (kiln_landing_merges(l) || kiln_landing_spreads_rays(l)) && !kiln_land_trial_leaves_out(l);
-    size_t count = 0;
+    const bool counts = kiln_landing_spreads_rays(l) && merged;
+    uint64_t rays = 0;
+#pragma omp parallel for num_threads((int)l->params->threads) schedule(static) reduction(+ : rays)
     for (size_t f = first; f < end; f++) {
         struct kiln_point_cursor at = kiln_point_first(surface, f);
-        for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, kiln_point_next(surface, &at)) {
-            struct kiln_point_result *r = &l->results[count++];
+        struct kiln_point_result *r = &l->results[runs[f].first.at - runs[first].first.at];
+        for (uint32_t k = 0; k < runs[f].count; k++, r++, kiln_point_next(surface, &at)) {
             *r = merged ? merged_answer(l, surface, &at) : answer(l, surface, &at);
-            report->rays += kiln_landing_spreads_rays(l) && merged ? r->count : 0;
+            rays += counts ? r->count : 0;
         }
     }
+    kiln_solution_step(l->solution)->rays += rays;
     return batch->take(batch->context, first, end - first, l->results, error);
 }
 

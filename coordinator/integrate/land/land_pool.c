@@ -12,6 +12,8 @@
 #define PATHS 4.0
 #define PATHS_OF_ALL 2.0
 
+enum { POINTS_A_MAP = 16 }; /* of a thread, for each lightmap */
+
 /* Sums over the noisy points of a lightmap; ALL is the area of all its points. Powers are per iteration. */
 enum { ALL, AREA, IRRADIANCE, INCIDENT = IRRADIANCE + 3, LANDED = INCIDENT + 3, OWN, VARIED, SUMS };
 
@@ -22,8 +24,8 @@ struct pool {
 /* Pools of noisy points, one for each lightmap of whole texels. That lightmap has part 0 of divided texels, too.
  * Further parts are in lightmaps of their own; their points share the pool of part 0. */
 struct pools {
-    struct pool *maps;
-    size_t count;
+    struct pool *maps; /* `count` for each thread that sums up; the first have all in the end */
+    size_t count, threads;
     double units[SUMS], iterations;
 };
 
@@ -67,24 +69,38 @@ static void add_point(const struct pools *p, uint32_t map, double area, const st
     add(p, map, VARIED, area * fmax(light * light - m->square * once * once, 0.0));
 }
 
-/* Calls `visit` for each of this rank's points that can be lit. */
-static void for_lit(struct kiln_landing *l, struct pools *p,
-                    void (*visit)(struct kiln_landing *, struct pools *, uint32_t map, size_t at))
-{
-    const struct kiln_surface *s = &l->solution->own->surface;
-    for (size_t f = 0; f < s->tile_run_count; f++) {
-        struct kiln_point_cursor at = kiln_point_first(s, f);
-        for (uint32_t k = 0; k < s->tile_runs[f].count; k++, kiln_point_next(s, &at))
-            if (l->lit[at.point.at] > 0.0f)
-                visit(l, p, at.map % s->whole_maps, at.point.at);
-    }
-}
-
-static void collect(struct kiln_landing *l, struct pools *p, uint32_t map, size_t at)
+static void collect(struct kiln_landing *l, const struct pools *p, uint32_t map, size_t at)
 {
     add(p, map, ALL, (double)l->lit[at]);
     if (is_noisy(&l->merged[at]))
         add_point(p, map, (double)l->lit[at], &l->merged[at], &l->gathered[at]);
+}
+
+/* Calls `visit` for each of this rank's points that can be lit, on several threads, each of which has some tile
+ * runs. */
+static void for_lit(struct kiln_landing *l, struct pools *p,
+                    void (*visit)(struct kiln_landing *, const struct pools *, uint32_t map, size_t at))
+{
+    const struct kiln_surface *s = &l->solution->own->surface;
+#pragma omp parallel for num_threads((int)p->threads) schedule(static, 1)
+    for (size_t part = 0; part < p->threads; part++) {
+        struct pools own = *p;
+        own.maps += visit == collect ? part * p->count : 0;
+        for (size_t f = s->tile_run_count * part / p->threads; f < s->tile_run_count * (part + 1) / p->threads; f++) {
+            struct kiln_point_cursor at = kiln_point_first(s, f);
+            for (uint32_t k = 0; k < s->tile_runs[f].count; k++, kiln_point_next(s, &at))
+                if (l->lit[at.point.at] > 0.0f)
+                    visit(l, &own, at.map % s->whole_maps, at.point.at);
+        }
+    }
+}
+
+/* Adds the sums of all threads to those of the first. They are exact, so their order does not matter. */
+static void add_threads(struct pools *p)
+{
+    for (size_t i = p->count; i < p->threads * p->count; i++)
+        for (int k = 0; k < SUMS; k++)
+            p->maps[i % p->count].of[k].value += p->maps[i].of[k].value;
 }
 
 /* Variance of the power of a lightmap's noisy points, W2. */
@@ -107,7 +123,7 @@ static bool is_left_out(const struct pools *p, uint32_t map)
 }
 
 /* A point gets its share. */
-static void share_out(struct kiln_landing *l, struct pools *p, uint32_t map, size_t at)
+static void share_out(struct kiln_landing *l, const struct pools *p, uint32_t map, size_t at)
 {
     const double area = value_of(p, map, AREA), mean = power_of(p, map) / area,
                  chance = variance_of(p, map) / (area * area), all = p->iterations * p->iterations;
@@ -137,14 +153,25 @@ static void tell(const struct pools *p, double unfound[3])
             unfound[c] += value_of(p, map, INCIDENT + c);
 }
 
+/* As many threads as have more points to sum up than lightmaps to sum up in. */
+static size_t threads_for(const struct kiln_surface *own, uint32_t threads)
+{
+    const size_t most = (size_t)(own->count / (POINTS_A_MAP * ((uint64_t)own->whole_maps + 1))) + 1;
+    return most < threads ? most : threads;
+}
+
 int kiln_landing_pool(struct kiln_landing *l, struct kiln_error *error)
 {
-    struct pools p = {.count = l->solution->own->surface.whole_maps, .iterations = (double)kiln_landing_iterations(l)};
+    const struct kiln_surface *own = &l->solution->own->surface;
+    struct pools p = {.count = own->whole_maps, .iterations = (double)kiln_landing_iterations(l)};
+    p.threads = threads_for(own, l->params->threads);
     set_units(&p, l->params);
     int status;
     KILN_TRY(kiln_agree(l->params->communicator,
-                        kiln_allocate(&p.maps, p.count, sizeof *p.maps, "the light of objects", error), error));
+                        kiln_allocate(&p.maps, p.threads * p.count, sizeof *p.maps, "the light of objects", error),
+                        error));
     for_lit(l, &p, collect);
+    add_threads(&p);
     KILN_TRY(kiln_exact_reduce(l->params->communicator, p.maps->of, p.count * SUMS, error));
     for_lit(l, &p, share_out);
     tell(&p, kiln_solution_step(l->solution)->energy.unfound);

@@ -8,7 +8,7 @@
 #include "worker/base/color.h"
 #include "worker/pass/point.h"
 
-enum { RAY_TILE_RUNS = 16 };
+enum { RAY_TILE_RUNS = 16, FEW = 1 << 12 /* points that are not worth several threads */ };
 #define LARGEST 6.0   /* largest merge radius, in mean texels, if landings share light with gather rays */
 #define OWN_MOST 12.0 /* largest merge radius of a point, in texels of its lightmap, if no radius was given */
 #define LANDINGS 16.0 /* effective number of landings in one iteration that a point's light should rest on */
@@ -164,13 +164,13 @@ static int take_rays(void *context, size_t first, size_t count, const void *resu
     (void)error;
     struct kiln_landing *l = context;
     const struct kiln_surface *surface = &l->solution->own->surface;
-    const struct kiln_point_result *next = results;
-    for (size_t f = first; f < first + count; f++) {
-        struct kiln_point_cursor at = kiln_point_first(surface, f);
-        for (uint32_t k = 0; k < surface->tile_runs[f].count; k++, next++, kiln_point_next(surface, &at))
-            add_gathered(next, (double)l->lit[at.point.at], (double)kiln_landing_iterations(l),
-                         &l->gathered[at.point.at]);
-    }
+    const struct kiln_point_result *of = results;
+    const uint64_t begin = kiln_own_of_global(surface, surface->tile_runs[first].first).at,
+                   points = kiln_tile_runs_points(&surface->tile_runs[first], &surface->tile_runs[first + count - 1]);
+    const double iterations = (double)kiln_landing_iterations(l);
+#pragma omp parallel for num_threads((int)l->params->threads) schedule(static) if (points > FEW)
+    for (uint64_t i = 0; i < points; i++)
+        add_gathered(&of[i], (double)l->lit[begin + i], iterations, &l->gathered[begin + i]);
     return KILN_OK;
 }
 
@@ -202,7 +202,9 @@ int kiln_landing_spread(struct kiln_landing *l, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
     const struct kiln_surface *own = &l->solution->own->surface;
-    memcpy(l->gathered, l->sums, own->count * sizeof *l->sums);
+#pragma omp parallel for num_threads((int)p->threads) schedule(static)
+    for (uint64_t i = 0; i < own->count; i++)
+        l->gathered[i] = l->sums[i];
     kiln_progress_phase(p->progress, "caustics by rays", p->surface->count);
     kiln_control_begin(p->control, "caustics by rays");
     const int status = kiln_landing_work_through(

@@ -18,7 +18,7 @@
 #include "worker/scene/footprint.h"
 
 /* Largest number of tile runs whose answers are computed at once. */
-enum { KILN_LANDING_GIVEN_TILE_RUNS = 256 };
+enum { KILN_LANDING_GIVEN_TILE_RUNS = 2048 };
 
 /* Block "landing" of a checkpoint, stored once: the progress of the step. The blocks after it are "landing_learnt" and
  * "landing_paths", stored once, one element per aim; "landing_moments", one for each rank, also by aim; "landing_sums"

@@ -55,6 +55,23 @@ static double value_of(const struct trial_sums *s, int which)
     return kiln_exact_value(&s->sums[which], s->units[which]);
 }
 
+/* Sums of a thread, zero at first. */
+static struct trial_sums only_units(const struct trial_sums *s)
+{
+    struct trial_sums own = {.units = {0.0}};
+    for (int k = 0; k < SUMS; k++)
+        own.units[k] = s->units[k];
+    return own;
+}
+
+/* Adds a thread's sums. They are exact, so the order of threads does not matter. */
+static void add_thread(struct trial_sums *s, const struct trial_sums *own)
+{
+#pragma omp critical(kiln_land_trial)
+    for (int k = 0; k < SUMS; k++)
+        s->sums[k].value += own->sums[k].value;
+}
+
 /* Collective. Area and power of direct light of all points that can be lit. */
 static int sum_direct(const struct kiln_landing *l, struct trial_sums *s, struct kiln_error *error)
 {
@@ -62,9 +79,15 @@ static int sum_direct(const struct kiln_landing *l, struct trial_sums *s, struct
     const size_t count = l->solution->own->surface.count;
     s->units[AREA] = kiln_exact_unit(p->area);
     s->units[DIRECT] = kiln_exact_unit(kiln_luminance(p->emission->emitted));
-    for (size_t i = 0; i < count; i++) {
-        add(s, AREA, (double)l->lit[i]);
-        add(s, DIRECT, (double)l->lit[i] * kiln_luminance_of_floats(l->solution->direct + 3 * i));
+#pragma omp parallel num_threads((int)p->threads)
+    {
+        struct trial_sums own = only_units(s);
+#pragma omp for schedule(static) nowait
+        for (size_t i = 0; i < count; i++) {
+            add(&own, AREA, (double)l->lit[i]);
+            add(&own, DIRECT, (double)l->lit[i] * kiln_luminance_of_floats(l->solution->direct + 3 * i));
+        }
+        add_thread(s, &own);
     }
     return kiln_exact_reduce(p->communicator, s->sums, MEAN, error);
 }
@@ -89,9 +112,15 @@ static int sum_shares(const struct kiln_landing *l, double dark, int rounds, str
     const double area = value_of(s, AREA);
     for (int k = MEAN; k < SUMS; k++)
         s->units[k] = kiln_exact_unit(area);
-    for (size_t i = 0; i < l->solution->own->surface.count; i++)
-        if (l->lit[i] > 0.0f)
-            add_shares(l, i, dark, rounds, s);
+#pragma omp parallel num_threads((int)l->params->threads)
+    {
+        struct trial_sums own = only_units(s);
+#pragma omp for schedule(static) nowait
+        for (size_t i = 0; i < l->solution->own->surface.count; i++)
+            if (l->lit[i] > 0.0f)
+                add_shares(l, i, dark, rounds, &own);
+        add_thread(s, &own);
+    }
     return kiln_exact_reduce(l->params->communicator, s->sums + MEAN, SUMS - MEAN, error);
 }
 

@@ -219,7 +219,9 @@ static int make_room(struct kiln_merge *m, struct kiln_error *error)
     KILN_TRY(kiln_allocate(&m->fluxes, m->count, sizeof *m->fluxes, "the light that is merged", error));
     KILN_TRY(kiln_allocate(&m->weights, m->count, sizeof *m->weights, "the weights of points", error));
     KILN_TRY(kiln_allocate(&m->next, m->own_count, sizeof *m->next, "the weights of points", error));
-    memcpy(m->places + m->own_first, m->own, m->own_count * sizeof *m->own);
+#pragma omp parallel for num_threads((int)m->threads) schedule(static)
+    for (size_t i = 0; i < m->own_count; i++)
+        m->places[m->own_first + i] = m->own[i];
 end:
     return status;
 }
@@ -339,7 +341,9 @@ static void sum_weights(const struct kiln_merge *m, size_t at, float radius, con
 static int take_weights(struct kiln_merge *m, int status, struct kiln_error *error)
 {
     struct weights *outgoing = (struct weights *)(void *)m->outgoing;
-    memcpy(m->weights + m->own_first, m->next, m->own_count * sizeof *m->next);
+#pragma omp parallel for num_threads((int)m->threads) schedule(static)
+    for (size_t i = 0; i < m->own_count; i++)
+        m->weights[m->own_first + i] = m->next[i];
     for (size_t i = 0; i < m->sent_count; i++)
         outgoing[i] = m->next[m->sent[i]];
     return kiln_exchange_send(&m->exchange, status, sizeof *outgoing, outgoing, m->weights, error);
@@ -353,7 +357,6 @@ static int find_weights(struct kiln_merge *m, float radius, int balancings, stru
     for (size_t i = 0; i < m->count; i++)
         m->weights[i] = (struct weights){1.0f, 1.0f, 1.0f, 1.0f};
     for (int k = 0; k <= balancings && status == KILN_OK; k++) {
-        memset(m->next, 0, m->own_count * sizeof *m->next);
         status = for_all(m, radius, sum_weights, m->next, error);
 #pragma omp parallel for num_threads((int)m->threads) schedule(static) if (k < balancings)
         for (size_t i = 0; i < (k < balancings ? m->own_count : 0); i++) {
@@ -534,6 +537,7 @@ static int take_radii(struct kiln_merge *m, int status, float *radii, struct kil
     status = kiln_exchange_send(&m->exchange, status, sizeof *outgoing, outgoing, radii, error);
     if (status != KILN_OK)
         return status;
+#pragma omp parallel for num_threads((int)m->threads) schedule(static)
     for (size_t i = 0; i < m->count; i++)
         m->places[i].widest = radii[i];
     m->fitted = true;
