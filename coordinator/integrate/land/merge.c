@@ -21,6 +21,8 @@
 #define LEAST_RADIUS 1.5 /* first radius tried, in texels: it includes the eight neighbours */
 
 enum { BOXES = 64, RADII = 9, BALANCINGS = 2, FIT_STEPS = 10 };
+enum { CHUNK = 64 };                     /* consecutive points that a thread looks at before it takes others */
+#define LISTED_HALF ((uint32_t)1u << 31) /* in a list: the point is within half the radius, too */
 
 /* Flux landed at a point, W. */
 struct flux {
@@ -40,6 +42,22 @@ struct box {
     struct kiln_vec3 low, high;
 };
 _Static_assert(sizeof(struct box) == 24, "a record has no gaps");
+
+/* The points near this rank's points, found once for all passes over them that use the same radius: of[c] has those of
+ * chunk c, for each point that takes part their number and then their places, with LISTED_HALF. NULL: these are
+ * searched for in each pass, because `left`, the number of entries that may still be listed, is used up. */
+struct lists {
+    uint32_t **of;
+    size_t chunks;
+    int64_t left;
+};
+
+/* Neighbours of a point of this rank: kiln_merge_near, and whether each is near by half the radius. */
+struct neighbours {
+    struct kiln_merge_near near;
+    bool *half;
+    size_t half_room;
+};
 
 /* Points to merge: this rank's, from `own_first` on, and nearby points of other ranks, in the order of global
  * numbers. */
@@ -282,31 +300,157 @@ static float radius_of(const struct kiln_merge *m, size_t a, size_t b, float rad
     return fminf(radius, fminf(m->places[a].widest, m->places[b].widest));
 }
 
+static bool in_half(const struct kiln_merge *m, size_t a, size_t b, float radius)
+{
+    return a == b || kiln_merge_are_near(&m->places[a], &m->places[b], 0.5f * radius_of(m, a, b, radius));
+}
+
+/* Searches for the neighbours of point `at`. `halves`: fills in `half`, too. */
+static int search_for(const struct kiln_merge *m, size_t at, float radius, bool halves, struct neighbours *n,
+                      struct kiln_error *error)
+{
+    int status;
+    KILN_TRY(kiln_merge_grid_find(m->grid, at, radius_of(m, at, at, radius), &n->near, error));
+    KILN_TRY(kiln_grow(&n->half, &n->half_room, n->near.count, sizeof *n->half, "points nearby", error));
+    for (size_t i = 0; halves && i < n->near.count; i++)
+        n->half[i] = in_half(m, at, n->near.of[i], radius);
+end:
+    return status;
+}
+
+static int lists_create(const struct kiln_merge *m, struct lists *lists, struct kiln_error *error)
+{
+    *lists = (struct lists){.chunks = (m->own_count + CHUNK - 1) / CHUNK,
+                            .left = m->count < LISTED_HALF ? (int64_t)(KILN_MERGE_LISTED * m->own_count) : 0};
+    return kiln_allocate(&lists->of, lists->chunks, sizeof *lists->of, "the points nearby", error);
+}
+
+static void lists_release(struct lists *lists)
+{
+    for (size_t c = 0; lists->of != NULL && c < lists->chunks; c++)
+        kiln_free(&lists->of[c]);
+    kiln_free(&lists->of);
+}
+
+/* Entries of a chunk that is being listed. */
+struct listing {
+    uint32_t *entries;
+    size_t count, room;
+};
+
+static int list_point(struct listing *listing, const struct neighbours *n, struct kiln_error *error)
+{
+    const int status = kiln_grow(&listing->entries, &listing->room, listing->count + n->near.count + 1,
+                                 sizeof *listing->entries, "the points nearby", error);
+    if (status != KILN_OK)
+        return status;
+    listing->entries[listing->count++] = (uint32_t)n->near.count;
+    for (size_t i = 0; i < n->near.count; i++)
+        listing->entries[listing->count++] = (uint32_t)n->near.of[i] | (n->half[i] ? LISTED_HALF : 0);
+    return KILN_OK;
+}
+
+static bool has_room(const struct lists *lists)
+{
+    int64_t left;
+#pragma omp atomic read
+    left = lists->left;
+    return left > 0;
+}
+
+/* Keeps the entries of a chunk, if there is room. */
+static int keep_list(struct lists *lists, size_t chunk, const struct listing *listing, struct kiln_error *error)
+{
+    int64_t left;
+#pragma omp atomic capture
+    left = lists->left -= (int64_t)listing->count;
+    if (left < 0 || listing->count == 0)
+        return KILN_OK;
+    const int status =
+        kiln_allocate_bare(&lists->of[chunk], listing->count, sizeof *listing->entries, "the points nearby", error);
+    if (status == KILN_OK)
+        memcpy(lists->of[chunk], listing->entries, listing->count * sizeof *listing->entries);
+    return status;
+}
+
+/* Reads the neighbours of a point from a list. Returns the place of the next point's. */
+static const uint32_t *read_list(const uint32_t *entry, struct neighbours *n, struct kiln_error *error)
+{
+    const size_t count = *entry++;
+    if (kiln_grow(&n->near.of, &n->near.room, count, sizeof *n->near.of, "points nearby", error) != KILN_OK ||
+        kiln_grow(&n->half, &n->half_room, count, sizeof *n->half, "points nearby", error) != KILN_OK)
+        return NULL;
+    n->near.count = count;
+    for (size_t i = 0; i < count; i++) {
+        n->near.of[i] = entry[i] & ~LISTED_HALF;
+        n->half[i] = (entry[i] & LISTED_HALF) != 0;
+    }
+    return entry + count;
+}
+
 /* ---- weights ---- */
 
 /* Function called for a point `at` of this rank, with its neighbours. */
-typedef void (*each_point)(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_near *near,
+typedef void (*each_point)(const struct kiln_merge *m, size_t at, float radius, const struct neighbours *near,
                            void *context);
 
-/* Calls `each` for all points of this rank that take part, on all threads. */
-static int for_all(const struct kiln_merge *m, float radius, each_point each, void *context, struct kiln_error *error)
+/* A pass over all points of this rank that take part. `lists`: NULL: the function uses no halves. */
+struct pass {
+    const struct kiln_merge *m;
+    float radius;
+    struct lists *lists;
+    each_point each;
+    void *context;
+};
+
+/* Calls the function for the points of a chunk. */
+static int do_chunk(const struct pass *p, size_t chunk, struct neighbours *n, struct listing *listing,
+                    struct kiln_error *error)
 {
+    const struct kiln_merge *m = p->m;
+    const uint32_t *entry = p->lists != NULL ? p->lists->of[chunk] : NULL;
+    const bool listed = entry != NULL, lists = p->lists != NULL && !listed && has_room(p->lists);
+    const size_t end = m->own_first + ((chunk + 1) * CHUNK < m->own_count ? (chunk + 1) * CHUNK : m->own_count);
     int status = KILN_OK;
-#pragma omp parallel num_threads((int)m->threads)
+    listing->count = 0;
+    for (size_t at = m->own_first + chunk * CHUNK; at < end; at++) {
+        if (!(m->places[at].lit > 0.0f))
+            continue;
+        if (listed) {
+            entry = read_list(entry, n, error);
+            if (entry == NULL)
+                return KILN_SYSTEM;
+        } else {
+            KILN_TRY(search_for(m, at, p->radius, p->lists != NULL, n, error));
+        }
+        if (lists)
+            KILN_TRY(list_point(listing, n, error));
+        p->each(m, at, p->radius, n, p->context);
+    }
+    if (lists)
+        KILN_TRY(keep_list(p->lists, chunk, listing, error));
+end:
+    return status;
+}
+
+/* Runs a pass on all threads. */
+static int for_all(const struct pass *p, struct kiln_error *error)
+{
+    const size_t chunks = (p->m->own_count + CHUNK - 1) / CHUNK;
+    int status = KILN_OK;
+#pragma omp parallel num_threads((int)p->m->threads)
     {
-        struct kiln_merge_near near = {0};
+        struct neighbours near = {.half = NULL};
+        struct listing listing = {.entries = NULL};
         struct kiln_error own_error = {0};
         int own = KILN_OK;
-#pragma omp for schedule(dynamic, 64) nowait
-        for (size_t i = 0; i < m->own_count; i++) {
-            const size_t at = m->own_first + i;
-            if (own != KILN_OK || !(m->places[at].lit > 0.0f))
-                continue;
-            own = kiln_merge_grid_find(m->grid, at, radius_of(m, at, at, radius), &near, &own_error);
+#pragma omp for schedule(dynamic, 1) nowait
+        for (size_t chunk = 0; chunk < chunks; chunk++)
             if (own == KILN_OK)
-                each(m, at, radius, &near, context);
-        }
-        kiln_free(&near.of);
+                own = do_chunk(p, chunk, &near, &listing, &own_error);
+        kiln_free(&near.near.of);
+        kiln_free(&near.half);
+        kiln_free(&listing.entries);
 #pragma omp critical(kiln_merge)
         if (own != KILN_OK) {
             status = own;
@@ -316,23 +460,19 @@ static int for_all(const struct kiln_merge *m, float radius, each_point each, vo
     return status;
 }
 
-static bool in_half(const struct kiln_merge *m, size_t a, size_t b, float radius)
-{
-    return a == b || kiln_merge_are_near(&m->places[a], &m->places[b], 0.5f * radius_of(m, a, b, radius));
-}
-
 /* c of a point. */
-static void sum_weights(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_near *near,
+static void sum_weights(const struct kiln_merge *m, size_t at, float radius, const struct neighbours *near,
                         void *context)
 {
     const struct weights *own = &m->weights[at];
     struct weights *next = (struct weights *)context + (at - m->own_first);
     double all = 0.0, half = 0.0;
-    for (size_t i = 0; i < near->count; i++) {
-        const size_t other = near->of[i];
+    (void)radius;
+    for (size_t i = 0; i < near->near.count; i++) {
+        const size_t other = near->near.of[i];
         const double lit = (double)m->places[other].lit;
         all += lit * (double)m->weights[other].s;
-        half += in_half(m, at, other, radius) ? lit * (double)m->weights[other].s_half : 0.0;
+        half += near->half[i] ? lit * (double)m->weights[other].s_half : 0.0;
     }
     *next = (struct weights){own->s, (float)((double)own->s * all), own->s_half, (float)((double)own->s_half * half)};
 }
@@ -350,14 +490,16 @@ static int take_weights(struct kiln_merge *m, int status, struct kiln_error *err
 }
 
 /* Collective. */
-static int find_weights(struct kiln_merge *m, float radius, int balancings, struct kiln_error *error)
+static int find_weights(struct kiln_merge *m, float radius, int balancings, struct lists *lists,
+                        struct kiln_error *error)
 {
+    const struct pass pass = {m, radius, lists, sum_weights, m->next};
     int status = KILN_OK;
 #pragma omp parallel for num_threads((int)m->threads) schedule(static)
     for (size_t i = 0; i < m->count; i++)
         m->weights[i] = (struct weights){1.0f, 1.0f, 1.0f, 1.0f};
     for (int k = 0; k <= balancings && status == KILN_OK; k++) {
-        status = for_all(m, radius, sum_weights, m->next, error);
+        status = for_all(&pass, error);
 #pragma omp parallel for num_threads((int)m->threads) schedule(static) if (k < balancings)
         for (size_t i = 0; i < (k < balancings ? m->own_count : 0); i++) {
             struct weights *w = &m->next[i];
@@ -384,22 +526,22 @@ static void add_flux(const struct flux *flux, double k, double k_half, struct ki
 
 /* Adds to `merged` the light that point `at` receives. The part of its own light that the weights do not give away
  * stays with it. */
-static void collect(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_near *near,
-                    void *context)
+static void collect(const struct kiln_merge *m, size_t at, float radius, const struct neighbours *near, void *context)
 {
     const struct weights *own = &m->weights[at];
     const double lit = (double)m->places[at].lit;
     struct kiln_merged *merged = (struct kiln_merged *)context + (at - m->own_first);
     double left = 1.0, left_half = 1.0;
+    (void)radius;
     for (int pass = 0; pass < 2; pass++) /* the first pass finds the part that stays */
-        for (size_t i = 0; i < near->count; i++) {
-            const size_t other = near->of[i];
+        for (size_t i = 0; i < near->near.count; i++) {
+            const size_t other = near->near.of[i];
             const struct flux *flux = &m->fluxes[other];
             const struct weights *w = &m->weights[other];
             const double k = (double)own->s * (double)w->s / fmax((double)own->c, (double)w->c),
-                         k_half = in_half(m, at, other, radius) ? (double)own->s_half * (double)w->s_half /
-                                                                      fmax((double)own->c_half, (double)w->c_half)
-                                                                : 0.0;
+                         k_half = near->half[i] ? (double)own->s_half * (double)w->s_half /
+                                                      fmax((double)own->c_half, (double)w->c_half)
+                                                : 0.0;
             if (pass == 0) {
                 left -= (double)m->places[other].lit * k;
                 left_half -= (double)m->places[other].lit * k_half;
@@ -433,11 +575,15 @@ static int spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, d
                   struct kiln_merged *merged, struct kiln_error *error)
 {
     const float now = fminf((float)radius, m->radius);
-    int status;
-    KILN_TRY(find_weights(m, now, balancings, error));
+    struct lists lists;
+    const struct pass pass = {m, now, &lists, collect, merged};
+    int status = lists_create(m, &lists, error);
+    KILN_TRY(kiln_agree(m->communicator, status, error));
+    KILN_TRY(find_weights(m, now, balancings, &lists, error));
     KILN_TRY(take_fluxes(m, landed, error));
-    KILN_TRY(kiln_agree(m->communicator, for_all(m, now, collect, merged, error), error));
+    KILN_TRY(kiln_agree(m->communicator, for_all(&pass, error), error));
 end:
+    lists_release(&lists);
     return status;
 }
 
@@ -516,14 +662,14 @@ static int choose_step(const struct ring rings[FIT_STEPS], double landings)
 }
 
 /* The radius of a point. */
-static void fit_point(const struct kiln_merge *m, size_t at, float largest, const struct kiln_merge_near *near,
+static void fit_point(const struct kiln_merge *m, size_t at, float largest, const struct neighbours *near,
                       void *context)
 {
     const struct fit *fit = context;
     struct ring rings[FIT_STEPS];
     float radii[FIT_STEPS];
     find_steps(radius_of(m, at, at, largest), radii);
-    fill_rings(m, at, radii, near, rings);
+    fill_rings(m, at, radii, &near->near, rings);
     fit->radii[at - m->own_first] = radii[choose_step(rings, fit->landings)];
 }
 
@@ -557,7 +703,7 @@ int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, 
     KILN_TRY(kiln_agree(m->communicator, status, error));
     fit.radii = radii + m->own_first;
     KILN_TRY(take_fluxes(m, landed, error));
-    status = for_all(m, m->radius, fit_point, &fit, error);
+    status = for_all(&(struct pass){m, m->radius, NULL, fit_point, &fit}, error);
     KILN_TRY(kiln_agree(m->communicator, take_radii(m, status, radii, error), error));
 end:
     kiln_free(&radii);
