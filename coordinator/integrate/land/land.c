@@ -92,11 +92,18 @@ void kiln_landing_end(struct kiln_landing *l)
     kiln_land_exchange_release(&l->exchange);
     kiln_merge_destroy(&l->merge);
     kiln_free(&l->sums);
-    kiln_free(&l->lit);
     kiln_free(&l->merged);
     kiln_free(&l->gathered);
     for (int half = 0; half < 2; half++)
         kiln_free(&l->tried[half]);
+    if (l->params->settings->parts <= 1 || kiln_land_trial_leaves_out(l))
+        kiln_landing_points_moved(l);
+}
+
+void kiln_landing_points_moved(struct kiln_landing *l)
+{
+    kiln_free(&l->lit);
+    kiln_free(&l->places);
 }
 
 void kiln_landing_destroy(struct kiln_landing **landing)
@@ -105,6 +112,7 @@ void kiln_landing_destroy(struct kiln_landing **landing)
     if (l == NULL)
         return;
     kiln_landing_end(l);
+    kiln_landing_points_moved(l);
     kiln_aims_destroy(&l->aims);
     kiln_emission_destroy(&l->emission);
     kiln_mirror_images_destroy(&l->images);
@@ -136,14 +144,15 @@ static int begin_step(struct kiln_landing *l, struct kiln_error *error)
 {
     const struct kiln_surface *own = &l->solution->own->surface;
     int status = kiln_allocate(&l->sums, own->count, sizeof *l->sums, "the light that lands on points", error);
-    if (status == KILN_OK && (kiln_landing_merges(l) || kiln_landing_shares(l)))
+    const bool finds = l->lit == NULL && (kiln_landing_merges(l) || kiln_landing_shares(l));
+    if (status == KILN_OK && finds)
         status = kiln_allocate(&l->lit, own->count, sizeof *l->lit, "the areas of points", error);
     if (status == KILN_OK && (kiln_landing_merges(l) || kiln_landing_spreads(l->params->settings)))
         status = kiln_allocate(&l->merged, own->count, sizeof *l->merged, "the light that is merged", error);
     if (status == KILN_OK && kiln_landing_spreads(l->params->settings))
         status = kiln_allocate(&l->gathered, own->count, sizeof *l->gathered, "the light that rays find", error);
     status = kiln_agree(l->params->communicator, status, error);
-    if (status == KILN_OK && l->lit != NULL)
+    if (status == KILN_OK && finds)
         find_lit(l);
     if (status == KILN_OK)
         status = kiln_land_exchange_create(&l->exchange, l->params->communicator, l->params->node, own->first.at,

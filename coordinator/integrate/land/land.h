@@ -95,6 +95,9 @@ size_t kiln_landing_arrays(struct kiln_landing *landing, struct kiln_array_range
 /* The step is over: frees what it needed. */
 void kiln_landing_end(struct kiln_landing *landing);
 
+/* Other points are this rank's now: forgets what is kept of them from step to step. */
+void kiln_landing_points_moved(struct kiln_landing *landing);
+
 /* Gives the results of a batch of own tile runs to the batch's `take`, in place of a backend: a struct
  * kiln_point_result a point. Receiver-only objects, which no path hits, gather their light (worker/pass/caustic.h).
  * With --caustics vcm rays gather a part first, on the host, unless kiln_landing_run has done so. Call it between

@@ -80,15 +80,20 @@ static int begin_merging(struct kiln_landing *l, struct kiln_error *error)
 {
     const struct kiln_integrate_params *p = l->params;
     float *widest = NULL;
-    int status = p->settings->merge_radius == KILN_MERGE_RADIUS_AUTO ? find_widest(l, &widest, error) : KILN_OK;
+    int status = l->places == NULL && p->settings->merge_radius == KILN_MERGE_RADIUS_AUTO
+                     ? find_widest(l, &widest, error)
+                     : KILN_OK;
+    struct kiln_merge_params params = {.communicator = p->communicator,
+                                       .world = &p->backend->params,
+                                       .surface = &l->solution->own->surface,
+                                       .lit = l->lit,
+                                       .widest = widest,
+                                       .threads = p->threads,
+                                       .limit = p->settings->exchange_limit};
+    if (status == KILN_OK && l->places == NULL)
+        status = kiln_merge_find_places(&params, &l->places, error);
     status = kiln_agree(p->communicator, status, error);
-    const struct kiln_merge_params params = {.communicator = p->communicator,
-                                             .world = &p->backend->params,
-                                             .surface = &l->solution->own->surface,
-                                             .lit = l->lit,
-                                             .widest = widest,
-                                             .threads = p->threads,
-                                             .limit = p->settings->exchange_limit};
+    params.places = l->places;
     if (status == KILN_OK)
         status = kiln_merge_create(&l->merge, &params, error);
     kiln_free(&widest);

@@ -59,7 +59,10 @@ struct kiln_landing {
     struct kiln_land_exchange exchange;
     struct kiln_landing_sum *sums; /* of own points; if they are merged, only of iterations with the current radius */
     struct kiln_point_result *results;
-    float *lit; /* m2, own points: area that can be lit; with --caustics merge and vcm, else NULL */
+    /* of own points, until they move, if the bake has several such steps; with --caustics merge and vcm, else NULL: m2,
+     * area that can be lit; and places, found when first needed */
+    float *lit;
+    struct kiln_merge_place *places;
     /* for spreading landings over nearby points (--caustics merge, vcm); else NULL */
     struct kiln_merged *merged;
     struct kiln_merge *merge;          /* made when it is first needed */

@@ -41,6 +41,14 @@ static int complete(void *self, const struct kiln_companion_site *site, struct k
     return KILN_OK;
 }
 
+static int after_move(void *self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    (void)site;
+    (void)error;
+    kiln_landing_points_moved(self);
+    return KILN_OK;
+}
+
 static int answer(void *self, const struct kiln_batch *batch, struct kiln_error *error)
 {
     return kiln_landing_give(self, batch, error);
@@ -80,6 +88,7 @@ const struct kiln_companion kiln_companion_landing = {
     .before_step = before_step,
     .complete = complete,
     .answer = answer,
+    .after_move = after_move,
     .blocks = blocks,
     .saved_bytes = saved_bytes,
     .close = close_energy,

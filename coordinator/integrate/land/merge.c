@@ -67,7 +67,8 @@ struct kiln_merge {
     uint32_t threads;
     float radius;
     size_t own_first, own_count, count;
-    struct kiln_merge_place *own, *places; /* places of this rank's points; and of all, with `radius` */
+    const struct kiln_merge_place *own; /* places of this rank's points; borrowed */
+    struct kiln_merge_place *places;    /* of all, with `radius` */
     struct flux *fluxes;
     struct weights *weights, *next; /* next: of own points */
     bool fitted;                    /* each place has a fitted radius */
@@ -97,7 +98,6 @@ void kiln_merge_destroy(struct kiln_merge **merge)
     if (m == NULL)
         return;
     forget_others(m);
-    kiln_free(&m->own);
     kiln_exchange_release(&m->exchange);
     kiln_free(merge);
 }
@@ -120,15 +120,21 @@ static void find_place(const struct kiln_merge_params *p, const struct kiln_poin
     place->position = kiln_footprint_extent(&footprint).centre;
 }
 
-static void find_places(const struct kiln_merge_params *p, struct kiln_merge_place *places)
+int kiln_merge_find_places(const struct kiln_merge_params *p, struct kiln_merge_place **found, struct kiln_error *error)
 {
     const struct kiln_surface *s = p->surface;
+    struct kiln_merge_place *places = NULL;
+    const int status = kiln_allocate(&places, s->count, sizeof *places, "the points that are merged", error);
+    *found = places;
+    if (status != KILN_OK)
+        return status;
 #pragma omp parallel for schedule(dynamic, 16) num_threads((int)p->threads)
     for (size_t f = 0; f < s->tile_run_count; f++) {
         struct kiln_point_cursor at = kiln_point_first(s, f);
         for (uint32_t k = 0; k < s->tile_runs[f].count; k++, kiln_point_next(s, &at))
             find_place(p, &at, &places[at.point.at]);
     }
+    return KILN_OK;
 }
 
 /* ---- points of other ranks ---- */
@@ -270,12 +276,11 @@ int kiln_merge_create(struct kiln_merge **merge, const struct kiln_merge_params 
     int status = kiln_allocate(&m, 1, sizeof *m, "the merging of light", error);
     *merge = m;
     KILN_TRY(kiln_agree(p->communicator, status, error));
-    *m = (struct kiln_merge){.communicator = p->communicator, .threads = p->threads, .own_count = p->surface->count};
+    *m = (struct kiln_merge){
+        .communicator = p->communicator, .threads = p->threads, .own_count = p->surface->count, .own = p->places};
     (void)MPI_Comm_rank(p->communicator, &m->rank);
     (void)MPI_Comm_size(p->communicator, &m->ranks);
     KILN_TRY(kiln_exchange_create(&m->exchange, p->communicator, p->limit, what, error));
-    KILN_TRY(kiln_agree(p->communicator, kiln_allocate(&m->own, m->own_count, sizeof *m->own, what, error), error));
-    find_places(p, m->own);
 end:
     if (status != KILN_OK)
         kiln_merge_destroy(merge);

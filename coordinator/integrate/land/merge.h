@@ -48,6 +48,7 @@ struct kiln_merged {
 };
 
 struct kiln_merge;
+struct kiln_merge_place;
 
 struct kiln_merge_params {
     MPI_Comm communicator;
@@ -57,12 +58,18 @@ struct kiln_merge_params {
     /* m, for each lightmap, equal on all ranks: farthest that light of its points is spread; NULL: the radius alone
      * limits it */
     const float *widest;
+    const struct kiln_merge_place *places; /* of own points: kiln_merge_find_places */
     uint32_t threads;
     uint64_t limit; /* of a message (mpi/exchange.h) */
 };
 
-/* Collective. Creates a merge without a radius. KILN_SYSTEM. Copies what it needs. Destroy with kiln_merge_destroy,
- * which is not collective. */
+/* Not collective. Finds the places of this rank's points, of which those that take part have one. Needs all parameters
+ * but `places`. The caller frees them. KILN_SYSTEM. */
+int kiln_merge_find_places(const struct kiln_merge_params *params, struct kiln_merge_place **places,
+                           struct kiln_error *error);
+
+/* Collective. Creates a merge without a radius. KILN_SYSTEM. Copies what it needs, but for the places. Destroy with
+ * kiln_merge_destroy, which is not collective. */
 int kiln_merge_create(struct kiln_merge **merge, const struct kiln_merge_params *params, struct kiln_error *error);
 void kiln_merge_destroy(struct kiln_merge **merge);
 
