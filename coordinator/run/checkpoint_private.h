@@ -8,7 +8,7 @@
 
 /* Version of the format, of the manifest and of all records in arrays. It is checked before anything else is read, and
  * a checkpoint of another version is refused. */
-enum { KILN_CHECKPOINT_FORMAT = 12, CHECKPOINT_NAME = 96 };
+enum { KILN_CHECKPOINT_FORMAT = 11, CHECKPOINT_NAME = 96 };
 
 /* Position of an array in a file. */
 struct checkpoint_array {

@@ -34,19 +34,20 @@ struct saved_state {
 };
 static_assert(sizeof(struct saved_state) == 4 * 4 + 12 * 8, "a record has no gaps");
 
+enum { CAUSTICS = 16 };
+
 /* The block "steps", an element per step: the part of its report that all ranks share. */
 struct saved_report {
     uint32_t role, bounce, samples;
-    uint32_t judged, moved;              /* of the balance: 0 or 1 */
-    uint32_t out_of_time;                /* 0 or 1 */
-    uint32_t from, to;                   /* of the next round */
-    uint32_t caustics_from, caustics_to; /* likewise */
-    uint32_t tried, left_out;            /* of caustics: 0 or 1 */
+    uint32_t judged, moved;   /* of the balance: 0 or 1 */
+    uint32_t out_of_time;     /* 0 or 1 */
+    uint32_t from, to;        /* of the next round; from bit CAUSTICS on: of its caustics */
+    uint32_t tried, left_out; /* of caustics: 0 or 1 */
     double incident[3], reflected[3], sent[3], escaped[3], blocked[3], glass[3], gloss[3], unfound[3], variance;
     double tail_error, object_error, unfinished, share, imbalance, gain, cost, brings, rest;
     uint64_t points;
 };
-static_assert(sizeof(struct saved_report) == 12 * 4 + 35 * 8, "a record has no gaps");
+static_assert(sizeof(struct saved_report) == 10 * 4 + 35 * 8, "a record has no gaps");
 
 /* The block "own_steps" of each rank, an element per step: that rank's part of its report. */
 struct saved_own_step {
@@ -101,11 +102,9 @@ static struct saved_report report_saved(const struct kiln_step_report *r)
                                  .object_error = r->object_error,
                                  .unfinished = r->unfinished,
                                  .out_of_time = r->out_of_time,
-                                 .from = r->round.from,
-                                 .to = r->round.to,
+                                 .from = r->round.from | r->round.caustics_from << CAUSTICS,
+                                 .to = r->round.to | r->round.caustics_to << CAUSTICS,
                                  .share = r->round.share,
-                                 .caustics_from = r->round.caustics_from,
-                                 .caustics_to = r->round.caustics_to,
                                  .tried = r->caustics.tried,
                                  .left_out = r->caustics.left_out,
                                  .brings = r->caustics.brings,
@@ -130,24 +129,33 @@ static struct saved_report report_saved(const struct kiln_step_report *r)
     return saved;
 }
 
+static struct kiln_round round_read(const struct saved_report *saved)
+{
+    const uint32_t levels = (1u << CAUSTICS) - 1;
+    return (struct kiln_round){.from = saved->from & levels,
+                               .to = saved->to & levels,
+                               .share = saved->share,
+                               .caustics_from = saved->from >> CAUSTICS,
+                               .caustics_to = saved->to >> CAUSTICS};
+}
+
 /* Reads a report without the ranks' own parts: see add_part. */
 static struct kiln_step_report report_read(const struct saved_report *saved)
 {
-    struct kiln_step_report r = {
-        .step = {.role = saved->role, .bounce = saved->bounce, .samples = saved->samples},
-        .tail_error = saved->tail_error,
-        .object_error = saved->object_error,
-        .unfinished = saved->unfinished,
-        .out_of_time = saved->out_of_time != 0,
-        .round = {saved->from, saved->to, saved->share, saved->caustics_from, saved->caustics_to},
-        .caustics = {saved->tried != 0, saved->left_out != 0, saved->brings, saved->rest},
-        .energy = {.variance = saved->variance},
-        .balance = {.judged = saved->judged != 0,
-                    .moved = saved->moved != 0,
-                    .imbalance = saved->imbalance,
-                    .gain = saved->gain,
-                    .cost = saved->cost,
-                    .points = saved->points}};
+    struct kiln_step_report r = {.step = {.role = saved->role, .bounce = saved->bounce, .samples = saved->samples},
+                                 .tail_error = saved->tail_error,
+                                 .object_error = saved->object_error,
+                                 .unfinished = saved->unfinished,
+                                 .out_of_time = saved->out_of_time != 0,
+                                 .round = round_read(saved),
+                                 .caustics = {saved->tried != 0, saved->left_out != 0, saved->brings, saved->rest},
+                                 .energy = {.variance = saved->variance},
+                                 .balance = {.judged = saved->judged != 0,
+                                             .moved = saved->moved != 0,
+                                             .imbalance = saved->imbalance,
+                                             .gain = saved->gain,
+                                             .cost = saved->cost,
+                                             .points = saved->points}};
     for (int c = 0; c < 3; c++) {
         r.energy.incident[c] = saved->incident[c];
         r.energy.reflected[c] = saved->reflected[c];
