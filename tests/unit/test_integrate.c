@@ -16,6 +16,7 @@
 #include "coordinator/integrate/cells/cells.h"
 #include "coordinator/integrate/cells/late.h"
 #include "coordinator/integrate/cells/schedule.h"
+#include "coordinator/integrate/parts/part_caustics.h"
 #include "coordinator/integrate/quantity.h"
 #include "coordinator/plan/simulate_light.h"
 
@@ -494,7 +495,8 @@ static void assert_stretches(const struct bake *b)
 static void rounds(void **state)
 {
     (void)state;
-    static const struct kiln_round next[] = {{0, 3, 0.25}, {3, 4, 1.0}, {4, 5, 0.04}, {5, 9, 0.5}};
+    static const struct kiln_round next[] = {
+        {0, 3, 0.25, 0, 0}, {3, 4, 1.0, 0, 0}, {4, 5, 0.04, 0, 0}, {5, 9, 0.5, 0, 0}};
     enum { ROUNDS = 1 + sizeof next / sizeof *next, STEPS = 3 * KILN_PARTS };
     struct kiln_integrate_settings settings = settings_of(KILN_SCHEDULE_LEAN, 2);
     struct bake b = {.count = 0};
@@ -506,7 +508,7 @@ static void rounds(void **state)
         while (go_on(&b, &settings))
             ;
         assert_int_equal(b.count, STEPS * (r + 1));
-        b.reports[b.count - 1].round = r + 1 < ROUNDS ? next[r] : (struct kiln_round){9, 0, 0.1};
+        b.reports[b.count - 1].round = r + 1 < ROUNDS ? next[r] : (struct kiln_round){.from = 9, .share = 0.1};
         const struct kiln_step *last = &b.reports[b.count - 1].step, *first = &b.reports[STEPS * r].step;
         assert_true(last->terminal && last->counted == (r == 0) && first->counted == (r == 0));
         if (r > 0) {
@@ -530,7 +532,7 @@ static void rounds(void **state)
  * samples of the step; else each step has the same number. */
 static void try_light_paths(uint32_t iterations, bool grow)
 {
-    static const struct kiln_round next[] = {{0, 1, 0.5}, {1, 3, 0.25}, {3, 9, 0.1}};
+    static const struct kiln_round next[] = {{0, 1, 0.5, 0, 0}, {1, 3, 0.25, 0, 0}, {3, 9, 0.1, 0, 0}};
     enum { ROUNDS = 1 + sizeof next / sizeof *next };
     struct kiln_integrate_settings settings = settings_of(KILN_SCHEDULE_LEAN, 0);
     struct bake b = {.count = 0};
@@ -545,7 +547,7 @@ static void try_light_paths(uint32_t iterations, bool grow)
     for (size_t r = 0; r < ROUNDS; r++) {
         while (go_on(&b, &settings))
             ;
-        b.reports[b.count - 1].round = r + 1 < ROUNDS ? next[r] : (struct kiln_round){9, 0, 0.1};
+        b.reports[b.count - 1].round = r + 1 < ROUNDS ? next[r] : (struct kiln_round){.from = 9, .share = 0.1};
     }
     for (size_t i = 0; i < b.count; i++) {
         const struct kiln_step *step = &b.reports[i].step;
@@ -569,6 +571,62 @@ static void light_paths(void **state)
     try_light_paths(7, false);
 }
 
+/* With an error of published light a round has caustics by levels of their own, or none; their samples and light paths
+ * follow those of the last round that had any. */
+static void caustic_rounds(void **state)
+{
+    (void)state;
+    static const struct kiln_round next[] = {
+        {0, 3, 0.5, 0, 0}, {3, 5, 0.25, 0, 2}, {5, 6, 0.25, 2, 2}, {6, 9, 0.1, 2, 6}};
+    static const uint32_t times[] = {1, 0, 1, 0, 6}; /* levels 0, 2 and 6: 1, 2 and 8 in all */
+    enum { ROUNDS = 1 + sizeof next / sizeof *next, SAMPLES = 6, ITERATIONS = 4 };
+    struct kiln_integrate_settings settings = settings_of(KILN_SCHEDULE_LEAN, 1);
+    struct bake b = {.count = 0};
+    uint32_t samples = 0, iterations = 0, steps[ROUNDS] = {0};
+    settings.parts = KILN_PARTS;
+    settings.published_error = 0.05;
+    settings.samples_indirect = 16 * SAMPLES;
+    settings.caustics = KILN_CAUSTICS_VCM;
+    settings.iterations = ITERATIONS;
+    for (size_t r = 0; r < ROUNDS; r++) {
+        while (go_on(&b, &settings))
+            ;
+        b.reports[b.count - 1].round = r + 1 < ROUNDS ? next[r] : (struct kiln_round){.from = 9};
+    }
+    for (size_t i = 0; i < b.count; i++) {
+        const struct kiln_step *step = &b.reports[i].step;
+        if (!kiln_step_has(step, KILN_WITH(landing)))
+            continue;
+        const uint32_t r = step->part / KILN_PARTS;
+        assert_int_equal(step->samples, SAMPLES * times[r]);
+        assert_int_equal(step->iterations, ITERATIONS * times[r]);
+        assert_int_equal(step->first_sample, samples);
+        assert_int_equal(step->first_iteration, iterations);
+        assert_null(step->samples_field);
+        samples += step->samples;
+        iterations += step->iterations;
+        steps[r]++;
+    }
+    for (size_t r = 0; r < ROUNDS; r++)
+        assert_int_equal(steps[r], times[r] > 0 ? KILN_PARTS : 0);
+}
+
+/* The samples that caustics should have are those of least variance at equal cost. */
+static void caustic_growth(void **state)
+{
+    (void)state;
+    struct kiln_caustics_need need = {0}, little = {0};
+    kiln_caustics_need_add(&need, 64, 2.0, 0.5);
+    kiln_caustics_need_add(&need, 64, 1e9, 0.5); /* bounded */
+    kiln_caustics_need_add(&little, 64, 2.0, 0.009);
+    assert_true(kiln_caustics_growth(&little, 1.0, 1.0, 0.5) <= 0.0);
+    const double even = kiln_caustics_growth(&need, 1.0, 1.0, 1.0);
+    assert_true(even > 0.0 && even <= 1.0);                                              /* their cost is not less */
+    assert_true(fabs(kiln_caustics_growth(&need, 1.0, 1.0, 0.25) - 0.5 * even) < 1e-12); /* at all points */
+    assert_true(fabs(kiln_caustics_growth(&need, 4.0, 1.0, 1.0) - 0.5 * even) < 1e-12);  /* they have had more */
+    assert_true(fabs(kiln_caustics_growth(&need, 4.0, 16.0, 1.0) - 2.0 * even) < 1e-12);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(lean_given),
@@ -586,6 +644,8 @@ int main(void)
                                        cmocka_unit_test(another_integrator),
                                        cmocka_unit_test(parts),
                                        cmocka_unit_test(rounds),
-                                       cmocka_unit_test(light_paths)};
+                                       cmocka_unit_test(light_paths),
+                                       cmocka_unit_test(caustic_rounds),
+                                       cmocka_unit_test(caustic_growth)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
