@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "coordinator/integrate/energy.h"
-#include "coordinator/integrate/land/merge_near.h"
+#include "coordinator/integrate/land/merge_lists.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/mpi/exchange.h"
 #include "worker/base/color.h"
@@ -21,8 +21,6 @@
 #define LEAST_RADIUS 1.5 /* first radius tried, in texels: it includes the eight neighbours */
 
 enum { BOXES = 64, RADII = 9, BALANCINGS = 2, FIT_STEPS = 10 };
-enum { CHUNK = 64 };                     /* consecutive points that a thread looks at before it takes others */
-#define LISTED_HALF ((uint32_t)1u << 31) /* in a list: the point is within half the radius, too */
 
 /* Flux landed at a point, W. */
 struct flux {
@@ -42,22 +40,6 @@ struct box {
     struct kiln_vec3 low, high;
 };
 _Static_assert(sizeof(struct box) == 24, "a record has no gaps");
-
-/* The points near this rank's points, found once for all passes over them that use the same radius: of[c] has those of
- * chunk c, for each point that takes part their number and then their places, with LISTED_HALF. NULL: these are
- * searched for in each pass, because `left`, the number of entries that may still be listed, is used up. */
-struct lists {
-    uint32_t **of;
-    size_t chunks;
-    int64_t left;
-};
-
-/* Neighbours of a point of this rank: kiln_merge_near, and whether each is near by half the radius. */
-struct neighbours {
-    struct kiln_merge_near near;
-    bool *half;
-    size_t half_room;
-};
 
 /* Points to merge: this rank's, from `own_first` on, and nearby points of other ranks, in the order of global
  * numbers. */
@@ -311,7 +293,7 @@ static bool in_half(const struct kiln_merge *m, size_t a, size_t b, float radius
 }
 
 /* Searches for the neighbours of point `at`. `halves`: fills in `half`, too. */
-static int search_for(const struct kiln_merge *m, size_t at, float radius, bool halves, struct neighbours *n,
+static int search_for(const struct kiln_merge *m, size_t at, float radius, bool halves, struct kiln_merge_neighbours *n,
                       struct kiln_error *error)
 {
     int status;
@@ -323,117 +305,48 @@ end:
     return status;
 }
 
-static int lists_create(const struct kiln_merge *m, struct lists *lists, struct kiln_error *error)
-{
-    *lists = (struct lists){.chunks = (m->own_count + CHUNK - 1) / CHUNK,
-                            .left = m->count < LISTED_HALF ? (int64_t)(KILN_MERGE_LISTED * m->own_count) : 0};
-    return kiln_allocate(&lists->of, lists->chunks, sizeof *lists->of, "the points nearby", error);
-}
-
-static void lists_release(struct lists *lists)
-{
-    for (size_t c = 0; lists->of != NULL && c < lists->chunks; c++)
-        kiln_free(&lists->of[c]);
-    kiln_free(&lists->of);
-}
-
-/* Entries of a chunk that is being listed. */
-struct listing {
-    uint32_t *entries;
-    size_t count, room;
-};
-
-static int list_point(struct listing *listing, const struct neighbours *n, struct kiln_error *error)
-{
-    const int status = kiln_grow(&listing->entries, &listing->room, listing->count + n->near.count + 1,
-                                 sizeof *listing->entries, "the points nearby", error);
-    if (status != KILN_OK)
-        return status;
-    listing->entries[listing->count++] = (uint32_t)n->near.count;
-    for (size_t i = 0; i < n->near.count; i++)
-        listing->entries[listing->count++] = (uint32_t)n->near.of[i] | (n->half[i] ? LISTED_HALF : 0);
-    return KILN_OK;
-}
-
-static bool has_room(const struct lists *lists)
-{
-    int64_t left;
-#pragma omp atomic read
-    left = lists->left;
-    return left > 0;
-}
-
-/* Keeps the entries of a chunk, if there is room. */
-static int keep_list(struct lists *lists, size_t chunk, const struct listing *listing, struct kiln_error *error)
-{
-    int64_t left;
-#pragma omp atomic capture
-    left = lists->left -= (int64_t)listing->count;
-    if (left < 0 || listing->count == 0)
-        return KILN_OK;
-    const int status =
-        kiln_allocate_bare(&lists->of[chunk], listing->count, sizeof *listing->entries, "the points nearby", error);
-    if (status == KILN_OK)
-        memcpy(lists->of[chunk], listing->entries, listing->count * sizeof *listing->entries);
-    return status;
-}
-
-/* Reads the neighbours of a point from a list. Returns the place of the next point's. */
-static const uint32_t *read_list(const uint32_t *entry, struct neighbours *n, struct kiln_error *error)
-{
-    const size_t count = *entry++;
-    if (kiln_grow(&n->near.of, &n->near.room, count, sizeof *n->near.of, "points nearby", error) != KILN_OK ||
-        kiln_grow(&n->half, &n->half_room, count, sizeof *n->half, "points nearby", error) != KILN_OK)
-        return NULL;
-    n->near.count = count;
-    for (size_t i = 0; i < count; i++) {
-        n->near.of[i] = entry[i] & ~LISTED_HALF;
-        n->half[i] = (entry[i] & LISTED_HALF) != 0;
-    }
-    return entry + count;
-}
-
 /* ---- weights ---- */
 
 /* Function called for a point `at` of this rank, with its neighbours. */
-typedef void (*each_point)(const struct kiln_merge *m, size_t at, float radius, const struct neighbours *near,
-                           void *context);
+typedef void (*each_point)(const struct kiln_merge *m, size_t at, float radius,
+                           const struct kiln_merge_neighbours *near, void *context);
 
 /* A pass over all points of this rank that take part. `lists`: NULL: the function uses no halves. */
 struct pass {
     const struct kiln_merge *m;
     float radius;
-    struct lists *lists;
+    struct kiln_merge_lists *lists;
     each_point each;
     void *context;
 };
 
 /* Calls the function for the points of a chunk. */
-static int do_chunk(const struct pass *p, size_t chunk, struct neighbours *n, struct listing *listing,
-                    struct kiln_error *error)
+static int do_chunk(const struct pass *p, size_t chunk, struct kiln_merge_neighbours *n,
+                    struct kiln_merge_listing *listing, struct kiln_error *error)
 {
     const struct kiln_merge *m = p->m;
     const uint32_t *entry = p->lists != NULL ? p->lists->of[chunk] : NULL;
-    const bool listed = entry != NULL, lists = p->lists != NULL && !listed && has_room(p->lists);
-    const size_t end = m->own_first + ((chunk + 1) * CHUNK < m->own_count ? (chunk + 1) * CHUNK : m->own_count);
+    const bool listed = entry != NULL, lists = p->lists != NULL && !listed && kiln_merge_lists_have_room(p->lists);
+    const size_t end =
+        m->own_first + ((chunk + 1) * KILN_MERGE_CHUNK < m->own_count ? (chunk + 1) * KILN_MERGE_CHUNK : m->own_count);
     int status = KILN_OK;
     listing->count = 0;
-    for (size_t at = m->own_first + chunk * CHUNK; at < end; at++) {
+    for (size_t at = m->own_first + chunk * KILN_MERGE_CHUNK; at < end; at++) {
         if (!(m->places[at].lit > 0.0f))
             continue;
         if (listed) {
-            entry = read_list(entry, n, error);
+            entry = kiln_merge_lists_read(entry, n, error);
             if (entry == NULL)
                 return KILN_SYSTEM;
         } else {
             KILN_TRY(search_for(m, at, p->radius, p->lists != NULL, n, error));
         }
         if (lists)
-            KILN_TRY(list_point(listing, n, error));
+            KILN_TRY(kiln_merge_lists_add(listing, n, error));
         p->each(m, at, p->radius, n, p->context);
     }
     if (lists)
-        KILN_TRY(keep_list(p->lists, chunk, listing, error));
+        KILN_TRY(kiln_merge_lists_keep(p->lists, chunk, listing, error));
 end:
     return status;
 }
@@ -441,12 +354,12 @@ end:
 /* Runs a pass on all threads. */
 static int for_all(const struct pass *p, struct kiln_error *error)
 {
-    const size_t chunks = (p->m->own_count + CHUNK - 1) / CHUNK;
+    const size_t chunks = (p->m->own_count + KILN_MERGE_CHUNK - 1) / KILN_MERGE_CHUNK;
     int status = KILN_OK;
 #pragma omp parallel num_threads((int)p->m->threads)
     {
-        struct neighbours near = {.half = NULL};
-        struct listing listing = {.entries = NULL};
+        struct kiln_merge_neighbours near = {.half = NULL};
+        struct kiln_merge_listing listing = {.entries = NULL};
         struct kiln_error own_error = {0};
         int own = KILN_OK;
 #pragma omp for schedule(dynamic, 1) nowait
@@ -466,7 +379,7 @@ static int for_all(const struct pass *p, struct kiln_error *error)
 }
 
 /* c of a point. */
-static void sum_weights(const struct kiln_merge *m, size_t at, float radius, const struct neighbours *near,
+static void sum_weights(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_neighbours *near,
                         void *context)
 {
     const struct weights *own = &m->weights[at];
@@ -495,7 +408,7 @@ static int take_weights(struct kiln_merge *m, int status, struct kiln_error *err
 }
 
 /* Collective. */
-static int find_weights(struct kiln_merge *m, float radius, int balancings, struct lists *lists,
+static int find_weights(struct kiln_merge *m, float radius, int balancings, struct kiln_merge_lists *lists,
                         struct kiln_error *error)
 {
     const struct pass pass = {m, radius, lists, sum_weights, m->next};
@@ -531,7 +444,8 @@ static void add_flux(const struct flux *flux, double k, double k_half, struct ki
 
 /* Adds to `merged` the light that point `at` receives. The part of its own light that the weights do not give away
  * stays with it. */
-static void collect(const struct kiln_merge *m, size_t at, float radius, const struct neighbours *near, void *context)
+static void collect(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_neighbours *near,
+                    void *context)
 {
     const struct weights *own = &m->weights[at];
     const double lit = (double)m->places[at].lit;
@@ -580,15 +494,15 @@ static int spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, d
                   struct kiln_merged *merged, struct kiln_error *error)
 {
     const float now = fminf((float)radius, m->radius);
-    struct lists lists;
+    struct kiln_merge_lists lists;
     const struct pass pass = {m, now, &lists, collect, merged};
-    int status = lists_create(m, &lists, error);
+    int status = kiln_merge_lists_create(&lists, m->own_count, m->count, error);
     KILN_TRY(kiln_agree(m->communicator, status, error));
     KILN_TRY(find_weights(m, now, balancings, &lists, error));
     KILN_TRY(take_fluxes(m, landed, error));
     KILN_TRY(kiln_agree(m->communicator, for_all(&pass, error), error));
 end:
-    lists_release(&lists);
+    kiln_merge_lists_release(&lists);
     return status;
 }
 
@@ -667,7 +581,7 @@ static int choose_step(const struct ring rings[FIT_STEPS], double landings)
 }
 
 /* The radius of a point. */
-static void fit_point(const struct kiln_merge *m, size_t at, float largest, const struct neighbours *near,
+static void fit_point(const struct kiln_merge *m, size_t at, float largest, const struct kiln_merge_neighbours *near,
                       void *context)
 {
     const struct fit *fit = context;
