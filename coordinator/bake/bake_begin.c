@@ -10,6 +10,7 @@
 #include "coordinator/bake/identity/identity.h"
 #include "coordinator/bake/prepare/materials.h"
 #include "coordinator/bake/prepare/results_memory.h"
+#include "coordinator/bake/prepare/stages.h"
 #include "coordinator/bake/report/run_report.h"
 #include "coordinator/bake/identity/transport_identity.h"
 #include "coordinator/files/publish.h"
@@ -162,6 +163,14 @@ static void settle_dark(struct kiln_bake *b, const struct kiln_prepared *p)
     job->lightmaps.denoise = KILN_DENOISE_NONE;
 }
 
+/* Announces the stages of the bake to the progress display. */
+static void expect_stages(struct kiln_bake *b, const struct kiln_prepared *p, uint64_t probes)
+{
+    struct kiln_stage stages[KILN_STAGES_MAX];
+    const struct kiln_stage_facts facts = kiln_stage_facts(b->job, p, probes);
+    kiln_progress_expect(b->progress, stages, kiln_stages_make(&facts, stages));
+}
+
 /* Implements kiln_prepare_care.refuse: checks everything that can be refused before the first ray. */
 static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_error *error)
 {
@@ -185,6 +194,8 @@ static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_
             kiln_memory_budget_check(p, b->job, volume.size[0] * volume.size[1] * volume.size[2], error), error);
     if (status == KILN_OK) /* a checkpoint that --no-resume discards has been removed by now */
         status = kiln_agree(b->communicator, b->rank == 0 ? check_room(b, p, &volume, error) : KILN_OK, error);
+    if (status == KILN_OK && b->rank == 0)
+        expect_stages(b, p, volume.size[0] * volume.size[1] * volume.size[2]);
     return status;
 }
 

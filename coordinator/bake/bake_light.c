@@ -1,6 +1,7 @@
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/light/light_settings.h"
 #include "coordinator/bake/light/reference_radius.h"
+#include "coordinator/bake/prepare/stages.h"
 #include "coordinator/integrate/companion.h"
 #include "coordinator/integrate/patches/emission.h"
 #include "coordinator/integrate/relight/groups.h"
@@ -166,6 +167,7 @@ int kiln_bake_light(struct kiln_bake *b, struct kiln_error *error)
     if (status != KILN_OK)
         return status;
     b->saves = true;
+    kiln_progress_phase(b->progress, KILN_STAGE_LIGHT, 0);
     status = kiln_integrate(&b->solution, &b->light_params, error);
     if (b->solution != NULL && b->light_settings.reference != NULL)
         b->solution->report.landing.radius = b->paths.radius;

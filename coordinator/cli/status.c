@@ -40,7 +40,7 @@ static int look(const char *directory, struct found *f, struct kiln_error *error
         f->state = !running ? f->status.state : kiln_bake_status_alive(directory, &f->status) ? "running" : "lost";
         return KILN_OK;
     }
-    f->status.share = f->status.left = -1.0;
+    f->status.phase_share = f->status.share = f->status.left = -1.0;
     if (f->has_generation)
         f->state = "lost";
     else if (is_done(directory))
@@ -74,10 +74,12 @@ static int print_json(const struct found *f, struct kiln_error *error)
         (void)json_object_update(json, more);
         json_decref(more);
     }
+    if (s->phase_share >= 0.0)
+        (void)json_object_set_new(json, "phase_share", json_real(s->phase_share));
     if (s->share >= 0.0)
-        (void)json_object_set_new(json, "phase_share", json_real(s->share));
-    if (s->left >= 0.0)
-        (void)json_object_set_new(json, "phase_seconds_left", json_real(s->left));
+        (void)json_object_set_new(json, "share", json_real(s->share));
+    if (s->left >= 0.0 && strcmp(f->state, "running") == 0)
+        (void)json_object_set_new(json, "seconds_left", json_real(s->left));
     if (f->has_generation)
         (void)json_object_set_new(json, "checkpoint", json_integer((json_int_t)f->generation));
     if (s->saved > 0.0)
@@ -93,12 +95,13 @@ static int print_json(const struct found *f, struct kiln_error *error)
 static void print_phase(const struct found *f)
 {
     const struct kiln_bake_status *s = &f->status;
-    char duration[48], share[32] = "", left[80] = "";
-    if (s->share >= 0.0)
-        (void)snprintf(share, sizeof share, ", %.0f %%", 100.0 * s->share);
-    if (s->left >= 0.0 && strcmp(f->state, "running") == 0)
-        (void)snprintf(left, sizeof left, ", %s left of it", kiln_duration_text(s->left, duration, sizeof duration));
-    kiln_print(stdout, "phase        %s%s%s\n", s->phase, share, left);
+    char duration[48], share[32] = "";
+    if (s->phase_share >= 0.0)
+        (void)snprintf(share, sizeof share, ", %.0f %% of it", 100.0 * s->phase_share);
+    kiln_print(stdout, "phase        %s%s\n", s->phase, share);
+    if (s->share >= 0.0 && s->left >= 0.0 && strcmp(f->state, "running") == 0)
+        (void)printf("done         %.0f %%, %s left\n", 100.0 * s->share,
+                     kiln_duration_text(s->left, duration, sizeof duration));
     (void)printf("running for  %s", kiln_duration_text(s->seconds, duration, sizeof duration));
     (void)printf("; last sign of life %s ago\n",
                  kiln_duration_text(fmax(0.0, f->now - s->updated), duration, sizeof duration));

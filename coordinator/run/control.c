@@ -121,13 +121,14 @@ void kiln_control_blocking(struct kiln_control *c, const char *what, double seco
 }
 
 /* kiln_progress_watch */
-static void note_progress(void *data, const char *name, uint64_t done, uint64_t total, double left)
+static void note_progress(void *data, const struct kiln_progress_state *state)
 {
     struct kiln_control *c = data;
     (void)pthread_mutex_lock(&c->mutex);
-    (void)snprintf(c->status.phase, sizeof c->status.phase, "%s", name);
-    c->status.share = total > 0 ? (double)done / (double)total : -1.0;
-    c->status.left = left;
+    (void)snprintf(c->status.phase, sizeof c->status.phase, "%s", state->phase);
+    c->status.phase_share = state->phase_share;
+    c->status.share = state->share;
+    c->status.left = state->left;
     (void)pthread_mutex_unlock(&c->mutex);
 }
 
@@ -186,8 +187,8 @@ int kiln_control_create(struct kiln_control **control, const struct kiln_control
     c->stop = (struct kiln_stop){asked, c};
     c->monotonic_begin = seconds_now(CLOCK_MONOTONIC) - (MPI_Wtime() - params->begin);
     c->last_saved = MPI_Wtime();
-    c->status =
-        (struct kiln_bake_status){.state = "running", .phase = "start", .share = -1.0, .left = -1.0, .ranks = c->ranks};
+    c->status = (struct kiln_bake_status){
+        .state = "running", .phase = "start", .phase_share = -1.0, .share = -1.0, .left = -1.0, .ranks = c->ranks};
     kiln_bake_status_sign(&c->status);
     /* here the time at which the run began; the thread turns it into seconds since then */
     c->status.seconds = c->status.updated - (MPI_Wtime() - params->begin);

@@ -1,5 +1,6 @@
 #include "coordinator/run/progress.h"
 
+#include <math.h>
 #include <pthread.h>
 #include <signal.h>
 #include <string.h>
@@ -27,6 +28,10 @@ struct kiln_progress {
     double rate;       /* units a second, smoothed; 0: unknown */
     double rate_time;
     uint64_t rate_done;
+    struct kiln_time_left whole;
+    kiln_progress_reckoning reckoning; /* of the stage under way; NULL: it is told by its phase */
+    void *reckoning_data;
+    double reckoned; /* when it was last asked */
     kiln_progress_watch watch;
     void *watch_data;
     /* protects everything above */
@@ -62,59 +67,84 @@ char *kiln_duration_text(double seconds, char *text, size_t size)
     return text;
 }
 
-/* Formats "42 %, 12.3 s left"; without a total the time since the phase began, if that is at least a second. */
-static void state_text(const struct kiln_progress *progress, double now, char *text, size_t size)
+/* Seconds left of the present phase by its own rate; -1: unknown. */
+static double left_of_phase(const struct kiln_progress *progress)
+{
+    return progress->total > 0 && progress->rate > 0 ? (double)(progress->total - progress->done) / progress->rate
+                                                     : -1.0;
+}
+
+/* Fraction of the present phase that is done; -1: unknown. */
+static double share_of_phase(const struct kiln_progress *progress)
+{
+    return progress->total > 0 ? (double)progress->done / (double)progress->total : -1.0;
+}
+
+static struct kiln_progress_state state_of(struct kiln_progress *progress, double now)
+{
+    struct kiln_progress_state state = {.phase = progress->name, .phase_share = share_of_phase(progress)};
+    const bool whole = progress->whole.count > 0;
+    kiln_time_left_update(&progress->whole, now);
+    state.share = whole ? progress->whole.whole_share : state.phase_share;
+    state.left = whole ? progress->whole.whole_left : left_of_phase(progress);
+    return state;
+}
+
+/* Formats "42 %, 12.3 s left"; if the share is unknown, the time since the phase began, from a second on. */
+static void state_text(const struct kiln_progress *progress, const struct kiln_progress_state *state, double now,
+                       char *text, size_t size)
 {
     char duration[48];
     text[0] = '\0';
-    if (progress->total == 0) {
+    if (state->share < 0.0) {
         if (now - progress->phase_start >= 1.0)
             (void)kiln_duration_text(now - progress->phase_start, text, size);
         return;
     }
-    const double share = (double)progress->done / (double)progress->total;
-    const int used = snprintf(text, size, "%3.0f %%", 100 * share);
-    if (progress->rate > 0 && now - progress->phase_start >= 1 && progress->done < progress->total) {
-        const double left = (double)(progress->total - progress->done) / progress->rate;
+    const int used = snprintf(text, size, "%3.0f %%", floor(100.0 * state->share + 1e-9));
+    if (state->left > 0.0 && state->share < 1.0)
         (void)snprintf(text + used, size - (size_t)used, ", %s left",
-                       kiln_duration_text(left, duration, sizeof duration));
-    }
+                       kiln_duration_text(state->left, duration, sizeof duration));
 }
 
-static void draw_bar(const struct kiln_progress *progress, double now)
+static void draw_bar(const struct kiln_progress *progress, const struct kiln_progress_state *state, double now)
 {
-    enum { NAME = 24, LONGEST_BAR = 40 };
-    char state[96], duration[48], bar[LONGEST_BAR + 1] = "";
-    state_text(progress, now, state, sizeof state);
-    int width = progress->columns - NAME - 6 - (int)strlen(state);
+    enum { NAME = 34, LONGEST_BAR = 40 };
+    char text[96], name[NAME + 1], bar[LONGEST_BAR + 1] = "";
+    state_text(progress, state, now, text, sizeof text);
+    int width = progress->columns - NAME - 6 - (int)strlen(text);
     width = width > LONGEST_BAR ? LONGEST_BAR : width;
-    if (progress->total > 0 && width >= 8) {
-        const int filled = (int)((double)progress->done / (double)progress->total * width);
+    if (state->share >= 0.0 && width >= 8) {
+        const int filled = (int)(state->share * width);
         for (int i = 0; i < width; i++)
             bar[i] = i < filled ? '#' : '.';
-        (void)fprintf(progress->stream, "\r\033[K%-*.*s [%.*s] %s", NAME, NAME, progress->name, width, bar, state);
+        (void)fprintf(progress->stream, "\r\033[K%-*.*s [%.*s] %s", NAME, NAME, progress->name, width, bar, text);
     } else {
         const int room = progress->columns - 1;
-        (void)snprintf(duration, sizeof duration, "%.*s", NAME, progress->name);
-        (void)fprintf(progress->stream, "\r\033[K%.*s %.*s", room / 2, duration, room / 2 - 1, state);
+        (void)snprintf(name, sizeof name, "%.*s", NAME, progress->name);
+        (void)fprintf(progress->stream, "\r\033[K%.*s %.*s", room / 2, name, room / 2 - 1, text);
     }
     (void)fflush(progress->stream);
 }
 
+/* Tells the observer, and shows what is due. */
 static void show(struct kiln_progress *progress, double now)
 {
+    const struct kiln_progress_state state = state_of(progress, now);
+    if (progress->watch != NULL)
+        progress->watch(progress->watch_data, &state);
     if (progress->stream == NULL || now - progress->last_shown < (progress->terminal ? REDRAW_SECONDS : LINE_SECONDS))
         return;
     progress->last_shown = now;
     if (progress->terminal) {
-        draw_bar(progress, now);
+        draw_bar(progress, &state, now);
         progress->drawn = true;
         return;
     }
-    char state[96];
-    state_text(progress, now, state, sizeof state);
-    const char *text = state + strspn(state, " ");
-    (void)fprintf(progress->stream, "%s%s%s\n", progress->name, text[0] != '\0' ? ": " : "", text);
+    char text[96];
+    state_text(progress, &state, now, text, sizeof text);
+    const char *told = text + strspn(text, " ");
+    (void)fprintf(progress->stream, "%s%s%s\n", progress->name, told[0] != '\0' ? ": " : "", told);
     (void)fflush(progress->stream);
 }
 
@@ -174,6 +204,17 @@ void kiln_progress_beat(struct kiln_progress *progress)
 
 /* ---- create and destroy ---- */
 
+/* No phase is shown any more. */
+static void end_line(struct kiln_progress *progress)
+{
+    progress->running = false;
+    if (!progress->drawn)
+        return;
+    (void)fprintf(progress->stream, "\r\033[K");
+    (void)fflush(progress->stream);
+    progress->drawn = false;
+}
+
 struct kiln_progress *kiln_progress_create_on(FILE *stream, bool terminal, int columns, double (*clock)(void *),
                                               void *clock_data)
 {
@@ -186,6 +227,7 @@ struct kiln_progress *kiln_progress_create_on(FILE *stream, bool terminal, int c
     progress->clock = clock;
     progress->clock_data = clock_data;
     progress->last_shown = -1e300;
+    kiln_time_left_begin(&progress->whole, clock(clock_data));
     (void)pthread_mutex_init(&progress->mutex, NULL);
     (void)pthread_cond_init(&progress->wake, NULL);
     return progress;
@@ -225,41 +267,48 @@ void kiln_progress_destroy(struct kiln_progress **progress)
     if (*progress == NULL)
         return;
     stop_thread(*progress);
-    if ((*progress)->drawn) {
-        (void)fprintf((*progress)->stream, "\r\033[K");
-        (void)fflush((*progress)->stream);
-    }
+    end_line(*progress);
     (void)pthread_cond_destroy(&(*progress)->wake);
     (void)pthread_mutex_destroy(&(*progress)->mutex);
     kiln_free(progress);
 }
 
-/* ---- phases ---- */
+/* ---- stages and phases ---- */
 
-static void notify(const struct kiln_progress *progress)
+void kiln_progress_expect(struct kiln_progress *progress, const struct kiln_stage *stages, size_t count)
 {
-    if (progress->watch == NULL)
+    if (progress == NULL)
         return;
-    const double left =
-        progress->total > 0 && progress->rate > 0 ? (double)(progress->total - progress->done) / progress->rate : -1.0;
-    progress->watch(progress->watch_data, progress->name, progress->done, progress->total, left);
+    (void)pthread_mutex_lock(&progress->mutex);
+    kiln_time_left_expect(&progress->whole, stages, count, progress->clock(progress->clock_data));
+    (void)pthread_mutex_unlock(&progress->mutex);
 }
 
-/* On a terminal the time of the phase replaces its bar. */
-static void end_phase(struct kiln_progress *progress)
+void kiln_progress_reckon(struct kiln_progress *progress, kiln_progress_reckoning reckoning, void *data)
 {
-    if (!progress->running)
+    if (progress == NULL)
         return;
-    progress->running = false;
-    if (!progress->terminal)
-        return;
-    char duration[48];
-    (void)fprintf(
-        progress->stream, "\r\033[K%-24s %s\n", progress->name,
-        kiln_duration_text(progress->clock(progress->clock_data) - progress->phase_start, duration, sizeof duration));
-    (void)fflush(progress->stream);
-    progress->drawn = false;
-    progress->last_shown = -1e300;
+    (void)pthread_mutex_lock(&progress->mutex);
+    progress->reckoning = reckoning;
+    progress->reckoning_data = data;
+    progress->reckoned = -1e300;
+    (void)pthread_mutex_unlock(&progress->mutex);
+}
+
+/* The stage under way tells how far it is, by its own reckoning or by its phase. */
+static void tell(struct kiln_progress *progress, double now)
+{
+    struct kiln_time_left *whole = &progress->whole;
+    double share = share_of_phase(progress), left = left_of_phase(progress);
+    if (progress->reckoning != NULL) {
+        if (now - progress->reckoned < REDRAW_SECONDS)
+            return;
+        progress->reckoned = now;
+        left = progress->reckoning(progress->reckoning_data, share);
+        const double spent = now - whole->since;
+        share = left >= 0.0 && spent + left > 0.0 ? spent / (spent + left) : -1.0;
+    }
+    kiln_time_left_tell(whole, share, left, now);
 }
 
 void kiln_progress_phase(struct kiln_progress *progress, const char *name, uint64_t total)
@@ -267,14 +316,14 @@ void kiln_progress_phase(struct kiln_progress *progress, const char *name, uint6
     if (progress == NULL)
         return;
     (void)pthread_mutex_lock(&progress->mutex);
-    end_phase(progress);
     (void)snprintf(progress->name, sizeof progress->name, "%s", name);
     progress->total = total;
     progress->done = progress->rate_done = 0;
     progress->rate = 0;
     progress->running = true;
     progress->phase_start = progress->rate_time = progress->clock(progress->clock_data);
-    notify(progress);
+    kiln_time_left_phase(&progress->whole, name, progress->phase_start);
+    tell(progress, progress->phase_start);
     show(progress, progress->phase_start);
     (void)pthread_mutex_unlock(&progress->mutex);
 }
@@ -302,9 +351,20 @@ void kiln_progress_advance(struct kiln_progress *progress, uint64_t done)
         const uint64_t possible = progress->total > 0 && done > progress->total ? progress->total : done;
         progress->done = possible > progress->done ? possible : progress->done;
         update_rate(progress, now);
-        notify(progress);
+        tell(progress, now);
         show(progress, now);
     }
+    (void)pthread_mutex_unlock(&progress->mutex);
+}
+
+void kiln_progress_make_room(struct kiln_progress *progress)
+{
+    if (progress == NULL)
+        return;
+    (void)pthread_mutex_lock(&progress->mutex);
+    const bool running = progress->running;
+    end_line(progress);
+    progress->running = running;
     (void)pthread_mutex_unlock(&progress->mutex);
 }
 
@@ -313,7 +373,8 @@ void kiln_progress_finish(struct kiln_progress *progress)
     if (progress == NULL)
         return;
     (void)pthread_mutex_lock(&progress->mutex);
-    end_phase(progress);
+    kiln_time_left_end(&progress->whole, progress->clock(progress->clock_data));
+    end_line(progress);
     (void)pthread_mutex_unlock(&progress->mutex);
 }
 

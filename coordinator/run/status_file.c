@@ -63,12 +63,12 @@ void kiln_bake_status_write(const char *directory, const struct kiln_bake_status
 {
     struct kiln_publish place;
     int descriptor = -1;
-    json_t *json = json_pack("{s:s, s:o, s:f, s:f, s:f, s:i, s:o, s:I, s:I, s:f, s:I, s:I, s:f, s:i, s:o}", "state",
-                             s->state, "phase", kiln_json_string(s->phase), "share", s->share, "left", s->left,
-                             "seconds", s->seconds, "ranks", (int)s->ranks, "host", kiln_json_string(s->host),
-                             "process", (json_int_t)s->process, "started", (json_int_t)s->started, "updated",
-                             s->updated, "beat", (json_int_t)s->beat, "generation", (json_int_t)s->generation, "saved",
-                             s->saved, "code", (int)s->code, "message", kiln_json_string(s->message));
+    json_t *json = json_pack(
+        "{s:s, s:o, s:f, s:f, s:f, s:f, s:i, s:o, s:I, s:I, s:f, s:I, s:I, s:f, s:i, s:o}", "state", s->state, "phase",
+        kiln_json_string(s->phase), "phase_share", s->phase_share, "share", s->share, "left", s->left, "seconds",
+        s->seconds, "ranks", (int)s->ranks, "host", kiln_json_string(s->host), "process", (json_int_t)s->process,
+        "started", (json_int_t)s->started, "updated", s->updated, "beat", (json_int_t)s->beat, "generation",
+        (json_int_t)s->generation, "saved", s->saved, "code", (int)s->code, "message", kiln_json_string(s->message));
     char *text = json != NULL ? json_dumps(json, JSON_INDENT(1)) : NULL;
     if (text != NULL && kiln_publish_begin(&place, directory, status_name, NULL) == KILN_OK) {
         bool written = kiln_publish_open(&place, &descriptor, NULL) == KILN_OK &&
@@ -89,6 +89,13 @@ static void take_text(const json_t *json, const char *key, char *text, size_t si
     kiln_text_copy(text, size, value != NULL ? value : "");
 }
 
+/* -1: an older kiln has not written it. */
+static double number_or_unknown(const json_t *json, const char *key)
+{
+    const json_t *number = json_object_get(json, key);
+    return json_is_number(number) ? json_number_value(number) : -1.0;
+}
+
 int kiln_bake_status_read(const char *directory, struct kiln_bake_status *s, struct kiln_error *error)
 {
     char *text = NULL;
@@ -106,8 +113,9 @@ int kiln_bake_status_read(const char *directory, struct kiln_bake_status *s, str
     take_text(json, "phase", s->phase, sizeof s->phase);
     take_text(json, "host", s->host, sizeof s->host);
     take_text(json, "message", s->message, sizeof s->message);
-    s->share = json_number_value(json_object_get(json, "share"));
-    s->left = json_number_value(json_object_get(json, "left"));
+    s->phase_share = number_or_unknown(json, "phase_share");
+    s->share = number_or_unknown(json, "share");
+    s->left = number_or_unknown(json, "left");
     s->seconds = json_number_value(json_object_get(json, "seconds"));
     s->updated = json_number_value(json_object_get(json, "updated"));
     s->saved = json_number_value(json_object_get(json, "saved"));

@@ -15,9 +15,10 @@
 struct kiln_bake_status {
     char state[16]; /* "running", "stopped", "failed" */
     char phase[64];
-    double share;   /* fraction of the phase that is done, 0 to 1; -1: unknown */
-    double left;    /* remaining time of the phase, s; -1: unknown */
-    double seconds; /* since this run of the bake began */
+    double phase_share; /* fraction of the phase that is done, 0 to 1; -1: unknown */
+    double share;       /* fraction of the bake, 0 to 1; -1: unknown */
+    double left;        /* time left of the bake, s; -1: unknown */
+    double seconds;     /* since this run of the bake began */
     int32_t ranks;
     char host[64];       /* host of rank 0 */
     int64_t process;     /* process number of rank 0 */

@@ -2,6 +2,7 @@
 all ranks."""
 import json
 import os
+import re
 import subprocess
 import tempfile
 import unittest
@@ -25,6 +26,27 @@ class End(unittest.TestCase):
         self.assertEqual(self.answer.code, 0, self.answer.err)
         self.assertRegex(self.answer.err, r"(?m)^import")
         self.assertRegex(self.answer.err, r"\A[\n -~]*\Z")
+
+    def test_progress_is_of_the_whole(self):
+        """A bake as kiln status sees it: one share, which does not fall, and seconds left."""
+        out = os.path.join(self.folder, "watched")
+        bake = subprocess.Popen([KILN, "bake", self.scene, "-o", out, "--backend", "embree", "--quality", "8%",
+                                 "--lightmap-size", "128", "--threads", "1"],
+                                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        seen = []
+        while bake.poll() is None:
+            answer = kiln("status", out, "--json")
+            if answer.code == 0:
+                seen.append(json.loads(answer.out))
+        lines = bake.communicate()[1]
+        self.assertEqual(bake.returncode, 0, lines)
+        shares = [said["share"] for said in seen if "share" in said]
+        self.assertGreater(len(shares), 1, seen)
+        self.assertEqual(shares, sorted(shares))
+        self.assertTrue(0 <= shares[0] and shares[-1] <= 1, shares)
+        self.assertTrue(all(said["seconds_left"] >= 0 for said in seen if "seconds_left" in said))
+        said = [int(percent) for percent in re.findall(r"(?m)^.*: (\d+) %, .* left$", lines)]
+        self.assertEqual(said, sorted(said), lines)
 
     def test_phases_add_up_to_the_time(self):
         """On a busy machine a rank may be kept from running between two phases; so one of three bakes must do."""

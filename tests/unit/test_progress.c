@@ -112,7 +112,7 @@ static void test_bar(void **state)
     kiln_progress_finish(screen.progress);
     (void)fflush(screen.stream);
     const char *last = strrchr(screen.text, '\r');
-    assert_string_equal(last, "\r\033[Kdirect light             10.0 s\n");
+    assert_string_equal(last, "\r\033[K");
     /* Every redrawn line fits into 79 columns. */
     for (const char *at = screen.text; (at = strchr(at, '\r')) != NULL; at++)
         assert_true(strcspn(at + 4, "\r\n") < 80);
@@ -168,6 +168,138 @@ static void test_unknown_total_and_nonsense(void **state)
     kiln_progress_destroy(&none);
 }
 
+/* ---- the whole ---- */
+
+/* A command that takes 100 s: 10 s, then light for 80 s that tells its own time left, then two files. */
+static const struct kiln_stage stages[] = {
+    {"import", 1, false}, {"points", 5, false}, {"light", 40, true}, {"maps", 5, false}, {"last", 1, false}};
+enum { STAGES = sizeof stages / sizeof *stages, WHOLE = 100 };
+
+static void begin_whole(struct screen *screen, bool terminal)
+{
+    begin(screen, terminal);
+    kiln_progress_phase(screen->progress, "import", 0);
+    kiln_progress_expect(screen->progress, stages, STAGES);
+}
+
+/* The light's own word: a fifth too much at first, and true at the end. */
+static double reckon(void *began, double share)
+{
+    const double left = *(double *)began + 80 - now;
+    (void)share;
+    return left + 0.2 * left;
+}
+
+struct shown {
+    double share, left, least, most; /* least and most: time left over the true one, between 10 and 90 s */
+    size_t falls, below_zero;
+};
+
+static void watch(void *data, const struct kiln_progress_state *state)
+{
+    struct shown *shown = data;
+    const double truth = 1000 + WHOLE - now, factor = state->left / truth;
+    shown->falls += state->share < shown->share;
+    shown->below_zero += state->left < 0;
+    shown->share = state->share;
+    shown->left = state->left;
+    if (now >= 1010 && now <= 1090) {
+        shown->least = factor < shown->least ? factor : shown->least;
+        shown->most = factor > shown->most ? factor : shown->most;
+    }
+}
+
+/* Runs phase `name` for so many seconds; with a total of 100, or 0. */
+static void run_phase(struct kiln_progress *progress, const char *name, uint64_t total, double seconds)
+{
+    const double start = now;
+    kiln_progress_phase(progress, name, total);
+    for (int i = 1; i <= 100; i++) {
+        now = start + seconds * i / 100;
+        kiln_progress_advance(progress, total > 0 ? (uint64_t)i : 0);
+    }
+}
+
+static void run_whole(struct kiln_progress *progress, double factor_of_maps)
+{
+    run_phase(progress, "import", 0, 2);
+    run_phase(progress, "points", 100, 8);
+    double began = now;
+    kiln_progress_phase(progress, "light", 0);
+    kiln_progress_reckon(progress, reckon, &began);
+    for (int i = 0; i < 8; i++) {
+        char name[16];
+        (void)snprintf(name, sizeof name, "bounce %d", i);
+        run_phase(progress, name, 100, 10);
+    }
+    kiln_progress_reckon(progress, NULL, NULL);
+    run_phase(progress, "maps", 0, 8 * factor_of_maps);
+    run_phase(progress, "last", 0, 2);
+    kiln_progress_finish(progress);
+}
+
+/* Stages take up to twice what is expected: the time left of the whole is 0.6 to 1.6 times the true one all the way,
+ * the share never falls, and comes to about what it is. */
+static void test_time_left_of_the_whole(void **state)
+{
+    (void)state;
+    struct screen screen;
+    struct shown shown = {.least = 1e9};
+    begin_whole(&screen, false);
+    kiln_progress_observe(screen.progress, watch, &shown);
+    run_whole(screen.progress, 1);
+    (void)fflush(screen.stream);
+    assert_int_equal(shown.falls, 0);
+    assert_int_equal(shown.below_zero, 0);
+    assert_true(shown.least > 0.6 && shown.most < 1.6);
+    assert_true(shown.share > 0.95);
+    assert_non_null(strstr(screen.text, "bounce 4: "));
+    const char *half = strstr(screen.text, "bounce 4: ");
+    assert_in_range(strtol(half + strlen("bounce 4: "), NULL, 10), 40, 65);
+    end(&screen);
+}
+
+/* The last stage takes ten times as long as it is expected to: the bar waits, but does not go back, and is not full. */
+static void test_bar_of_the_whole_never_goes_back(void **state)
+{
+    (void)state;
+    struct screen screen;
+    struct shown shown = {.least = 1e9};
+    begin_whole(&screen, true);
+    kiln_progress_observe(screen.progress, watch, &shown);
+    run_whole(screen.progress, 10);
+    (void)fflush(screen.stream);
+    assert_int_equal(shown.falls, 0);
+    assert_int_equal(shown.below_zero, 0);
+    assert_int_equal(count(screen.text, "\n"), 0);
+    size_t most = 0;
+    for (const char *at = screen.text; (at = strchr(at, '[')) != NULL; at++) {
+        const size_t filled = strspn(at + 1, "#");
+        if (at > screen.text && at[-1] == ' ') {
+            assert_true(filled >= most);
+            most = filled;
+        }
+    }
+    assert_in_range(most, 10, 40);
+    assert_string_equal(strrchr(screen.text, '\r'), "\r\033[K");
+    end(&screen);
+}
+
+/* Before anything is expected the time left is unknown, and no bar is drawn. */
+static void test_unknown_at_first(void **state)
+{
+    (void)state;
+    struct screen screen;
+    begin(&screen, true);
+    kiln_progress_phase(screen.progress, "import", 0);
+    now += 2;
+    kiln_progress_beat(screen.progress);
+    (void)fflush(screen.stream);
+    assert_null(strstr(screen.text, "left"));
+    assert_null(strchr(screen.text, '#'));
+    end(&screen);
+}
+
 static void test_table(void **state)
 {
     (void)state;
@@ -204,6 +336,9 @@ int main(void)
         cmocka_unit_test(test_lines_without_news),
         cmocka_unit_test(test_bar),
         cmocka_unit_test(test_time_left_follows_a_change),
+        cmocka_unit_test(test_time_left_of_the_whole),
+        cmocka_unit_test(test_bar_of_the_whole_never_goes_back),
+        cmocka_unit_test(test_unknown_at_first),
         cmocka_unit_test(test_table),
         cmocka_unit_test(test_durations),
         cmocka_unit_test(test_unknown_total_and_nonsense),

@@ -22,6 +22,7 @@
 #include "coordinator/integrate/solution.h"
 #include "coordinator/run/progress.h"
 #include "coordinator/bake/prepare/prepare.h"
+#include "coordinator/bake/prepare/stages.h"
 #include "coordinator/run/phases.h"
 #include "coordinator/integrate/integrate.h"
 #include "coordinator/run/control.h"
@@ -72,6 +73,9 @@ struct engine {
     uint8_t *only;
     bool any_written;
     uint64_t written_scene;
+    /* of --states: number of all, and of those that are done; MPI_Wtime() when the first one began */
+    size_t state_count, done_count;
+    double states_begin;
 };
 
 static struct spent now(void) { return (struct spent){MPI_Wtime(), (double)clock() / CLOCKS_PER_SEC}; }
@@ -173,6 +177,7 @@ static int create(struct engine *e, struct kiln_error *error)
         return status;
     b->light_params.checkpoint = NULL;
     b->light_params.beside = NULL;
+    b->light_params.progress = NULL;         /* which shows how many states are done */
     b->light_settings.work_stealing = false; /* points stay where they are, for the next state */
     b->light_settings.rebalance = KILN_REBALANCE_NEVER;
     e->before = *b->prepared->scene;
@@ -438,6 +443,16 @@ static json_t *times_json(const struct one *one)
                      "write_processor_seconds", one->write.processor);
 }
 
+/* kiln_progress_reckoning: states to come take as long as those that are done. */
+static double left_of_states(void *context, double share)
+{
+    const struct engine *e = context;
+    (void)share;
+    return e->done_count > 0
+               ? (MPI_Wtime() - e->states_begin) * (double)(e->state_count - e->done_count) / (double)e->done_count
+               : -1.0;
+}
+
 /* Collective. The states in [0, count) of a batch. */
 static int do_batch(struct engine *e, size_t count, struct kiln_error *error)
 {
@@ -450,6 +465,7 @@ static int do_batch(struct engine *e, size_t count, struct kiln_error *error)
             status = write_state(e, i, folder, error);
         if (status == KILN_OK && e->b->rank == 0)
             (void)json_array_append_new(e->summary, times_json(&e->ones[i]));
+        e->done_count++;
     }
     return status;
 }
@@ -483,6 +499,9 @@ static int do_states(struct engine *e, const json_t *states, struct kiln_error *
     size_t count = 0, left = json_object_size(states);
     int status = check_states(e, states, error);
     e->load = since(e->begin);
+    e->state_count = left;
+    e->states_begin = MPI_Wtime();
+    kiln_progress_reckon(e->b->progress, left_of_states, e);
     json_object_foreach((json_t *)(uintptr_t)states, name, changes)
     {
         char *text = json_dumps(changes, JSON_COMPACT);
@@ -498,6 +517,7 @@ static int do_states(struct engine *e, const json_t *states, struct kiln_error *
         if (status != KILN_OK)
             break;
     }
+    kiln_progress_reckon(e->b->progress, NULL, NULL);
     return status;
 }
 
@@ -797,7 +817,7 @@ int kiln_bake_states(struct kiln_bake *b, struct kiln_error *error)
     e->width = e->whole ? 1 : width_of(b->job);
     (void)snprintf(e->output, sizeof e->output, "%s", b->job->output);
     kiln_phase(&b->phases, "direct light");
-    kiln_progress_phase(b->progress, "relight", 0);
+    kiln_progress_phase(b->progress, KILN_STAGE_STATES, 0);
     status = create(e, error);
     if (status == KILN_OK)
         status = b->job->relighting.listen ? listen_to_input(e, error) : run_states(e, error);

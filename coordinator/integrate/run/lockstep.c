@@ -46,6 +46,8 @@ int kiln_lockstep_create(struct kiln_lockstep *l, const struct kiln_integrate_pa
 
 void kiln_lockstep_release(struct kiln_lockstep *l)
 {
+    kiln_progress_reckon(l->params->progress, NULL, NULL);
+    kiln_light_clock_release(&l->clock);
     kiln_company_destroy(&l->company);
     kiln_ledger_release(&l->ledger);
     kiln_taker_release(&l->taker);
@@ -139,6 +141,7 @@ static int run_step(struct kiln_lockstep *l, struct kiln_error *error)
     const struct kiln_integrate_params *p = l->params;
     struct kiln_step_report *report = kiln_solution_step(l->solution);
     kiln_rank_data_lend(l->solution->own, p->surface);
+    kiln_light_clock_step(&l->clock);
     int status = kiln_company_before_step(&l->company, error);
     if (status != KILN_OK)
         return status;
@@ -222,6 +225,9 @@ int kiln_lockstep_run(struct kiln_lockstep *l, bool restored, bool finished, str
     const struct kiln_step_reports *steps = &l->solution->report.steps;
     struct kiln_step step;
     int status = KILN_OK;
+    l->clock.settings = settings;
+    l->clock.steps = steps;
+    kiln_progress_reckon(l->params->progress, kiln_light_clock_left, &l->clock);
     if (restored && !finished) {
         struct kiln_step_report *report = kiln_solution_step(l->solution);
         if (report->step.pass->reads_radiosity)

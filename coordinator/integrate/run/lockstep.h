@@ -3,6 +3,7 @@
 #ifndef KILN_COORDINATOR_INTEGRATE_RUN_LOCKSTEP_H
 #define KILN_COORDINATOR_INTEGRATE_RUN_LOCKSTEP_H
 
+#include "coordinator/integrate/light_left.h"
 #include "coordinator/integrate/run/batches.h"
 #include "coordinator/integrate/run/radiosity_exchange.h"
 #include "coordinator/integrate/run/save.h"
@@ -20,7 +21,8 @@ struct kiln_lockstep {
     struct kiln_integration integration; /* for the integrator */
     struct kiln_saved saved;             /* for checkpoints */
     struct kiln_company company;
-    bool may_repartition; /* points may be redistributed; the same on all ranks */
+    struct kiln_light_clock clock; /* of the steps, for the time left */
+    bool may_repartition;          /* points may be redistributed; the same on all ranks */
 };
 
 /* Not collective. Initializes the runner. Its parts point to each other, so it must not be copied. KILN_SYSTEM. Release
