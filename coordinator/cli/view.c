@@ -11,6 +11,7 @@
 #include <mpi.h>
 
 #include "coordinator/run/lock.h"
+#include "coordinator/run/progress.h"
 #include "coordinator/cli/commands.h"
 #include "coordinator/cli/view_made.h"
 #include "coordinator/cli/view_shots.h"
@@ -54,7 +55,11 @@ struct view {
     struct kiln_show show;
     struct kiln_view_made made;
     const struct kiln_field *field; /* that of the show; NULL: none */
+    struct kiln_progress *progress; /* of all pictures; NULL: none is shown */
+    size_t drawn;                   /* pictures so far */
 };
+
+enum { PICTURE_UNITS = 1000 }; /* of progress */
 
 static int read_show(struct view *v, const char *name, struct kiln_error *error)
 {
@@ -156,6 +161,13 @@ static int open_backend(struct view *v, const struct kiln_job *job, struct kiln_
     return kiln_backend_create(&v->backend, job->machine.backend, &params, error);
 }
 
+/* Shows that the fraction `share` of the present picture is drawn: `tell` of the source. */
+static void show_share(void *context, double share)
+{
+    const struct view *v = context;
+    kiln_progress_advance(v->progress, (uint64_t)((double)PICTURE_UNITS * ((double)v->drawn + share)));
+}
+
 static bool was_given(const struct kiln_job *job, const char *name)
 {
     const struct kiln_job_owned *owned = job->strings;
@@ -175,7 +187,9 @@ static struct kiln_view_source source_of(struct view *v, const struct kiln_job *
                                       .nearest = was_given(job, "filter") ? job->view.filter == KILN_VIEW_FILTER_NEAREST
                                                                           : v->show.squares,
                                       .no_normal_maps = !job->view.normal_maps,
-                                      .maps = v->maps};
+                                      .maps = v->maps,
+                                      .tell = show_share,
+                                      .tell_context = v};
     kiln_view_made_lend(&v->made, &source);
     if (v->team != NULL)
         kiln_view_team_lend(v->team, &source);
@@ -408,13 +422,18 @@ static int draw_all(struct view *v, const struct kiln_job *job, const char *dire
 {
     char path[KILN_PATH_SIZE];
     int status;
+    kiln_progress_phase(v->progress, v->shots.count > 1 ? "pictures" : "picture", PICTURE_UNITS * v->shots.count);
     KILN_TRY(prepare(v, job, directory, error));
     for (size_t i = 0; i < v->shots.count; i++) {
         KILN_TRY(render(v, job, directory, i, error));
+        v->drawn = i + 1;
+        show_share(v, 0.0);
+        kiln_progress_make_room(v->progress);
         KILN_TRY(kiln_shots_path(&v->shots, v->scene, i, path, error));
         KILN_TRY(write_picture(v, job, path, error));
         tell_picture(job, v, path);
     }
+    kiln_progress_finish(v->progress);
     KILN_TRY(tell_all(job, v, error));
 end:
     return status;
@@ -584,6 +603,7 @@ static int choose_output(struct kiln_job *job, char path[KILN_PATH_SIZE], struct
 
 static void close_view(struct view *v)
 {
+    kiln_progress_destroy(&v->progress);
     json_decref(v->pictures);
     kiln_shots_destroy(&v->shots);
     kiln_view_filter_destroy(&v->filter);
@@ -720,6 +740,7 @@ int kiln_command_view(struct kiln_job *job, struct kiln_error *error)
     (void)MPI_Initialized(&with_mpi);
     if (with_mpi != 0)
         (void)MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+    v.progress = kiln_progress_create(job->quiet || job->json, rank);
     if (status == KILN_OK && job->view.places > 0 && rank == 0)
         status = write_places(&v, job, path, error);
     else if (status == KILN_OK && job->view.places == 0 && kiln_view_is_traced(job->view.method))

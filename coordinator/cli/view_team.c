@@ -22,7 +22,6 @@ static const double RADIUS_VCM = 0.5, RADIUS_PHOTONS = 1.0;
 
 struct kiln_view_team {
     int rank, ranks;
-    bool tells; /* how far it is, on stderr */
     int64_t bounces;
     uint32_t samples, path_length;      /* as in the job */
     double lens_radius, focus_distance; /* m; as in the job */
@@ -36,8 +35,12 @@ struct kiln_view_team {
     struct kiln_view_rounds *rounds; /* NULL: paths are traced without */
     struct kiln_view_renderer renderer;
     struct kiln_view_work work;
-    double begin, told; /* MPI_Wtime() when the picture began, and of the last line about progress */
-    bool has_kernels;   /* the device has made them */
+    double begin; /* MPI_Wtime() when the picture began */
+    /* rank 0: asks how much of the picture is drawn; NULL: nobody does. Its fraction before this draw, and of it */
+    void (*tell)(void *context, double share);
+    void *tell_context;
+    double before, part;
+    bool has_kernels; /* the device has made them */
 };
 
 /* Order from rank 0 to the others. */
@@ -115,7 +118,6 @@ int kiln_view_team_create(struct kiln_view_team **team, const struct kiln_job *j
         omp_set_num_threads((int)(job->machine.threads != 0 ? job->machine.threads : kiln_own_cores(of_node[1])));
         (void)MPI_Comm_rank(MPI_COMM_WORLD, &t->rank);
         (void)MPI_Comm_size(MPI_COMM_WORLD, &t->ranks);
-        t->tells = t->rank == 0 && !job->quiet && !job->json;
         t->bounces = job->light.bounces;
         t->samples = job->view.samples_pixel;
         t->path_length = job->view.path_length;
@@ -163,16 +165,11 @@ int kiln_view_team_stopped(const struct kiln_view_team *team, struct kiln_error 
 
 /* ---- pictures ---- */
 
-/* A line at most every two seconds. */
 static void tell(void *context, double share)
 {
-    struct kiln_view_team *t = context;
-    const double now = MPI_Wtime();
-    if (!t->tells || now - t->told < 2.0)
-        return;
-    t->told = now;
-    (void)fprintf(stderr, "kiln: %.0f %% of the paths, %.0f s left\n", 100.0 * share,
-                  (now - t->begin) * (1.0 - share) / share);
+    const struct kiln_view_team *t = context;
+    if (t->tell != NULL)
+        t->tell(t->tell_context, t->before + t->part * share);
 }
 
 /* The first pixel of a rank's range. */
@@ -247,7 +244,7 @@ static int draw(struct kiln_view_team *t, const struct kiln_path_view *view, flo
     struct kiln_path_sums sums = {0};
     float *own = NULL;
     uint64_t rays = 0;
-    t->begin = t->told = MPI_Wtime();
+    t->begin = MPI_Wtime();
     int status = kiln_allocate(&own, 3 * count, sizeof *own, "the pixels of a view", error);
     if (status == KILN_OK)
         status = kiln_path_sums_create(&sums, first, count, error);
@@ -343,8 +340,10 @@ static int draw_halves(struct kiln_view_team *t, const struct order *order, size
 {
     struct order half = *order;
     half.view.samples = order->view.samples / 2;
+    t->part = 0.5;
     int status = draw_with_all(t, &half, spread, error);
     const double first = half.view.samples;
+    t->before = 0.5;
     half.view.first += half.view.samples;
     half.view.samples = order->view.samples - half.view.samples;
     if (status == KILN_OK)
@@ -375,6 +374,10 @@ static int render(void *context, const struct kiln_view_params *params, struct k
     const size_t values = 3 * (size_t)params->width * params->height;
     float *all = NULL, *spread = NULL, *planes[3], *spread_planes[3];
     int status;
+    t->tell = params->side == 1 ? NULL : params->source.tell; /* metering is soon done */
+    t->tell_context = params->source.tell_context;
+    t->before = 0.0;
+    t->part = 1.0;
     KILN_TRY(count_samples(params->frame, &order.view, error));
     KILN_TRY(choose_radius(t, params, &order.view, error));
     KILN_TRY(mount_lens(t, &params->camera, &order.view.parameters, error));

@@ -65,6 +65,8 @@ struct kiln_view_source {
     struct kiln_view_maps *maps;               /* lightmaps for several pictures; NULL: each picture reads its own */
     const struct kiln_stop *stop;              /* may ask to stop (KILN_STOPPED); NULL: never */
     const struct kiln_view_renderer *renderer; /* NULL: lightmaps are drawn */
+    void (*tell)(void *context, double share); /* fraction of the picture that is drawn; NULL: nobody asks */
+    void *tell_context;
 };
 
 /* The lightmaps of a bake; each is read when it is first needed. */

@@ -15,7 +15,7 @@ enum { SIDE = 4, FIRST = 4 };
 static const uint8_t places[SIDE * SIDE] = {1, 7, 8, 14, 0, 2, 3, 4, 5, 6, 9, 10, 11, 12, 13, 15};
 
 /* Previews have 2 x 2 rays, and before them one in the middle of the pixel. */
-enum { PREVIEW_SIDE = 2, PREVIEW_RAYS = 5 };
+enum { PREVIEW_SIDE = 2, PREVIEW_RAYS = 5, METER_SIDE = 1 };
 
 /* Limits for the relative difference between the first rays' values, up to which no more rays are needed. WITHIN_FLAT:
  * within a pixel, on one triangle in even light; WITHIN: within any other pixel; AROUND: within the 3 x 3 pixels. EVEN:
@@ -442,10 +442,13 @@ static int render_bands(struct renderer *r, struct kiln_error *error)
 {
     const struct kiln_view_params *p = r->params;
     int status = KILN_OK;
-    for (r->begin = 0; status == KILN_OK && r->begin < p->height; r->begin += r->rows)
+    for (r->begin = 0; status == KILN_OK && r->begin < p->height; r->begin += r->rows) {
+        if (p->source.tell != NULL && p->side != METER_SIDE)
+            p->source.tell(p->source.tell_context, (double)r->begin / (double)p->height);
         status = kiln_stop_asked(p->source.stop)
                      ? kiln_give_up(error)
                      : render_band(r, p->height - r->begin < r->rows ? p->height - r->begin : r->rows, error);
+    }
     return status;
 }
 
