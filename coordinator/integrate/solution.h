@@ -47,6 +47,13 @@ struct kiln_landing_report {
     uint32_t on_host;    /* passes that the device leaves to the host: bits KILN_PASS_INDEX_..., of this rank */
 };
 
+/* The object whose published light has the largest error (parts/worst.h). The same on all ranks. */
+struct kiln_worst_object {
+    bool known;
+    uint32_t object;
+    double published; /* relative error that 95 % of its texels stay below */
+};
+
 struct kiln_integrate_report {
     struct kiln_roles roles; /* of the steps */
     struct kiln_step_reports steps;
@@ -72,6 +79,7 @@ struct kiln_integrate_report {
     struct kiln_visibility_counts visibility; /* of this rank, in this run (patches.h) */
     uint64_t links, link_bytes;               /* kept on this rank (links.h) */
     struct kiln_energy energy;
+    struct kiln_worst_object worst;
     struct kiln_step_balance trial; /* findings and action before the first step (trial.h) */
     double trial_seconds;           /* 0: nothing was tried */
 };

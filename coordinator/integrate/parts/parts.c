@@ -5,6 +5,7 @@
 
 #include "coordinator/integrate/parts/part_errors.h"
 #include "coordinator/integrate/parts/rounds.h"
+#include "coordinator/integrate/parts/worst.h"
 #include "coordinator/integrate/companion.h"
 #include "coordinator/integrate/packing.h"
 #include "worker/pass/caustic.h"
@@ -219,6 +220,27 @@ static int after_step(void *self, const struct kiln_companion_site *site, double
     return step->quantity == NULL ? kiln_part_end(site->params, site->solution, unit, error) : KILN_OK;
 }
 
+/* Index behind the last step of light: quantities follow it. */
+static size_t end_of_light(const struct kiln_step_reports *steps)
+{
+    size_t end = steps->count;
+    while (end > 0 && steps->of[end - 1].step.quantity != NULL)
+        end--;
+    return end;
+}
+
+/* Finds the object with the largest error. It is looked for after the last step rather than with the last judgement, so
+ * that a bake that goes on from a checkpoint of all light knows it, too. */
+static int find_worst(void *self, const struct kiln_companion_site *site, struct kiln_error *error)
+{
+    struct kiln_integrate_report *r = &site->solution->report;
+    const size_t last = end_of_light(&r->steps);
+    (void)self;
+    return site->params->settings->published_error > 0.0 && last > 0
+               ? kiln_worst_find(site->params, site->solution->own, r->steps.of[last - 1].unfinished, &r->worst, error)
+               : KILN_OK;
+}
+
 static bool is_sane(const struct kiln_step_report *report) { return kiln_round_is_sane(&report->round); }
 
 /* The levels of the rounds after the first, of the first `count` steps: what --rounds takes. */
@@ -237,9 +259,8 @@ static void report(const struct kiln_companion_told *told, json_t *json)
 {
     const struct kiln_step_reports *steps = &told->solution->report.steps;
     const double target = told->job->light.target_error, published = told->job->light.published_error;
-    size_t last = steps->count;
-    while (last > 0 && steps->of[last - 1].step.quantity != NULL)
-        last--;
+    const size_t last = end_of_light(steps);
+    const struct kiln_worst_object *worst = &told->solution->report.worst;
     if (!kiln_job_has_rounds(told->job) || kiln_job_parts(told->job) == 1 || last == 0)
         return;
     if (published > 0.0) {
@@ -247,6 +268,12 @@ static void report(const struct kiln_companion_told *told, json_t *json)
         (void)json_object_set_new(json, "published", json_real(steps->of[last - 1].unfinished));
         (void)json_object_set_new(json, "out_of_time", json_boolean(steps->of[last - 1].out_of_time));
         (void)json_object_set_new(json, "levels", levels_of(steps, last));
+        if (worst->known)
+            (void)json_object_set_new(
+                json, "worst",
+                json_pack("{s:s, s:f}", "object",
+                          kiln_scene_string(told->scene, told->scene->objects[worst->object].original_name),
+                          "published", worst->published));
     } else {
         (void)json_object_set_new(json, "target", json_real(target));
         (void)json_object_set_new(json, "above_target", json_real(steps->of[last - 1].unfinished));
@@ -270,5 +297,6 @@ const struct kiln_companion kiln_companion_parts = {.name = "parts",
                                                     .identity_after = "exchange",
                                                     .wanted = parts_wanted,
                                                     .after_step = after_step,
+                                                    .end = find_worst,
                                                     .is_sane = is_sane,
                                                     .report = {[KILN_REPORT_ERROR] = report}};
