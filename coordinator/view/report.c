@@ -160,7 +160,7 @@ static void add_caption(struct kiln_html *page, const json_t *object, const stru
         kiln_html_add(page, "<br>%.3g %% gathered, the rest inside other geometry and filled",
                       100.0 * valid / (valid + filled));
     if (error > 0.0)
-        kiln_html_add(page, "<br>standard error %.2g %% of the mean", 100.0 * error);
+        kiln_html_add(page, "<br>standard error of raw samples %.2g %% of the mean", 100.0 * error);
 }
 
 /* Irradiance if the light of all lamps were spread evenly over all surfaces; 0: unknown. */
@@ -399,6 +399,47 @@ static void add_section(struct report *r, const char *title, const char *name)
     add_object(&r->page, title, field(r->run, name));
 }
 
+/* Adds the error reached, by figures in percent, where it is worst, and the option that would help most. */
+static void add_reached(struct report *r)
+{
+    const json_t *error = field(r->run, "error"), *worst = field(error, "worst"), *improve = field(r->run, "improve");
+    const double published = number(field(error, "published")), raw = number(field(error, "mean_relative"));
+    const char *object = json_string_value(field(worst, "object")),
+               *option = json_string_value(field(improve, "option")),
+               *because = json_string_value(field(improve, "because"));
+    if (published > 0.0)
+        kiln_html_add(&r->page, "<p>95 %% of the texels are less than %.2g %% off (asked for: %.3g %%).",
+                      100.0 * published, 100.0 * number(field(error, "asked")));
+    else if (raw > 0.0)
+        kiln_html_add(&r->page, "<p>Standard error of raw samples: %.2g %% of the mean.", 100.0 * raw);
+    else
+        return;
+    if (published > 0.0 && object != NULL) {
+        kiln_html_add(&r->page, " Worst is '");
+        kiln_html_text(&r->page, object);
+        kiln_html_add(&r->page, "', %.2g %%.", 100.0 * number(field(worst, "published")));
+    }
+    if (option != NULL && because != NULL) {
+        kiln_html_add(&r->page, " What would improve it most: <code>");
+        kiln_html_text(&r->page, option);
+        kiln_html_add(&r->page, "</code> (");
+        kiln_html_text(&r->page, because);
+        kiln_html_add(&r->page, ").");
+    }
+    kiln_html_add(&r->page, "</p>\n");
+}
+
+/* Adds the section of errors: of raw samples only where no other is known. */
+static void add_errors(struct report *r)
+{
+    static const char *const of_samples[] = {"rms_standard_error", "mean_relative", "standard_errors_are_of"};
+    json_t *error = json_copy((json_t *)(uintptr_t)field(r->run, "error"));
+    for (size_t i = 0; i < sizeof of_samples / sizeof *of_samples && field(error, "published") != NULL; i++)
+        (void)json_object_del(error, of_samples[i]);
+    add_object(&r->page, "Error reached", error);
+    json_decref(error);
+}
+
 /* Adds the notes of the bake, before all figures. */
 static void add_notes(struct report *r)
 {
@@ -422,7 +463,7 @@ static const struct object_column {
     {"valid", "gathered", 1.0},
     {"filled", "filled", 1.0},
     {"mean", "mean irradiance", 1.0},
-    {"relative_error", "error %", 100.0},
+    {"relative_error", "error of raw samples %", 100.0},
     {"vertex_error", "error at vertices %", 100.0},
     {"seam_before", "seams before %", 100.0},
     {"seam_after", "seams after %", 100.0},
@@ -492,6 +533,7 @@ static void write_page(struct report *r)
     kiln_html_text(&r->page, title == NULL ? "bake" : title);
     kiln_html_add(&r->page, "</h1>\n");
     add_preview(r);
+    add_reached(r);
     add_notes(r);
     add_lightmaps(r);
     add_objects_table(r);
@@ -499,7 +541,7 @@ static void write_page(struct report *r)
     plot_phases(r);
     plot_ranks(r);
     plot_bounces(r);
-    add_section(r, "Error reached", "error");
+    add_errors(r);
     add_section(r, "Rays", "rays");
     add_section(r, "Surface points", "points");
     add_section(r, "Store", has_lightmaps(r) ? "" : "store");

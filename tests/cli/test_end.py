@@ -48,6 +48,29 @@ class End(unittest.TestCase):
         said = [int(percent) for percent in re.findall(r"(?m)^.*: (\d+) %, .* left$", lines)]
         self.assertEqual(said, sorted(said), lines)
 
+    def test_error_is_of_published_light(self):
+        """The error reached, where it is worst and what would help most: the same on any number of ranks; and no figure
+        of raw samples without that word."""
+        found = []
+        for ranks in (1, 2):
+            out = os.path.join(self.folder, f"published{ranks}")
+            answer = kiln("bake", self.scene, "-o", out, "--backend", "embree", "--quality", "8%", "--lightmap-size",
+                          "48", "--threads", "1", prefix=[*RANKS, str(ranks)], timeout=120)
+            self.assertEqual(answer.code, 0, answer.err)
+            report = run_json(out)
+            self.assertIn(report["error"]["worst"]["object"], [entry["name"] for entry in report["objects"]])
+            found.append((report["error"]["published"], report["error"]["worst"], report["improve"]["option"]))
+            self.assertRegex(answer.out, r"(?m)^error +[\d.]+ %: 95 % of the texels are less than that off \(asked: 8")
+            self.assertRegex(answer.out, "(?m)^worst in +'%s', " % report["error"]["worst"]["object"])
+            self.assertIn("improve it   " + report["improve"]["option"] + ": ", answer.out)
+            self.assertEqual(kiln("report", out).code, 0)
+            with open(os.path.join(out, "report.html"), encoding="utf-8") as file:
+                page = file.read()
+            for text in (answer.out, answer.err, page):
+                self.assertEqual(len(re.findall("standard error", text)), text.count("standard error of raw samples"))
+            self.assertIn(report["improve"]["option"], page)
+        self.assertEqual(found[0], found[1])
+
     def test_phases_add_up_to_the_time(self):
         """On a busy machine a rank may be kept from running between two phases; so one of three bakes must do."""
         for attempt in range(3):

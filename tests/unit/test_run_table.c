@@ -114,9 +114,26 @@ static void test_table(void **state)
     free(text);
 }
 
+/* The table of one rank has seconds without imbalance, and no phases that took none. */
+static void test_table_of_one_rank(void **state)
+{
+    (void)state;
+    char *text = NULL;
+    size_t size = 0;
+    FILE *stream = open_memstream(&text, &size);
+    json_t *report = report_of(json_pack("[o,o,o]", phase("bounces", 80.0, 80.0, 80.0),
+                                         phase("waiting", 1e-4, 1e-4, 1e-4), phase("other", 20.0, 20.0, 20.0)));
+    (void)json_object_set_new(report, "ranks", json_integer(1));
+    kiln_run_table(stream, report);
+    (void)fclose(stream);
+    assert_non_null(strstr(text, "phase    seconds  of all\nbounces   80.000  80.0 %\nother     20.000  20.0 %\n\n"));
+    json_decref(report);
+    free(text);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_notes), cmocka_unit_test(test_borders),
-                                       cmocka_unit_test(test_table)};
+                                       cmocka_unit_test(test_table), cmocka_unit_test(test_table_of_one_rank)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -11,6 +11,7 @@
 #include "coordinator/run/process_memory.h"
 #include "coordinator/bake/prepare/materials.h"
 #include "coordinator/bake/points/near_lights.h"
+#include "coordinator/bake/report/reached.h"
 #include "coordinator/bake/report/run_table.h"
 #include "coordinator/import/import.h"
 #include "coordinator/integrate/companion.h"
@@ -396,8 +397,9 @@ static json_t *error_json(const struct kiln_run *run)
     }
     (void)MPI_Allreduce(MPI_IN_PLACE, sums, 3, MPI_DOUBLE, MPI_SUM, run->prepared->communicator);
     const double mean = sums[2] > 0.0 ? sums[1] / sums[2] : 0.0, rms = sums[2] > 0.0 ? sqrt(sums[0] / sums[2]) : 0.0;
-    json_t *json = json_pack("{s:f, s:f, s:f}", "mean_irradiance", mean, "rms_standard_error", rms, "mean_relative",
-                             mean > 0.0 ? rms / mean : 0.0);
+    json_t *json =
+        json_pack("{s:f, s:f, s:f, s:s}", "mean_irradiance", mean, "rms_standard_error", rms, "mean_relative",
+                  mean > 0.0 ? rms / mean : 0.0, "standard_errors_are_of", "raw samples, before denoising");
     if (run->job->light.target_error > 0.0 && kiln_job_has_links(run->job))
         add_target_of_links(run, mean, sums[2], json);
     add_companions(json, run, KILN_REPORT_ERROR, NULL, NULL);
@@ -995,6 +997,9 @@ int kiln_run_report(json_t **report, const struct kiln_run *run, struct kiln_err
             json_object_set_new(*report, "beside_loading", loading);
             json_object_set_new(*report, "beside_passes", ahead);
             json_object_set_new(*report, "notes", kiln_run_notes(*report));
+            json_t *improve = kiln_best_option(*report);
+            if (improve != NULL)
+                json_object_set_new(*report, "improve", improve);
         } else {
             json_decref(error_reached);
         }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "coordinator/bake/light/density_check.h"
+#include "coordinator/bake/report/reached.h"
 #include "coordinator/integrate/quantity.h"
 #include "coordinator/run/phases.h"
 #include "coordinator/run/progress.h"
@@ -13,8 +14,9 @@
 
 enum { ROWS = KILN_PHASES_MAX + 1, COLUMNS = 6, CELL = 32, NAMED = 3 };
 static const double NOTE_IMBALANCE = 0.05, NOTE_LAMPS = 0.01, NOTE_KEPT = 0.25, NOTE_FILES = 0.10, NOTE_SECONDS = 1.0,
-                    NOTE_LOST = 0.01, NOTE_ABOVE = 0.025, NOTE_BORDERS = 0.01, NOTE_TAIL = 2e-3, NOTE_TILE_TAIL = 5e-2,
-                    NOTE_SIGMAS = 5.0, FAINTEST = 1e-35; /* W/m2; the smallest normal float is 1.2e-38 */
+                    NOTE_FILES_SECONDS = 5.0, NOTE_LOST = 0.01, NOTE_ABOVE = 0.025, NOTE_BORDERS = 0.01,
+                    NOTE_TAIL = 2e-3, NOTE_TILE_TAIL = 5e-2, NOTE_SIGMAS = 5.0,
+                    FAINTEST = 1e-35; /* W/m2; the smallest normal float is 1.2e-38 */
 
 struct advice {
     const char *phase, *text;
@@ -110,7 +112,7 @@ static void note_files(const json_t *report, json_t *notes)
             worst = name_of(phase);
         }
     }
-    if (sum > NOTE_SECONDS && sum > NOTE_FILES * whole(report))
+    if (sum > NOTE_FILES_SECONDS && sum > NOTE_FILES * whole(report))
         (void)json_array_append_new(notes,
                                     json_sprintf("files took %.0f %% of the time (%.1f s), most of it %s (%.1f s); %s",
                                                  100.0 * sum / whole(report), sum, worst, most,
@@ -274,19 +276,16 @@ static void note_target_of_links(const json_t *report, json_t *notes)
                             target, 100.0 * above, parts));
 }
 
-/* Notes an error of published light that was asked for and not reached. */
+/* Notes an error of published light that was asked for and not reached. What helps: reached.h. */
 static void note_published(const json_t *report, json_t *notes)
 {
     const json_t *error = json_object_get(report, "error");
     const double asked = number_of(error, "asked"), reached = number_of(error, "published");
     if (json_object_get(error, "published") != NULL && reached > asked)
         (void)json_array_append_new(
-            notes, json_sprintf("--quality %.3g%% is not reached: 95 %% of the texels are less than %.2g %% off; %s",
+            notes, json_sprintf("--quality %.3g%% is not reached: 95 %% of the texels are less than %.2g %% off%s",
                                 100.0 * asked, 100.0 * reached,
-                                json_is_true(json_object_get(error, "out_of_time"))
-                                    ? "--max-time ended the rounds, and more time would help"
-                                    : "texels that light reaches by rare ways have had the most samples that a texel "
-                                      "gets; --target-error sends more"));
+                                json_is_true(json_object_get(error, "out_of_time")) ? ", as time was over" : ""));
 }
 
 /* Notes, for a bake for some views, that most surfaces may have no light. */
@@ -405,6 +404,8 @@ static void note_tail(const json_t *report, json_t *notes)
     /* later rounds go on from that light (integrate/parts/parts.h), and their error is judged */
     const bool goes_on = number_of(json_object_get(report, "error"), "rounds") > 1.0 &&
                          json_object_get(json_object_get(report, "error"), "published") != NULL;
+    /* light that is off by less than a tenth of the error asked for does not matter */
+    const double most = fmax(NOTE_TAIL, 0.1 * number_of(json_object_get(report, "error"), "asked"));
     char pocket[240];
     name_pocket(tail, pocket, sizeof pocket);
     if (json_is_true(json_object_get(tail, "diverges")))
@@ -413,7 +414,7 @@ static void note_tail(const json_t *report, json_t *notes)
             json_sprintf("the bounces diverge: a closed place reflects all light%s, so that its light has no end "
                          "and the result no meaning; lower the albedo of its materials",
                          pocket));
-    else if (error > NOTE_TAIL)
+    else if (error > most)
         (void)json_array_append_new(
             notes, json_sprintf("the bounces have not converged: their sum may be off by %.3g %%, since materials "
                                 "reflect nearly all light%s; a lower albedo of these ends it (white paint has 0.8 to "
@@ -489,22 +490,32 @@ static void phase_row(char text[COLUMNS][CELL], const json_t *phase, double all)
         text[4][0] = '\0';
 }
 
+/* Prints the phases. Of one rank, all columns of seconds are the same. */
 static void print_phases(FILE *stream, const json_t *report)
 {
+    static const char *const of_one[] = {"phase", "seconds", "of all"};
+    static const double LEAST_SECONDS = 5e-4; /* which are printed as 0.000 */
+    enum { OF_ONE = sizeof of_one / sizeof *of_one };
+    const bool one = json_integer_value(json_object_get(report, "ranks")) == 1;
+    const size_t columns = one ? OF_ONE : COLUMNS;
     char text[ROWS][COLUMNS][CELL];
     const char *cells[ROWS * COLUMNS] = {"phase", "least s", "mean s", "slowest s", "imbalance", "of all"};
     size_t rows = 1, index;
     const json_t *phase;
+    for (size_t c = 0; one && c < columns; c++)
+        cells[c] = of_one[c];
     json_array_foreach(json_object_get(report, "phases"), index, phase)
     {
         if (rows == ROWS)
             break;
+        if (one && seconds_of(phase, "avg") < LEAST_SECONDS)
+            continue; /* of one rank, which waits for none */
         phase_row(text[rows], phase, whole(report));
-        for (size_t c = 0; c < COLUMNS; c++)
-            cells[rows * COLUMNS + c] = text[rows][c];
+        for (size_t c = 0; c < columns; c++)
+            cells[rows * columns + c] = text[rows][one && c > 1 ? COLUMNS - 1 : c];
         rows++;
     }
-    kiln_table_print(stream, cells, rows, COLUMNS, 0x3e);
+    kiln_table_print(stream, cells, rows, columns, 0x3e);
 }
 
 static void print_time(FILE *stream, const json_t *report)
@@ -531,66 +542,18 @@ static void print_memory(FILE *stream, const json_t *report)
     (void)fputc('\n', stream);
 }
 
-/* Prints how well the objects' means are known in a bake in parts. */
-static void print_mean_errors(FILE *stream, const json_t *report)
-{
-    const json_t *object, *worst = NULL;
-    size_t index;
-    json_array_foreach(json_object_get(report, "objects"), index, object)
-    {
-        if (json_object_get(object, "mean_error") != NULL &&
-            (worst == NULL || number_of(object, "mean_error") > number_of(worst, "mean_error")))
-            worst = object;
-    }
-    if (worst != NULL)
-        (void)fprintf(stream, "standard error of an object's mean %.3f %% at most (%s)\n",
-                      100.0 * number_of(worst, "mean_error"), json_string_value(json_object_get(worst, "name")));
-}
-
-static void print_target(FILE *stream, const json_t *error)
-{
-    const double rounds = number_of(error, "rounds");
-    if (json_object_get(error, "published") != NULL)
-        (void)fprintf(stream,
-                      "95 %% of the texels are less than %.2g %% off as published (asked: %.3g %%), after %.0f "
-                      "round%s\n",
-                      100.0 * number_of(error, "published"), 100.0 * number_of(error, "asked"), rounds,
-                      rounds > 1.0 ? "s" : "");
-    if (json_object_get(error, "target") == NULL)
-        return;
-    (void)fprintf(stream, "%.2f %% of the surface points lie where the error is above %.3g %%",
-                  100.0 * number_of(error, "above_target"), 100.0 * number_of(error, "target"));
-    if (json_object_get(error, "rounds") != NULL)
-        (void)fprintf(stream, ", after %.0f round%s", rounds, rounds > 1.0 ? "s" : "");
-    (void)fputc('\n', stream);
-}
-
 static void print_reached(FILE *stream, const json_t *report)
 {
     const json_t *points = json_object_get(report, "points");
     const double count = json_number_value(json_object_get(points, "count")),
                  invalid = json_number_value(json_object_get(points, "invalid"));
-    (void)fprintf(stream, "%.0f surface points, %.2f %% of them buried\n", count,
+    (void)fprintf(stream, "%.0f surface points, %.2f %% of them buried", count,
                   count > 0.0 ? 100.0 * invalid / count : 0.0);
-    (void)fprintf(stream, "standard error of raw samples %.3f %% of the mean",
-                  100.0 * number_of(json_object_get(report, "error"), "mean_relative"));
     if (has_ledger(report))
         (void)fprintf(stream, "; energy balanced to %.3f %% of what was emitted",
                       100.0 * number_of(json_object_get(report, "energy"), "relative_residual"));
     (void)fputc('\n', stream);
-    print_mean_errors(stream, report);
-    print_target(stream, json_object_get(report, "error"));
-}
-
-static void print_denoising(FILE *stream, const json_t *report)
-{
-    const json_t *denoise = json_object_get(report, "denoise");
-    const char *method = json_string_value(json_object_get(denoise, "method"));
-    if (method == NULL || strcmp(method, "none") == 0)
-        return;
-    (void)fprintf(stream, "lightmaps denoised: %.3g %% of the variance of direct light is left, %.3g %% of indirect\n",
-                  100.0 * number_of(denoise, "variance_left_direct"),
-                  100.0 * number_of(denoise, "variance_left_indirect"));
+    kiln_reached_print(stream, report);
 }
 
 void kiln_run_table(FILE *stream, const json_t *report)
@@ -603,8 +566,7 @@ void kiln_run_table(FILE *stream, const json_t *report)
     print_time(stream, report);
     print_memory(stream, report);
     print_reached(stream, report);
-    print_denoising(stream, report);
-    kiln_print(stream, "results in %s\n", output != NULL ? output : "?");
+    kiln_print(stream, "results in   %s\n", output != NULL ? output : "?");
     json_array_foreach(json_object_get(report, "notes"), index, note)
         kiln_print(stream, "NOTE %s\n", json_string_value(note));
 }
