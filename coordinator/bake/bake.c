@@ -1,6 +1,7 @@
 #include "coordinator/bake/bake.h"
 
 #include "coordinator/bake/bake_private.h"
+#include "coordinator/bake/reckon/kernels_kept.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/run/checkpoint_local.h"
 #include "coordinator/run/process.h"
@@ -18,12 +19,22 @@ static void note_checkpoints(struct kiln_bake *b)
         kiln_phase_add(&b->phases, "checkpoints", seconds);
 }
 
+/* Notes that all kernels of a bake of this kind are kept now. */
+static void mark_kernels(const struct kiln_bake *b)
+{
+    struct kiln_backend_info info;
+    kiln_backend_info(b->prepared->backend, &info);
+    if (b->rank == 0 && info.on_device && !info.fell_back)
+        kiln_kernels_mark(b->job, &b->light_settings, b->prepared->scene);
+}
+
 static int run_phases(struct kiln_bake *b, struct kiln_error *error)
 {
     int status;
     KILN_TRY(kiln_bake_prepare(b, error));
     if (b->job->relighting.states != NULL || b->job->relighting.listen)
         return kiln_bake_states(b, error);
+    KILN_TRY(kiln_bake_expect(b, error));
     KILN_TRY(kiln_bake_light(b, error));
     KILN_TRY(kiln_bake_volume(b, error));
     b->light_done = true;
@@ -32,6 +43,7 @@ static int run_phases(struct kiln_bake *b, struct kiln_error *error)
     KILN_TRY(kiln_bake_transport_write(b, error));
     KILN_TRY(kiln_bake_clear_folder(b, error));
     KILN_TRY(kiln_bake_write(b, error));
+    mark_kernels(b);
 end:
     return status;
 }

@@ -1,5 +1,5 @@
 #include "coordinator/bake/bake_private.h"
-#include "coordinator/bake/light/light_settings.h"
+#include "coordinator/bake/settings/light_settings.h"
 #include "coordinator/bake/light/reference_radius.h"
 #include "coordinator/bake/prepare/stages.h"
 #include "coordinator/integrate/companion.h"

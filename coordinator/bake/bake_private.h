@@ -96,6 +96,12 @@ int kiln_bake_take_charge(struct kiln_bake *bake, struct kiln_error *error);
  * keep the bits of the bake. */
 int kiln_bake_prepare(struct kiln_bake *bake, struct kiln_error *error);
 
+/* ---- bake_expect.c: before the light ---- */
+
+/* Reckons the time of the bake (bake/reckon/reckon.h) from what is known when its surface points are there, into
+ * prepared->expected of rank 0, and says so. */
+int kiln_bake_expect(struct kiln_bake *bake, struct kiln_error *error);
+
 /* ---- bake_light.c: light on surfaces, and the volume ---- */
 
 /* Collective. Fills in the settings, fields and parameters of the light of a prepared bake. */

@@ -6,7 +6,7 @@
 
 #include "coordinator/bake/bake_private.h"
 #include "coordinator/bake/leaf_means.h"
-#include "coordinator/bake/prepare/preview_size.h"
+#include "coordinator/bake/reckon/preview_size.h"
 #include "coordinator/bake/report/run_report.h"
 #include "coordinator/export/export.h"
 #include "coordinator/files/publish.h"

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "coordinator/bake/light/light_settings.h"
+#include "coordinator/bake/settings/light_settings.h"
 #include "coordinator/bake/prepare/materials.h"
 #include "coordinator/bake/prepare/prepare.h"
 #include "coordinator/bake/identity/transport_identity.h"

@@ -29,6 +29,11 @@ static double node_memory(const struct kiln_job *job)
     return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE) / 0x1p30;
 }
 
+static const char *backend_name(enum kiln_reckon_backend backend)
+{
+    return backend == KILN_RECKON_EMBREE ? "embree" : "vulkan";
+}
+
 /* ---- JSON ---- */
 
 static json_t *memory_json(const struct kiln_plan_memory *m)
@@ -40,6 +45,14 @@ static json_t *memory_json(const struct kiln_plan_memory *m)
                      (json_int_t)m->light, "volume", (json_int_t)m->volume, "results", (json_int_t)m->results, "moving",
                      (json_int_t)m->moving, "landing", (json_int_t)m->in_step, "total", (json_int_t)m->total, "device",
                      (json_int_t)m->device);
+}
+
+/* The phases on both backends, and which of them the seconds above are of. */
+static json_t *backends_json(const struct kiln_plan *p)
+{
+    return json_pack("{s:s, s:o, s:o}", "assumed", backend_name(p->backend), backend_name(KILN_RECKON_EMBREE),
+                     kiln_reckon_json(&p->reckoned[KILN_RECKON_EMBREE]), backend_name(KILN_RECKON_VULKAN),
+                     kiln_reckon_json(&p->reckoned[KILN_RECKON_VULKAN]));
 }
 
 static json_t *seconds_json(const struct kiln_plan *p)
@@ -57,6 +70,7 @@ static json_t *seconds_json(const struct kiln_plan *p)
                               "assumed_bounces", (int)p->bounces, "calibration", p->calibration_seconds);
     (void)json_object_update(seconds, after);
     json_decref(after);
+    (void)json_object_set_new(seconds, "backends", backends_json(p));
     return seconds;
 }
 
@@ -284,6 +298,20 @@ static void print_light(const struct kiln_plan *p)
     (void)printf(" probes %.2f\n", p->seconds.probes);
 }
 
+/* The whole bake, phase by phase, and on the other backend. */
+static void print_phases(const struct kiln_plan *p)
+{
+    const struct kiln_reckoned *here = &p->reckoned[p->backend], *other = &p->reckoned[1 - p->backend];
+    (void)printf("  by phase, %s:", backend_name(p->backend));
+    for (int i = 0; i < KILN_RECKON_PHASES; i++)
+        if (here->seconds[i] > 0.0)
+            (void)printf(" %s %.2f,", kiln_reckon_phase_name((enum kiln_reckon_phase)i), here->seconds[i]);
+    (void)printf(" together %.2f s\n", here->total);
+    (void)printf("  with --backend %s%s %.2f s are expected, by times measured on other machines\n\n",
+                 backend_name(1 - p->backend), p->backend == KILN_RECKON_EMBREE ? ", a GPU for each rank," : "",
+                 other->total);
+}
+
 static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
 {
     const struct kiln_plan_seconds *s = &p->seconds;
@@ -296,9 +324,10 @@ static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
     if (p->visible.views > 0)
         (void)printf("                          and what the views see %.2f\n", s->views);
     print_light(p);
-    if (job->light.target_error > 0.0)
+    if (p->question.work.rounds > 1.0)
         (void)printf(
-            "                          a first round; how many more the target error takes shows in the bake\n");
+            "                          samples of the first round times %.1f, as error targets take typically\n",
+            p->question.work.rounds);
     (void)printf("  exchange   %10.2f s  a rank receives %.1f MiB in each bounce\n", s->exchange,
                  p->exchange_bytes / 1048576.0);
     for (size_t i = 0; i < KILN_COMPANIONS; i++)
@@ -309,7 +338,8 @@ static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
     if (s->save > 0.0)
         (void)printf("  saving     %10.2f s  %.0f checkpoint%s\n", s->save, p->here.saves,
                      p->here.saves > 1.0 ? "s" : "");
-    (void)printf("  results    %10.2f s\n  in all     %10.2f s\n\n", s->write, s->total);
+    (void)printf("  results    %10.2f s\n  in all     %10.2f s\n", s->write, s->total);
+    print_phases(p);
     (void)printf("disk: %.1f MiB: lightmaps %.1f, kiln.h5 %.1f, volume.hdf %.1f, scene %.1f, scene.glb %.1f; while it "
                  "runs two checkpoints of %.1f MiB\n",
                  mebibytes(p->disk_bytes), mebibytes(p->lightmap_bytes), mebibytes(p->h5_bytes),

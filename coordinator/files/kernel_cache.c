@@ -17,6 +17,7 @@
 #include "worker/base/memory.h"
 
 #define SUFFIX ".kernel"
+#define MARK ".kind"
 enum { HEAD = 48, KEY_AT = 8, SIZE_AT = 24, SUM_AT = 32, KEY_BYTES = KILN_KERNEL_KEY / 2, NAME = 64 };
 static const char magic[KEY_AT] = {'K', 'I', 'L', 'N', 'K', 'E', 'R', 'N'};
 
@@ -165,6 +166,40 @@ end:
         kiln_publish_abandon(&p);
     (void)kiln_close(descriptor);
     trim(folder);
+}
+
+/* ---- marks ---- */
+
+/* False: nothing is kept. */
+static bool name_mark(const char *place, const char *kind, char folder[KILN_PATH_SIZE], char path[KILN_PATH_SIZE])
+{
+    char text[KILN_KERNEL_KIND + 64];
+    struct stat program;
+    if ((place != NULL && strcmp(place, "none") == 0) || !find_folder(place, folder) ||
+        stat("/proc/self/exe", &program) != 0)
+        return false;
+    (void)snprintf(text, sizeof text, "%lld %lld %s", (long long)program.st_size, (long long)program.st_mtim.tv_sec,
+                   kind);
+    const XXH128_hash_t hash = XXH3_128bits(text, strlen(text));
+    const int length = snprintf(path, KILN_PATH_SIZE, "%s/%016llx%016llx" MARK, folder, (unsigned long long)hash.high64,
+                                (unsigned long long)hash.low64);
+    return length > 0 && length < KILN_PATH_SIZE;
+}
+
+void kiln_kernel_cache_mark(const char *place, const char *kind)
+{
+    char folder[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
+    if (!name_mark(place, kind, folder, path) || kiln_make_directories(folder, NULL) != KILN_OK)
+        return;
+    const int descriptor = kiln_open(path, O_WRONLY | O_CREAT | O_CLOEXEC, 0666);
+    if (descriptor >= 0)
+        (void)kiln_close(descriptor);
+}
+
+bool kiln_kernel_cache_marked(const char *place, const char *kind)
+{
+    char folder[KILN_PATH_SIZE], path[KILN_PATH_SIZE];
+    return name_mark(place, kind, folder, path) && access(path, F_OK) == 0;
 }
 
 /* ---- kernels shipped with the program ---- */

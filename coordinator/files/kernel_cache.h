@@ -16,6 +16,8 @@
 #ifndef KILN_COORDINATOR_FILES_KERNEL_CACHE_H
 #define KILN_COORDINATOR_FILES_KERNEL_CACHE_H
 
+#include <stdbool.h>
+
 #include "worker/base/kernel_store.h"
 
 enum { KILN_KERNEL_CACHE_BYTES = 256 << 20 };
@@ -23,5 +25,12 @@ enum { KILN_KERNEL_CACHE_BYTES = 256 << 20 };
 /* Makes the store. `folder` is borrowed. NULL: `kiln/kernels` in $XDG_CACHE_HOME, or in ~/.cache; "none": nothing is
  * cached, and only `file` is set. */
 struct kiln_kernel_store kiln_kernel_cache(const char *folder);
+
+/* Marks of bakes whose kernels are all in the folder: empty files named by the hash of the bake's `kind`, a text, and
+ * of this program's file. They serve forecasts (bake/reckon/kernels_kept.h): a mark may outlive kernels that were
+ * removed, or stand for those of another device. `folder` as above. */
+enum { KILN_KERNEL_KIND = 160 }; /* bytes of a kind, with its end */
+void kiln_kernel_cache_mark(const char *folder, const char *kind);
+bool kiln_kernel_cache_marked(const char *folder, const char *kind);
 
 #endif

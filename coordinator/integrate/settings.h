@@ -1,5 +1,5 @@
 /* Settings for the light of a bake: those of the integrators, and those of the lockstep runner. Plain values;
- * coordinator/bake/light/light_settings.h fills them in from a job. */
+ * coordinator/bake/settings/light_settings.h fills them in from a job. */
 #ifndef KILN_COORDINATOR_INTEGRATE_SETTINGS_H
 #define KILN_COORDINATOR_INTEGRATE_SETTINGS_H
 

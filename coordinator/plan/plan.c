@@ -10,9 +10,10 @@
 #include "coordinator/run/process.h"
 #include "coordinator/run/process_memory.h"
 #include "coordinator/integrate/integrate.h"
-#include "coordinator/bake/light/light_settings.h"
+#include "coordinator/bake/settings/light_settings.h"
 #include "coordinator/bake/volume/occluders.h"
-#include "coordinator/bake/prepare/preview_size.h"
+#include "coordinator/bake/reckon/preview_size.h"
+#include "coordinator/bake/reckon/work.h"
 #include "coordinator/bake/prepare/results_memory.h"
 #include "coordinator/bake/identity/transport_identity.h"
 #include "coordinator/bake/volume/volume.h"
@@ -25,10 +26,6 @@
 #include "worker/scene/radiosity.h"
 #include "worker/store/store.h"
 
-/* Assumed number of bounces for `--bounces all`, final gather included: scenes settle after 5 to 8. With patches, where
- * all bounces have equal samples, light is followed down to 1e-5: 15 to 20 bounces, or half as many pairs by unshot
- * power. */
-enum { TYPICAL_BOUNCES = 7, TYPICAL_EQUAL = 18, TYPICAL_UNSHOT = 9 };
 /* Tile runs traced per sample: enough for every thread, or to keep a GPU busy. */
 enum { THREAD_TILE_RUNS = 4, LEAST_TILE_RUNS = 8, DEVICE_TILE_RUNS = 2048, SAMPLE_PROBES = 256, LEAST_SAMPLES = 8 };
 enum { CHEAP_TILE_RUNS = 4 }; /* factor on tile runs for gathers with fewer samples than another kind of step */
@@ -39,30 +36,16 @@ static const double CALIBRATION_SECONDS = 15.0;
 static const double BVH_BYTES = 100.0;
 static const uint64_t LEAST_PROGRAM_BYTES = 24ull << 20;
 
-/* Denoising: seconds of one thread per point. Denoised lightmaps compress better; in kiln.h5, half of the bits of both
- * errors are zero. */
-static const double DENOISE_POINT_SECONDS = 18e-6;
-/* Denoising where a device does it: seconds of one thread a point, for the part that stays with the host. Measured with
- * Sponza on an H100: 1.05 s of 16 threads for 3 M points. Half of that time is work of a single thread. */
-static const double DENOISE_BESIDE_DEVICE_SECONDS = 5.6e-6;
+/* Denoised lightmaps compress better; in kiln.h5, half of the bits of both errors are zero. */
 static const double DENOISE_LIGHTMAP_DISK = 0.87, DENOISE_POINT_DISK = -4.0;
 
-static const double TAKE_POINT_SECONDS = 0.11e-6;    /* of one thread, in each pass: entered into results and sums */
-static const double LIGHTMAP_TEXEL_SECONDS = 0.9e-6; /* of one thread: filled, smoothed, compressed, read back */
-static const double H5_POINT_SECONDS = 1.0e-6;       /* of one thread: described, compressed, written, read back */
+static const double TAKE_POINT_SECONDS = 0.11e-6; /* of one thread, in each pass: entered into results and sums */
 /* Bytes per texel of a lightmap in bands, sent to the part that denoises it (output/map/denoise/denoise_parts.h). */
 static const double TEXEL_BYTES = 90.0;
-/* share of kiln.h5 packed while light is computed: a gain where devices compute, else it costs them time */
-static const double H5_EARLY = 0.3;
-static const double H5_PLACE_SECONDS = 3e-6;     /* of rank 0 alone: for a column of a chunk of kiln.h5 */
-static const double HASH_BYTE_SECONDS = 0.25e-9; /* of one thread: read from the system's cache and hashed */
+static const double H5_PLACE_SECONDS = 3e-6; /* of rank 0 alone: for a column of a chunk of kiln.h5 */
 /* Checkpoints. SAVE_BANDWIDTH: bytes per second that a node hashes, writes and syncs. COPY_BYTE_SECONDS: seconds of one
  * thread to copy a byte in the background (--checkpoint-local), to files that the system first keeps in memory. */
 static const double SAVE_BANDWIDTH = 1e9, COPY_BYTE_SECONDS = 0.6e-9;
-static const double START_SECONDS = 0.1; /* until the scene is looked at: libraries, MPI, threads */
-/* Preview without a limit, seconds of one thread. DRAWN: work that all threads of a rank share; OF_GLOSS: factor on it
- * in scenes with gloss; WRITTEN: work of a single thread. */
-static const double PREVIEW_DRAWN = 0.25, PREVIEW_OF_GLOSS = 2.5, PREVIEW_WRITTEN = 0.05;
 static const double COMPACT_BYTES = 4.0, FULL_BYTES = 8.0; /* of a point's radiosity on its way */
 static const double MAP_ENTRY_BYTES = 24.0;                /* of a tile or split, sent from its finder to every rank */
 static const double MAP_POINT_SECONDS = 0.5e-9;            /* of a rank, for a point that another found */
@@ -341,14 +324,6 @@ static int calibrate(struct kiln_plan *plan, const struct calibration *c, struct
 
 static double take_seconds(const struct kiln_prepared *p) { return TAKE_POINT_SECONDS / p->threads; }
 
-static double preview_seconds(const struct kiln_prepared *p, const struct kiln_job *job)
-{
-    const double drawn = PREVIEW_DRAWN * (p->scene->taken != NULL ? PREVIEW_OF_GLOSS : 1.0) / p->threads;
-    return job->preview
-               ? kiln_preview_share(job, p->scene, (double)p->surface_report.points) * (drawn + PREVIEW_WRITTEN)
-               : 0.0;
-}
-
 /* A moment, s: by the clock, and of the processor. */
 struct moment {
     double clock, processor;
@@ -428,23 +403,36 @@ static double crowd(const struct kiln_prepared *p, const struct kiln_job *job)
     return on_device(p) || job->machine.threads != 0 ? 1.0 : together < job->plan.ranks ? together : job->plan.ranks;
 }
 
-/* Seconds to denoise a point, by one thread. */
-static double denoise_seconds(const struct kiln_prepared *p, const struct kiln_job *job)
+/* The bake on one rank with all its threads, which the simulation shares out. */
+static struct kiln_reckoned reckoned_alone(const struct kiln_plan *plan, const struct kiln_prepared *p)
 {
-    struct kiln_backend_info info;
-    kiln_backend_info(p->backend, &info);
-    if (!kiln_job_denoises(job))
-        return 0.0;
-    return info.regresses ? DENOISE_BESIDE_DEVICE_SECONDS : DENOISE_POINT_SECONDS;
+    struct kiln_reckon_question alone = plan->question;
+    alone.ranks = 1.0;
+    alone.threads = p->threads;
+    return kiln_reckon_bake(&alone, plan->backend);
 }
 
-/* Seconds to write a point, by a rank's threads: its lightmaps, its part of kiln.h5, and their hashes. */
-static double written_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
+/* Seconds of a point in phases, on one rank. */
+static double point_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p,
+                            const enum kiln_reckon_phase *phases, size_t count)
 {
-    const double points = fmax(1.0, (double)plan->surface.points), texels = (double)plan->surface.texels / points,
-                 bytes = (double)(plan->lightmap_bytes + plan->h5_bytes) / points,
-                 h5 = H5_POINT_SECONDS * (on_device(p) ? 1.0 - H5_EARLY : 1.0);
-    return (texels * LIGHTMAP_TEXEL_SECONDS + denoise_seconds(p, job) + h5 + bytes * HASH_BYTE_SECONDS) / p->threads;
+    const struct kiln_reckoned alone = reckoned_alone(plan, p);
+    double seconds = 0.0;
+    for (size_t i = 0; i < count; i++)
+        seconds += alone.seconds[phases[i]];
+    return seconds / fmax(1.0, (double)plan->surface.points);
+}
+
+/* Seconds to denoise and to write a point: its lightmaps and its part of kiln.h5. */
+static double denoise_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p)
+{
+    static const enum kiln_reckon_phase phases[] = {KILN_RECKON_denoising};
+    return point_seconds(plan, p, phases, 1);
+}
+static double written_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p)
+{
+    static const enum kiln_reckon_phase phases[] = {KILN_RECKON_denoising, KILN_RECKON_lightmaps, KILN_RECKON_h5};
+    return point_seconds(plan, p, phases, 3);
 }
 
 /* Seconds per point that rank 0 takes to place its part of kiln.h5, while the others wait. */
@@ -454,11 +442,11 @@ static double place_seconds(const struct kiln_job *job)
     return H5_PLACE_SECONDS * (double)kiln_h5_columns(&fields) / KILN_H5_CHUNK_ROWS;
 }
 
-static double write_seconds(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job)
+static double write_seconds(const struct kiln_plan *plan, const struct kiln_job *job)
 {
-    const double points = (double)plan->surface.points;
-    return points * (written_seconds(plan, p, job) * crowd(p, job) / job->plan.ranks + place_seconds(job)) +
-           preview_seconds(p, job);
+    const double *s = plan->reckoned[plan->backend].seconds;
+    return s[KILN_RECKON_denoising] + s[KILN_RECKON_lightmaps] + s[KILN_RECKON_h5] + s[KILN_RECKON_preview] +
+           s[KILN_RECKON_rest] + (double)plan->surface.points * place_seconds(job);
 }
 
 /* Bytes per point in the exchange after a bounce, with `points` points in all. */
@@ -492,21 +480,41 @@ static void plan_before_and_after(struct kiln_plan *plan, const struct kiln_prep
     if (ranks > 1.0)
         plan->exchange_bytes =
             bounce_bytes(job, plan->surface.points) * ((double)plan->surface.points - (double)plan->surface.points_max);
-    s->write = write_seconds(plan, p, job);
+    s->write = write_seconds(plan, job);
 }
 
-static void plan_light(struct kiln_plan *plan)
+/* Puts what was measured and simulated in the place of reckoned phases. */
+static void put_phases(struct kiln_plan *plan)
+{
+    const struct kiln_plan_seconds *s = &plan->seconds;
+    struct kiln_reckoned *r = &plan->reckoned[plan->backend];
+    const struct {
+        enum kiln_reckon_phase phase;
+        double seconds;
+    } known[] = {{KILN_RECKON_import, s->import},     {KILN_RECKON_world, s->world},
+                 {KILN_RECKON_points, s->surface},    {KILN_RECKON_validity, s->validity},
+                 {KILN_RECKON_emission, s->emission}, {KILN_RECKON_probes, s->probes}};
+    for (size_t i = 0; i < sizeof known / sizeof *known; i++)
+        kiln_reckon_put(r, known[i].phase, known[i].seconds);
+    for (int i = KILN_RECKON_direct; i <= KILN_RECKON_quantities; i++) {
+        double seconds = 0.0;
+        for (uint32_t role = 0; role < plan->steps.roles.count; role++)
+            seconds += (int)kiln_reckon_phase_of(plan->steps.roles.of[role]->phase) == i ? s->light[role] : 0.0;
+        kiln_reckon_put(r, (enum kiln_reckon_phase)i, seconds);
+    }
+}
+
+static void plan_light(struct kiln_plan *plan, const struct kiln_job *job)
 {
     struct kiln_plan_seconds *s = &plan->seconds;
     s->exchange = plan->here.exchange;
     s->move = plan->here.light.move;
     s->save = plan->here.save;
-    s->total = s->import + s->world + s->surface + s->validity + s->views + s->emission + s->probes + s->exchange +
-               s->move + s->save + s->write;
-    for (uint32_t r = 0; r < plan->steps.roles.count; r++) {
-        s->light[r] = plan->here.light.seconds[r];
-        s->total += s->light[r];
-    }
+    for (uint32_t role = 0; role < plan->steps.roles.count; role++)
+        s->light[role] = plan->here.light.seconds[role];
+    put_phases(plan);
+    s->total = plan->reckoned[plan->backend].total + (double)plan->surface.points * place_seconds(job) + s->views +
+               s->exchange + s->move + s->save;
 }
 
 /* ---- scaling ---- */
@@ -556,13 +564,28 @@ static void free_cells(struct cells *cells)
         kiln_free(&cells->cost[l]);
 }
 
+/* Seconds of all rounds over those of the first, which the planned steps are, for a kind of steps; of light paths the
+ * part that is expected of those that are planned. */
+static double of_rounds(const struct kiln_plan *plan, uint32_t kind)
+{
+    const struct kiln_work *w = &plan->question.work;
+    size_t i = 0;
+    while (plan->steps.of[i].kind != kind)
+        i++;
+    const struct kiln_step *step = &plan->steps.of[i].step;
+    if (plan->steps.kinds[kind].answered)
+        return w->paths_planned > 0.0 ? w->paths / w->paths_planned : 1.0;
+    return step->pass == &kiln_pass_direct || step->terminal ? w->rounds : 1.0;
+}
+
 /* Seconds of a point in a step of a kind, of a rank with all the cores that it gets; in a stretch of `count` points. */
 static double kind_seconds(const struct kiln_plan *plan, uint64_t first, uint64_t count, uint32_t kind)
 {
     const struct kiln_step step = {.with = plan->steps.kinds[kind].with};
-    return plan->steps.kinds[kind].answered
-               ? kiln_companions_seconds(kiln_companions, plan->companions, &step) / (double)plan->surface.points
-               : cost_in(plan, first, count, kind);
+    return of_rounds(plan, kind) *
+           (plan->steps.kinds[kind].answered
+                ? kiln_companions_seconds(kiln_companions, plan->companions, &step) / (double)plan->surface.points
+                : cost_in(plan, first, count, kind));
 }
 
 static int fill_cells(const struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
@@ -628,6 +651,7 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
     const struct kiln_field_set fields = fields_of(job);
     const double surface =
         p->surface->count > 0 ? (double)rank_surface_bytes(p->surface, &fields) / (double)p->surface->count : 0.0;
+    const struct kiln_reckoned alone = reckoned_alone(plan, p);
     struct kiln_backend_info info = {0};
     kiln_backend_info(p->backend, &info);
     struct kiln_simulation simulation = {
@@ -646,16 +670,16 @@ static struct kiln_simulation simulation_of(const struct kiln_plan *plan, const 
                   .bandwidth = job->plan.node_bandwidth * 1e9,
                   .latency = job->plan.node_latency * 1e-6},
         .density = job->plan.points > 0 ? (double)job->plan.points / points : 1.0,
-        .once = START_SECONDS + s->import + s->world + s->emission + preview_seconds(p, job),
+        .once = alone.seconds[KILN_RECKON_start] + alone.seconds[KILN_RECKON_preview] +
+                alone.seconds[KILN_RECKON_rest] + s->import + s->world + s->emission,
         .find_a_point = s->surface * job->plan.ranks / points,
         .map_a_point = MAP_POINT_SECONDS * together,
         .map_bytes = MAP_ENTRY_BYTES * (double)(p->surface->tile_count + p->surface->split_count) / points,
         .shared_a_point =
-            s->validity / fmax(1.0, (double)plan->surface.points_max) + together * written_seconds(plan, p, job),
+            s->validity / fmax(1.0, (double)plan->surface.points_max) + together * written_seconds(plan, p),
         .shared = (timing->probe * (double)plan->probes + plan->probe_paths.seconds + timing->views) * together,
-        .seen_a_texel = kiln_job_denoises(job)
-                            ? denoise_seconds(p, job) / p->threads + TEXEL_BYTES / (job->plan.node_bandwidth * 1e9)
-                            : 0.0,
+        .seen_a_texel =
+            kiln_job_denoises(job) ? denoise_seconds(plan, p) + TEXEL_BYTES / (job->plan.node_bandwidth * 1e9) : 0.0,
         .largest_map = (double)kiln_largest_lightmap(p->scene),
         .alone_a_point = place_seconds(job),
         .radiosity_bytes = bounce_bytes(job, job->plan.points > 0 ? job->plan.points : plan->surface.points),
@@ -821,18 +845,29 @@ static int find_visible(struct kiln_plan *plan, const struct kiln_prepared *p, c
     return status;
 }
 
-static uint32_t typical_bounces(const struct kiln_job *job)
+/* Reckons the bake on both backends, for all ranks. */
+static int reckon(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
+                  const struct kiln_phases *phases, struct kiln_error *error)
 {
-    if (job->light.patches.order == KILN_ORDER_UNSHOT)
-        return TYPICAL_UNSHOT;
-    return job->light.schedule == KILN_SCHEDULE_EQUAL ? TYPICAL_EQUAL : TYPICAL_BOUNCES;
+    const struct kiln_backend_known known = {.threads =
+                                                 (uint64_t)fmax(p->threads * job->plan.ranks / crowd(p, job), 1.0),
+                                             .ranks = job->plan.ranks,
+                                             .import = phase_seconds(phases, "import"),
+                                             .points = (double)plan->surface.points,
+                                             .lights = p->lights};
+    struct kiln_backend_choice choice = {.asked = false};
+    const int status = kiln_backend_ask(&choice, job, p->scene, &known, error);
+    kiln_backend_predict(&choice);
+    plan->question = choice.question;
+    plan->backend = on_device(p) ? KILN_RECKON_VULKAN : KILN_RECKON_EMBREE;
+    memcpy(plan->reckoned, choice.reckoned, sizeof plan->reckoned);
+    return status;
 }
 
 int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job,
                    const struct kiln_phases *phases, struct kiln_error *error)
 {
-    *plan = (struct kiln_plan){.triangles = prepared->geometry->triangle_count,
-                               .bounces = job->light.bounces < 0 ? typical_bounces(job) : (uint32_t)job->light.bounces};
+    *plan = (struct kiln_plan){.triangles = prepared->geometry->triangle_count, .bounces = kiln_work_bounces(job)};
     known_memory(plan, prepared);
     measure_program(plan, prepared, job);
     struct kiln_surface *rank_surface = NULL;
@@ -852,7 +887,8 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
         status = kiln_volume_grid(&volume, prepared->scene, job->volume.spacing, job->volume.bounds, error);
     const struct kiln_integrate_settings settings = kiln_light_settings(job, prepared->lights, plan->surface.points);
     KILN_TRY(status);
-    KILN_TRY(kiln_planned_steps_make(&plan->steps, &settings, typical_bounces(job), error));
+    KILN_TRY(kiln_planned_steps_make(&plan->steps, &settings, kiln_work_bounces(job), error));
+    KILN_TRY(reckon(plan, prepared, job, phases, error));
     plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
     KILN_TRY(find_visible(plan, prepared, job, &timing, error));
     KILN_TRY(trace_samples(plan, prepared, job, &settings, &timing, error));
@@ -860,7 +896,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     plan_disk(plan, prepared, job);
     plan_before_and_after(plan, prepared, job, phases, &timing);
     KILN_TRY(simulate(plan, prepared, job, &timing, error));
-    plan_light(plan);
+    plan_light(plan, job);
     plan_memory(plan, prepared, rank_surface, job);
     KILN_TRY(kiln_working_set_find(&plan->working_set, prepared, job, plan->bytes_per_triangle, error));
 end:

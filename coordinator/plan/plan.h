@@ -4,6 +4,7 @@
 
 #include "coordinator/plan/working_set.h"
 #include "coordinator/bake/prepare/prepare.h"
+#include "coordinator/bake/reckon/reckon.h"
 #include "coordinator/bake/light/visible_from.h"
 #include "coordinator/bake/volume/probe_paths.h"
 #include "coordinator/integrate/companion.h"
@@ -60,6 +61,11 @@ struct kiln_plan {
     struct kiln_surface_report surface;
     struct kiln_plan_memory memory;
     struct kiln_plan_seconds seconds;
+    /* The bake as reckoned, on both backends (bake/reckon/reckon.h). Of `backend`, which a rank of this machine has,
+     * the phases up to the probes are measured and simulated. */
+    struct kiln_reckon_question question;
+    struct kiln_reckoned reckoned[KILN_RECKON_BACKENDS];
+    enum kiln_reckon_backend backend;
     uint64_t triangles;
     /* compressed sizes of the result files (estimated) */
     uint64_t lightmap_bytes, h5_bytes, volume_bytes, scene_bytes, preview_bytes, export_bytes;

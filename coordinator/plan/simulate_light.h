@@ -13,7 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "coordinator/plan/steps.h"
+#include "coordinator/bake/reckon/steps.h"
 #include "worker/base/status.h"
 
 struct kiln_light_simulation {

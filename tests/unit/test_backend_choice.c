@@ -1,5 +1,5 @@
-/* Which backend `--backend auto` takes: small bakes go to the processors, large ones to a GPU; more threads move the
- * line up; the question counts what a job asks for. */
+/* Which backend `--backend auto` takes: small bakes go to the processors, large ones to a GPU; more threads and kernels
+ * that are not kept move the line up; the question counts what a job asks for. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -8,25 +8,34 @@
 #include <cmocka.h>
 
 #include "coordinator/bake/prepare/backend_choice.h"
+#include "coordinator/bake/reckon/rounds_expected.h"
 
-/* Whether processors are predicted to be quicker with so many triangles, rays and threads. */
-static bool processors(uint64_t triangles, double rays, uint64_t threads)
+/* A diffuse bake with `rays` gather rays in a final gather, a hundred a point. */
+static struct kiln_backend_choice choice_of(double triangles, double rays, double threads, double kernels)
 {
     struct kiln_backend_choice choice = {
-        .question = {.triangles = triangles, .rays = rays, .threads = threads, .ranks = 1}};
+        .question = {.work = {.triangles = triangles, .points = rays / 100.0, .denoises = true, .rounds = 1.0},
+                     .threads = threads,
+                     .ranks = 1.0,
+                     .kernels = kernels}};
+    choice.question.work.light[KILN_WORK_FINAL] = (struct kiln_work_rays){rays, rays / 100.0, 1.0};
     kiln_backend_predict(&choice);
-    assert_true(choice.embree_seconds > 0.0 && choice.vulkan_seconds > 0.0);
-    assert_true(choice.processors == (choice.embree_seconds < choice.vulkan_seconds));
-    return choice.processors;
+    const double embree = choice.reckoned[KILN_RECKON_EMBREE].total, vulkan = choice.reckoned[KILN_RECKON_VULKAN].total;
+    assert_true(embree > 0.0 && vulkan > 0.0 && choice.processors == (embree < vulkan));
+    return choice;
+}
+
+static bool processors(double triangles, double rays, double threads)
+{
+    return choice_of(triangles, rays, threads, 0.0).processors;
 }
 
 static void test_small_bakes_stay_on_processors(void **state)
 {
     (void)state;
-    assert_true(processors(1000, 1e6, 2));
-    assert_false(processors(1000, 1e9, 2));
-    assert_true(processors(1000, 1e7, 16));
-    assert_false(processors(372, 3.7e7, 16));  /* three rooms of 140,000 points: 1.1 s of 16 cores, 0.8 s of an H200 */
+    assert_true(processors(1000, 1e5, 2));
+    assert_false(processors(1000, 1e8, 2));
+    assert_true(processors(1000, 1e6, 16));
     assert_false(processors(262000, 4e9, 16)); /* Sponza at production quality */
     assert_false(processors(4000000, 8e9, 16));
 }
@@ -36,10 +45,32 @@ static void test_threads_move_the_line(void **state)
     (void)state;
     double line[2];
     for (int i = 0; i < 2; i++)
-        for (line[i] = 1e5; processors(32, line[i], i == 0 ? 2 : 64);)
+        for (line[i] = 1e4; processors(32, line[i], i == 0 ? 2 : 64);)
             line[i] *= 1.1;
-    assert_true(line[1] > 25.0 * line[0] && line[1] < 40.0 * line[0]);
+    assert_true(line[1] > 2.0 * line[0]);
 }
+
+/* A bake of some seconds on 16 threads goes to a GPU that has its kernels, and not to one that makes them first. */
+static void test_kernels_move_the_line(void **state)
+{
+    (void)state;
+    assert_false(choice_of(270000, 3e7, 16, 0).processors);
+    assert_true(choice_of(270000, 3e7, 16, 36).processors);
+    assert_true(choice_of(270000, 3e7, 16, 36).reckoned[KILN_RECKON_VULKAN].seconds[KILN_RECKON_kernels] > 0.0);
+    assert_true(choice_of(270000, 3e7, 16, 36).reckoned[KILN_RECKON_EMBREE].seconds[KILN_RECKON_kernels] == 0.0);
+}
+
+static struct kiln_work work_of(const struct kiln_job *job, const struct kiln_scene *scene)
+{
+    const struct kiln_backend_known known = {.threads = 4, .ranks = 2, .import = -1.0};
+    struct kiln_backend_choice choice = {.asked = true};
+    struct kiln_error error;
+    assert_int_equal(kiln_backend_ask(&choice, job, scene, &known, &error), KILN_OK);
+    assert_true(choice.question.threads == 4.0 && choice.question.ranks == 2.0);
+    return choice.question.work;
+}
+
+static double samples(const struct kiln_work *work, enum kiln_work_kind kind) { return work->light[kind].samples; }
 
 static void test_what_a_job_asks_for(void **state)
 {
@@ -47,43 +78,85 @@ static void test_what_a_job_asks_for(void **state)
     struct kiln_object object = {
         .lightmap_width = 100, .lightmap_height = 50, .transform = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
     struct kiln_scene_header header = {.bounds_max = {1.0, 1.0, 1.0}};
-    struct kiln_mesh mesh = {.triangle_count = 12, .vertex_count = 2};
-    const struct kiln_material grey = {.base_color = {0.5f, 0.5f, 0.5f}};
+    struct kiln_mesh mesh = {.triangle_count = 12, .vertex_count = 2, .uv_area = 0.75};
+    const struct kiln_material grey = {.base_color = {0.5f, 0.5f, 0.5f}, .base_color_texture = KILN_NONE};
+    const struct kiln_environment dark = {.kind = KILN_ENVIRONMENT_NONE};
     const struct kiln_vec3 corners[] = {{0, 0, 0}, {1, 1, 1}};
     const uint32_t materials[12] = {0};
     const struct kiln_scene scene = {.header = &header,
                                      .strings = "",
                                      .materials = &grey,
                                      .material_count = 1,
+                                     .environment = &dark,
                                      .positions = corners,
                                      .triangle_materials = materials,
                                      .meshes = &mesh,
                                      .mesh_count = 1,
                                      .objects = &object,
                                      .object_count = 1};
-    struct kiln_job job = {.light.bounces = 3,
+    char none[] = "none";
+    struct kiln_job job = {.machine.kernel_cache = none,
+                           .light.bounces = 3,
                            .light.schedule = KILN_SCHEDULE_EQUAL,
                            .light.samples_direct = 10,
                            .light.samples_indirect = 100,
-                           .light.samples_bounce = 8};
-    const struct kiln_backend_question equal = kiln_backend_ask(&job, &scene, 4, 2);
-    assert_true(equal.triangles == 12 && equal.threads == 4 && equal.ranks == 2 && equal.points == 3750);
-    assert_true(equal.rays == 3750.0 * (5.0 + 300.0));
-    job.light.schedule = KILN_SCHEDULE_LEAN;
-    assert_true(kiln_backend_ask(&job, &scene, 4, 2).rays == 3750.0 * (5.0 + 5.0 * 8.0 + 100.0));
+                           .light.samples_bounce = 8,
+                           .light.radiance.range = INFINITY};
+    struct kiln_work work = work_of(&job, &scene);
+    assert_true(work.triangles == 12.0 && work.points == 3750.0 && work.texels == 5000.0 && work.gloss == 0.0);
+    assert_true(samples(&work, KILN_WORK_DIRECT) == 3750.0 * 10.0);
+    assert_true(samples(&work, KILN_WORK_BOUNCE) + samples(&work, KILN_WORK_FINAL) == 3750.0 * 300.0);
+    job.light.schedule =
+        KILN_SCHEDULE_LEAN; /* two bounces, with 3 and 1.5 times as many as given, and the last gather */
+    work = work_of(&job, &scene);
+    assert_true(samples(&work, KILN_WORK_BOUNCE) == 3750.0 * 36.0 && samples(&work, KILN_WORK_FINAL) == 3750.0 * 100.0);
     job.light.indirect_scale = 1;
     job.light.final_scale = 2;
-    assert_true(kiln_backend_ask(&job, &scene, 4, 2).rays == 3750.0 * (5.0 + 5.0 * 2.0 + 6.25));
+    work = work_of(&job, &scene);
+    assert_true(samples(&work, KILN_WORK_BOUNCE) == 3750.0 * 9.0 && samples(&work, KILN_WORK_FINAL) == 3750.0 * 6.25);
     job.light.bounces = 0;
     job.volume.samples = 7;
     job.volume.spacing = 0.5;
-    assert_true(kiln_backend_ask(&job, &scene, 4, 2).rays == 3750.0 * 5.0 + 8.0 * 7.0);
+    work = work_of(&job, &scene);
+    assert_true(work.probes == 8.0 && work.probe_samples == 56.0 && samples(&work, KILN_WORK_FINAL) == 0.0);
+}
+
+/* An error that is asked for sets the samples; a coarse one is reached by the first round. */
+static void test_errors_set_the_samples(void **state)
+{
+    (void)state;
+    const double asked[] = {0.2, 0.08, 0.03, 0.01};
+    double before = 1.0;
+    for (size_t i = 0; i < sizeof asked / sizeof *asked; i++) {
+        const double times = kiln_rounds_expected(asked[i], 0.0);
+        assert_true(times > before && kiln_rounds_number(times) >= kiln_rounds_number(before));
+        before = times;
+    }
+    assert_true(kiln_rounds_expected(0.2, 0.1) == 1.0 && kiln_rounds_number(1.0) == 1.0);
+    assert_true(kiln_rounds_expected(0.1, 0.4) > kiln_rounds_expected(0.1, 0.2));
+}
+
+/* Measured seconds take the place of reckoned ones, and the total stays the sum. */
+static void test_the_total_is_the_sum(void **state)
+{
+    (void)state;
+    struct kiln_reckoned reckoned = choice_of(1000, 1e7, 4, 0).reckoned[KILN_RECKON_EMBREE];
+    kiln_reckon_put(&reckoned, kiln_reckon_phase_of("validity"), 2.5);
+    double sum = 0.0;
+    for (size_t i = 0; i < KILN_RECKON_PHASES; i++)
+        sum += reckoned.seconds[i];
+    assert_true(reckoned.seconds[KILN_RECKON_validity] == 2.5);
+    assert_float_equal(reckoned.total, sum, 1e-9);
+    assert_true(kiln_reckon_phase_of("ambient occlusion") == KILN_RECKON_quantities);
+    assert_string_equal(kiln_reckon_phase_name(KILN_RECKON_h5), "kiln.h5");
+    assert_true(kiln_reckon_light(&reckoned) == reckoned.seconds[KILN_RECKON_final]);
 }
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_small_bakes_stay_on_processors),
-                                       cmocka_unit_test(test_threads_move_the_line),
-                                       cmocka_unit_test(test_what_a_job_asks_for)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_small_bakes_stay_on_processors), cmocka_unit_test(test_threads_move_the_line),
+        cmocka_unit_test(test_kernels_move_the_line),          cmocka_unit_test(test_what_a_job_asks_for),
+        cmocka_unit_test(test_errors_set_the_samples),         cmocka_unit_test(test_the_total_is_the_sum)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,7 +3,7 @@
 #include <math.h>
 
 #include "coordinator/field/field.h"
-#include "coordinator/bake/light/light_settings.h"
+#include "coordinator/bake/settings/light_settings.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"

@@ -127,11 +127,13 @@ static int refuse(const struct kiln_prepared *p, const struct kiln_prepare_care 
 static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, const char *scene_file,
                         const struct kiln_prepare_care *care, struct kiln_error *error)
 {
+    const double start = MPI_Wtime();
     int status = KILN_OK;
     if (p->rank == 0) {
         const struct kiln_import_params params = kiln_job_import_params(job, scene_file, stop_of(care));
         status = kiln_import(&params, &p->import, error);
     }
+    p->import_seconds = MPI_Wtime() - start;
     return go_on(p, care, status, error);
 }
 
@@ -173,16 +175,23 @@ static int check_same_scene(const struct kiln_prepared *p, const char *scene_fil
     return kiln_agree(p->communicator, status, error);
 }
 
-/* Collective. The name of the backend that the job asks for; for `auto` the one that is predicted to be quicker. */
-static const char *choose_backend(struct kiln_prepared *p, const struct kiln_job *job,
-                                  const struct kiln_prepare_care *care)
+/* Collective. Reckons the bake on both backends; all ranks take what rank 0 finds, for it asks clocks and files. */
+static int reckon(struct kiln_prepared *p, const struct kiln_job *job, const struct kiln_prepare_care *care,
+                  struct kiln_error *error)
 {
-    uint64_t threads = p->threads;
-    (void)MPI_Allreduce(MPI_IN_PLACE, &threads, 1, MPI_UINT64_T, MPI_SUM, p->communicator);
+    struct kiln_backend_known known = {.threads = p->threads, .ranks = (uint32_t)p->ranks, .import = p->import_seconds};
+    (void)MPI_Allreduce(MPI_IN_PLACE, &known.threads, 1, MPI_UINT64_T, MPI_SUM, p->communicator);
     p->choice = (struct kiln_backend_choice){
-        .asked = (job->machine.backend == NULL || strcmp(job->machine.backend, "auto") == 0) && !care->device_first,
-        .question = kiln_backend_ask(job, p->scene, threads, (uint32_t)p->ranks)};
+        .asked = (job->machine.backend == NULL || strcmp(job->machine.backend, "auto") == 0) && !care->device_first};
+    const int status = p->rank == 0 ? kiln_backend_ask(&p->choice, job, p->scene, &known, error) : KILN_OK;
+    (void)MPI_Bcast(&p->choice, (int)sizeof p->choice, MPI_BYTE, 0, p->communicator);
     kiln_backend_predict(&p->choice);
+    return kiln_agree(p->communicator, status, error);
+}
+
+/* The name of the backend that the job asks for; for `auto` the one that is predicted to be quicker. */
+static const char *choose_backend(const struct kiln_prepared *p, const struct kiln_job *job)
+{
     if (p->choice.asked && p->choice.processors)
         return "embree";
     return job->machine.backend != NULL ? job->machine.backend : "auto";
@@ -204,7 +213,7 @@ static struct kiln_backend_params device_params(const struct kiln_prepared *p, c
                                          .instruction_set = p->instruction_set,
                                          .seed = job->light.seed,
                                          .chain_length = job->light.chain_length,
-                                         .rays = p->choice.question.rays / (double)p->ranks,
+                                         .rays = kiln_backend_rays(&p->choice) / (double)p->ranks,
                                          .passes = passes_of(job),
                                          .regresses = kiln_job_denoises(job),
                                          .stop = stop_of(care)};
@@ -295,9 +304,12 @@ static int build_backend(struct kiln_prepared *p, const struct kiln_job *job, co
     if (job->lightmaps.store != KILN_STORE_KIND_LIGHTMAP)
         p->leaf_size = job->lightmaps.leaf_size > 0.0 ? job->lightmaps.leaf_size
                                                       : 1.0 / (double)p->scene->header->texels_per_metre;
-    const char *backend = choose_backend(p, job, care);
+    int status = reckon(p, job, care, error);
+    if (status != KILN_OK)
+        return status;
+    const char *backend = choose_backend(p, job);
     begin_device(p, job, backend, care);
-    int status = go_on(p, care, share_geometry(p, error), error);
+    status = go_on(p, care, share_geometry(p, error), error);
     if (status == KILN_OK)
         status = kiln_lights_create(&p->lights, p->scene, p->geometry, error);
     if (status == KILN_OK && job->light.patches.lights == KILN_LIGHTS_PATCHES)

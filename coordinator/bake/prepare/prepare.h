@@ -30,6 +30,7 @@ struct kiln_prepared {
     uint32_t threads;
     char instruction_set[16];
     struct kiln_import_report import; /* rank 0 */
+    double import_seconds;
     struct kiln_scene *scene;
     struct kiln_object *coarser; /* objects of the halved scene of kiln_prepare_coarser; else NULL */
     struct kiln_geometry *geometry;
@@ -37,7 +38,10 @@ struct kiln_prepared {
     struct kiln_lights *lights;
     struct kiln_lights *direct_lights; /* subset of `lights` without patches; NULL: all */
     struct kiln_backend_choice choice; /* the same on all ranks */
-    struct kiln_backend_start *start;  /* until the backend is created */
+    /* rank 0, in a bake, once its surface points are there: the time it is expected to take; what is over, as measured
+     */
+    struct kiln_reckoned expected;
+    struct kiln_backend_start *start; /* until the backend is created */
     struct kiln_backend *backend;
     struct kiln_backend_building *building; /* private: the backend under construction */
     struct kiln_aside built; /* backend built during the search for surface points; count is 0: built before */

@@ -3,7 +3,8 @@
 #include <math.h>
 #include <unistd.h>
 
-#include "coordinator/bake/prepare/preview_size.h"
+#include "coordinator/bake/reckon/preview_size.h"
+#include "coordinator/bake/reckon/work.h"
 #include "coordinator/field/result.h"
 #include "coordinator/mpi/agree.h"
 #include "coordinator/output/kiln_h5_points.h"
@@ -119,13 +120,6 @@ static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *j
 
 static double memory_of_host(void) { return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE); }
 
-/* Estimates the surface points of an object: texels of its lightmap that the layout covers. */
-static double points_of(const struct kiln_scene *scene, size_t index)
-{
-    const struct kiln_object *o = &scene->objects[index];
-    return (double)o->lightmap_width * (double)o->lightmap_height * fmin(scene->meshes[o->mesh].uv_area, 1.0);
-}
-
 int kiln_points_memory_check(const struct kiln_scene *scene, const struct kiln_job *job, int ranks, int node_ranks,
                              struct kiln_error *error)
 {
@@ -134,8 +128,8 @@ int kiln_points_memory_check(const struct kiln_scene *scene, const struct kiln_j
     double points = 0.0;
     size_t largest = 0;
     for (size_t i = 0; i < scene->object_count && job->lightmaps.store == KILN_STORE_KIND_LIGHTMAP; i++) {
-        points += points_of(scene, i);
-        largest = points_of(scene, i) > points_of(scene, largest) ? i : largest;
+        points += kiln_work_points_of(scene, i);
+        largest = kiln_work_points_of(scene, i) > kiln_work_points_of(scene, largest) ? i : largest;
     }
     const double needed = points * LEAST_OF_POINT / ranks * node_ranks;
     if (!(budget > 0.0) || needed <= budget)

@@ -12,6 +12,7 @@
 #include "coordinator/bake/prepare/materials.h"
 #include "coordinator/bake/points/near_lights.h"
 #include "coordinator/bake/report/reached.h"
+#include "coordinator/bake/reckon/reckon.h"
 #include "coordinator/bake/report/run_table.h"
 #include "coordinator/import/import.h"
 #include "coordinator/integrate/companion.h"
@@ -742,9 +743,12 @@ static json_t *choice_json(const struct kiln_backend_choice *choice, bool device
                       : choice->processors ? "processors are predicted to be done sooner"
                       : device             ? "a GPU is predicted to be done sooner"
                                            : "there is no GPU that works";
-    return json_pack("{s:s, s:f, s:f, s:f, s:I}", "why", why, "embree_seconds", choice->embree_seconds,
-                     "vulkan_seconds", choice->vulkan_seconds, "rays", choice->question.rays, "threads",
-                     (json_int_t)choice->question.threads);
+    const struct kiln_reckoned *embree = &choice->reckoned[KILN_RECKON_EMBREE],
+                               *vulkan = &choice->reckoned[KILN_RECKON_VULKAN];
+    return json_pack("{s:s, s:f, s:f, s:o, s:o, s:f, s:f, s:I}", "why", why, "embree_seconds", embree->total,
+                     "vulkan_seconds", vulkan->total, "embree", kiln_reckon_json(embree), "vulkan",
+                     kiln_reckon_json(vulkan), "kernels_missing", choice->question.kernels, "rays",
+                     kiln_backend_rays(choice), "threads", (json_int_t)choice->question.threads);
 }
 
 /* The kernels of the backend of rank 0 that ran. */
@@ -850,6 +854,7 @@ static void add_run(json_t *root, const struct kiln_run *run, json_t *phases, co
     json_object_set_new(root, "restarts", json_integer((json_int_t)t->restarts));
     json_object_set_new(root, "seconds_before", json_real(t->seconds_before));
     json_object_set_new(root, "phases", phases);
+    json_object_set_new(root, "expected", kiln_reckon_json(&p->expected));
     json_object_set_new(root, "rays", rays);
     json_object_set_new(root, "mrays_per_second", json_real(traced > 0.0 ? total_rays / traced * 1e-6 : 0.0));
 }

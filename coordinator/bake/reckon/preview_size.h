@@ -1,6 +1,6 @@
 /* Size of the preview picture that a bake draws of its result: for the bake, and for `kiln plan`. Not collective. */
-#ifndef KILN_COORDINATOR_BAKE_PREPARE_PREVIEW_SIZE_H
-#define KILN_COORDINATOR_BAKE_PREPARE_PREVIEW_SIZE_H
+#ifndef KILN_COORDINATOR_BAKE_RECKON_PREVIEW_SIZE_H
+#define KILN_COORDINATOR_BAKE_RECKON_PREVIEW_SIZE_H
 
 #include <stdint.h>
 

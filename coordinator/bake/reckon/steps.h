@@ -1,6 +1,6 @@
 /* Steps of a planned bake, classified by their cost. */
-#ifndef KILN_COORDINATOR_PLAN_STEPS_H
-#define KILN_COORDINATOR_PLAN_STEPS_H
+#ifndef KILN_COORDINATOR_BAKE_RECKON_STEPS_H
+#define KILN_COORDINATOR_BAKE_RECKON_STEPS_H
 
 #include "coordinator/integrate/quantity.h"
 

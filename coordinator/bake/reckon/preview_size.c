@@ -1,4 +1,4 @@
-#include "coordinator/bake/prepare/preview_size.h"
+#include "coordinator/bake/reckon/preview_size.h"
 
 #include <math.h>
 

@@ -1,6 +1,6 @@
 /* Light settings: turns a job into the settings of the integrators and of the lockstep runner. */
-#ifndef KILN_COORDINATOR_BAKE_LIGHT_LIGHT_SETTINGS_H
-#define KILN_COORDINATOR_BAKE_LIGHT_LIGHT_SETTINGS_H
+#ifndef KILN_COORDINATOR_BAKE_SETTINGS_LIGHT_SETTINGS_H
+#define KILN_COORDINATOR_BAKE_SETTINGS_LIGHT_SETTINGS_H
 
 #include "coordinator/integrate/settings.h"
 #include "coordinator/job/job.h"

@@ -1,4 +1,4 @@
-#include "coordinator/plan/steps.h"
+#include "coordinator/bake/reckon/steps.h"
 
 #include "coordinator/integrate/companion.h"
 #include "worker/base/memory.h"

@@ -1,4 +1,4 @@
-#include "coordinator/bake/light/light_settings.h"
+#include "coordinator/bake/settings/light_settings.h"
 
 #include "coordinator/integrate/integrator.h"
 #include "coordinator/job/options.h"

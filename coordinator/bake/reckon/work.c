@@ -1,0 +1,218 @@
+#include "coordinator/bake/reckon/work.h"
+
+#include <math.h>
+
+#include "coordinator/bake/reckon/preview_size.h"
+#include "coordinator/bake/reckon/rounds_expected.h"
+#include "coordinator/bake/reckon/steps.h"
+#include "coordinator/bake/volume/volume.h"
+#include "coordinator/integrate/companion.h"
+#include "worker/scene/gloss.h"
+
+/* Bounces where the light decides on them: scenes settle after 5 to 15. Where all have equal samples, light is followed
+ * down to 1e-5: 15 to 20 bounces, or half as many pairs by unshot power. */
+enum { TYPICAL_BOUNCES = 9, TYPICAL_EQUAL = 18, TYPICAL_UNSHOT = 9 };
+enum { RAYS_SHARE = 4 }; /* a point has a fourth of a gather's rays to share with light paths (integrate/land/land.h) */
+
+/* ---- surface ---- */
+
+double kiln_work_points_of(const struct kiln_scene *scene, size_t object)
+{
+    const struct kiln_object *o = &scene->objects[object];
+    return (double)o->lightmap_width * (double)o->lightmap_height * fmin(scene->meshes[o->mesh].uv_area, 1.0);
+}
+
+/* Facts about a mesh by its materials. */
+struct mesh_facts {
+    double glossy; /* fraction of its surface that is taken with its gloss */
+    double lamps;  /* triangles that emit light */
+};
+
+static struct mesh_facts facts_of(const struct kiln_scene *scene, const struct kiln_mesh *mesh)
+{
+    struct mesh_facts facts = {0.0, 0.0};
+    double all = 0.0;
+    const struct kiln_vec3 *p = scene->positions + mesh->vertex_first;
+    for (uint64_t t = mesh->triangle_first; t < mesh->triangle_first + mesh->triangle_count; t++) {
+        const uint32_t *corner = scene->triangles + 3 * t, material = scene->triangle_materials[t];
+        const struct kiln_vec3 a = p[corner[0]], b = p[corner[1]], c = p[corner[2]];
+        const double area = (double)vec3_length(vec3_cross(vec3_sub(b, a), vec3_sub(c, a)));
+        const float *emission = scene->materials[material].emission;
+        all += area;
+        facts.glossy += kiln_gloss_taken(scene, material) != NULL ? area : 0.0;
+        facts.lamps += emission[0] > 0.0f || emission[1] > 0.0f || emission[2] > 0.0f ? 1.0 : 0.0;
+    }
+    facts.glossy /= all > 0.0 ? all : 1.0;
+    return facts;
+}
+
+/* Whether the triangles' materials have anything to say, which takes a look at each. */
+static bool has_facts(const struct kiln_scene *scene)
+{
+    bool any = scene->taken != NULL;
+    for (size_t i = 0; i < scene->material_count; i++) {
+        const float *emission = scene->materials[i].emission;
+        any = any || emission[0] > 0.0f || emission[1] > 0.0f || emission[2] > 0.0f;
+    }
+    return any;
+}
+
+/* Gloss, as a share of the surface points, and lamps: two triangles each as a rule. */
+static void count_materials(struct kiln_work *w, const struct kiln_scene *scene, double covered)
+{
+    struct mesh_facts facts = {0.0, 0.0};
+    const bool any = has_facts(scene);
+    double glossy = 0.0;
+    for (size_t i = 0; i < scene->object_count && any; i++) {
+        const uint32_t mesh = scene->objects[i].mesh;
+        if (i == 0 || mesh != scene->objects[i - 1].mesh) /* instances of a mesh mostly follow one another */
+            facts = facts_of(scene, &scene->meshes[mesh]);
+        glossy += facts.glossy * kiln_work_points_of(scene, i);
+        w->lamps += 0.5 * facts.lamps;
+    }
+    w->gloss = covered > 0.0 ? glossy / covered : 0.0;
+    w->lamps += (double)scene->light_count;
+}
+
+static void count_surface(struct kiln_work *w, const struct kiln_scene *scene, double points)
+{
+    double covered = 0.0;
+    for (size_t i = 0; i < scene->object_count; i++) {
+        const struct kiln_object *o = &scene->objects[i];
+        w->triangles += (double)scene->meshes[o->mesh].triangle_count;
+        w->texels += (double)o->lightmap_width * (double)o->lightmap_height;
+        covered += kiln_work_points_of(scene, i);
+    }
+    w->points = points > 0.0 ? points : covered;
+    count_materials(w, scene, covered);
+    for (size_t i = 0; i < scene->material_count; i++)
+        w->textured = w->textured || scene->materials[i].base_color_texture != KILN_NONE;
+    w->from_afar = scene->environment != NULL && scene->environment->kind != KILN_ENVIRONMENT_NONE;
+    for (size_t i = 0; i < scene->light_count; i++)
+        w->from_afar = w->from_afar || scene->lights[i].kind == KILN_LIGHT_DIRECTIONAL;
+}
+
+/* ---- light ---- */
+
+uint32_t kiln_work_bounces(const struct kiln_job *job)
+{
+    if (job->light.bounces >= 0)
+        return (uint32_t)job->light.bounces;
+    if (job->light.patches.order == KILN_ORDER_UNSHOT)
+        return TYPICAL_UNSHOT;
+    return job->light.schedule == KILN_SCHEDULE_EQUAL ? TYPICAL_EQUAL : TYPICAL_BOUNCES;
+}
+
+/* Gather rays of a point of full resolution: companions let one point gather for several. */
+static double points_of_step(const struct kiln_work *w, const struct kiln_integrate_settings *settings,
+                             const struct kiln_step *step)
+{
+    const double side = kiln_step_has(step, KILN_WITH(blocks))  ? settings->indirect_scale
+                        : kiln_step_has(step, KILN_WITH(nodes)) ? settings->final_scale
+                                                                : 1.0;
+    return w->points / (side * side);
+}
+
+static enum kiln_work_kind kind_of(const struct kiln_step *step)
+{
+    return step->quantity != NULL            ? KILN_WORK_QUANTITY
+           : step->pass == &kiln_pass_direct ? KILN_WORK_DIRECT
+           : step->terminal                  ? KILN_WORK_FINAL
+                                             : KILN_WORK_BOUNCE;
+}
+
+/* Adds a step of light paths: its first in a bake that tries caustics may be all that there is of them. */
+static void count_paths(struct kiln_work *w, const struct kiln_integrate_settings *settings,
+                        const struct kiln_step *step)
+{
+    const double paths = (double)settings->photons * (step->iterations + 1.0); /* pilots are as many as an iteration */
+    w->path_steps++;
+    w->paths_planned += paths;
+    if (settings->caustics_tried && settings->published_error > 0.0) {
+        w->paths += step->part == 0 ? (double)settings->photons : 0.0; /* typical: they bring too little */
+        return;
+    }
+    w->paths += paths;
+    w->shared += settings->caustics == KILN_CAUSTICS_VCM ? w->points * step->samples / RAYS_SHARE : 0.0;
+    w->spread += settings->caustics >= KILN_CAUSTICS_MERGE ? w->points : 0.0;
+}
+
+static void count_step(struct kiln_work *w, const struct kiln_integrate_settings *settings,
+                       const struct kiln_step *step)
+{
+    if (kiln_step_has(step, KILN_WITH(landing))) {
+        count_paths(w, settings, step);
+        return;
+    }
+    if (step->pass == &kiln_pass_patches) { /* faces are seen from half of the others */
+        w->pairs += 0.5 * w->points * w->points;
+        return;
+    }
+    struct kiln_work_rays *rays = &w->light[kind_of(step)];
+    const double points = points_of_step(w, settings, step);
+    rays->samples += points * step->samples * (step->pass == &kiln_pass_reference ? fmax(w->bounces, 1.0) : 1.0);
+    rays->visits += points;
+    rays->steps++;
+}
+
+/* Adds the rounds after the first, which have no bounces. */
+static void count_rounds(struct kiln_work *w, const struct kiln_integrate_settings *settings, double first_error)
+{
+    const double times = kiln_rounds_expected(
+                     settings->published_error > 0.0 ? settings->published_error : settings->target_error, first_error),
+                 rounds = kiln_rounds_number(times);
+    const enum kiln_work_kind kinds[] = {KILN_WORK_DIRECT, KILN_WORK_FINAL};
+    w->rounds = times;
+    for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
+        struct kiln_work_rays *rays = &w->light[kinds[i]];
+        rays->samples *= times;
+        rays->visits *= rounds;
+        rays->steps *= rounds;
+    }
+}
+
+static int count_light(struct kiln_work *w, const struct kiln_job *job, const struct kiln_integrate_settings *settings,
+                       double first_error, struct kiln_error *error)
+{
+    struct kiln_planned_steps steps;
+    w->bounces = kiln_work_bounces(job);
+    const int status = kiln_planned_steps_make(&steps, settings, w->bounces, error);
+    for (size_t i = 0; i < steps.count && status == KILN_OK; i++)
+        count_step(w, settings, &steps.of[i].step);
+    kiln_planned_steps_release(&steps);
+    if (status == KILN_OK && kiln_has_rounds(settings))
+        count_rounds(w, settings, first_error);
+    return status;
+}
+
+/* ---- the rest ---- */
+
+/* Probes, and light paths to them: about as many as gather rays (bake/volume/probe_paths.h). */
+static void count_probes(struct kiln_work *w, const struct kiln_job *job,
+                         const struct kiln_integrate_settings *settings, const struct kiln_scene *scene)
+{
+    struct kiln_volume_result volume;
+    struct kiln_error ignored; /* too many probes are refused elsewhere */
+    if (job->volume.samples == 0 ||
+        kiln_volume_grid(&volume, scene, job->volume.spacing, job->volume.bounds, &ignored) != KILN_OK)
+        return;
+    const double x = (double)volume.size[0], y = (double)volume.size[1], z = (double)volume.size[2],
+                 face = fmax(x * y, fmax(y * z, z * x));
+    w->probes = x * y * z;
+    w->probe_samples = w->probes * job->volume.samples;
+    if (settings->caustics >= KILN_CAUSTICS_LAND)
+        w->probe_paths = face * job->volume.samples;
+}
+
+int kiln_work_count(struct kiln_work *w, const struct kiln_job *job, const struct kiln_integrate_settings *settings,
+                    const struct kiln_scene *scene, double points, double first_error, struct kiln_error *error)
+{
+    *w = (struct kiln_work){.rounds = 1.0,
+                            .takes_gloss = kiln_job_takes_gloss(job) && scene->taken != NULL,
+                            .denoises = kiln_job_denoises(job),
+                            .exports = job->write_scene};
+    count_surface(w, scene, points);
+    count_probes(w, job, settings, scene);
+    w->preview = job->preview ? kiln_preview_share(job, scene, w->points) : 0.0;
+    return count_light(w, job, settings, first_error, error);
+}
