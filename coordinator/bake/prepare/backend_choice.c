@@ -10,10 +10,8 @@ int kiln_backend_ask(struct kiln_backend_choice *choice, const struct kiln_job *
     static const struct kiln_lights none = {0};
     struct kiln_job settled = *job; /* borrows all strings */
     struct kiln_reckon_question *q = &choice->question;
-    double points = known->points;
+    const double points = known->points > 0.0 ? known->points : kiln_work_points(scene, job->lightmaps.both_sides);
     kiln_materials_settle(&settled, scene);
-    for (size_t i = 0; i < scene->object_count && known->points == 0.0; i++)
-        points += kiln_work_points_of(scene, i);
     const struct kiln_integrate_settings settings =
         kiln_light_settings(&settled, known->lights != NULL ? known->lights : &none, (uint64_t)points);
     *q = (struct kiln_reckon_question){.threads = known->threads > 0 ? (double)known->threads : 1.0,

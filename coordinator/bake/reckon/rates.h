@@ -10,8 +10,9 @@ struct kiln_backend_rates {
     /* A gather ray in a scene of 32 triangles, and more for each doubling of the triangles: the first `cached`
      * doublings, and those with which the BVH outgrows the caches. */
     double ray, doubling, cached, doubling_uncached;
-    double gloss,
-        glossy; /* added to a gather ray's 1: where there is gloss; for each unit of its share of the surface */
+    /* Added to a gather ray's 1: where there is gloss; for each unit of its share of the surface; where surfaces have
+     * holes or let light pass. */
+    double gloss, glossy, cut_out;
     /* Samples of direct light over gather rays: with one lamp, for each doubling of the lamps, and added under a sun or
      * an environment. */
     double direct, direct_lamps, direct_afar;
@@ -38,7 +39,7 @@ struct kiln_host_rates {
     double geometry_alone, geometry; /* a triangle of the geometry: by one thread while others wait; by all */
     double points, point, point_textured, point_triangle; /* surface points: in all; a point; a triangle */
     double valid_point, valid_triangle;                   /* validity, besides its rays */
-    double emission;                                      /* in all */
+    double emission, probes;                              /* in all */
     double spread;                                        /* a point over which landings are spread, in a step */
     double texel, texel_triangle;       /* lightmaps: a point collected, filled, compressed, read back; charts, seams */
     double h5, h5_point;                /* kiln.h5: in all; a point */

@@ -6,7 +6,7 @@
 #include "coordinator/bake/reckon/rates.h"
 
 enum { FIRST_DOUBLINGS = 5, DENSEST = 4 };
-#define PREVIEW_OF_GLOSS 2.4 /* rays of a pixel that sees gloss, over others */
+#define PREVIEW_OF_GLOSS 2.7 /* rays of a pixel that sees gloss, over others */
 
 #define KILN_RECKON_PHASE_NAME(id, name) name,
 static const char *const names[] = {KILN_RECKON_PHASE_LIST(KILN_RECKON_PHASE_NAME)};
@@ -28,6 +28,14 @@ static double ray_seconds(const struct kiln_backend_rates *rates, double triangl
     const double doublings = fmax(log2(fmax(triangles, 1.0)) - FIRST_DOUBLINGS, 0.0),
                  cached = fmin(doublings, rates->cached);
     return rates->ray + cached * rates->doubling + (doublings - cached) * rates->doubling_uncached;
+}
+
+/* Seconds of a gather ray of the bake, as a mean. */
+static double gather_seconds(const struct kiln_backend_rates *rates, const struct kiln_work *w)
+{
+    const double factor =
+        1.0 + (w->takes_gloss ? rates->gloss + rates->glossy * w->gloss : 0.0) + (w->cut_out ? rates->cut_out : 0.0);
+    return (1.0 - w->far) * factor * ray_seconds(rates, w->triangles) + w->far * ray_seconds(rates, 1.0);
 }
 
 /* Seconds of work of `thread_seconds` on all threads, of which a fraction runs on one of each rank's alone. */
@@ -52,7 +60,7 @@ static void reckon_before(const struct reckoning *r, double seconds[KILN_RECKON_
         shared_seconds(r, h->points + w->points * point + w->triangles * h->point_triangle, h->alone_before);
     seconds[KILN_RECKON_validity] =
         shared_seconds(r, w->points * h->valid_point + w->triangles * h->valid_triangle, h->alone_before) +
-        w->points * r->rates->validity * ray_seconds(r->rates, w->triangles) / r->lanes;
+        w->points * r->rates->validity * gather_seconds(r->rates, w) / r->lanes;
     seconds[KILN_RECKON_emission] = h->emission / r->q->threads;
     seconds[KILN_RECKON_kernels] = r->device ? r->q->kernels * r->rates->kernel : 0.0;
 }
@@ -85,6 +93,7 @@ static void reckon_light(const struct reckoning *r, double seconds[KILN_RECKON_P
                                     shared_seconds(r, w->spread * kiln_host_rates.spread, kiln_host_rates.alone_before);
     seconds[KILN_RECKON_probes] =
         (w->probe_samples * r->rates->probe_ray * r->ray + w->probe_paths * r->rates->probe_path) / r->lanes +
+        (w->probes > 0.0 ? kiln_host_rates.probes / r->q->threads : 0.0) +
         (w->probe_paths > 0.0 ? w->triangles * r->rates->probe_triangle : 0.0);
 }
 
@@ -133,8 +142,7 @@ struct kiln_reckoned kiln_reckon_bake(const struct kiln_reckon_question *q, enum
                           .rates = &kiln_backend_rates[backend],
                           .device = backend == KILN_RECKON_VULKAN,
                           .lanes = backend == KILN_RECKON_VULKAN ? q->ranks : q->threads};
-    r.ray = ray_seconds(r.rates, w->triangles) *
-            (1.0 + (w->takes_gloss ? r.rates->gloss + r.rates->glossy * w->gloss : 0.0));
+    r.ray = gather_seconds(r.rates, w);
     reckon_before(&r, reckoned.seconds);
     reckon_light(&r, reckoned.seconds);
     reckon_after(&r, reckoned.seconds);

@@ -7,11 +7,16 @@
 #include "coordinator/bake/reckon/steps.h"
 #include "coordinator/bake/volume/volume.h"
 #include "coordinator/integrate/companion.h"
+#include "shaders/shared/surface.h"
 #include "worker/scene/gloss.h"
 
-/* Bounces where the light decides on them: scenes settle after 5 to 15. Where all have equal samples, light is followed
+/* Bounces where the light decides on them: scenes settle after 5 to 15, and after 4 to 14 where an error of published
+ * light is asked for. Where all have equal samples, light is followed
  * down to 1e-5: 15 to 20 bounces, or half as many pairs by unshot power. */
-enum { TYPICAL_BOUNCES = 9, TYPICAL_EQUAL = 18, TYPICAL_UNSHOT = 9 };
+enum { TYPICAL_BOUNCES = 9, TYPICAL_OF_ROUNDS = 6, TYPICAL_EQUAL = 18, TYPICAL_UNSHOT = 9 };
+#define COARSE_BACKS                                                                                                   \
+    0.25 /* points of a back over those of the front: texels are twice as wide (worker/scene/surface.h) */
+#define OF_BORDERS 0.35  /* fraction of the texels that a layout does not cover, in which charts' borders lie */
 enum { RAYS_SHARE = 4 }; /* a point has a fourth of a gather's rays to share with light paths (integrate/land/land.h) */
 
 /* ---- surface ---- */
@@ -20,6 +25,39 @@ double kiln_work_points_of(const struct kiln_scene *scene, size_t object)
 {
     const struct kiln_object *o = &scene->objects[object];
     return (double)o->lightmap_width * (double)o->lightmap_height * fmin(scene->meshes[o->mesh].uv_area, 1.0);
+}
+
+/* Fraction of a mesh's triangles whose backs have light of their own. */
+static double backs_of(const struct kiln_scene *scene, const struct kiln_mesh *mesh)
+{
+    uint64_t count = 0;
+    for (uint64_t t = mesh->triangle_first; t < mesh->triangle_first + mesh->triangle_count; t++)
+        count += scene->materials[scene->triangle_materials[t]].double_sided != 0;
+    return (double)count / fmax((double)mesh->triangle_count, 1.0);
+}
+
+static bool has_backs(const struct kiln_scene *scene)
+{
+    bool any = false;
+    for (size_t i = 0; i < scene->material_count; i++)
+        any = any || scene->materials[i].double_sided != 0;
+    return any;
+}
+
+double kiln_work_points(const struct kiln_scene *scene, bool both_sides)
+{
+    const bool any = has_backs(scene);
+    double points = 0.0, backs = 0.0;
+    for (size_t i = 0; i < scene->object_count; i++) {
+        const struct kiln_object *o = &scene->objects[i];
+        const double texels = (double)o->lightmap_width * (double)o->lightmap_height,
+                     covered = kiln_work_points_of(scene, i);
+        const bool fine = both_sides || (o->flags & (KILN_OBJECT_FINE_BACKS | KILN_OBJECT_BOTH_SIDES)) != 0;
+        if (any && (i == 0 || o->mesh != scene->objects[i - 1].mesh))
+            backs = backs_of(scene, &scene->meshes[o->mesh]);
+        points += (1.0 + backs * (fine ? 1.0 : COARSE_BACKS)) * (covered + OF_BORDERS * (texels - covered));
+    }
+    return points;
 }
 
 /* Facts about a mesh by its materials. */
@@ -74,7 +112,88 @@ static void count_materials(struct kiln_work *w, const struct kiln_scene *scene,
     w->lamps += (double)scene->light_count;
 }
 
-static void count_surface(struct kiln_work *w, const struct kiln_scene *scene, double points)
+/* ---- objects far off the detail, as the ground around a house ---- */
+
+enum {
+    SAMPLES = 4096,
+    CORNERS = 96
+};                /* triangles whose places are the detail; corners of an object that may lie far off */
+#define WIDTH 8.0 /* half the detail's extent over the standard deviation of these places */
+
+struct extent {
+    double low[3], high[3];
+};
+
+static void place_of(const struct kiln_scene *scene, const struct kiln_object *o, uint64_t corner, double place[3])
+{
+    const struct kiln_mesh *mesh = &scene->meshes[o->mesh];
+    const struct kiln_vec3 v =
+        scene->positions[mesh->vertex_first + scene->triangles[3 * mesh->triangle_first + corner]];
+    for (int a = 0; a < 3; a++) {
+        const double *m = o->transform + 4 * a;
+        place[a] = m[0] * (double)v.x + m[1] * (double)v.y + m[2] * (double)v.z + m[3];
+    }
+}
+
+/* Where the triangles are: their places' mean and spread, from some of each object in proportion. */
+static struct extent detail_of(const struct kiln_scene *scene, double triangles)
+{
+    double sum[3] = {0.0}, square[3] = {0.0}, count = 0.0, place[3];
+    const double every = fmax(1.0, triangles / SAMPLES);
+    double next = 0.0, before = 0.0;
+    for (size_t i = 0; i < scene->object_count; i++) {
+        const double end = before + (double)scene->meshes[scene->objects[i].mesh].triangle_count;
+        for (; next < end; next += every) {
+            place_of(scene, &scene->objects[i], 3 * (uint64_t)(next - before), place);
+            for (int a = 0; a < 3; a++) {
+                sum[a] += place[a];
+                square[a] += place[a] * place[a];
+            }
+            count++;
+        }
+        before = end;
+    }
+    struct extent detail = {{0.0}, {0.0}};
+    for (int a = 0; a < 3 && count > 0.0; a++) {
+        const double mean = sum[a] / count, wide = WIDTH * sqrt(fmax(square[a] / count - mean * mean, 0.0));
+        detail.low[a] = mean - wide;
+        detail.high[a] = mean + wide;
+    }
+    return detail;
+}
+
+/* Fraction of a plain object that lies outside the detail, by its box; 0 for one with many triangles. */
+static double far_part(const struct kiln_scene *scene, const struct kiln_object *o, const struct extent *detail)
+{
+    const uint64_t corners = 3 * scene->meshes[o->mesh].triangle_count;
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, place[3], near = 1.0;
+    if (corners > CORNERS)
+        return 0.0;
+    for (uint64_t c = 0; c < corners; c++) {
+        place_of(scene, o, c, place);
+        for (int a = 0; a < 3; a++) {
+            low[a] = fmin(low[a], place[a]);
+            high[a] = fmax(high[a], place[a]);
+        }
+    }
+    for (int a = 0; a < 3; a++) {
+        const double inside = fmax(fmin(high[a], detail->high[a]) - fmax(low[a], detail->low[a]), 0.0);
+        near *= high[a] > low[a] ? inside / (high[a] - low[a]) : 1.0;
+    }
+    return 1.0 - near;
+}
+
+static double far_share(const struct kiln_scene *scene, double triangles, double covered)
+{
+    const struct extent detail = detail_of(scene, triangles);
+    double far = 0.0;
+    for (size_t i = 0; i < scene->object_count; i++)
+        far += far_part(scene, &scene->objects[i], &detail) * kiln_work_points_of(scene, i);
+    return covered > 0.0 ? far / covered : 0.0;
+}
+
+static void count_surface(struct kiln_work *w, const struct kiln_job *job, const struct kiln_scene *scene,
+                          double points)
 {
     double covered = 0.0;
     for (size_t i = 0; i < scene->object_count; i++) {
@@ -83,10 +202,14 @@ static void count_surface(struct kiln_work *w, const struct kiln_scene *scene, d
         w->texels += (double)o->lightmap_width * (double)o->lightmap_height;
         covered += kiln_work_points_of(scene, i);
     }
-    w->points = points > 0.0 ? points : covered;
+    w->points = points > 0.0 ? points : kiln_work_points(scene, job->lightmaps.both_sides);
+    w->far = far_share(scene, w->triangles, covered);
     count_materials(w, scene, covered);
-    for (size_t i = 0; i < scene->material_count; i++)
-        w->textured = w->textured || scene->materials[i].base_color_texture != KILN_NONE;
+    for (size_t i = 0; i < scene->material_count; i++) {
+        const struct kiln_material *m = &scene->materials[i];
+        w->textured = w->textured || m->base_color_texture != KILN_NONE;
+        w->cut_out = w->cut_out || m->alpha_mode != KILN_ALPHA_OPAQUE || m->transmission > 0.0f;
+    }
     w->from_afar = scene->environment != NULL && scene->environment->kind != KILN_ENVIRONMENT_NONE;
     for (size_t i = 0; i < scene->light_count; i++)
         w->from_afar = w->from_afar || scene->lights[i].kind == KILN_LIGHT_DIRECTIONAL;
@@ -100,7 +223,9 @@ uint32_t kiln_work_bounces(const struct kiln_job *job)
         return (uint32_t)job->light.bounces;
     if (job->light.patches.order == KILN_ORDER_UNSHOT)
         return TYPICAL_UNSHOT;
-    return job->light.schedule == KILN_SCHEDULE_EQUAL ? TYPICAL_EQUAL : TYPICAL_BOUNCES;
+    return job->light.schedule == KILN_SCHEDULE_EQUAL ? TYPICAL_EQUAL
+           : job->light.published_error > 0.0         ? TYPICAL_OF_ROUNDS
+                                                      : TYPICAL_BOUNCES;
 }
 
 /* Gather rays of a point of full resolution: companions let one point gather for several. */
@@ -209,9 +334,8 @@ int kiln_work_count(struct kiln_work *w, const struct kiln_job *job, const struc
 {
     *w = (struct kiln_work){.rounds = 1.0,
                             .takes_gloss = kiln_job_takes_gloss(job) && scene->taken != NULL,
-                            .denoises = kiln_job_denoises(job),
-                            .exports = job->write_scene};
-    count_surface(w, scene, points);
+                            .denoises = kiln_job_denoises(job)};
+    count_surface(w, job, scene, points);
     count_probes(w, job, settings, scene);
     w->preview = job->preview ? kiln_preview_share(job, scene, w->points) : 0.0;
     return count_light(w, job, settings, first_error, error);

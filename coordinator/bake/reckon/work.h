@@ -23,8 +23,10 @@ struct kiln_work_rays {
 struct kiln_work {
     double triangles; /* in the world, instances expanded */
     double texels, points;
+    double far;     /* fraction of the points that lie far off the detail, whose rays meet next to nothing */
     double gloss;   /* fraction of the surface, by area, whose gloss light transport simulates */
     double lamps;   /* lights, and emitting triangles by twos */
+    bool cut_out;   /* some surface has holes or lets light pass: rays ask more of what they meet */
     bool textured;  /* some material has a texture, which surface points read */
     bool from_afar; /* a sun or an environment shines: direct light has pilot samples, and edges of shadows */
     /* samples of direct light and of final gathers in all rounds over those of the first; 1: there are no rounds */
@@ -40,17 +42,19 @@ struct kiln_work {
     double probes, probe_samples, probe_paths;
     bool takes_gloss, denoises;
     double preview; /* pixels over those of an unlimited preview; 0: none */
-    bool exports;
 };
 
-/* Expected number of surface points of an object: texels of its lightmap that the layout covers. */
+/* Least expected number of surface points of an object: texels of its lightmap that the layout covers. Texels at the
+ * borders of charts come to these. */
 double kiln_work_points_of(const struct kiln_scene *scene, size_t object);
+/* Expected number of surface points of a scene, these and backs included. `both_sides`: of all, as fine as fronts. */
+double kiln_work_points(const struct kiln_scene *scene, bool both_sides);
 
 /* Assumed number of bounces, final gather included, where the job leaves it to the light. */
 uint32_t kiln_work_bounces(const struct kiln_job *job);
 
 /* Counts the work of a job whose materials are settled, for the settings of its light. `points`: surface points, if
- * they are known; 0: estimated from the layouts. `error`: error of published light that 95 % of the texels stayed below
+ * they are known; 0: kiln_work_points. `first_error`: error of published light that 95 % of the texels stayed below
  * after a first round, if that is known; 0: a typical one (rounds_expected.h). Not collective. KILN_SYSTEM. */
 int kiln_work_count(struct kiln_work *work, const struct kiln_job *job, const struct kiln_integrate_settings *settings,
                     const struct kiln_scene *scene, double points, double first_error, struct kiln_error *error);
