@@ -30,11 +30,11 @@ static double ray_seconds(const struct kiln_backend_rates *rates, double triangl
     return rates->ray + cached * rates->doubling + (doublings - cached) * rates->doubling_uncached;
 }
 
-/* Seconds of a gather ray of the bake, as a mean. */
-static double gather_seconds(const struct kiln_backend_rates *rates, const struct kiln_work *w)
+/* Seconds of a gather ray of the bake, as a mean; `shadow`: of one that does not go on from gloss. */
+static double gather_seconds(const struct kiln_backend_rates *rates, const struct kiln_work *w, bool shadow)
 {
-    const double factor =
-        1.0 + (w->takes_gloss ? rates->gloss + rates->glossy * w->gloss : 0.0) + (w->cut_out ? rates->cut_out : 0.0);
+    const double gloss = w->takes_gloss && !shadow ? rates->gloss + rates->glossy * w->gloss : 0.0,
+                 factor = 1.0 + gloss + (w->cut_out ? rates->cut_out : 0.0);
     return (1.0 - w->far) * factor * ray_seconds(rates, w->triangles) + w->far * ray_seconds(rates, 1.0);
 }
 
@@ -60,7 +60,7 @@ static void reckon_before(const struct reckoning *r, double seconds[KILN_RECKON_
         shared_seconds(r, h->points + w->points * point + w->triangles * h->point_triangle, h->alone_before);
     seconds[KILN_RECKON_validity] =
         shared_seconds(r, w->points * h->valid_point + w->triangles * h->valid_triangle, h->alone_before) +
-        w->points * r->rates->validity * gather_seconds(r->rates, w) / r->lanes;
+        w->points * r->rates->validity * gather_seconds(r->rates, w, true) / r->lanes;
     seconds[KILN_RECKON_emission] = h->emission / r->q->threads;
     seconds[KILN_RECKON_kernels] = r->device ? r->q->kernels * r->rates->kernel : 0.0;
 }
@@ -75,10 +75,12 @@ static double rays_seconds(const struct reckoning *r, enum kiln_work_kind kind, 
     return (rays->samples * of_ray * r->ray + rays->visits * visit) / r->lanes + rays->steps * r->rates->step;
 }
 
+/* Seconds of a sample of direct light over those of a gather ray. */
 static double direct_over_gather(const struct reckoning *r)
 {
-    return r->rates->direct + r->rates->direct_lamps * log2(fmax(r->work->lamps, 1.0)) +
-           (r->work->from_afar ? r->rates->direct_afar : 0.0);
+    const double of_lamps = r->rates->direct + r->rates->direct_lamps * log2(fmax(r->work->lamps, 1.0)) +
+                            (r->work->from_afar ? r->rates->direct_afar : 0.0);
+    return of_lamps * gather_seconds(r->rates, r->work, true) / r->ray;
 }
 
 static void reckon_light(const struct reckoning *r, double seconds[KILN_RECKON_PHASES])
@@ -142,7 +144,7 @@ struct kiln_reckoned kiln_reckon_bake(const struct kiln_reckon_question *q, enum
                           .rates = &kiln_backend_rates[backend],
                           .device = backend == KILN_RECKON_VULKAN,
                           .lanes = backend == KILN_RECKON_VULKAN ? q->ranks : q->threads};
-    r.ray = gather_seconds(r.rates, w);
+    r.ray = gather_seconds(r.rates, w, false);
     reckon_before(&r, reckoned.seconds);
     reckon_light(&r, reckoned.seconds);
     reckon_after(&r, reckoned.seconds);

@@ -10,10 +10,9 @@
 #include "shaders/shared/surface.h"
 #include "worker/scene/gloss.h"
 
-/* Bounces where the light decides on them: scenes settle after 5 to 15, and after 4 to 14 where an error of published
- * light is asked for. Where all have equal samples, light is followed
+/* Bounces where the light decides on them: scenes settle after 5 to 15. Where all have equal samples, light is followed
  * down to 1e-5: 15 to 20 bounces, or half as many pairs by unshot power. */
-enum { TYPICAL_BOUNCES = 9, TYPICAL_OF_ROUNDS = 6, TYPICAL_EQUAL = 18, TYPICAL_UNSHOT = 9 };
+enum { TYPICAL_BOUNCES = 9, TYPICAL_EQUAL = 18, TYPICAL_UNSHOT = 9 };
 #define COARSE_BACKS                                                                                                   \
     0.25 /* points of a back over those of the front: texels are twice as wide (worker/scene/surface.h) */
 #define OF_BORDERS 0.35  /* fraction of the texels that a layout does not cover, in which charts' borders lie */
@@ -135,7 +134,13 @@ static void place_of(const struct kiln_scene *scene, const struct kiln_object *o
     }
 }
 
-/* Where the triangles are: their places' mean and spread, from some of each object in proportion. */
+static bool is_plain(const struct kiln_scene *scene, const struct kiln_object *o)
+{
+    return 3 * scene->meshes[o->mesh].triangle_count <= CORNERS;
+}
+
+/* Extent of the triangles of objects that are not plain, by the mean and spread of some places of each in proportion.
+ * An axis without spread has no extent: nothing is far along it. */
 static struct extent detail_of(const struct kiln_scene *scene, double triangles)
 {
     double sum[3] = {0.0}, square[3] = {0.0}, count = 0.0, place[3];
@@ -144,6 +149,8 @@ static struct extent detail_of(const struct kiln_scene *scene, double triangles)
     for (size_t i = 0; i < scene->object_count; i++) {
         const double end = before + (double)scene->meshes[scene->objects[i].mesh].triangle_count;
         for (; next < end; next += every) {
+            if (is_plain(scene, &scene->objects[i]))
+                continue;
             place_of(scene, &scene->objects[i], 3 * (uint64_t)(next - before), place);
             for (int a = 0; a < 3; a++) {
                 sum[a] += place[a];
@@ -167,7 +174,7 @@ static double far_part(const struct kiln_scene *scene, const struct kiln_object 
 {
     const uint64_t corners = 3 * scene->meshes[o->mesh].triangle_count;
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, place[3], near = 1.0;
-    if (corners > CORNERS)
+    if (!is_plain(scene, o))
         return 0.0;
     for (uint64_t c = 0; c < corners; c++) {
         place_of(scene, o, c, place);
@@ -178,7 +185,7 @@ static double far_part(const struct kiln_scene *scene, const struct kiln_object 
     }
     for (int a = 0; a < 3; a++) {
         const double inside = fmax(fmin(high[a], detail->high[a]) - fmax(low[a], detail->low[a]), 0.0);
-        near *= high[a] > low[a] ? inside / (high[a] - low[a]) : 1.0;
+        near *= high[a] > low[a] && detail->high[a] > detail->low[a] ? inside / (high[a] - low[a]) : 1.0;
     }
     return 1.0 - near;
 }
@@ -212,7 +219,8 @@ static void count_surface(struct kiln_work *w, const struct kiln_job *job, const
     }
     w->from_afar = scene->environment != NULL && scene->environment->kind != KILN_ENVIRONMENT_NONE;
     for (size_t i = 0; i < scene->light_count; i++)
-        w->from_afar = w->from_afar || scene->lights[i].kind == KILN_LIGHT_DIRECTIONAL;
+        w->sun = w->sun || scene->lights[i].kind == KILN_LIGHT_DIRECTIONAL;
+    w->from_afar = w->from_afar || w->sun;
 }
 
 /* ---- light ---- */
@@ -223,9 +231,7 @@ uint32_t kiln_work_bounces(const struct kiln_job *job)
         return (uint32_t)job->light.bounces;
     if (job->light.patches.order == KILN_ORDER_UNSHOT)
         return TYPICAL_UNSHOT;
-    return job->light.schedule == KILN_SCHEDULE_EQUAL ? TYPICAL_EQUAL
-           : job->light.published_error > 0.0         ? TYPICAL_OF_ROUNDS
-                                                      : TYPICAL_BOUNCES;
+    return job->light.schedule == KILN_SCHEDULE_EQUAL ? TYPICAL_EQUAL : TYPICAL_BOUNCES;
 }
 
 /* Gather rays of a point of full resolution: companions let one point gather for several. */
@@ -283,8 +289,8 @@ static void count_step(struct kiln_work *w, const struct kiln_integrate_settings
 /* Adds the rounds after the first, which have no bounces. */
 static void count_rounds(struct kiln_work *w, const struct kiln_integrate_settings *settings, double first_error)
 {
-    const double times = kiln_rounds_expected(
-                     settings->published_error > 0.0 ? settings->published_error : settings->target_error, first_error),
+    const double asked = settings->published_error > 0.0 ? settings->published_error : settings->target_error,
+                 times = kiln_rounds_expected(asked, first_error, w->takes_gloss || w->sun),
                  rounds = kiln_rounds_number(times);
     const enum kiln_work_kind kinds[] = {KILN_WORK_DIRECT, KILN_WORK_FINAL};
     w->rounds = times;

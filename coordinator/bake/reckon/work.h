@@ -28,6 +28,7 @@ struct kiln_work {
     double lamps;   /* lights, and emitting triangles by twos */
     bool cut_out;   /* some surface has holes or lets light pass: rays ask more of what they meet */
     bool textured;  /* some material has a texture, which surface points read */
+    bool sun;       /* a directional light shines */
     bool from_afar; /* a sun or an environment shines: direct light has pilot samples, and edges of shadows */
     /* samples of direct light and of final gathers in all rounds over those of the first; 1: there are no rounds */
     double rounds;
