@@ -163,12 +163,15 @@ static void settle_dark(struct kiln_bake *b, const struct kiln_prepared *p)
     job->lightmaps.denoise = KILN_DENOISE_NONE;
 }
 
-/* Announces the stages of the bake to the progress display. */
-static void expect_stages(struct kiln_bake *b, const struct kiln_prepared *p, uint64_t probes)
+/* Announces the stages of the bake to the progress display, before its surface points are known. */
+static void expect_stages(struct kiln_bake *b, const struct kiln_prepared *p)
 {
     struct kiln_stage stages[KILN_STAGES_MAX];
-    const struct kiln_stage_facts facts = kiln_stage_facts(b->job, p, probes);
-    kiln_progress_expect(b->progress, stages, kiln_stages_make(&facts, stages));
+    const bool device = p->choice.asked ? !p->choice.processors
+                                        : b->job->machine.backend != NULL &&
+                                              strcmp(b->job->machine.backend, "vulkan") == 0;
+    const struct kiln_reckoned *expected = &p->choice.reckoned[device ? KILN_RECKON_VULKAN : KILN_RECKON_EMBREE];
+    kiln_progress_expect(b->progress, stages, kiln_stages_make(b->job, expected, stages));
 }
 
 /* Implements kiln_prepare_care.refuse: checks everything that can be refused before the first ray. */
@@ -195,7 +198,7 @@ static int look_ahead(void *context, const struct kiln_prepared *p, struct kiln_
     if (status == KILN_OK) /* a checkpoint that --no-resume discards has been removed by now */
         status = kiln_agree(b->communicator, b->rank == 0 ? check_room(b, p, &volume, error) : KILN_OK, error);
     if (status == KILN_OK && b->rank == 0)
-        expect_stages(b, p, volume.size[0] * volume.size[1] * volume.size[2]);
+        expect_stages(b, p);
     return status;
 }
 

@@ -1,6 +1,7 @@
 #include <stdio.h>
 
 #include "coordinator/bake/bake_private.h"
+#include "coordinator/bake/prepare/stages.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/text.h"
 
@@ -50,9 +51,18 @@ static void say(const struct kiln_bake *b)
                kiln_duration_text(kiln_reckon_light(&p->expected), light, sizeof light), tail);
 }
 
+/* Announces the stages again, now that more is known. */
+static void expect_stages(struct kiln_bake *b)
+{
+    struct kiln_stage stages[KILN_STAGES_MAX];
+    kiln_progress_expect(b->progress, stages, kiln_stages_make(b->job, &b->prepared->expected, stages));
+}
+
 int kiln_bake_expect(struct kiln_bake *b, struct kiln_error *error)
 {
     const int status = b->rank == 0 ? reckon(b, error) : KILN_OK;
+    if (status == KILN_OK && b->rank == 0)
+        expect_stages(b);
     if (status == KILN_OK && b->rank == 0 && !b->job->quiet)
         say(b);
     return kiln_agree(b->communicator, status, error);

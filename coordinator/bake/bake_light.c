@@ -105,6 +105,7 @@ int kiln_bake_settle_light(struct kiln_bake *b, struct kiln_error *error)
                                                      .rank = b->rank,
                                                      .ranks = b->prepared->ranks,
                                                      .begin = b->begin,
+                                                     .after_light = kiln_reckon_after(&b->prepared->expected),
                                                      .settings = &b->light_settings,
                                                      .fields = &b->fields,
                                                      .backend = b->prepared->backend,

@@ -1,10 +1,6 @@
 #include "coordinator/bake/prepare/stages.h"
 
 #include <assert.h>
-#include <math.h>
-#include <string.h>
-
-#include "coordinator/integrate/light_left.h"
 
 /* Whether a job has a stage. */
 static bool always(const struct kiln_job *job)
@@ -25,86 +21,45 @@ static bool has_vertices(const struct kiln_job *job) { return is_whole(job) && j
 static bool has_scene(const struct kiln_job *job) { return is_whole(job) && job->write_scene; }
 static bool has_preview(const struct kiln_job *job) { return is_whole(job) && job->preview; }
 
-/* Times of stages but light and probes, of processor time measured in the Cornell box and the dining room: seconds
- * whatever the scene, and seconds of one thread for a triangle and for a surface point. Threads share the latter two.
- * `rough`: as in struct kiln_stage. */
+/* The phases of the reckoning that a stage spans, from `first` to `last`, and its share of them. Without such phases it
+ * takes `fixed` seconds. `rough`: as in struct kiln_stage. */
 static const struct row {
     const char *name;
     bool (*is_there)(const struct kiln_job *job);
-    double fixed, triangle, point;
+    enum kiln_reckon_phase first, last;
+    double share, fixed;
     bool rough;
 } rows[] = {
-    {"import", always, 0.15, 4e-6, 0.0, false},
-    {"scene and BVH", always, 0.01, 2e-6, 0.0, false},
-    {"surface points", always, 0.02, 2e-6, 1.5e-6, false},
-    {"validity", always, 0.02, 2e-6, 2e-6, false},
-    {KILN_STAGE_STATES, has_states, 1.0, 0.0, 20e-6, true},
-    {"views", has_views, 0.5, 0.0, 0.0, false},
-    {"emission", is_whole, 0.05, 0.0, 0.0, false},
-    {KILN_STAGE_LIGHT, is_whole, 0.0, 0.0, 0.0, true},
-    {"probes", has_volume, 0.0, 0.0, 0.0, true},
-    {"texel density", checks_density, 0.2, 0.0, 10e-6, false},
-    {"lightmaps", has_lightmaps, 0.05, 0.0, 15e-6, false},
-    {"vertices", has_vertices, 0.05, 0.0, 2e-6, false},
-    {"kiln.h5", is_whole, 0.05, 0.0, 2e-6, false},
-    {"volume.hdf", has_volume, 0.03, 0.0, 0.0, false},
-    {"scene.glb", has_scene, 0.05, 0.5e-6, 0.0, false},
-    {"preview", has_preview, 0.3, 4e-6, 0.0, false},
-    {"manifest", is_whole, 0.03, 0.0, 0.1e-6, false},
+    {"import", always, KILN_RECKON_start, KILN_RECKON_import, 1.0, 0.0, false},
+    {"scene and BVH", always, KILN_RECKON_world, KILN_RECKON_world, 1.0, 0.0, false},
+    {"surface points", always, KILN_RECKON_points, KILN_RECKON_points, 1.0, 0.0, false},
+    {"validity", always, KILN_RECKON_validity, KILN_RECKON_validity, 1.0, 0.0, false},
+    {KILN_STAGE_STATES, has_states, KILN_RECKON_start, KILN_RECKON_start, 0.0, 1.0, true},
+    {"views", has_views, KILN_RECKON_start, KILN_RECKON_start, 0.0, 0.5, false},
+    {"emission", is_whole, KILN_RECKON_emission, KILN_RECKON_emission, 1.0, 0.0, false},
+    {KILN_STAGE_LIGHT, is_whole, KILN_RECKON_kernels, KILN_RECKON_quantities, 1.0, 0.0, true},
+    {"probes", has_volume, KILN_RECKON_probes, KILN_RECKON_probes, 1.0, 0.0, true},
+    {"texel density", checks_density, KILN_RECKON_kernels, KILN_RECKON_quantities, 0.1, 0.2, false},
+    {"lightmaps", has_lightmaps, KILN_RECKON_denoising, KILN_RECKON_lightmaps, 1.0, 0.0, false},
+    {"vertices", has_vertices, KILN_RECKON_lightmaps, KILN_RECKON_lightmaps, 0.2, 0.05, false},
+    {"kiln.h5", is_whole, KILN_RECKON_h5, KILN_RECKON_h5, 1.0, 0.0, false},
+    {"volume.hdf", has_volume, KILN_RECKON_rest, KILN_RECKON_rest, 0.2, 0.0, false},
+    {"scene.glb", has_scene, KILN_RECKON_rest, KILN_RECKON_rest, 0.4, 0.0, false},
+    {"preview", has_preview, KILN_RECKON_preview, KILN_RECKON_preview, 1.0, 0.0, false},
+    {"manifest", is_whole, KILN_RECKON_rest, KILN_RECKON_rest, 0.4, 0.0, false},
 };
 static_assert(sizeof rows / sizeof *rows <= KILN_STAGES_MAX, "all stages fit");
 
-/* Seconds of tracing so many rays. */
-static double seconds_of(struct kiln_backend_choice choice, bool device, double rays)
-{
-    choice.question.rays = rays;
-    choice.question.triangles = choice.question.triangles > 0 ? choice.question.triangles : 1;
-    kiln_backend_predict(&choice);
-    return device ? choice.vulkan_seconds : choice.embree_seconds;
-}
-
-/* Samples of all rounds over those of the settings, a quarter of which the first round has. */
-static double rounds_of(const struct kiln_job *job)
-{
-    const double asked = job->light.published_error;
-    if (!kiln_job_has_rounds(job))
-        return 1.0;
-    return asked > 0.0 ? 0.25 * kiln_light_left_rounds(asked) : 1.0;
-}
-
-struct kiln_stage_facts kiln_stage_facts(const struct kiln_job *job, const struct kiln_prepared *p, uint64_t probes)
-{
-    const uint64_t threads = (uint64_t)p->threads * (uint64_t)p->ranks;
-    const bool device = p->choice.asked ? !p->choice.processors
-                                        : job->machine.backend != NULL && strcmp(job->machine.backend, "vulkan") == 0;
-    const struct kiln_backend_choice choice = {.question =
-                                                   kiln_backend_ask(job, p->scene, threads, (uint32_t)p->ranks)};
-    const double probe_rays = (double)probes * job->volume.samples;
-    const double points = p->surface != NULL ? (double)p->surface->point_count : (double)choice.question.points,
-                 each = points > 0.0 && choice.question.points > 0 ? points / (double)choice.question.points : 1.0;
-    return (struct kiln_stage_facts){
-        .job = job,
-        .triangles = (double)choice.question.triangles,
-        .points = points,
-        .probes = (double)probes,
-        .threads = (double)(threads > 0 ? threads : 1),
-        .light_seconds =
-            seconds_of(choice, device, rounds_of(job) * each * fmax(choice.question.rays - probe_rays, 0.0)),
-        .probe_seconds = seconds_of(choice, device, probe_rays)};
-}
-
-size_t kiln_stages_make(const struct kiln_stage_facts *f, struct kiln_stage stages[KILN_STAGES_MAX])
+size_t kiln_stages_make(const struct kiln_job *job, const struct kiln_reckoned *expected,
+                        struct kiln_stage stages[KILN_STAGES_MAX])
 {
     size_t count = 0;
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
-        if (!rows[i].is_there(f->job))
-            continue;
-        double seconds = rows[i].fixed + (rows[i].triangle * f->triangles + rows[i].point * f->points) / f->threads;
-        if (strcmp(rows[i].name, KILN_STAGE_LIGHT) == 0)
-            seconds += f->light_seconds;
-        if (strcmp(rows[i].name, "probes") == 0)
-            seconds += f->probe_seconds;
-        stages[count++] = (struct kiln_stage){rows[i].name, seconds, rows[i].rough};
+        double seconds = rows[i].fixed;
+        for (uint32_t phase = rows[i].first; phase <= (uint32_t)rows[i].last; phase++)
+            seconds += rows[i].share * expected->seconds[phase];
+        if (rows[i].is_there(job))
+            stages[count++] = (struct kiln_stage){rows[i].name, seconds, rows[i].rough};
     }
     return count;
 }

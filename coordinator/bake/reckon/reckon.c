@@ -176,6 +176,14 @@ double kiln_reckon_light(const struct kiln_reckoned *reckoned)
            s[KILN_RECKON_quantities];
 }
 
+double kiln_reckon_after(const struct kiln_reckoned *reckoned)
+{
+    double seconds = 0.0;
+    for (int phase = KILN_RECKON_probes; phase < KILN_RECKON_PHASES; phase++)
+        seconds += reckoned->seconds[phase];
+    return seconds;
+}
+
 json_t *kiln_reckon_json(const struct kiln_reckoned *reckoned)
 {
     json_t *json = json_pack("{s:f}", "total", reckoned->total);

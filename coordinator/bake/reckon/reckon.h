@@ -65,6 +65,8 @@ const char *kiln_reckon_phase_name(enum kiln_reckon_phase phase);
 enum kiln_reckon_phase kiln_reckon_phase_of(const char *name);
 /* Seconds of light on surfaces: direct light, caustics, bounces, final gather, quantities. */
 double kiln_reckon_light(const struct kiln_reckoned *reckoned);
+/* Seconds of all that follows it: probes, lightmaps, files, the preview. */
+double kiln_reckon_after(const struct kiln_reckoned *reckoned);
 
 /* {"total": ..., and each phase that takes time by its name}. New reference; NULL if memory is short. */
 json_t *kiln_reckon_json(const struct kiln_reckoned *reckoned);
