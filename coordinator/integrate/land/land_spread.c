@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "coordinator/run/control.h"
+#include "coordinator/integrate/parts/parts.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/pass/point.h"
@@ -110,6 +111,16 @@ static double landings_of(const struct kiln_landing *l)
     return LANDINGS * pow((double)kiln_landing_iterations(l), l->params->settings->radius_alpha);
 }
 
+/* Number of steps of the same size whose light is averaged, with that of all parts up to this round. One for a given
+ * number of samples. */
+static double averaged_with(const struct kiln_landing *l)
+{
+    const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
+    return l->params->settings->published_error > 0.0
+               ? kiln_part_before(step) - (double)(step->part % KILN_PARTS) + KILN_PARTS
+               : 1.0;
+}
+
 /* Collective. Spreads the light landed in iterations with the same radius to the points within it. */
 static int merge_iterations(struct kiln_landing *l, struct kiln_error *error)
 {
@@ -123,7 +134,7 @@ static int merge_iterations(struct kiln_landing *l, struct kiln_error *error)
  * radius. */
 static int spread_all(struct kiln_landing *l, struct kiln_error *error)
 {
-    int status = kiln_merge_fit(l->merge, l->gathered, landings_of(l), error);
+    int status = kiln_merge_fit(l->merge, l->gathered, landings_of(l), averaged_with(l), error);
     if (status == KILN_OK)
         status = kiln_merge_spread(l->merge, l->gathered, l->radius, l->merged, error);
     const bool pools = l->params->settings->merge_radius == KILN_MERGE_RADIUS_AUTO; /* else it is as was asked for */

@@ -15,7 +15,7 @@
 
 #define SLACK 1.001f /* margin of the radius for points sent to other ranks, against rounding */
 
-#define DOUBT 1.5 /* light within two radii agrees if it differs by less than this many standard errors */
+#define DOUBT 1.5 /* standard errors of the average by which light within two radii may differ */
 
 #define BIAS (4.0 / 3.0) /* bias, relative to the change by halving the radius */
 #define LEAST_RADIUS 1.5 /* first radius tried, in texels: it includes the eight neighbours */
@@ -517,6 +517,7 @@ int kiln_merge_spread(struct kiln_merge *m, const struct kiln_landing_sum *lande
 /* Context of the search for each point's radius. */
 struct fit {
     double landings; /* that a radius is to have within it */
+    double doubt;    /* light within two radii agrees if it differs by less than this many standard errors */
     float *radii;
 };
 
@@ -553,16 +554,16 @@ static void fill_rings(const struct kiln_merge *m, size_t at, const float radii[
 
 /* Whether the light within two radii agrees within its errors. With few landings the sum of squares is unreliable; so
  * within the narrow radius it is taken as at least the value expected from the wide one. */
-static bool agree(const struct ring *narrow, const struct ring *wide)
+static bool agree(const struct ring *narrow, const struct ring *wide, double doubt)
 {
     const double expected = wide->square * narrow->lit / wide->lit,
                  error = sqrt(fmax(narrow->square, expected)) / narrow->lit + sqrt(wide->square) / wide->lit;
-    return fabs(narrow->light / narrow->lit - wide->light / wide->lit) <= DOUBT * error;
+    return fabs(narrow->light / narrow->lit - wide->light / wide->lit) <= doubt * error;
 }
 
 /* Returns the widest step whose light agrees with that of all narrower steps, or a narrower one if that has enough
  * landings. */
-static int choose_step(const struct ring rings[FIT_STEPS], double landings)
+static int choose_step(const struct ring rings[FIT_STEPS], const struct fit *fit)
 {
     struct ring within[FIT_STEPS] = {rings[0]};
     for (int step = 0; step < FIT_STEPS; step++) {
@@ -572,9 +573,9 @@ static int choose_step(const struct ring rings[FIT_STEPS], double landings)
                                  .light = all[-1].light + rings[step].light,
                                  .square = all[-1].square + rings[step].square};
         for (int narrow = 0; narrow < step; narrow++)
-            if (!agree(&within[narrow], all))
+            if (!agree(&within[narrow], all, fit->doubt))
                 return step - 1;
-        if (all->square > 0.0 && all->light * all->light >= landings * all->square)
+        if (all->square > 0.0 && all->light * all->light >= fit->landings * all->square)
             return step;
     }
     return FIT_STEPS - 1;
@@ -589,7 +590,7 @@ static void fit_point(const struct kiln_merge *m, size_t at, float largest, cons
     float radii[FIT_STEPS];
     find_steps(radius_of(m, at, at, largest), radii);
     fill_rings(m, at, radii, &near->near, rings);
-    fit->radii[at - m->own_first] = radii[choose_step(rings, fit->landings)];
+    fit->radii[at - m->own_first] = radii[choose_step(rings, fit)];
 }
 
 /* Collective. Makes all points as wide as their radius is. `radii`: of all, of which own ones are known where `status`
@@ -611,10 +612,10 @@ static int take_radii(struct kiln_merge *m, int status, float *radii, struct kil
                             : KILN_OK;
 }
 
-int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, double landings,
+int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, double landings, double averaged,
                    struct kiln_error *error)
 {
-    struct fit fit = {.landings = landings};
+    struct fit fit = {.landings = landings / averaged, .doubt = DOUBT / sqrt(averaged)};
     float *radii = NULL;
     int status = m->fitted ? kiln_merge_set_radius(m, (double)m->radius, error) : KILN_OK;
     if (status == KILN_OK)

@@ -89,8 +89,9 @@ int kiln_merge_spread(struct kiln_merge *merge, const struct kiln_landing_sum *l
  * a spot without landings by chance is no edge). Alternatively it is the narrowest radius with as many as `landings` of
  * equal flux, (sum of phi)^2 / sum of phi^2. Two points then are near each other within the smaller of their radii: a
  * caustic with a narrow radius keeps its edge and the dark beside it, while isolated landings are spread far. Spreading
- * uses these radii until another is set. KILN_SYSTEM. */
-int kiln_merge_fit(struct kiln_merge *merge, const struct kiln_landing_sum *landed, double landings,
+ * uses these radii until another is set. `averaged`: number of such results that are averaged. What is blurred is so in
+ * each of them, while noise averages out: standard errors and `landings` are those of the average. KILN_SYSTEM. */
+int kiln_merge_fit(struct kiln_merge *merge, const struct kiln_landing_sum *landed, double landings, double averaged,
                    struct kiln_error *error);
 
 /* Input of the search for a radius. */
