@@ -422,7 +422,9 @@ static int draw_all(struct view *v, const struct kiln_job *job, const char *dire
 {
     char path[KILN_PATH_SIZE];
     int status;
-    kiln_progress_phase(v->progress, v->shots.count > 1 ? "pictures" : "picture", PICTURE_UNITS * v->shots.count);
+    const struct kiln_stage stage = {v->shots.count > 1 ? "pictures" : "picture", KILN_STAGE_UNKNOWN, true};
+    kiln_progress_expect(v->progress, &stage, 1);
+    kiln_progress_phase(v->progress, stage.name, PICTURE_UNITS * v->shots.count);
     KILN_TRY(prepare(v, job, directory, error));
     for (size_t i = 0; i < v->shots.count; i++) {
         KILN_TRY(render(v, job, directory, i, error));

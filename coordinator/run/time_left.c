@@ -48,7 +48,7 @@ static void end_stage(struct kiln_time_left *t, double now)
     if (!is_under_way(t))
         return;
     t->over[t->present] = true;
-    if (!t->stages[t->present].rough) {
+    if (!t->stages[t->present].rough && t->stages[t->present].seconds >= 0.0) {
         t->expected += t->stages[t->present].seconds;
         t->taken += now - t->since;
     }
@@ -90,9 +90,18 @@ static double correction(const struct kiln_time_left *t)
 {
     double all = 0.0;
     for (size_t i = 0; i < t->count; i++)
-        all += t->stages[i].rough ? 0.0 : t->stages[i].seconds;
+        all += t->stages[i].rough ? 0.0 : fmax(t->stages[i].seconds, 0.0);
     const double exact = EXACT * all, factor = exact > 0.0 ? (t->taken + exact) / (t->expected + exact) : 1.0;
     return fmin(fmax(factor, 1.0 / KILN_TIME_LEFT_FACTOR), KILN_TIME_LEFT_FACTOR);
+}
+
+/* Whether a stage that is not over has an unknown expectation, and has not told either. */
+static bool is_unknown(const struct kiln_time_left *t)
+{
+    for (size_t i = 0; i < t->count; i++)
+        if (!t->over[i] && t->stages[i].seconds < 0.0 && (i != t->present || t->left < 0.0))
+            return true;
+    return false;
 }
 
 /* Seconds left of the stage under way. */
@@ -104,7 +113,8 @@ static double left_of_stage(const struct kiln_time_left *t, double factor, doubl
     const double by_expectation = expected * (1.0 - t->share);
     if (t->left < 0.0)
         return by_expectation;
-    const double by_word = fmax(t->left - (now - t->told), 0.0), trust = t->share / (t->share + BELIEVED_HALF);
+    const double by_word = fmax(t->left - (now - t->told), 0.0),
+                 trust = expected < 0.0 ? 1.0 : t->share / (t->share + BELIEVED_HALF);
     return trust * by_word + (1.0 - trust) * by_expectation;
 }
 
@@ -133,7 +143,7 @@ void kiln_time_left_update(struct kiln_time_left *t, double now)
 {
     const double passed = fmax(now - t->updated, 0.0), before = t->whole_left;
     t->updated = now;
-    if (t->count == 0)
+    if (t->count == 0 || is_unknown(t))
         return;
     t->whole_left = left_of_whole(t, now);
     if (before >= 0.0)

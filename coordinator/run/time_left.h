@@ -25,11 +25,12 @@ enum { KILN_STAGES_MAX = 24 };
 
 #define KILN_TIME_LEFT_FACTOR 10.0
 #define KILN_TIME_LEFT_SMOOTH 2.0
+#define KILN_STAGE_UNKNOWN (-1.0) /* s */
 
 /* A stage of a command, in the order in which they come. */
 struct kiln_stage {
     const char *name; /* of the phase that begins it; a static string */
-    double seconds;   /* that it is expected to take */
+    double seconds;   /* that it is expected to take; KILN_STAGE_UNKNOWN: only it knows, once it has told */
     bool rough;       /* which hangs on more than the speed of the machine */
 };
 

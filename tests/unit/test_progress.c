@@ -300,6 +300,28 @@ static void test_unknown_at_first(void **state)
     end(&screen);
 }
 
+/* Nothing is known of a stage until it tells. Afterwards bar and time left go on between its words. */
+static void test_a_stage_that_tells_seldom(void **state)
+{
+    (void)state;
+    struct screen screen;
+    const struct kiln_stage stage = {"picture", KILN_STAGE_UNKNOWN, true};
+    struct shown shown = {.least = 1e9};
+    begin(&screen, true);
+    kiln_progress_observe(screen.progress, watch, &shown);
+    kiln_progress_expect(screen.progress, &stage, 1);
+    kiln_progress_phase(screen.progress, "picture", 100);
+    now += 20;
+    kiln_progress_beat(screen.progress);
+    assert_true(shown.left < 0 && shown.share == 0);
+    kiln_progress_advance(screen.progress, 20);
+    assert_true(shown.left > 75 && shown.left < 85 && shown.share > 0.18 && shown.share < 0.22);
+    for (int i = 0; i < 40; i++, now += 1)
+        kiln_progress_beat(screen.progress);
+    assert_true(shown.left > 35 && shown.left < 46 && shown.share > 0.55 && shown.share < 0.65);
+    end(&screen);
+}
+
 static void test_table(void **state)
 {
     (void)state;
@@ -339,6 +361,7 @@ int main(void)
         cmocka_unit_test(test_time_left_of_the_whole),
         cmocka_unit_test(test_bar_of_the_whole_never_goes_back),
         cmocka_unit_test(test_unknown_at_first),
+        cmocka_unit_test(test_a_stage_that_tells_seldom),
         cmocka_unit_test(test_table),
         cmocka_unit_test(test_durations),
         cmocka_unit_test(test_unknown_total_and_nonsense),
