@@ -4,10 +4,13 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
 
 #include <cmocka.h>
 
 #include "coordinator/bake/prepare/backend_choice.h"
+#include "coordinator/bake/reckon/kernels_kept.h"
 #include "coordinator/bake/reckon/rounds_expected.h"
 
 /* A diffuse bake with `rays` gather rays in a final gather, a hundred a point. */
@@ -125,6 +128,28 @@ static void test_what_a_job_asks_for(void **state)
     assert_true(work.probes == 8.0 && work.probe_samples == 56.0 && samples(&work, KILN_WORK_FINAL) == 0.0);
 }
 
+/* A bake on a device leaves a mark beside its kernels, and the next of its kind expects to find them all. */
+static void test_kernels_that_are_kept(void **state)
+{
+    (void)state;
+    char folder[] = "/tmp/kiln-test-XXXXXX", none[] = "none", command[64];
+    const struct kiln_material grey = {.base_color_texture = KILN_NONE};
+    const struct kiln_scene scene = {.materials = &grey, .material_count = 1, .environment = &dark};
+    const struct kiln_integrate_settings settings = {.caustics = KILN_CAUSTICS_NONE};
+    assert_non_null(mkdtemp(folder));
+    struct kiln_job job = {.machine.kernel_cache = folder, .volume.samples = 8}, other = job, uncached = job;
+    other.volume.samples = 0;
+    uncached.machine.kernel_cache = none;
+    assert_true(kiln_kernels_missing(&job, &settings, &scene) > 0.0);
+    kiln_kernels_mark(&job, &settings, &scene);
+    kiln_kernels_mark(&uncached, &settings, &scene);
+    assert_true(kiln_kernels_missing(&job, &settings, &scene) == 0.0);
+    assert_true(kiln_kernels_missing(&other, &settings, &scene) > 0.0);
+    assert_true(kiln_kernels_missing(&uncached, &settings, &scene) > 0.0);
+    (void)snprintf(command, sizeof command, "rm -r %s", folder);
+    assert_int_equal(system(command), 0);
+}
+
 /* A ground whose rays meet nothing lies far off the detail; a wall beside it does not. Backs have points of their own.
  */
 static void test_what_a_scene_has(void **state)
@@ -215,12 +240,10 @@ static void test_the_total_is_the_sum(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_small_bakes_stay_on_processors),
-                                       cmocka_unit_test(test_threads_move_the_line),
-                                       cmocka_unit_test(test_kernels_move_the_line),
-                                       cmocka_unit_test(test_what_a_job_asks_for),
-                                       cmocka_unit_test(test_what_a_scene_has),
-                                       cmocka_unit_test(test_errors_set_the_samples),
-                                       cmocka_unit_test(test_the_total_is_the_sum)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_small_bakes_stay_on_processors), cmocka_unit_test(test_threads_move_the_line),
+        cmocka_unit_test(test_kernels_move_the_line),          cmocka_unit_test(test_what_a_job_asks_for),
+        cmocka_unit_test(test_kernels_that_are_kept),          cmocka_unit_test(test_what_a_scene_has),
+        cmocka_unit_test(test_errors_set_the_samples),         cmocka_unit_test(test_the_total_is_the_sum)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
