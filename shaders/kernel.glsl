@@ -48,7 +48,8 @@ layout(constant_id = 8) const uint HAS_OCTREE = 0u;     /* the store is the octr
 layout(constant_id = 9) const uint HAS_VARIED = 1u;     /* gloss is not the same all over (layout_material.h) */
 layout(constant_id = 10) const uint HAS_GLOSSY = 0u;    /* gloss varies over a material (layout_material.h) */
 layout(constant_id = 11) const uint HAS_BRUSHED = 1u;   /* some materials have gloss */
-layout(constant_id = 12) const uint HAS_TRAPPED = 1u;      /* some have tables (struct kiln_bsdf_trapped_table) */
+layout(constant_id = 12) const uint HAS_TRAPPED = 1u;   /* some have tables (struct kiln_bsdf_trapped_table) */
+layout(constant_id = 13) const uint LOBE_KINDS = 0xffffffffu; /* KILN_BSDF_MAY_...: what materials may have */
 
 /* `alignment` in bytes: 8 where the element has 64-bit members, else 4. */
 #define KILN_ARRAY(Name, type, alignment)                                                                              \

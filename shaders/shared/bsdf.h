@@ -56,15 +56,15 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_split kiln_bsdf_split_at(KILN_STRUCT kiln_bs
     KILN_STRUCT kiln_bsdf_split s;
     s.through = vec3(0.0f, 0.0f, 0.0f);
     s.reflected = vec3_scale(kiln_bsdf_metal(l.p.base_color, cosine), l.metal);
-    if (l.p.model == KILN_BSDF_COOK_TORRANCE)
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_OLDER) && l.p.model == KILN_BSDF_COOK_TORRANCE)
         s.reflected = kiln_bsdf_metal(l.p.specular_color, cosine);
     if (l.matt > 0.0f && l.p.model == KILN_BSDF_LAYERS)
         s.reflected =
             vec3_madd(s.reflected, kiln_bsdf_fresnel_at(l.p, cosine, kiln_bsdf_eta(l.p, true)).reflected, l.matt);
-    if (l.glass > 0.0f) {
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_GLASS) && l.glass > 0.0f) {
         const KILN_VECTOR eta = kiln_bsdf_eta(l.p, front);
         KILN_STRUCT kiln_bsdf_fresnel f = kiln_bsdf_fresnel_at(l.p, cosine, eta);
-        if (!front && l.coat.strength > 0.0f &&
+        if (KILN_BSDF_MAY(KILN_BSDF_MAY_COAT) && !front && l.coat.strength > 0.0f &&
             l.p.thin_wall == 0u) { /* the coat reflects part of the transmitted light back */
             const float outside = kiln_refracted_cosine(cosine, eta.y);
             f.reflected =
@@ -100,7 +100,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_forgotten kiln_bsdf_forgotten_of(KILN_STRUCT
     const KILN_VECTOR of_back = vec3_mul(of_front, squared);
     s.same = front ? of_front : of_back;
     s.other = front ? of_back : of_front;
-    if (l.coat.strength > 0.0f && l.p.thin_wall == 0u) {
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_COAT) && l.coat.strength > 0.0f && l.p.thin_wall == 0u) {
         if (front) /* the coat admits less light, and light that it reflects on the way out is scattered again */
             s.same = vec3_scale(s.same, l.glass_lost_front / float_max(l.glass_lost_coat, KILN_FLOAT_TINY));
         else
@@ -119,7 +119,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     const float lost = kiln_bsdf_facets_lost(l, o), base = l.matt > 0.0f ? l.matt * kiln_diffuse_in(l, o) : 0.0f;
     a.coat = kiln_bsdf_gray(coat);
     a.diffuse = vec3_scale(l.p.base_color, base);
-    if (l.p.model == KILN_BSDF_PHONG)
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_OLDER) && l.p.model == KILN_BSDF_PHONG)
         a.gloss = l.p.specular_color;
     else {
         const KILN_STRUCT kiln_bsdf_split s = kiln_bsdf_split_at(l, front, mu);
@@ -127,7 +127,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_albedo kiln_bsdf_albedo_of(KILN_STRUCT kiln_
     }
     a.spread_near = vec3_scale(l.metal_spread, rest * l.metal * lost);
     a.spread_far = vec3(0.0f, 0.0f, 0.0f);
-    if (l.glass > 0.0f && l.base_is_mirror == 0u) {
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_ROUGH_GLASS) && l.glass > 0.0f && l.base_is_mirror == 0u) {
         const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, o, lost);
         const float here = front ? l.glass_lost_coat : l.glass_lost_back;
         const float there = front ? l.glass_lost_back : l.glass_lost_coat;
@@ -239,7 +239,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_reflection(KILN_STRUCT kiln_
     const KILN_STRUCT kiln_bsdf_split split = kiln_bsdf_split_at(l, front, cosine);
     const float coat = kiln_bsdf_coat_factor(l, front, o) * kiln_bsdf_coat_factor(l, front, i);
     KILN_VECTOR reflected = split.reflected;
-    if (!front && l.glass > 0.0f && l.coat.strength > 0.0f && l.p.thin_wall == 0u)
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_COAT) && !front && l.glass > 0.0f && l.coat.strength > 0.0f && l.p.thin_wall == 0u)
         reflected = vec3_add(reflected, kiln_bsdf_returned(l, o.z, i.z, h.z, cosine));
     s.value = vec3_scale(reflected, s.value.x * coat);
     s.density *= split.chance;
@@ -315,7 +315,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_transmission(KILN_STRUCT kil
     }
     s.value = vec3(0.0f, 0.0f, 0.0f);
     s.density = 0.0f;
-    const int colors = l.disperses != 0u ? 3 : 1; /* each colour is sampled with equal probability */
+    /* each colour is sampled with equal probability */
+    const int colors = KILN_BSDF_MAY(KILN_BSDF_MAY_DISPERSE) && l.disperses != 0u ? 3 : 1;
     for (int c = 0; c < colors; c++) {
         const float eta = c == 0 ? l.p.eta.x : c == 1 ? l.p.eta.y : l.p.eta.z;
         const KILN_STRUCT kiln_bsdf_value color = kiln_bsdf_refracted(l, front, o, i, eta, mode);
@@ -340,7 +341,7 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_given_back(KILN_STRUCT kiln_bsdf_lobes l, bo
         const float coat = kiln_bsdf_coat_factor(l, front, o) * kiln_bsdf_coat_factor(l, front, i);
         sum = vec3_scale(l.metal_spread, l.metal * coat * of_o * of_i / float_max(l.lost_mean, KILN_FLOAT_TINY));
     }
-    if (l.glass > 0.0f) {
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_ROUGH_GLASS) && l.glass > 0.0f) {
         const bool same = i.z > 0.0f;
         const KILN_STRUCT kiln_bsdf_forgotten f = kiln_bsdf_forgotten_of(l, front, o, of_o);
         const float lost = kiln_bsdf_glass_lost(l, front == same, i, of_i);
@@ -413,7 +414,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT 
     if (spread > 0.0f)
         s.density += spread * kiln_bsdf_spread_density(l.face.alpha, float_abs(i.z));
     KILN_STRUCT kiln_bsdf_value part;
-    if ((lobes & KILN_LOBE_COAT) != 0u && choice.coat > 0.0f && l.coat_is_mirror == 0u && i.z > 0.0f) {
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_COAT) && (lobes & KILN_LOBE_COAT) != 0u && choice.coat > 0.0f &&
+        l.coat_is_mirror == 0u && i.z > 0.0f) {
         const KILN_VECTOR h = kiln_direction_of(vec3_add(o, i));
         part = kiln_bsdf_facets(o, i, h, l.p.coat_alpha, l.p.coat_alpha);
         s.value = vec3_madd(s.value, part.value, l.coat.strength * kiln_fresnel(vec3_dot(o, h), KILN_COAT_INDEX));
@@ -421,7 +423,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT 
     }
     if (!gloss)
         return s;
-    if (l.p.model != KILN_BSDF_LAYERS) {
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_OLDER) && l.p.model != KILN_BSDF_LAYERS) {
         if (i.z > 0.0f) {
             part = kiln_bsdf_older(l, o, i);
             s.value = vec3_add(s.value, part.value);
@@ -434,7 +436,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT 
         return s;
     if (i.z > 0.0f)
         part = kiln_bsdf_reflection(l, front, o, i);
-    else if (l.glass > 0.0f) {
+    else if (KILN_BSDF_MAY(KILN_BSDF_MAY_ROUGH_GLASS) && l.glass > 0.0f) {
         part = kiln_bsdf_transmission(l, front, o, i, mode);
         part.value = vec3_scale(part.value, kiln_bsdf_crossing(l, front, o, i));
     } else
@@ -494,7 +496,7 @@ KILN_FUNCTION void kiln_bsdf_draw_mirror(KILN_STRUCT kiln_bsdf_lobes l, bool fro
     const KILN_VECTOR normal = vec3(0.0f, 0.0f, 1.0f), eta = kiln_bsdf_eta(l.p, front);
     const KILN_STRUCT kiln_bsdf_split split = kiln_bsdf_split_at(l, front, o.z);
     KILN_AT(d).delta = true;
-    if (pick < split.chance) {
+    if (!KILN_BSDF_MAY(KILN_BSDF_MAY_GLASS) || pick < split.chance) {
         const float coat = kiln_bsdf_coat_factor(l, front, o);
         KILN_AT(d).i = vec3(-o.x, -o.y, o.z);
         KILN_AT(d).density = gloss * split.chance;
@@ -503,7 +505,7 @@ KILN_FUNCTION void kiln_bsdf_draw_mirror(KILN_STRUCT kiln_bsdf_lobes l, bool fro
     }
     KILN_VECTOR color = split.through;
     float index = eta.y, share = 1.0f;
-    if (l.disperses != 0u && l.p.thin_wall == 0u) {
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_DISPERSE) && l.disperses != 0u && l.p.thin_wall == 0u) {
         const float third = 3.0f * (pick - split.chance) / (1.0f - split.chance);
         share = KILN_RATIO32(1, 3);
         index = third < 1.0f ? eta.x : third < 2.0f ? eta.y : eta.z;
@@ -523,7 +525,7 @@ KILN_FUNCTION void kiln_bsdf_draw_mirror(KILN_STRUCT kiln_bsdf_lobes l, bool fro
 KILN_FUNCTION KILN_VECTOR kiln_bsdf_draw_gloss(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR o, float pick,
                                                float u, float v)
 {
-    if (l.p.model == KILN_BSDF_PHONG) {
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_OLDER) && l.p.model == KILN_BSDF_PHONG) {
         const float cosine = float_pow(v, 1.0f / (l.p.exponent + 1.0f));
         const float r = float_sqrt(float_max(0.0f, (1.0f - cosine) * (1.0f + cosine)));
         KILN_VECTOR s, t;
@@ -533,15 +535,15 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_draw_gloss(KILN_STRUCT kiln_bsdf_lobes l, bo
         kiln_basis(axis, KILN_TO(s), KILN_TO(t));
         return vec3_madd(vec3_madd(vec3_scale(axis, cosine), s, r * b), t, r * a);
     }
-    if (l.p.model == KILN_BSDF_COOK_TORRANCE)
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_OLDER) && l.p.model == KILN_BSDF_COOK_TORRANCE)
         return kiln_reflected(o, kiln_beckmann_sample(l.alpha_x, u, v));
     const KILN_VECTOR h = kiln_ggx_sample(o, l.alpha_x, l.alpha_y, u, v), eta = kiln_bsdf_eta(l.p, front);
     const float chance = kiln_bsdf_split_at(l, front, vec3_dot(o, h)).chance;
     KILN_VECTOR i = kiln_reflected(o, h);
-    if (pick < chance)
+    if (!KILN_BSDF_MAY(KILN_BSDF_MAY_ROUGH_GLASS) || pick < chance) /* without glass the chance is 1 */
         return i.z > 0.0f ? i : vec3(0.0f, 0.0f, 0.0f);
     float index = eta.y;
-    if (l.disperses != 0u) {
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_DISPERSE) && l.disperses != 0u) {
         const float third = 3.0f * (pick - chance) / (1.0f - chance);
         index = third < 1.0f ? eta.x : third < 2.0f ? eta.y : eta.z;
     }
@@ -565,7 +567,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_propose(KILN_STRUCT kiln_bsd
     d.delta = false;
     if (o.z == 0.0f || c.coat + c.gloss + c.diffuse + c.near + c.far == 0.0f)
         return d;
-    if (pick < c.coat) {
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_COAT) && pick < c.coat) {
         d.lobe = KILN_LOBE_COAT;
         d.delta = l.coat_is_mirror != 0u;
         if (d.delta) {
@@ -578,7 +580,7 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_drawn kiln_bsdf_propose(KILN_STRUCT kiln_bsd
             d.i = vec3(0.0f, 0.0f, 0.0f);
     } else if (pick < c.coat + c.gloss) {
         const float left = (pick - c.coat) / c.gloss;
-        if (l.base_is_mirror != 0u && l.p.model == KILN_BSDF_LAYERS)
+        if (KILN_BSDF_MAY(KILN_BSDF_MAY_MIRROR) && l.base_is_mirror != 0u && l.p.model == KILN_BSDF_LAYERS)
             kiln_bsdf_draw_mirror(l, front, up, left, c.gloss, mode, KILN_TO(d));
         else
             d.i = kiln_bsdf_draw_gloss(l, front, up, left, u, v);

@@ -27,6 +27,21 @@
 /* base_color / pi + Beckmann facets with Schlick's reflectance; specular_color: reflectance at normal incidence */
 #define KILN_BSDF_COOK_TORRANCE 2u
 
+/* Kinds of lobes that some material of a scene may have. A kernel has code only for its scene's kinds, by the
+ * specialisation constant LOBE_KINDS: that code is long, and drivers take seconds to compile it. C always has all. */
+#define KILN_BSDF_MAY_COAT 1u
+#define KILN_BSDF_MAY_GLASS 2u
+#define KILN_BSDF_MAY_ROUGH_GLASS 4u
+#define KILN_BSDF_MAY_MIRROR 8u  /* the base is one, or smooth glass */
+#define KILN_BSDF_MAY_ACROSS 16u /* different roughnesses along the tangent and across it */
+#define KILN_BSDF_MAY_OLDER 32u  /* models other than KILN_BSDF_LAYERS */
+#define KILN_BSDF_MAY_DISPERSE 64u
+#ifdef KILN_GLSL
+#    define KILN_BSDF_MAY(kinds) ((LOBE_KINDS & (kinds)) != 0u)
+#else
+#    define KILN_BSDF_MAY(kinds) true
+#endif
+
 /* A material at a point. Colours are linear, 0 to 1. */
 struct kiln_bsdf {
     KILN_VECTOR base_color;
@@ -108,8 +123,9 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_fresnel kiln_bsdf_fresnel_at(KILN_STRUCT kil
     const KILN_VECTOR color = p.specular_color;
     const float most = kiln_bsdf_largest(color);
     const float y = kiln_fresnel(cosine, eta.y);
-    const float x = eta.x == eta.y ? y : kiln_fresnel(cosine, eta.x);
-    const float z = eta.z == eta.y ? y : kiln_fresnel(cosine, eta.z);
+    const bool gray = !KILN_BSDF_MAY(KILN_BSDF_MAY_DISPERSE);
+    const float x = gray || eta.x == eta.y ? y : kiln_fresnel(cosine, eta.x);
+    const float z = gray || eta.z == eta.y ? y : kiln_fresnel(cosine, eta.z);
     const float nx = kiln_fresnel_normal(eta.x), ny = kiln_fresnel_normal(eta.y), nz = kiln_fresnel_normal(eta.z);
     /* total reflection ignores the specular colour */
     f.reflected = vec3(x < 1.0f ? kiln_bsdf_scaled(p, x, nx, color.x) : 1.0f,
@@ -137,7 +153,7 @@ KILN_FUNCTION KILN_VECTOR kiln_bsdf_eta(KILN_STRUCT kiln_bsdf p, bool front)
 /* Tells whether a side has the coat. The next function gives the coat's albedo on that side. */
 KILN_FUNCTION bool kiln_bsdf_coated(KILN_STRUCT kiln_bsdf_lobes l, bool front)
 {
-    return l.coat.strength > 0.0f && (front || l.p.thin_wall != 0u);
+    return KILN_BSDF_MAY(KILN_BSDF_MAY_COAT) && l.coat.strength > 0.0f && (front || l.p.thin_wall != 0u);
 }
 KILN_FUNCTION float kiln_bsdf_coat_albedo(KILN_STRUCT kiln_bsdf_lobes l, bool front, float mu)
 {
@@ -169,7 +185,7 @@ KILN_FUNCTION float kiln_bsdf_coat_factor(KILN_STRUCT kiln_bsdf_lobes l, bool fr
  * the azimuth at one cosine. */
 KILN_FUNCTION float kiln_bsdf_facets_lost(KILN_STRUCT kiln_bsdf_lobes l, KILN_VECTOR w)
 {
-    if (l.alpha_x == l.alpha_y || l.base_is_mirror != 0u)
+    if (!KILN_BSDF_MAY(KILN_BSDF_MAY_ACROSS) || l.alpha_x == l.alpha_y || l.base_is_mirror != 0u)
         return kiln_interface_lost(l.face, float_abs(w.z));
     if (kiln_bsdf_has_table(l))
         return kiln_bsdf_from_table(l, w, KILN_BRUSHED_WHOLE);
@@ -177,7 +193,8 @@ KILN_FUNCTION float kiln_bsdf_facets_lost(KILN_STRUCT kiln_bsdf_lobes l, KILN_VE
 }
 KILN_FUNCTION float kiln_bsdf_facets_lost_about(KILN_STRUCT kiln_bsdf_lobes l, float mu)
 {
-    if (l.alpha_x == l.alpha_y || l.base_is_mirror != 0u || l.metal + l.glass == 0.0f)
+    if (!KILN_BSDF_MAY(KILN_BSDF_MAY_ACROSS) || l.alpha_x == l.alpha_y || l.base_is_mirror != 0u ||
+        l.metal + l.glass == 0.0f)
         return kiln_interface_lost(l.face, mu);
     const float r = float_sqrt((1.0f - mu) * (1.0f + mu));
     float sum = 0.0f;
@@ -214,7 +231,7 @@ KILN_FUNCTION float kiln_bsdf_matt_albedo(KILN_STRUCT kiln_bsdf_lobes l, KILN_VE
  * of the direction. */
 KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool front, KILN_VECTOR w, float facets)
 {
-    if (l.base_is_mirror != 0u)
+    if (!KILN_BSDF_MAY(KILN_BSDF_MAY_ROUGH_GLASS) || l.base_is_mirror != 0u)
         return 0.0f;
     if (l.p.thin_wall != 0u)
         return facets;
@@ -241,7 +258,7 @@ KILN_FUNCTION float kiln_bsdf_glass_lost(KILN_STRUCT kiln_bsdf_lobes l, bool fro
 
 KILN_FUNCTION bool kiln_bsdf_holds(KILN_STRUCT kiln_bsdf_lobes l)
 {
-    return l.coat.strength > 0.0f && l.glass > 0.0f && l.p.thin_wall == 0u;
+    return KILN_BSDF_MAY(KILN_BSDF_MAY_COAT) && l.coat.strength > 0.0f && l.glass > 0.0f && l.p.thin_wall == 0u;
 }
 KILN_FUNCTION float kiln_bsdf_mirrored_share(KILN_STRUCT kiln_bsdf_lobes l)
 {

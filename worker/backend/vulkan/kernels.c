@@ -49,6 +49,7 @@ static struct gpu_kernel_params describe(const struct vulkan_backend *b, const s
     constants[VULKAN_HAS_GLOSSY] = b->materials.gloss;
     constants[VULKAN_HAS_BRUSHED] = b->materials.brushed;
     constants[VULKAN_HAS_TRAPPED] = b->materials.trapped;
+    constants[VULKAN_LOBE_KINDS] = b->materials.lobe_kinds;
     for (uint32_t i = 0; i < VULKAN_CONSTANTS && !pipeline; i++)
         if (constants[i] != 0 && !asks_for(code, i))
             constants[i] = 0;

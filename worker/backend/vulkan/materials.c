@@ -209,7 +209,27 @@ static void move_table(const struct staging *s, const struct vulkan_materials *m
     *high = (uint32_t)(address >> 32);
 }
 
-static void prepare_lobes(struct staging *s, const struct vulkan_materials *m, uint32_t material)
+/* Kinds of lobes that a material without prepared lobes may have, whatever its textures hold. */
+static uint32_t varied_kinds(const struct kiln_gpu_gloss *g)
+{
+    const bool glass = g->transmission > 0.0f, older = (g->flags & KILN_GPU_GLOSS_PHONG) != 0;
+    return KILN_BSDF_MAY_MIRROR | (g->coat > 0.0f ? KILN_BSDF_MAY_COAT : 0u) |
+           (glass ? KILN_BSDF_MAY_GLASS | KILN_BSDF_MAY_ROUGH_GLASS : 0u) |
+           (g->anisotropy > 0.0f ? KILN_BSDF_MAY_ACROSS : 0u) | (older ? KILN_BSDF_MAY_OLDER : 0u) |
+           (g->eta[0] != g->eta[1] || g->eta[2] != g->eta[1] ? KILN_BSDF_MAY_DISPERSE : 0u);
+}
+
+static uint32_t kinds_of(const struct kiln_bsdf_lobes *l)
+{
+    const bool mirror = l->base_is_mirror != 0, glass = l->glass > 0.0f;
+    return (l->coat.strength > 0.0f ? KILN_BSDF_MAY_COAT : 0u) | (glass ? KILN_BSDF_MAY_GLASS : 0u) |
+           (glass && !mirror ? KILN_BSDF_MAY_ROUGH_GLASS : 0u) | (mirror ? KILN_BSDF_MAY_MIRROR : 0u) |
+           (l->alpha_x != l->alpha_y ? KILN_BSDF_MAY_ACROSS : 0u) |
+           (l->p.model != KILN_BSDF_LAYERS ? KILN_BSDF_MAY_OLDER : 0u) |
+           (l->disperses != 0 ? KILN_BSDF_MAY_DISPERSE : 0u);
+}
+
+static void prepare_lobes(struct staging *s, struct vulkan_materials *m, uint32_t material)
 {
     const struct kiln_gloss_lobes *of = &m->lobes[material];
     struct kiln_gpu_gloss *gloss = &s->glosses[material];
@@ -221,10 +241,12 @@ static void prepare_lobes(struct staging *s, const struct vulkan_materials *m, u
         move_table(s, m, &gloss->brushed[0], &gloss->brushed[1]);
         move_table(s, m, &gloss->trapped[0], &gloss->trapped[1]);
         s->varied = true;
+        m->lobe_kinds |= varied_kinds(gloss);
         return;
     }
     gloss->flags |= KILN_GPU_GLOSS_PREPARED | (of->dyed ? KILN_GPU_GLOSS_DYED : 0u);
     s->lobes[material] = of->lobes;
+    m->lobe_kinds |= kinds_of(&of->lobes);
     move_table(s, m, &s->lobes[material].brushed_low, &s->lobes[material].brushed_high);
 }
 

@@ -66,6 +66,7 @@ enum vulkan_constant {
     VULKAN_HAS_GLOSSY,
     VULKAN_HAS_BRUSHED,
     VULKAN_HAS_TRAPPED,
+    VULKAN_LOBE_KINDS,
     VULKAN_CONSTANTS
 };
 
