@@ -167,9 +167,9 @@ static void settle_dark(struct kiln_bake *b, const struct kiln_prepared *p)
 static void expect_stages(struct kiln_bake *b, const struct kiln_prepared *p)
 {
     struct kiln_stage stages[KILN_STAGES_MAX];
-    const bool device = p->choice.asked ? !p->choice.processors
-                                        : b->job->machine.backend != NULL &&
-                                              strcmp(b->job->machine.backend, "vulkan") == 0;
+    const bool device = p->choice.asked
+                            ? !p->choice.processors
+                            : b->job->machine.backend != NULL && strcmp(b->job->machine.backend, "vulkan") == 0;
     const struct kiln_reckoned *expected = &p->choice.reckoned[device ? KILN_RECKON_VULKAN : KILN_RECKON_EMBREE];
     kiln_progress_expect(b->progress, stages, kiln_stages_make(b->job, expected, stages));
 }

@@ -107,8 +107,9 @@ static void print_options(FILE *stream)
         group = kiln_options[i].group;
         print_option(stream, &kiln_options[i]);
     }
-    (void)fprintf(stream, ".SS What \\-\\-quality sets\nAn error that 95 %% of the texels stay below, or sample counts "
-                          "where an option gives some or excludes an error.\n.EX\n%-12s%7s%9s%9s%10s%8s\n",
+    (void)fprintf(stream,
+                  ".SS What \\-\\-quality sets\nAn error that 95 %% of the texels stay below, or sample counts "
+                  "where an option gives some or excludes an error.\n.EX\n%-12s%7s%9s%9s%10s%8s\n",
                   "", "error", "direct", "bounce", "indirect", "probe");
     for (size_t i = 0; i < kiln_quality_count; i++)
         (void)fprintf(stream, "%-12s%5g %%%9u%9u%10u%8u\n", kiln_qualities[i].name, kiln_qualities[i].error,

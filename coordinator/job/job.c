@@ -14,7 +14,7 @@
 #include "worker/base/memory.h"
 #include "worker/sampling/direction_set.h"
 
-#define TIMED_ERROR 0.005 /* error of published light that ends a bake with --time alone */
+#define TIMED_ERROR 0.005 /* error of published light asked for by --time or --rounds without --quality */
 
 static struct kiln_job_owned *owned(struct kiln_job *job) { return job->strings; }
 
@@ -420,17 +420,17 @@ static int settle_quality(struct kiln_job *job, uint32_t command, struct kiln_er
     if ((command & (KILN_FOR_BAKE | KILN_FOR_PLAN | KILN_FOR_SUBMIT)) == 0)
         return KILN_OK;
     if (excluding != NULL && kiln_option_percentage(l->quality, &percent))
-        return kiln_fail(error, KILN_USAGE,
-                         "--quality %s asks for an error, and --%s excludes that; leave it out, or give a preset, whose "
-                         "sample counts are taken then (--quality preview)",
-                         l->quality, excluding);
+        return kiln_fail(
+            error, KILN_USAGE,
+            "--quality %s asks for an error, and --%s excludes that; leave it out, or give a preset, whose "
+            "sample counts are taken then (--quality preview)",
+            l->quality, excluding);
     const char *of_rounds = l->time > 0.0 ? "time" : l->rounds != NULL ? "rounds" : NULL;
     if (excluding != NULL && of_rounds != NULL)
         return kiln_fail(error, KILN_USAGE, "--%s is about rounds of samples, and --%s excludes rounds: leave one out",
                          of_rounds, excluding);
-    l->published_error = excluding != NULL                           ? 0.0
-                         : l->time > 0.0 && !given(job, "quality") ? TIMED_ERROR
-                                                                     : error_asked(job) / 100.0;
+    const bool timed = of_rounds != NULL && !given(job, "quality");
+    l->published_error = excluding != NULL ? 0.0 : timed ? TIMED_ERROR : error_asked(job) / 100.0;
     return read_rounds(job, error);
 }
 

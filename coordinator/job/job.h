@@ -89,7 +89,7 @@ struct kiln_job_light {
     uint32_t chain_length;   /* surfaces in a gather ray's chain that are always traced (shaders/shared/chain.h) */
     char *only_visible_from; /* cameras, or a path's file: bake/light/visible_from.h; NULL: all surfaces are lit */
     double target_error;     /* of a texel, relative: more samples until it is reached; 0: none */
-    double published_error; /* no option: that --quality asks for, which 95 % of the texels stay below; 0: none */
+    double published_error;  /* no option: that --quality asks for, which 95 % of the texels stay below; 0: none */
     double time;             /* s that the whole bake may take; the rounds end early enough for that; 0: any */
     char *rounds;            /* levels of the rounds after the first, "3,7"; NULL: by the error */
     struct kiln_round_list round_list; /* no option: of `rounds` */
@@ -108,7 +108,7 @@ struct kiln_job_lightmaps {
     int store;        /* enum kiln_store_kind */
     double leaf_size; /* m, of octrees; 0: 1 / texels_per_metre */
     double texels_per_metre;
-    double texels; /* no option: of the whole scene with automatic density, by --quality */
+    double texels;      /* no option: of the whole scene with automatic density, by --quality */
     uint32_t size;      /* texels a side; 0: by density */
     uint32_t most;      /* texels a side, at most */
     bool half;          /* write lightmaps as half floats where no value overflows */

@@ -864,8 +864,8 @@ static bool is_even(const struct planner *p, size_t object, double density)
 }
 
 /* Raises the densities of the largest object and then of those with the most worth per texel, as long as the scene
- * stays below PADDED times its texels. An object may then have more than its allowed fraction of all texels: light that bleeds
- * between charts is worse. */
+ * stays below PADDED times its texels. An object may then have more than its allowed fraction of all texels: light that
+ * bleeds between charts is worse. */
 static void raise_best(struct planner *p, struct raise *raises, size_t count, double texels)
 {
     for (size_t i = 0; i < count; i++)

@@ -11,7 +11,7 @@ struct kiln_layout_params {
     double texels_max; /* of all lightmaps together; 0: any */
     /* 0: automatic: the whole scene gets about `texels` texels, or more where charts need more distance */
     double texels_per_metre;
-    double texels; /* with automatic density; default 2^18 */
+    double texels;          /* with automatic density; default 2^18 */
     uint32_t lightmap_size; /* every lightmap is N x N texels; 0: sizes follow the density */
     uint32_t lightmap_max;  /* largest side, texels; default 4096 */
     uint32_t padding;       /* texels between charts; default 2, enough for bilinear filtering */
@@ -29,9 +29,9 @@ struct kiln_layout_params {
  *
  * With automatic density, an object with its file's layout gets a higher density if that separates its charts by two
  * texels (padding.h) along all but 1 % of their borders: up to four times the common density, as long as the scene
- * stays below four times `texels`, and no object exceeds twice the density of the largest one (density.h). The largest object
- * is raised first, then objects where an added texel separates the most border. If charts still lie closer, a note says
- * in how many lightmaps, along how much of the borders, and which density would be enough; the scene header's
+ * stays below four times `texels`, and no object exceeds twice the density of the largest one (density.h). The largest
+ * object is raised first, then objects where an added texel separates the most border. If charts still lie closer, a
+ * note says in how many lightmaps, along how much of the borders, and which density would be enough; the scene header's
  * padding_factor also stores the latter.
  *
  * The lightmaps are refused before any is rasterised (KILN_BAD_INPUT or KILN_USAGE, with the largest object, its

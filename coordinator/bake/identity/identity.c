@@ -58,8 +58,8 @@ static const char *const probing[] = {"probe-spacing", "volume-bounds", "samples
 static const char *const other[] = {
     "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "denoise", "check-density",
     "preview", "exposure", "auto-exposure", "tone-map", "json", "quiet", "verbose", "resume", "checkpoint-every",
-    "max-time", "time", "watchdog", "device", "devices", "device-memory", "memory-budget", "kernel-cache", "checkpoint-local",
-    "strict",
+    "max-time", "time", "watchdog", "device", "devices", "device-memory", "memory-budget", "kernel-cache",
+    "checkpoint-local", "strict",
     /* units only give numbers a name; they change none of them */
     "verify-fraction", "trace", "shared-memory-ranks", "work-stealing", "rebalance", "units", "export", "vertex-light",
     /* changes are already part of the scene's content */

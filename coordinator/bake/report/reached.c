@@ -99,11 +99,11 @@ static json_t *more_light(const json_t *report, double error, double wanted, boo
     char option[64], because[KILN_REACHED_TEXT], time[48];
     (void)kiln_duration_text(whole_seconds(report) + more, time, sizeof time);
     if (late)
-        (void)snprintf(option, sizeof option, "--max-time %.0f", ceil(whole_seconds(report) + more));
+        (void)snprintf(option, sizeof option, "--time %.0f", ceil(whole_seconds(report) + more));
     else
         (void)snprintf(option, sizeof option, "--quality %.2g%%", 100.0 * wanted);
     (void)snprintf(because, sizeof because, "%s, in about %s",
-                   late ? "it would reach what was asked for" : "half the noise", time);
+                   late && wanted > FINER * error ? "it would reach what was asked for" : "half the noise", time);
     return advice(option, because);
 }
 
@@ -112,7 +112,7 @@ static json_t *of_published(const json_t *report)
     const json_t *error = json_object_get(report, "error");
     const double asked = number_of(error, "asked"), reached = number_of(error, "published");
     if (json_is_true(json_object_get(error, "out_of_time")) && reached > asked)
-        return more_light(report, reached, asked, true);
+        return more_light(report, reached, fmax(asked, FINER * reached), true);
     if (reached > asked)
         return has(json_object_get(report, "job"), "guide")
                    ? NULL
@@ -145,10 +145,14 @@ static void print_published(FILE *stream, const json_t *error)
 {
     const json_t *worst = json_object_get(error, "worst");
     const double rounds = number_of(error, "rounds");
-    char name[96];
-    (void)fprintf(
-        stream, "error        %.2g %%: 95 %% of the texels are less than that off (asked: %.3g %%; %.0f round%s)\n",
-        100.0 * number_of(error, "published"), 100.0 * number_of(error, "asked"), rounds, rounds > 1.0 ? "s" : "");
+    const char *repeat = json_string_value(json_object_get(error, "repeat"));
+    char name[96], asked[48] = "time was over";
+    if (!json_is_true(json_object_get(error, "out_of_time")))
+        (void)snprintf(asked, sizeof asked, "asked: %.3g %%", 100.0 * number_of(error, "asked"));
+    (void)fprintf(stream, "error        %.2g %%: 95 %% of the texels are less than that off (%s; %.0f round%s)\n",
+                  100.0 * number_of(error, "published"), asked, rounds, rounds > 1.0 ? "s" : "");
+    if (repeat != NULL)
+        kiln_print(stream, "the same     %s in the place of --time: bit for bit, whatever the clock\n", repeat);
     if (worst == NULL)
         return;
     kiln_text_plain(name, sizeof name, json_string_value(json_object_get(worst, "object")));

@@ -1,6 +1,7 @@
 #include "coordinator/integrate/parts/parts.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "coordinator/integrate/parts/part_errors.h"
@@ -253,6 +254,17 @@ static json_t *levels_of(const struct kiln_step_reports *steps, size_t count)
     return levels;
 }
 
+/* The option that, in the place of --time, repeats a bake without a clock. */
+static json_t *repeat_of(const json_t *levels)
+{
+    char text[256];
+    int at = snprintf(text, sizeof text, "--rounds %s", json_array_size(levels) > 0 ? "" : "0");
+    for (size_t i = 0; i < json_array_size(levels); i++)
+        at += snprintf(text + at, sizeof text - (size_t)at, "%s%lld", i > 0 ? "," : "",
+                       (long long)json_integer_value(json_array_get(levels, i)));
+    return json_string(text);
+}
+
 /* Adds the outcome of rounds to the report: what --target-error or --quality asked for, what was reached, and the
  * number of rounds. */
 static void report(const struct kiln_companion_told *told, json_t *json)
@@ -268,6 +280,10 @@ static void report(const struct kiln_companion_told *told, json_t *json)
         (void)json_object_set_new(json, "published", json_real(steps->of[last - 1].unfinished));
         (void)json_object_set_new(json, "out_of_time", json_boolean(steps->of[last - 1].out_of_time));
         (void)json_object_set_new(json, "levels", levels_of(steps, last));
+        if (told->job->light.time > 0.0) {
+            (void)json_object_set_new(json, "time", json_real(told->job->light.time));
+            (void)json_object_set_new(json, "repeat", repeat_of(json_object_get(json, "levels")));
+        }
         if (worst->known)
             (void)json_object_set_new(
                 json, "worst",

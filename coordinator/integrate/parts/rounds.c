@@ -11,7 +11,7 @@
 #include "worker/base/memory.h"
 
 enum {
-    FIRST = 4 * KILN_PARTS, /* samples of the settings over those of a part in the first round */
+    FIRST = 4 * KILN_PARTS,  /* samples of the settings over those of a part in the first round */
     WHOLE = 2,               /* levels to twice the samples */
     LEVELS_MOST = 6,         /* most levels per round: few samples give an unreliable error */
     SAMPLES_MOST = 1 << 18,  /* of a step of one part */
@@ -35,8 +35,8 @@ const struct kiln_round *kiln_round_of(const struct kiln_step_report *reports, s
 
 bool kiln_round_is_sane(const struct kiln_round *round)
 {
-    return round->from < KILN_ROUND_LEVELS && round->to < KILN_ROUND_LEVELS && round->share >= 0.0 && round->share <= 1.0 &&
-           round->caustics_from <= round->caustics_to && round->caustics_to < KILN_ROUND_LEVELS;
+    return round->from < KILN_ROUND_LEVELS && round->to < KILN_ROUND_LEVELS && round->share >= 0.0 &&
+           round->share <= 1.0 && round->caustics_from <= round->caustics_to && round->caustics_to < KILN_ROUND_LEVELS;
 }
 
 struct kiln_round kiln_round_of_caustics(const struct kiln_round *round)
@@ -54,7 +54,8 @@ uint64_t kiln_round_times(uint32_t level) { return (level % 2 > 0 ? 3ull : 2ull)
 
 void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts, struct kiln_step *step)
 {
-    const uint64_t before = kiln_round_times(round->from), more = round->to > 0 ? kiln_round_times(round->to) - before : 0;
+    const uint64_t before = kiln_round_times(round->from),
+                   more = round->to > 0 ? kiln_round_times(round->to) - before : 0;
     const uint32_t first = step->samples;
     if (counts) {
         step->samples = (uint32_t)(first / 2 * more);
@@ -215,9 +216,10 @@ static double growth_of_caustics(const struct kiln_integrate_params *p, const st
 {
     const uint64_t points = p->surface->point_count;
     kiln_caustics_need_reduce(need, p->communicator);
-    return points == 0 ? 0.0
-                       : kiln_caustics_growth(need, (double)kiln_round_times(round->caustics_from),
-                                              (double)kiln_round_times(round->from), (double)need->points / (double)points);
+    return points == 0
+               ? 0.0
+               : kiln_caustics_growth(need, (double)kiln_round_times(round->caustics_from),
+                                      (double)kiln_round_times(round->from), (double)need->points / (double)points);
 }
 
 /* Sorts tile runs into finished and unfinished ones, data->samples, and counts the latter's points by their needs. */

@@ -15,7 +15,8 @@ struct last_round {
     double again; /* s, in steps that the next round has, too */
 };
 
-static struct last_round find_last(const struct kiln_integrate_settings *settings, const struct kiln_step_reports *steps)
+static struct last_round find_last(const struct kiln_integrate_settings *settings,
+                                   const struct kiln_step_reports *steps)
 {
     const uint32_t number = steps->of[steps->count - 1].step.part / KILN_PARTS;
     struct last_round found = {.first = steps->count};
@@ -53,8 +54,8 @@ bool kiln_round_fit(const struct kiln_integrate_params *p, const struct kiln_ste
     const double left = seconds_left(p);
     const uint64_t now = kiln_round_times(round->from),
                    before = last.first > 0 ? kiln_round_times(steps->of[last.first - 1].round.from) : 0;
-    const double share = last.first > 0 && p->settings->published_error > 0.0 ? steps->of[last.first - 1].round.share
-                                                                              : 1.0,
+    const double share =
+                     last.first > 0 && p->settings->published_error > 0.0 ? steps->of[last.first - 1].round.share : 1.0,
                  next = p->settings->published_error > 0.0 ? round->share : 1.0;
     uint32_t to = round->to;
     if (p->settings->rounds.given) {
