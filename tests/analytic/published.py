@@ -1,9 +1,9 @@
-"""--quality N%: whether 95 % of the published texels are less than N % off, and what goes with it.
+"""--quality and --time: whether 95 % of the published texels are as little off as asked, and what goes with it.
 
 The Cornell box, small, against a bake of many samples by another seed: the measure is that of tests/bench/quality.py.
 The true error stays below what is asked, and is no less than a third of what the bake states. Finer errors take more
 rounds, and later ones have no bounces. The same bits with three ranks, and after a bake that was stopped. Options that
-exclude an error are refused.
+exclude an error are refused. --time ends the rounds, and --rounds repeats that.
 """
 import hashlib
 import os
@@ -73,10 +73,37 @@ def try_bits(checks, kiln, scene):
     checks.that(digest(one) == digest(stopped), 'other bits after %d stops' % stops)
 
 
+def try_time(checks, kiln, scene):
+    """What a clock decides is repeated by --rounds; a time that suffices decides nothing; presets are errors."""
+    late = kiln.bake(scene, *SIZE, *PLAIN, '--time', 0.1)
+    checks.baked(late)
+    error = late.run['error']
+    checks.that(error['out_of_time'] and error['rounds'] == 1 and error['repeat'] == '--rounds 0', str(error))
+    checks.that(digest(late) == digest(kiln.bake(scene, *SIZE, *PLAIN, '--rounds', 0)), '--rounds 0 gives other bits')
+    early = kiln.bake(scene, *SIZE, *PLAIN, '--quality', 'production', '--time', 1e6)
+    levels = ','.join(map(str, early.run['error']['levels']))
+    checks.that(levels != '' and early.run['error']['repeat'] == '--rounds ' + levels, str(early.run['error']))
+    for options in (('--quality', 'production'), ('--quality', '3%'), ('--quality', '3%', '--rounds', levels)):
+        same = kiln.bake(scene, *SIZE, *PLAIN, *options)
+        checks.that(digest(same) == digest(early), '%s gives other bits than --time' % (options,))
+
+
+def try_counts(checks, kiln, scene):
+    """Samples that are given, and what excludes rounds, make a preset a number of samples."""
+    for options in (('--samples-direct', 4), ('--schedule', 'equal'), ('--store', 'octree')):
+        bake = kiln.bake(scene, *SIZE, *PLAIN, '--quality', 'draft', *options)
+        checks.baked(bake)
+        checks.that('published' not in bake.run['error'], '%s has rounds' % (options,))
+
+
 def try_refusals(checks, kiln, scene):
     for options, part in ((('--quality', '8%', '--samples-direct', 4), '--samples-direct excludes that'),
                           (('--quality', '8%', '--target-error', 0.1), '--target-error excludes that'),
                           (('--quality', '8%', '--method', 'path'), '--method excludes that'),
+                          (('--time', 9, '--samples-direct', 4), '--samples-direct excludes rounds'),
+                          (('--rounds', '3', '--method', 'path'), '--method excludes rounds'),
+                          (('--rounds', '3,2'), 'ascending levels'), (('--rounds', ''), 'is empty'),
+                          (('--rounds', '40'), 'ascending levels'), (('--time', 0), '--time'),
                           (('--quality', '0%'), 'from 0.1% to 50%'), (('--quality', 'x%'), 'or an error such as 5%')):
         process = kiln.command('bake', scene, *options, '-o', os.path.join(kiln.scratch, 'refused'))
         checks.that(process.status == 64 and part in process.sentence(), process.sentence(), process)
@@ -89,6 +116,8 @@ def main():
     try_errors(checks, kiln, scene)
     if kiln.backend == 'embree':
         try_bits(checks, kiln, scene)
+        try_time(checks, kiln, scene)
+        try_counts(checks, kiln, scene)
         try_refusals(checks, kiln, scene)
     return checks.end()
 

@@ -121,7 +121,7 @@ class Man(unittest.TestCase):
             for name in re.findall(r"(?m)^  (?:-o, )?(--[a-z-]+)", kiln(command, "--help", "all").out):
                 self.assertRegex(text, rf"(?m)^ +(-o, )?{name}( |$)")
         for words in ("kiln mix out --set '*=0' --set screen=0,0.2,1 -o screen", "DIR/view.png", "EXIT STATUS",
-                      "about 2^18 texels", "~/.cache/kiln"):
+                      "finer where charts lie", "~/.cache/kiln"):
             self.assertIn(words, text)
 
     def test_the_build_has_made_it(self):
