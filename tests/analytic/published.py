@@ -2,8 +2,10 @@
 
 The Cornell box, small, against a bake of many samples by another seed: the measure is that of tests/bench/quality.py.
 The true error stays below what is asked, and is no less than a third of what the bake states. Finer errors take more
-rounds, and later ones have no bounces. The same bits with three ranks, and after a bake that was stopped. Options that
-exclude an error are refused. --time ends the rounds, and --rounds repeats that.
+rounds, and later ones have no bounces. The same bits with three ranks, and after a bake that was stopped. Where a
+mirror and glass make caustics, their light paths are whole multiples of the first round's, and fewer than all other
+samples' growth asks; three ranks give the same bits. Options that exclude an error are refused. --time ends the rounds,
+and --rounds repeats that.
 """
 import hashlib
 import os
@@ -96,6 +98,27 @@ def try_counts(checks, kiln, scene):
         checks.that('published' not in bake.run['error'], '%s has rounds' % (options,))
 
 
+def try_caustics(checks, kiln):
+    scene = os.path.join(kiln.scratch, 'spheres.glb')
+    checks.that(kiln.command('generate', 'cornell-spheres', '-o', scene).status == 0, 'no scene')
+    asked = ('--quality', '3%', '--texels-per-metre', 2, *PLAIN)
+    one = kiln.bake(scene, *asked)
+    if not checks.baked(one):
+        return
+    steps = [b for b in one.run['bounces'] if b['kind'] in ('caustic', 'final')]
+    caustics = [b for b in steps if b['kind'] == 'caustic']
+    first = caustics[0]
+    checks.that(len([b for b in caustics if b['part'] < 4]) == 4, 'the first round has caustics in each part')
+    checks.that(all(b['iterations'] % first['iterations'] == 0 and b['samples'] % first['samples'] == 0
+                    for b in caustics), 'multiples of the first round: %s' % caustics)
+    paths, samples = (sum(b[count] for b in steps if b['kind'] == kind) / sum(
+        b[count] for b in steps if b['kind'] == kind and b['part'] < 4)
+        for kind, count in (('caustic', 'iterations'), ('final', 'samples')))
+    checks.that(one.run['error']['rounds'] > 1 and paths < samples,
+                '%g times the paths, %g the rays' % (paths, samples))
+    checks.that(digest(one) == digest(kiln.bake(scene, *asked, ranks=3)), 'three ranks give other caustics')
+
+
 def try_refusals(checks, kiln, scene):
     for options, part in ((('--quality', '8%', '--samples-direct', 4), '--samples-direct excludes that'),
                           (('--quality', '8%', '--target-error', 0.1), '--target-error excludes that'),
@@ -118,6 +141,7 @@ def main():
         try_bits(checks, kiln, scene)
         try_time(checks, kiln, scene)
         try_counts(checks, kiln, scene)
+        try_caustics(checks, kiln)
         try_refusals(checks, kiln, scene)
     return checks.end()
 

@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "coordinator/run/control.h"
-#include "coordinator/integrate/parts/parts.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/pass/point.h"
@@ -116,9 +115,8 @@ static double landings_of(const struct kiln_landing *l)
 static double averaged_with(const struct kiln_landing *l)
 {
     const struct kiln_step *step = &kiln_solution_step(l->solution)->step;
-    return l->params->settings->published_error > 0.0
-               ? kiln_part_before(step) - (double)(step->part % KILN_PARTS) + KILN_PARTS
-               : 1.0;
+    const double before = (double)step->first_sample / (double)step->samples; /* of all parts up to this one */
+    return l->params->settings->published_error > 0.0 ? before - (double)(step->part % KILN_PARTS) + KILN_PARTS : 1.0;
 }
 
 /* Collective. Spreads the light landed in iterations with the same radius to the points within it. */

@@ -41,7 +41,8 @@ void kiln_part_add_caustics(const struct kiln_rank_data *data, struct kiln_own_p
  * parts have them. */
 double kiln_part_caustics_share(const struct kiln_rank_data *data, const struct kiln_tile_run *run);
 
-/* Need of caustics in unfinished tile runs. Zero at first. Integers, so that sums are the same for any ranks. */
+/* Caustics that unfinished tile runs need. Zero at first. Integers, so that their sums are the same for any ranks.
+ */
 struct kiln_caustics_need {
     uint64_t points, all, caustics;
 };
@@ -51,9 +52,9 @@ void kiln_caustics_need_add(struct kiln_caustics_need *need, uint64_t points, do
 /* Collective. Adds up over the ranks. */
 void kiln_caustics_need_reduce(struct kiln_caustics_need *need, MPI_Comm communicator);
 
-/* Growth of the samples of caustics in the next round over that of all other samples, as it should be. The variance v /
- * m of caustics, and w / n of all other light, falls with their samples m and n, whose costs are c for all points, and
- * d for the unfinished. The sum of both is least at given cost with m / n = root of v d / w c. `caustics`, `others`: m
+/* Growth of the samples of caustics that the next round should have, over that of all other samples. The variance v / m
+ * of caustics, and w / n of all other light, falls with their samples m and n, whose costs are c for all points, and d
+ * for the unfinished. The sum of both is least at given cost with m / n = root of v d / w c. `caustics`, `others`: m
  * and n, in units of the first round. `share`: of the points, unfinished. 0: caustics are below a tenth of the error.
  */
 double kiln_caustics_growth(const struct kiln_caustics_need *need, double caustics, double others, double share);
