@@ -1,10 +1,10 @@
 /* The probe pass on a device (worker/pass/probes.h): light that arrives at the probes of an irradiance volume. Thread
  * (x, y) computes slice `slice_first` + y of the samples of probe x. A slice has a range of rays over the whole sphere,
  * which hit surfaces and a constant sky, and a range of light samples of the same length, with shadow rays to the other
- * lights. Light samples are numbered through all choices of lights (light_samples.glsl); the last slice takes all that
- * are left. Directions, random numbers and estimators equal those of worker/backend/embree/probes.c. probes_reduce.comp
- * sums up the slices. With GROUPED the result of each ray is kept for probes_groups.comp, which separates groups of
- * lights. */
+ * lights; one kernel traces the rays, and the next one takes the light samples and adds to the sums. Light samples are
+ * numbered through all choices of lights (light_samples.glsl); the last slice takes all that are left. Directions,
+ * random numbers and estimators equal those of worker/backend/embree/probes.c. probes_reduce.comp sums up the slices.
+ * With GROUPED the result of each ray is kept for probes_groups.comp, which separates groups of lights. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "shaders/kernel.glsl"
@@ -26,10 +26,11 @@ KILN_PUSH(kiln_gpu_probes_push);
 #    include "shaders/chain.glsl"
 #endif
 
-layout(constant_id = 6) const uint GROUPED = 0u;
+layout(constant_id = 6) const uint STAGES = KILN_GPU_PROBE_RAYS | KILN_GPU_PROBE_LIGHTS; /* KILN_GPU_PROBE_... */
+const bool GROUPED = (STAGES & KILN_GPU_PROBE_GROUPED) != 0u, RAYS = (STAGES & KILN_GPU_PROBE_RAYS) != 0u,
+           LIGHTS = (STAGES & KILN_GPU_PROBE_LIGHTS) != 0u;
 
 KILN_ARRAY(PositionArray, vec3, 4);
-KILN_ARRAY(SliceArray, float, 4);
 
 struct Sums {
     vec3 radiance[KILN_HARMONICS], axes[6];
@@ -44,6 +45,7 @@ struct Place {
 #include "shaders/light_samples.glsl"
 #include "shaders/probe_direction.glsl"
 #include "shaders/probe_found.glsl"
+#include "shaders/probe_slices.glsl"
 
 Sobol sobol() { return Sobol(push.sobol, push.sobol_stride); }
 
@@ -68,7 +70,7 @@ void sphere_sample(inout Sums sums, uint x, vec3 p, uint key, uint k)
     const vec3 d = vec3(direction);
     vec3 tint;
     const kiln_hit hit = kiln_trace_by_chance(p, d, kiln_hash2(key + 1u, k), tint);
-    if (GROUPED != 0u)
+    if (GROUPED)
         found_sphere(k, x).at[0] = Found(d, found_word(hit, direction));
     vec3 radiance = vec3(0.0);
     if (hit.triangle == KILN_GPU_NONE) {
@@ -99,7 +101,7 @@ void add_light(inout Sums sums, inout Place place, kiln_light_choice choice, uin
 {
     kiln_light_sample s;
     const uint number = place.sample_number++;
-    if (GROUPED != 0u)
+    if (GROUPED)
         found_light(number, place.probe).at[0] = FoundLight(vec3(0.0), vec3(0.0), FOUND_NOTHING);
     if (!draw_light(sobol(), choice, identity, k, real3(place.position), s))
         return;
@@ -110,23 +112,36 @@ void add_light(inout Sums sums, inout Place place, kiln_light_choice choice, uin
     const vec3 value = vec3(s.value / real(choice.samples)) * through;
     if (through != vec3(0.0))
         add_direction(sums, d, value);
-    if (GROUPED != 0u)
+    if (GROUPED)
         found_light(number, place.probe).at[0] =
             FoundLight(d, value, light_group(choice.kind, choice.index, s, real3(place.position)));
 }
 
-void store(Sums sums, uint x, uint slice)
+void sphere_samples(inout Sums sums, uint x, vec3 position, uint key, uint from)
 {
-    SliceArray floats = SliceArray(push.slices + uint64_t(slice * KILN_GPU_PROBE_FLOATS) * push.count * 4ul);
-    for (uint c = 0u; c < 3u; c++) {
-        for (uint i = 0u; i < KILN_HARMONICS; i++)
-            floats.at[(3u * i + c) * push.count + x] = sums.radiance[i][c];
-        for (uint i = 0u; i < 6u; i++)
-            floats.at[(27u + 3u * i + c) * push.count + x] = sums.axes[i][c];
+    const uint to = min(push.samples, from + KILN_GPU_PROBE_SAMPLES);
+    uint k = from;
+    for (; k < to; k++)
+        sphere_sample(sums, x, position, key, k);
+    sums.stopped = sums.stopped || k < to;
+}
+
+/* The slice's light samples. Where groups are told apart, the last slice counts all. */
+void all_lights(inout Sums sums, uint x, vec3 position, uint key, uint from, bool last)
+{
+    uint lights = 0u;
+    if (LIGHT_KINDS != 0u && LIGHT_KINDS != KILN_GPU_KIND_SKY) {
+        Place place = Place(position, x, from);
+        const uint candidates =
+            kiln_lights_choose(real3(position), 0, real3(0), KILN_CUT_MAX, light_kind(KILN_GPU_KIND_IMAGE));
+        const uint to = last ? 0xffffffffu : min(push.samples, from + KILN_GPU_PROBE_SAMPLES);
+        if (!light_samples(sums, place, candidates, real3(0), push.samples, key, from, to))
+            sums.stopped = true;
+        if (GROUPED)
+            lights = light_sample_count(candidates, real3(0), push.samples);
     }
-    floats.at[45u * push.count + x] = sums.distance / float(push.samples);
-    floats.at[46u * push.count + x] = sums.back / float(push.samples);
-    floats.at[47u * push.count + x] = sums.rays;
+    if (GROUPED && last)
+        found_lights(x).at[0] = lights;
 }
 
 void kiln_kernel(uint x, uint y)
@@ -137,6 +152,7 @@ void kiln_kernel(uint x, uint y)
     const vec3 position = PositionArray(push.positions).at[x];
     const uint64_t index = push.index + x;
     const uint key = kiln_hash2(kiln_hash2(push.seed, uint(index)), uint(index >> 32));
+    const uint from = slice * KILN_GPU_PROBE_SAMPLES;
     Sums sums;
     for (uint i = 0u; i < KILN_HARMONICS; i++)
         sums.radiance[i] = vec3(0.0);
@@ -146,24 +162,12 @@ void kiln_kernel(uint x, uint y)
     sums.back = 0.0;
     sums.rays = 0.0;
     sums.stopped = false;
-    const uint from = slice * KILN_GPU_PROBE_SAMPLES, to = min(push.samples, from + KILN_GPU_PROBE_SAMPLES);
-    uint k = from;
-    for (; k < to; k++)
-        sphere_sample(sums, x, position, key, k);
-    sums.stopped = sums.stopped || k < to;
-    uint lights = 0u;
-    if (LIGHT_KINDS != 0u && LIGHT_KINDS != KILN_GPU_KIND_SKY) {
-        Place place = Place(position, x, from);
-        const uint candidates =
-            kiln_lights_choose(real3(position), 0, real3(0), KILN_CUT_MAX, light_kind(KILN_GPU_KIND_IMAGE));
-        if (!light_samples(sums, place, candidates, real3(0), push.samples, key, from,
-                           slice + 1u == push.slice_count ? 0xffffffffu : to))
-            sums.stopped = true;
-        if (GROUPED != 0u)
-            lights = light_sample_count(candidates, real3(0), push.samples);
-    }
-    if (GROUPED != 0u && slice + 1u == push.slice_count)
-        found_lights(x).at[0] = lights;
+    if (!RAYS)
+        load(sums, x, slice);
+    else
+        sphere_samples(sums, x, position, key, from);
+    if (LIGHTS)
+        all_lights(sums, x, position, key, from, slice + 1u == push.slice_count);
     if (sums.stopped)
         sums.distance = -1.0e30;
     store(sums, x, slice);

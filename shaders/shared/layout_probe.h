@@ -3,6 +3,12 @@
 /* samples a slice, over the sphere or of lights; short, as some devices stop long loops */
 #define KILN_GPU_PROBE_SAMPLES 16u
 
+/* Stages of probes.comp: bits of its own constant. Rays over the sphere and light samples are apart, for drivers take
+ * long to compile the two together. */
+#define KILN_GPU_PROBE_GROUPED 1u /* the result of each ray is kept for groups of lights */
+#define KILN_GPU_PROBE_RAYS 2u
+#define KILN_GPU_PROBE_LIGHTS 4u /* after the rays: adds to their sums */
+
 /* Floats of a slice, and of a probe's answer: the members of struct kiln_probe_result in order, then the number of
  * shadow rays. A mean distance below 0 marks a wrong answer: the device ended a loop early. */
 #define KILN_GPU_PROBE_FLOATS 48u

@@ -1,7 +1,8 @@
-/* The probe pass (worker/pass/probes.h): shaders/probes.comp computes slices of each probe's samples,
- * probes_reduce.comp sums them up. A chunk has as many probes as a time slice and the memory for partial sums allow;
- * for few probes with many samples, slices are computed in portions. Neither affects the order of sums, so results do
- * not depend on it. For groups of lights, the result of each ray is kept, and probes_groups.comp sums these up. */
+/* The probe pass (worker/pass/probes.h): shaders/probes.comp computes slices of each probe's samples, rays first and
+ * then light samples, probes_reduce.comp sums them up. A chunk has as many probes as a time slice and the memory for
+ * partial sums allow; for few probes with many samples, slices are computed in portions. Neither affects the order of
+ * sums, so results do not depend on it. For groups of lights, the result of each ray is kept, and probes_groups.comp
+ * sums these up. */
 #include <stdint.h> /* before the shaders */
 #include <string.h>
 
@@ -23,6 +24,12 @@ static const struct vulkan_shader probes_shader = {.name = "probes",
                                                    .compute_float = VULKAN_CODE(probes_float),
                                                    .pipeline_float = VULKAN_CODE(probes_pipeline_float),
                                                    .gloss = &gloss_shader};
+/* light samples, which no chain begins at: the same for all materials */
+static const struct vulkan_shader lights_shader = {.name = "probes: lights",
+                                                   .compute = VULKAN_CODE(probes),
+                                                   .pipeline = VULKAN_CODE(probes_pipeline),
+                                                   .compute_float = VULKAN_CODE(probes_float),
+                                                   .pipeline_float = VULKAN_CODE(probes_pipeline_float)};
 static const struct vulkan_shader reduce_shader = {.name = "probes_reduce", .compute = VULKAN_CODE(probes_reduce)};
 
 static const struct vulkan_shader groups_shader = {.name = "probes: groups", .compute = VULKAN_CODE(probes_groups)};
@@ -37,7 +44,7 @@ _Static_assert(sizeof(struct kiln_probe_result) == SLICE_BYTES - sizeof(float),
 /* A call's working set. */
 struct probes_run {
     struct vulkan_backend *b;
-    struct gpu_kernel *trace, *reduce, *groups;
+    struct gpu_kernel *rays, *lights, *reduce, *groups;
     struct gpu_buffer positions, slices, results;
     struct gpu_buffer found, group_results; /* where groups are told apart */
     struct kiln_probe_result *answers;      /* of a chunk, for the taker */
@@ -105,7 +112,9 @@ static int prepare(struct probes_run *r, const struct kiln_probe_parameters *set
     const uint64_t seed = b->params.seed;
     const bool groups = vulkan_groups_count(b) > 0;
     int status;
-    KILN_TRY(vulkan_kernel_of(b, &probes_shader, false, groups, &r->trace, error));
+    const uint32_t grouped = groups ? KILN_GPU_PROBE_GROUPED : 0;
+    KILN_TRY(vulkan_kernel_of(b, &probes_shader, false, KILN_GPU_PROBE_RAYS | grouped, &r->rays, error));
+    KILN_TRY(vulkan_kernel_of(b, &lights_shader, false, KILN_GPU_PROBE_LIGHTS | grouped, &r->lights, error));
     KILN_TRY(vulkan_kernel_of(b, &reduce_shader, false, 0, &r->reduce, error));
     KILN_TRY(vulkan_sobol(b, samples + 1, error)); /* a single light gets all samples, rounded up at most */
     if (groups)
@@ -159,7 +168,8 @@ static int run_rows(struct probes_run *r, uint32_t rows, struct kiln_error *erro
                                                       .lights = p->lights,
                                                       .groups = vulkan_groups_count(r->b)};
     const struct gpu_step steps[] = {
-        {.kernel = r->trace, .threads_x = p->count, .threads_y = rows, .constants = p, .constant_bytes = sizeof *p},
+        {.kernel = r->rays, .threads_x = p->count, .threads_y = rows, .constants = p, .constant_bytes = sizeof *p},
+        {.kernel = r->lights, .threads_x = p->count, .threads_y = rows, .constants = p, .constant_bytes = sizeof *p},
         {.kernel = r->reduce,
          .threads_x = p->count,
          .threads_y = KILN_GPU_PROBE_FLOATS,
@@ -171,9 +181,9 @@ static int run_rows(struct probes_run *r, uint32_t rows, struct kiln_error *erro
          .constants = &groups,
          .constant_bytes = sizeof groups},
     };
-    const size_t all = groups.groups > 0 ? 3 : 2;
+    const size_t all = groups.groups > 0 ? 4 : 3;
     double seconds;
-    const int status = gpu_run(r->b->gpu, steps, p->slice_first + rows == p->slice_count ? all : 1, &seconds, error);
+    const int status = gpu_run(r->b->gpu, steps, p->slice_first + rows == p->slice_count ? all : 2, &seconds, error);
     if (status == KILN_OK)
         gpu_pacer_learn(pacer, (uint64_t)p->count * rows * KILN_GPU_PROBE_SAMPLES, seconds);
     return status;
@@ -285,4 +295,6 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
 }
 
 const struct vulkan_pass vulkan_pass_probes = {.run = run,
-                                               .ahead = {{.shader = &probes_shader}, {.shader = &reduce_shader}}};
+                                               .ahead = {{.shader = &probes_shader, .own = KILN_GPU_PROBE_RAYS},
+                                                         {.shader = &lights_shader, .own = KILN_GPU_PROBE_LIGHTS},
+                                                         {.shader = &reduce_shader}}};
