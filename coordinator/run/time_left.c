@@ -4,7 +4,7 @@
 #include <string.h>
 
 #define EXACT 0.1          /* fraction of all expectations that counts as exact when stages to come are corrected */
-#define LATE 0.99          /* largest share of the whole while the last stage is under way */
+#define NEARLY 0.99        /* largest share of the whole while the last stage is under way */
 #define EARLY 0.1          /* largest share of the whole while a stage whose expectation is rough has not told more */
 #define LATE 0.3           /* of the time of a stage that takes longer than expected: what is left at least */
 #define BELIEVED_HALF 0.05 /* share of a stage done at which its own word counts as much as the expectation */
@@ -150,7 +150,7 @@ void kiln_time_left_update(struct kiln_time_left *t, double now)
     t->whole_left = left_of_whole(t, now);
     if (before >= 0.0)
         t->whole_left += (fmax(before - passed, 0.0) - t->whole_left) * exp(-passed / KILN_TIME_LEFT_SMOOTH);
-    const double most = fmax(is_rough(t) ? EARLY : LATE, t->whole_share),
+    const double most = fmax(is_rough(t) ? EARLY : NEARLY, t->whole_share),
                  since = before >= 0.0 ? passed : now - t->begin;
     if (since > 0.0)
         t->whole_share = fmin(1.0 - (1.0 - t->whole_share) * t->whole_left / (t->whole_left + since), most);

@@ -55,7 +55,7 @@ static void test_option(void **state)
     /* half the noise takes four times the light: 20 + 4 x 80 s */
     assert_option(report_of(published(0.08, 0.06, false)), "--quality 3%", "in about 5 min 40 s");
     /* stopped at twice the error that was asked for */
-    assert_option(report_of(published(0.08, 0.16, true)), "--max-time 340", "reach what was asked for");
+    assert_option(report_of(published(0.08, 0.16, true)), "--time 340", "reach what was asked for");
     assert_option(report_of(published(0.08, 0.16, false)), "--guide auto", "rare ways");
     assert_option(report_of(published(0.001, 0.001, false)), NULL, NULL);
     json_t *report = report_of(published(0.08, 0.06, false));

@@ -95,7 +95,8 @@ static json_t *finer_texels(const json_t *report)
 /* The options for more light: `error` is what was reached, `wanted` what is wanted. */
 static json_t *more_light(const json_t *report, double error, double wanted, bool late)
 {
-    const double more = light_seconds(report) * ((error * error) / (wanted * wanted) - 1.0);
+    const double more = light_seconds(report) * ((error * error) / (wanted * wanted) - 1.0),
+                 asked = number_of(json_object_get(report, "error"), "asked");
     char option[64], because[KILN_REACHED_TEXT], time[48];
     (void)kiln_duration_text(whole_seconds(report) + more, time, sizeof time);
     if (late)
@@ -103,7 +104,7 @@ static json_t *more_light(const json_t *report, double error, double wanted, boo
     else
         (void)snprintf(option, sizeof option, "--quality %.2g%%", 100.0 * wanted);
     (void)snprintf(because, sizeof because, "%s, in about %s",
-                   late && wanted > FINER * error ? "it would reach what was asked for" : "half the noise", time);
+                   late && !(wanted > asked) ? "it would reach what was asked for" : "half the noise", time);
     return advice(option, because);
 }
 
