@@ -101,6 +101,12 @@ int kiln_bake_settle_light(struct kiln_bake *b, struct kiln_error *error)
     b->probe_settings = b->light_settings;
     kiln_field_set_choose(&b->fields, b->job);
     b->beside = (struct kiln_beside){.start = pack_ahead, .direct = pack_direct, .stop = stop_packing, .context = b};
+    b->denoised = (struct kiln_denoised_sample){.communicator = b->communicator,
+                                                .scene = b->prepared->scene,
+                                                .geometry = b->prepared->geometry,
+                                                .backend = b->prepared->backend,
+                                                .area = b->prepared->surface_report.geometry_area};
+    b->denoising = (struct kiln_denoising){.run = kiln_denoised_sample_run, .context = &b->denoised};
     b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
                                                      .rank = b->rank,
                                                      .ranks = b->prepared->ranks,
@@ -123,7 +129,8 @@ int kiln_bake_settle_light(struct kiln_bake *b, struct kiln_error *error)
                                                      .groups = b->groups.count > 0 ? &b->groups : NULL,
                                                      .transport = b->transport.is_on ? &b->transport : NULL,
                                                      .threads = b->prepared->threads,
-                                                     .beside = &b->beside};
+                                                     .beside = &b->beside,
+                                                     .denoising = kiln_job_denoises(b->job) ? &b->denoising : NULL};
     return KILN_OK;
 }
 

@@ -4,6 +4,7 @@
 #define KILN_COORDINATOR_BAKE_BAKE_PRIVATE_H
 
 #include "coordinator/bake/bake.h"
+#include "coordinator/bake/light/denoised_sample.h"
 #include "coordinator/bake/light/density_check.h"
 #include "coordinator/bake/prepare/prepare.h"
 #include "coordinator/bake/light/visible_from.h"
@@ -41,9 +42,11 @@ struct kiln_bake {
     struct kiln_reference_parameters paths; /* the settings point to it with --method path, bdpt and vcm */
     struct kiln_field_set fields;
     struct kiln_integrate_params light_params;
-    struct kiln_beside beside;       /* thread that packs `ahead` while light steps run */
-    struct kiln_points_ahead *ahead; /* NULL: nothing was packed */
-    double ahead_start;              /* MPI_Wtime() */
+    struct kiln_denoised_sample denoised; /* what `denoising` works with */
+    struct kiln_denoising denoising;      /* judges published light */
+    struct kiln_beside beside;            /* thread that packs `ahead` while light steps run */
+    struct kiln_points_ahead *ahead;      /* NULL: nothing was packed */
+    double ahead_start;                   /* MPI_Wtime() */
     struct kiln_solution *solution;
     struct kiln_volume_result volume;
     struct kiln_lightmap_report *lightmaps;

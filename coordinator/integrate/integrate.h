@@ -11,6 +11,7 @@
 #include "coordinator/run/trace.h"
 
 struct kiln_companion;
+struct kiln_denoising;
 struct kiln_light_groups;
 struct kiln_transport;
 
@@ -49,6 +50,8 @@ struct kiln_integrate_params {
     struct kiln_transport *transport;       /* transport to keep or replay; NULL: neither */
     uint32_t threads;                       /* threads that store the results */
     const struct kiln_beside *beside;       /* NULL: nothing */
+    /* judges what lightmaps show (denoising.h); NULL: they show light as it was gathered */
+    const struct kiln_denoising *denoising;
 };
 
 /* Collective. Computes the light; resumes from the open generation of the checkpoint, whatever ranks wrote it.

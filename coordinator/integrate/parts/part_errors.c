@@ -32,7 +32,7 @@ static void lay_out(const struct kiln_rank_data *data, const struct kiln_tile_ru
     struct kiln_own_point own = kiln_own_of_global(&data->surface, run->first);
     for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, own.at++)
         if (kiln_point_valid(&data->surface, own))
-            tile[__builtin_ctzll(rest)] = variance_of(data->parts + KILN_PARTS * own.at);
+            tile[kiln_part_place((uint32_t)__builtin_ctzll(rest))] = variance_of(data->parts + KILN_PARTS * own.at);
 }
 
 static void clear(float *variances, size_t count)
@@ -169,7 +169,7 @@ void kiln_part_errors(const struct kiln_rank_data *data, const struct kiln_tile_
         tile = own;
     }
     for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1)
-        *errors++ = sqrtf((float)survey->gain * pooled(tile, __builtin_ctzll(rest)));
+        *errors++ = sqrtf((float)survey->gain * pooled(tile, kiln_part_place((uint32_t)__builtin_ctzll(rest))));
 }
 
 void kiln_part_survey_release(struct kiln_part_survey *survey)

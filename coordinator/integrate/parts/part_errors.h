@@ -39,6 +39,9 @@ struct kiln_part_survey {
 
 enum { KILN_PART_ERRORS = 64 }; /* points of a tile, and so of a tile run, at most */
 
+/* Place of a tile's bit, row by row: 8 y + x. Bits are in Morton order (kiln_morton8). */
+static inline int kiln_part_place(uint32_t bit) { return (int)(8u * kiln_morton8_y(bit) + kiln_morton8_x(bit)); }
+
 /* Collective, after a part with the reports `part`, when the field `error` holds the errors estimated from the points'
  * own rays. `unit`: of exact sums of power, W. KILN_SYSTEM. Release with kiln_part_survey_release, after a failure
  * too. */

@@ -15,26 +15,37 @@ enum {
 #define DARK 0.05        /* of an object's mean */
 #define BIN_LEAST 1e-6   /* relative error of the first bin */
 #define BIN_STEP 0.03125 /* of the natural logarithm */
+#define SEEN_BIAS 9.0    /* a squared difference of denoised from raw light over its variance, from which it is bias */
 
 /* A tile run's light at its places in the tile. */
 struct tile_light {
     float part[KILN_PARTS][SIDE * SIDE];
     float all[SIDE * SIDE];
+    float denoised[KILN_HALVES][SIDE * SIDE];
     uint64_t there; /* places with light */
 };
 
-static void lay_out(struct tile_light *t, const struct kiln_rank_data *data, const struct kiln_tile_run *run)
+/* Means over the texels around a texel. */
+struct window {
+    double light, part[KILN_PARTS], denoised[KILN_HALVES];
+};
+
+static void lay_out(struct tile_light *t, const struct kiln_rank_data *data, const struct kiln_tile_run *run,
+                    const struct kiln_halves *denoised)
 {
     struct kiln_own_point own = kiln_own_of_global(&data->surface, run->first);
+    size_t k = 0;
     t->there = 0;
-    for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, own.at++) {
-        const int place = __builtin_ctzll(rest);
+    for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, own.at++, k++) {
+        const int place = kiln_part_place((uint32_t)__builtin_ctzll(rest));
         if (!kiln_point_valid(&data->surface, own))
             continue;
         t->there |= (uint64_t)1u << place;
         t->all[place] = (float)kiln_part_light(data, own.at);
-        for (int k = 0; k < KILN_PARTS; k++)
-            t->part[k][place] = data->parts[KILN_PARTS * own.at + (uint64_t)k];
+        for (int p = 0; p < KILN_PARTS; p++)
+            t->part[p][place] = data->parts[KILN_PARTS * own.at + (uint64_t)p];
+        for (int h = 0; h < KILN_HALVES; h++)
+            t->denoised[h][place] = denoised != NULL ? denoised[k].light[h] : 0.0f;
     }
 }
 
@@ -45,27 +56,40 @@ static int window_first(int at)
     return first < 0 ? 0 : first > last ? last : first;
 }
 
-/* Variance of the mean over a window, and the light there. */
-static double window(const struct tile_light *t, int u, int v, double *light)
+static struct window window_of(const struct tile_light *t, int place)
 {
-    double sums[KILN_PARTS] = {0.0}, count = 0.0, mean = 0.0, square = 0.0;
-    *light = 0.0;
+    const int u = window_first(place % SIDE), v = window_first(place / SIDE);
+    struct window w = {.light = 0.0};
+    double count = 0.0;
     for (int y = v; y <= v + 2 * REACH; y++)
         for (int x = u; x <= u + 2 * REACH; x++) {
-            const int place = y * SIDE + x;
-            if ((t->there >> place & 1u) == 0)
+            const int at = y * SIDE + x;
+            if ((t->there >> at & 1u) == 0)
                 continue;
             count += 1.0;
-            *light += (double)t->all[place];
+            w.light += (double)t->all[at];
             for (int k = 0; k < KILN_PARTS; k++)
-                sums[k] += (double)t->part[k][place];
+                w.part[k] += (double)t->part[k][at];
+            for (int h = 0; h < KILN_HALVES; h++)
+                w.denoised[h] += (double)t->denoised[h][at];
         }
-    *light /= count;
+    w.light /= count;
     for (int k = 0; k < KILN_PARTS; k++)
-        mean += sums[k] / KILN_PARTS;
+        w.part[k] /= count;
+    for (int h = 0; h < KILN_HALVES; h++)
+        w.denoised[h] /= count;
+    return w;
+}
+
+/* Variance of the mean of the parts. */
+static double variance_of(const struct window *w)
+{
+    double mean = 0.0, square = 0.0;
     for (int k = 0; k < KILN_PARTS; k++)
-        square += (sums[k] - mean) * (sums[k] - mean);
-    return square / (count * count * KILN_PARTS * (KILN_PARTS - 1));
+        mean += w->part[k] / KILN_PARTS;
+    for (int k = 0; k < KILN_PARTS; k++)
+        square += (w->part[k] - mean) * (w->part[k] - mean);
+    return square / (KILN_PARTS * (KILN_PARTS - 1));
 }
 
 static size_t bin_of(double error)
@@ -74,25 +98,40 @@ static size_t bin_of(double error)
     return at >= BINS - 1 ? BINS - 1 : (size_t)at;
 }
 
-double kiln_published_tile(struct kiln_published *p, const struct kiln_rank_data *data, const struct kiln_tile_run *run)
+static double middle_of(size_t bin) { return BIN_LEAST * exp(((double)bin + 0.5) * BIN_STEP); }
+
+static double dark_of(const struct kiln_published *p, const struct kiln_rank_data *data,
+                      const struct kiln_tile_run *run)
+{
+    return p->dark[kiln_map_object(&data->surface, run->map)];
+}
+
+/* Mean over a tile run's points of the squared relative error of raw light; *count: their number. */
+static double raw_square(const struct kiln_published *p, const struct tile_light *t, double dark, double *count)
+{
+    double square = 0.0;
+    *count = 0.0;
+    for (uint64_t rest = t->there; rest != 0; rest &= rest - 1) {
+        const struct window w = window_of(t, __builtin_ctzll(rest));
+        const double variance = p->gain * variance_of(&w), allowed = fmax(w.light, dark);
+        square += variance > 0.0 ? fmin(variance / (allowed * allowed), 1e12) : 0.0;
+        *count += 1.0;
+    }
+    return *count > 0.0 ? square / *count : 0.0;
+}
+
+/* ---- raw light ---- */
+
+static void find_raw(struct kiln_published *p, const struct kiln_rank_data *data)
 {
     struct tile_light t;
-    double square = 0.0, count = 0.0;
-    const double dark = p->dark[kiln_map_object(&data->surface, run->map)];
-    lay_out(&t, data, run);
-    for (uint64_t rest = t.there; rest != 0; rest &= rest - 1) {
-        const int place = __builtin_ctzll(rest);
-        double light;
-        const double variance = p->gain * window(&t, window_first(place % SIDE), window_first(place / SIDE), &light),
-                     allowed = fmax(light, dark);
-        square += variance > 0.0 ? fmin(variance / (allowed * allowed), 1e12) : 0.0;
-        count += 1.0;
+    double count;
+    for (size_t i = 0; i < data->surface.tile_run_count; i++) {
+        const struct kiln_tile_run *run = &data->surface.tile_runs[i];
+        lay_out(&t, data, run, NULL);
+        p->raw[i] = (float)sqrt(raw_square(p, &t, dark_of(p, data, run), &count));
+        p->numbers[bin_of((double)p->raw[i])] += (uint64_t)count;
     }
-    if (!(count > 0.0))
-        return 0.0;
-    const double error = sqrt(square / count);
-    p->numbers[bin_of(error)] += (uint64_t)count;
-    return error;
 }
 
 /* Collective. Mean luminance of each object, by area, times DARK. */
@@ -127,36 +166,54 @@ end:
 }
 
 int kiln_published_begin(struct kiln_published *p, const struct kiln_integrate_params *params,
-                         const struct kiln_rank_data *data, double gain, double unit, struct kiln_error *error)
+                         const struct kiln_rank_data *data, const struct kiln_part_survey *survey, double unit,
+                         struct kiln_error *error)
 {
-    *p = (struct kiln_published){.gain = gain};
-    int status = kiln_allocate(&p->dark, data->surface.object_count, sizeof *p->dark, "the objects' light", error);
-    if (status == KILN_OK)
-        status = kiln_allocate(&p->numbers, BINS, sizeof *p->numbers, "the texels' errors", error);
+    const size_t runs = data->surface.tile_run_count;
+    int status;
+    *p = (struct kiln_published){.survey = survey, .gain = survey->gain, .scale = 1.0};
+    KILN_TRY(kiln_allocate(&p->dark, data->surface.object_count, sizeof *p->dark, "the objects' light", error));
+    KILN_TRY(kiln_allocate(&p->numbers, BINS, sizeof *p->numbers, "the texels' errors", error));
+    KILN_TRY(kiln_allocate(&p->unfinished, BINS, sizeof *p->unfinished, "the texels' errors", error));
+    KILN_TRY(kiln_allocate(&p->raw, runs, sizeof *p->raw, "the tiles' errors", error));
+    KILN_TRY(kiln_allocate(&p->bias, runs, sizeof *p->bias, "the tiles' errors", error));
+end:
     status = kiln_agree(params->communicator, status, error);
-    return status == KILN_OK ? find_dark(p, params, data, unit, error) : status;
+    if (status == KILN_OK)
+        status = find_dark(p, params, data, unit, error);
+    if (status == KILN_OK)
+        find_raw(p, data);
+    (void)MPI_Allreduce(MPI_IN_PLACE, p->numbers, status == KILN_OK ? BINS : 0, MPI_UINT64_T, MPI_SUM,
+                        params->communicator);
+    return status;
 }
 
-/* Share of the points whose error is above x. */
-static double share_above(const uint64_t numbers[BINS], double x)
+/* Number of points whose error is above x, if errors of bins are times `scale`. */
+static double number_above(const uint64_t *numbers, double scale, double x)
 {
-    double above = 0.0, all = 0.0;
+    double above = 0.0;
     for (size_t b = 0; b < BINS; b++)
-        if (numbers[b] > 0) {
-            const double error = BIN_LEAST * exp(((double)b + 0.5) * BIN_STEP);
-            all += (double)numbers[b];
-            above += (double)numbers[b] * erfc(x / (sqrt(2.0) * error));
-        }
-    return all > 0.0 ? above / all : 0.0;
+        if (numbers[b] > 0)
+            above += (double)numbers[b] * erfc(x / (sqrt(2.0) * scale * middle_of(b)));
+    return above;
 }
 
-double kiln_published_reached(struct kiln_published *p, MPI_Comm communicator)
+static double number_of(const uint64_t *numbers)
 {
+    double all = 0.0;
+    for (size_t b = 0; b < BINS; b++)
+        all += (double)numbers[b];
+    return all;
+}
+
+/* The error that a share of the points stay below, errors of bins being standard errors. */
+static double normal_quantile(const uint64_t *numbers)
+{
+    const double most = (1.0 - KILN_PUBLISHED_SHARE) * number_of(numbers);
     double low = 0.0, high = 4.0 * BIN_LEAST * exp(BINS * BIN_STEP);
-    (void)MPI_Allreduce(MPI_IN_PLACE, p->numbers, BINS, MPI_UINT64_T, MPI_SUM, communicator);
     for (int i = 0; i < 60; i++) {
         const double middle = 0.5 * (low + high);
-        if (share_above(p->numbers, middle) > 1.0 - KILN_PUBLISHED_SHARE)
+        if (number_above(numbers, 1.0, middle) > most)
             low = middle;
         else
             high = middle;
@@ -164,8 +221,119 @@ double kiln_published_reached(struct kiln_published *p, MPI_Comm communicator)
     return high;
 }
 
+double kiln_published_raw(const struct kiln_published *p) { return normal_quantile(p->numbers); }
+
+double kiln_published_raw_of_those(const struct kiln_published *p) { return normal_quantile(p->unfinished); }
+
+/* ---- denoised light ---- */
+
+/* Context of the calls of denoising. */
+struct judging {
+    struct kiln_published *p;
+    const struct kiln_rank_data *data;
+    uint64_t numbers[BINS], raw[BINS]; /* of points, by their error, and by that of raw light */
+};
+
+static void give(void *context, size_t tile_run, struct kiln_halves *points)
+{
+    const struct judging *j = context;
+    const struct kiln_tile_run *run = &j->data->surface.tile_runs[tile_run];
+    const uint64_t first = kiln_own_of_global(&j->data->surface, run->first).at;
+    float errors[KILN_PART_ERRORS];
+    kiln_part_errors(j->data, run, j->p->survey, errors);
+    for (uint32_t k = 0; k < run->count; k++) {
+        const float *parts = j->data->parts + KILN_PARTS * (first + k);
+        points[k] = (struct kiln_halves){.light = {0.5f * (parts[0] + parts[1]), 0.5f * (parts[2] + parts[3])},
+                                         .variance = 2.0f * errors[k] * errors[k]};
+    }
+}
+
+static void take(void *context, size_t tile_run, const struct kiln_halves *points)
+{
+    struct judging *j = context;
+    const struct kiln_tile_run *run = &j->data->surface.tile_runs[tile_run];
+    const double dark = dark_of(j->p, j->data, run);
+    struct tile_light t;
+    double bias = 0.0, count = 0.0;
+    lay_out(&t, j->data, run, points);
+    const double raw = raw_square(j->p, &t, dark, &count);
+    j->raw[bin_of(sqrt(raw))] += (uint64_t)count;
+    for (uint64_t rest = t.there; rest != 0; rest &= rest - 1) {
+        const struct window w = window_of(&t, __builtin_ctzll(rest));
+        const double allowed = fmax(w.light, dark),
+                     noise = 0.5 * sqrt(j->p->gain) * (w.denoised[0] - w.denoised[1]) / allowed,
+                     off = (0.5 * (w.denoised[0] + w.denoised[1]) -
+                            0.25 * (w.part[0] + w.part[1] + w.part[2] + w.part[3])) /
+                           allowed,
+                     known = fmax(raw, variance_of(&w) / (allowed * allowed)),
+                     square = off * off > SEEN_BIAS * known ? off * off - known : 0.0;
+        if (allowed > 0.0) {
+            bias += fmin(square, 1e12) / count;
+            j->numbers[bin_of(sqrt(noise * noise + square))]++;
+        }
+    }
+    j->p->bias[tile_run] = (float)sqrt(bias);
+}
+
+/* The error that a share of the points stay below. */
+static double quantile(const uint64_t numbers[BINS])
+{
+    const double all = number_of(numbers);
+    double below = 0.0;
+    size_t b = 0;
+    while (b < BINS - 1 && below + (double)numbers[b] < KILN_PUBLISHED_SHARE * all)
+        below += (double)numbers[b++];
+    const double within = numbers[b] > 0 ? (KILN_PUBLISHED_SHARE * all - below) / (double)numbers[b] : 0.0;
+    return all > 0.0 ? BIN_LEAST * exp(((double)b + within) * BIN_STEP) : 0.0;
+}
+
+int kiln_published_denoised(struct kiln_published *p, const struct kiln_integrate_params *params,
+                            const struct kiln_rank_data *data, double *reached, struct kiln_error *error)
+{
+    struct judging j = {.p = p, .data = data};
+    const struct kiln_denoising_calls calls = {.give = give, .take = take, .context = &j};
+    const int status = params->denoising->run(params->denoising->context, data, &calls, error);
+    if (status != KILN_OK)
+        return status;
+    (void)MPI_Allreduce(MPI_IN_PLACE, j.numbers, BINS, MPI_UINT64_T, MPI_SUM, params->communicator);
+    (void)MPI_Allreduce(MPI_IN_PLACE, j.raw, BINS, MPI_UINT64_T, MPI_SUM, params->communicator);
+    const double found = quantile(j.numbers), raw = normal_quantile(j.raw);
+    p->scale = found > 0.0 && raw > 0.0 ? found / raw : 1.0;
+    *reached = p->scale * kiln_published_raw(p);
+    return KILN_OK;
+}
+
+/* ---- the next round ---- */
+
+double kiln_published_of(const struct kiln_published *p, size_t tile_run)
+{
+    const double raw = p->scale * (double)p->raw[tile_run], bias = (double)p->bias[tile_run];
+    return sqrt(raw * raw + bias * bias);
+}
+
+void kiln_published_goes_on(struct kiln_published *p, const struct kiln_tile_run *run, size_t tile_run)
+{
+    p->unfinished[bin_of((double)p->raw[tile_run])] += run->count;
+}
+
+void kiln_published_gather(struct kiln_published *p, MPI_Comm communicator)
+{
+    (void)MPI_Allreduce(MPI_IN_PLACE, p->unfinished, BINS, MPI_UINT64_T, MPI_SUM, communicator);
+}
+
+double kiln_published_expected(const struct kiln_published *p, double times, double x)
+{
+    const double all = number_of(p->numbers), above = number_above(p->numbers, p->scale, x) -
+                                                      number_above(p->unfinished, p->scale, x) +
+                                                      number_above(p->unfinished, p->scale / sqrt(times), x);
+    return all > 0.0 ? above / all : 0.0;
+}
+
 void kiln_published_release(struct kiln_published *p)
 {
     kiln_free(&p->dark);
     kiln_free(&p->numbers);
+    kiln_free(&p->unfinished);
+    kiln_free(&p->raw);
+    kiln_free(&p->bias);
 }

@@ -2,39 +2,67 @@
  *
  * Published light is what a lightmap shows: denoised, and looked at as an eye does, which takes neighbouring texels
  * together. Its error at a texel is that of the mean over the 5 x 5 texels around it, over the light there or a
- * twentieth of its object's mean, whichever is more. It is taken from what the four parts' means over these texels
- * differ by (method of random groups: Wolter, "Introduction to Variance Estimation", chapter 2), so that noise of the
- * bounces counts, which neighbours share. Texels of a tile share one such error, for four values know a variance badly.
- * Denoising leaves less than that mean has where light is smooth, and about as much where it is not.
+ * twentieth of its object's mean, whichever is more. The error of a bake is what 95 % of its texels stay below.
  *
- * The error of a whole bake is what 95 % of its texels stay below: errors are taken to be normal, so it is the x where
- * the mean over all texels of erfc(x / (sqrt(2) s)) is 0.05, s being the standard error of each. */
+ * Raw light: variances come from what the four parts' means over these texels differ by (method of random groups:
+ * Wolter, "Introduction to Variance Estimation", chapter 2), so that noise of the bounces counts, which neighbours
+ * share. Texels of a tile share one such error, for four values know a variance badly. Errors are taken to be normal:
+ * the error of a bake is the x where the mean over all texels of erfc(x / (sqrt(2) s)) is 0.05, s being the standard
+ * error of each.
+ *
+ * Denoised light: over a sample of the surface (coordinator/integrate/denoising.h), the means A and B of parts 0 and 1,
+ * and of 2 and 3, are denoised each by itself, to a and b. Half of a - b is as large as the noise of (a + b) / 2, and
+ * has its distribution: no model of the denoiser is needed. (Less where parts stratify one another: times the root of
+ * `gain` of struct kiln_part_survey.) It has no bias in it, which both share. Bias is seen where (a + b) / 2 differs
+ * from (A + B) / 2 by more than three standard errors of raw light, and is what is left of that difference without its
+ * variance. The ratio of the 95 % quantile of these errors to that of raw light in the same sample, times that of all
+ * raw light, is the error of the bake. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PARTS_PUBLISHED_H
 #define KILN_COORDINATOR_INTEGRATE_PARTS_PUBLISHED_H
 
+#include "coordinator/integrate/denoising.h"
 #include "coordinator/integrate/integrate.h"
 
 #define KILN_PUBLISHED_SHARE 0.95 /* of the texels that stay below the error */
 
-/* Floors of relative errors, and a histogram of errors. Release with kiln_published_release. */
+struct kiln_part_survey;
+
+/* Errors, relative. Release with kiln_published_release. */
 struct kiln_published {
-    double *dark;      /* of each object: a twentieth of its mean luminance */
-    double gain;       /* of variances: struct kiln_part_survey */
-    uint64_t *numbers; /* of points, by their error: internal */
+    const struct kiln_part_survey *survey; /* borrowed */
+    double *dark;                          /* of each object: a twentieth of its mean luminance */
+    double gain;                           /* of variances: struct kiln_part_survey */
+    double scale;                          /* errors of denoised light over those of raw light; 1: not known */
+    float *raw, *bias;                     /* of each own tile run: standard error of raw light; bias, 0: none seen */
+    uint64_t *numbers, *unfinished;        /* of points, and of those that go on, by raw error: internal */
 };
 
-/* Collective, after a part. Finds the floors. `gain`: by kiln_part_survey; `unit`: of exact sums of power, W.
+/* Collective, after a part. Finds the errors of raw light. `survey` is borrowed. `unit`: of exact sums of power, W.
  * KILN_SYSTEM; release after a failure, too. */
 int kiln_published_begin(struct kiln_published *p, const struct kiln_integrate_params *params,
-                         const struct kiln_rank_data *data, double gain, double unit, struct kiln_error *error);
+                         const struct kiln_rank_data *data, const struct kiln_part_survey *survey, double unit,
+                         struct kiln_error *error);
 
-/* The standard error of published light in a tile run, relative: root mean square over its points. Enters the points
- * into the histogram. */
-double kiln_published_tile(struct kiln_published *p, const struct kiln_rank_data *data,
-                           const struct kiln_tile_run *run);
+/* The error of raw light that KILN_PUBLISHED_SHARE of all points stay below. */
+double kiln_published_raw(const struct kiln_published *p);
+/* Likewise, of the points of tile runs that kiln_published_goes_on has noted, after kiln_published_gather. */
+double kiln_published_raw_of_those(const struct kiln_published *p);
 
-/* Collective, after all tile runs. The relative error that KILN_PUBLISHED_SHARE of all points stay below. */
-double kiln_published_reached(struct kiln_published *p, MPI_Comm communicator);
+/* Collective. The error of denoised light that KILN_PUBLISHED_SHARE of the points stay below, by a sample; sets `scale`
+ * and `bias`. `params` must have `denoising`. KILN_SYSTEM. */
+int kiln_published_denoised(struct kiln_published *p, const struct kiln_integrate_params *params,
+                            const struct kiln_rank_data *data, double *reached, struct kiln_error *error);
+
+/* Standard error of published light in an own tile run: root mean square over its points. */
+double kiln_published_of(const struct kiln_published *p, size_t tile_run);
+
+/* Notes that an own tile run gets more samples. */
+void kiln_published_goes_on(struct kiln_published *p, const struct kiln_tile_run *run, size_t tile_run);
+/* Collective. Sums up what all ranks have noted. */
+void kiln_published_gather(struct kiln_published *p, MPI_Comm communicator);
+
+/* The share of all points expected to have an error above x, if those that go on have `times` as many samples. */
+double kiln_published_expected(const struct kiln_published *p, double times, double x);
 
 void kiln_published_release(struct kiln_published *p);
 

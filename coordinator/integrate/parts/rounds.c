@@ -19,9 +19,13 @@ enum {
 };
 #define LEFT 0.025         /* fraction of points that may lie in unfinished tile runs */
 #define MORE 0.1           /* fraction of unfinished points that may get more samples than they need */
-#define PUBLISHED_MORE 0.5 /* likewise, for an error of published light: rounds cost more than some samples */
 #define NEAREST 0.70710678 /* of twice the samples */
 #define OF_PUBLISHED 0.5   /* standard error over a target that 95.45 % of normal errors stay below */
+#define WITHIN 4.0         /* raw error over the error asked for, above which light is not denoised to judge it */
+#define SCALE_USUAL 0.5    /* error of denoised light over that of raw light, where it is not known */
+#define AIM 0.93           /* error that a round aims at, over the error asked for: else many would miss it by little */
+/* tile runs are finished at this fraction of what is allowed: finer light gains less from denoising */
+#define FINISHED 0.8
 
 /* ---- samples ---- */
 
@@ -76,16 +80,11 @@ void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts,
 struct target {
     struct kiln_part_survey survey;
     double relative; /* error over luminance */
-    struct kiln_published published;
-    bool of_published;
 };
 
-/* Error of a tile run: root mean square over its points, relative to the allowed error; of published light, over the
- * light. */
-static double error_of(const struct kiln_rank_data *data, const struct kiln_tile_run *run, struct target *t)
+/* Mean square of a tile run's errors, relative to the allowed error. */
+static double mean_square(const struct kiln_rank_data *data, const struct kiln_tile_run *run, const struct target *t)
 {
-    if (t->of_published)
-        return kiln_published_tile(&t->published, data, run);
     const struct kiln_own_point first = kiln_own_of_global(&data->surface, run->first);
     double square = 0.0, valid = 0.0;
     float errors[KILN_PART_ERRORS];
@@ -99,36 +98,18 @@ static double error_of(const struct kiln_rank_data *data, const struct kiln_tile
         square += fmin(ratio * ratio, 1e30);
         valid += 1.0;
     }
-    return valid > 0.0 ? sqrt(square / valid) : 0.0;
-}
-
-/* Finds the errors of all tile runs, and prepares the target that they are compared with. Collective.
- * kiln_published_begin and the survey are released by the caller. */
-static int find_errors(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, double unit,
-                       struct target *t, double *errors, double *reached, struct kiln_error *error)
-{
-    *reached = 0.0;
-    if (t->of_published) {
-        const int status = kiln_published_begin(&t->published, p, data, t->survey.gain, unit, error);
-        if (status != KILN_OK)
-            return status;
-    }
-    for (size_t i = 0; i < data->surface.tile_run_count; i++)
-        errors[i] = error_of(data, &data->surface.tile_runs[i], t);
-    if (t->of_published)
-        *reached = kiln_published_reached(&t->published, p->communicator);
-    return KILN_OK;
+    return valid > 0.0 ? square / valid : 0.0;
 }
 
 /* ---- the next round ---- */
 
 /* The level at which a tile run is expected to be finished. */
-static uint32_t level_needed(uint32_t level, double square, bool published)
+static uint32_t level_needed(uint32_t level, double square)
 {
     uint32_t needed = level + 1;
     for (; needed < KILN_ROUND_LEVELS - 1; needed++) {
         const double times = (double)kiln_round_times(needed) / (double)kiln_round_times(level);
-        if ((published ? times : times * sqrt(times)) >= square)
+        if (times * sqrt(times) >= square)
             break;
     }
     return needed;
@@ -162,22 +143,18 @@ static uint64_t most_first(const struct kiln_integrate_settings *settings)
     return counted > bounce ? counted : bounce;
 }
 
-static void choose_level(const struct kiln_integrate_params *p, const struct needs *needs, double left,
-                         struct kiln_round *round)
+static void choose_level(const struct kiln_integrate_params *p, const struct needs *needs, struct kiln_round *round)
 {
-    const bool published = p->settings->published_error > 0.0;
-    const double more = published ? PUBLISHED_MORE : MORE;
     const uint64_t first = most_first(p->settings), points = p->surface->point_count;
     const uint32_t now = round->from;
     uint64_t unfinished = 0, below = 0;
     for (uint32_t l = 0; l < KILN_ROUND_LEVELS; l++)
         unfinished += needs->points[l];
     round->share = points > 0 ? (double)unfinished / (double)points : 0.0;
-    if (round->share <= left)
+    if (round->share <= LEFT)
         return;
     for (uint32_t l = now + 1; l < KILN_ROUND_LEVELS && l <= now + LEVELS_MOST; l++) {
-        if (first / 2 * kiln_round_times(l) > (published ? PUBLISHED_MOST : SAMPLES_MOST) ||
-            (double)below > more * (double)unfinished)
+        if (first / 2 * kiln_round_times(l) > SAMPLES_MOST || (double)below > MORE * (double)unfinished)
             break;
         below += needs->points[l];
         round->to = l;
@@ -222,23 +199,93 @@ static double growth_of_caustics(const struct kiln_integrate_params *p, const st
                                       (double)kiln_round_times(round->from), (double)need->points / (double)points);
 }
 
-/* Sorts tile runs into finished and unfinished ones, data->samples, and counts the latter's points by their needs. */
-static void sort_tiles(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, const double *errors,
-                       const struct target *t, const struct kiln_step_report *last, struct needs *needs,
-                       struct kiln_caustics_need *caustics)
+/* Collective. Judges tile runs by a target error. Marks in the field `samples` those that go on, and chooses the next
+ * round. */
+static int judge_target(const struct kiln_integrate_params *p, const struct kiln_rank_data *data,
+                        const struct kiln_step_reports *part, double unit, struct kiln_round *round,
+                        struct kiln_error *error)
 {
-    const uint32_t now = last->round.from;
-    const double allowed = t->of_published ? OF_PUBLISHED * t->relative : 1.0;
+    struct target t = {.relative = p->settings->target_error};
+    struct needs needs = {{0}};
+    const uint32_t last = part->of[part->count - 1].step.part;
+    const int status = kiln_part_survey(p, data, part, unit, &t.survey, error);
+    for (size_t i = 0; status == KILN_OK && i < data->surface.tile_run_count; i++) {
+        const struct kiln_tile_run *run = &data->surface.tile_runs[i];
+        const double square = mean_square(data, run, &t);
+        const bool finished = square <= 1.0 || !kiln_part_changes(data, run, last);
+        needs.points[finished ? 0 : level_needed(round->from, square)] += finished ? 0 : run->count;
+        data->samples[i] = !finished;
+    }
+    (void)MPI_Allreduce(MPI_IN_PLACE, needs.points, KILN_ROUND_LEVELS, MPI_UINT64_T, MPI_SUM, p->communicator);
+    choose_level(p, &needs, round);
+    kiln_part_survey_release(&t.survey);
+    return status;
+}
+
+/* The least level at which the error is expected to be small enough. */
+static void choose_published(const struct kiln_integrate_params *p, const struct kiln_published *published,
+                             struct kiln_round *round)
+{
+    const uint64_t first = most_first(p->settings);
+    const uint32_t now = round->from;
+    for (uint32_t l = now + 1; l < KILN_ROUND_LEVELS && l <= now + LEVELS_MOST; l++) {
+        const double times = (double)kiln_round_times(l) / (double)kiln_round_times(now);
+        if (first / 2 * kiln_round_times(l) > PUBLISHED_MOST)
+            break;
+        round->to = l;
+        if (kiln_published_expected(published, times, AIM * p->settings->published_error) <= 1.0 - KILN_PUBLISHED_SHARE)
+            break;
+    }
+}
+
+/* Collective. The error of published light, relative. What lies far above the error asked for is not denoised to know
+ * that. */
+static int find_reached(const struct kiln_integrate_params *p, const struct kiln_rank_data *data,
+                        struct kiln_published *published, double *reached, struct kiln_error *error)
+{
+    *reached = kiln_published_raw(published);
+    if (p->denoising == NULL)
+        return KILN_OK;
+    published->scale = SCALE_USUAL;
+    if (*reached > WITHIN * p->settings->published_error)
+        return KILN_OK;
+    return kiln_published_denoised(published, p, data, reached, error);
+}
+
+/* Collective. Likewise by an error of published light; *reached: the error. */
+static int judge_published(const struct kiln_integrate_params *p, const struct kiln_rank_data *data,
+                           const struct kiln_step_reports *part, double unit, struct kiln_round *round, double *reached,
+                           struct kiln_caustics_need *caustics, struct kiln_error *error)
+{
+    const double asked = p->settings->published_error;
+    const uint32_t last = part->of[part->count - 1].step.part;
+    struct kiln_part_survey survey;
+    struct kiln_published published = {.raw = NULL};
+    uint64_t left = 0;
+    int status;
+    KILN_TRY(kiln_part_survey(p, data, part, unit, &survey, error));
+    KILN_TRY(kiln_published_begin(&published, p, data, &survey, unit, error));
+    KILN_TRY(find_reached(p, data, &published, reached, error));
     for (size_t i = 0; i < data->surface.tile_run_count; i++) {
         const struct kiln_tile_run *run = &data->surface.tile_runs[i];
-        const double square = errors[i] * errors[i] / (allowed * allowed);
-        const bool finished = square <= 1.0 || !kiln_part_changes(data, run, last->step.part);
-        needs->points[finished ? 0 : level_needed(now, square, t->of_published)] += finished ? 0 : run->count;
+        const double over = kiln_published_of(&published, i) / (OF_PUBLISHED * asked * FINISHED);
+        const bool finished = over <= 1.0 || !kiln_part_changes(data, run, last);
         data->samples[i] = !finished;
-        if (t->of_published && !finished)
-            kiln_caustics_need_add(caustics, run->count, square, kiln_part_caustics_share(data, run));
+        left += finished ? 0 : run->count;
+        if (finished)
+            continue;
+        kiln_published_goes_on(&published, run, i);
+        kiln_caustics_need_add(caustics, run->count, over * over, kiln_part_caustics_share(data, run));
     }
-    (void)MPI_Allreduce(MPI_IN_PLACE, needs->points, KILN_ROUND_LEVELS, MPI_UINT64_T, MPI_SUM, p->communicator);
+    (void)MPI_Allreduce(MPI_IN_PLACE, &left, 1, MPI_UINT64_T, MPI_SUM, p->communicator);
+    kiln_published_gather(&published, p->communicator);
+    round->share = p->surface->point_count > 0 ? (double)left / (double)p->surface->point_count : 0.0;
+    if (*reached > asked && left > 0)
+        choose_published(p, &published, round);
+end:
+    kiln_published_release(&published);
+    kiln_part_survey_release(&survey);
+    return status;
 }
 
 int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, double unit,
@@ -247,29 +294,16 @@ int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_ra
     struct kiln_step_report *last = &steps->of[steps->count - 1];
     const struct kiln_step_reports part = kiln_part_reports(steps);
     const bool published = p->settings->published_error > 0.0;
-    struct target t = {.relative = published ? p->settings->published_error : p->settings->target_error,
-                       .of_published = published};
-    struct needs needs = {{0}};
     struct kiln_caustics_need caustics = {0};
-    double reached = 0.0, *errors = NULL;
-    last->round = round_after(steps);
-    int status = kiln_allocate(&errors, data->surface.tile_run_count, sizeof *errors, "the errors of tiles", error);
-    status = kiln_agree(p->communicator, status, error);
-    if (status == KILN_OK)
-        status = kiln_part_survey(p, data, &part, unit, &t.survey, error);
-    if (status == KILN_OK)
-        status = find_errors(p, data, unit, &t, errors, &reached, error);
-    if (status == KILN_OK) {
-        sort_tiles(p, data, errors, &t, last, &needs, &caustics);
-        choose_level(p, &needs, published && reached <= t.relative ? 1.0 : published ? 0.0 : LEFT, &last->round);
-        last->unfinished = published ? reached : last->round.share;
-        last->out_of_time = kiln_round_fit(p, steps, &last->round);
-        choose_caustics(&last->round, growth_of_caustics(p, &last->round, &caustics));
-    }
-    for (size_t i = 0; status == KILN_OK && last->round.to > 0 && i < data->surface.tile_run_count; i++)
-        set_samples(p->settings, data, &last->round, i, data->samples[i] == 0);
-    kiln_part_survey_release(&t.survey);
-    kiln_published_release(&t.published);
-    kiln_free(&errors);
+    struct kiln_round round = round_after(steps);
+    double reached = 0.0;
+    const int status = published ? judge_published(p, data, &part, unit, &round, &reached, &caustics, error)
+                                 : judge_target(p, data, &part, unit, &round, error);
+    last->unfinished = published ? reached : round.share;
+    last->out_of_time = kiln_round_fit(p, steps, &round);
+    choose_caustics(&round, growth_of_caustics(p, &round, &caustics));
+    last->round = round;
+    for (size_t i = 0; status == KILN_OK && round.to > 0 && i < data->surface.tile_run_count; i++)
+        set_samples(p->settings, data, &round, i, data->samples[i] == 0);
     return status;
 }

@@ -6,8 +6,11 @@
  * each solve, with the samples of direct light from the first round. Rounds end when at most 2.5 % of the points lie in
  * other tile runs.
  *
- * With an error of published light in place of a target (published.h), a tile run is finished where twice its standard
- * error is at most that error, and rounds end when 95 % of all points are expected to stay below it.
+ * With an error of published light in place of a target (published.h), rounds end when 95 % of all points stay below
+ * it. A tile run is finished where twice its standard error is at most 0.8 of that error: that of raw light, times what
+ * denoising makes of errors in the whole scene, and with the bias seen there. The next round has the least level at
+ * which the error is expected to be reached, with variances that fall as the samples of unfinished tile runs grow.
+ * Where raw light is off by more than four times the error asked for, it is not denoised to know that.
  *
  * Sample counts go by levels: at level l a step has level_times(l) / 2 times the samples of the first round: 1, 1.5, 2,
  * 3, 4, 6, 8, ... times. All unfinished tile runs have the same level. The next round raises it to the level that at

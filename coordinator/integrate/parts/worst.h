@@ -1,14 +1,11 @@
 /* The object whose published light has the largest error (published.h): the first place to look at in a bake.
  *
  * Its error is what 95 % of its texels stay below. Objects with less than a thousandth of all texels do not count,
- * unless all are so small. Of a large bake only some tile runs are looked at, about KILN_WORST_TILE_RUNS, which are
- * chosen by their place in the global order and so are the same for any number of ranks. */
+ * unless all are so small. Sums are exact, so all numbers of ranks find the same. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PARTS_WORST_H
 #define KILN_COORDINATOR_INTEGRATE_PARTS_WORST_H
 
 #include "coordinator/integrate/integrate.h"
-
-enum { KILN_WORST_TILE_RUNS = 1 << 16 };
 
 /* Collective, after the last part. `reached`: the error of all texels as it was judged, to which those of objects are
  * scaled. Without light nothing is known. KILN_SYSTEM. */
