@@ -7,7 +7,6 @@
 #include "coordinator/bake/reckon/steps.h"
 #include "coordinator/bake/volume/volume.h"
 #include "coordinator/integrate/companion.h"
-#include "shaders/shared/surface.h"
 #include "worker/scene/gloss.h"
 
 /* Bounces where the light decides on them: scenes settle after 5 to 15. Where all have equal samples, light is followed
