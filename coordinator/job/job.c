@@ -39,7 +39,7 @@ static void set_quality(struct kiln_job *job)
     double percent;
     const bool error = kiln_option_percentage(job->light.quality, &percent);
     for (size_t i = 0; i < kiln_quality_count; i++)
-        if (error ? i == 0 || percent <= kiln_qualities[i].error
+        if (error ? i == 0 || percent < kiln_qualities[i - 1].error
                   : strcmp(kiln_qualities[i].name, job->light.quality) == 0) {
             job->lightmaps.texels = (double)kiln_qualities[i].texels;
             job->light.samples_direct = kiln_qualities[i].samples_direct;

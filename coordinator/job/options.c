@@ -330,7 +330,7 @@ const struct kiln_option kiln_options[] = {
      .percentage = true,
      .minimum = 0.1,
      .maximum = 50.0,
-     .help = "error that 95 % of the texels stay below: 20, 8, 3, 1 %, or N%; density of the texels",
+     .help = "error that 95 % of the texels stay below: 20, 5, 2, 1 %, or N%; density of the texels",
      .commands = TRACES,
      .of_light = true,
      .common = TRACES,
@@ -1829,8 +1829,8 @@ const size_t kiln_option_count = ARRAY_COUNT(kiln_options);
 
 const struct kiln_quality kiln_qualities[] = {
     {"draft", 20.0, 1 << 17, 64, 4, 32, 16},
-    {"preview", 8.0, 1 << 19, 64, 8, 128, 64},
-    {"production", 3.0, 1 << 20, 256, 16, 512, 256},
+    {"preview", 5.0, 1 << 19, 64, 8, 128, 64},
+    {"production", 2.0, 1 << 20, 256, 16, 512, 256},
     {"reference", 1.0, 1 << 21, 1024, 64, 4096, 1024},
 };
 const size_t kiln_quality_count = ARRAY_COUNT(kiln_qualities);

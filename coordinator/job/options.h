@@ -107,7 +107,7 @@ extern const size_t kiln_option_count;
  * kiln_job_light.counted_for). */
 struct kiln_quality {
     const char *name;
-    double error;    /* %; with --quality N% all else is that of the finest preset with at least this error */
+    double error;    /* %; with --quality N% all else is that of the coarsest preset with no more error */
     uint32_t texels; /* of the scene with automatic density */
     uint32_t samples_direct, samples_bounce, samples_indirect, samples_probe;
 };

@@ -124,7 +124,7 @@ class Help(unittest.TestCase):
         text = " ".join(kiln("bake", "--help", "all").out.split())
         for pattern in (r"--cell-size METRES\|auto [^-]*default auto", r"--bounces N\|all .*?default all",
                         r"--lightmap-max TEXELS [^-]*default 4096", r"--environment-rotation DEGREES [^-]*default 0",
-                        r"--stitch [^-]*default on; --no-stitch", r"production 3 % 256 16 512 256",
+                        r"--stitch [^-]*default on; --no-stitch", r"production 2 % 256 16 512 256",
                         r"--undersample none\|stride\|random\|mipmap\[:W\] .*; W: texels a side of a window "
                         r"\(default none, W 4\)"):
             self.assertRegex(text, pattern)

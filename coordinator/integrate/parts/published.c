@@ -15,6 +15,7 @@ enum {
 #define DARK 0.05        /* of an object's mean */
 #define BIN_LEAST 1e-6   /* relative error of the first bin */
 #define BIN_STEP 0.03125 /* of the natural logarithm */
+#define UNSEEN 1.1       /* factor for errors that all parts share: blur of caustics, light that denoising moves */
 #define SEEN_BIAS 9.0    /* a squared difference of denoised from raw light over its variance, from which it is bias */
 
 /* A tile run's light at its places in the tile. */
@@ -298,7 +299,7 @@ int kiln_published_denoised(struct kiln_published *p, const struct kiln_integrat
     (void)MPI_Allreduce(MPI_IN_PLACE, j.numbers, BINS, MPI_UINT64_T, MPI_SUM, params->communicator);
     (void)MPI_Allreduce(MPI_IN_PLACE, j.raw, BINS, MPI_UINT64_T, MPI_SUM, params->communicator);
     const double found = quantile(j.numbers), raw = normal_quantile(j.raw);
-    p->scale = found > 0.0 && raw > 0.0 ? found / raw : 1.0;
+    p->scale = found > 0.0 && raw > 0.0 ? UNSEEN * found / raw : 1.0;
     *reached = p->scale * kiln_published_raw(p);
     return KILN_OK;
 }

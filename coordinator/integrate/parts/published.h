@@ -16,7 +16,8 @@
  * `gain` of struct kiln_part_survey.) It has no bias in it, which both share. Bias is seen where (a + b) / 2 differs
  * from (A + B) / 2 by more than three standard errors of raw light, and is what is left of that difference without its
  * variance. The ratio of the 95 % quantile of these errors to that of raw light in the same sample, times that of all
- * raw light, is the error of the bake. */
+ * raw light, is the error of the bake, times 1.1: bias that is not seen so, such as the blur of caustics, was found to
+ * add up to that. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PARTS_PUBLISHED_H
 #define KILN_COORDINATOR_INTEGRATE_PARTS_PUBLISHED_H
 

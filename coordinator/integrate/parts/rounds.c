@@ -15,7 +15,7 @@ enum {
     WHOLE = 2,               /* levels to twice the samples */
     LEVELS_MOST = 6,         /* most levels per round: few samples give an unreliable error */
     SAMPLES_MOST = 1 << 18,  /* of a step of one part */
-    PUBLISHED_MOST = 1 << 11 /* likewise, for an error of published light: few texels would want more */
+    PUBLISHED_MOST = 1 << 11 /* likewise, for an error of published light without --time: few texels want more */
 };
 #define LEFT 0.025         /* fraction of points that may lie in unfinished tile runs */
 #define MORE 0.1           /* fraction of unfinished points that may get more samples than they need */
@@ -226,11 +226,11 @@ static int judge_target(const struct kiln_integrate_params *p, const struct kiln
 static void choose_published(const struct kiln_integrate_params *p, const struct kiln_published *published,
                              struct kiln_round *round)
 {
-    const uint64_t first = most_first(p->settings);
+    const uint64_t first = most_first(p->settings), most = p->settings->time > 0.0 ? SAMPLES_MOST : PUBLISHED_MOST;
     const uint32_t now = round->from;
     for (uint32_t l = now + 1; l < KILN_ROUND_LEVELS && l <= now + LEVELS_MOST; l++) {
         const double times = (double)kiln_round_times(l) / (double)kiln_round_times(now);
-        if (first / 2 * kiln_round_times(l) > PUBLISHED_MOST)
+        if (first / 2 * kiln_round_times(l) > most)
             break;
         round->to = l;
         if (kiln_published_expected(published, times, AIM * p->settings->published_error) <= 1.0 - KILN_PUBLISHED_SHARE)
