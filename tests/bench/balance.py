@@ -44,8 +44,8 @@ def main():
         parser.add_argument('scene', nargs='?')
     arguments, kiln = harness.start(__doc__, more)
     scene = arguments.scene or measure.made(kiln, 'cornell-statue')
-    options = ('--threads', arguments.threads, '--quality', 'draft', '--lightmap-max', 192, '--bounces', 4,
-               '--samples-probe', 0)
+    options = ('--threads', arguments.threads, '--quality', 'draft', '--samples-direct', 64, '--lightmap-max', 192,
+               '--bounces', 4, '--samples-probe', 0)
     table = harness.Table(('case', 16), ('way', 15), ('seconds', 8), ('over neither', 12), ('planned', 8), ('even', 6),
                           ('waiting', 8), ('points moved', 12))
     for case, slow in (('uneven scene', '0:1'), ('one rank slow', '1:3')):

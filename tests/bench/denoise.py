@@ -51,7 +51,8 @@ def errors(got, reference):
 
 
 def bench(kiln, scene, arguments, table):
-    options = ('--quality', arguments.quality, '--samples-probe', 0, '--no-export', '--error-map')
+    options = ('--quality', arguments.quality, '--samples-direct', SAMPLES[arguments.quality][0], '--samples-probe', 0,
+               '--no-export', '--error-map')
     names = ('--samples-direct', '--samples-bounce', '--samples-indirect')
     if arguments.reference:
         best = harness.Bake(arguments.reference)

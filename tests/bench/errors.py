@@ -141,7 +141,8 @@ def study(table, kiln, name, path, density, arguments):
     seeds = []
     target = ('--target-error', arguments.target) if arguments.target else ()
     for seed in range(1, arguments.seeds + 1):
-        bake = measure.must(kiln.bake(path, '--quality', arguments.quality, '--texels-per-metre', density,
+        bake = measure.must(kiln.bake(path, '--quality', arguments.quality, '--samples-direct',
+                                      denoise.SAMPLES[arguments.quality][0], '--texels-per-metre', density,
                                       '--error-map', '--denoise', 'none', '--samples-probe', 0, '--no-export',
                                       '--seed', seed, *target, *shlex.split(arguments.options), timeout=3600))
         seeds.append(Seed(bake))
@@ -175,8 +176,9 @@ def against_reference(table, scene, maps, reference):
 
 
 def study_denoised(table, kiln, name, path, density, arguments):
-    options = ('--quality', arguments.quality, '--texels-per-metre', density, '--error-map', '--samples-probe', 0,
-               '--no-export', *shlex.split(arguments.options))
+    options = ('--quality', arguments.quality, '--samples-direct', denoise.SAMPLES[arguments.quality][0],
+               '--texels-per-metre', density, '--error-map', '--samples-probe', 0, '--no-export',
+               *shlex.split(arguments.options))
     names = ('--samples-direct', '--samples-bounce', '--samples-indirect')
     more = [text for name_, count in zip(names, denoise.SAMPLES[arguments.quality])
             for text in (name_, min(count * arguments.times, 65536))]

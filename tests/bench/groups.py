@@ -61,8 +61,8 @@ def eight(kiln, folder):
         with open(file, 'w', encoding='utf-8') as out:
             out.write(groups)
         for quality in ('draft', 'preview'):
-            bake = [kiln, 'bake', scene, *QUICK, '--quality', quality, '--texels-per-metre', 24, '-o',
-                    os.path.join(folder, 'out'), '--no-resume']
+            bake = [kiln, 'bake', scene, *QUICK, '--quality', quality, '--samples-direct', 64, '--texels-per-metre', 24,
+                    '-o', os.path.join(folder, 'out'), '--no-resume']
             plain, told = processor(bake), processor([*bake, '--light-groups', file])
             print(f'{name:16s} {quality:10s} {plain:10.2f} {told:15.2f} {told / plain:6.2f}', flush=True)
 
@@ -104,7 +104,8 @@ def day(kiln, folder, density):
     file, out = os.path.join(folder, 'groups.yaml'), os.path.join(folder, 'groups')
     with open(file, 'w', encoding='utf-8') as yaml:
         yaml.write(''.join(f'hour{h:02d}: {{lights: [sun{h:02d}]}}\n' for h in range(HOURS)))
-    bake = ['--environment', '0.5,0.6,0.8', *QUICK, '--quality', 'preview', '--texels-per-metre', density]
+    bake = ['--environment', '0.5,0.6,0.8', *QUICK, '--quality', 'preview', '--samples-direct', 64,
+            '--texels-per-metre', density]
     plain = processor([kiln, 'bake', one, *bake, '-o', os.path.join(folder, 'one')])
     print(f'one bake, a sun and a sky: {plain:.1f} s of the processor', flush=True)
     told = processor([kiln, 'bake', all_day, *bake, '--light-groups', file, '--sky-patches', 145, '-o', out])

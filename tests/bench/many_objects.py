@@ -14,7 +14,7 @@ import measure  # noqa: E402, F401: it says where harness is
 import harness  # noqa: E402
 from study import child  # noqa: E402
 
-CHEAP = ('--quality', 'draft', '--samples-probe', '0', '--quiet')
+CHEAP = ('--quality', 'draft', '--samples-direct', '64', '--samples-probe', '0', '--quiet')
 
 
 def write_scene(path, count):

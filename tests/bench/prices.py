@@ -24,7 +24,8 @@ import glb  # noqa: E402
 
 DIM = 1e-8
 BOX = os.path.join(harness.REPOSITORY, 'jobs', 'cornell.glb')
-BAKES = (('--quality', 'draft', '--samples-direct', 256, '--bounces', 0), ('--quality', 'draft', '--bounces', 4))
+BAKES = (('--quality', 'draft', '--samples-direct', 256, '--bounces', 0),
+         ('--quality', 'draft', '--samples-direct', 64, '--bounces', 4))
 
 
 def white_texel():

@@ -25,8 +25,8 @@ SCENES = {
                 lambda x: {'materials': {'*': {'emission-scale': x}}}),
     'sponza': (os.path.join(harness.SHARED, 'third_party', 'crytek_sponza.glb'), 2, ['--environment', '1,1,1'],
                lambda x: {'environment': {'scale': x}})}
-PLAIN = ['--quality', 'preview', '--samples-probe', '0', '--no-stitch', '--denoise', 'none', '--no-export',
-         '--no-preview', '--backend', 'embree', '--materials', 'diffuse', '--threads', '1', '--quiet']
+PLAIN = ['--quality', 'preview', '--samples-direct', '64', '--samples-probe', '0', '--no-stitch', '--denoise', 'none',
+         '--no-export', '--no-preview', '--backend', 'embree', '--materials', 'diffuse', '--threads', '1', '--quiet']
 
 
 def run(kiln, *arguments):
