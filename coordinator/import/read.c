@@ -172,11 +172,13 @@ void kiln_import_key(const struct kiln_import_params *params, uint64_t program, 
 {
     char text[512];
     const bool automatic = params->texels_per_metre == 0.0 && params->lightmap_size == 0 && !params->no_layout;
-    const int length = snprintf(text, sizeof text, "%016llx %.17g %.17g %u %u %d %.17g %.17g %d %d %.17g %d ",
-                                (unsigned long long)program, params->texels_per_metre, automatic ? params->texels : 0.0,
-                                params->lightmap_size, params->lightmap_max, layout_of(params),
-                                params->environment_scale, params->environment_rotation_degrees, params->trust_normals,
-                                params->up_z, params->unit, params->strict);
+    int length =
+        snprintf(text, sizeof text, "%016llx %.17g %u %u %d %.17g %.17g %d %d %.17g %d ", (unsigned long long)program,
+                 params->texels_per_metre, params->lightmap_size, params->lightmap_max, layout_of(params),
+                 params->environment_scale, params->environment_rotation_degrees, params->trust_normals, params->up_z,
+                 params->unit, params->strict);
+    if (automatic && params->texels > 0.0) /* else the key is that of 0.1.0, whose checkpoints go on */
+        length += snprintf(text + length, sizeof text - (size_t)length, "%.17g ", params->texels);
     const char *environment = params->environment == NULL ? "" : params->environment;
     XXH128_hash_t hash = XXH3_128bits(text, (size_t)length);
     hash = XXH3_128bits_withSeed(environment, strlen(environment), hash.low64 ^ hash.high64);

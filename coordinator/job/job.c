@@ -41,7 +41,6 @@ static void set_quality(struct kiln_job *job)
     for (size_t i = 0; i < kiln_quality_count; i++)
         if (error ? i == 0 || percent < kiln_qualities[i - 1].error
                   : strcmp(kiln_qualities[i].name, job->light.quality) == 0) {
-            job->lightmaps.texels = (double)kiln_qualities[i].texels;
             job->light.samples_direct = kiln_qualities[i].samples_direct;
             job->light.samples_bounce = kiln_qualities[i].samples_bounce;
             job->light.samples_indirect = kiln_qualities[i].samples_indirect;
@@ -348,6 +347,18 @@ struct unused_option {
     bool wanted;
 };
 
+/* The preset that a quality is, or is like: the coarsest with no more error. */
+static const struct kiln_quality *preset_of(const char *quality)
+{
+    double percent;
+    const bool error = kiln_option_percentage(quality, &percent);
+    size_t i = 0;
+    while (i + 1 < kiln_quality_count &&
+           (error ? percent < kiln_qualities[i].error : strcmp(kiln_qualities[i].name, quality) != 0))
+        i++;
+    return &kiln_qualities[i];
+}
+
 /* The error of published light that --quality asks for, %; 0: none. */
 static double error_asked(const struct kiln_job *job)
 {
@@ -377,6 +388,7 @@ static const char *excludes_rounds(struct kiln_job *job)
                                            {"schedule", l->schedule != KILN_SCHEDULE_LEAN},
                                            {"method", kiln_job_is_reference(job) || kiln_job_is_radiosity(job)},
                                            {"store", job->lightmaps.store != KILN_STORE_KIND_LIGHTMAP},
+                                           {"relight", job->command != NULL && strcmp(job->command, "relight") == 0},
                                            {"states", job->relighting.states != NULL || job->relighting.listen}};
     for (size_t i = 0; i < sizeof others / sizeof *others; i++)
         if (others[i].wanted)
@@ -417,6 +429,7 @@ static int settle_quality(struct kiln_job *job, uint32_t command, struct kiln_er
     const char *excluding = excludes_rounds(job);
     l->published_error = 0.0;
     l->counted_for = excluding;
+    job->lightmaps.texels = (command & KILN_FOR_VIEW) == 0 ? (double)preset_of(l->quality)->texels : 0.0;
     if ((command & (KILN_FOR_BAKE | KILN_FOR_PLAN | KILN_FOR_SUBMIT)) == 0)
         return KILN_OK;
     if (excluding != NULL && kiln_option_percentage(l->quality, &percent))

@@ -16,8 +16,8 @@ import test_light_groups as groups_of  # noqa: E402
 from kiln_cli import kiln  # noqa: E402
 from test_light_groups import GROUPS, SCENE  # noqa: E402
 
-SMALL = ('--lightmap-max', 16, '--quality', 'draft', '--samples-probe', 64, '--probe-spacing', 1.5, '--backend',
-         'embree', '--threads', 1, '--denoise', 'none', '--no-preview', '--no-export', '--quiet')
+SMALL = ('--lightmap-max', 16, '--quality', 'draft', '--samples-direct', 64, '--samples-probe', 64, '--probe-spacing',
+         1.5, '--backend', 'embree', '--threads', 1, '--denoise', 'none', '--no-preview', '--no-export', '--quiet')
 AXES = [f'irradiance_{sign}{axis}' for axis in 'xyz' for sign in ('pos', 'neg')]
 
 

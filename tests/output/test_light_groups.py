@@ -11,8 +11,8 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '../
 from kiln_cli import InOwnFolder, kiln  # noqa: E402
 
 SCENE = os.path.join(os.path.dirname(os.path.abspath(__file__)), '../data/punctual_zoo.glb')
-SMALL = ('--lightmap-max', 32, '--quality', 'draft', '--samples-probe', 0, '--backend', 'embree', '--threads', 1,
-         '--denoise', 'none', '--no-preview', '--quiet')
+SMALL = ('--lightmap-max', 32, '--quality', 'draft', '--samples-direct', 64, '--samples-probe', 0, '--backend',
+         'embree', '--threads', 1, '--denoise', 'none', '--no-preview', '--quiet')
 GROUPS = 'sun: {lights: [sun]}\npoints: {lights: ["pt*"]}\n'
 
 

@@ -18,8 +18,8 @@ import png  # noqa: E402
 from kiln_cli import kiln, run_json  # noqa: E402
 
 SCENE = os.path.join(HERE, '../data/punctual_zoo.glb')
-SMALL = ('--lightmap-max', 32, '--quality', 'draft', '--samples-probe', 0, '--backend', 'embree', '--threads', 1,
-         '--no-preview', '--quiet')
+SMALL = ('--lightmap-max', 32, '--quality', 'draft', '--samples-direct', 64, '--samples-probe', 0, '--backend',
+         'embree', '--threads', 1, '--no-preview', '--quiet')
 GROUPS = 'sun: {lights: [sun]}\npoints: {lights: ["pt*"]}\n'
 
 

@@ -84,7 +84,7 @@ class Places(unittest.TestCase):
     def test_pipe(self):
         pipe = self.at("view.png")
         os.mkfifo(pipe)
-        self.refused(73, "nobody reads", "view", self.baked, "-o", pipe, *SMALL)
+        self.refused(73, "nobody reads", "view", self.baked, "-o", pipe, *SMALL, "--quiet")
         reader = subprocess.Popen(["cat", pipe], stdout=subprocess.PIPE)
         done = run("view", self.baked, "-o", pipe, *SMALL)
         picture = reader.communicate(timeout=60)[0]

@@ -54,11 +54,11 @@ static const char *const counting[] = {"environment",
 /* Options that affect only the probes. */
 static const char *const probing[] = {"probe-spacing", "volume-bounds", "samples-probe", NULL};
 /* Options that affect neither: devices, speed, limits, messages and output files. --quality is covered by the sample
- * counts that it sets. */
+ * counts that it sets, --rounds by parts (integrate/parts/parts.c). */
 static const char *const other[] = {
     "output", "backend", "threads", "instruction-set", "quality", "half", "stitch", "denoise", "check-density",
     "preview", "exposure", "auto-exposure", "tone-map", "json", "quiet", "verbose", "resume", "checkpoint-every",
-    "max-time", "time", "watchdog", "device", "devices", "device-memory", "memory-budget", "kernel-cache",
+    "max-time", "rounds", "time", "watchdog", "device", "devices", "device-memory", "memory-budget", "kernel-cache",
     "checkpoint-local", "strict",
     /* units only give numbers a name; they change none of them */
     "verify-fraction", "trace", "shared-memory-ranks", "work-stealing", "rebalance", "units", "export", "vertex-light",

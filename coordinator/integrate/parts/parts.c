@@ -303,9 +303,11 @@ static void identify(const struct kiln_job *job, json_t *fields)
 {
     if (job->light.published_error > 0.0)
         (void)json_object_set_new(fields, "error of published light", json_real(job->light.published_error));
+    if (job->light.rounds != NULL)
+        (void)json_object_set_new(fields, "rounds", json_string(job->light.rounds));
 }
 
-static const char *const identity[] = {"error-map", "target-error", "rounds", NULL};
+static const char *const identity[] = {"error-map", "target-error", NULL};
 
 const struct kiln_companion kiln_companion_parts = {.name = "parts",
                                                     .identity = identity,
