@@ -56,7 +56,7 @@ def single_fields(bake):
         direct + indirect, total, rtol=1e-5, atol=1e-6)
     attributes = exr.read(os.path.join(bake, "view.exr")).attributes
     assert attributes["kiln:units"] == "W m-2" and "direct + indirect" in attributes["kiln:quantity"], attributes
-    assert "have light, direct, indirect, total\n" in kiln("view", bake, "--show", "bent_normal", code=66).stderr
+    assert "have light, direct, indirect, total, error\n" in kiln("view", bake, "--show", "bent_normal", code=66).stderr
     assert "light, texels, direct" in kiln("view", bake, "--show", "nothing", code=64).stderr
 
 
