@@ -24,7 +24,7 @@ MEMORY, DISK = 0.10, 0.10
 # notice: a pass, bounces or samples counted twice or not at all, seconds taken for those of one thread, a unit.
 TIME = 2.5
 # What few samples change is seconds.
-FEW = ['--quality', 'draft', '--samples-probe', 4, '--bounces', 2]
+FEW = ['--quality', 'draft', '--samples-direct', 64, '--samples-probe', 4, '--bounces', 2]
 CITY = 60000  # triangles; where seconds do not count, a third
 # s of a thread for a point: its radius is found and its light spread, in 12 passes
 # (coordinator/integrate/land/merge.h).
