@@ -46,6 +46,12 @@ static void say(const struct kiln_bake *b)
                        info.on_device ? "--backend embree on the processors" : "--backend vulkan with a GPU",
                        kiln_duration_text(c->reckoned[info.on_device ? KILN_RECKON_EMBREE : KILN_RECKON_VULKAN].total,
                                           other, sizeof other));
+    if (b->job->light.counted_for != NULL)
+        kiln_print(stderr,
+                   "kiln: note: --%s leaves no error to ask for: the light has %u, %u and %u samples (direct, bounce, "
+                   "indirect)\n",
+                   b->job->light.counted_for, b->job->light.samples_direct, b->job->light.samples_bounce,
+                   b->job->light.samples_indirect);
     kiln_print(stderr, "kiln: about %s expected on %s, %s of it light%s\n",
                kiln_duration_text(p->expected.total, all, sizeof all), info.on_device ? "the GPU" : "the processors",
                kiln_duration_text(kiln_reckon_light(&p->expected), light, sizeof light), tail);

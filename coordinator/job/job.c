@@ -34,18 +34,25 @@ static int set_defaults(struct kiln_job *job, struct kiln_error *error)
     return status;
 }
 
-static void set_quality(struct kiln_job *job)
+/* The preset that a quality is, or is like: the coarsest with no more error. */
+static const struct kiln_quality *preset_of(const char *quality)
 {
     double percent;
-    const bool error = kiln_option_percentage(job->light.quality, &percent);
-    for (size_t i = 0; i < kiln_quality_count; i++)
-        if (error ? i == 0 || percent < kiln_qualities[i - 1].error
-                  : strcmp(kiln_qualities[i].name, job->light.quality) == 0) {
-            job->light.samples_direct = kiln_qualities[i].samples_direct;
-            job->light.samples_bounce = kiln_qualities[i].samples_bounce;
-            job->light.samples_indirect = kiln_qualities[i].samples_indirect;
-            job->volume.samples = kiln_qualities[i].samples_probe;
-        }
+    const bool error = kiln_option_percentage(quality, &percent);
+    size_t i = 0;
+    while (i + 1 < kiln_quality_count &&
+           (error ? percent < kiln_qualities[i].error : strcmp(kiln_qualities[i].name, quality) != 0))
+        i++;
+    return &kiln_qualities[i];
+}
+
+static void set_quality(struct kiln_job *job)
+{
+    const struct kiln_quality *like = preset_of(job->light.quality);
+    job->light.samples_direct = like->samples_direct;
+    job->light.samples_bounce = like->samples_bounce;
+    job->light.samples_indirect = like->samples_indirect;
+    job->volume.samples = like->samples_probe;
 }
 
 /* Sets an option's second value to the one given behind the colon. If none is given there, the default replaces one
@@ -347,28 +354,11 @@ struct unused_option {
     bool wanted;
 };
 
-/* The preset that a quality is, or is like: the coarsest with no more error. */
-static const struct kiln_quality *preset_of(const char *quality)
-{
-    double percent;
-    const bool error = kiln_option_percentage(quality, &percent);
-    size_t i = 0;
-    while (i + 1 < kiln_quality_count &&
-           (error ? percent < kiln_qualities[i].error : strcmp(kiln_qualities[i].name, quality) != 0))
-        i++;
-    return &kiln_qualities[i];
-}
-
-/* The error of published light that --quality asks for, %; 0: none. */
+/* The error of published light that --quality asks for, %. */
 static double error_asked(const struct kiln_job *job)
 {
     double percent;
-    if (kiln_option_percentage(job->light.quality, &percent))
-        return percent;
-    for (size_t i = 0; i < kiln_quality_count; i++)
-        if (strcmp(kiln_qualities[i].name, job->light.quality) == 0)
-            return kiln_qualities[i].error;
-    return 0.0;
+    return kiln_option_percentage(job->light.quality, &percent) ? percent : preset_of(job->light.quality)->error;
 }
 
 /* The option that gives sample counts, or with which light has no rounds; NULL: none does. */

@@ -1,4 +1,4 @@
-/* Which backend `--backend auto` takes: small bakes go to the processors, large ones to a GPU; more threads and kernels
+/* Choice of `--backend auto`: small bakes go to the processors, large ones to a GPU; more threads and kernels
  * that are not kept move the line up; the question counts what a job asks for. */
 #include <setjmp.h>
 #include <stdarg.h>

@@ -201,7 +201,8 @@ end:
         sum += (uint64_t)(counts[r] < 0 ? INT_MAX : counts[r]);
         if (counts[r] < 0 || sum > INT_MAX)
             status = kiln_fail(error, KILN_SYSTEM,
-                               "a sample of the surface has more than 2 GiB; use --denoise none, or a preset");
+                               "a sample of the surface has more than 2 GiB; give --denoise none, or --samples-direct, "
+                               "which asks for no error");
     }
     if (status == KILN_OK)
         status = kiln_allocate_bare((void **)all, sum / size, size, "a sample of the surface", error);

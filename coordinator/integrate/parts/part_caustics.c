@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "coordinator/integrate/packing.h"
+#include "coordinator/integrate/parts/part_errors.h"
 #include "coordinator/integrate/parts/parts.h"
 #include "worker/scene/radiosity.h"
 
@@ -109,7 +110,7 @@ double kiln_part_caustics_share(const struct kiln_rank_data *data, const struct 
         return 0.0;
     for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, own.at++) {
         const uint32_t bit = (uint32_t)__builtin_ctzll(rest);
-        const int place = (int)(kiln_morton8_y(bit) * SIDE + kiln_morton8_x(bit));
+        const int place = kiln_part_place(bit);
         there[place] = kiln_point_valid(&data->surface, own) ? 1.0 : 0.0;
         for (uint64_t k = 0; k < KILN_PARTS && there[place] > 0.0; k++) {
             all[KILN_PARTS * (uint64_t)place + k] = data->parts[KILN_PARTS * own.at + k];

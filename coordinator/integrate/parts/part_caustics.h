@@ -41,8 +41,7 @@ void kiln_part_add_caustics(const struct kiln_rank_data *data, struct kiln_own_p
  * parts have them. */
 double kiln_part_caustics_share(const struct kiln_rank_data *data, const struct kiln_tile_run *run);
 
-/* Caustics that unfinished tile runs need. Zero at first. Integers, so that their sums are the same for any ranks.
- */
+/* Need of caustics in unfinished tile runs. Zero at first. Integers, so that sums are the same for any ranks. */
 struct kiln_caustics_need {
     uint64_t points, all, caustics;
 };

@@ -11,7 +11,6 @@
 /* The last round of the reports: its first report, and its seconds. */
 struct last_round {
     size_t first;
-    double all;   /* s */
     double again; /* s, in steps that the next round has, too */
 };
 
@@ -24,7 +23,6 @@ static struct last_round find_last(const struct kiln_integrate_settings *setting
         const struct kiln_step_report *report = &steps->of[found.first - 1];
         const double seconds = report->seconds + report->exchange_seconds + report->probe_seconds;
         const bool bounces = report->step.bounce > 0 && !report->step.terminal;
-        found.all += seconds;
         found.again += settings->published_error > 0.0 && bounces ? 0.0 : seconds;
     }
     return found;

@@ -10,6 +10,7 @@
 #define LEAST 1e-3      /* of all texels: a smaller object does not count */
 #define SQUARE_MOST 1e4 /* a tile run's squared relative error counts as no more */
 #define UNIT 0x1p-60    /* of exact sums of squared relative errors */
+
 /* Errors of objects while they are summed up. */
 struct sums {
     struct kiln_exact_sum *squares; /* of each object, times texels */
