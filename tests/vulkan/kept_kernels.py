@@ -1,6 +1,7 @@
 """Kernels that were compiled for a device are found by the runs that follow.
 
-- The first bake finds none and leaves a file for each kernel that it compiles.
+- The first bake finds none and leaves a file for each kernel that it compiles, and one empty mark of its kind
+  (coordinator/files/kernel_cache.h), which the next one leaves as it is.
 - The next one finds them, but for a truncated file, one with a changed byte, and another kernel's file in the place of
   one: these kernels are compiled, and their files are whole again.
 - Both have the same bits, though the kernels of the second are made by threads beside the loading of the scene
@@ -27,8 +28,8 @@ def read(path):
         return f.read()
 
 
-def contents(folder):
-    return {name: read(os.path.join(folder, name)) for name in sorted(os.listdir(folder))}
+def contents(folder, suffix):
+    return {name: read(os.path.join(folder, name)) for name in sorted(os.listdir(folder)) if name.endswith(suffix)}
 
 
 def write(path, data):
@@ -81,12 +82,15 @@ def main():
         return backend['kernels_compiled']
 
     count = bake('first', folder, 0, None)
-    files = contents(folder)
+    files, marks = contents(folder, '.kernel'), contents(folder, '.kind')
     checks.that(len(files) == count, '%d files of %d kernels' % (len(files), count))
+    checks.that(list(marks.values()) == [b''] and len(os.listdir(folder)) == count + 1,
+                'other files: %s' % os.listdir(folder))
     damaged = damage(folder, files)
     kiln.environment['KILN_KERNEL_MAKERS'] = 'all'
     bake('second', folder, count - damaged, damaged)
-    checks.that(contents(folder) == files, 'damaged files were not replaced')
+    checks.that(contents(folder, '.kernel') == files, 'damaged files were not replaced')
+    checks.that(contents(folder, '.kind') == marks, 'other marks: %s' % os.listdir(folder))
     checks.end()
 
 
