@@ -41,19 +41,26 @@ int kiln_html_publish(struct kiln_html *page, const char *path)
 
 void kiln_html_free(struct kiln_html *page) { kiln_free(&page->text); }
 
-/* Adds plain text, whose markup it escapes. */
+static void add_bytes(struct kiln_html *page, const char *bytes, size_t size)
+{
+    char *at = room(page, size);
+    if (at == NULL)
+        return;
+    memcpy(at, bytes, size);
+    at[size] = '\0';
+    page->size += size;
+}
+
+/* Adds plain text, whose markup it escapes. Without a format for each piece: a text may be nothing but markup. */
 static void escape(struct kiln_html *page, const char *text)
 {
     while (*text != '\0') {
         const size_t plain = strcspn(text, "<>&\"");
-        kiln_html_add(page, "%.*s", (int)plain, text);
+        add_bytes(page, text, plain);
         text += plain;
+        const char *escaped = *text == '<' ? "&lt;" : *text == '>' ? "&gt;" : *text == '&' ? "&amp;" : "&quot;";
         if (*text != '\0')
-            kiln_html_add(page, "%s",
-                          *text == '<'   ? "&lt;"
-                          : *text == '>' ? "&gt;"
-                          : *text == '&' ? "&amp;"
-                                         : "&quot;");
+            add_bytes(page, escaped, strlen(escaped));
         text += *text != '\0';
     }
 }

@@ -312,6 +312,13 @@ static void close_series(struct series *s)
     kiln_free(&s->names);
 }
 
+/* Says that a plot shows the first of many. */
+static void add_left_out(struct report *r, const struct series *s, size_t count, const char *what)
+{
+    if (s->count < count)
+        kiln_html_add(&r->page, "<p>The first %zu of %zu %s.</p>\n", s->count, count, what);
+}
+
 static void plot_phases(struct report *r)
 {
     const json_t *phases = field(r->run, "phases");
@@ -324,6 +331,7 @@ static void plot_phases(struct report *r)
             s.values[i] = number(json_is_object(seconds) ? field(seconds, "max") : seconds);
         }
         kiln_html_add(&r->page, "<h2>Time of each phase</h2>\n<p>Seconds on the slowest rank.</p>\n");
+        add_left_out(r, &s, json_array_size(phases), "phases");
         kiln_html_rows(&r->page, "s", s.values, s.names, s.count);
         close_series(&s);
     }
@@ -341,12 +349,16 @@ static void plot_ranks(struct report *r)
     }
     if (ranks <= 1 || !open_series(r, &s, ranks)) /* with one rank there is no balance to show */
         return;
-    for (size_t i = 0; i < json_array_size(phases) && i < MOST_BARS; i++)
-        for (size_t rank = 0; rank < s.count; rank++) {
-            const double seconds = number(json_array_get(field(json_array_get(phases, i), "per_rank"), rank));
+    for (size_t i = 0; i < json_array_size(phases) && i < MOST_BARS; i++) {
+        const json_t *each = field(json_array_get(phases, i), "per_rank");
+        const size_t listed = json_array_size(each);
+        for (size_t rank = 0; rank < s.count && rank < listed; rank++) {
+            const double seconds = number(json_array_get(each, rank));
             s.values[rank] += isfinite(seconds) ? seconds : 0.0;
         }
+    }
     kiln_html_add(&r->page, "<h2>Balance of the ranks</h2>\n<p>Seconds of each rank in all phases.</p>\n");
+    add_left_out(r, &s, ranks, "ranks");
     kiln_html_bars(&r->page, "s", s.values, NULL, s.count, 0, 0);
     close_series(&s);
     const json_t *points = field(field(r->run, "balance"), "points_per_rank");
