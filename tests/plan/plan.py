@@ -23,7 +23,8 @@ MEMORY, DISK = 0.10, 0.10
 # sample that plan measures and the bake share cores and their memory with whatever else runs. What it is there to
 # notice: a pass, bounces or samples counted twice or not at all, seconds taken for those of one thread, a unit.
 TIME = 2.5
-# What few samples change is seconds.
+# What few samples change is seconds. A count makes the others of `draft` counts too; without one it is an error, whose
+# rounds of samples nobody knows before.
 FEW = ['--quality', 'draft', '--samples-direct', 64, '--samples-probe', 4, '--bounces', 2]
 CITY = 60000  # triangles; where seconds do not count, a third
 # s of a thread for a point: its radius is found and its light spread, in 12 passes
@@ -111,8 +112,8 @@ def landing(kiln, folder):
     """Light paths that land and are merged, on two ranks: what they add to processor time and memory."""
     path, out = os.path.join(folder, 'spheres.glb'), os.path.join(folder, 'spheres')
     run(kiln, 'generate', 'cornell-spheres', '-o', path)
-    few = ['--quality', 'draft', '--samples-probe', 0, '--bounces', 0, '--materials', 'auto', '--backend', 'embree',
-           '--texels-per-metre', 16, '--threads', 1]
+    few = ['--quality', 'draft', '--samples-direct', 64, '--samples-probe', 0, '--bounces', 0, '--materials', 'auto',
+           '--backend', 'embree', '--texels-per-metre', 16, '--threads', 1]
     paths = ['--caustics', 'merge', '--photons', 400000, '--iterations', 3]
     plan = json.loads(run(kiln, 'plan', path, '--ranks', 2, '--ranks-per-node', 2, '--json', *few, *paths))
     without, before = bake_seconds(kiln, path, out, 2, [*few, '--caustics', 'none'])
@@ -152,8 +153,8 @@ def check_paths_left_out(kiln, folder, caustics, more=()):
     """What a bake takes for whose caustics no light path is traced; plan knows of no preview that is left out."""
     path, out = os.path.join(folder, 'spheres.glb'), os.path.join(folder, 'spheres')
     run(kiln, 'generate', 'cornell-spheres', '-o', path)
-    few = ['--quality', 'draft', '--samples-probe', 0, '--bounces', 1, '--materials', 'auto', '--backend', 'embree',
-           '--texels-per-metre', 8, '--threads', 1, '--caustics', caustics]
+    few = ['--quality', 'draft', '--samples-direct', 64, '--samples-probe', 0, '--bounces', 1, '--materials', 'auto',
+           '--backend', 'embree', '--texels-per-metre', 8, '--threads', 1, '--caustics', caustics]
     plan = json.loads(run(kiln, 'plan', path, '--ranks', 1, '--json', *few))
     report, processor = bake_seconds(kiln, path, out, 1, [*few, *more])
     disk = plan['disk_bytes']['total'] - (plan['disk_bytes']['preview'] if more else 0)
@@ -187,7 +188,8 @@ def judged(report):
 def compare_balance(kiln, path, out, ranks, ways):
     """Predicted and measured: unevenness in the first bounce, over the mean, and whether the points were then
     repartitioned."""
-    options = ['--threads', 1, '--quality', 'draft', '--lightmap-max', 192, '--bounces', 4, '--samples-probe', 0, *ways]
+    options = ['--threads', 1, '--quality', 'draft', '--samples-direct', 64, '--lightmap-max', 192, '--bounces', 4,
+               '--samples-probe', 0, *ways]
     plan = json.loads(run(kiln, 'plan', path, '--ranks', ranks, '--ranks-per-node', ranks, '--json', *options))[
         'balance']
     shutil.rmtree(out, ignore_errors=True)
@@ -269,7 +271,8 @@ def verify(kiln, folder):
     print('seed %d' % seed)
     chance = random.Random(seed)
     run(kiln, 'generate', 'cornell', '-o', scene)
-    run(kiln, 'bake', scene, '-o', out, '--quiet', '--quality', 'draft', '--texels-per-metre', 8)
+    run(kiln, 'bake', scene, '-o', out, '--quiet', '--quality', 'draft', '--samples-direct', 64,
+        '--texels-per-metre', 8)
     run(kiln, 'verify', out)
     files = [os.path.join(at, name) for at, _, names in os.walk(out) for name in names]
     for i in range(FLIPS):
@@ -299,7 +302,8 @@ def cost(kiln, folder):
     """Not run by ctest: verify against reading on a bake of some size."""
     scene, out = os.path.join(folder, 'city.glb'), os.path.join(folder, 'out')
     run(kiln, 'generate', 'city', '-o', scene, '--triangles', 200000)
-    run(kiln, 'bake', scene, '-o', out, '--quiet', '--quality', 'draft', '--bounces', 1)
+    run(kiln, 'bake', scene, '-o', out, '--quiet', '--quality', 'draft', '--samples-direct', 64,
+        '--bounces', 1)
     seconds = []
     for _ in range(3):
         start = time.monotonic()
@@ -346,8 +350,7 @@ def scaling(kiln, folder):
     scene, out = os.path.join(folder, 'rooms.glb'), os.path.join(folder, 'scaling')
     run(kiln, 'generate', 'rooms', '-o', scene)
     answer = json.loads(run(kiln, 'bench', 'scaling', scene, '--ranks', '1,2', '--quality', 'draft',
-                            '--texels-per-metre', 4, '--bounces', 1, '-o', out,
-                            '--json'))
+                            '--samples-direct', 64, '--texels-per-metre', 4, '--bounces', 1, '-o', out, '--json'))
     runs = answer['runs']
     assert [(r['kind'], r['ranks']) for r in runs] == [('strong', 1), ('strong', 2), ('weak', 1), ('weak', 2)]
     assert runs[1]['points'] == runs[0]['points'] and 1.6 < runs[3]['points'] / runs[2]['points'] < 2.4
