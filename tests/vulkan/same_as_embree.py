@@ -22,6 +22,8 @@ POINTS = {64: 6000, 4096: 250}
 # Texels of several metres hold a room's whole furniture: surfaces in one place, of which rounding picks one, are then
 # in every texel.
 POINTS_LEAST = {'crytek_sponza.glb': 6000}
+# Light paths: as many as a bake sends by itself take a software device minutes.
+PATHS = ['--photons', 4000, '--iterations', 2]
 # Rays that are refracted many times take long on a software device.
 POINTS_MOST = {'cornell_water.glb': 600}
 # So many points may lie in one bake alone, or elsewhere in their texels: four lamps of many_lights.glb touch pillars
@@ -125,7 +127,7 @@ def main():
             if samples > 1000 and name in SLOW and not (arguments.full or arguments.points or arguments.scenes):
                 continue
             options = ['--samples-direct', samples, '--samples-bounce', max(4, samples // 16), '--samples-indirect',
-                       samples, '--samples-probe', 0]
+                       samples, '--samples-probe', 0, *([] if arguments.full else PATHS)]
             points = min(arguments.points, POINTS_MOST.get(name, arguments.points)) if arguments.points else \
                 max(POINTS.get(samples, 1000), POINTS_LEAST.get(name, 0))
             wanted = None if arguments.full else density(kiln, path, points)
