@@ -18,7 +18,7 @@
 #include "worker/base/memory.h"
 #include "worker/light/lights.h"
 
-enum { SIDE = 64, COUNT = SIDE * SIDE };
+enum { SIDE = 48, COUNT = SIDE * SIDE };
 static const float texel = 0.05f; /* m */
 
 /* A square of SIDE x SIDE texels, and one light on it. */
@@ -258,7 +258,8 @@ static double share_within_two(float (*expected)(size_t))
     return 100.0 * (double)within / (SEEDS * (double)COUNT);
 }
 
-/* 98.4, 98.4 and 98.1 % are measured; without the bias that all points are taken to have 90.6, 93.6 and 95.6 %. */
+/* 98.5, 98.4 and 97.7 % are measured; of four such squares, without the bias that all points are taken to have, 90.6,
+ * 93.6 and 95.6 %. */
 static void states_a_true_error(void **state)
 {
     (void)state;
@@ -402,15 +403,16 @@ static struct field *make_waves(void)
 static void ranges_have_all_neighbours(void **state)
 {
     (void)state;
+    enum { DENSE = 5 * COUNT }; /* more than are ever taken */
     static struct kiln_neighbours n;
-    static uint8_t listed[3 * COUNT];
+    static uint8_t listed[DENSE];
     for (int dense = 0; dense < 2; dense++) {
         struct field *f = dense ? make_field() : make_waves();
         struct kiln_neighbour_grid *grid = NULL;
         struct kiln_neighbour_ranges r;
-        if (dense) { /* three times as many points, all in one place */
+        if (dense) { /* five times as many points, all in one place */
             kiln_free(&f->points);
-            f->count = 3 * (size_t)COUNT;
+            f->count = DENSE;
             assert_int_equal(kiln_allocate(&f->points, f->count, sizeof *f->points, "points", NULL), KILN_OK);
             for (size_t i = 0; i < f->count; i++)
                 f->points[i] = (struct kiln_neighbour_point){
