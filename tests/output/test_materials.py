@@ -79,7 +79,7 @@ class Materials(InOneFolder):
         """The layer of caustics is a part of the sum, and of what the bounces gather; the ledger closes with it, and
         tells what is left out without. It is there without an option."""
         options = ("--texels-per-metre", "4", "--quality", "draft", "--denoise", "none")
-        few = ("--photons", "20000")
+        few = ("--photons", "20000", "--iterations", "4")
         folder = self.bake("cornell-spheres", "layers", *options, *few)
         self.assertTrue(np.array_equal(light(folder), light(folder, "direct") + light(folder, "indirect") +
                                        light(folder, "caustic")))
