@@ -395,8 +395,12 @@ def texts(base, folder):
     expect("a run.json that is costly to draw, report", kiln("report", bake, "-o", page), code=0)
     if os.path.exists(page):
         with open(page) as file:
-            if "<script>" in file.read():
-                failures.append("the report holds a script from run.json")
+            text = file.read()
+        if "<script>" in text:
+            failures.append("the report holds a script from run.json")
+        for what in ("phases", "ranks"):
+            if f"The first 4096 of 200000 {what}." not in text:
+                failures.append(f"the report does not say that {what} are left out")
     shutil.rmtree(bake)
     # manifests
     original = sealing.read(os.path.join(base, "manifest"))
