@@ -111,9 +111,106 @@ static void points_are_sorted_by_threads(void **state)
     run(THREADS);
 }
 
+/* ---- kept neighbours ---- */
+
+/* Points on a sphere, in directions by chance; texels are 0.08 to 0.12 m large. */
+static struct kiln_neighbour_grid *make_sphere(float radius)
+{
+    struct kiln_neighbour_point *points = make_points(2.0f, 1, false);
+    struct kiln_neighbour_grid *grid = NULL;
+    uint32_t chances = 7;
+    for (uint32_t i = 0; i < COUNT; i++) {
+        float *p = points[i].position, length = 0.0f;
+        for (int c = 0; c < 3; c++)
+            length += p[c] * p[c];
+        for (int c = 0; c < 3; c++) {
+            points[i].normal[c] = p[c] / sqrtf(length);
+            p[c] = radius * points[i].normal[c];
+        }
+        points[i].size = 0.08f + 0.04f * chance(&chances);
+        points[i].area = points[i].size * points[i].size;
+    }
+    assert_int_equal(kiln_neighbour_grid_create(&grid, &points, COUNT, NULL), 0);
+    return grid;
+}
+
+static void check_same(const struct kiln_neighbours *a, const struct kiln_neighbours *b, size_t rings)
+{
+    const size_t count = a->within[rings - 1];
+    assert_memory_equal(a->within, b->within, rings * sizeof *a->within);
+    assert_memory_equal(a->place, b->place, count * sizeof *a->place);
+    assert_memory_equal(a->x, b->x, count * sizeof *a->x);
+    assert_memory_equal(a->y, b->y, count * sizeof *a->y);
+    assert_memory_equal(a->area, b->area, count * sizeof *a->area);
+}
+
+/* Checks the neighbours of all places in `rings` rings against a search; returns how many cells were kept. */
+static size_t check_kept(const struct kiln_neighbour_grid *grid, const struct kiln_neighbours_kept *kept, size_t rings)
+{
+    const float radius = kiln_neighbour_rings[rings - 1];
+    struct kiln_neighbours *n = NULL, *searched = NULL;
+    size_t cells = 0;
+    assert_int_equal(kiln_allocate(&n, 1, sizeof *n, "neighbours", NULL), 0);
+    assert_int_equal(kiln_allocate(&searched, 1, sizeof *searched, "neighbours", NULL), 0);
+    for (size_t cell = 0; cell < grid->cell_count; cell++) {
+        cells += kept->cells[cell] != NULL;
+        kiln_neighbours_collect_kept(n, grid, kept, cell, radius);
+        kiln_neighbours_collect(searched, grid, cell, radius);
+        for (size_t place = grid->first[cell]; place < grid->first[cell + 1]; place++) {
+            kiln_neighbours_find(n, grid, place, radius);
+            kiln_neighbours_find(searched, grid, place, radius);
+            check_same(n, searched, rings);
+        }
+    }
+    kiln_free(&n);
+    kiln_free(&searched);
+    return cells;
+}
+
+static void keep_all(const struct kiln_neighbour_grid *grid, struct kiln_neighbours_kept *kept, size_t most)
+{
+    struct kiln_neighbours *n = NULL;
+    assert_int_equal(kiln_allocate(&n, 1, sizeof *n, "neighbours", NULL), 0);
+    assert_int_equal(kiln_neighbours_kept_create(kept, grid, most, NULL), 0);
+    for (size_t cell = 0; cell < grid->cell_count; cell++) {
+        kiln_neighbours_collect_kept(n, grid, kept, cell, KILN_NEIGHBOUR_RADIUS);
+        for (size_t place = grid->first[cell]; place < grid->first[cell + 1]; place++)
+            kiln_neighbours_find(n, grid, place, KILN_NEIGHBOUR_RADIUS);
+        kiln_neighbours_keep(n, kept, cell);
+    }
+    kiln_free(&n);
+}
+
+/* Kept neighbours are those that a search finds, to the bit; what does not fit is searched again. Spheres have their
+ * points closely by, so that cells have many candidates, or far. */
+static void kept_neighbours_are_the_same(void **state)
+{
+    const struct {
+        float radius;
+        size_t most;
+        bool all, none;
+    } cases[] = {{6.0f, SIZE_MAX, true, false},
+                 {6.0f, 1 << 20, false, false},
+                 {6.0f, 0, false, true},
+                 {1.5f, SIZE_MAX, false, false}};
+    (void)state;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct kiln_neighbour_grid *grid = make_sphere(cases[i].radius);
+        struct kiln_neighbours_kept kept;
+        keep_all(grid, &kept, cases[i].most);
+        const size_t cells = check_kept(grid, &kept, KILN_NEIGHBOUR_RINGS);
+        assert_int_equal(check_kept(grid, &kept, 5), cells);
+        assert_true(!cases[i].all || cells == grid->cell_count);
+        assert_true(cases[i].none ? cells == 0 : cases[i].all || cells < grid->cell_count);
+        kiln_neighbours_kept_release(&kept);
+        kiln_neighbour_grid_destroy(&grid);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(points_are_sorted),
-                                       cmocka_unit_test(points_are_sorted_by_threads)};
+                                       cmocka_unit_test(points_are_sorted_by_threads),
+                                       cmocka_unit_test(kept_neighbours_are_the_same)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -26,6 +26,8 @@ static const double H5_PACKED = 28.5;
 static const double MEASURED_PLANES = 28.0;
 /* Bytes for denoising: planes of positions, normals and errors; scratch of a point. */
 static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 150.0;
+/* Bytes of the neighbours that are kept of a point while it is denoised, up to KILN_LIGHTMAP_KEPT for a lightmap. */
+static const double DENOISE_KEPT = 414.0;
 /* least bytes per surface point (worker/scene/surface.h): pieces, albedo, area, visibility */
 static const double LEAST_OF_POINT = 18.0;
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
@@ -69,7 +71,8 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
     const double denoised = denoises ? fmin(at_once, 1.5 * size->threads * largest) * points_a_texel : 0.0;
     const double of_groups =
         24.0 * (double)size->job->scene.group_count; /* bytes per texel, and the same again for denoised copies */
-    const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (DENOISE_WORK + of_groups) * denoised +
+    const double neighbours = fmin(DENOISE_KEPT * denoised, 1.5 * size->threads * KILN_LIGHTMAP_KEPT);
+    const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (DENOISE_WORK + of_groups) * denoised + neighbours +
                              (size->ranks > 1.0 ? 2.0 : 1.0) * (RECORD_BYTES + planes) * rows;
     const double preview = size->job->preview ? preview_bytes(size->job, size->scene, size->points) +
                                                     PREVIEW_TEXEL * size->texels + (H5_KEPT + columns) * rows

@@ -330,6 +330,7 @@ static void thin_out(struct kiln_neighbours *n, struct box *box)
     for (size_t i = 0; 2 * i < n->candidates; i++)
         n->candidate[i] = n->candidate[2 * i];
     n->candidates = (n->candidates + 1) / 2;
+    n->thinned = true;
     box->stride *= 2;
 }
 
@@ -428,7 +429,9 @@ static void take_candidates(void *context, const struct kiln_neighbour_grid *g, 
 
 void kiln_neighbours_collect(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g, size_t cell, float radius)
 {
-    n->candidates = 0;
+    n->candidates = n->found_count = 0;
+    n->thinned = n->full = false;
+    n->kept = NULL;
     take_levels(g, cell, radius, take_candidates, n);
     for (size_t i = 0; i < n->candidates; i++) {
         const struct kiln_neighbour_point *p = &g->points[n->candidate[i]];
@@ -582,8 +585,8 @@ static void make_basis(const float n[3], float t[3], float b[3])
     b[2] = -n[1];
 }
 
-/* Computes ring and tangent coordinates of all candidates, with ring OUTSIDE for the point itself, and counts `within`.
- * No branches, so that the loop is vectorized. */
+/* Computes the ring of all candidates, OUTSIDE for the point itself, and counts `within`. No branches, so that the loop
+ * is vectorized. */
 static inline void classify(struct kiln_neighbours *n, const struct kiln_neighbour_point *p, uint32_t place,
                             float radius)
 {
@@ -605,8 +608,6 @@ static inline void classify(struct kiln_neighbours *n, const struct kiln_neighbo
         const int flat = (off <= 0.0f) | (off * off <= slope * square * sine);
         const int near = (square < most) & (cosine >= KILN_NEIGHBOUR_COSINE) & flat & (n->candidate[i] != place);
         const int32_t at = near * ring + (1 - near) * OUTSIDE;
-        n->tangent[0][i] = x;
-        n->tangent[1][i] = y;
         n->ring[i] = at;
         in0 += at <= 0;
         in1 += at <= 1;
@@ -631,18 +632,124 @@ static inline size_t list_near(struct kiln_neighbours *n)
     return count;
 }
 
-KILN_CLONES void kiln_neighbours_find(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g, size_t place,
-                                      float radius)
+/* Searches the neighbours of a place among the candidates. Returns their list, which follows those of the cell's places
+ * before. */
+static inline __attribute__((always_inline)) const uint16_t *search(struct kiln_neighbours *n,
+                                                                    const struct kiln_neighbour_grid *g, size_t place,
+                                                                    float radius)
 {
     size_t next[KILN_NEIGHBOUR_RINGS] = {0};
     classify(n, &g->points[place], (uint32_t)place, radius);
-    const size_t count = list_near(n);
+    const size_t count = list_near(n), numbers = KILN_NEIGHBOUR_RINGS + count;
+    n->full = n->full || n->found_count + numbers > KILN_NEIGHBOURS_FOUND;
+    n->found_count = n->full ? 0 : n->found_count;
+    uint16_t *list = n->found + n->found_count;
+    for (size_t r = 0; r < KILN_NEIGHBOUR_RINGS; r++)
+        list[r] = (uint16_t)n->within[r];
     memcpy(next + 1, n->within, sizeof next - sizeof *next);
     for (size_t k = 0; k < count; k++) {
-        const size_t i = n->near[k], to = next[n->ring[i]]++;
-        n->place[to] = n->candidate[i];
-        n->x[to] = n->tangent[0][i];
-        n->y[to] = n->tangent[1][i];
-        n->area[to] = n->of.area[i];
+        const size_t i = n->near[k];
+        list[KILN_NEIGHBOUR_RINGS + next[n->ring[i]]++] = (uint16_t)i;
     }
+    n->found_count += numbers;
+    return list;
+}
+
+/* Drops neighbours that a search within the radius would not find: those outside it in space, though not in the tangent
+ * plane. `square`: of the neighbours' distances. */
+static void drop_outside(struct kiln_neighbours *n, size_t rings, float radius, const float *square)
+{
+    size_t from = 0, to = 0;
+    for (size_t r = 0; r < rings; r++) {
+        for (; from < n->within[r]; from++) {
+            n->place[to] = n->place[from];
+            n->x[to] = n->x[from];
+            n->y[to] = n->y[from];
+            n->area[to] = n->area[from];
+            to += square[from] < radius * radius;
+        }
+        n->within[r] = to;
+    }
+}
+
+/* Takes the neighbours within the radius from a list of those within at least that radius. */
+static inline __attribute__((always_inline)) void take_list(struct kiln_neighbours *n,
+                                                            const struct kiln_neighbour_point *p, const uint16_t *list,
+                                                            float radius)
+{
+    const float ax = p->position[0], ay = p->position[1], az = p->position[2], inverse = 1.0f / p->size,
+                most = radius * radius;
+    const uint16_t *const candidates = list + KILN_NEIGHBOUR_RINGS;
+    size_t rings = 0;
+    for (; rings < KILN_NEIGHBOUR_RINGS && kiln_neighbour_rings[rings] <= radius; rings++)
+        n->within[rings] = list[rings];
+    float t[3], b[3];
+    make_basis(p->normal, t, b);
+    const float tx = t[0], ty = t[1], tz = t[2], bx = b[0], by = b[1], bz = b[2];
+    const size_t count = n->within[rings - 1];
+    int32_t outside = 0;
+#pragma omp simd reduction(+ : outside)
+    for (size_t k = 0; k < count; k++) {
+        const uint32_t i = candidates[k];
+        const float dx = (n->of.position[0][i] - ax) * inverse, dy = (n->of.position[1][i] - ay) * inverse,
+                    dz = (n->of.position[2][i] - az) * inverse, square = dx * dx + dy * dy + dz * dz;
+        n->x[k] = dx * tx + dy * ty + dz * tz;
+        n->y[k] = dx * bx + dy * by + dz * bz;
+        n->area[k] = n->of.area[i];
+        n->place[k] = n->candidate[i];
+        n->square[k] = square;
+        outside += !(square < most);
+    }
+    if (outside > 0)
+        drop_outside(n, rings, radius, n->square);
+}
+
+KILN_CLONES void kiln_neighbours_find(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g, size_t place,
+                                      float radius)
+{
+    const uint16_t *const list = n->kept != NULL ? n->kept : search(n, g, place, radius);
+    if (n->kept != NULL)
+        n->kept = list + KILN_NEIGHBOUR_RINGS + list[KILN_NEIGHBOUR_RINGS - 1];
+    take_list(n, &g->points[place], list, radius);
+}
+
+/* ---- kept neighbours ---- */
+
+int kiln_neighbours_kept_create(struct kiln_neighbours_kept *kept, const struct kiln_neighbour_grid *g, size_t most,
+                                struct kiln_error *error)
+{
+    *kept = (struct kiln_neighbours_kept){.cell_count = g->cell_count, .left = most};
+    return kiln_allocate(&kept->cells, kept->cell_count, sizeof *kept->cells, "the neighbours of surface points",
+                         error);
+}
+
+void kiln_neighbours_kept_release(struct kiln_neighbours_kept *kept)
+{
+    for (size_t c = 0; kept->cells != NULL && c < kept->cell_count; c++)
+        kiln_free(&kept->cells[c]);
+    kiln_free(&kept->cells);
+}
+
+void kiln_neighbours_collect_kept(struct kiln_neighbours *n, const struct kiln_neighbour_grid *g,
+                                  const struct kiln_neighbours_kept *kept, size_t cell, float radius)
+{
+    const uint16_t *list = kept->cells[cell];
+    kiln_neighbours_collect(n, g, cell, list != NULL ? KILN_NEIGHBOUR_RADIUS : radius);
+    n->kept = list;
+}
+
+void kiln_neighbours_keep(const struct kiln_neighbours *n, struct kiln_neighbours_kept *kept, size_t cell)
+{
+    const size_t bytes = n->found_count * sizeof *n->found;
+    struct kiln_error ignored = {{0}}; /* without memory for them they are searched again */
+    bool fits = !n->thinned && !n->full && n->kept == NULL;
+    if (fits)
+#pragma omp critical(kiln_neighbours_keep)
+    {
+        fits = bytes <= kept->left;
+        kept->left -= fits ? bytes : 0;
+    }
+    if (fits && kiln_allocate_bare(&kept->cells[cell], n->found_count, sizeof *n->found,
+                                   "the neighbours of surface points", &ignored) == KILN_OK)
+        memcpy(kept->cells[cell], n->found, bytes);
 }

@@ -16,6 +16,7 @@
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_DENOISE_NEIGHBOURS_H
 #define KILN_COORDINATOR_OUTPUT_MAP_DENOISE_NEIGHBOURS_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
@@ -105,6 +106,9 @@ enum { KILN_NEIGHBOURS_MOST = 4096, KILN_NEIGHBOURS_MOST_TWICE = 2 * KILN_NEIGHB
  * set. */
 enum { KILN_NEIGHBOURS_ROOM = KILN_NEIGHBOURS_MOST + 80 };
 
+/* Most numbers that are kept of a cell's neighbours: a flat surface has up to 64 points of 207 numbers each in it. */
+enum { KILN_NEIGHBOURS_FOUND = 1 << 16 };
+
 /* Outer radius of each ring, texels. */
 extern const float kiln_neighbour_rings[KILN_NEIGHBOUR_RINGS];
 
@@ -118,17 +122,43 @@ struct kiln_neighbours {
     uint32_t candidate[KILN_NEIGHBOURS_ROOM];
     struct {
         float position[3][KILN_NEIGHBOURS_ROOM], normal[3][KILN_NEIGHBOURS_ROOM], area[KILN_NEIGHBOURS_ROOM];
-    } of;                                   /* the candidates */
-    float tangent[2][KILN_NEIGHBOURS_ROOM]; /* of the candidates */
-    int32_t ring[KILN_NEIGHBOURS_ROOM];     /* of the candidates */
-    uint32_t near[KILN_NEIGHBOURS_ROOM];    /* candidates that are neighbours */
+    } of;                                /* the candidates */
+    int32_t ring[KILN_NEIGHBOURS_ROOM];  /* of the candidates */
+    uint32_t near[KILN_NEIGHBOURS_ROOM]; /* candidates that are neighbours */
+    float square[KILN_NEIGHBOURS_ROOM];  /* of the neighbours' distances, texels */
+    bool thinned;                        /* some candidates were dropped */
+    /* Lists of the neighbours of the cell's places, one after another: numbers within each ring, then candidates. */
+    const uint16_t *kept; /* the next place's list; NULL: its neighbours are searched */
+    size_t found_count;
+    uint16_t found[KILN_NEIGHBOURS_FOUND]; /* lists of the places that were searched */
+    bool full;                             /* they did not fit in there */
 };
+
+/* Neighbours of a grid's points that are kept from the first sweep for later ones, cell by cell. All zero: none. */
+struct kiln_neighbours_kept {
+    uint16_t **cells; /* lists of each cell's places; NULL: not kept */
+    size_t cell_count;
+    size_t left; /* bytes that may still be kept */
+};
+
+/* Prepares to keep the neighbours of a grid's points, in at most `most` bytes. KILN_SYSTEM. Release it in either
+ * case. */
+int kiln_neighbours_kept_create(struct kiln_neighbours_kept *kept, const struct kiln_neighbour_grid *grid, size_t most,
+                                struct kiln_error *error);
+void kiln_neighbours_kept_release(struct kiln_neighbours_kept *kept);
 
 /* Collects the candidates of a cell, for neighbours within `radius` texels. */
 void kiln_neighbours_collect(struct kiln_neighbours *n, const struct kiln_neighbour_grid *grid, size_t cell,
                              float radius);
+/* Likewise, but the neighbours that were kept need not be searched: kiln_neighbours_find must then be called for all
+ * places of the cell, in order. */
+void kiln_neighbours_collect_kept(struct kiln_neighbours *n, const struct kiln_neighbour_grid *grid,
+                                  const struct kiln_neighbours_kept *kept, size_t cell, float radius);
 /* Finds the neighbours of the point at `place`, in the cell collected last, within at most that radius. */
 void kiln_neighbours_find(struct kiln_neighbours *n, const struct kiln_neighbour_grid *grid, size_t place,
                           float radius);
+/* Keeps the neighbours within KILN_NEIGHBOUR_RADIUS of all places of the cell collected last, which have just been
+ * found in order, if there is room for them. Several threads may keep cells at once. */
+void kiln_neighbours_keep(const struct kiln_neighbours *n, struct kiln_neighbours_kept *kept, size_t cell);
 
 #endif

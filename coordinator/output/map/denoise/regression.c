@@ -16,7 +16,8 @@ enum {
     LIGHTS = KILN_REGRESSION_LIGHTS,
     RAW = KILN_REGRESSION_RAW,
     TERMS = 6,
-    HIGHEST = 5 /* one more than the highest order of moments */
+    HIGHEST = 5, /* one more than the highest order of moments */
+    FAR = 3      /* largest distance of points that the first sweep visits */
 };
 _Static_assert(SCALES == KILN_REGRESSION_SCALES && FITS == KILN_REGRESSION_FITS, "fits of shaders/regression.comp");
 
@@ -75,6 +76,7 @@ struct regression {
     float (*values[LIGHTS])[3]; /* as given */
     float *others[LIGHTS];      /* likewise: of each point three of each */
     float (*leverage)[FITS];
+    struct kiln_neighbours_kept kept;             /* from the first sweep for the others */
     const struct kiln_regression_subdomain *part; /* NULL: all points are here */
 };
 
@@ -580,8 +582,8 @@ static bool is_too_far(const struct regression *r, size_t cell, uint8_t far)
     return r->part != NULL && r->part->far[r->grid->points[r->grid->first[cell]].index] > far;
 }
 
-/* Calls `visit` in several threads for all points whose distance is at most `far`. */
-static int sweep(const struct regression *r, float radius, uint8_t far,
+/* Calls `visit` in several threads for all points whose distance is at most `far`. The first sweep keeps neighbours. */
+static int sweep(struct regression *r, float radius, uint8_t far,
                  void (*visit)(const struct regression *, struct worker *, size_t), struct kiln_error *error)
 {
     int status = KILN_OK;
@@ -598,9 +600,11 @@ static int sweep(const struct regression *r, float radius, uint8_t far,
         for (size_t cell = 0; cell < r->grid->cell_count; cell++) {
             if (made != KILN_OK || is_too_far(r, cell, far))
                 continue;
-            kiln_neighbours_collect(&w->n, r->grid, cell, radius);
+            kiln_neighbours_collect_kept(&w->n, r->grid, &r->kept, cell, radius);
             for (size_t place = r->grid->first[cell]; place < r->grid->first[cell + 1]; place++)
                 visit(r, w, place);
+            if (visit == fit_point && !is_too_far(r, cell, FAR - 1))
+                kiln_neighbours_keep(&w->n, &r->kept, cell);
         }
         if (w != NULL)
             kiln_free(&w->sums);
@@ -750,12 +754,14 @@ static int run_sweeps(struct regression *r, struct kiln_error *error)
 {
     int status;
     KILN_TRY(begin_estimates(r, error));
-    KILN_TRY(sweep(r, KILN_NEIGHBOUR_RADIUS, 3, fit_point, error));
+    KILN_TRY(kiln_neighbours_kept_create(&r->kept, r->grid, KILN_REGRESSION_KEPT, error));
+    KILN_TRY(sweep(r, KILN_NEIGHBOUR_RADIUS, FAR, fit_point, error));
     KILN_TRY(sweep(r, kiln_neighbour_rings[WIDE], 2, pool_variance, error));
     estimate_risks(r);
     KILN_TRY(sweep(r, kiln_neighbour_rings[WIDE], 1, judge_point, error));
     KILN_TRY(sweep(r, KILN_NEIGHBOUR_RADIUS, 0, smooth_point, error));
 end:
+    kiln_neighbours_kept_release(&r->kept);
     return status;
 }
 

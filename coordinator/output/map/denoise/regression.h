@@ -37,6 +37,10 @@
 
 enum { KILN_REGRESSION_LIGHTS = 2 };
 
+/* Most bytes of neighbours that a regression keeps between its sweeps: of some 40,000 points. Others are searched in
+ * each sweep. */
+enum { KILN_REGRESSION_KEPT = 16 << 20 };
+
 struct kiln_regression_device;
 
 /* One kind of light: planes of irradiance, W/m2 or lux, by the points' index. Borrowed. */

@@ -2,6 +2,7 @@
 #ifndef KILN_COORDINATOR_OUTPUT_MAP_WRITE_LIGHTMAPS_H
 #define KILN_COORDINATOR_OUTPUT_MAP_WRITE_LIGHTMAPS_H
 
+#include "coordinator/output/map/denoise/regression.h"
 #include "coordinator/output/map/lightmap_report.h"
 #include "coordinator/output/output.h"
 
@@ -30,5 +31,8 @@ static inline uint64_t kiln_lightmap_texels(uint32_t planes, double texels)
     const uint64_t some = (uint64_t)(quarter < least ? least : quarter > 4.0 * least ? 4.0 * least : quarter);
     return planes <= 64 ? some : 64 * some / planes;
 }
+
+/* Most bytes of neighbours that are kept of a lightmap while it is denoised. */
+enum { KILN_LIGHTMAP_KEPT = KILN_REGRESSION_KEPT };
 
 #endif
