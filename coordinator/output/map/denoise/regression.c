@@ -60,12 +60,18 @@ struct estimate {
         float variance; /* as given */
         float bias;     /* after the last sweep: squared bias, the excess of the choices' risk over the noise */
     };
-    float square[FITS]; /* (fit - value)^2; then Stein's risk estimate over `pooled` */
-    float pooled;       /* mean variance of the neighbourhood, lowered as in regression.h */
-    float risk;         /* risk of the choice: mean of Stein's estimate, at most `pooled` */
-    float part;         /* step from the value (0) towards the chosen fit (1) */
-    uint32_t choice;    /* a fit, or RAW */
+    float pooled;    /* mean variance of the neighbourhood, lowered as in regression.h */
+    float risk;      /* risk of the choice: mean of Stein's estimate, at most `pooled` */
+    float part;      /* step from the value (0) towards the chosen fit (1) */
+    uint32_t choice; /* a fit, or RAW */
 };
+
+/* Numbers of a point that are summed over neighbours: the leverage of each fit, then of each light (fit - value)^2, or
+ * Stein's risk estimate over `pooled`, of each fit. The last one is 1. They lie side by side, so that sums of all are
+ * vectorized, whatever they are. */
+enum { LEVERAGE = 0, SQUARE = FITS, ONE = 31, NUMBERS = 32, LANES = 8, VECTORS = NUMBERS / LANES };
+typedef float floats __attribute__((vector_size(LANES * sizeof(float))));
+_Static_assert(SQUARE + LIGHTS * FITS <= ONE, "the numbers of a point");
 
 /* Arrays by the points' place in the grid. */
 struct regression {
@@ -73,9 +79,9 @@ struct regression {
     struct kiln_regression_light *lights;
     size_t light_count;
     struct estimate *estimates[LIGHTS];
-    float (*values[LIGHTS])[3]; /* as given */
+    float (*values[LIGHTS])[4]; /* as given; the last one is `pooled` */
     float *others[LIGHTS];      /* likewise: of each point three of each */
-    float (*leverage)[FITS];
+    float (*numbers)[NUMBERS];
     struct kiln_neighbours_kept kept;             /* from the first sweep for the others */
     const struct kiln_regression_subdomain *part; /* NULL: all points are here */
 };
@@ -286,10 +292,10 @@ static double fitted(const struct fit *fit, size_t light, const struct sums *sum
 static void take_fit(const struct regression *r, size_t place, size_t f, const struct fit *fit, const struct sums *sums)
 {
     const double leverage = fit->leverage > 0.0 ? fit->leverage : 0.0;
-    r->leverage[place][f] = (float)(leverage < 1.0 ? leverage : 1.0);
+    r->numbers[place][LEVERAGE + f] = (float)(leverage < 1.0 ? leverage : 1.0);
     for (size_t l = 0; l < r->light_count; l++) {
         const double away = fitted(fit, l, sums);
-        r->estimates[l][place].square[f] = (float)(away * away);
+        r->numbers[place][SQUARE + l * FITS + f] = (float)(away * away);
     }
 }
 
@@ -329,6 +335,14 @@ static float weight_of(const struct kiln_neighbours *n, size_t i, size_t scale)
     return u * u * n->area[i];
 }
 
+/* Sets the factors to the weights of a scale. */
+static inline __attribute__((always_inline)) void set_weights(struct worker *w, size_t scale)
+{
+#pragma omp simd
+    for (size_t i = 0; i < w->n.within[scale]; i++)
+        w->factors[i] = weight_of(&w->n, i, scale);
+}
+
 /* ---- second sweep: the variance around each point ---- */
 
 /* Fits that estimate the variance: a linear one, and a quadratic one, about which curved light scatters only by its
@@ -340,49 +354,58 @@ static const struct {
     double leverages;
 } judges[JUDGES] = {{NARROW, 1.4}, {QUADRATIC_NARROW, 1.24}};
 
-/* Weighted sums over a neighbourhood that estimate its variance. */
-struct spread {
-    double weight, leverage[JUDGES], variance[LIGHTS], square[LIGHTS][JUDGES];
-};
+/* Weighted sums over a neighbourhood that estimate its variance: of weights, of the leverages of the judges, and of
+ * each light the variance and the squared distances from the judges. */
+enum { WEIGHT, OF_JUDGES, OF_LIGHT = OF_JUDGES + JUDGES, OF_LIGHTS = 1 + JUDGES, SUMS = OF_LIGHT + LIGHTS * OF_LIGHTS };
 
-static void add_spread(const struct regression *r, struct spread *p, size_t place, double weight)
+static inline __attribute__((always_inline)) void add_spread(const struct regression *r, double sums[SUMS],
+                                                             size_t place, double weight)
 {
-    p->weight += weight;
+    const float *numbers = r->numbers[place];
+    sums[WEIGHT] += weight;
     for (size_t k = 0; k < JUDGES; k++)
-        p->leverage[k] += weight * (double)r->leverage[place][judges[k].fit];
+        sums[OF_JUDGES + k] += weight * (double)numbers[LEVERAGE + judges[k].fit];
     for (size_t l = 0; l < r->light_count; l++) {
-        p->variance[l] += weight * (double)r->estimates[l][place].variance;
+        double *of = sums + OF_LIGHT + l * OF_LIGHTS;
+        of[0] += weight * (double)r->estimates[l][place].variance;
         for (size_t k = 0; k < JUDGES; k++)
-            p->square[l][k] += weight * (double)r->estimates[l][place].square[judges[k].fit];
+            of[1 + k] += weight * (double)numbers[SQUARE + l * FITS + judges[k].fit];
     }
+}
+
+KILN_CLONES static void sum_spread(const struct regression *r, struct worker *w, double sums[SUMS], size_t place)
+{
+    set_weights(w, WIDE);
+    add_spread(r, sums, place, (double)r->grid->points[place].area);
+    for (size_t i = 0; i < w->n.within[WIDE]; i++)
+        add_spread(r, sums, w->n.place[i], (double)w->factors[i]);
 }
 
 static void pool_variance(const struct regression *r, struct worker *w, size_t place)
 {
-    struct spread p = {0};
+    double sums[SUMS] = {0};
     kiln_neighbours_find(&w->n, r->grid, place, kiln_neighbour_rings[WIDE]);
-    add_spread(r, &p, place, (double)r->grid->points[place].area);
-    for (size_t i = 0; i < w->n.within[WIDE]; i++)
-        add_spread(r, &p, w->n.place[i], (double)weight_of(&w->n, i, WIDE));
+    sum_spread(r, w, sums, place);
     for (size_t l = 0; l < r->light_count; l++) {
-        double variance = p.variance[l];
+        const double *of = sums + OF_LIGHT + l * OF_LIGHTS;
+        double variance = of[0];
         for (size_t k = 0; k < JUDGES; k++) {
-            const double part = 1.0 - judges[k].leverages * p.leverage[k] / p.weight;
+            const double part = 1.0 - judges[k].leverages * sums[OF_JUDGES + k] / sums[WEIGHT];
             if (part > scatter_least)
-                variance = fmin(variance, p.square[l][k] / part);
+                variance = fmin(variance, of[1 + k] / part);
         }
-        r->estimates[l][place].pooled = (float)(variance / p.weight);
+        r->estimates[l][place].pooled = r->values[l][place][3] = (float)(variance / sums[WEIGHT]);
     }
 }
 
 /* ---- third sweep: risks, and the choice ---- */
 
 /* Replaces the squared distances of a point from its fits by Stein's estimates over the variance. */
-static void estimate_risk(struct estimate *e, const float leverage[FITS])
+static void estimate_risk(float pooled, const float leverage[FITS], float square[FITS])
 {
-    for (size_t f = 0; f < FITS && e->pooled > 0.0f; f++) {
-        const double risk = (double)e->square[f] / (double)e->pooled - 1.0 + 2.0 * (double)leverage[f];
-        e->square[f] = (float)(risk < risk_most ? risk : risk_most);
+    for (size_t f = 0; f < FITS && pooled > 0.0f; f++) {
+        const double risk = (double)square[f] / (double)pooled - 1.0 + 2.0 * (double)leverage[f];
+        square[f] = (float)(risk < risk_most ? risk : risk_most);
     }
 }
 
@@ -391,34 +414,39 @@ static void estimate_risks(const struct regression *r)
 #pragma omp parallel for schedule(static)
     for (size_t i = 0; i < r->grid->count; i++)
         for (size_t l = 0; l < r->light_count; l++)
-            estimate_risk(&r->estimates[l][i], r->leverage[i]);
+            estimate_risk(r->estimates[l][i].pooled, r->numbers[i] + LEVERAGE, r->numbers[i] + SQUARE + l * FITS);
 }
 
-/* Weighted sums over a neighbourhood that estimate the risk of each fit. */
-struct pool {
-    float weight, leverage[FITS], risk[LIGHTS][FITS];
-};
-
-static inline void add_to_pool(const struct regression *r, struct pool *p, size_t place, float weight)
+/* Sums up the numbers of a neighbourhood with the weights of a scale. */
+KILN_CLONES static void sum_numbers(const struct regression *r, struct worker *w, size_t scale, size_t place,
+                                    float sums[NUMBERS])
 {
-    p->weight += weight;
-    for (size_t f = 0; f < FITS; f++)
-        p->leverage[f] += weight * r->leverage[place][f];
-    for (size_t l = 0; l < r->light_count; l++)
-        for (size_t f = 0; f < FITS; f++)
-            p->risk[l][f] += weight * r->estimates[l][place].square[f];
+    floats all[VECTORS], of;
+    set_weights(w, scale);
+    for (size_t v = 0; v < VECTORS; v++) {
+        memcpy(&of, r->numbers[place] + v * LANES, sizeof of);
+        all[v] = of * r->grid->points[place].area;
+    }
+    for (size_t i = 0; i < w->n.within[scale]; i++) {
+        const float *numbers = r->numbers[w->n.place[i]];
+        for (size_t v = 0; v < VECTORS; v++) {
+            memcpy(&of, numbers + v * LANES, sizeof of);
+            all[v] += of * w->factors[i];
+        }
+    }
+    memcpy(sums, all, sizeof all);
 }
 
 /* Chooses the fit with the least risk for one light, and the step towards it. */
-static void choose(struct estimate *e, const struct pool *p, size_t light)
+static void choose(struct estimate *e, const float sums[NUMBERS], size_t light)
 {
     float least = risk_worth;
     e->choice = RAW;
     e->part = 0.0f;
     for (size_t f = 0; f < FITS && e->pooled > 0.0f; f++) {
-        const float free = 1.0f - p->leverage[f] / p->weight;
+        const float free = 1.0f - sums[LEVERAGE + f] / sums[ONE];
         /* the mean of (fit - value)^2 over the variance; not quite 0 */
-        const float square = fmaxf(p->risk[light][f] / p->weight - 1.0f + 2.0f * free, square_least);
+        const float square = fmaxf(sums[SQUARE + light * FITS + f] / sums[ONE] - 1.0f + 2.0f * free, square_least);
         const float part = fminf(free / square, 1.0f), risk = 1.0f + part * (part * square - 2.0f * free);
         if (free > 1.0f - (float)leverage_most && risk < least) {
             least = risk;
@@ -431,13 +459,11 @@ static void choose(struct estimate *e, const struct pool *p, size_t light)
 
 static void judge_point(const struct regression *r, struct worker *w, size_t place)
 {
-    struct pool pool = {0};
+    float sums[NUMBERS];
     kiln_neighbours_find(&w->n, r->grid, place, kiln_neighbour_rings[WIDE]);
-    add_to_pool(r, &pool, place, r->grid->points[place].area);
-    for (size_t i = 0; i < w->n.within[WIDE]; i++)
-        add_to_pool(r, &pool, w->n.place[i], weight_of(&w->n, i, WIDE));
+    sum_numbers(r, w, WIDE, place, sums);
     for (size_t l = 0; l < r->light_count; l++)
-        choose(&r->estimates[l][place], &pool, l);
+        choose(&r->estimates[l][place], sums, l);
 }
 
 /* ---- fourth sweep: the mean of the chosen fits ---- */
@@ -475,8 +501,8 @@ static struct shares share_choices(const struct estimate *e, const struct kiln_n
 }
 
 /* Adds a fit's share to the weights of the neighbours' values in the result. */
-static void add_factors(const struct kiln_neighbours *n, size_t scale, const struct fit *fit, double share,
-                        float *factors)
+KILN_CLONES static void add_factors(const struct kiln_neighbours *n, size_t scale, const struct fit *fit, double share,
+                                    float *factors)
 {
     const float a = (float)(share * fit->a), b = (float)(share * fit->b), c = (float)(share * fit->c),
                 d = (float)(share * fit->d), e = (float)(share * fit->e), f = (float)(share * fit->f),
@@ -488,23 +514,28 @@ static void add_factors(const struct kiln_neighbours *n, size_t scale, const str
     }
 }
 
+/* Four numbers in a SIMD vector. Each operation gives the same bits as with single numbers. */
+typedef float float4 __attribute__((vector_size(16)));
+typedef double double4 __attribute__((vector_size(32)));
+
 /* Sums up the weighted values of one light. Returns the variance of the sum. */
-static double add_up(const struct regression *r, size_t light, const struct worker *w, size_t count, size_t place)
+KILN_CLONES static double add_up(const struct regression *r, size_t light, const struct worker *w, size_t count,
+                                 size_t place)
 {
-    const float(*values)[3] = (const float(*)[3])r->values[light], *at = values[place];
-    const struct estimate *e = r->estimates[light];
-    double sum[3] = {0}, own = 1.0, variance = 0.0;
+    const float(*values)[4] = (const float(*)[4])r->values[light], *at = values[place];
+    const float4 from = {at[0], at[1], at[2], 0.0f};
+    double4 sum = {0};
+    double own = 1.0;
+    float4 value;
     for (size_t i = 0; i < count; i++) {
         const double factor = (double)w->factors[i];
-        const float *value = values[w->n.place[i]];
-        for (int c = 0; c < 3; c++)
-            sum[c] += factor * (double)(value[c] - at[c]);
+        memcpy(&value, values[w->n.place[i]], sizeof value);
+        sum += (double4){factor, factor, factor, factor * factor} * __builtin_convertvector(value - from, double4);
         own -= factor;
-        variance += factor * factor * (double)e[w->n.place[i]].pooled;
     }
     for (int c = 0; c < 3; c++)
         r->lights[light].rgb[c][r->grid->points[place].index] = fmaxf((float)((double)at[c] + sum[c]), 0.0f);
-    return variance + own * own * (double)e[place].pooled;
+    return sum[3] + own * own * (double)at[3];
 }
 
 /* The same sum of other light. */
@@ -639,7 +670,7 @@ static int take_values(struct regression *r, struct kiln_error *error)
     for (size_t l = 0; status == KILN_OK && l < r->light_count; l++) {
         status = kiln_allocate_bare(&r->estimates[l], count, sizeof(struct estimate), "the regression", error);
         if (status == KILN_OK)
-            status = kiln_allocate_bare(&r->values[l], count, sizeof(float[3]), "the regression", error);
+            status = kiln_allocate_bare(&r->values[l], count, sizeof(float[4]), "the regression", error);
         if (status != KILN_OK)
             return status;
 #pragma omp parallel for
@@ -647,6 +678,7 @@ static int take_values(struct regression *r, struct kiln_error *error)
             r->estimates[l][i] = (struct estimate){.pooled = 0.0f};
             for (int c = 0; c < 3; c++)
                 r->values[l][i][c] = r->lights[l].rgb[c][r->grid->points[i].index];
+            r->values[l][i][3] = 0.0f;
         }
     }
     return status;
@@ -662,10 +694,12 @@ static float luminance_of(const struct regression *r, size_t light, size_t place
 static int begin_estimates(struct regression *r, struct kiln_error *error)
 {
     const size_t count = r->grid->count;
-    int status = kiln_allocate_bare(&r->leverage, count, sizeof *r->leverage, "the regression", error);
+    int status = kiln_allocate_bare(&r->numbers, count, sizeof *r->numbers, "the regression", error);
 #pragma omp parallel for if (status == KILN_OK)
-    for (size_t i = 0; i < (status == KILN_OK ? count : 0); i++)
-        memset(r->leverage[i], 0, sizeof r->leverage[i]);
+    for (size_t i = 0; i < (status == KILN_OK ? count : 0); i++) {
+        memset(r->numbers[i], 0, sizeof r->numbers[i]);
+        r->numbers[i][ONE] = 1.0f;
+    }
     for (size_t l = 0; status == KILN_OK && l < r->light_count; l++) {
         status = take_others(r, l, error);
 #pragma omp parallel for if (status == KILN_OK)
@@ -853,6 +887,6 @@ int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regr
         kiln_free(&r.values[l]);
         kiln_free(&r.others[l]);
     }
-    kiln_free(&r.leverage);
+    kiln_free(&r.numbers);
     return status;
 }
