@@ -86,6 +86,7 @@ struct kiln_step_report {
     double device_seconds;            /* likewise: part of `seconds` in which the device was busy; 0 without one */
     uint64_t probe_rays;              /* likewise: of radiance probes gathered for the step; not in `rays` */
     double probe_seconds;             /* likewise; not in `seconds` */
+    double judging_seconds;           /* of this rank in this run, after the last step of a round; not in `seconds` */
     /* points of this rank computed by others of its node in this run, and vice versa */
     uint64_t given, taken;
     struct kiln_step_energy energy;

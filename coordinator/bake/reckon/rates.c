@@ -22,7 +22,7 @@ const struct kiln_backend_rates kiln_backend_rates[KILN_RECKON_BACKENDS] = {
                             .probe_ray = 1.5,
                             .probe_path = 2.0e-6,
                             .triangle = 0.7e-6,
-                            .denoised = 14e-6},
+                            .denoised = 10e-6},
     [KILN_RECKON_VULKAN] = {.ray = 0.12e-9,
                             .doubling = 0.032e-9,
                             .cached = 13.0,

@@ -6,6 +6,9 @@
 #include "coordinator/bake/reckon/rates.h"
 
 enum { FIRST_DOUBLINGS = 5, DENSEST = 4 };
+/* Points that are denoised to judge rounds, over those of the sample of the surface (bake/light/denoised_sample.h),
+ * most of which is around its cubes: two rounds, as bakes took. */
+enum { JUDGED_MOST = 1 << 15, JUDGED = 4 };
 #define PREVIEW_OF_GLOSS 2.7 /* rays of a pixel that sees gloss, over others */
 
 #define KILN_RECKON_PHASE_NAME(id, name) name,
@@ -83,6 +86,16 @@ static double direct_over_gather(const struct reckoning *r)
     return of_lamps * gather_seconds(r->rates, r->work, true) / r->ray;
 }
 
+/* `alone`: fraction of the work that one thread of the host does while others wait. */
+static double denoise_seconds(const struct reckoning *r, double points, double alone)
+{
+    if (!r->work->denoises)
+        return 0.0;
+    if (r->device)
+        return points * r->rates->denoised / r->lanes + shared_seconds(r, points * r->rates->denoised_beside, 0.0);
+    return shared_seconds(r, points * r->rates->denoised, alone);
+}
+
 static void reckon_light(const struct reckoning *r, double seconds[KILN_RECKON_PHASES])
 {
     const struct kiln_work *w = r->work;
@@ -93,6 +106,8 @@ static void reckon_light(const struct reckoning *r, double seconds[KILN_RECKON_P
     seconds[KILN_RECKON_caustics] = (w->paths * r->rates->path + w->shared * r->rates->shared * r->ray) / r->lanes +
                                     w->path_steps * r->rates->path_step +
                                     shared_seconds(r, w->spread * kiln_host_rates.spread, kiln_host_rates.alone_before);
+    if (w->rounds > 1.0)
+        seconds[KILN_RECKON_judging] = denoise_seconds(r, JUDGED * fmin(w->points, JUDGED_MOST), 0.0);
     seconds[KILN_RECKON_probes] =
         (w->probe_samples * r->rates->probe_ray * r->ray + w->probe_paths * r->rates->probe_path) / r->lanes +
         (w->probes > 0.0 ? kiln_host_rates.probes / r->q->threads : 0.0) +
@@ -100,17 +115,6 @@ static void reckon_light(const struct reckoning *r, double seconds[KILN_RECKON_P
 }
 
 /* ---- after the light ---- */
-
-static double denoise_seconds(const struct reckoning *r)
-{
-    const struct kiln_work *w = r->work;
-    if (!w->denoises)
-        return 0.0;
-    if (r->device)
-        return w->points * r->rates->denoised / r->lanes +
-               shared_seconds(r, w->points * r->rates->denoised_beside, 0.0);
-    return shared_seconds(r, w->points * r->rates->denoised, kiln_host_rates.alone_denoising);
-}
 
 static double preview_seconds(const struct reckoning *r)
 {
@@ -125,7 +129,7 @@ static void reckon_after(const struct reckoning *r, double seconds[KILN_RECKON_P
 {
     const struct kiln_work *w = r->work;
     const struct kiln_host_rates *h = &kiln_host_rates;
-    seconds[KILN_RECKON_denoising] = denoise_seconds(r);
+    seconds[KILN_RECKON_denoising] = denoise_seconds(r, w->points, kiln_host_rates.alone_denoising);
     seconds[KILN_RECKON_lightmaps] =
         shared_seconds(r, w->points * h->texel + w->triangles * h->texel_triangle, h->alone_after);
     seconds[KILN_RECKON_h5] = shared_seconds(r, h->h5 + w->points * h->h5_point, h->alone_after);
@@ -173,7 +177,7 @@ double kiln_reckon_light(const struct kiln_reckoned *reckoned)
 {
     const double *s = reckoned->seconds;
     return s[KILN_RECKON_direct] + s[KILN_RECKON_caustics] + s[KILN_RECKON_bounces] + s[KILN_RECKON_final] +
-           s[KILN_RECKON_quantities];
+           s[KILN_RECKON_quantities] + s[KILN_RECKON_judging];
 }
 
 double kiln_reckon_after(const struct kiln_reckoned *reckoned)

@@ -24,6 +24,7 @@
     DO(bounces, "bounces")                                                                                             \
     DO(final, "final gather")                                                                                          \
     DO(quantities, "quantities")                                                                                       \
+    DO(judging, "judging")                                                                                             \
     DO(probes, "probes")                                                                                               \
     DO(denoising, "denoising")                                                                                         \
     DO(lightmaps, "lightmaps")                                                                                         \
@@ -63,7 +64,7 @@ const char *kiln_reckon_phase_name(enum kiln_reckon_phase phase);
 /* The phase in which a row of phases of run.json is reckoned, or a role's phase (integrate/step.h): the one of that
  * name; `quantities` for all others. */
 enum kiln_reckon_phase kiln_reckon_phase_of(const char *name);
-/* Seconds of light on surfaces: direct light, caustics, bounces, final gather, quantities. */
+/* Seconds of light on surfaces: direct light, caustics, bounces, final gather, quantities, judging of rounds. */
 double kiln_reckon_light(const struct kiln_reckoned *reckoned);
 /* Seconds of all that follows it: probes, lightmaps, files, the preview. */
 double kiln_reckon_after(const struct kiln_reckoned *reckoned);

@@ -198,8 +198,11 @@ int kiln_part_end(const struct kiln_integrate_params *p, struct kiln_solution *s
     if (data->parts == NULL || !is_over(p->settings, steps, &part))
         return KILN_OK;
     take_indirect(data, &last->step);
-    if (kiln_has_rounds(p->settings) && (last->step.part + 1) % KILN_PARTS == 0)
+    if (kiln_has_rounds(p->settings) && (last->step.part + 1) % KILN_PARTS == 0) {
+        const double start = MPI_Wtime();
         status = kiln_round_judge(p, data, unit, &solution->report.steps, error);
+        last->judging_seconds += MPI_Wtime() - start;
+    }
     if (status != KILN_OK || kiln_parts_next(p->settings, steps->of, steps->count, &next))
         return status;
     memcpy(data->sum, data->indirect, 3 * data->surface.count * sizeof *data->sum);
@@ -307,6 +310,8 @@ static void identify(const struct kiln_job *job, json_t *fields)
         (void)json_object_set_new(fields, "rounds", json_string(job->light.rounds));
 }
 
+static double beside(const struct kiln_step_report *report) { return report->judging_seconds; }
+
 static const char *const identity[] = {"error-map", "target-error", NULL};
 
 const struct kiln_companion kiln_companion_parts = {.name = "parts",
@@ -317,4 +322,6 @@ const struct kiln_companion kiln_companion_parts = {.name = "parts",
                                                     .after_step = after_step,
                                                     .end = find_worst,
                                                     .is_sane = is_sane,
+                                                    .phase = "judging",
+                                                    .beside = beside,
                                                     .report = {[KILN_REPORT_ERROR] = report}};
