@@ -292,14 +292,17 @@ static size_t count_points(const struct sample *s, const struct member *members,
     return points;
 }
 
-/* Lists the valid points of a cube's members; returns their number. Indices count all points. */
+/* Lists the valid points of a cube's members; returns their number. Indices count all points. `far`: of each, 1 if it
+ * is not in the cube. */
 static size_t take_points(const struct sample *s, const struct member *members, size_t count,
-                          struct kiln_neighbour_point *points, const struct planes *planes)
+                          struct kiln_neighbour_point *points, const struct planes *planes, uint8_t *far)
 {
     uint32_t index = 0;
     size_t valid = 0;
-    for (size_t m = 0; m < count; m++)
+    for (size_t m = 0; m < count; m++) {
+        const bool in = is_in(s, s->entries[members[m].entry].middle, members[m].cube);
         for (size_t r = s->first[members[m].entry]; r < s->first[members[m].entry + 1]; r++, index++) {
+            far[index] = !in;
             if (!(s->records[r].point.area > 0.0f))
                 continue;
             points[valid] = s->records[r].point;
@@ -310,7 +313,66 @@ static size_t take_points(const struct sample *s, const struct member *members, 
                 planes->of[2 * h + 1][index] = s->records[r].halves.variance;
             }
         }
+    }
     return valid;
+}
+
+/* Lets all points of a cell be as far as its nearest one. */
+static void level_cells(const struct kiln_neighbour_grid *grid, uint8_t *far)
+{
+    for (size_t c = 0; c < grid->cell_count; c++) {
+        uint8_t least = UINT8_MAX;
+        for (uint32_t i = grid->first[c]; i < grid->first[c + 1]; i++)
+            least = far[grid->points[i].index] < least ? far[grid->points[i].index] : least;
+        for (uint32_t i = grid->first[c]; i < grid->first[c + 1]; i++)
+            far[grid->points[i].index] = least;
+    }
+}
+
+/* A cube is a subdomain of its own: no rank has another part of it (regression.h). */
+static int agree_alone(void *context, int status, struct kiln_error *error)
+{
+    (void)context;
+    (void)error;
+    return status;
+}
+
+static int most_alone(void *context, double *numbers, size_t count, struct kiln_error *error)
+{
+    (void)context;
+    (void)numbers;
+    (void)count;
+    (void)error;
+    return KILN_OK;
+}
+
+static int sum_alone(void *context, uint64_t *numbers, size_t count, struct kiln_error *error)
+{
+    (void)context;
+    (void)numbers;
+    (void)count;
+    (void)error;
+    return KILN_OK;
+}
+
+/* Denoises both halves; the last sweep leaves out the points around the cube. */
+static int denoise_points(const struct sample *s, struct kiln_neighbour_point **points, size_t count,
+                          const struct planes *planes, uint8_t *far, struct kiln_error *error)
+{
+    const struct kiln_regression_subdomain part = {
+        .own = UINT32_MAX, .far = far, .agree = agree_alone, .most = most_alone, .sum = sum_alone};
+    struct kiln_regression_light lights[KILN_HALVES] = {{.variance = NULL}};
+    struct kiln_neighbour_grid *grid = NULL;
+    for (int h = 0; h < KILN_HALVES; h++)
+        lights[h] = (struct kiln_regression_light){.rgb = {planes->of[2 * h], planes->of[2 * h], planes->of[2 * h]},
+                                                   .variance = planes->of[2 * h + 1]};
+    int status = kiln_neighbour_grid_create(&grid, points, count, error);
+    if (status == KILN_OK) {
+        level_cells(grid, far);
+        status = kiln_regression_run(grid, lights, KILN_HALVES, &part, s->device, error);
+    }
+    kiln_neighbour_grid_destroy(&grid);
+    return status;
 }
 
 /* Writes the denoised light of the tile runs in the cube to `results`, by record. */
@@ -333,26 +395,21 @@ static int denoise_cube(const struct sample *s, const struct member *members, si
 {
     const size_t room = count_points(s, members, count);
     struct kiln_neighbour_point *points = NULL;
-    struct kiln_neighbour_grid *grid = NULL;
-    struct kiln_regression_light lights[KILN_HALVES] = {{.variance = NULL}};
     struct planes planes = {{NULL}};
+    uint8_t *far = NULL;
     int status;
     KILN_TRY(kiln_allocate(&points, room, sizeof *points, "a sample of the surface", error));
+    KILN_TRY(kiln_allocate(&far, room, sizeof *far, "a sample of the surface", error));
     for (int p = 0; p < 2 * KILN_HALVES; p++)
         KILN_TRY(kiln_allocate(&planes.of[p], room, sizeof(float), "a sample of the surface", error));
-    const size_t valid = take_points(s, members, count, points, &planes);
-    for (int h = 0; h < KILN_HALVES; h++)
-        lights[h] = (struct kiln_regression_light){.rgb = {planes.of[2 * h], planes.of[2 * h], planes.of[2 * h]},
-                                                   .variance = planes.of[2 * h + 1]};
-    if (valid > 0) {
-        KILN_TRY(kiln_neighbour_grid_create(&grid, &points, valid, error));
-        KILN_TRY(kiln_regression_run(grid, lights, KILN_HALVES, NULL, s->device, error));
-    }
+    const size_t valid = take_points(s, members, count, points, &planes, far);
+    if (valid > 0)
+        KILN_TRY(denoise_points(s, &points, valid, &planes, far, error));
     give_points(s, members, count, &planes, results);
 end:
-    kiln_neighbour_grid_destroy(&grid);
     for (int p = 0; p < 2 * KILN_HALVES; p++)
         kiln_free(&planes.of[p]);
+    kiln_free(&far);
     kiln_free(&points);
     return status;
 }
