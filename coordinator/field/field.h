@@ -131,8 +131,10 @@ const struct kiln_field *kiln_field_shown(const char *name);
 #define KILN_FIELD_SAMPLES_BOUNCE "samples_bounce"
 /* Name of the field with the samples of direct light, in a bake with a target error. */
 #define KILN_FIELD_SAMPLES_DIRECT "samples_direct"
+/* Name of the field with the samples that tile runs have had in rounds. */
+#define KILN_FIELD_SAMPLES_TAKEN "samples_taken"
 
-enum { KILN_FIELDS_ALWAYS = 44, KILN_FIELDS_MAX = KILN_FIELDS_ALWAYS + 4 * KILN_GROUPS_MAX }; /* a group has four */
+enum { KILN_FIELDS_ALWAYS = 45, KILN_FIELDS_MAX = KILN_FIELDS_ALWAYS + 4 * KILN_GROUPS_MAX }; /* a group has four */
 
 /* The fields that one bake has, in the table's order. */
 struct kiln_field_set {

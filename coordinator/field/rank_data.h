@@ -45,6 +45,9 @@ struct kiln_rank_data {
     uint32_t *samples;
     uint32_t *samples_bounce; /* likewise, samples of late bounces; NULL: their number is given */
     uint32_t *samples_direct; /* likewise, samples of direct light, in a bake with a target error */
+    /* likewise, samples of the final gather that each part number has had before the round; NULL: rounds have no error
+     * of published light */
+    uint32_t *samples_taken;
     uint16_t *seen;           /* 1 a tile run: 0 if no view sees it (kiln_integrate_params); NULL: all are seen */
     uint16_t *block;          /* 1 a point: integrate/sparse/blocks.h; NULL: there are no blocks */
     uint16_t *node;    /* 1 a point: texels a side of its node (integrate/patches/patches.h); NULL: nobody asks */

@@ -23,10 +23,11 @@ struct kiln_taking {
     const struct kiln_step *step;
     const struct kiln_field_set *fields; /* that the data has */
     const struct kiln_scene *scene;
-    const uint64_t *radiosity; /* packed radiosity of all points, from which the step gathers */
-    double scale;              /* of the 4-byte form of radiosity */
-    double unit;               /* W, of the exact sums */
-    uint32_t rounding;         /* added to the step's stream for the random bits that round radiosity */
+    const uint64_t *radiosity;      /* packed radiosity of all points, from which the step gathers */
+    double scale;                   /* of the 4-byte form of radiosity */
+    double unit;                    /* W, of the exact sums */
+    struct kiln_part_weight weight; /* in a bake in parts: of the tile run that is taken */
+    uint32_t rounding;              /* added to the step's stream for the random bits that round radiosity */
 };
 
 /* Context of an integrator's collective functions. Borrowed. */

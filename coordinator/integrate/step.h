@@ -71,6 +71,12 @@ struct kiln_round {
     uint32_t caustics_from, caustics_to;
 };
 
+/* Weight of the samples of a part at one tile run (parts.h). */
+struct kiln_part_weight {
+    double before; /* samples of all earlier parts over those of this part */
+    float share;   /* of this part's samples among those of the parts with the same number so far */
+};
+
 /* Results of the pilots of a caustics step (land_trial.h): root mean squares over the area, relative to direct light;
  * for an error of published light, means. Zero: no trial. */
 struct kiln_caustic_trial {

@@ -34,25 +34,25 @@ static void add_error(uint16_t *errors, struct kiln_own_point own, float error)
 }
 
 /* Averages the error of a part into the errors so far. Within a part the first error is that of direct light. */
-static void mix_error(uint16_t *errors, struct kiln_own_point own, float error, const struct kiln_step *step)
+static void mix_error(uint16_t *errors, struct kiln_own_point own, float error, const struct kiln_part_weight *weight)
 {
     if (errors != NULL)
-        errors[own.at] =
-            kiln_error_pack((float)kiln_part_mix_error((double)kiln_error_unpack(errors[own.at]), (double)error, step));
+        errors[own.at] = kiln_error_pack(
+            (float)kiln_part_mix_error((double)kiln_error_unpack(errors[own.at]), (double)error, weight));
 }
 
 static void begin_errors(const struct kiln_taking *t, const struct kiln_rank_data *data, struct kiln_own_point own,
                          float error)
 {
-    mix_error(data->error, own, error, t->step);
-    mix_error(data->error_direct, own, error, t->step);
-    mix_error(data->error_indirect, own, 0.0f, t->step);
+    mix_error(data->error, own, error, &t->weight);
+    mix_error(data->error_direct, own, error, &t->weight);
+    mix_error(data->error_indirect, own, 0.0f, &t->weight);
 }
 
 /* Returns the contribution of a part's error to the error of the mean over the parts so far. */
 static float share_of_error(const struct kiln_taking *t, float error)
 {
-    return error / (float)(kiln_part_before(t->step) + 1.0);
+    return error / (float)(t->weight.before + 1.0);
 }
 
 static void add_indirect_error(const struct kiln_taking *t, const struct kiln_rank_data *data,
@@ -67,7 +67,7 @@ static void add_radiosity(const struct kiln_taking *t, const struct kiln_rank_da
                           const float radiosity[3])
 {
     for (uint64_t c = 0; data->radiosity != NULL && c < 3; c++)
-        data->radiosity[3 * own.at + c] += radiosity[c] / (float)(kiln_part_before(t->step) + 1.0);
+        data->radiosity[3 * own.at + c] += radiosity[c] / (float)(t->weight.before + 1.0);
 }
 
 /* Adds caustics, which belong to the light that the first bounce gathers. */
@@ -78,10 +78,10 @@ static void enter_caustic(const struct kiln_taking *t, const struct kiln_rank_da
     if (!counts)
         return;
     add_radiosity(t, data, own, radiosity);
-    kiln_part_mix(data->caustic + 3 * own.at, r->irradiance, 3, t->step);
-    kiln_part_add(data, own, kiln_luminance_in_float(r->irradiance), t->step);
+    kiln_part_mix(data->caustic + 3 * own.at, r->irradiance, 3, &t->weight);
+    kiln_part_add(data, own, kiln_luminance_in_float(r->irradiance), t->step->part, &t->weight);
     add_error(data->error, own, share_of_error(t, r->error));
-    mix_error(data->error_caustic, own, r->error, t->step);
+    mix_error(data->error_caustic, own, r->error, &t->weight);
 }
 
 /* Averages caustics of a later round into those before, in finished tile runs, too. */
@@ -89,9 +89,9 @@ static void mix_caustic(const struct kiln_taking *t, const struct kiln_rank_data
                         const struct kiln_tile_run *f, uint32_t bit, const struct kiln_point_mean *r,
                         const float radiosity[3])
 {
-    kiln_part_mix_caustics(data, own, f, bit, kiln_luminance_in_float(r->irradiance), radiosity, t->step);
-    kiln_part_mix(data->caustic + 3 * own.at, r->irradiance, 3, t->step);
-    mix_error(data->error_caustic, own, r->error, t->step);
+    kiln_part_mix_caustics(data, own, f, bit, kiln_luminance_in_float(r->irradiance), radiosity, t);
+    kiln_part_mix(data->caustic + 3 * own.at, r->irradiance, 3, &t->weight);
+    mix_error(data->error_caustic, own, r->error, &t->weight);
     if (kiln_part_changes(data, f, t->step->part))
         add_error(data->error, own, share_of_error(t, r->error));
 }
@@ -106,11 +106,11 @@ static void begin_with_caustics(const struct kiln_taking *t, const struct kiln_r
     set(data->sum, own, sum);
     if (!counts)
         return;
-    kiln_part_mix(data->direct + 3 * own.at, r->irradiance, 3, t->step);
+    kiln_part_mix(data->direct + 3 * own.at, r->irradiance, 3, &t->weight);
     kiln_part_begin(data, own, kiln_luminance_in_float(r->irradiance) + kiln_part_caustics_light(data, own, t->step),
-                    t->step);
+                    t->step->part, &t->weight);
     if (data->radiosity != NULL)
-        kiln_part_mix(data->radiosity + 3 * own.at, total, 3, t->step);
+        kiln_part_mix(data->radiosity + 3 * own.at, total, 3, &t->weight);
     begin_errors(t, data, own, r->error);
 }
 
@@ -131,10 +131,10 @@ void kiln_cells_enter(const struct kiln_taking *t, const struct kiln_rank_data *
         set(data->sum, own, radiosity);
         if (!counts)
             break;
-        kiln_part_mix(data->direct + 3 * own.at, r->irradiance, 3, t->step);
-        kiln_part_begin(data, own, kiln_luminance_in_float(r->irradiance), t->step);
+        kiln_part_mix(data->direct + 3 * own.at, r->irradiance, 3, &t->weight);
+        kiln_part_begin(data, own, kiln_luminance_in_float(r->irradiance), t->step->part, &t->weight);
         if (data->radiosity != NULL)
-            kiln_part_mix(data->radiosity + 3 * own.at, radiosity, 3, t->step);
+            kiln_part_mix(data->radiosity + 3 * own.at, radiosity, 3, &t->weight);
         begin_errors(t, data, own, r->error);
         break;
     case KILN_CELLS_CAUSTIC:
@@ -168,11 +168,11 @@ void kiln_cells_send(const struct kiln_taking *t, const struct kiln_rank_data *d
         return;
     if (t->step->part < KILN_PARTS) {
         if (t->step->role != KILN_CELLS_PILOT && t->step->role != KILN_CELLS_BOUNCE)
-            kiln_part_send(data, own, f, bit, radiosity, t->step, t->step->role != KILN_CELLS_DIRECT);
+            kiln_part_send(data, own, f, bit, radiosity, t->step, &t->weight, t->step->role != KILN_CELLS_DIRECT);
     } else if (t->step->role == KILN_CELLS_FINAL) { /* the sum has direct light and caustics until now */
         for (uint64_t c = 0; c < 3; c++)
             all[c] = data->sum[3 * own.at + c] + radiosity[c];
-        kiln_part_send(data, own, f, bit, all, t->step, false);
+        kiln_part_send(data, own, f, bit, all, t->step, &t->weight, false);
     }
 }
 

@@ -40,10 +40,11 @@ void kiln_part_keep_caustics(const struct kiln_rank_data *data, struct kiln_own_
 
 void kiln_part_mix_caustics(const struct kiln_rank_data *data, struct kiln_own_point own,
                             const struct kiln_tile_run *run, uint32_t bit, float luminance, const float radiosity[3],
-                            const struct kiln_step *step)
+                            const struct kiln_taking *taking)
 {
+    const struct kiln_step *step = taking->step;
     const uint64_t place = place_of(own, step->part);
-    const float share = kiln_part_share(step), difference = share * (luminance - data->parts_caustic[place]);
+    const float share = taking->weight.share, difference = share * (luminance - data->parts_caustic[place]);
     float before[3], now[3], sent[3];
     kiln_radiosity_unpack(data->parts_caustic_radiosity[place], before);
     kiln_radiosity_unpack(data->parts_radiosity[place], sent);

@@ -10,6 +10,7 @@
 #define KILN_COORDINATOR_INTEGRATE_PARTS_PART_CAUSTICS_H
 
 #include "coordinator/integrate/integrate.h"
+#include "coordinator/integrate/integrator.h"
 
 /* Whether the step is of a part that has caustics from earlier rounds. */
 static inline bool kiln_part_has_caustics(const struct kiln_rank_data *data, const struct kiln_step *step)
@@ -28,7 +29,7 @@ void kiln_part_keep_caustics(const struct kiln_rank_data *data, struct kiln_own_
  * and the total radiosity. */
 void kiln_part_mix_caustics(const struct kiln_rank_data *data, struct kiln_own_point own,
                             const struct kiln_tile_run *run, uint32_t bit, float luminance, const float radiosity[3],
-                            const struct kiln_step *step);
+                            const struct kiln_taking *taking);
 
 /* Luminance of the caustics that the step's part has at a point. */
 float kiln_part_caustics_light(const struct kiln_rank_data *data, struct kiln_own_point own,

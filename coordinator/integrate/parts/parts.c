@@ -96,10 +96,30 @@ bool kiln_parts_next(const struct kiln_integrate_settings *settings, const struc
 
 /* ---- means ---- */
 
-double kiln_part_mix_error(double before, double error, const struct kiln_step *step)
+static struct kiln_part_weight weight_of(double before, uint32_t part)
 {
-    const double parts = kiln_part_before(step);
-    return step->part == 0 ? error : sqrt(parts * parts * before * before + error * error) / (parts + 1.0);
+    const double of_number = (before - (double)(part % KILN_PARTS)) / KILN_PARTS;
+    return (struct kiln_part_weight){.before = before,
+                                     .share = part < KILN_PARTS ? 1.0f : (float)(1.0 / (of_number + 1.0))};
+}
+
+struct kiln_part_weight kiln_part_weight(const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run,
+                                         const struct kiln_step *step)
+{
+    if (step->part < KILN_PARTS)
+        return weight_of((double)step->part, step->part);
+    if (data->samples_taken == NULL || step->samples_field == NULL)
+        return weight_of((double)step->first_sample / (double)step->samples, step->part);
+    const size_t i = (size_t)(tile_run - data->surface.tile_runs);
+    const uint64_t now = data->samples[i],
+                   before = KILN_PARTS * (uint64_t)data->samples_taken[i] + step->part % KILN_PARTS * now;
+    return weight_of(now > 0 ? (double)before / (double)now : 0.0, step->part);
+}
+
+double kiln_part_mix_error(double before, double error, const struct kiln_part_weight *weight)
+{
+    const double parts = weight->before;
+    return parts > 0.0 ? sqrt(parts * parts * before * before + error * error) / (parts + 1.0) : error;
 }
 
 /* Mean luminance at a point found by part k of each round, averaged over rounds with their samples as weights. */
@@ -108,20 +128,20 @@ static float *found_by(const struct kiln_rank_data *data, struct kiln_own_point 
     return &data->parts[KILN_PARTS * own.at + part % KILN_PARTS];
 }
 
-void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
-                     const struct kiln_step *step)
+void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance, uint32_t part,
+                     const struct kiln_part_weight *weight)
 {
     if (data->parts == NULL)
         return;
-    float *found = found_by(data, own, step->part);
-    *found = (1.0f - kiln_part_share(step)) * *found + kiln_part_share(step) * luminance;
+    float *found = found_by(data, own, part);
+    *found = (1.0f - weight->share) * *found + weight->share * luminance;
 }
 
-void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
-                   const struct kiln_step *step)
+void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance, uint32_t part,
+                   const struct kiln_part_weight *weight)
 {
     if (data->parts != NULL)
-        *found_by(data, own, step->part) += kiln_part_share(step) * luminance;
+        *found_by(data, own, part) += weight->share * luminance;
 }
 
 /* Radiosity in all of a point, as part `part` of each round has found it. */
@@ -131,10 +151,11 @@ static uint64_t *sent_by(const struct kiln_rank_data *data, struct kiln_own_poin
 }
 
 void kiln_part_send(const struct kiln_rank_data *data, struct kiln_own_point own, const struct kiln_tile_run *run,
-                    uint32_t bit, const float radiosity[3], const struct kiln_step *step, bool more)
+                    uint32_t bit, const float radiosity[3], const struct kiln_step *step,
+                    const struct kiln_part_weight *weight, bool more)
 {
     float sent[3] = {0.0f, 0.0f, 0.0f};
-    const float share = kiln_part_share(step), before = more ? 1.0f : 1.0f - share;
+    const float share = weight->share, before = more ? 1.0f : 1.0f - share;
     if (before > 0.0f)
         kiln_radiosity_unpack(*sent_by(data, own, step->part), sent);
     for (int c = 0; c < 3; c++)
@@ -145,6 +166,7 @@ void kiln_part_send(const struct kiln_rank_data *data, struct kiln_own_point own
 
 void kiln_part_pack(const struct kiln_rank_data *data, const struct kiln_step *step)
 {
+#pragma omp parallel for schedule(static)
     for (uint64_t i = 0; i < data->surface.count; i++)
         data->next[i] = *sent_by(data, (struct kiln_own_point){i}, step->part);
 }
@@ -152,19 +174,22 @@ void kiln_part_pack(const struct kiln_rank_data *data, const struct kiln_step *s
 /* Averages the part's indirect light into the means. */
 static void take_indirect(const struct kiln_rank_data *data, const struct kiln_step *step)
 {
+#pragma omp parallel for schedule(static)
     for (size_t i = 0; i < data->surface.tile_run_count; i++) {
         const struct kiln_tile_run *run = &data->surface.tile_runs[i];
+        const struct kiln_part_weight weight = kiln_part_weight(data, run, step);
         struct kiln_own_point own = kiln_own_of_global(&data->surface, run->first);
         for (uint32_t k = 0; k < run->count && kiln_part_changes(data, run, step->part); k++, own.at++) {
             const float *indirect = data->sum + 3 * own.at;
-            kiln_part_add(data, own, kiln_luminance_in_float(indirect), step);
-            kiln_part_mix(data->indirect + 3 * own.at, indirect, 3, step);
+            kiln_part_add(data, own, kiln_luminance_in_float(indirect), step->part, &weight);
+            kiln_part_mix(data->indirect + 3 * own.at, indirect, 3, &weight);
         }
     }
 }
 
 static void state_errors(const struct kiln_rank_data *data, const struct kiln_part_survey *survey)
 {
+#pragma omp parallel for schedule(static)
     for (size_t i = 0; i < data->surface.tile_run_count; i++) {
         const struct kiln_tile_run *run = &data->surface.tile_runs[i];
         const struct kiln_own_point first = kiln_own_of_global(&data->surface, run->first);

@@ -44,26 +44,21 @@ static inline bool kiln_part_goes_on(const struct kiln_rank_data *data, const st
 /* Packs what parts of the step's number have found in earlier rounds into `next`: what the final gather reads. */
 void kiln_part_pack(const struct kiln_rank_data *data, const struct kiln_step *step);
 
-/* Samples of all earlier parts over those of this part, in a step that counts for the result. */
-static inline double kiln_part_before(const struct kiln_step *step)
-{
-    return step->part == 0 ? 0.0 : (double)step->first_sample / (double)step->samples;
-}
-/* Weight of a part's samples among those of the parts with the same number in this and earlier rounds. */
-static inline float kiln_part_share(const struct kiln_step *step)
-{
-    const double before = (kiln_part_before(step) - (double)(step->part % KILN_PARTS)) / KILN_PARTS;
-    return step->part < KILN_PARTS ? 1.0f : (float)(1.0 / (before + 1.0));
-}
+/* Weight of the step's samples at a tile run. Where tile runs have taken samples as they needed them
+ * (kiln_rank_data.samples_taken), it is the tile run's own. */
+struct kiln_part_weight kiln_part_weight(const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run,
+                                         const struct kiln_step *step);
+
 /* Updates `mean`, over the samples of all earlier parts, with this part's values. */
-static inline void kiln_part_mix(float *mean, const float *values, size_t components, const struct kiln_step *step)
+static inline void kiln_part_mix(float *mean, const float *values, size_t components,
+                                 const struct kiln_part_weight *weight)
 {
     for (size_t c = 0; c < components; c++)
-        mean[c] = step->part == 0 ? values[c] : mean[c] + (values[c] - mean[c]) / (float)(kiln_part_before(step) + 1.0);
+        mean[c] = weight->before > 0.0 ? mean[c] + (values[c] - mean[c]) / (float)(weight->before + 1.0) : values[c];
 }
 /* Returns the standard error of the updated mean, from the error `before` of the old mean and the `error` of the part's
  * value. */
-double kiln_part_mix_error(double before, double error, const struct kiln_step *step);
+double kiln_part_mix_error(double before, double error, const struct kiln_part_weight *weight);
 
 /* Whether the results of a tile run's points still change in the part. */
 static inline bool kiln_part_changes(const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run,
@@ -74,15 +69,16 @@ static inline bool kiln_part_changes(const struct kiln_rank_data *data, const st
 
 /* kiln_part_begin sets a part's luminance at a point to that of direct light; kiln_part_add adds caustics. Both do
  * nothing if no parts are stored. */
-void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
-                     const struct kiln_step *step);
-void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance,
-                   const struct kiln_step *step);
+void kiln_part_begin(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance, uint32_t part,
+                     const struct kiln_part_weight *weight);
+void kiln_part_add(const struct kiln_rank_data *data, struct kiln_own_point own, float luminance, uint32_t part,
+                   const struct kiln_part_weight *weight);
 
 /* Averages a point's radiosity, W/m2, as the part found it, into that of the parts of its number. `more`: adds it to
  * what the part has found before. `bit`: the point's place in its tile, for stochastic rounding. */
 void kiln_part_send(const struct kiln_rank_data *data, struct kiln_own_point own, const struct kiln_tile_run *run,
-                    uint32_t bit, const float radiosity[3], const struct kiln_step *step, bool more);
+                    uint32_t bit, const float radiosity[3], const struct kiln_step *step,
+                    const struct kiln_part_weight *weight, bool more);
 
 /* Collective. Ends a step of the integrator. After the last step of a part, indirect light is added to its mean; after
  * a round, the error is evaluated and reported with the step; after the last part, the means become the result, and the

@@ -8,9 +8,10 @@
 #include "worker/base/memory.h"
 
 enum {
-    REACH = 2, /* texels to each side of an eye's mean */
-    SIDE = 8,  /* of a tile, texels */
-    BINS = 512 /* of errors, by their logarithm */
+    REACH = 2,  /* texels to each side of an eye's mean */
+    SIDE = 8,   /* of a tile, texels */
+    FULL = 255, /* weight of a texel that is covered whole */
+    BINS = 512  /* of errors, by their logarithm */
 };
 #define DARK 0.05        /* of an object's mean */
 #define BIN_LEAST 1e-6   /* relative error of the first bin */
@@ -23,6 +24,7 @@ struct tile_light {
     float part[KILN_PARTS][SIDE * SIDE];
     float all[SIDE * SIDE];
     float denoised[KILN_HALVES][SIDE * SIDE];
+    uint32_t weight[SIDE * SIDE];
     uint64_t there; /* places with light */
 };
 
@@ -31,9 +33,22 @@ struct window {
     double light, part[KILN_PARTS], denoised[KILN_HALVES];
 };
 
-static void lay_out(struct tile_light *t, const struct kiln_rank_data *data, const struct kiln_tile_run *run,
-                    const struct kiln_halves *denoised)
+/* The area of a whole texel, m2: the largest in the tile, or the object's mean where a tile has but edges of charts. */
+static double whole_texel(const struct kiln_published *p, const struct kiln_rank_data *data,
+                          const struct kiln_tile_run *run)
 {
+    const uint64_t first = kiln_own_of_global(&data->surface, run->first).at;
+    double most = p->texel[kiln_map_object(&data->surface, run->map)];
+    for (uint64_t k = first; k < first + run->count; k++)
+        most = fmax(most, (double)data->surface.area[k]);
+    return most;
+}
+
+static void lay_out(const struct kiln_published *p, struct tile_light *t, const struct kiln_rank_data *data,
+                    const struct kiln_tile_run *run, const struct kiln_halves *denoised)
+{
+    const double whole = whole_texel(p, data, run);
+    const bool shown = kiln_map_is_result(&data->surface, run->map);
     struct kiln_own_point own = kiln_own_of_global(&data->surface, run->first);
     size_t k = 0;
     t->there = 0;
@@ -42,9 +57,10 @@ static void lay_out(struct tile_light *t, const struct kiln_rank_data *data, con
         if (!kiln_point_valid(&data->surface, own))
             continue;
         t->there |= (uint64_t)1u << place;
+        t->weight[place] = !shown ? 0 : (uint32_t)ceil(FULL * fmin((double)data->surface.area[own.at] / whole, 1.0));
         t->all[place] = (float)kiln_part_light(data, own.at);
-        for (int p = 0; p < KILN_PARTS; p++)
-            t->part[p][place] = data->parts[KILN_PARTS * own.at + (uint64_t)p];
+        for (int i = 0; i < KILN_PARTS; i++)
+            t->part[i][place] = data->parts[KILN_PARTS * own.at + (uint64_t)i];
         for (int h = 0; h < KILN_HALVES; h++)
             t->denoised[h][place] = denoised != NULL ? denoised[k].light[h] : 0.0f;
     }
@@ -62,17 +78,20 @@ static struct window window_of(const struct tile_light *t, int place)
     const int u = window_first(place % SIDE), v = window_first(place / SIDE);
     struct window w = {.light = 0.0};
     double count = 0.0;
+    if (t->weight[place] == 0) /* it is not looked at */
+        return w;
     for (int y = v; y <= v + 2 * REACH; y++)
         for (int x = u; x <= u + 2 * REACH; x++) {
             const int at = y * SIDE + x;
             if ((t->there >> at & 1u) == 0)
                 continue;
-            count += 1.0;
-            w.light += (double)t->all[at];
+            const double weight = t->weight[at];
+            count += weight;
+            w.light += weight * (double)t->all[at];
             for (int k = 0; k < KILN_PARTS; k++)
-                w.part[k] += (double)t->part[k][at];
+                w.part[k] += weight * (double)t->part[k][at];
             for (int h = 0; h < KILN_HALVES; h++)
-                w.denoised[h] += (double)t->denoised[h][at];
+                w.denoised[h] += weight * (double)t->denoised[h][at];
         }
     w.light /= count;
     for (int k = 0; k < KILN_PARTS; k++)
@@ -107,61 +126,71 @@ static double dark_of(const struct kiln_published *p, const struct kiln_rank_dat
     return p->dark[kiln_map_object(&data->surface, run->map)];
 }
 
-/* Mean over a tile run's points of the squared relative error of raw light; *count: their number. */
-static double raw_square(const struct kiln_published *p, const struct tile_light *t, double dark, double *count)
+/* Mean over a tile run's points of the squared relative error of raw light; *weight: of them all. */
+static double raw_square(const struct kiln_published *p, const struct tile_light *t, double dark, uint32_t *weight)
 {
     double square = 0.0;
-    *count = 0.0;
+    *weight = 0;
     for (uint64_t rest = t->there; rest != 0; rest &= rest - 1) {
-        const struct window w = window_of(t, __builtin_ctzll(rest));
+        const int place = __builtin_ctzll(rest);
+        const struct window w = window_of(t, place);
         const double variance = p->gain * variance_of(&w), allowed = fmax(w.light, dark);
-        square += variance > 0.0 ? fmin(variance / (allowed * allowed), 1e12) : 0.0;
-        *count += 1.0;
+        square += variance > 0.0 ? t->weight[place] * fmin(variance / (allowed * allowed), 1e12) : 0.0;
+        *weight += t->weight[place];
     }
-    return *count > 0.0 ? square / *count : 0.0;
+    return *weight > 0 ? square / *weight : 0.0;
 }
 
 /* ---- raw light ---- */
 
 static void find_raw(struct kiln_published *p, const struct kiln_rank_data *data)
 {
-    struct tile_light t;
-    double count;
+#pragma omp parallel for schedule(static)
     for (size_t i = 0; i < data->surface.tile_run_count; i++) {
         const struct kiln_tile_run *run = &data->surface.tile_runs[i];
-        lay_out(&t, data, run, NULL);
-        p->raw[i] = (float)sqrt(raw_square(p, &t, dark_of(p, data, run), &count));
-        p->numbers[bin_of((double)p->raw[i])] += (uint64_t)count;
+        struct tile_light t;
+        lay_out(p, &t, data, run, NULL);
+        p->raw[i] = (float)sqrt(raw_square(p, &t, dark_of(p, data, run), &p->weight[i]));
+        const size_t bin = bin_of((double)p->raw[i]);
+#pragma omp atomic
+        p->numbers[bin] += p->weight[i];
     }
 }
 
-/* Collective. Mean luminance of each object, by area, times DARK. */
+/* Collective. Mean luminance of each object, by area, times DARK; the mean area of its points. */
 static int find_dark(struct kiln_published *p, const struct kiln_integrate_params *params,
                      const struct kiln_rank_data *data, double unit, struct kiln_error *error)
 {
     const size_t objects = data->surface.object_count;
     struct kiln_exact_sum *sums = NULL;
+    uint64_t *points = NULL;
     int status;
     KILN_TRY(kiln_allocate(&sums, 2 * objects, sizeof *sums, "the objects' light", error));
+    KILN_TRY(kiln_allocate(&points, objects, sizeof *points, "the objects' points", error));
     for (size_t i = 0; i < data->surface.tile_run_count; i++) {
         const struct kiln_tile_run *run = &data->surface.tile_runs[i];
         const struct kiln_own_point first = kiln_own_of_global(&data->surface, run->first);
         struct kiln_exact_sum *of = &sums[2 * kiln_map_object(&data->surface, run->map)];
-        for (uint64_t k = first.at; k < first.at + run->count; k++)
+        for (uint64_t k = first.at; k < first.at + run->count && kiln_map_is_result(&data->surface, run->map); k++)
             if (kiln_point_valid(&data->surface, (struct kiln_own_point){k})) {
                 const double area = (double)data->surface.area[k];
                 kiln_exact_add(&of[0], area * kiln_part_light(data, k), 1.0 / unit);
                 kiln_exact_add(&of[1], area, 1.0 / kiln_exact_unit(params->area));
+                points[kiln_map_object(&data->surface, run->map)]++;
             }
     }
 end:
     status = kiln_agree(params->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_exact_reduce(params->communicator, sums, 2 * objects, error);
+    (void)MPI_Allreduce(MPI_IN_PLACE, points, status == KILN_OK ? (int)objects : 0, MPI_UINT64_T, MPI_SUM,
+                        params->communicator);
     for (size_t o = 0; status == KILN_OK && o < objects; o++) {
         const double area = kiln_exact_value(&sums[2 * o + 1], kiln_exact_unit(params->area));
         p->dark[o] = area > 0.0 ? DARK * kiln_exact_value(&sums[2 * o], unit) / area : 0.0;
+        p->texel[o] = points[o] > 0 ? area / (double)points[o] : 0.0;
     }
+    kiln_free(&points);
     kiln_free(&sums);
     return status;
 }
@@ -174,6 +203,8 @@ int kiln_published_begin(struct kiln_published *p, const struct kiln_integrate_p
     int status;
     *p = (struct kiln_published){.survey = survey, .gain = survey->gain, .scale = 1.0};
     KILN_TRY(kiln_allocate(&p->dark, data->surface.object_count, sizeof *p->dark, "the objects' light", error));
+    KILN_TRY(kiln_allocate(&p->texel, data->surface.object_count, sizeof *p->texel, "the objects' texels", error));
+    KILN_TRY(kiln_allocate(&p->weight, runs, sizeof *p->weight, "the tiles' errors", error));
     KILN_TRY(kiln_allocate(&p->numbers, BINS, sizeof *p->numbers, "the texels' errors", error));
     KILN_TRY(kiln_allocate(&p->unfinished, BINS, sizeof *p->unfinished, "the texels' errors", error));
     KILN_TRY(kiln_allocate(&p->raw, runs, sizeof *p->raw, "the tiles' errors", error));
@@ -189,13 +220,13 @@ end:
     return status;
 }
 
-/* Number of points whose error is above x, if errors of bins are times `scale`. */
-static double number_above(const uint64_t *numbers, double scale, double x)
+/* Number of points whose error is above x, if errors of bins are times `scale`, and `least` at least. */
+static double number_above(const uint64_t *numbers, double scale, double least, double x)
 {
     double above = 0.0;
     for (size_t b = 0; b < BINS; b++)
         if (numbers[b] > 0)
-            above += (double)numbers[b] * erfc(x / (sqrt(2.0) * scale * middle_of(b)));
+            above += (double)numbers[b] * erfc(x / (sqrt(2.0) * fmax(scale * middle_of(b), least)));
     return above;
 }
 
@@ -214,7 +245,7 @@ static double normal_quantile(const uint64_t *numbers)
     double low = 0.0, high = 4.0 * BIN_LEAST * exp(BINS * BIN_STEP);
     for (int i = 0; i < 60; i++) {
         const double middle = 0.5 * (low + high);
-        if (number_above(numbers, 1.0, middle) > most)
+        if (number_above(numbers, 1.0, 0.0, middle) > most)
             low = middle;
         else
             high = middle;
@@ -255,12 +286,14 @@ static void take(void *context, size_t tile_run, const struct kiln_halves *point
     const struct kiln_tile_run *run = &j->data->surface.tile_runs[tile_run];
     const double dark = dark_of(j->p, j->data, run);
     struct tile_light t;
-    double bias = 0.0, count = 0.0;
-    lay_out(&t, j->data, run, points);
-    const double raw = raw_square(j->p, &t, dark, &count);
-    j->raw[bin_of(sqrt(raw))] += (uint64_t)count;
+    double bias = 0.0;
+    uint32_t weight;
+    lay_out(j->p, &t, j->data, run, points);
+    const double raw = raw_square(j->p, &t, dark, &weight);
+    j->raw[bin_of(sqrt(raw))] += weight;
     for (uint64_t rest = t.there; rest != 0; rest &= rest - 1) {
-        const struct window w = window_of(&t, __builtin_ctzll(rest));
+        const int place = __builtin_ctzll(rest);
+        const struct window w = window_of(&t, place);
         const double allowed = fmax(w.light, dark),
                      noise = 0.5 * sqrt(j->p->gain) * (w.denoised[0] - w.denoised[1]) / allowed,
                      off = (0.5 * (w.denoised[0] + w.denoised[1]) -
@@ -269,8 +302,8 @@ static void take(void *context, size_t tile_run, const struct kiln_halves *point
                      known = fmax(raw, variance_of(&w) / (allowed * allowed)),
                      square = off * off > SEEN_BIAS * known ? off * off - known : 0.0;
         if (allowed > 0.0) {
-            bias += fmin(square, 1e12) / count;
-            j->numbers[bin_of(sqrt(noise * noise + square))]++;
+            bias += t.weight[place] * fmin(square, 1e12) / weight;
+            j->numbers[bin_of(sqrt(noise * noise + square))] += t.weight[place];
         }
     }
     j->p->bias[tile_run] = (float)sqrt(bias);
@@ -312,9 +345,9 @@ double kiln_published_of(const struct kiln_published *p, size_t tile_run)
     return sqrt(raw * raw + bias * bias);
 }
 
-void kiln_published_goes_on(struct kiln_published *p, const struct kiln_tile_run *run, size_t tile_run)
+void kiln_published_goes_on(struct kiln_published *p, size_t tile_run)
 {
-    p->unfinished[bin_of((double)p->raw[tile_run])] += run->count;
+    p->unfinished[bin_of((double)p->raw[tile_run])] += p->weight[tile_run];
 }
 
 void kiln_published_gather(struct kiln_published *p, MPI_Comm communicator)
@@ -322,17 +355,19 @@ void kiln_published_gather(struct kiln_published *p, MPI_Comm communicator)
     (void)MPI_Allreduce(MPI_IN_PLACE, p->unfinished, BINS, MPI_UINT64_T, MPI_SUM, communicator);
 }
 
-double kiln_published_expected(const struct kiln_published *p, double times, double x)
+double kiln_published_expected(const struct kiln_published *p, double times, double enough, double x)
 {
-    const double all = number_of(p->numbers), above = number_above(p->numbers, p->scale, x) -
-                                                      number_above(p->unfinished, p->scale, x) +
-                                                      number_above(p->unfinished, p->scale / sqrt(times), x);
+    const double all = number_of(p->numbers), above = number_above(p->numbers, p->scale, 0.0, x) -
+                                                      number_above(p->unfinished, p->scale, 0.0, x) +
+                                                      number_above(p->unfinished, p->scale / sqrt(times), enough, x);
     return all > 0.0 ? above / all : 0.0;
 }
 
 void kiln_published_release(struct kiln_published *p)
 {
     kiln_free(&p->dark);
+    kiln_free(&p->texel);
+    kiln_free(&p->weight);
     kiln_free(&p->numbers);
     kiln_free(&p->unfinished);
     kiln_free(&p->raw);

@@ -31,10 +31,11 @@ struct kiln_part_survey;
 /* Errors, relative. Release with kiln_published_release. */
 struct kiln_published {
     const struct kiln_part_survey *survey; /* borrowed */
-    double *dark;                          /* of each object: a twentieth of its mean luminance */
+    double *dark, *texel;                  /* of each object: a twentieth of its mean luminance; area of a point, m2 */
     double gain;                           /* of variances: struct kiln_part_survey */
     double scale;                          /* errors of denoised light over those of raw light; 1: not known */
     float *raw, *bias;                     /* of each own tile run: standard error of raw light; bias, 0: none seen */
+    uint32_t *weight;                      /* of each own tile run: of its points, by coverage */
     uint64_t *numbers, *unfinished;        /* of points, and of those that go on, by raw error: internal */
 };
 
@@ -58,12 +59,13 @@ int kiln_published_denoised(struct kiln_published *p, const struct kiln_integrat
 double kiln_published_of(const struct kiln_published *p, size_t tile_run);
 
 /* Notes that an own tile run gets more samples. */
-void kiln_published_goes_on(struct kiln_published *p, const struct kiln_tile_run *run, size_t tile_run);
+void kiln_published_goes_on(struct kiln_published *p, size_t tile_run);
 /* Collective. Sums up what all ranks have noted. */
 void kiln_published_gather(struct kiln_published *p, MPI_Comm communicator);
 
-/* The share of all points expected to have an error above x, if those that go on have `times` as many samples. */
-double kiln_published_expected(const struct kiln_published *p, double times, double x);
+/* The share of all points expected to have an error above x, if those that go on get up to `times` as many samples, and
+ * none more than bring their standard error to `enough`. */
+double kiln_published_expected(const struct kiln_published *p, double times, double enough, double x);
 
 void kiln_published_release(struct kiln_published *p);
 

@@ -5,27 +5,19 @@
 #include "coordinator/integrate/parts/part_caustics.h"
 #include "coordinator/integrate/parts/part_errors.h"
 #include "coordinator/integrate/parts/parts.h"
-#include "coordinator/integrate/parts/published.h"
+#include "coordinator/integrate/parts/rounds_published.h"
 #include "coordinator/integrate/parts/rounds_time.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
 enum {
-    FIRST = 4 * KILN_PARTS,  /* samples of the settings over those of a part in the first round */
-    WHOLE = 2,               /* levels to twice the samples */
-    LEVELS_MOST = 6,         /* most levels per round: few samples give an unreliable error */
-    SAMPLES_MOST = 1 << 18,  /* of a step of one part */
-    PUBLISHED_MOST = 1 << 11 /* likewise, for an error of published light without --time: few texels want more */
+    FIRST = 4 * KILN_PARTS, /* samples of the settings over those of a part in the first round */
+    WHOLE = 2,              /* levels to twice the samples */
+    MOST_HALVED = 3         /* a tile run takes an eighth of a round at least */
 };
 #define LEFT 0.025         /* fraction of points that may lie in unfinished tile runs */
 #define MORE 0.1           /* fraction of unfinished points that may get more samples than they need */
 #define NEAREST 0.70710678 /* of twice the samples */
-#define OF_PUBLISHED 0.5   /* standard error over a target that 95.45 % of normal errors stay below */
-#define WITHIN 4.0         /* raw error over the error asked for, above which light is not denoised to judge it */
-#define SCALE_USUAL 0.5    /* error of denoised light over that of raw light, where it is not known */
-#define AIM 0.93           /* error that a round aims at, over the error asked for: else many would miss it by little */
-/* tile runs are finished at this fraction of what is allowed: finer light gains less from denoising */
-#define FINISHED 0.8
 
 /* ---- samples ---- */
 
@@ -72,6 +64,14 @@ void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts,
         step->samples = (uint32_t)ceil(0.5 * (double)(first * more) * round->share);
         step->first_sample = (uint32_t)(first * before) * KILN_PARTS + own * step->samples;
     }
+}
+
+uint32_t kiln_round_units(uint32_t need, uint64_t more)
+{
+    uint64_t units = more;
+    for (int halved = 0; halved < MOST_HALVED && (units + 1) / 2 >= need; halved++)
+        units = (units + 1) / 2;
+    return need > 0 ? (uint32_t)units : 0;
 }
 
 /* ---- the target ---- */
@@ -122,7 +122,7 @@ static void choose_caustics(struct kiln_round *round, double growth)
     const double wanted = growth * (double)kiln_round_times(round->to) / (double)kiln_round_times(round->from),
                  from = (double)kiln_round_times(round->caustics_from);
     uint32_t to = round->caustics_from;
-    while (round->to > 0 && to < round->caustics_from + LEVELS_MOST && to + WHOLE < KILN_ROUND_LEVELS &&
+    while (round->to > 0 && to < round->caustics_from + KILN_ROUND_LEVELS_MOST && to + WHOLE < KILN_ROUND_LEVELS &&
            wanted >= NEAREST * (double)kiln_round_times(to + WHOLE) / from)
         to += WHOLE;
     round->caustics_to = to;
@@ -133,8 +133,7 @@ struct needs {
     uint64_t points[KILN_ROUND_LEVELS];
 };
 
-/* The most samples that a part of the first round has in a step. */
-static uint64_t most_first(const struct kiln_integrate_settings *settings)
+uint64_t kiln_round_most_first(const struct kiln_integrate_settings *settings)
 {
     const uint32_t direct = kiln_round_first(settings->samples_direct, true),
                    final = kiln_round_first(settings->samples_indirect, true);
@@ -145,7 +144,7 @@ static uint64_t most_first(const struct kiln_integrate_settings *settings)
 
 static void choose_level(const struct kiln_integrate_params *p, const struct needs *needs, struct kiln_round *round)
 {
-    const uint64_t first = most_first(p->settings), points = p->surface->point_count;
+    const uint64_t first = kiln_round_most_first(p->settings), points = p->surface->point_count;
     const uint32_t now = round->from;
     uint64_t unfinished = 0, below = 0;
     for (uint32_t l = 0; l < KILN_ROUND_LEVELS; l++)
@@ -153,30 +152,25 @@ static void choose_level(const struct kiln_integrate_params *p, const struct nee
     round->share = points > 0 ? (double)unfinished / (double)points : 0.0;
     if (round->share <= LEFT)
         return;
-    for (uint32_t l = now + 1; l < KILN_ROUND_LEVELS && l <= now + LEVELS_MOST; l++) {
-        if (first / 2 * kiln_round_times(l) > SAMPLES_MOST || (double)below > MORE * (double)unfinished)
+    for (uint32_t l = now + 1; l < KILN_ROUND_LEVELS && l <= now + KILN_ROUND_LEVELS_MOST; l++) {
+        if (first / 2 * kiln_round_times(l) > KILN_ROUND_SAMPLES_MOST || (double)below > MORE * (double)unfinished)
             break;
         below += needs->points[l];
         round->to = l;
     }
 }
 
-/* The samples of a tile run in the terminal steps and in direct light of the next round. */
-static void set_samples(const struct kiln_integrate_settings *settings, const struct kiln_rank_data *data,
-                        const struct kiln_round *round, size_t i, bool finished)
+/* The samples of a tile run in the terminal steps and in direct light of the next round, which has `more` halves of the
+ * samples of the first round. `units`: what the tile run takes of these; 0: it is finished. */
+static void set_samples(const struct kiln_integrate_settings *settings, const struct kiln_rank_data *data, size_t i,
+                        uint64_t more, uint32_t units)
 {
-    const uint32_t first = kiln_round_first(settings->samples_direct, true);
-    struct kiln_step direct = {.pass = &kiln_pass_direct, .samples = first},
-                     gather = {.pass = &kiln_pass_gather,
-                               .samples = kiln_round_first(settings->samples_indirect, true)};
-    kiln_round_share(round, 0, true, &direct);
-    kiln_round_share(round, 0, true, &gather);
-    data->samples[i] = finished ? 0 : gather.samples;
+    const uint64_t direct = kiln_round_first(settings->samples_direct, true),
+                   final = kiln_round_first(settings->samples_indirect, true);
     const bool needed = data->parts_radiosity == NULL; /* for the bounces of another solve */
-    data->samples_direct[i] = !finished                ? direct.samples
-                              : !needed                ? 0
-                              : direct.samples > first ? first
-                                                       : direct.samples;
+    const uint64_t of_finished = !needed ? 0 : direct / 2 * more > direct ? direct : direct / 2 * more;
+    data->samples[i] = (uint32_t)(final / 2 * units);
+    data->samples_direct[i] = (uint32_t)(units > 0 ? direct / 2 * units : of_finished);
 }
 
 /* A round that begins at the levels of the one that the last report is of. */
@@ -214,77 +208,11 @@ static int judge_target(const struct kiln_integrate_params *p, const struct kiln
         const double square = mean_square(data, run, &t);
         const bool finished = square <= 1.0 || !kiln_part_changes(data, run, last);
         needs.points[finished ? 0 : level_needed(round->from, square)] += finished ? 0 : run->count;
-        data->samples[i] = !finished;
+        data->samples[i] = finished ? 0 : UINT32_MAX;
     }
     (void)MPI_Allreduce(MPI_IN_PLACE, needs.points, KILN_ROUND_LEVELS, MPI_UINT64_T, MPI_SUM, p->communicator);
     choose_level(p, &needs, round);
     kiln_part_survey_release(&t.survey);
-    return status;
-}
-
-/* The least level at which the error is expected to be small enough. */
-static void choose_published(const struct kiln_integrate_params *p, const struct kiln_published *published,
-                             struct kiln_round *round)
-{
-    const uint64_t first = most_first(p->settings), most = p->settings->time > 0.0 ? SAMPLES_MOST : PUBLISHED_MOST;
-    const uint32_t now = round->from;
-    for (uint32_t l = now + 1; l < KILN_ROUND_LEVELS && l <= now + LEVELS_MOST; l++) {
-        const double times = (double)kiln_round_times(l) / (double)kiln_round_times(now);
-        if (first / 2 * kiln_round_times(l) > most)
-            break;
-        round->to = l;
-        if (kiln_published_expected(published, times, AIM * p->settings->published_error) <= 1.0 - KILN_PUBLISHED_SHARE)
-            break;
-    }
-}
-
-/* Collective. The error of published light, relative. What lies far above the error asked for is not denoised to know
- * that. */
-static int find_reached(const struct kiln_integrate_params *p, const struct kiln_rank_data *data,
-                        struct kiln_published *published, double *reached, struct kiln_error *error)
-{
-    *reached = kiln_published_raw(published);
-    if (p->denoising == NULL)
-        return KILN_OK;
-    published->scale = SCALE_USUAL;
-    if (*reached > WITHIN * p->settings->published_error)
-        return KILN_OK;
-    return kiln_published_denoised(published, p, data, reached, error);
-}
-
-/* Collective. Likewise by an error of published light; *reached: the error. */
-static int judge_published(const struct kiln_integrate_params *p, const struct kiln_rank_data *data,
-                           const struct kiln_step_reports *part, double unit, struct kiln_round *round, double *reached,
-                           struct kiln_caustics_need *caustics, struct kiln_error *error)
-{
-    const double asked = p->settings->published_error;
-    const uint32_t last = part->of[part->count - 1].step.part;
-    struct kiln_part_survey survey;
-    struct kiln_published published = {.raw = NULL};
-    uint64_t left = 0;
-    int status;
-    KILN_TRY(kiln_part_survey(p, data, part, unit, &survey, error));
-    KILN_TRY(kiln_published_begin(&published, p, data, &survey, unit, error));
-    KILN_TRY(find_reached(p, data, &published, reached, error));
-    for (size_t i = 0; i < data->surface.tile_run_count; i++) {
-        const struct kiln_tile_run *run = &data->surface.tile_runs[i];
-        const double over = kiln_published_of(&published, i) / (OF_PUBLISHED * asked * FINISHED);
-        const bool finished = over <= 1.0 || !kiln_part_changes(data, run, last);
-        data->samples[i] = !finished;
-        left += finished ? 0 : run->count;
-        if (finished)
-            continue;
-        kiln_published_goes_on(&published, run, i);
-        kiln_caustics_need_add(caustics, run->count, over * over, kiln_part_caustics_share(data, run));
-    }
-    (void)MPI_Allreduce(MPI_IN_PLACE, &left, 1, MPI_UINT64_T, MPI_SUM, p->communicator);
-    kiln_published_gather(&published, p->communicator);
-    round->share = p->surface->point_count > 0 ? (double)left / (double)p->surface->point_count : 0.0;
-    if (*reached > asked && left > 0)
-        choose_published(p, &published, round);
-end:
-    kiln_published_release(&published);
-    kiln_part_survey_release(&survey);
     return status;
 }
 
@@ -297,13 +225,14 @@ int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_ra
     struct kiln_caustics_need caustics = {0};
     struct kiln_round round = round_after(steps);
     double reached = 0.0;
-    const int status = published ? judge_published(p, data, &part, unit, &round, &reached, &caustics, error)
+    const int status = published ? kiln_round_judge_published(p, data, &part, unit, &round, &reached, &caustics, error)
                                  : judge_target(p, data, &part, unit, &round, error);
     last->unfinished = published ? reached : round.share;
     last->out_of_time = kiln_round_fit(p, steps, &round);
     choose_caustics(&round, growth_of_caustics(p, &round, &caustics));
     last->round = round;
+    const uint64_t more = round.to > 0 ? kiln_round_times(round.to) - kiln_round_times(round.from) : 0;
     for (size_t i = 0; status == KILN_OK && round.to > 0 && i < data->surface.tile_run_count; i++)
-        set_samples(p->settings, data, &round, i, data->samples[i] == 0);
+        set_samples(p->settings, data, i, more, kiln_round_units(data->samples[i], more));
     return status;
 }

@@ -6,18 +6,17 @@
  * each solve, with the samples of direct light from the first round. Rounds end when at most 2.5 % of the points lie in
  * other tile runs.
  *
- * With an error of published light in place of a target (published.h), rounds end when 95 % of all points stay below
- * it. A tile run is finished where twice its standard error is at most 0.8 of that error: that of raw light, times what
- * denoising makes of errors in the whole scene, and with the bias seen there. The next round has the least level at
- * which the error is expected to be reached, with variances that fall as the samples of unfinished tile runs grow.
- * Where raw light is off by more than four times the error asked for, it is not denoised to know that.
+ * With an error of published light in place of a target (rounds_published.h), rounds end when 95 % of all points stay
+ * below it. Each tile run takes as many of a round's samples as it needs, from their beginning on; its weights are by
+ * the samples that it has had. The next round has the least level at which the error is expected to be reached. Where
+ * raw light is off by more than four times the error asked for, it is not denoised to know that.
  *
  * Sample counts go by levels: at level l a step has level_times(l) / 2 times the samples of the first round: 1, 1.5, 2,
- * 3, 4, 6, 8, ... times. All unfinished tile runs have the same level. The next round raises it to the level that at
- * most a tenth of their points are expected to need. This prediction lets a variance fall with the samples to the power
- * of 1.5, which is faster than usual (Mitchell, "Consequences of Stratified Sampling in Graphics", SIGGRAPH 1996). So
- * few points get more samples than they need, and a finished tile run's error lies within a level of the target. Rounds
- * take consecutive ranges of a Sobol' sequence.
+ * 3, 4, 6, 8, ... times. With a target, all unfinished tile runs have the same level. The next round raises it to the
+ * level that at most a tenth of their points are expected to need. This prediction lets a variance fall with the
+ * samples to the power of 1.5, which is faster than usual (Mitchell, "Consequences of Stratified Sampling in Graphics",
+ * SIGGRAPH 1996). So few points get more samples than they need, and a finished tile run's error lies within a level of
+ * the target. Rounds take consecutive ranges of a Sobol' sequence.
  *
  * With an error of published light caustics have levels of their own, of whole multiples of the first round's samples
  * and light paths. They rise as far as the caustics' share of the error asks (part_caustics.h), at all points; a round
@@ -30,11 +29,23 @@
 
 #include "coordinator/integrate/integrate.h"
 
+enum {
+    KILN_ROUND_LEVELS_MOST = 6,       /* most levels per round: few samples give an unreliable error */
+    KILN_ROUND_SAMPLES_MOST = 1 << 18 /* of a step of one part */
+};
+
 /* Twice the samples up to a level, relative to those of the first round. */
 uint64_t kiln_round_times(uint32_t level);
 
 /* Returns the round of the last of `count` reports; NULL: the first round. */
 const struct kiln_round *kiln_round_of(const struct kiln_step_report *reports, size_t count);
+
+/* The most samples that a part of the first round has in a step. */
+uint64_t kiln_round_most_first(const struct kiln_integrate_settings *settings);
+
+/* What a tile run takes of a round of `more` halves of the samples of the first round, of which it needs `need`: all,
+ * or the half, quarter or eighth that is enough, since such beginnings of a Sobol' sequence are well spread. */
+uint32_t kiln_round_units(uint32_t need, uint64_t more);
 
 /* Whether a round read from a checkpoint is valid. */
 bool kiln_round_is_sane(const struct kiln_round *round);

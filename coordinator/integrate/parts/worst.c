@@ -37,7 +37,7 @@ static double error_in(struct kiln_published *published, const struct kiln_rank_
     for (size_t i = 0; i < data->surface.tile_run_count; i++) {
         const struct kiln_tile_run *run = &data->surface.tile_runs[i];
         if (kiln_map_object(&data->surface, run->map) == object)
-            kiln_published_goes_on(published, run, i);
+            kiln_published_goes_on(published, i);
     }
     kiln_published_gather(published, communicator);
     return kiln_published_raw_of_those(published);
