@@ -105,6 +105,7 @@ struct kiln_step_report {
     /* after the last step of a round (rounds.h): fraction of points in tile runs with an error above the target; for an
      * error of published light, the error reached (parts/published.h) */
     double unfinished;
+    double texel_loss;                  /* likewise, as judged (parts/texel_loss.h); 0: not known. Not saved */
     struct kiln_round round;            /* the next round */
     bool out_of_time;                   /* the next round is omitted, since it would hardly end in time */
     struct kiln_caustic_trial caustics; /* of the first step that lands */

@@ -76,19 +76,31 @@ static const json_t *coarsest(const json_t *report)
     return json_array_get(json_object_get(json_object_get(report, "density"), "objects"), 0);
 }
 
+/* Writes the option for texels of half the size. */
+static void twice_the_density(const json_t *report, char *option, size_t room)
+{
+    const double density = number_of(json_object_get(report, "scene"), "texels_per_metre");
+    (void)snprintf(option, room, density > 0.0 ? "--texels-per-metre %.3g" : "--texels-per-metre", 2.0 * density);
+}
+
 static json_t *finer_texels(const json_t *report)
 {
     const json_t *object = coarsest(report), *error = json_object_get(report, "error");
-    const double moves = number_of(object, "moves_at_double_density"),
-                 density = number_of(json_object_get(report, "scene"), "texels_per_metre");
-    char option[64] = "--texels-per-metre", name[96], because[KILN_REACHED_TEXT];
-    if (object == NULL || (has(error, "published") && moves < number_of(error, "published")))
+    const double moves = number_of(object, "moves_at_double_density"), lost = number_of(error, "texels_lose"),
+                 published = number_of(error, "published");
+    char option[64], name[96], because[KILN_REACHED_TEXT];
+    twice_the_density(report, option, sizeof option);
+    if (object != NULL && (!has(error, "published") || moves >= published)) {
+        kiln_text_plain(name, sizeof name, json_string_value(json_object_get(object, "name")));
+        (void)snprintf(because, sizeof because,
+                       "texels twice as fine would change the light of '%s' by about %.2g %%, %s", name, 100.0 * moves,
+                       has(error, "published") ? "more than its noise" : "whatever the samples");
+        return advice(option, because);
+    }
+    if (!has(error, "published") || !(lost > published))
         return NULL;
-    if (density > 0.0)
-        (void)snprintf(option, sizeof option, "--texels-per-metre %.3g", 2.0 * density);
-    kiln_text_plain(name, sizeof name, json_string_value(json_object_get(object, "name")));
-    (void)snprintf(because, sizeof because, "texels twice as fine would change the light of '%s' by about %.2g %%, %s",
-                   name, 100.0 * moves, has(error, "published") ? "more than its noise" : "whatever the samples");
+    (void)snprintf(because, sizeof because, "texels lose %.2g %%, more than the noise; half as wide about half of that",
+                   100.0 * lost);
     return advice(option, because);
 }
 
@@ -152,6 +164,10 @@ static void print_published(FILE *stream, const json_t *error)
         (void)snprintf(asked, sizeof asked, "asked: %.3g %%", 100.0 * number_of(error, "asked"));
     (void)fprintf(stream, "error        %.2g %%: 95 %% of the texels are less than that off (%s; %.0f round%s)\n",
                   100.0 * number_of(error, "published"), asked, rounds, rounds > 1.0 ? "s" : "");
+    if (has(error, "texels_lose"))
+        (void)fprintf(stream,
+                      "texels       lose about %.2g %% of light that changes between them, whatever the samples\n",
+                      100.0 * number_of(error, "texels_lose"));
     if (repeat != NULL)
         kiln_print(stream, "the same     %s in the place of --time: bit for bit, whatever the clock\n", repeat);
     if (worst == NULL)

@@ -259,15 +259,16 @@ static size_t end_of_light(const struct kiln_step_reports *steps)
 }
 
 /* Finds the object with the largest error. It is looked for after the last step rather than with the last judgement, so
- * that a bake that goes on from a checkpoint of all light knows it, too. */
+ * that a bake that goes on from a checkpoint of all light knows it, too; what texels lose it does not know. */
 static int find_worst(void *self, const struct kiln_companion_site *site, struct kiln_error *error)
 {
     struct kiln_integrate_report *r = &site->solution->report;
     const size_t last = end_of_light(&r->steps);
     (void)self;
-    return site->params->settings->published_error > 0.0 && last > 0
-               ? kiln_worst_find(site->params, site->solution->own, r->steps.of[last - 1].unfinished, &r->worst, error)
-               : KILN_OK;
+    if (!(site->params->settings->published_error > 0.0) || last == 0)
+        return KILN_OK;
+    r->texel_loss = r->steps.of[last - 1].texel_loss;
+    return kiln_worst_find(site->params, site->solution->own, r->steps.of[last - 1].unfinished, &r->worst, error);
 }
 
 static bool is_sane(const struct kiln_step_report *report) { return kiln_round_is_sane(&report->round); }
@@ -312,6 +313,8 @@ static void report(const struct kiln_companion_told *told, json_t *json)
             (void)json_object_set_new(json, "time", json_real(told->job->light.time));
             (void)json_object_set_new(json, "repeat", repeat_of(json_object_get(json, "levels")));
         }
+        if (told->solution->report.texel_loss > 0.0)
+            (void)json_object_set_new(json, "texels_lose", json_real(told->solution->report.texel_loss));
         if (worst->known)
             (void)json_object_set_new(
                 json, "worst",

@@ -3,15 +3,17 @@
 #include <math.h>
 
 #include "coordinator/integrate/parts/part_errors.h"
+#include "coordinator/integrate/parts/texel_loss.h"
 #include "coordinator/job/job.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
 enum {
-    REACH = 2,  /* texels to each side of an eye's mean */
-    SIDE = 8,   /* of a tile, texels */
-    FULL = 255, /* weight of a texel that is covered whole */
-    BINS = 512  /* of errors, by their logarithm */
+    REACH = 2,   /* texels to each side of an eye's mean */
+    SIDE = 8,    /* of a tile, texels */
+    FULL = 255,  /* weight of a texel that is covered whole */
+    WHOLE = 230, /* likewise, at least: charts are stretched */
+    BINS = 512   /* of errors, by their logarithm */
 };
 #define DARK 0.05        /* of an object's mean */
 #define BIN_LEAST 1e-6   /* relative error of the first bin */
@@ -264,6 +266,7 @@ struct judging {
     struct kiln_published *p;
     const struct kiln_rank_data *data;
     uint64_t numbers[BINS], raw[BINS]; /* of points, by their error, and by that of raw light */
+    struct kiln_texel_losses losses;
 };
 
 static void give(void *context, size_t tile_run, struct kiln_halves *points)
@@ -278,6 +281,16 @@ static void give(void *context, size_t tile_run, struct kiln_halves *points)
         points[k] = (struct kiln_halves){.light = {0.5f * (parts[0] + parts[1]), 0.5f * (parts[2] + parts[3])},
                                          .variance = 2.0f * errors[k] * errors[k]};
     }
+}
+
+/* Places of texels that are covered whole. */
+static uint64_t whole_places(const struct tile_light *t)
+{
+    uint64_t whole = 0;
+    for (uint64_t rest = t->there; rest != 0; rest &= rest - 1)
+        if (t->weight[__builtin_ctzll(rest)] >= WHOLE)
+            whole |= rest & (~rest + 1);
+    return whole;
 }
 
 static void take(void *context, size_t tile_run, const struct kiln_halves *points)
@@ -306,6 +319,7 @@ static void take(void *context, size_t tile_run, const struct kiln_halves *point
             j->numbers[bin_of(sqrt(noise * noise + square))] += t.weight[place];
         }
     }
+    kiln_texel_losses_add(&j->losses, t.denoised[0], t.denoised[1], whole_places(&t), dark);
     j->p->bias[tile_run] = (float)sqrt(bias);
 }
 
@@ -331,6 +345,8 @@ int kiln_published_denoised(struct kiln_published *p, const struct kiln_integrat
         return status;
     (void)MPI_Allreduce(MPI_IN_PLACE, j.numbers, BINS, MPI_UINT64_T, MPI_SUM, params->communicator);
     (void)MPI_Allreduce(MPI_IN_PLACE, j.raw, BINS, MPI_UINT64_T, MPI_SUM, params->communicator);
+    (void)MPI_Allreduce(MPI_IN_PLACE, j.losses.numbers, KILN_LOSS_BINS, MPI_UINT64_T, MPI_SUM, params->communicator);
+    p->texel_loss = kiln_texel_losses_most(&j.losses);
     const double found = quantile(j.numbers), raw = normal_quantile(j.raw);
     p->scale = found > 0.0 && raw > 0.0 ? UNSEEN * found / raw : 1.0;
     *reached = p->scale * kiln_published_raw(p);

@@ -34,6 +34,7 @@ struct kiln_published {
     double *dark, *texel;                  /* of each object: a twentieth of its mean luminance; area of a point, m2 */
     double gain;                           /* of variances: struct kiln_part_survey */
     double scale;                          /* errors of denoised light over those of raw light; 1: not known */
+    double texel_loss;                     /* parts/texel_loss.h; 0: not known */
     float *raw, *bias;                     /* of each own tile run: standard error of raw light; bias, 0: none seen */
     uint32_t *weight;                      /* of each own tile run: of its points, by coverage */
     uint64_t *numbers, *unfinished;        /* of points, and of those that go on, by raw error: internal */

@@ -224,10 +224,12 @@ int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_ra
     const bool published = p->settings->published_error > 0.0;
     struct kiln_caustics_need caustics = {0};
     struct kiln_round round = round_after(steps);
-    double reached = 0.0;
-    const int status = published ? kiln_round_judge_published(p, data, &part, unit, &round, &reached, &caustics, error)
-                                 : judge_target(p, data, &part, unit, &round, error);
+    double reached = 0.0, texel_loss = 0.0;
+    const int status =
+        published ? kiln_round_judge_published(p, data, &part, unit, &round, &reached, &texel_loss, &caustics, error)
+                  : judge_target(p, data, &part, unit, &round, error);
     last->unfinished = published ? reached : round.share;
+    last->texel_loss = texel_loss;
     last->out_of_time = kiln_round_fit(p, steps, &round);
     choose_caustics(&round, growth_of_caustics(p, &round, &caustics));
     last->round = round;

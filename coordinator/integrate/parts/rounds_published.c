@@ -114,7 +114,8 @@ static double share_of(const struct kiln_integrate_params *p, const struct kiln_
 
 int kiln_round_judge_published(const struct kiln_integrate_params *p, const struct kiln_rank_data *data,
                                const struct kiln_step_reports *part, double unit, struct kiln_round *round,
-                               double *reached, struct kiln_caustics_need *caustics, struct kiln_error *error)
+                               double *reached, double *texel_loss, struct kiln_caustics_need *caustics,
+                               struct kiln_error *error)
 {
     struct kiln_part_survey survey;
     struct kiln_published published = {.raw = NULL};
@@ -123,6 +124,7 @@ int kiln_round_judge_published(const struct kiln_integrate_params *p, const stru
     KILN_TRY(kiln_part_survey(p, data, part, unit, &survey, error));
     KILN_TRY(kiln_published_begin(&published, p, data, &survey, unit, error));
     KILN_TRY(find_reached(p, data, &published, reached, error));
+    *texel_loss = published.texel_loss;
     count_samples(p, data, part->of[part->count - 1].step.part);
     left = find_needs(p, data, &published, caustics);
     (void)MPI_Allreduce(MPI_IN_PLACE, &left, 1, MPI_UINT64_T, MPI_SUM, p->communicator);

@@ -25,8 +25,8 @@ static void add(const struct kiln_published *published, const struct kiln_rank_d
         const struct kiln_tile_run *run = &data->surface.tile_runs[i];
         const uint32_t of = kiln_map_object(&data->surface, run->map);
         const double own = (double)published->raw[i];
-        kiln_exact_add(&sums->squares[of], (double)run->count * fmin(own * own, SQUARE_MOST), 1.0 / UNIT);
-        sums->texels[of] += run->count;
+        kiln_exact_add(&sums->squares[of], (double)published->weight[i] * fmin(own * own, SQUARE_MOST), 1.0 / UNIT);
+        sums->texels[of] += published->weight[i];
     }
 }
 
