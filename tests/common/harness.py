@@ -339,9 +339,11 @@ def start(description, *more):
     """Parses --kiln, --keep, --backend, --thin and what `more` adds (callables on the parser); returns (arguments,
     Kiln). The scratch folder goes when the program ends, unless --keep."""
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument('--kiln', required=True, help='the program to test')
+    parser.add_argument('--kiln', default=os.environ.get('KILN'), required='KILN' not in os.environ,
+                        help='the program to test (the variable KILN)')
     parser.add_argument('--keep', metavar='DIR', help='bake into this folder and leave it there')
-    parser.add_argument('--backend', choices=('embree', 'vulkan'), default='embree', help='what traces the rays')
+    parser.add_argument('--backend', choices=('embree', 'vulkan', 'auto'), default='embree',
+                        help='what traces the rays')
     parser.add_argument('--thin', metavar='N', type=int, default=1,
                         help='sample counts are divided by N: for slow devices')
     for add in more:
