@@ -15,8 +15,8 @@ both averaged over the 5 x 5 texels around each texel that were gathered and tha
 average of the truth or a twentieth of the object's mean, whichever is more. The truth is the mean of two bakes by other
 seeds, with --reference-samples and without denoising; half of what they differ by, measured like an error, is the noise
 of the truth, which is in the true error, too. --references and --bakes keep the folders of long bakes and of the first
-seed's. --texels N makes all bakes of a scene about so dense, else a preset's density is its own, and each has its own
-long bakes.
+seed's. --texels N makes all bakes of a scene about so dense, as an error in percent needs it; else a preset's density
+is its own, and each has its own long bakes.
 
 A row of the csv is one bake: error asked, true and stated, seconds of the whole process and of processors, without
 probes, scene.glb and preview. A bake that is there already, of the same program (by its file's hash), machine, density,
@@ -239,6 +239,8 @@ def options_of(parser):
 
 
 def run_all(arguments, kiln):
+    if arguments.texels == 'preset' and not set(arguments.qualities.split(',')) <= set(quality_table.TITLES):
+        sys.exit('an error in percent has no density of its own: give --texels N with it')
     arguments.references = arguments.references or os.path.join(kiln.scratch, 'references')
     folders = [*arguments.folder, *filter(None, os.environ.get('KILN_SCENES', '').split(':')),
                os.path.join(harness.SHARED, 'third_party')]
