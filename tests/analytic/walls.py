@@ -9,6 +9,9 @@ What stands within a thick wall has no light: texels have as much light in all a
 A closed room without a lamp, one of whose walls reaches a little past the ceiling into the light outdoors, is dark
 where that wall and the ceiling meet, too, though most of a texel there is outdoors. Of a board that a wall is built
 round, texels have the light of the part that is seen.
+
+Under the sky, on the ground beside a hollow wall, no texel is dark: the wall's inside is no room, though it is high and
+long and sees no sky.
 """
 import math
 import os
@@ -143,6 +146,39 @@ def check_shelf(kiln, checks, table):
     bake.remove()
 
 
+def hollow_wall(path, width, height=2.7, length=4.0):
+    """A square of ground, on which a wall of double-sided sheets with a lid stands in the middle."""
+    scene = glb.Scene()
+    paper = scene.material('paper', (0.7, 0.7, 0.7), double_sided=True)
+    x, z = width / 2, length / 2
+    scene.quad('ground', [(-3, 0, 3), (3, 0, 3), (3, 0, -3), (-3, 0, -3)], paper)
+    for name, at in (('left', -x), ('right', x)):
+        scene.quad(name, [(at, 0, z), (at, 0, -z), (at, height, -z), (at, height, z)], paper)
+    for name, at in (('near', z), ('far', -z)):
+        scene.quad(name, [(-x, 0, at), (x, 0, at), (x, height, at), (-x, height, at)], paper)
+    scene.quad('lid', [(-x, height, z), (x, height, z), (x, height, -z), (-x, height, -z)], paper)
+    return scene.write(path)
+
+
+def check_hollow(kiln, checks, table):
+    """The lightmap of the ground beside hollow walls: beside a wide one half of the sky is seen, or nearly."""
+    for width, density in ((0.18, 8.1), (0.25, 7.3), (0.3, 6.1), (0.3, 3.7)):
+        bake = kiln.bake(hollow_wall(os.path.join(kiln.scratch, 'hollow.glb'), width), '--texels-per-metre', density,
+                         '--environment', '1,1,1', '--samples-direct', 64, '--bounces', 0, '--samples-probe', 0,
+                         '--denoise', 'none')
+        if not checks.baked(bake):
+            return
+        ground = bake.lightmap('ground')
+        side = 6 / ground.width
+        x = np.abs((np.arange(ground.width) + 0.5) * side - 3)
+        seen = ground.irradiance[:, x - side / 2 > width / 2 - 0.45 * side, 1]
+        least = seen[ground.height // 8:-ground.height // 8].min()
+        checks.that(least > 0.5, 'beside a hollow wall of %g m the ground has %g, of %g in the open' %
+                    (width, least, math.pi), bake.process)
+        table.row('hollow, %g m' % width, '%.2f m' % side, bake.run['points']['divided'], '%.2f' % least)
+        bake.remove()
+
+
 def main():
     _, kiln = harness.start(__doc__)
     checks = harness.Checks()
@@ -161,6 +197,7 @@ def main():
         check_light(kiln, checks, table)
         check_rim(kiln, checks, table)
         check_shelf(kiln, checks, table)
+        check_hollow(kiln, checks, table)
     found = bake_room(kiln, checks, 0, 0.01, 12, gap=0.2)
     if found is not None:
         checks.that(found[0] > 1e-3 and found[1] <= 3 * 12, 'above a gap: dark / lit is %g, %d texels are divided' %

@@ -31,6 +31,8 @@ static const double SAME_NORMAL = 0.999;                              /* cosine:
 static const double STRAIGHT = 0.9999;                                /* a line is along a texel's sides */
 static const double SEEN = 1.5, SEEN_LEAST = 16.0, SEEN_MOST = 128.0; /* how far is looked: m; texels */
 static const double OPEN = 1.0;                                       /* m: what sees so far is no cavity */
+/* m: sight along the surface in a room. A hollow wall has less up to a width of 0.4 m, however long and high it is */
+static const double WIDE = 0.6;
 /* least difference in the visible fraction of sky between outdoors and a room beside it */
 static const double MORE_SKY = 0.2;
 /* fractions of another place's sight and openness that make a place as good to show */
@@ -569,12 +571,11 @@ static bool view_of(const struct search *s, const struct candidate *c, uint32_t 
            neighbour(s->surface, &c->at, step).at != KILN_NO_POINT;
 }
 
+/* The shorter side of the texel, m. */
+static double side_of(const struct candidate *c) { return fmin(dvec3_length(c->plane.du), dvec3_length(c->plane.dv)); }
+
 /* How far it is looked, in texels. */
-static double sight_of(const struct candidate *c)
-{
-    const double side = fmin(dvec3_length(c->plane.du), dvec3_length(c->plane.dv));
-    return fmin(fmax(SEEN / side, SEEN_LEAST), SEEN_MOST);
-}
+static double sight_of(const struct candidate *c) { return fmin(fmax(SEEN / side_of(c), SEEN_LEAST), SEEN_MOST); }
 
 /* The p-th of KILN_CELL_PLACES places of a view that rays upwards start from. */
 static void open_place(const struct candidate *c, uint32_t view, const double from[2], uint32_t p, double place[2])
@@ -645,6 +646,7 @@ struct seen {
     /* sight distance along the surface, texels: the longest rays reach at least so far. In the corner of a room a
      * quarter of all rays is long; on a rim few are */
     double along;
+    double wide; /* the same, m */
     /* openness of its most open place, m: a quarter of the rays upwards is free at least so far; at most OPEN */
     double open;
     double escapes; /* fraction of the rays upwards from that place that reach the sky */
@@ -677,16 +679,18 @@ static struct seen seen_from(const struct search *s, const struct candidate *c, 
         const double free = r->meets[i] ? far * (double)(r->hits[i].distance / r->lengths[i]) : far;
         keep_longest(along, SEEN_COUNT, texels_on(s, c, from, way, free));
     }
-    struct seen seen = {along[SEEN_COUNT - 1], 0.0, 1.0};
+    const double sight = along[SEEN_COUNT - 1];
+    struct seen seen = {sight, sight * side_of(c), 0.0, 1.0};
     for (uint32_t p = 0; p < KILN_CELL_PLACES; p++)
         look_up(r, first + SEEN_WAYS + OPEN_RAYS * (size_t)p, &seen);
     return seen;
 }
 
-/* Whether a place lies in a room and another outdoors: a room is open, and sees less of the sky. */
+/* Whether a place lies in a room and another outdoors: a room is open and wide, and sees less of the sky. Inside a
+ * hollow wall it is narrow: beside a room without a ceiling, or a house's garden, the wall's inside is no room. */
 static bool is_room_beside(struct seen a, struct seen outdoors)
 {
-    return a.open >= OPEN && a.escapes < outdoors.escapes - MORE_SKY;
+    return a.open >= OPEN && a.wide >= WIDE && a.escapes < outdoors.escapes - MORE_SKY;
 }
 
 /* Whether a place is less worth to be shown than another: it lies in a cavity, outdoors beside a room, or on a rim. */
@@ -703,7 +707,7 @@ static bool is_less(struct seen a, struct seen than)
 static struct seen seen_of_part(const struct candidate *c, uint32_t part, const struct seen seen[VIEWS],
                                 const bool there[VIEWS])
 {
-    struct seen most = {0.0, 0.0, 1.0};
+    struct seen most = {0.0, 0.0, 0.0, 1.0};
     for (uint32_t i = 0; i < c->cells.count; i++)
         if (there[i] && part_of_cell(c, i) == part && is_less(most, seen[i]))
             most = seen[i];
