@@ -31,6 +31,7 @@ class Table(unittest.TestCase):
         self.assertIn('| box, its lamp | 3.0 to 4.0 %, 4.0 s (9.0 s) | 0.2 % |', text)
         self.assertIn('**5.3 %**', quality_table.table([row(true='0.0526')]))
         self.assertNotIn('**', quality_table.table([row(true='0.0524')]))
+        self.assertIn('| at most 6.0 %, 4.0 s', quality_table.table([row(true='0.06', reference_noise='0.026')]))
 
     def test_the_newest_version_of_each_machine_counts(self):
         text = quality_table.table([row(true='0.01'), row(version='2', true='0.02'), row(machine='CPU', true='0.03')])
