@@ -686,11 +686,12 @@ static struct seen seen_from(const struct search *s, const struct candidate *c, 
     return seen;
 }
 
-/* Whether a place lies in a room and another outdoors: a room is open and wide, and sees less of the sky. Inside a
- * hollow wall it is narrow: beside a room without a ceiling, or a house's garden, the wall's inside is no room. */
+/* Whether a place lies in a room and another outdoors: a room is open, and sees less of the sky. A place that is narrow
+ * and sees no sky at all lies inside a hollow wall: beside a room without a ceiling, or in a garden, that is no room.
+ */
 static bool is_room_beside(struct seen a, struct seen outdoors)
 {
-    return a.open >= OPEN && a.wide >= WIDE && a.escapes < outdoors.escapes - MORE_SKY;
+    return a.open >= OPEN && (a.wide >= WIDE || a.escapes > 0.0) && a.escapes < outdoors.escapes - MORE_SKY;
 }
 
 /* Whether a place is less worth to be shown than another: it lies in a cavity, outdoors beside a room, or on a rim. */
