@@ -9,11 +9,12 @@
 #include "worker/base/memory.h"
 
 enum {
-    REACH = 2,   /* texels to each side of an eye's mean */
-    SIDE = 8,    /* of a tile, texels */
-    FULL = 255,  /* weight of a texel that is covered whole */
-    WHOLE = 230, /* likewise, at least: charts are stretched */
-    BINS = 512   /* of errors, by their logarithm */
+    WAYS = KILN_PARTS - 1, /* to halve the parts */
+    REACH = 2,             /* texels to each side of an eye's mean */
+    SIDE = 8,              /* of a tile, texels */
+    FULL = 255,            /* weight of a texel that is covered whole */
+    WHOLE = 230,           /* likewise, at least: charts are stretched */
+    BINS = 512             /* of errors, by their logarithm */
 };
 #define DARK 0.05        /* of an object's mean */
 #define BIN_LEAST 1e-6   /* relative error of the first bin */
@@ -145,17 +146,49 @@ static double raw_square(const struct kiln_published *p, const struct tile_light
 
 /* ---- raw light ---- */
 
+/* What two halves of the parts differ by, over 2: as large as the error of their mean. `way`: which of the other parts
+ * is with part 0. */
+static double contrast_of(const struct window *w, int way)
+{
+    double sum = w->part[0];
+    for (int k = 1; k < KILN_PARTS; k++)
+        sum += k - 1 == way ? w->part[k] : -w->part[k];
+    return sum / KILN_PARTS;
+}
+
+/* Counts texels of a tile by what halves of the parts differ by, in all ways. */
+static void add_contrasts(const struct kiln_published *p, const struct tile_light *t, double dark,
+                          uint64_t numbers[BINS])
+{
+    for (uint64_t rest = t->there; rest != 0; rest &= rest - 1) {
+        const int place = __builtin_ctzll(rest);
+        const struct window w = window_of(t, place);
+        const double allowed = fmax(w.light, dark);
+        for (int way = 0; way < WAYS && allowed > 0.0; way++)
+            numbers[bin_of(sqrt(p->gain) * fabs(contrast_of(&w, way)) / allowed)] += t->weight[place];
+    }
+}
+
 static void find_raw(struct kiln_published *p, const struct kiln_rank_data *data)
 {
-#pragma omp parallel for schedule(static)
-    for (size_t i = 0; i < data->surface.tile_run_count; i++) {
-        const struct kiln_tile_run *run = &data->surface.tile_runs[i];
-        struct tile_light t;
-        lay_out(p, &t, data, run, NULL);
-        p->raw[i] = (float)sqrt(raw_square(p, &t, dark_of(p, data, run), &p->weight[i]));
-        const size_t bin = bin_of((double)p->raw[i]);
-#pragma omp atomic
-        p->numbers[bin] += p->weight[i];
+#pragma omp parallel
+    {
+        uint64_t numbers[BINS] = {0}, contrasts[BINS] = {0};
+#pragma omp for schedule(static)
+        for (size_t i = 0; i < data->surface.tile_run_count; i++) {
+            const struct kiln_tile_run *run = &data->surface.tile_runs[i];
+            const double dark = dark_of(p, data, run);
+            struct tile_light t;
+            lay_out(p, &t, data, run, NULL);
+            p->raw[i] = (float)sqrt(raw_square(p, &t, dark, &p->weight[i]));
+            numbers[bin_of((double)p->raw[i])] += p->weight[i];
+            add_contrasts(p, &t, dark, contrasts);
+        }
+#pragma omp critical(kiln_published_raw)
+        for (size_t b = 0; b < BINS; b++) {
+            p->numbers[b] += numbers[b];
+            p->contrasts[b] += contrasts[b];
+        }
     }
 }
 
@@ -208,6 +241,7 @@ int kiln_published_begin(struct kiln_published *p, const struct kiln_integrate_p
     KILN_TRY(kiln_allocate(&p->texel, data->surface.object_count, sizeof *p->texel, "the objects' texels", error));
     KILN_TRY(kiln_allocate(&p->weight, runs, sizeof *p->weight, "the tiles' errors", error));
     KILN_TRY(kiln_allocate(&p->numbers, BINS, sizeof *p->numbers, "the texels' errors", error));
+    KILN_TRY(kiln_allocate(&p->contrasts, BINS, sizeof *p->contrasts, "the texels' errors", error));
     KILN_TRY(kiln_allocate(&p->unfinished, BINS, sizeof *p->unfinished, "the texels' errors", error));
     KILN_TRY(kiln_allocate(&p->raw, runs, sizeof *p->raw, "the tiles' errors", error));
     KILN_TRY(kiln_allocate(&p->bias, runs, sizeof *p->bias, "the tiles' errors", error));
@@ -218,6 +252,8 @@ end:
     if (status == KILN_OK)
         find_raw(p, data);
     (void)MPI_Allreduce(MPI_IN_PLACE, p->numbers, status == KILN_OK ? BINS : 0, MPI_UINT64_T, MPI_SUM,
+                        params->communicator);
+    (void)MPI_Allreduce(MPI_IN_PLACE, p->contrasts, status == KILN_OK ? BINS : 0, MPI_UINT64_T, MPI_SUM,
                         params->communicator);
     return status;
 }
@@ -255,7 +291,21 @@ static double normal_quantile(const uint64_t *numbers)
     return high;
 }
 
-double kiln_published_raw(const struct kiln_published *p) { return normal_quantile(p->numbers); }
+/* The error that a share of the points stay below. */
+static double quantile(const uint64_t numbers[BINS])
+{
+    const double all = number_of(numbers);
+    double below = 0.0;
+    size_t b = 0;
+    while (b < BINS - 1 && below + (double)numbers[b] < KILN_PUBLISHED_SHARE * all)
+        below += (double)numbers[b++];
+    const double within = numbers[b] > 0 ? (KILN_PUBLISHED_SHARE * all - below) / (double)numbers[b] : 0.0;
+    return all > 0.0 ? BIN_LEAST * exp(((double)b + within) * BIN_STEP) : 0.0;
+}
+
+double kiln_published_raw(const struct kiln_published *p) { return quantile(p->contrasts); }
+
+double kiln_published_raw_normal(const struct kiln_published *p) { return normal_quantile(p->numbers); }
 
 double kiln_published_raw_of_those(const struct kiln_published *p) { return normal_quantile(p->unfinished); }
 
@@ -265,7 +315,7 @@ double kiln_published_raw_of_those(const struct kiln_published *p) { return norm
 struct judging {
     struct kiln_published *p;
     const struct kiln_rank_data *data;
-    uint64_t numbers[BINS], raw[BINS]; /* of points, by their error, and by that of raw light */
+    uint64_t numbers[BINS], raw[BINS]; /* of points, by their error, and by what the same halves of raw light differ */
     struct kiln_texel_losses losses;
 };
 
@@ -303,7 +353,6 @@ static void take(void *context, size_t tile_run, const struct kiln_halves *point
     uint32_t weight;
     lay_out(j->p, &t, j->data, run, points);
     const double raw = raw_square(j->p, &t, dark, &weight);
-    j->raw[bin_of(sqrt(raw))] += weight;
     for (uint64_t rest = t.there; rest != 0; rest &= rest - 1) {
         const int place = __builtin_ctzll(rest);
         const struct window w = window_of(&t, place);
@@ -317,22 +366,17 @@ static void take(void *context, size_t tile_run, const struct kiln_halves *point
         if (allowed > 0.0) {
             bias += t.weight[place] * fmin(square, 1e12) / weight;
             j->numbers[bin_of(sqrt(noise * noise + square))] += t.weight[place];
+            j->raw[bin_of(sqrt(j->p->gain) * fabs(contrast_of(&w, 0)) / allowed)] += t.weight[place];
         }
     }
     kiln_texel_losses_add(&j->losses, t.denoised[0], t.denoised[1], whole_places(&t), dark);
     j->p->bias[tile_run] = (float)sqrt(bias);
 }
 
-/* The error that a share of the points stay below. */
-static double quantile(const uint64_t numbers[BINS])
+void kiln_published_rescale(struct kiln_published *p, double reached)
 {
-    const double all = number_of(numbers);
-    double below = 0.0;
-    size_t b = 0;
-    while (b < BINS - 1 && below + (double)numbers[b] < KILN_PUBLISHED_SHARE * all)
-        below += (double)numbers[b++];
-    const double within = numbers[b] > 0 ? (KILN_PUBLISHED_SHARE * all - below) / (double)numbers[b] : 0.0;
-    return all > 0.0 ? BIN_LEAST * exp(((double)b + within) * BIN_STEP) : 0.0;
+    const double normal = kiln_published_raw_normal(p);
+    p->scale = reached > 0.0 && normal > 0.0 ? reached / normal : 1.0;
 }
 
 int kiln_published_denoised(struct kiln_published *p, const struct kiln_integrate_params *params,
@@ -344,12 +388,13 @@ int kiln_published_denoised(struct kiln_published *p, const struct kiln_integrat
     if (status != KILN_OK)
         return status;
     (void)MPI_Allreduce(MPI_IN_PLACE, j.numbers, BINS, MPI_UINT64_T, MPI_SUM, params->communicator);
-    (void)MPI_Allreduce(MPI_IN_PLACE, j.raw, BINS, MPI_UINT64_T, MPI_SUM, params->communicator);
     (void)MPI_Allreduce(MPI_IN_PLACE, j.losses.numbers, KILN_LOSS_BINS, MPI_UINT64_T, MPI_SUM, params->communicator);
     p->texel_loss = kiln_texel_losses_most(&j.losses);
-    const double found = quantile(j.numbers), raw = normal_quantile(j.raw);
-    p->scale = found > 0.0 && raw > 0.0 ? UNSEEN * found / raw : 1.0;
-    *reached = p->scale * kiln_published_raw(p);
+    (void)MPI_Allreduce(MPI_IN_PLACE, j.raw, BINS, MPI_UINT64_T, MPI_SUM, params->communicator);
+    const double found = quantile(j.numbers), raw = quantile(j.raw),
+                 gained = found > 0.0 && raw > 0.0 ? UNSEEN * found / raw : 1.0;
+    *reached = gained * kiln_published_raw(p);
+    kiln_published_rescale(p, *reached);
     return KILN_OK;
 }
 
@@ -385,6 +430,7 @@ void kiln_published_release(struct kiln_published *p)
     kiln_free(&p->texel);
     kiln_free(&p->weight);
     kiln_free(&p->numbers);
+    kiln_free(&p->contrasts);
     kiln_free(&p->unfinished);
     kiln_free(&p->raw);
     kiln_free(&p->bias);

@@ -4,20 +4,23 @@
  * together. Its error at a texel is that of the mean over the 5 x 5 texels around it, over the light there or a
  * twentieth of its object's mean, whichever is more. The error of a bake is what 95 % of its texels stay below.
  *
- * Raw light: variances come from what the four parts' means over these texels differ by (method of random groups:
- * Wolter, "Introduction to Variance Estimation", chapter 2), so that noise of the bounces counts, which neighbours
- * share. Texels of a tile share one such error, for four values know a variance badly. Errors are taken to be normal:
- * the error of a bake is the x where the mean over all texels of erfc(x / (sqrt(2) s)) is 0.05, s being the standard
- * error of each.
+ * Raw light: half of what two halves of the four parts differ by, in the mean over these texels, is as large as the
+ * error of the mean of all, and has its distribution (method of random groups: Wolter, "Introduction to Variance
+ * Estimation", chapter 2); noise of the bounces, which neighbours share, is in it. The error of a bake is what 95 % of
+ * these are below, over all texels and all three ways to halve four parts: light that comes through one door has the
+ * same error everywhere behind it, of which one way could tell too little by chance. (Less where parts stratify one
+ * another: times the root of `gain` of struct kiln_part_survey.)
+ *
+ * What a tile run needs is judged by the variance of its texels, of which four values know little: texels of a tile
+ * share it. Errors are taken to be normal there, and of the size that gives the error of the bake.
  *
  * Denoised light: over a sample of the surface (coordinator/integrate/denoising.h), the means A and B of parts 0 and 1,
- * and of 2 and 3, are denoised each by itself, to a and b. Half of a - b is as large as the noise of (a + b) / 2, and
- * has its distribution: no model of the denoiser is needed. (Less where parts stratify one another: times the root of
- * `gain` of struct kiln_part_survey.) It has no bias in it, which both share. Bias is seen where (a + b) / 2 differs
- * from (A + B) / 2 by more than three standard errors of raw light, and is what is left of that difference without its
- * variance. The ratio of the 95 % quantile of these errors to that of raw light in the same sample, times that of all
- * raw light, is the error of the bake, times 1.1: bias that is not seen so, such as the blur of caustics, was found to
- * add up to that. */
+ * and of 2 and 3, are denoised each by itself, to a and b. Half of a - b is as large as the noise of (a + b) / 2: no
+ * model of the denoiser is needed. It has no bias in it, which both share. Bias is seen where (a + b) / 2 differs from
+ * (A + B) / 2 by more than three standard errors of raw light, and is what is left of that difference without its
+ * variance. The ratio of the 95 % quantile of these errors to that of half of A - B in the same sample, times the error
+ * of raw light, is the error of the bake, times 1.1: bias that is not seen so, such as the blur of caustics, was found
+ * to add up to that. */
 #ifndef KILN_COORDINATOR_INTEGRATE_PARTS_PUBLISHED_H
 #define KILN_COORDINATOR_INTEGRATE_PARTS_PUBLISHED_H
 
@@ -37,6 +40,7 @@ struct kiln_published {
     double texel_loss;                     /* parts/texel_loss.h; 0: not known */
     float *raw, *bias;                     /* of each own tile run: standard error of raw light; bias, 0: none seen */
     uint32_t *weight;                      /* of each own tile run: of its points, by coverage */
+    uint64_t *contrasts;                   /* of points, by what halves of the parts differ by: internal */
     uint64_t *numbers, *unfinished;        /* of points, and of those that go on, by raw error: internal */
 };
 
@@ -46,8 +50,11 @@ int kiln_published_begin(struct kiln_published *p, const struct kiln_integrate_p
                          const struct kiln_rank_data *data, const struct kiln_part_survey *survey, double unit,
                          struct kiln_error *error);
 
-/* The error of raw light that KILN_PUBLISHED_SHARE of all points stay below. */
+/* The error of raw light that KILN_PUBLISHED_SHARE of all points stay below; by the variances of tile runs. */
 double kiln_published_raw(const struct kiln_published *p);
+double kiln_published_raw_normal(const struct kiln_published *p);
+/* Sets `scale` so that the errors of tile runs add up to the error `reached`. */
+void kiln_published_rescale(struct kiln_published *p, double reached);
 /* Likewise, of the points of tile runs that kiln_published_goes_on has noted, after kiln_published_gather. */
 double kiln_published_raw_of_those(const struct kiln_published *p);
 

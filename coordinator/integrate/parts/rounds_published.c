@@ -18,6 +18,7 @@ enum {
 #define AIM 0.93         /* error that a round aims at, over the error asked for: else many would miss it by little */
 /* tile runs are finished at this fraction of what is allowed: finer light gains less from denoising */
 #define FINISHED 0.8
+#define OWN_LEAST 0.5 /* of the variance that is allowed: what caustics leave for other light */
 
 /* The standard error with which a tile run is finished. */
 static double standard_of(const struct kiln_integrate_settings *settings)
@@ -33,13 +34,15 @@ static void count_samples(const struct kiln_integrate_params *p, const struct ki
         data->samples_taken[i] = last < KILN_PARTS ? first : data->samples_taken[i] + data->samples[i];
 }
 
-/* Samples that a tile run needs beyond those it has had, in halves of those of the first round. `over`: its standard
- * error over the allowed one. */
-static uint32_t need_of(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, size_t i, double over)
+/* Samples that a tile run needs beyond those it has had, in halves of those of the first round. `square`: its variance
+ * over the allowed one, of which caustics, which have samples of their own, have a share. */
+static uint32_t need_of(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, size_t i,
+                        double square, double caustics)
 {
     const double had = 2.0 * (double)data->samples_taken[i] / kiln_round_first(p->settings->samples_indirect, true),
-                 need = ceil(had * (over * over - 1.0));
-    return over > 1.0 ? (uint32_t)fmin(fmax(need, 1.0), 0x1p31) : 0;
+                 own = square * (1.0 - caustics), allowed = fmax(1.0 - square * caustics, OWN_LEAST),
+                 need = ceil(had * (own / allowed - 1.0));
+    return own > allowed ? (uint32_t)fmin(fmax(need, 1.0), 0x1p31) : 0;
 }
 
 /* The least level at which the error is expected to be small enough. */
@@ -66,37 +69,38 @@ static int find_reached(const struct kiln_integrate_params *p, const struct kiln
                         struct kiln_published *published, double *reached, struct kiln_error *error)
 {
     *reached = kiln_published_raw(published);
+    kiln_published_rescale(published, *reached);
     if (p->denoising == NULL)
         return KILN_OK;
-    published->scale = SCALE_USUAL;
+    published->scale *= SCALE_USUAL;
     if (*reached > WITHIN * p->settings->published_error)
         return KILN_OK;
     return kiln_published_denoised(published, p, data, reached, error);
 }
 
-/* Finds what tile runs need, in the field `samples`; their points that need any. */
+/* Finds what tile runs need, in the field `samples`. Returns the points of those whose error is too large. */
 static uint64_t find_needs(const struct kiln_integrate_params *p, const struct kiln_rank_data *data,
                            struct kiln_published *published, struct kiln_caustics_need *caustics)
 {
-    uint64_t left = 0, points = 0, all = 0, of_caustics = 0;
-#pragma omp parallel for schedule(static) reduction(+ : left, points, all, of_caustics)
+    uint64_t left = 0, all = 0, of_caustics = 0;
+#pragma omp parallel for schedule(static) reduction(+ : left, all, of_caustics)
     for (size_t i = 0; i < data->surface.tile_run_count; i++) {
         const struct kiln_tile_run *run = &data->surface.tile_runs[i];
-        const double over = kiln_published_of(published, i) / standard_of(p->settings);
+        const double over = kiln_published_of(published, i) / standard_of(p->settings), square = over * over,
+                     share = square > 1.0 ? kiln_part_caustics_share(data, run) : 0.0;
         struct kiln_caustics_need need = {0};
-        data->samples[i] = need_of(p, data, i, over);
-        if (data->samples[i] == 0)
+        data->samples[i] = need_of(p, data, i, square, share);
+        if (!(square > 1.0))
             continue;
+        kiln_caustics_need_add(&need, run->count, square, share);
         left += run->count;
-        kiln_caustics_need_add(&need, run->count, over * over, kiln_part_caustics_share(data, run));
-        points += need.points;
         all += need.all;
         of_caustics += need.caustics;
     }
     for (size_t i = 0; i < data->surface.tile_run_count; i++)
-        if (data->samples[i] > 0)
+        if (kiln_published_of(published, i) > standard_of(p->settings))
             kiln_published_goes_on(published, i);
-    *caustics = (struct kiln_caustics_need){points, all, of_caustics};
+    *caustics = (struct kiln_caustics_need){left, all, of_caustics};
     return left;
 }
 

@@ -91,7 +91,7 @@ int kiln_worst_find(const struct kiln_integrate_params *p, const struct kiln_ran
     KILN_TRY(choose(p, &sums, &object, error));
     if (object == sums.objects)
         goto end;
-    const double all = kiln_published_raw(&published),
+    const double all = kiln_published_raw_normal(&published),
                  own = error_in(&published, data, (uint32_t)object, p->communicator);
     *worst = (struct kiln_worst_object){.known = all > 0.0 && own > 0.0,
                                         .object = (uint32_t)object,
