@@ -234,7 +234,7 @@ int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_ra
     choose_caustics(&round, growth_of_caustics(p, &round, &caustics));
     last->round = round;
     const uint64_t more = round.to > 0 ? kiln_round_times(round.to) - kiln_round_times(round.from) : 0;
-    for (size_t i = 0; status == KILN_OK && round.to > 0 && i < data->surface.tile_run_count; i++)
+    for (size_t i = 0; status == KILN_OK && i < data->surface.tile_run_count; i++)
         set_samples(p->settings, data, i, more, kiln_round_units(data->samples[i], more));
     return status;
 }
