@@ -48,8 +48,8 @@ struct kiln_rank_data {
     /* likewise, samples of the final gather that each part number has had before the round; NULL: rounds have no error
      * of published light */
     uint32_t *samples_taken;
-    uint16_t *seen;           /* 1 a tile run: 0 if no view sees it (kiln_integrate_params); NULL: all are seen */
-    uint16_t *block;          /* 1 a point: integrate/sparse/blocks.h; NULL: there are no blocks */
+    uint16_t *seen;    /* 1 a tile run: 0 if no view sees it (kiln_integrate_params); NULL: all are seen */
+    uint16_t *block;   /* 1 a point: integrate/sparse/blocks.h; NULL: there are no blocks */
     uint16_t *node;    /* 1 a point: texels a side of its node (integrate/patches/patches.h); NULL: nobody asks */
     uint64_t *mixture; /* 1 a point: integrate/sparse/nodes.h; NULL: each point does its own final gather */
     float *cost;       /* 1 a tile run: seconds that it took in the present step */

@@ -26,7 +26,7 @@ struct kiln_taking {
     const uint64_t *radiosity;      /* packed radiosity of all points, from which the step gathers */
     double scale;                   /* of the 4-byte form of radiosity */
     double unit;                    /* W, of the exact sums */
-    struct kiln_part_weight weight; /* in a bake in parts: of the tile run that is taken */
+    struct kiln_part_weight weight; /* in a bake in parts: of a tile run (kiln_part_weigh) */
     uint32_t rounding;              /* added to the step's stream for the random bits that round radiosity */
 };
 

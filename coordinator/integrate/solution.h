@@ -80,7 +80,7 @@ struct kiln_integrate_report {
     uint64_t links, link_bytes;               /* kept on this rank (links.h) */
     struct kiln_energy energy;
     struct kiln_worst_object worst;
-    double texel_loss; /* of published light, relative (parts/texel_loss.h); 0: not known */
+    double texel_loss;              /* of published light, relative (parts/texel_loss.h); 0: not known */
     struct kiln_step_balance trial; /* findings and action before the first step (trial.h) */
     double trial_seconds;           /* 0: nothing was tried */
 };

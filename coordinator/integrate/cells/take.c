@@ -429,9 +429,10 @@ static void take_points(const struct kiln_taking *t, const struct kiln_rank_data
         kiln_tally_add_run(&run, t->unit, sums, tile_run);
 }
 
-void kiln_cells_take(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
+void kiln_cells_take(const struct kiln_taking *taking, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
                      const void *answers, struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
 {
+    const struct kiln_taking weighed = kiln_part_weigh(taking, data, f), *t = &weighed;
     struct kiln_point_result points[KILN_TILE_TEXELS];
     const struct kiln_point_result *results = point_results(t, data, f, answers, points);
     if (kiln_step_has(t->step, KILN_WITH(seen)) && data->seen[f - data->surface.tile_runs] == 0) {

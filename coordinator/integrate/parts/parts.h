@@ -19,6 +19,7 @@
 #define KILN_COORDINATOR_INTEGRATE_PARTS_PARTS_H
 
 #include "coordinator/integrate/integrate.h"
+#include "coordinator/integrate/integrator.h"
 
 /* Returns the index of the first report of the part to which the last of `count` reports belongs. */
 size_t kiln_part_first(const struct kiln_step_report *reports, size_t count);
@@ -48,6 +49,15 @@ void kiln_part_pack(const struct kiln_rank_data *data, const struct kiln_step *s
  * (kiln_rank_data.samples_taken), it is the tile run's own. */
 struct kiln_part_weight kiln_part_weight(const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run,
                                          const struct kiln_step *step);
+
+/* The context of storing a tile run's results, with its weight. */
+static inline struct kiln_taking kiln_part_weigh(const struct kiln_taking *taking, const struct kiln_rank_data *data,
+                                                 const struct kiln_tile_run *tile_run)
+{
+    struct kiln_taking weighed = *taking;
+    weighed.weight = kiln_part_weight(data, tile_run, taking->step);
+    return weighed;
+}
 
 /* Updates `mean`, over the samples of all earlier parts, with this part's values. */
 static inline void kiln_part_mix(float *mean, const float *values, size_t components,

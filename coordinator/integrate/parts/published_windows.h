@@ -36,7 +36,7 @@ struct kiln_window kiln_window_of(const struct kiln_tile_light *tile, int place)
 /* Variance of the mean of the parts. */
 double kiln_window_variance(const struct kiln_window *window);
 
-/* What two halves of the parts differ by, over 2: as large as the error of their mean. `way`: which of the other parts
+/* Half of what two halves of the parts differ by: as large as the error of their mean. `way`: which of the other parts
  * is with part 0. */
 double kiln_window_contrast(const struct kiln_window *window, int way);
 

@@ -16,7 +16,7 @@ struct work {
     uint64_t own, by_gain[BINS];
 };
 
-/* What a sample at each point of a tile run gains for those that gather from it, W2 a sample and point. */
+/* Gain of a sample at each point of a tile run for those that gather from it, W2 a sample and point. */
 static double gain_of(const struct kiln_rank_data *data, const struct kiln_part_survey *survey, size_t i)
 {
     const struct kiln_tile_run *run = &data->surface.tile_runs[i];

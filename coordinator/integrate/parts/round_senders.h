@@ -1,9 +1,9 @@
 /* Samples of a round for light that others gather.
  *
- * What a tile run shows may be good enough while the noise of what it sends is not: that noise is in all light gathered
- * from it, and more gather rays do not lessen it. A patch of sun on a floor is soon finished, and lights the room. So a
- * round gives all of its samples to the tile runs that gain most for the others, too, up to the work of those that need
- * them for themselves.
+ * The light that a tile run shows may be good enough while the noise of what it sends is not: that noise is in all
+ * light gathered from it, and more gather rays do not lessen it. A patch of sun on a floor is soon finished, and lights
+ * the room. So a round gives all of its samples to the tile runs that gain most for the others, too, up to the work of
+ * those that need them for themselves.
  *
  * Power sent by a tile run of c points has a variance v = sum over its points of (error x area x albedo)^2, which falls
  * as V / n with the samples n of a point. At given work c n the sum of all v is least where -dv/dn over c, which is

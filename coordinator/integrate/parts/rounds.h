@@ -43,8 +43,8 @@ const struct kiln_round *kiln_round_of(const struct kiln_step_report *reports, s
 /* The most samples that a part of the first round has in a step. */
 uint64_t kiln_round_most_first(const struct kiln_integrate_settings *settings);
 
-/* What a tile run takes of a round of `more` halves of the samples of the first round, of which it needs `need`: all,
- * or the half, quarter or eighth that is enough, since such beginnings of a Sobol' sequence are well spread. */
+/* Units that a tile run takes of a round of `more` halves of the samples of the first round, of which it needs `need`:
+ * all, or the half, quarter or eighth that is enough, since such beginnings of a Sobol' sequence are well spread. */
 uint32_t kiln_round_units(uint32_t need, uint64_t more);
 
 /* Whether a round read from a checkpoint is valid. */

@@ -1,4 +1,4 @@
-/* What the size of the texels loses: light between texels, which no number of samples brings back.
+/* The loss by the size of the texels: light between texels, which no number of samples brings back.
  *
  * A lightmap of twice the texel size is made of the denoised light: the means of 2 x 2 whole texels, with values
  * between them as a renderer interpolates (bilinearly). What it is off at the finer texels, over the light there or a

@@ -64,10 +64,11 @@ static void find_sent(const struct kiln_taking *t, const struct kiln_rank_data *
                       : data->sum[3 * own.at + c] + radiosity[c] - albedo[c] * kiln_mean(r->last[c], r->point.count);
 }
 
-static void take_paths(const struct kiln_taking *t, const struct kiln_rank_data *data, const struct kiln_tile_run *f,
-                       const struct kiln_reference_result *results, struct kiln_tally *sums,
-                       struct kiln_tile_run_tally *tile_run)
+static void take_paths(const struct kiln_taking *taking, const struct kiln_rank_data *data,
+                       const struct kiln_tile_run *f, const struct kiln_reference_result *results,
+                       struct kiln_tally *sums, struct kiln_tile_run_tally *tile_run)
 {
+    const struct kiln_taking weighed = kiln_part_weigh(taking, data, f), *t = &weighed;
     const bool changes = kiln_part_changes(data, f, t->step->part);
     const bool counts =
         (t->scene->objects[kiln_map_object(&data->surface, f->map)].flags & KILN_OBJECT_RECEIVER_ONLY) == 0;

@@ -3,7 +3,6 @@
 #include <assert.h>
 
 #include "coordinator/integrate/company.h"
-#include "coordinator/integrate/parts/parts.h"
 #include "coordinator/integrate/quantity.h"
 #include "worker/base/memory.h"
 
@@ -55,10 +54,8 @@ static void take_tile_run(const struct kiln_taker *taker, const struct kiln_rank
         data->lacking[first + i] = 1;
         return;
     }
-    struct kiln_taking own = *taking;
-    own.weight = kiln_part_weight(data, f, own.step);
-    take_one(&own, data, f, answers, tally, &taker->tile_runs[i]);
-    kiln_company_take(taker->company, &own, data, f, answers);
+    take_one(taking, data, f, answers, tally, &taker->tile_runs[i]);
+    kiln_company_take(taker->company, taking, data, f, answers);
 }
 
 static int take(struct kiln_taker *taker, const struct kiln_rank_data *data, size_t first, size_t count,
