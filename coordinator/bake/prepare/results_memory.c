@@ -71,7 +71,8 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
     const double denoised = denoises ? fmin(at_once, 1.5 * size->threads * largest) * points_a_texel : 0.0;
     const double of_groups =
         24.0 * (double)size->job->scene.group_count; /* bytes per texel, and the same again for denoised copies */
-    const double neighbours = fmin(DENOISE_KEPT * denoised, 1.5 * size->threads * KILN_LIGHTMAP_KEPT);
+    /* threads seldom keep neighbours of full size at the same time */
+    const double neighbours = fmin(DENOISE_KEPT * denoised / 1.5, (double)size->threads * KILN_LIGHTMAP_KEPT);
     const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (DENOISE_WORK + of_groups) * denoised + neighbours +
                              (size->ranks > 1.0 ? 2.0 : 1.0) * (RECORD_BYTES + planes) * rows;
     const double preview = size->job->preview ? preview_bytes(size->job, size->scene, size->points) +
