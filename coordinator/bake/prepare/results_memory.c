@@ -26,8 +26,11 @@ static const double H5_PACKED = 28.5;
 static const double MEASURED_PLANES = 28.0;
 /* Bytes for denoising: planes of positions, normals and errors; scratch of a point. */
 static const double DENOISE_PLANES = 32.0, DENOISE_WORK = 150.0;
-/* Bytes of the neighbours that are kept of a point while it is denoised, up to KILN_LIGHTMAP_KEPT for a lightmap. */
-static const double DENOISE_KEPT = 414.0;
+/* Bytes of the neighbours that are kept of a point while it is denoised, up to KILN_LIGHTMAP_KEPT for a lightmap; the
+ * part of these that bakes had in use when they took most; bytes of an own point that the allocator keeps of them
+ * afterwards, and at most. */
+static const double DENOISE_KEPT = 414.0, DENOISE_TOUCHED = 1.0 / 3.0, DENOISE_LEFT = 150.0,
+                    DENOISE_LEFT_MOST = 7.0 * 0x1p20;
 /* least bytes per surface point (worker/scene/surface.h): pieces, albedo, area, visibility */
 static const double LEAST_OF_POINT = 18.0;
 static const uint64_t ROWS_AT_ONCE = 1ull << 18;
@@ -71,8 +74,7 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
     const double denoised = denoises ? fmin(at_once, 1.5 * size->threads * largest) * points_a_texel : 0.0;
     const double of_groups =
         24.0 * (double)size->job->scene.group_count; /* bytes per texel, and the same again for denoised copies */
-    /* threads seldom keep neighbours of full size at the same time */
-    const double neighbours = fmin(DENOISE_KEPT * denoised / 1.5, (double)size->threads * KILN_LIGHTMAP_KEPT);
+    const double neighbours = DENOISE_TOUCHED * fmin(DENOISE_KEPT * denoised, 1.5 * size->threads * KILN_LIGHTMAP_KEPT);
     const double lightmaps = (LIGHTMAP_WORK + planes) * at_once + (DENOISE_WORK + of_groups) * denoised + neighbours +
                              (size->ranks > 1.0 ? 2.0 : 1.0) * (RECORD_BYTES + planes) * rows;
     const double preview = size->job->preview ? preview_bytes(size->job, size->scene, size->points) +
@@ -82,7 +84,8 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
         size->ranks > 1.0 ? fmin((H5_PACKED + columns) * size->own, (double)KILN_POINTS_KEPT_MOST) : 0.0;
     const double ahead =
         (double)KILN_POINTS_AHEAD_ROOM + fmin(KILN_POINTS_AHEAD_POINT * size->own, (double)KILN_POINTS_AHEAD_MOST);
-    return (uint64_t)fmax(ahead + fmax(lightmaps, (H5_ROW + columns) * rows + kept), preview);
+    const double left = denoises ? fmin(DENOISE_LEFT * size->own, DENOISE_LEFT_MOST) : 0.0;
+    return (uint64_t)(left + fmax(ahead + fmax(lightmaps, (H5_ROW + columns) * rows + kept), preview));
 }
 
 /* ---- the budget ---- */
