@@ -63,8 +63,8 @@ struct kiln_step_balance {
 };
 
 /* A round of a bake with a target error (rounds.h): its first and last level, and the fraction of unfinished points.
- * Zero: no round. With an error of published light caustics have levels of their own; with two equal ones the round has
- * no caustics. */
+ * Zero: no round. With an error of published light the fraction is of the samples that all points would have; caustics
+ * have levels of their own, and with two equal ones the round has no caustics. */
 struct kiln_round {
     uint32_t from, to;
     double share;

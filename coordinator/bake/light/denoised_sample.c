@@ -329,38 +329,11 @@ static void level_cells(const struct kiln_neighbour_grid *grid, uint8_t *far)
     }
 }
 
-/* A cube is a subdomain of its own: no rank has another part of it (regression.h). */
-static int agree_alone(void *context, int status, struct kiln_error *error)
-{
-    (void)context;
-    (void)error;
-    return status;
-}
-
-static int most_alone(void *context, double *numbers, size_t count, struct kiln_error *error)
-{
-    (void)context;
-    (void)numbers;
-    (void)count;
-    (void)error;
-    return KILN_OK;
-}
-
-static int sum_alone(void *context, uint64_t *numbers, size_t count, struct kiln_error *error)
-{
-    (void)context;
-    (void)numbers;
-    (void)count;
-    (void)error;
-    return KILN_OK;
-}
-
 /* Denoises both halves; the last sweep leaves out the points around the cube. */
 static int denoise_points(const struct sample *s, struct kiln_neighbour_point **points, size_t count,
                           const struct planes *planes, uint8_t *far, struct kiln_error *error)
 {
-    const struct kiln_regression_subdomain part = {
-        .own = UINT32_MAX, .far = far, .agree = agree_alone, .most = most_alone, .sum = sum_alone};
+    const struct kiln_regression_subdomain part = {.own = UINT32_MAX, .far = far};
     struct kiln_regression_light lights[KILN_HALVES] = {{.variance = NULL}};
     struct kiln_neighbour_grid *grid = NULL;
     for (int h = 0; h < KILN_HALVES; h++)

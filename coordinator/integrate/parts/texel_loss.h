@@ -2,8 +2,8 @@
  *
  * A lightmap of twice the texel size is made of the denoised light: the means of 2 x 2 whole texels, with values
  * between them as a renderer interpolates (bilinearly). What it is off at the finer texels, over the light there or a
- * twentieth of its object's mean, is what texels of that size lose. Halving a texel's size at least halves this: by a
- * quarter where light is smooth, and with half as many texels at the edges of shadows. So the bake's own texels lose
+ * twentieth of its object's mean, is what texels of that size lose. Halving a texel's size at least halves this: to a
+ * quarter where light is smooth, and to half as many texels at the edges of shadows. So the bake's own texels lose
  * about half of that against texels of half their size, a quarter against the next, and in all as much as the coarse
  * ones lose against them. The loss of a bake is what 95 % of the texels stay below.
  *

@@ -728,6 +728,9 @@ static bool is_own(const struct regression *r, size_t place)
     return r->part == NULL || r->grid->points[place].index < r->part->own;
 }
 
+/* Whether other ranks have other parts of the surface. */
+static bool is_shared(const struct kiln_regression_subdomain *part) { return part != NULL && part->agree != NULL; }
+
 static size_t count_of(const struct regression *r) { return r->grid != NULL ? r->grid->count : 0; }
 
 static int find_most(const struct regression *r, size_t light, int term, double *most, struct kiln_error *error)
@@ -738,7 +741,7 @@ static int find_most(const struct regression *r, size_t light, int term, double 
         if (is_own(r, i))
             here = fmax(here, term_of(r, light, i, term));
     *most = here;
-    return r->part != NULL ? r->part->most(r->part->context, most, 1, error) : KILN_OK;
+    return is_shared(r->part) ? r->part->most(r->part->context, most, 1, error) : KILN_OK;
 }
 
 /* The sum of a term over all points. */
@@ -758,7 +761,7 @@ static int sum_up(const struct regression *r, size_t light, int term, double *su
             high += number >> 32;
         }
     uint64_t parts[2] = {low, high};
-    if (r->part != NULL)
+    if (is_shared(r->part))
         status = r->part->sum(r->part->context, parts, 2, error);
     *sum = ((double)parts[0] + (double)parts[1] * 0x1p32) * (most * 0x1p-62);
     return status;
@@ -878,7 +881,7 @@ int kiln_regression_run(const struct kiln_neighbour_grid *grid, struct kiln_regr
 {
     struct regression r = {.grid = grid, .lights = lights, .light_count = count, .part = part};
     int status = grid != NULL ? run_here(&r, device, error) : KILN_OK;
-    if (part != NULL)
+    if (is_shared(part))
         status = part->agree(part->context, status, error);
     for (size_t l = 0; l < count; l++) {
         if (status == KILN_OK)

@@ -62,7 +62,8 @@ struct kiln_regression_subdomain {
     uint32_t own;
     const uint8_t *far; /* by index, the same for all points of a cell: number of neighbour steps to an own point; 0 for
                          * own points. It determines which of the point's data are needed */
-    int (*agree)(void *context, int status, struct kiln_error *error); /* returns the worst status of all ranks */
+    /* returns the worst status of all ranks; NULL, as the next two: no other rank has a part of the surface */
+    int (*agree)(void *context, int status, struct kiln_error *error);
     /* replace this rank's numbers by the maximum, and by the sum, over all ranks */
     int (*most)(void *context, double *numbers, size_t count, struct kiln_error *error);
     int (*sum)(void *context, uint64_t *numbers, size_t count, struct kiln_error *error);
