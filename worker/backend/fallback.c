@@ -71,6 +71,18 @@ static int take_part(void *context, size_t first, size_t count, const void *resu
     return w->taken;
 }
 
+/* Likewise kiln_take_some; the items that are left out have no samples in `left` either. */
+static int take_some(void *context, size_t first, size_t count, const uint32_t *samples, const void *results,
+                     struct kiln_error *error)
+{
+    struct watched_run *w = context;
+    w->taken = w->batch->take_some(w->batch->context, first, count, samples, results, error);
+    for (size_t i = 0; i < count; i++)
+        if (samples[i] > 0)
+            w->left[first + i - w->batch->first] = 0;
+    return w->taken;
+}
+
 /* kiln_claims callback that records its progress. */
 static size_t claim_part(void *context, size_t first, size_t count)
 {
@@ -99,10 +111,10 @@ static int fallback_run(struct kiln_backend *backend, const struct kiln_pass *pa
     struct watched_run w = {
         .batch = batch, .next = batch->first, .end = batch->first + (batch->claims == NULL ? batch->count : 0)};
     const struct kiln_claims claims = {claim_part, &w};
-    struct kiln_batch watched = *batch;
+    struct kiln_batch watched = kiln_batch_taken_by(batch, take_part, &w);
     watched.claims = batch->claims != NULL ? &claims : NULL;
-    watched.take = take_part;
-    watched.context = &w;
+    watched.take_some =
+        batch->take != NULL && batch->take_some != NULL && batch->samples_each != NULL ? take_some : NULL;
     int status = KILN_OK;
     if (batch->samples_each != NULL)
         status = kiln_allocate(&w.left, batch->count, sizeof *w.left, "the samples of a batch's items", error);

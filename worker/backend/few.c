@@ -119,15 +119,13 @@ static int put_together(void *context, size_t first, size_t count, const void *r
 static int run_both(struct few_run *r, struct kiln_backend *backend, const struct kiln_pass *pass,
                     const void *parameters, uint64_t *rays, struct kiln_error *error)
 {
-    struct kiln_batch few = *r->batch, rest = *r->batch;
+    struct kiln_batch few = kiln_batch_taken_by(r->batch, keep, r),
+                      rest = kiln_batch_taken_by(r->batch, put_together, r);
     few.selections = r->points;
     few.samples = 0;
     few.samples_each = r->samples;
     few.first_sample = (uint32_t)((uint64_t)few.first_sample * kiln_batch_few(r->batch->samples) / r->batch->samples);
-    few.take = keep;
     rest.selections = r->others;
-    rest.take = put_together;
-    few.context = rest.context = r;
     const int status =
         r->place[r->batch->count] > 0 ? kiln_backend_run(backend, pass, parameters, &few, rays, error) : KILN_OK;
     return status == KILN_OK ? kiln_backend_run(backend, pass, parameters, &rest, rays, error) : status;

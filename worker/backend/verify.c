@@ -180,9 +180,8 @@ static bool is_chosen(const struct verify_backend *v, const struct kiln_tile_run
 
 static int trace_again(struct verified_run *run, size_t first, size_t count, struct kiln_error *error)
 {
-    struct kiln_batch chosen = kiln_batch_range(run->batch, first, count);
-    chosen.take = take_again;
-    chosen.context = run;
+    const struct kiln_batch some = kiln_batch_range(run->batch, first, count),
+                            chosen = kiln_batch_taken_by(&some, take_again, run);
     uint64_t rays = 0; /* not the caller's */
     return kiln_backend_run(run->v->embree, run->pass, run->parameters, &chosen, &rays, error);
 }
@@ -217,9 +216,7 @@ static int verify_run(struct kiln_backend *backend, const struct kiln_pass *pass
         return kiln_backend_run(v->checked, pass, parameters, batch, rays, error);
     struct verified_run run = {
         .v = v, .pass = pass, .parameters = parameters, .tally = &v->tallies[pass->index], .batch = batch};
-    struct kiln_batch watched = *batch;
-    watched.take = take_part;
-    watched.context = &run;
+    const struct kiln_batch watched = kiln_batch_taken_by(batch, take_part, &run);
     return kiln_backend_run(v->checked, pass, parameters, &watched, rays, error);
 }
 

@@ -116,6 +116,11 @@ static inline float kiln_mean(float sum, uint32_t count)
 typedef int (*kiln_take_results)(void *context, size_t first, size_t count, const void *results,
                                  struct kiln_error *error);
 
+/* Takes results among which are those of items that the batch leaves out: `samples` has the samples of each item, and
+ * an item with 0 is skipped, for its results are undefined. NULL: none is left out. All else as kiln_take_results. */
+typedef int (*kiln_take_some)(void *context, size_t first, size_t count, const uint32_t *samples, const void *results,
+                              struct kiln_error *error);
+
 /* Work stealing: other ranks may take items of a batch that were not begun. Before each part, claim() is called with
  * its items [first, first + count) and returns how many of them, from the first on, this backend computes. It is called
  * again for the remaining ones; 0 ends the run. Called on the thread of kiln_backend_run, in order. */
@@ -154,7 +159,9 @@ struct kiln_batch {
     bool may_lack;                    /* some radiosity may be absent: `take` checks with kiln_pass.lacks */
     const struct kiln_claims *claims; /* NULL: all items are computed */
     kiln_take_results take;           /* NULL: results are dropped */
-    void *context;                    /* given to `take` */
+    /* NULL: items that are left out interrupt what `take` gets, and thousands of calls of a few tile runs are slow */
+    kiln_take_some take_some;
+    void *context; /* given to both */
 };
 
 static inline bool kiln_batch_leaves_out(const struct kiln_batch *batch, size_t item)
@@ -191,6 +198,17 @@ static inline size_t kiln_batch_stretch(const struct kiln_batch *batch, size_t f
     while (i < end && kiln_batch_leaves_out(batch, i) == kiln_batch_leaves_out(batch, first))
         i++;
     return i;
+}
+
+/* Returns the batch with another taker, which gets no items that are left out. */
+static inline struct kiln_batch kiln_batch_taken_by(const struct kiln_batch *batch, kiln_take_results take,
+                                                    void *context)
+{
+    struct kiln_batch own = *batch;
+    own.take = take;
+    own.take_some = NULL;
+    own.context = context;
+    return own;
 }
 
 /* Returns the part [first, first + count) of the batch, without claims. */

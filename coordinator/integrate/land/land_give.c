@@ -150,13 +150,11 @@ static int give_gathered(struct kiln_landing *l, const struct kiln_batch *batch,
                          struct kiln_error *error)
 {
     struct gathered g = {l, batch};
-    struct kiln_batch rays = *batch;
+    struct kiln_batch rays = kiln_batch_taken_by(batch, take_gathered, &g);
     rays.first = first;
     rays.count = end - first;
     rays.samples = kiln_landing_own_rays(l);
     rays.first_sample = kiln_landing_first_ray(l);
-    rays.take = take_gathered;
-    rays.context = &g;
     return kiln_landing_run_pass(l, &kiln_pass_weighed, &l->techniques, &rays, &kiln_solution_step(l->solution)->rays,
                                  error);
 }

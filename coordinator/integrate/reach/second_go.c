@@ -229,7 +229,7 @@ static int take_again(void *context, size_t first, size_t count, const void *res
     const struct kiln_second_go *go = context;
     const struct kiln_rank_data *own = go->solution->own;
     memset(own->lacking + first, 0, count * sizeof *own->lacking);
-    return kiln_taker_take(go->taker, own, first, count, results, error);
+    return kiln_taker_take(go->taker, own, first, count, NULL, results, error);
 }
 
 static bool has_all(const struct kiln_second_go *go)

@@ -253,7 +253,7 @@ static int take_traced(void *context, size_t first, size_t count, const void *re
     struct kiln_state_slot *s = context;
     if (s->step.pass == &kiln_pass_direct && s->state.direct.see != NULL)
         s->state.direct.see(s->state.direct.context, &s->step, first, count, results);
-    return kiln_taker_take(&s->taker, s->solution->own, first, count, results, error);
+    return kiln_taker_take(&s->taker, s->solution->own, first, count, NULL, results, error);
 }
 
 /* All own points of a step, traced. */
@@ -365,7 +365,7 @@ static int take_block(struct kiln_state_slot *s, const struct kiln_point_result 
         for (next = f + 1; next < end && wants(s, next) == wants(s, f); next++)
             ;
         if (wants(s, f))
-            status = kiln_taker_take(&s->taker, s->solution->own, f, next - f,
+            status = kiln_taker_take(&s->taker, s->solution->own, f, next - f, NULL,
                                      results + (runs[f].first.at - runs[begin].first.at), error);
     }
     return status;

@@ -166,24 +166,43 @@ static void be_held(const struct kiln_batches *b)
         (void)nanosleep(&pause, NULL);
 }
 
-/* Implements kiln_take_results; `context` is the kiln_batches. The cost of the part is divided among its tile runs by
+/* Points of the tile runs from `first` on that were computed, and their work; `samples` as in kiln_take_some. */
+static uint64_t points_computed(struct kiln_batches *b, size_t first, size_t count, const uint32_t *samples,
+                                double *work)
+{
+    const struct kiln_tile_run *tile_runs = b->data->surface.tile_runs + first;
+    const uint32_t *each = samples_of(b, b->data);
+    uint64_t points = 0;
+    *work = 0.0;
+    for (size_t i = 0; i < count; i++)
+        if (samples == NULL || samples[i] > 0) {
+            points += tile_runs[i].count;
+            *work += work_of(b, &tile_runs[i], each != NULL ? &each[first + i] : NULL);
+        }
+    return points;
+}
+
+/* Implements kiln_take_some; `context` is the kiln_batches. The cost of the part is divided among its tile runs by
  * their points. */
-static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+static int take_some(void *context, size_t first, size_t count, const uint32_t *samples, const void *results,
+                     struct kiln_error *error)
 {
     struct kiln_batches *b = context;
     const struct kiln_rank_data *data = b->data, *own = b->solution->own;
     const struct kiln_tile_run *tile_runs = data->surface.tile_runs + first;
     be_held(b);
+    double work;
     const double before = b->since, now = MPI_Wtime(), seconds = b->slowness * (now - before);
-    const uint64_t points = points_of(&data->surface, (struct kiln_range){first, count});
+    const uint64_t points = points_computed(b, first, count, samples, &work);
     b->since = now;
-    const int status = kiln_taker_take(b->taker, data, first, count, results, error);
+    const int status = kiln_taker_take(b->taker, data, first, count, samples, results, error);
     if (status != KILN_OK)
         return status;
     for (size_t i = 0; i < count; i++)
-        data->cost[first + i] = (float)(seconds / (double)points * (double)tile_runs[i].count);
+        if (samples == NULL || samples[i] > 0)
+            data->cost[first + i] = (float)(seconds / (double)points * (double)tile_runs[i].count);
     b->points += points;
-    b->taken += work_in(b, data, (struct kiln_range){first, count});
+    b->taken += work;
     if (data != own)
         return KILN_OK;
     if (b->claims) {
@@ -196,6 +215,12 @@ static int take_part(void *context, size_t first, size_t count, const void *resu
     if (b->report->step.samples_field == NULL) /* otherwise tile runs before `first` may not be finished */
         send_done(b, first + count);
     return KILN_OK;
+}
+
+/* kiln_take_results of the same. */
+static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
+{
+    return take_some(context, first, count, NULL, results, error);
 }
 
 /* Returns the samples of the present batch's tile runs from `first` on; NULL: the same for all. */
@@ -275,6 +300,7 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
                                .may_lack = b->taker->may_lack,
                                .claims = b->claims ? &claims : NULL,
                                .take = take_part,
+                               .take_some = take_some,
                                .context = b};
     if (is_answered(b))
         return kiln_company_answer(b->company, step, &batch, error);

@@ -9,6 +9,8 @@
 /* Most points that one thread takes over alone, because waking others would take longer. If tiles have ended, results
  * come in thousands of short ranges. */
 enum { POINTS_ALONE = 1 << 11 };
+/* Tile runs that a thread takes over one after the other: those that are left out lie together. */
+enum { TOGETHER = 32 };
 
 static void take_one(const struct kiln_taking *t, const struct kiln_rank_data *data,
                      const struct kiln_tile_run *tile_run, const void *results, struct kiln_tally *tally,
@@ -31,7 +33,8 @@ static bool lacks(const struct kiln_pass *pass, const struct kiln_tile_run *tile
 
 /* Source of answers: memory, or a function. */
 struct answers {
-    const char *results; /* NULL: `give` gives them */
+    const uint32_t *samples; /* of tile runs; one with 0 has no answers. NULL: all have some */
+    const char *results;     /* NULL: `give` gives them */
     kiln_give_results give;
     void *context;
 };
@@ -43,13 +46,15 @@ static void take_tile_run(const struct kiln_taker *taker, const struct kiln_rank
     const struct kiln_taking *taking = &taker->taking;
     const struct kiln_tile_run *begin = &data->surface.tile_runs[first], *f = begin + i;
     const size_t bytes = taking->step->pass->result_bytes;
+    taker->tile_runs[i] = (struct kiln_tile_run_tally){0};
+    if (from->samples != NULL && from->samples[i] == 0)
+        return;
     struct kiln_point_result given[KILN_TILE_TEXELS];
     const char *answers = from->results != NULL ? from->results + (f->first.at - begin->first.at) * bytes : NULL;
     if (answers == NULL) {
         from->give(from->context, taking->step, first + i, 1, given);
         answers = (const char *)given;
     }
-    taker->tile_runs[i] = (struct kiln_tile_run_tally){0};
     if (taker->may_lack && lacks(taking->step->pass, f, answers)) {
         data->lacking[first + i] = 1;
         return;
@@ -70,21 +75,22 @@ static int take(struct kiln_taker *taker, const struct kiln_rank_data *data, siz
 #pragma omp parallel num_threads((int)taker->threads) if (!alone)
     {
         struct kiln_tally own = {0};
-#pragma omp for schedule(static)
+#pragma omp for schedule(static, TOGETHER)
         for (size_t i = 0; i < count; i++)
             take_tile_run(taker, data, first, i, from, &own);
 #pragma omp critical(kiln_taker_take)
         kiln_ledger_add(taker->ledger, &own); /* sums are exact, so the order of threads does not matter */
     }
     for (size_t i = 0; i < count; i++)
-        kiln_ledger_add_tile_run(taker->ledger, &data->surface, &tile_runs[i], &taker->tile_runs[i]);
+        if (from->samples == NULL || from->samples[i] > 0)
+            kiln_ledger_add_tile_run(taker->ledger, &data->surface, &tile_runs[i], &taker->tile_runs[i]);
     return KILN_OK;
 }
 
 int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data, size_t first, size_t count,
-                    const void *results, struct kiln_error *error)
+                    const uint32_t *samples, const void *results, struct kiln_error *error)
 {
-    const struct answers from = {.results = results};
+    const struct answers from = {.samples = samples, .results = results};
     return take(taker, data, first, count, &from, error);
 }
 

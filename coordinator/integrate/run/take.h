@@ -18,9 +18,9 @@ struct kiln_taker {
 };
 
 /* Processes the tile runs [first, first + count) of `data`. `results`: answers of their points, an array of the result
- * struct of the step's pass. KILN_SYSTEM. */
+ * struct of the step's pass. `samples`: one of each tile run; those with 0 are left out; NULL: none. KILN_SYSTEM. */
 int kiln_taker_take(struct kiln_taker *taker, const struct kiln_rank_data *data, size_t first, size_t count,
-                    const void *results, struct kiln_error *error);
+                    const uint32_t *samples, const void *results, struct kiln_error *error);
 
 /* Fills in the answers of the own tile runs [first, first + count) in a step. Called by several threads at once. */
 typedef void (*kiln_give_results)(void *context, const struct kiln_step *step, size_t first, size_t count,

@@ -6,6 +6,7 @@
 
 #include "worker/backend/embree/passage.h"
 #include "worker/backend/embree/reference_paths.h"
+#include "worker/backend/hand_over.h"
 #include "worker/base/memory.h"
 #include "worker/light/light_groups.h"
 #include "worker/material/scene_lobes.h"
@@ -166,16 +167,9 @@ static uint64_t results_of(const struct embree_backend *b, const struct kiln_pas
 static int take_results(const struct embree_backend *b, const struct kiln_pass *pass, const struct kiln_batch *part,
                         const char *results, struct kiln_error *error)
 {
-    const size_t end = part->first + part->count;
-    int status = KILN_OK;
-    for (size_t i = part->first, next; i < end && status == KILN_OK; i = next) {
-        next = kiln_batch_stretch(part, i, end);
-        if (!kiln_batch_leaves_out(part, i))
-            status = part->take(part->context, i, next - i, results, error);
-        for (size_t item = i; item < next; item++)
-            results += results_of(b, pass, item) * pass->result_bytes;
-    }
-    return status;
+    return pass->domain == KILN_DOMAIN_TILE_RUNS
+               ? kiln_batch_hand_over(part, b->surface, pass->result_bytes, part->first, part->count, results, error)
+               : part->take(part->context, part->first, part->count, results, error);
 }
 
 /* Allocates results of groups for a part with this number of points, which begins with the tile run. */

@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "worker/backend/hand_over.h"
 #include "worker/base/memory.h"
 
 enum { POINTS_AT_ONCE = 1 << 16 };
@@ -133,9 +134,11 @@ int vulkan_take_short(struct vulkan_backend *b, vulkan_lengthen lengthen_run, si
 #pragma omp parallel for num_threads((int)b->threads) if (points > 1 << 14)
         for (size_t f = 0; f < some; f++) {
             const uint64_t at = first[f].first.at - first[0].first.at;
+            if (kiln_batch_leaves_out(batch, tile_run_first + done + f))
+                continue;
             lengthen_run(b, batch, tile_run_first + done + f, from + at * bytes, to + at);
         }
-        status = batch->take(batch->context, tile_run_first + done, some, to, error);
+        status = kiln_batch_hand_over(batch, b->surface, sizeof *to, tile_run_first + done, some, to, error);
         from += points * bytes;
     }
     return status;

@@ -339,17 +339,18 @@ static int check(const struct run *r, const struct flight *flight, const char *r
     return KILN_OK;
 }
 
-/* Hands over the answers of the tile runs that are not left out. */
+/* Hands over the answers of the tile runs: with those of the ones left out, if the pass takes these. */
 static int hand_over(struct run *r, const struct flight *flight, const char *results, struct kiln_error *error)
 {
     const struct kiln_tile_run *tile_runs = r->b->surface->tile_runs;
     const uint32_t *words = (const uint32_t *)(const void *)(results + flight->total * r->pass->result_bytes);
     const size_t begin = flight->tile_run_first, end = begin + flight->tile_run_count;
+    const bool all = r->pass->takes_some && r->batch->take_some != NULL;
     int status = KILN_OK;
     for (size_t f = begin, next; f < end && status == KILN_OK; f = next) {
         const uint64_t point = tile_runs[f].first.at - tile_runs[begin].first.at;
-        next = kiln_batch_stretch(r->batch, f, end);
-        if (!kiln_batch_leaves_out(r->batch, f))
+        next = all ? end : kiln_batch_stretch(r->batch, f, end);
+        if (all || !kiln_batch_leaves_out(r->batch, f))
             status = r->pass->take(r->pass->context, f, next - f, results + point * r->pass->result_bytes,
                                    r->pass->wants_words ? words + point * words_of(r->pass) : NULL, error);
         if (status == KILN_OK)

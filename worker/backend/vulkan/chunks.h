@@ -73,7 +73,9 @@ struct vulkan_chunked {
     int (*record)(void *context, const struct vulkan_chunk *chunk, struct vulkan_recording *recording,
                   struct kiln_error *error);
     /* Takes the answers of consecutive tile runs; words is NULL unless wanted. A status other than KILN_OK ends the
-     * pass. */
+     * pass. takes_some: the batch may leave out some of them, whose answers are undefined, if its own taker is asked
+     * the same way (kiln_batch.take_some). */
+    bool takes_some;
     int (*take)(void *context, size_t tile_run_first, size_t tile_run_count, const void *results, const uint32_t *words,
                 struct kiln_error *error);
     void *context;

@@ -213,8 +213,9 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     const uint64_t points = kiln_tile_runs_points(tile_runs, tile_runs + tile_run_count - 1);
     uint64_t rays = 0;
 #pragma omp parallel for num_threads((int)d->b->threads) reduction(+ : rays) if (points > 1 << 14)
-    for (uint64_t i = 0; i < points; i++)
-        rays += words[i];
+    for (size_t f = 0; f < tile_run_count; f++)
+        for (uint32_t k = 0; k < tile_runs[f].count && !kiln_batch_leaves_out(d->batch, tile_run_first + f); k++)
+            rays += words[tile_runs[f].first.at - tile_runs[0].first.at + k];
     d->rays += rays;
     const int status =
         d->groups > 0 ? vulkan_groups_take(d->b, d->batch, tile_run_first, tile_run_count, error) : KILN_OK;
@@ -280,6 +281,7 @@ static int run(struct vulkan_backend *b, const void *parameters, const struct ki
                                         .scratch_of = d.samples == 0 ? scratch_of : NULL,
                                         .wants_words = true,
                                         .moved_bytes = vulkan_groups_floats(b) * sizeof(float),
+                                        .takes_some = d.groups == 0,
                                         .prepare = prepare,
                                         .record = record,
                                         .take = take,

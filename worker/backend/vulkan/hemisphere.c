@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "worker/backend/vulkan/groups.h"
+#include "worker/backend/hand_over.h"
 #include "worker/base/memory.h"
 #include "worker/sampling/keys.h"
 #include "worker/scene/radiance_probes.h"
@@ -240,6 +241,8 @@ static void count_rays(struct hemisphere *h, size_t tile_run_first, size_t tile_
     for (size_t f = 0; f < tile_run_count; f++) {
         const uint64_t points = kiln_batch_points(h->batch, tile_run_first + f),
                        run = kiln_own_of_global(s, tile_runs[f].first).at;
+        if (kiln_batch_leaves_out(h->batch, tile_run_first + f))
+            continue;
         for (uint32_t k = 0; k < tile_runs[f].count; k++) {
             tracing += (points >> k & 1u) != 0 && traces(h, (struct kiln_own_point){run + k});
             shadow_rays += h->pass->counts_rays ? words[run + k - first] : 0;
@@ -266,7 +269,8 @@ static int take(void *context, size_t tile_run_first, size_t tile_run_count, con
     if (h->pass->lengthen != NULL)
         return vulkan_take_short(h->b, h->pass->lengthen, h->pass->result_bytes, batch, tile_run_first, tile_run_count,
                                  results, error);
-    return batch->take != NULL ? batch->take(batch->context, tile_run_first, tile_run_count, results, error) : KILN_OK;
+    return kiln_batch_hand_over(batch, h->b->surface, h->pass->pass->result_bytes, tile_run_first, tile_run_count,
+                                results, error);
 }
 
 static int prepare(void *context, struct kiln_error *error)
@@ -330,6 +334,7 @@ int vulkan_hemisphere_run(struct vulkan_backend *b, const struct vulkan_hemisphe
                                            .words = pass->kept_words,
                                            .moved_bytes =
                                                pass->moved_bytes + pass->kept_words * sizeof(uint32_t) + group_bytes,
+                                           .takes_some = pass->besides == NULL && pass->kept_words == 0,
                                            .prepare = prepare,
                                            .record = record,
                                            .take = take,

@@ -79,14 +79,12 @@ static bool ask_rays(const struct links_run *r, uint32_t *samples)
 static int gather(struct links_run *r, size_t points, struct kiln_error *error)
 {
     const uint64_t own[2] = {0, 0}; /* filled in for each chunk */
-    struct kiln_batch batch = *r->batch;
+    struct kiln_batch batch = kiln_batch_taken_by(r->batch, keep, r);
     uint32_t *samples = NULL;
     size_t room = 0;
     int status = kiln_allocate(&samples, batch.count, sizeof *samples, "the links that are missing", error);
     batch.samples_each = samples;
     batch.stream = r->p->stream;
-    batch.take = keep;
-    batch.context = r;
     const bool missing = status == KILN_OK && ask_rays(r, samples);
     if (missing)
         status = kiln_arena_grow(&r->arena, &r->gathered, &room, points, sizeof *r->gathered,

@@ -149,9 +149,7 @@ static void recall(const struct patches_run *r, uint64_t points)
 static int gather(struct patches_run *r, struct kiln_error *error)
 {
     const uint64_t own[2] = {0, 0}; /* filled in for each chunk */
-    struct kiln_batch batch = *r->batch;
-    batch.take = keep;
-    batch.context = r;
+    const struct kiln_batch batch = kiln_batch_taken_by(r->batch, keep, r);
     const struct vulkan_hemisphere pass = vulkan_gather_pass(r->b, &batch, own);
     return vulkan_hemisphere_run(r->b, &pass, &batch, &r->rays, error);
 }

@@ -54,9 +54,7 @@ static int take_rays(void *context, size_t first, size_t count, const void *resu
 static int count_rays(struct reference_run *r, uint64_t *rays, struct kiln_error *error)
 {
     const uint64_t own[2] = {0, 0};
-    struct kiln_batch batch = *r->batch;
-    batch.take = take_rays;
-    batch.context = r;
+    const struct kiln_batch batch = kiln_batch_taken_by(r->batch, take_rays, r);
     struct vulkan_hemisphere pass = vulkan_gather_pass(r->both.b, &batch, own);
     pass.stream = r->points.stream;
     return vulkan_hemisphere_run(r->both.b, &pass, &batch, rays, error);
