@@ -21,6 +21,9 @@
 #define LEAST_RADIUS 1.5 /* first radius tried, in texels: it includes the eight neighbours */
 
 enum { BOXES = 64, RADII = 9, BALANCINGS = 2, FIT_STEPS = 10 };
+/* How many radii from the next landing points take part in a spreading. What a point receives depends on the weights of
+ * points within one radius of landings; these depend on their neighbours', once for each balancing. */
+enum { REACH = 1 + BALANCINGS };
 
 /* Flux landed at a point, W. */
 struct flux {
@@ -53,6 +56,8 @@ struct kiln_merge {
     struct kiln_merge_place *places;    /* of all, with `radius` */
     struct flux *fluxes;
     struct weights *weights, *next; /* next: of own points */
+    uint8_t *reached;               /* how far landings are, in radii, at most: 1 to REACH; 0: farther, and of no use */
+    uint8_t *set;                   /* of cells (merge_near.h) */
     bool fitted;                    /* each place has a fitted radius */
     struct kiln_merge_grid *grid;   /* of `places` */
     struct kiln_exchange exchange;  /* of records of points; own ones stay where they are */
@@ -67,6 +72,8 @@ static void forget_others(struct kiln_merge *m)
     kiln_free(&m->fluxes);
     kiln_free(&m->weights);
     kiln_free(&m->next);
+    kiln_free(&m->reached);
+    kiln_free(&m->set);
     m->fitted = false;
     kiln_merge_grid_destroy(&m->grid);
     kiln_free(&m->sent);
@@ -225,6 +232,7 @@ static int make_room(struct kiln_merge *m, struct kiln_error *error)
     KILN_TRY(kiln_allocate(&m->fluxes, m->count, sizeof *m->fluxes, "the light that is merged", error));
     KILN_TRY(kiln_allocate(&m->weights, m->count, sizeof *m->weights, "the weights of points", error));
     KILN_TRY(kiln_allocate(&m->next, m->own_count, sizeof *m->next, "the weights of points", error));
+    KILN_TRY(kiln_allocate(&m->reached, m->count, sizeof *m->reached, "the points that light reaches", error));
 #pragma omp parallel for num_threads((int)m->threads) schedule(static)
     for (size_t i = 0; i < m->own_count; i++)
         m->places[m->own_first + i] = m->own[i];
@@ -311,14 +319,21 @@ end:
 typedef void (*each_point)(const struct kiln_merge *m, size_t at, float radius,
                            const struct kiln_merge_neighbours *near, void *context);
 
-/* A pass over all points of this rank that take part. `lists`: NULL: the function uses no halves. */
+/* A pass over points of this rank that take part, and that landings reach from up to `reach` radii away. `lists`: NULL:
+ * the function uses no halves. */
 struct pass {
     const struct kiln_merge *m;
+    int reach;
     float radius;
     struct kiln_merge_lists *lists;
     each_point each;
     void *context;
 };
+
+static bool is_reached(const struct kiln_merge *m, size_t at, int reach)
+{
+    return m->reached[at] > 0 && m->reached[at] <= reach;
+}
 
 /* Calls the function for the points of a chunk. */
 static int do_chunk(const struct pass *p, size_t chunk, struct kiln_merge_neighbours *n,
@@ -332,7 +347,7 @@ static int do_chunk(const struct pass *p, size_t chunk, struct kiln_merge_neighb
     int status = KILN_OK;
     listing->count = 0;
     for (size_t at = m->own_first + chunk * KILN_MERGE_CHUNK; at < end; at++) {
-        if (!(m->places[at].lit > 0.0f))
+        if (!(m->places[at].lit > 0.0f) || !is_reached(m, at, p->reach))
             continue;
         if (listed) {
             entry = kiln_merge_lists_read(entry, n, error);
@@ -411,11 +426,14 @@ static int take_weights(struct kiln_merge *m, int status, struct kiln_error *err
 static int find_weights(struct kiln_merge *m, float radius, int balancings, struct kiln_merge_lists *lists,
                         struct kiln_error *error)
 {
-    const struct pass pass = {m, radius, lists, sum_weights, m->next};
+    const struct pass pass = {m, REACH, radius, lists, sum_weights, m->next};
     int status = KILN_OK;
 #pragma omp parallel for num_threads((int)m->threads) schedule(static)
     for (size_t i = 0; i < m->count; i++)
         m->weights[i] = (struct weights){1.0f, 1.0f, 1.0f, 1.0f};
+#pragma omp parallel for num_threads((int)m->threads) schedule(static)
+    for (size_t i = 0; i < m->own_count; i++)
+        m->next[i] = (struct weights){1.0f, 1.0f, 1.0f, 1.0f};
     for (int k = 0; k <= balancings && status == KILN_OK; k++) {
         status = for_all(&pass, error);
 #pragma omp parallel for num_threads((int)m->threads) schedule(static) if (k < balancings)
@@ -489,17 +507,57 @@ static int take_fluxes(struct kiln_merge *m, const struct kiln_landing_sum *land
     return kiln_exchange_send(&m->exchange, KILN_OK, sizeof *m->outgoing, m->outgoing, m->fluxes, error);
 }
 
+/* Marks own points within a radius of points that were reached before. */
+static void reach_on(struct kiln_merge *m, int step)
+{
+    memset(m->set, 0, kiln_merge_grid_slots(m->grid) * sizeof *m->set);
+#pragma omp parallel for num_threads((int)m->threads) schedule(static)
+    for (size_t i = 0; i < m->count; i++)
+        if (step == 1 ? m->fluxes[i].count > 0 : m->reached[i] > 0)
+            kiln_merge_grid_mark(m->grid, i, m->set);
+#pragma omp parallel for num_threads((int)m->threads) schedule(static)
+    for (size_t i = m->own_first; i < m->own_first + m->own_count; i++)
+        if (m->reached[i] == 0 && m->places[i].lit > 0.0f && kiln_merge_grid_marked(m->grid, i, m->set))
+            m->reached[i] = (uint8_t)step;
+}
+
+/* Collective. Finds how many radii away from landings points are, up to `reach`. Light of iterations is sparse: most
+ * points of a room may have none near them, and need no search for their neighbours. */
+static int find_reached(struct kiln_merge *m, int reach, struct kiln_error *error)
+{
+    uint8_t *outgoing = (uint8_t *)(void *)m->outgoing;
+    int status = KILN_OK;
+    if (m->grid == NULL) {
+        memset(m->reached, 1, m->count);
+        return KILN_OK;
+    }
+    kiln_free(&m->set);
+    status =
+        kiln_allocate(&m->set, kiln_merge_grid_slots(m->grid), sizeof *m->set, "the points that light reaches", error);
+    KILN_TRY(kiln_agree(m->communicator, status, error));
+    memset(m->reached, 0, m->count);
+    for (int step = 1; step <= reach; step++) {
+        reach_on(m, step);
+        for (size_t i = 0; i < m->sent_count; i++)
+            outgoing[i] = m->reached[m->own_first + m->sent[i]];
+        KILN_TRY(kiln_exchange_send(&m->exchange, KILN_OK, sizeof *outgoing, outgoing, m->reached, error));
+    }
+end:
+    return status;
+}
+
 /* Collective. */
 static int spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, double radius, int balancings,
                   struct kiln_merged *merged, struct kiln_error *error)
 {
     const float now = fminf((float)radius, m->radius);
     struct kiln_merge_lists lists;
-    const struct pass pass = {m, now, &lists, collect, merged};
+    const struct pass pass = {m, REACH, now, &lists, collect, merged};
     int status = kiln_merge_lists_create(&lists, m->own_count, m->count, error);
     KILN_TRY(kiln_agree(m->communicator, status, error));
-    KILN_TRY(find_weights(m, now, balancings, &lists, error));
     KILN_TRY(take_fluxes(m, landed, error));
+    KILN_TRY(find_reached(m, 1 + balancings, error));
+    KILN_TRY(find_weights(m, now, balancings, &lists, error));
     KILN_TRY(kiln_agree(m->communicator, for_all(&pass, error), error));
 end:
     kiln_merge_lists_release(&lists);
@@ -623,7 +681,12 @@ int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, 
     KILN_TRY(kiln_agree(m->communicator, status, error));
     fit.radii = radii + m->own_first;
     KILN_TRY(take_fluxes(m, landed, error));
-    status = for_all(&(struct pass){m, m->radius, NULL, fit_point, &fit}, error);
+    KILN_TRY(find_reached(m, 1, error));
+    /* light that is nowhere near differs at no radius */
+#pragma omp parallel for num_threads((int)m->threads) schedule(static)
+    for (size_t i = m->own_first; i < m->own_first + m->own_count; i++)
+        radii[i] = radius_of(m, i, i, m->radius);
+    status = for_all(&(struct pass){m, 1, m->radius, NULL, fit_point, &fit}, error);
     KILN_TRY(kiln_agree(m->communicator, take_radii(m, status, radii, error), error));
 end:
     kiln_free(&radii);

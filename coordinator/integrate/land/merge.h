@@ -122,8 +122,8 @@ double kiln_merge_error(const struct kiln_merged *merged, uint64_t iterations);
 /* Most points near an own point that are listed, in the mean, so that later searches for them are saved. */
 enum { KILN_MERGE_LISTED = 32 };
 /* Approximate bytes that a rank needs per own point, besides struct kiln_merged: places twice, fluxes, weights twice,
- * the grid and its construction, lists. Points of other ranks need as much each, but are few. */
-enum { KILN_MERGE_POINT_BYTES = 2 * 40 + 32 + 2 * 16 + 2 * 16 + 28 + 12 + 4 * KILN_MERGE_LISTED };
+ * the grid and its construction, marks, lists. Points of other ranks need as much each, but are few. */
+enum { KILN_MERGE_POINT_BYTES = 2 * 40 + 32 + 2 * 16 + 2 * 16 + 28 + 12 + 2 + 4 * KILN_MERGE_LISTED };
 /* Number of searches for the points near each point: for one radius, for finding the initial radius, and for fitting
  * each point's own radius. A search costs about as much as several passes that spread. */
 enum { KILN_MERGE_PASSES = 4, KILN_MERGE_SEARCH_PASSES = 12, KILN_MERGE_FIT_PASSES = 8 };

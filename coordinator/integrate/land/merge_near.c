@@ -88,7 +88,7 @@ static void find_gaps(const struct level *level, float x, int64_t cell, double g
     gaps[2] = 1.0 - in_cell;
 }
 
-/* The cells of a level within the radius of a place, whose slots are fetched ahead. Returns how many. */
+/* The cells of a level within the radius of a place. Returns how many. */
 static size_t find_cells(const struct kiln_merge_grid *grid, const struct level *level, struct kiln_vec3 p,
                          float radius, struct cell cells[NEIGHBOUR_CELLS])
 {
@@ -105,7 +105,7 @@ static size_t find_cells(const struct kiln_merge_grid *grid, const struct level 
             continue;
         const uint64_t word = cell_word(x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1);
         cells[count] = (struct cell){word, slot_of(grid, word)};
-        __builtin_prefetch(&level->begin[cells[count++].slot]);
+        count++;
     }
     return count;
 }
@@ -354,7 +354,30 @@ int kiln_merge_grid_find(const struct kiln_merge_grid *grid, size_t at, float ra
         return KILN_OK;
     const struct level *level = &grid->levels[level_of(grid, &grid->places[at])];
     const size_t count = find_cells(grid, level, grid->places[at].position, radius, cells);
+    for (size_t i = 0; i < count; i++)
+        __builtin_prefetch(&level->begin[cells[i].slot]);
     for (size_t i = 0; i < count && status == KILN_OK; i++)
         status = add_near(grid, level, at, cells[i], radius, near, error);
     return status;
+}
+
+/* ---- sets ---- */
+
+size_t kiln_merge_grid_slots(const struct kiln_merge_grid *grid) { return grid->slots; }
+
+void kiln_merge_grid_mark(const struct kiln_merge_grid *grid, size_t at, uint8_t *set)
+{
+    const size_t slot = slot_of(grid, cell_of(&grid->levels[0], grid->places[at].position));
+#pragma omp atomic write
+    set[slot] = 1;
+}
+
+bool kiln_merge_grid_marked(const struct kiln_merge_grid *grid, size_t at, const uint8_t *set)
+{
+    struct cell cells[NEIGHBOUR_CELLS];
+    const size_t count = find_cells(grid, &grid->levels[0], grid->places[at].position, grid->radius, cells);
+    bool marked = false;
+    for (size_t i = 0; i < count; i++)
+        marked = marked || set[cells[i].slot] != 0;
+    return marked;
 }

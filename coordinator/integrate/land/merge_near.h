@@ -53,4 +53,12 @@ struct kiln_merge_near {
 int kiln_merge_grid_find(const struct kiln_merge_grid *grid, size_t at, float radius, struct kiln_merge_near *near,
                          struct kiln_error *error);
 
+/* Sets of places by cells as wide as the radius: a byte for each of kiln_merge_grid_slots hashes of cells. Different
+ * cells may share a byte, so a set has some places too many. */
+size_t kiln_merge_grid_slots(const struct kiln_merge_grid *grid);
+/* Adds the cell of place `at` to the set. Several threads may do so at once. */
+void kiln_merge_grid_mark(const struct kiln_merge_grid *grid, size_t at, uint8_t *set);
+/* Whether a cell of the set lies within the radius of place `at`. True if a marked place is near it. */
+bool kiln_merge_grid_marked(const struct kiln_merge_grid *grid, size_t at, const uint8_t *set);
+
 #endif
