@@ -39,12 +39,39 @@ static void widen(struct box *box, struct kiln_dvec3 p)
     }
 }
 
+static void join(struct box *box, const struct box *other)
+{
+    for (int i = 0; i < ABOUT_AN_AXIS; i++) {
+        box->low[i] = fmin(box->low[i], other->low[i]);
+        box->high[i] = fmax(box->high[i], other->high[i]);
+    }
+}
+
 static void widen_by_triangle(struct box *box, const struct kiln_geometry *g, uint32_t triangle)
 {
     struct kiln_vec3 corner[3];
     kiln_geometry_corners(g, triangle, corner);
     for (int c = 0; c < 3; c++)
         widen(box, dvec3_of(corner[c]));
+}
+
+/* Least number of triangles that all threads look at together. The results are minima and maxima: the same bits. */
+enum { TOGETHER = 1 << 13 };
+
+/* The box of triangles. */
+static struct box box_of(const struct kiln_geometry *g, const uint32_t *triangles, size_t count)
+{
+    struct box all = nothing;
+#pragma omp parallel if (count >= TOGETHER)
+    {
+        struct box own = nothing;
+#pragma omp for schedule(static) nowait
+        for (size_t i = 0; i < count; i++)
+            widen_by_triangle(&own, g, triangles[i]);
+#pragma omp critical(kiln_targets)
+        join(&all, &own);
+    }
+    return all;
 }
 
 static struct kiln_dvec3 middle_of(const struct box *box)
@@ -94,6 +121,7 @@ static double centre_of(const struct kiln_geometry *g, uint32_t triangle, int ax
 static double radius_about(const struct cutting *w, const struct node *n, struct kiln_dvec3 centre)
 {
     double radius = 0.0;
+#pragma omp parallel for schedule(static) reduction(max : radius) if (n->end - n->first >= TOGETHER)
     for (size_t i = n->first; i < n->end; i++) {
         struct kiln_vec3 corner[3];
         kiln_geometry_corners(w->geometry, w->triangles[i], corner);
@@ -106,10 +134,9 @@ static double radius_about(const struct cutting *w, const struct node *n, struct
 static void add_node(struct cutting *w, size_t first, size_t end)
 {
     struct node *n = &w->nodes[w->count++];
-    *n = (struct node){.first = first, .end = end, .stays = end - first < 2, .box = nothing};
+    *n = (struct node){.first = first, .end = end, .stays = end - first < 2};
     n->object = w->geometry->records[w->triangles[first]].object;
-    for (size_t i = first; i < end; i++)
-        widen_by_triangle(&n->box, w->geometry, w->triangles[i]);
+    n->box = box_of(w->geometry, w->triangles + first, end - first);
     const double radius = radius_about(w, n, middle_of(&n->box));
     n->outline = fmin(KILN_PI * radius * radius, box_shade(&n->box));
 }
@@ -119,9 +146,17 @@ static void add_node(struct cutting *w, size_t first, size_t end)
 static double try_cut(const struct cutting *w, const struct node *n, int axis, double middle)
 {
     struct box sides[2] = {nothing, nothing};
-    for (size_t i = n->first; i < n->end; i++)
-        widen_by_triangle(&sides[centre_of(w->geometry, w->triangles[i], axis) < middle ? 0 : 1], w->geometry,
-                          w->triangles[i]);
+#pragma omp parallel if (n->end - n->first >= TOGETHER)
+    {
+        struct box own[2] = {nothing, nothing};
+#pragma omp for schedule(static) nowait
+        for (size_t i = n->first; i < n->end; i++)
+            widen_by_triangle(&own[centre_of(w->geometry, w->triangles[i], axis) < middle ? 0 : 1], w->geometry,
+                              w->triangles[i]);
+#pragma omp critical(kiln_targets)
+        for (int k = 0; k < 2; k++)
+            join(&sides[k], &own[k]);
+    }
     return sides[0].low[0] <= sides[0].high[0] && sides[1].low[0] <= sides[1].high[0]
                ? box_shade(&sides[0]) + box_shade(&sides[1])
                : INFINITY;
@@ -134,6 +169,7 @@ static void cut(struct cutting *w, struct node *n)
     int along = 0;
     for (int axis = 0; axis < ABOUT_AN_AXIS; axis++) {
         double low = INFINITY, high = -INFINITY;
+#pragma omp parallel for schedule(static) reduction(min : low) reduction(max : high) if (n->end - n->first >= TOGETHER)
         for (size_t i = n->first; i < n->end; i++) {
             const double centre = centre_of(w->geometry, w->triangles[i], axis);
             low = fmin(low, centre);
