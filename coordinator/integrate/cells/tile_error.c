@@ -152,12 +152,24 @@ static void look_at_tile(const struct kiln_integration *in, const double sums[st
     }
 }
 
+/* Estimates the miss of each tile, by all threads. */
+static void find_misses(const struct kiln_surface *surface, const uint64_t *tiles, const struct kiln_tail_fit *fit,
+                        size_t bounces, struct miss *misses)
+{
+    const double q = fmin(kiln_luminance(fit->ratio), KILN_TAIL_RATIO_MOST);
+#pragma omp parallel for schedule(dynamic, 64)
+    for (uint64_t t = 0; t < surface->tile_count; t++) {
+        double sums[SUMS];
+        take_sums(&tiles[SUMS * t], sums);
+        misses[t] = miss_of(sums, fit, q, bounces);
+    }
+}
+
 /* Visits all tiles, in the same order on all ranks. */
-static void look_at_tiles(const struct kiln_integration *in, const uint64_t *tiles, const struct kiln_tail_fit *fit,
-                          size_t bounces, struct missed *missed)
+static void look_at_tiles(const struct kiln_integration *in, const uint64_t *tiles, const struct miss *misses,
+                          struct missed *missed)
 {
     const struct kiln_surface *surface = &in->solution->own->surface;
-    const double q = fmin(kiln_luminance(fit->ratio), KILN_TAIL_RATIO_MOST);
     in->solution->report.tail_tile_error = 0.0;
     in->solution->report.tail_pocket = 0;
     for (uint32_t map = 0; map < surface->map_count; map++) {
@@ -168,7 +180,7 @@ static void look_at_tiles(const struct kiln_integration *in, const uint64_t *til
         for (uint64_t t = m->tile_first; t < m->tile_first + (uint64_t)m->tiles_x * m->tiles_y; t++) {
             double sums[SUMS];
             take_sums(&tiles[SUMS * t], sums);
-            look_at_tile(in, sums, object, miss_of(sums, fit, q, bounces), &missed[object]);
+            look_at_tile(in, sums, object, misses[t], &missed[object]);
         }
     }
 }
@@ -193,18 +205,20 @@ static double largest_of_objects(const struct kiln_integration *in, const uint64
 static void add_had(const struct kiln_integration *in, const struct means *mean, uint64_t *had)
 {
     const struct kiln_surface *surface = &in->solution->own->surface;
+#pragma omp parallel for schedule(static)
     for (size_t f = 0; f < surface->tile_run_count; f++) {
         const struct kiln_tile_run *run = &surface->tile_runs[f];
         struct kiln_own_point point = kiln_own_of_global(surface, run->first);
-        uint64_t *object = &had[kiln_map_object(surface, run->map)];
+        uint64_t of_run = 0;
         if (!kiln_map_is_result(surface, run->map))
             continue;
         for (uint32_t k = 0; k < run->count; k++, point.at++) {
             const double own = kiln_luminance_of_floats(&in->solution->own->sum[3 * point.at]);
             const double power = (double)surface->area[point.at] * (own + KILN_LATE_DARK * mean->light);
             if (kiln_point_valid(surface, point) && own > 0.0)
-                *object += (uint64_t)(fmin(power / mean->power, POWER_MOST) * HAD_STEPS);
+                of_run += (uint64_t)(fmin(power / mean->power, POWER_MOST) * HAD_STEPS);
         }
+        kiln_tiles_add(&had[kiln_map_object(surface, run->map)], of_run);
     }
 }
 
@@ -218,6 +232,7 @@ int kiln_tile_error(const struct kiln_integration *in, double *largest, struct k
     struct kiln_arena arena = {0};
     uint64_t *tiles = NULL, *had = NULL;
     struct missed *missed = NULL;
+    struct miss *misses = NULL;
     struct means mean = {0.0, 0.0};
     int status = kiln_arena_allocate(&arena, &tiles, count, sizeof *tiles, "what is left in tiles", error);
     if (status == KILN_OK)
@@ -226,6 +241,9 @@ int kiln_tile_error(const struct kiln_integration *in, double *largest, struct k
     if (status == KILN_OK)
         status = kiln_arena_allocate(&arena, &missed, surface->object_count, sizeof *missed, "what is left in objects",
                                      error);
+    if (status == KILN_OK)
+        status =
+            kiln_arena_allocate(&arena, &misses, surface->tile_count, sizeof *misses, "what is left in tiles", error);
     status = kiln_agree(in->communicator, status, error);
     if (status == KILN_OK)
         status = kiln_tiles_mean(in, in->solution->own->sum, NULL, &mean.light, error);
@@ -238,7 +256,8 @@ int kiln_tile_error(const struct kiln_integration *in, double *largest, struct k
         add_had(in, &mean, had);
         kiln_tiles_reduce(in, tiles, count);
         kiln_tiles_reduce(in, had, surface->object_count);
-        look_at_tiles(in, tiles, &fit, bounces, missed);
+        find_misses(surface, tiles, &fit, bounces, misses);
+        look_at_tiles(in, tiles, misses, missed);
         *largest = largest_of_objects(in, had, missed);
     }
     kiln_arena_release(&arena);
