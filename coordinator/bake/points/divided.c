@@ -768,19 +768,16 @@ static int list_views(struct search *s, struct view **views, size_t *count, stru
     return status;
 }
 
-/* Evaluates the views of one candidate, which begin at `views`; the list has `count` more. Returns how many they
- * are. */
-static size_t take_views(const struct search *s, const struct view *views, size_t count, const struct kiln_wall_rays *r,
-                         size_t first, struct seen seen[VIEWS], bool there[VIEWS])
+/* Evaluates the views of one candidate, which begin at `views`; the list has `count` more. */
+static void take_views(const struct search *s, const struct view *views, size_t count, const struct kiln_wall_rays *r,
+                       size_t first, struct seen seen[VIEWS], bool there[VIEWS])
 {
-    size_t taken = 0;
     memset(there, 0, VIEWS * sizeof *there);
-    for (; taken < count && views[taken].of == views->of; taken++) {
+    for (size_t taken = 0; taken < count && views[taken].of == views->of; taken++) {
         const struct view *view = &views[taken];
         seen[view->number] = seen_from(s, view->of, view->from, r, first + LOOKS * taken);
         there[view->number] = true;
     }
-    return taken;
 }
 
 /* Traces and evaluates the views of all candidates: first to choose the part to show, then (`shown`) to find rims. */
@@ -792,14 +789,18 @@ static int look_along(struct search *s, bool shown, struct kiln_error *error)
     int status;
     KILN_TRY(list_views(s, &views, &count, error));
     KILN_TRY(kiln_wall_rays_create(&r, LOOKS * count, error));
+#pragma omp parallel for schedule(static)
     for (size_t i = 0; i < count; i++)
         set_looks(s, views[i].of, views[i].number, views[i].from, &r, LOOKS * i);
     KILN_TRY(trace(s, &r, LOOKS * count, error));
-    for (size_t i = 0; i < count;) {
+#pragma omp parallel for schedule(dynamic, 64)
+    for (size_t i = 0; i < count; i++) {
         struct seen seen[VIEWS];
         bool there[VIEWS];
         struct candidate *c = views[i].of;
-        i += take_views(s, views + i, count - i, &r, LOOKS * i, seen, there);
+        if (i > 0 && views[i - 1].of == c)
+            continue; /* looked at with its first view */
+        take_views(s, views + i, count - i, &r, LOOKS * i, seen, there);
         if (shown)
             find_rims(c, seen, there);
         else
