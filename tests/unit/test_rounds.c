@@ -28,7 +28,9 @@ static void units_of_a_round(void **state)
         }
 }
 
-/* The mean that a tile run ends with weighs all of its samples alike, whatever rounds it left out. */
+/* The mean that a tile run ends with weighs what it found up to n samples of a part as n^2, whatever rounds it left
+ * out.
+ */
 static void weights_of_parts(void **state)
 {
     struct kiln_tile_run runs[2] = {{.count = 1}, {.count = 1}};
@@ -52,9 +54,11 @@ static void weights_of_parts(void **state)
                 kiln_part_mix(&mean[i], &value, 1, &weight);
                 if (part % KILN_PARTS == 0)
                     found[i] += weight.share * (value - found[i]);
-                sum[i] += samples[i] * (double)value;
-                of_first[i] += part % KILN_PARTS == 0 ? samples[i] * (double)value : 0.0;
-                count[i] += samples[i];
+                const double now =
+                    (double)(taken[i] + samples[i]) * (taken[i] + samples[i]) - (double)taken[i] * taken[i];
+                sum[i] += now * (double)value;
+                of_first[i] += part % KILN_PARTS == 0 ? now * (double)value : 0.0;
+                count[i] += now;
             }
             taken[i] += part % KILN_PARTS == KILN_PARTS - 1 ? samples[i] : 0;
         }

@@ -103,6 +103,9 @@ static struct kiln_part_weight weight_of(double before, uint32_t part)
                                      .share = part < KILN_PARTS ? 1.0f : (float)(1.0 / (of_number + 1.0))};
 }
 
+/* Weight of all that a tile run has found with so many samples of a part. */
+static double weight_of_samples(double samples) { return samples * samples; }
+
 struct kiln_part_weight kiln_part_weight(const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run,
                                          const struct kiln_step *step)
 {
@@ -111,9 +114,9 @@ struct kiln_part_weight kiln_part_weight(const struct kiln_rank_data *data, cons
     if (data->samples_taken == NULL || step->samples_field == NULL)
         return weight_of((double)step->first_sample / (double)step->samples, step->part);
     const size_t i = (size_t)(tile_run - data->surface.tile_runs);
-    const uint64_t now = data->samples[i],
-                   before = KILN_PARTS * (uint64_t)data->samples_taken[i] + step->part % KILN_PARTS * now;
-    return weight_of(now > 0 ? (double)before / (double)now : 0.0, step->part);
+    const double before = weight_of_samples(data->samples_taken[i]),
+                 now = weight_of_samples((double)data->samples_taken[i] + data->samples[i]) - before;
+    return weight_of(now > 0.0 ? (KILN_PARTS * before + step->part % KILN_PARTS * now) / now : 0.0, step->part);
 }
 
 double kiln_part_mix_error(double before, double error, const struct kiln_part_weight *weight)

@@ -11,7 +11,11 @@
  *
  * With an error of published light, later rounds do not start at the lamps: the final gather of a part reads the
  * radiosity that the parts of the same number found in earlier rounds. It has no bounces, and finished tile runs cost
- * nothing. The noise of that radiosity weighs less with each round; parts of other numbers are independent of it.
+ * nothing. The noise of that radiosity weighs less with each round; parts of other numbers are independent of it. All
+ * texels of a room share it: where light comes by a gap, few samples of the first round find the gap, and what they
+ * found goes round between the walls. So later rounds, which read better light, weigh more than their samples: all that
+ * a tile run has found with n samples weighs as n^2. With rounds of twice the samples before, this costs 13 % more
+ * noise of its own; in rooms whose walls give back 0.6 of their light it saves 30 % of the noise that texels share.
  *
  * With a target error the first round has fewer samples, and rounds follow until the target is reached (rounds.h). The
  * mean is over all samples: each part weighs by its number of samples. Only the first round is in the energy ledger. */
@@ -46,7 +50,7 @@ static inline bool kiln_part_goes_on(const struct kiln_rank_data *data, const st
 void kiln_part_pack(const struct kiln_rank_data *data, const struct kiln_step *step);
 
 /* Weight of the step's samples at a tile run. Where tile runs have taken samples as they needed them
- * (kiln_rank_data.samples_taken), it is the tile run's own. */
+ * (kiln_rank_data.samples_taken), it is the tile run's own, and grows as the square of the samples. */
 struct kiln_part_weight kiln_part_weight(const struct kiln_rank_data *data, const struct kiln_tile_run *tile_run,
                                          const struct kiln_step *step);
 

@@ -8,8 +8,8 @@
  *
  * With an error of published light in place of a target (rounds_published.h), rounds end when 95 % of all points stay
  * below it. Each tile run takes as many of a round's samples as it needs, from their beginning on; its weights are by
- * the samples that it has had. The next round has the least level at which the error is expected to be reached. Where
- * raw light is off by more than four times the error asked for, it is not denoised to know that.
+ * the samples that it has had (parts.h). The next round has the least level at which the error is expected to be
+ * reached. Where raw light is off by more than four times the error asked for, it is not denoised to know that.
  *
  * Sample counts go by levels: at level l a step has level_times(l) / 2 times the samples of the first round: 1, 1.5, 2,
  * 3, 4, 6, 8, ... times. With a target, all unfinished tile runs have the same level. The next round raises it to the

@@ -9,8 +9,8 @@
 #include "coordinator/integrate/parts/rounds.h"
 
 enum {
-    LEVELS_MOST = 3,       /* most levels of a round: its gathers read light that the round before has found */
-    SAMPLES_MOST = 1 << 11 /* of a step of a part, without --time: few texels want more */
+    LEVELS_MOST = 2,       /* most levels of a round: its gathers read light that the round before has found */
+    SAMPLES_MOST = 1 << 15 /* of a step of a part, without --time */
 };
 #define OF_PUBLISHED 0.5 /* standard error over a target that 95.45 % of normal errors stay below */
 #define WITHIN 4.0       /* raw error over the error asked for, above which light is not denoised to judge it */
