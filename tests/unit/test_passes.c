@@ -223,6 +223,25 @@ static int keep(void *context, size_t first, size_t count, const void *results, 
     return KILN_OK;
 }
 
+/* kiln_take_some: items that are left out have undefined results. */
+static int keep_some(void *context, size_t first, size_t count, const uint32_t *samples, const void *results,
+                     struct kiln_error *error)
+{
+    (void)error;
+    struct kept *k = context;
+    const uint64_t begin = k->offset[first - k->first];
+    assert_true(count > 0);
+    for (size_t i = 0; i < count; i++) {
+        const uint64_t own = k->offset[first - k->first + i], end = k->offset[first - k->first + i + 1];
+        if (samples[i] == 0)
+            continue;
+        assert_int_equal(k->taken[first - k->first + i]++, 0);
+        memcpy(k->results + own * k->result_bytes, (const char *)results + (own - begin) * k->result_bytes,
+               (end - own) * k->result_bytes);
+    }
+    return KILN_OK;
+}
+
 static struct kept keeper(const struct world *w, const struct kiln_pass *pass, struct kiln_batch *all)
 {
     const bool surface = pass->domain == KILN_DOMAIN_TILE_RUNS;
@@ -292,6 +311,14 @@ static void numbers_may_differ(struct kiln_backend *backend, const struct world 
         assert_memory_equal(mixed.results + begin, uniform.results + begin, end - begin);
         assert_true(numbers[i] != 0 || (unsigned char)mixed.results[begin] == 0xa5);
     }
+    /* the same results together with those of items that are left out */
+    struct kept some = keeper(w, pass, &all);
+    some.taken = calloc(all.count, sizeof *some.taken);
+    batch.take_some = keep_some;
+    assert_true(run(backend, pass, batch, &some) == rays);
+    assert_memory_equal(some.taken, mixed.taken, all.count * sizeof *some.taken);
+    assert_memory_equal(some.results, mixed.results, some.offset[all.count] * pass->result_bytes);
+    drop(&some);
     /* all items at once, where a device takes many to a chunk */
     batch = all;
     batch.samples = 9;

@@ -21,8 +21,8 @@
 #define LEAST_RADIUS 1.5 /* first radius tried, in texels: it includes the eight neighbours */
 
 enum { BOXES = 64, RADII = 9, BALANCINGS = 2, FIT_STEPS = 10 };
-/* How many radii from the next landing points take part in a spreading. What a point receives depends on the weights of
- * points within one radius of landings; these depend on their neighbours', once for each balancing. */
+/* Radii from the next landing within which points take part in a spreading. What a point receives depends on the
+ * weights of points within one radius of landings; these depend on their neighbours', once for each balancing. */
 enum { REACH = 1 + BALANCINGS };
 
 /* Flux landed at a point, W. */
