@@ -25,12 +25,21 @@ struct kiln_beside {
     void *context;
 };
 
+/* Called once, on rank 0, when the first round of a bake for an error of published light has been judged; the last of
+ * the reports has what is foretold. */
+struct kiln_round_listener {
+    void (*first_round)(void *context, const struct kiln_step_reports *steps);
+    void *context;
+};
+
 /* All pointers are borrowed. */
 struct kiln_integrate_params {
     MPI_Comm communicator;
     int rank, ranks;
     double begin;       /* MPI_Wtime() when the run began */
     double after_light; /* s that the run is expected to take after its light; 0: unknown */
+    double rounds;      /* samples of all rounds over those of the first, as foretold before the light; 0: unknown */
+    const struct kiln_round_listener *listener; /* NULL: none */
     const struct kiln_integrate_settings *settings;
     const struct kiln_field_set *fields; /* fields that the bake keeps */
     struct kiln_backend *backend;        /* has its surface */

@@ -116,16 +116,34 @@ static bool comes_again(const struct kiln_integrate_settings *settings, const st
                                       step->terminal || kiln_step_has(step, KILN_WITH(landing)));
 }
 
+/* Samples of all rounds from the present one on over those of the present one, as foretold, for an error of published
+ * light; 0: unknown. */
+static double foretold_of(const struct kiln_light_so_far *s, const struct kiln_step_report *of, size_t first,
+                          double before, double after)
+{
+    if (!(s->settings->published_error > 0.0))
+        return 0.0;
+    if (first == 0)
+        return s->rounds;
+    const struct kiln_foretold *foretold = &of[first - 1].foretold;
+    const double present = of[first - 1].round.share * (after - before) / ((double)of[0].step.samples * KILN_PARTS);
+    return foretold->tried > 0 && present > 0.0 ? foretold->samples / present : 0.0;
+}
+
 /* Seconds of the rounds after the present one, whose steps are of[first] to of[end - 1], with their seconds. */
-static double left_of_rounds(const struct kiln_integrate_settings *settings, const struct kiln_step_report *of,
+static double left_of_rounds(const struct kiln_light_so_far *s, const struct kiln_step_report *of,
                              const double *seconds, size_t first, size_t end)
 {
+    const struct kiln_integrate_settings *settings = s->settings;
     double before, after, round = 0.0;
     if (!kiln_has_rounds(settings) || of[first].step.quantity != NULL)
         return 0.0;
     samples_of_round(&of[first].step, &before, &after);
     for (size_t i = first; i < end; i++)
         round += comes_again(settings, &of[i].step) ? seconds[i] : 0.0;
+    const double foretold = foretold_of(s, of, first, before, after);
+    if (foretold > 0.0)
+        return round * fmax(foretold - 1.0, 0.0);
     const double needed = samples_needed(settings, of, first, before, after);
     return STAYS * round * (needed - after) / (after - before);
 }
@@ -192,7 +210,7 @@ double kiln_light_left(const struct kiln_light_so_far *s)
     struct future f = {.of = NULL};
     double left = -1.0;
     if (known > 0 && (known > 1 || s->share > SHARE_TRUSTED) && foresee(s, &f) == KILN_OK) {
-        left = left_of_rounds(s->settings, f.of, f.seconds, first_of_round(f.of, known - 1), f.count);
+        left = left_of_rounds(s, f.of, f.seconds, first_of_round(f.of, known - 1), f.count);
         for (size_t i = known - 1; i < f.count; i++)
             left += f.seconds[i];
         left -= s->seconds[known - 1];
@@ -232,7 +250,7 @@ double kiln_light_clock_left(void *context, double share)
     double *present = &clock->seconds[clock->count - 1];
     const double before = *present;
     *present += MPI_Wtime() - clock->since;
-    const struct kiln_light_so_far so_far = {clock->settings, clock->steps, clock->seconds, share};
+    const struct kiln_light_so_far so_far = {clock->settings, clock->steps, clock->seconds, share, clock->rounds};
     const double left = kiln_light_left(&so_far);
     *present = before;
     return left;

@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "coordinator/integrate/energy.h"
+#include "coordinator/integrate/foretold.h"
 #include "worker/pass/pass.h"
 
 /* Names of one kind of step, as users see them. */
@@ -107,6 +108,7 @@ struct kiln_step_report {
     double unfinished;
     double texel_loss;                  /* likewise, as judged (parts/texel_loss.h); 0: not known. Not saved */
     struct kiln_round round;            /* the next round */
+    struct kiln_foretold foretold;      /* likewise, of all rounds that follow: on rank 0. Not saved */
     bool out_of_time;                   /* the next round is omitted, since it would hardly end in time */
     struct kiln_caustic_trial caustics; /* of the first step that lands */
     struct kiln_step_balance balance;

@@ -83,7 +83,7 @@ static double factor_at(const struct bake *b, const struct kiln_integrate_settin
         left += b->seconds[i];
     b->seconds[at] = 0.5 * seconds; /* a step under way has no results */
     b->steps.of[at] = (struct kiln_step_report){.step = whole.step};
-    const struct kiln_light_so_far so_far = {settings, &known, b->seconds, 0.5};
+    const struct kiln_light_so_far so_far = {settings, &known, b->seconds, 0.5, 0.0};
     const double found = kiln_light_left(&so_far);
     b->seconds[at] = seconds;
     b->steps.of[at] = whole;
@@ -121,16 +121,48 @@ static void test_rounds(void **state)
 }
 
 /* Nothing is known before a step has taken any time. */
+/* Rounds that are foretold: by a trial as long as the first is under way, and after a round all that follow it. */
+static void test_foretold(void **state)
+{
+    (void)state;
+    const struct kiln_integrate_settings settings = settings_of(0.05);
+    struct bake b = {{0}, NULL, 0};
+    make(&b, &settings, 0.4);
+    size_t at = 0, second = 0;
+    double first_round = 0.0, again = 0.0;
+    for (; b.steps.of[second].step.part < KILN_PARTS; second++) {
+        const struct kiln_step *step = &b.steps.of[second].step;
+        first_round += b.seconds[second];
+        again += step->bounce == 0 || step->terminal ? b.seconds[second] : 0.0;
+        at = second;
+    }
+    const struct kiln_step_report whole = b.steps.of[at];
+    struct kiln_step_reports known = {b.steps.of, at + 1, 0};
+    const struct kiln_light_so_far so_far = {&settings, &known, b.seconds, 1.0, 7.0};
+    b.steps.of[at] = (struct kiln_step_report){.step = whole.step}; /* under way: it has no results */
+    assert_true(fabs(kiln_light_left(&so_far) - 6.0 * again) < 0.02 * again);
+    struct kiln_step_report *judged = &b.steps.of[at];
+    *judged = whole;
+    judged->round = (struct kiln_round){.from = 0, .to = 2, .share = 0.5};
+    judged->foretold = (struct kiln_foretold){.tried = 9, .rounds = 2, .samples = 1.5};
+    known.count = second + 1;
+    const double left = kiln_light_left(&so_far);
+    judged->foretold.samples = 0.5; /* this round alone, which has a half of the first's samples */
+    const double least = kiln_light_left(&so_far);
+    assert_true(least > 0.0 && left > 2.0 * least && left < 4.0 * least && first_round > 0.0);
+    release(&b);
+}
+
 static void test_unknown(void **state)
 {
     (void)state;
     const struct kiln_integrate_settings settings = settings_of(0.0);
     struct bake b = {{0}, NULL, 0};
-    struct kiln_light_so_far so_far = {&settings, &b.steps, b.seconds, -1.0};
+    struct kiln_light_so_far so_far = {&settings, &b.steps, b.seconds, -1.0, 0.0};
     assert_true(kiln_light_left(&so_far) < 0.0);
     make(&b, &settings, 0.0);
     struct kiln_step_reports first = {b.steps.of, 1, 0};
-    so_far = (struct kiln_light_so_far){&settings, &first, b.seconds, 0.0};
+    so_far = (struct kiln_light_so_far){&settings, &first, b.seconds, 0.0, 0.0};
     assert_true(kiln_light_left(&so_far) < 0.0);
     release(&b);
 }
@@ -140,6 +172,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_fixed_samples),
         cmocka_unit_test(test_rounds),
+        cmocka_unit_test(test_foretold),
         cmocka_unit_test(test_unknown),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

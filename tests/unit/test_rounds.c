@@ -5,9 +5,12 @@
 
 #include <cmocka.h>
 
+#include <math.h>
+
 #include "coordinator/field/field.h"
 #include "coordinator/integrate/parts/parts.h"
 #include "coordinator/integrate/parts/rounds.h"
+#include "coordinator/integrate/parts/rounds_foretold.h"
 #include "coordinator/integrate/parts/texel_loss.h"
 
 /* A tile run takes enough, at most all, and a beginning of the round: all, a half, a quarter or an eighth. */
@@ -101,9 +104,51 @@ static void loss_between_texels(void **state)
     assert_float_equal(loss_of(noise, flat, UINT64_MAX), 0.0, 1e-3);
 }
 
+/* Rounds that are foretold: harder light takes more samples; the error ends below the one asked for, or where texels
+ * have the most samples, or where the room for them ends. */
+static void rounds_to_come(void **state)
+{
+    (void)state;
+    enum { TILES = 40 };
+    const struct kiln_integrate_settings settings = {
+        .samples_direct = 32, .samples_bounce = 16, .samples_indirect = 64, .published_error = 0.05};
+    struct kiln_foretell_from from = {.settings = &settings, .most = INFINITY};
+    struct kiln_tried_tile tiles[TILES];
+    const float raw[] = {0.04f, 0.2f, 0.5f, 4.0f};
+    double before = -1.0;
+    for (size_t r = 0; r < sizeof raw / sizeof *raw; r++) {
+        struct kiln_foretold foretold;
+        for (size_t i = 0; i < TILES; i++)
+            tiles[i] = (struct kiln_tried_tile){.raw = 0.5f * raw[r], .had = 2.0f, .weight = 64 * 255, .points = 64};
+        assert_int_equal(kiln_rounds_foretell(&from, tiles, TILES, &foretold, NULL), KILN_OK);
+        assert_true(foretold.tried == TILES && foretold.samples > before);
+        assert_true(foretold.limited ? foretold.error > 0.05 : foretold.error <= 0.05);
+        assert_true(foretold.limited == (raw[r] > 1.0f) && (foretold.rounds == 0) == (r == 0));
+        assert_true((foretold.samples == 0.0) == (r == 0));
+        before = foretold.samples;
+    }
+    struct kiln_foretold all, some;
+    for (size_t i = 0; i < TILES; i++)
+        tiles[i].raw = i % 2 == 0 ? 0.25f : 0.0f;
+    assert_int_equal(kiln_rounds_foretell(&from, tiles, TILES, &all, NULL), KILN_OK);
+    from.most = 0.5 * all.samples;
+    assert_int_equal(kiln_rounds_foretell(&from, tiles, TILES, &some, NULL), KILN_OK);
+    assert_true(some.samples <= from.most && some.error > all.error && !some.limited);
+    from.most = INFINITY;
+    from.level = 6; /* eight times the samples of the first round */
+    for (size_t i = 0; i < TILES; i++)
+        tiles[i].had = 16.0f;
+    assert_int_equal(kiln_rounds_foretell(&from, tiles, TILES, &some, NULL), KILN_OK);
+    assert_true(some.samples > all.samples);
+    from.denoises = true;
+    from.scale = 0.5; /* of the error, which takes a fourth of the samples */
+    assert_int_equal(kiln_rounds_foretell(&from, tiles, TILES, &all, NULL), KILN_OK);
+    assert_true(all.samples < 0.5 * some.samples);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(units_of_a_round), cmocka_unit_test(weights_of_parts),
-                                       cmocka_unit_test(loss_between_texels)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(rounds_to_come), cmocka_unit_test(units_of_a_round),
+                                       cmocka_unit_test(weights_of_parts), cmocka_unit_test(loss_between_texels)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -230,6 +230,9 @@ int kiln_part_end(const struct kiln_integrate_params *p, struct kiln_solution *s
         const double start = MPI_Wtime();
         status = kiln_round_judge(p, data, unit, &solution->report.steps, error);
         last->judging_seconds += MPI_Wtime() - start;
+        if (status == KILN_OK && p->listener != NULL && p->rank == 0 && last->step.part == KILN_PARTS - 1 &&
+            last->foretold.tried > 0)
+            p->listener->first_round(p->listener->context, steps);
     }
     if (status != KILN_OK || kiln_parts_next(p->settings, steps->of, steps->count, &next))
         return status;
@@ -311,6 +314,9 @@ static void report(const struct kiln_companion_told *told, json_t *json)
         (void)json_object_set_new(json, "asked", json_real(published));
         (void)json_object_set_new(json, "published", json_real(steps->of[last - 1].unfinished));
         (void)json_object_set_new(json, "out_of_time", json_boolean(steps->of[last - 1].out_of_time));
+        (void)json_object_set_new(
+            json, "most_samples",
+            json_boolean(steps->of[last - 1].unfinished > published && steps->of[last - 1].foretold.limited));
         (void)json_object_set_new(json, "levels", levels_of(steps, last));
         if (told->job->light.time > 0.0) {
             (void)json_object_set_new(json, "time", json_real(told->job->light.time));

@@ -88,15 +88,12 @@ end:
     return status;
 }
 
-int kiln_published_begin(struct kiln_published *p, const struct kiln_integrate_params *params,
-                         const struct kiln_rank_data *data, const struct kiln_part_survey *survey, double unit,
-                         struct kiln_error *error)
+int kiln_published_allocate(struct kiln_published *p, size_t objects, size_t runs, struct kiln_error *error)
 {
-    const size_t runs = data->surface.tile_run_count;
     int status;
-    *p = (struct kiln_published){.survey = survey, .gain = survey->gain, .scale = 1.0};
-    KILN_TRY(kiln_allocate(&p->dark, data->surface.object_count, sizeof *p->dark, "the objects' light", error));
-    KILN_TRY(kiln_allocate(&p->texel, data->surface.object_count, sizeof *p->texel, "the objects' texels", error));
+    *p = (struct kiln_published){.gain = 1.0, .scale = 1.0};
+    KILN_TRY(kiln_allocate(&p->dark, objects, sizeof *p->dark, "the objects' light", error));
+    KILN_TRY(kiln_allocate(&p->texel, objects, sizeof *p->texel, "the objects' texels", error));
     KILN_TRY(kiln_allocate(&p->weight, runs, sizeof *p->weight, "the tiles' errors", error));
     KILN_TRY(kiln_allocate(&p->numbers, KILN_ERROR_BINS, sizeof *p->numbers, "the texels' errors", error));
     KILN_TRY(kiln_allocate(&p->contrasts, KILN_ERROR_BINS, sizeof *p->contrasts, "the texels' errors", error));
@@ -104,6 +101,16 @@ int kiln_published_begin(struct kiln_published *p, const struct kiln_integrate_p
     KILN_TRY(kiln_allocate(&p->raw, runs, sizeof *p->raw, "the tiles' errors", error));
     KILN_TRY(kiln_allocate(&p->bias, runs, sizeof *p->bias, "the tiles' errors", error));
 end:
+    return status;
+}
+
+int kiln_published_begin(struct kiln_published *p, const struct kiln_integrate_params *params,
+                         const struct kiln_rank_data *data, const struct kiln_part_survey *survey, double unit,
+                         struct kiln_error *error)
+{
+    int status = kiln_published_allocate(p, data->surface.object_count, data->surface.tile_run_count, error);
+    p->survey = survey;
+    p->gain = survey->gain;
     status = kiln_agree(params->communicator, status, error);
     if (status == KILN_OK)
         status = find_dark(p, params, data, unit, error);

@@ -44,6 +44,10 @@ struct kiln_published {
     uint64_t *numbers, *unfinished;        /* of points, and of those that go on, by raw error: internal */
 };
 
+/* Room for the errors of `runs` tile runs and `objects` objects, all 0, with gain and scale 1. Not collective.
+ * KILN_SYSTEM; release after a failure, too. */
+int kiln_published_allocate(struct kiln_published *p, size_t objects, size_t runs, struct kiln_error *error);
+
 /* Collective, after a part. Finds the errors of raw light. `survey` is borrowed. `unit`: of exact sums of power, W.
  * KILN_SYSTEM; release after a failure, too. */
 int kiln_published_begin(struct kiln_published *p, const struct kiln_integrate_params *params,

@@ -11,9 +11,7 @@
 #include "worker/base/memory.h"
 
 enum {
-    FIRST = 4 * KILN_PARTS, /* samples of the settings over those of a part in the first round */
-    WHOLE = 2,              /* levels to twice the samples */
-    MOST_HALVED = 3         /* a tile run takes an eighth of a round at least */
+    WHOLE = 2 /* levels to twice the samples */
 };
 #define LEFT 0.025         /* fraction of points that may lie in unfinished tile runs */
 #define MORE 0.1           /* fraction of unfinished points that may get more samples than they need */
@@ -40,14 +38,6 @@ struct kiln_round kiln_round_of_caustics(const struct kiln_round *round)
     return (struct kiln_round){.from = round->caustics_from, .to = round->caustics_to, .share = round->share};
 }
 
-uint32_t kiln_round_first(uint32_t samples, bool counts)
-{
-    const uint32_t share = samples / FIRST + (samples % FIRST > 0);
-    return counts ? share + (share & 1u) : share;
-}
-
-uint64_t kiln_round_times(uint32_t level) { return (level % 2 > 0 ? 3ull : 2ull) << level / 2; }
-
 void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts, struct kiln_step *step)
 {
     const uint64_t before = kiln_round_times(round->from),
@@ -64,14 +54,6 @@ void kiln_round_share(const struct kiln_round *round, uint32_t own, bool counts,
         step->samples = (uint32_t)ceil(0.5 * (double)(first * more) * round->share);
         step->first_sample = (uint32_t)(first * before) * KILN_PARTS + own * step->samples;
     }
-}
-
-uint32_t kiln_round_units(uint32_t need, uint64_t more)
-{
-    uint64_t units = more;
-    for (int halved = 0; halved < MOST_HALVED && (units + 1) / 2 >= need; halved++)
-        units = (units + 1) / 2;
-    return need > 0 ? (uint32_t)units : 0;
 }
 
 /* ---- the target ---- */
@@ -132,15 +114,6 @@ static void choose_caustics(struct kiln_round *round, double growth)
 struct needs {
     uint64_t points[KILN_ROUND_LEVELS];
 };
-
-uint64_t kiln_round_most_first(const struct kiln_integrate_settings *settings)
-{
-    const uint32_t direct = kiln_round_first(settings->samples_direct, true),
-                   final = kiln_round_first(settings->samples_indirect, true);
-    const uint64_t bounce = 4 * (uint64_t)kiln_round_first(settings->samples_bounce, false);
-    const uint64_t counted = direct > final ? direct : final;
-    return counted > bounce ? counted : bounce;
-}
 
 static void choose_level(const struct kiln_integrate_params *p, const struct needs *needs, struct kiln_round *round)
 {
@@ -224,12 +197,14 @@ int kiln_round_judge(const struct kiln_integrate_params *p, const struct kiln_ra
     const bool published = p->settings->published_error > 0.0;
     struct kiln_caustics_need caustics = {0};
     struct kiln_round round = round_after(steps);
+    struct kiln_foretold foretold = {.tried = 0};
     double reached = 0.0, texel_loss = 0.0;
-    const int status =
-        published ? kiln_round_judge_published(p, data, &part, unit, &round, &reached, &texel_loss, &caustics, error)
-                  : judge_target(p, data, &part, unit, &round, error);
+    const int status = published ? kiln_round_judge_published(p, data, &part, unit, &round, &reached, &texel_loss,
+                                                              &caustics, &foretold, error)
+                                 : judge_target(p, data, &part, unit, &round, error);
     last->unfinished = published ? reached : round.share;
     last->texel_loss = texel_loss;
+    last->foretold = foretold;
     last->out_of_time = kiln_round_fit(p, steps, &round);
     choose_caustics(&round, growth_of_caustics(p, &round, &caustics));
     last->round = round;

@@ -28,31 +28,13 @@
 #define KILN_COORDINATOR_INTEGRATE_PARTS_ROUNDS_H
 
 #include "coordinator/integrate/integrate.h"
-
-enum {
-    KILN_ROUND_LEVELS_MOST = 6,       /* most levels per round: few samples give an unreliable error */
-    KILN_ROUND_SAMPLES_MOST = 1 << 18 /* of a step of one part */
-};
-
-/* Twice the samples up to a level, relative to those of the first round. */
-uint64_t kiln_round_times(uint32_t level);
+#include "coordinator/integrate/parts/round_levels.h"
 
 /* Returns the round of the last of `count` reports; NULL: the first round. */
 const struct kiln_round *kiln_round_of(const struct kiln_step_report *reports, size_t count);
 
-/* The most samples that a part of the first round has in a step. */
-uint64_t kiln_round_most_first(const struct kiln_integrate_settings *settings);
-
-/* Units that a tile run takes of a round of `more` halves of the samples of the first round, of which it needs `need`:
- * all, or the half, quarter or eighth that is enough, since such beginnings of a Sobol' sequence are well spread. */
-uint32_t kiln_round_units(uint32_t need, uint64_t more);
-
 /* Whether a round read from a checkpoint is valid. */
 bool kiln_round_is_sane(const struct kiln_round *round);
-
-/* Returns the samples of a step in a part of the first round, given `samples` of the settings. If the step counts for
- * the result: a quarter of a part's share, even, at least 2. If only other steps gather from it: at least one. */
-uint32_t kiln_round_first(uint32_t samples, bool counts);
 
 /* A round between the levels of caustics. */
 struct kiln_round kiln_round_of_caustics(const struct kiln_round *round);

@@ -6,25 +6,10 @@
 #include "coordinator/integrate/parts/parts.h"
 #include "coordinator/integrate/parts/published.h"
 #include "coordinator/integrate/parts/round_senders.h"
+#include "coordinator/integrate/parts/rounds_foretold.h"
 #include "coordinator/integrate/parts/rounds.h"
-
-enum {
-    LEVELS_MOST = 2,       /* most levels of a round: its gathers read light that the round before has found */
-    SAMPLES_MOST = 1 << 15 /* of a step of a part, without --time */
-};
-#define OF_PUBLISHED 0.5 /* standard error over a target that 95.45 % of normal errors stay below */
-#define WITHIN 4.0       /* raw error over the error asked for, above which light is not denoised to judge it */
-#define SCALE_USUAL 0.5  /* error of denoised light over that of raw light, where it is not known */
-#define AIM 0.93         /* error that a round aims at, over the error asked for: else many would miss it by little */
-/* tile runs are finished at this fraction of what is allowed: finer light gains less from denoising */
-#define FINISHED 0.8
-#define OWN_LEAST 0.5 /* of the variance that is allowed: what caustics leave for other light */
-
-/* The standard error with which a tile run is finished. */
-static double standard_of(const struct kiln_integrate_settings *settings)
-{
-    return OF_PUBLISHED * FINISHED * settings->published_error;
-}
+#include "coordinator/mpi/agree.h"
+#include "worker/base/memory.h"
 
 /* Adds the samples of the round that `last` ends. */
 static void count_samples(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, uint32_t last)
@@ -32,35 +17,6 @@ static void count_samples(const struct kiln_integrate_params *p, const struct ki
     const uint32_t first = kiln_round_first(p->settings->samples_indirect, true);
     for (size_t i = 0; i < data->surface.tile_run_count; i++)
         data->samples_taken[i] = last < KILN_PARTS ? first : data->samples_taken[i] + data->samples[i];
-}
-
-/* Samples that a tile run needs beyond those it has had, in halves of those of the first round. `square`: its variance
- * over the allowed one, of which caustics, which have samples of their own, have a share. */
-static uint32_t need_of(const struct kiln_integrate_params *p, const struct kiln_rank_data *data, size_t i,
-                        double square, double caustics)
-{
-    const double had = 2.0 * (double)data->samples_taken[i] / kiln_round_first(p->settings->samples_indirect, true),
-                 own = square * (1.0 - caustics), allowed = fmax(1.0 - square * caustics, OWN_LEAST),
-                 need = ceil(had * (own / allowed - 1.0));
-    return own > allowed ? (uint32_t)fmin(fmax(need, 1.0), 0x1p31) : 0;
-}
-
-/* The least level at which the error is expected to be small enough. */
-static void choose_level(const struct kiln_integrate_params *p, const struct kiln_published *published,
-                         struct kiln_round *round)
-{
-    const uint64_t first = kiln_round_most_first(p->settings),
-                   most = p->settings->time > 0.0 ? KILN_ROUND_SAMPLES_MOST : SAMPLES_MOST;
-    const uint32_t now = round->from;
-    for (uint32_t l = now + 1; l < KILN_ROUND_LEVELS && l <= now + LEVELS_MOST; l++) {
-        const double times = (double)kiln_round_times(l) / (double)kiln_round_times(now);
-        if (first / 2 * kiln_round_times(l) > most)
-            break;
-        round->to = l;
-        if (kiln_published_expected(published, times, standard_of(p->settings), AIM * p->settings->published_error) <=
-            1.0 - KILN_PUBLISHED_SHARE)
-            break;
-    }
 }
 
 /* Collective. The error of published light, relative. What lies far above the error asked for is not denoised to know
@@ -72,8 +28,8 @@ static int find_reached(const struct kiln_integrate_params *p, const struct kiln
     kiln_published_rescale(published, *reached);
     if (p->denoising == NULL)
         return KILN_OK;
-    published->scale *= SCALE_USUAL;
-    if (*reached > WITHIN * p->settings->published_error)
+    published->scale *= KILN_ROUND_DENOISED_USUAL;
+    if (*reached > KILN_ROUND_JUDGED_WITHIN * p->settings->published_error)
         return KILN_OK;
     return kiln_published_denoised(published, p, data, reached, error);
 }
@@ -83,13 +39,14 @@ static uint64_t find_needs(const struct kiln_integrate_params *p, const struct k
                            struct kiln_published *published, struct kiln_caustics_need *caustics)
 {
     uint64_t left = 0, all = 0, of_caustics = 0;
+    const uint32_t first = kiln_round_first(p->settings->samples_indirect, true);
 #pragma omp parallel for schedule(static) reduction(+ : left, all, of_caustics)
     for (size_t i = 0; i < data->surface.tile_run_count; i++) {
         const struct kiln_tile_run *run = &data->surface.tile_runs[i];
-        const double over = kiln_published_of(published, i) / standard_of(p->settings), square = over * over,
+        const double over = kiln_published_of(published, i) / kiln_round_standard(p->settings), square = over * over,
                      share = square > 1.0 ? kiln_part_caustics_share(data, run) : 0.0;
         struct kiln_caustics_need need = {0};
-        data->samples[i] = need_of(p, data, i, square, share);
+        data->samples[i] = kiln_round_need(2.0 * (double)data->samples_taken[i] / first, square, share);
         if (!(square > 1.0))
             continue;
         kiln_caustics_need_add(&need, run->count, square, share);
@@ -98,7 +55,7 @@ static uint64_t find_needs(const struct kiln_integrate_params *p, const struct k
         of_caustics += need.caustics;
     }
     for (size_t i = 0; i < data->surface.tile_run_count; i++)
-        if (kiln_published_of(published, i) > standard_of(p->settings))
+        if (kiln_published_of(published, i) > kiln_round_standard(p->settings))
             kiln_published_goes_on(published, i);
     *caustics = (struct kiln_caustics_need){left, all, of_caustics};
     return left;
@@ -116,10 +73,45 @@ static double share_of(const struct kiln_integrate_params *p, const struct kiln_
     return (double)work / ((double)more * (double)p->surface->point_count);
 }
 
+/* Collective. Foretells all rounds that follow, by some of the tile runs of each rank. */
+static int foretell(const struct kiln_integrate_params *p, const struct kiln_rank_data *data,
+                    const struct kiln_published *published, double reached, uint32_t level,
+                    struct kiln_foretold *foretold, struct kiln_error *error)
+{
+    const size_t runs = data->surface.tile_run_count, count = kiln_tried_tiles_bounded(p->communicator, runs);
+    const double raw = kiln_published_raw_normal(published),
+                 first = kiln_round_first(p->settings->samples_indirect, true);
+    const bool judged = p->denoising != NULL && raw > 0.0 &&
+                        kiln_published_raw(published) <= KILN_ROUND_JUDGED_WITHIN * p->settings->published_error;
+    const struct kiln_foretell_from from = {.settings = p->settings,
+                                            .level = level,
+                                            .denoises = p->denoising != NULL,
+                                            .scale = judged ? reached / raw : 0.0,
+                                            .most = INFINITY};
+    struct kiln_tried_tile *own = NULL, *all = NULL;
+    size_t total = 0;
+    int status = kiln_allocate(&own, count, sizeof *own, "the rounds to come", error);
+    for (size_t k = 0; k < count && status == KILN_OK; k++) {
+        const size_t i = (2 * k + 1) * runs / (2 * count);
+        own[k] = (struct kiln_tried_tile){.raw = published->raw[i],
+                                          .had = (float)(2.0 * (double)data->samples_taken[i] / first),
+                                          .weight = published->weight[i],
+                                          .points = data->surface.tile_runs[i].count};
+    }
+    status = kiln_agree(p->communicator, status, error);
+    if (status == KILN_OK)
+        status = kiln_tried_tiles_gather(p->communicator, own, count, &all, &total, error);
+    if (status == KILN_OK && total > 0)
+        status = kiln_rounds_foretell(&from, all, total, foretold, error);
+    kiln_free(&own);
+    kiln_free(&all);
+    return kiln_agree(p->communicator, status, error);
+}
+
 int kiln_round_judge_published(const struct kiln_integrate_params *p, const struct kiln_rank_data *data,
                                const struct kiln_step_reports *part, double unit, struct kiln_round *round,
                                double *reached, double *texel_loss, struct kiln_caustics_need *caustics,
-                               struct kiln_error *error)
+                               struct kiln_foretold *foretold, struct kiln_error *error)
 {
     struct kiln_part_survey survey;
     struct kiln_published published = {.raw = NULL};
@@ -133,8 +125,9 @@ int kiln_round_judge_published(const struct kiln_integrate_params *p, const stru
     left = find_needs(p, data, &published, caustics);
     (void)MPI_Allreduce(MPI_IN_PLACE, &left, 1, MPI_UINT64_T, MPI_SUM, p->communicator);
     kiln_published_gather(&published, p->communicator);
+    KILN_TRY(foretell(p, data, &published, *reached, round->from, foretold, error));
     if (*reached > p->settings->published_error && left > 0)
-        choose_level(p, &published, round);
+        kiln_round_choose_published(p->settings, &published, round);
     if (round->to > 0) {
         KILN_TRY(kiln_round_senders(p, data, &survey, round, error));
         round->share = share_of(p, data, round);

@@ -227,6 +227,7 @@ int kiln_lockstep_run(struct kiln_lockstep *l, bool restored, bool finished, str
     int status = KILN_OK;
     l->clock.settings = settings;
     l->clock.steps = steps;
+    l->clock.rounds = l->params->rounds;
     kiln_progress_reckon(l->params->progress, kiln_light_clock_left, &l->clock);
     if (restored && !finished) {
         struct kiln_step_report *report = kiln_solution_step(l->solution);
