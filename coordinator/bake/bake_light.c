@@ -107,11 +107,14 @@ int kiln_bake_settle_light(struct kiln_bake *b, struct kiln_error *error)
                                                 .backend = b->prepared->backend,
                                                 .area = b->prepared->surface_report.geometry_area};
     b->denoising = (struct kiln_denoising){.run = kiln_denoised_sample_run, .context = &b->denoised};
+    b->listener = (struct kiln_round_listener){.first_round = kiln_bake_expect_again, .context = b};
     b->light_params = (struct kiln_integrate_params){.communicator = b->communicator,
                                                      .rank = b->rank,
                                                      .ranks = b->prepared->ranks,
                                                      .begin = b->begin,
                                                      .after_light = kiln_reckon_after(&b->prepared->expected),
+                                                     .rounds = b->prepared->foretold.samples,
+                                                     .listener = &b->listener,
                                                      .settings = &b->light_settings,
                                                      .fields = &b->fields,
                                                      .backend = b->prepared->backend,

@@ -38,6 +38,7 @@ struct kiln_bake {
     struct kiln_prepared *prepared;
     struct kiln_visible_from visible; /* points that the views of the job need, if it names any */
     struct kiln_emission_result emission;
+    struct kiln_round_listener listener;                           /* bake_expect.c */
     struct kiln_integrate_settings light_settings, probe_settings; /* settings of surface light and of probes */
     struct kiln_reference_parameters paths; /* the settings point to it with --method path, bdpt and vcm */
     struct kiln_field_set fields;
@@ -104,6 +105,9 @@ int kiln_bake_prepare(struct kiln_bake *bake, struct kiln_error *error);
 /* Reckons the time of the bake (bake/reckon/reckon.h) from what is known when its surface points are there, into
  * prepared->expected of rank 0, and says so. */
 int kiln_bake_expect(struct kiln_bake *bake, struct kiln_error *error);
+/* kiln_round_listener; `bake` is a struct kiln_bake: reckons again with what the first round has taken, and says so if
+ * it is much else. */
+void kiln_bake_expect_again(void *bake, const struct kiln_step_reports *steps);
 
 /* ---- bake_light.c: light on surfaces, and the volume ---- */
 

@@ -47,12 +47,19 @@ static json_t *memory_json(const struct kiln_plan_memory *m)
                      (json_int_t)m->device);
 }
 
-/* The phases on both backends, and which of them the seconds above are of. */
+/* The phases on both backends, which of them the seconds above are of, and the rounds in them. */
 static json_t *backends_json(const struct kiln_plan *p)
 {
-    return json_pack("{s:s, s:o, s:o}", "assumed", backend_name(p->backend), backend_name(KILN_RECKON_EMBREE),
-                     kiln_reckon_json(&p->reckoned[KILN_RECKON_EMBREE]), backend_name(KILN_RECKON_VULKAN),
-                     kiln_reckon_json(&p->reckoned[KILN_RECKON_VULKAN]));
+    const struct kiln_foretold *rounds = &p->question.work.rounds;
+    json_t *json = json_pack("{s:s, s:o, s:o}", "assumed", backend_name(p->backend), backend_name(KILN_RECKON_EMBREE),
+                             kiln_reckon_json(&p->reckoned[KILN_RECKON_EMBREE]), backend_name(KILN_RECKON_VULKAN),
+                             kiln_reckon_json(&p->reckoned[KILN_RECKON_VULKAN]));
+    if (rounds->rounds > 0)
+        (void)json_object_set_new(json, "rounds",
+                                  json_pack("{s:i, s:i, s:f, s:f, s:b}", "tried_tiles", (int)rounds->tried, "rounds",
+                                            (int)rounds->rounds, "samples_over_first_round", rounds->samples, "error",
+                                            rounds->error, "limited", (int)rounds->limited));
+    return json;
 }
 
 static json_t *seconds_json(const struct kiln_plan *p)
@@ -312,6 +319,19 @@ static void print_phases(const struct kiln_plan *p)
                  other->total);
 }
 
+static void print_rounds(const struct kiln_plan *p)
+{
+    const struct kiln_foretold *rounds = &p->question.work.rounds;
+    if (rounds->rounds == 0)
+        return;
+    (void)printf(
+        "                          %u round%s, with the samples of the first times %.1f, to an error of %.2g %%, "
+        "%s%s\n",
+        rounds->rounds, rounds->rounds > 1 ? "s" : "", rounds->samples, 100.0 * rounds->error,
+        rounds->tried > 0 ? "by a trial" : "as is typical",
+        rounds->limited ? "; texels then have the most samples that one gets" : "");
+}
+
 static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
 {
     const struct kiln_plan_seconds *s = &p->seconds;
@@ -324,10 +344,7 @@ static void print_time(const struct kiln_plan *p, const struct kiln_job *job)
     if (p->visible.views > 0)
         (void)printf("                          and what the views see %.2f\n", s->views);
     print_light(p);
-    if (p->question.work.rounds > 1.0)
-        (void)printf(
-            "                          samples of the first round times %.1f, as error targets take typically\n",
-            p->question.work.rounds);
+    print_rounds(p);
     (void)printf("  exchange   %10.2f s  a rank receives %.1f MiB in each bounce\n", s->exchange,
                  p->exchange_bytes / 1048576.0);
     for (size_t i = 0; i < KILN_COMPANIONS; i++)

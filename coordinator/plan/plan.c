@@ -14,6 +14,7 @@
 #include "coordinator/bake/volume/occluders.h"
 #include "coordinator/bake/reckon/preview_size.h"
 #include "coordinator/bake/reckon/work.h"
+#include "coordinator/bake/prepare/foretell.h"
 #include "coordinator/bake/prepare/results_memory.h"
 #include "coordinator/bake/identity/transport_identity.h"
 #include "coordinator/bake/volume/volume.h"
@@ -575,7 +576,7 @@ static double of_rounds(const struct kiln_plan *plan, uint32_t kind)
     const struct kiln_step *step = &plan->steps.of[i].step;
     if (plan->steps.kinds[kind].answered)
         return w->paths_planned > 0.0 ? w->paths / w->paths_planned : 1.0;
-    return step->pass == &kiln_pass_direct || step->terminal ? w->rounds : 1.0;
+    return w->rounds.rounds > 0 && (step->pass == &kiln_pass_direct || step->terminal) ? w->rounds.samples : 1.0;
 }
 
 /* Seconds of a point in a step of a kind, of a rank with all the cores that it gets; in a stretch of `count` points. */
@@ -845,18 +846,26 @@ static int find_visible(struct kiln_plan *plan, const struct kiln_prepared *p, c
     return status;
 }
 
-/* Reckons the bake on both backends, for all ranks. */
+/* Tries light, and reckons the bake on both backends, for all ranks. */
 static int reckon(struct kiln_plan *plan, const struct kiln_prepared *p, const struct kiln_job *job,
-                  const struct kiln_phases *phases, struct kiln_error *error)
+                  const struct kiln_integrate_settings *settings, const struct kiln_phases *phases,
+                  struct kiln_error *error)
 {
     const struct kiln_backend_known known = {.threads =
                                                  (uint64_t)fmax(p->threads * job->plan.ranks / crowd(p, job), 1.0),
                                              .ranks = job->plan.ranks,
                                              .import = phase_seconds(phases, "import"),
                                              .points = (double)plan->surface.points,
-                                             .lights = p->lights};
+                                             .lights = p->lights,
+                                             .foretold = &plan->foretold};
     struct kiln_backend_choice choice = {.asked = false};
-    const int status = kiln_backend_ask(&choice, job, p->scene, &known, error);
+    struct kiln_tried_light tried;
+    int status = kiln_prepare_try(p, settings, &tried, error);
+    if (status == KILN_OK)
+        status = kiln_prepare_foretell(&tried, settings, kiln_job_denoises(job), INFINITY, &plan->foretold, error);
+    kiln_prepare_forget(&tried);
+    if (status == KILN_OK)
+        status = kiln_backend_ask(&choice, job, p->scene, &known, error);
     kiln_backend_predict(&choice);
     plan->question = choice.question;
     plan->backend = on_device(p) ? KILN_RECKON_VULKAN : KILN_RECKON_EMBREE;
@@ -888,7 +897,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
     const struct kiln_integrate_settings settings = kiln_light_settings(job, prepared->lights, plan->surface.points);
     KILN_TRY(status);
     KILN_TRY(kiln_planned_steps_make(&plan->steps, &settings, kiln_work_bounces(job), error));
-    KILN_TRY(reckon(plan, prepared, job, phases, error));
+    KILN_TRY(reckon(plan, prepared, job, &settings, phases, error));
     plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
     KILN_TRY(find_visible(plan, prepared, job, &timing, error));
     KILN_TRY(trace_samples(plan, prepared, job, &settings, &timing, error));

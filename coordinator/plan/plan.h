@@ -66,6 +66,7 @@ struct kiln_plan {
     struct kiln_reckon_question question;
     struct kiln_reckoned reckoned[KILN_RECKON_BACKENDS];
     enum kiln_reckon_backend backend;
+    struct kiln_foretold foretold; /* rounds of a bake whose error is asked for */
     uint64_t triangles;
     /* compressed sizes of the result files (estimated) */
     uint64_t lightmap_bytes, h5_bytes, volume_bytes, scene_bytes, preview_bytes, export_bytes;

@@ -35,8 +35,13 @@ class Expected(InOwnFolder):
     def test_bake(self):
         answer, run = self.bake("--backend", "embree")
         expected, choice = run["expected"], run["backend"]["choice"]
-        said = re.findall(r"kiln: about (\S+ \S+) expected on the processors, (\S+ \S+) of it light\n", answer.err)
+        said = re.findall(r"kiln: about (\S+ \S+) expected on the processors, (\S+ \S+) of it light; "
+                          r"by a trial an error of 20 % after 1 round\n", answer.err)
         self.assertEqual(len(said), 1, answer.err)
+        foretold = run["foretold"]
+        self.assertEqual((1, 1, False), tuple(foretold[key] for key in (
+            "rounds", "samples_over_first_round", "limited")))
+        self.assertTrue(foretold["tried_tiles"] > 0 and 0.0 < foretold["error"] < 0.2)
         self.assertAlmostEqual(expected["total"], whole(expected), places=6)
         taken = {phase["name"]: phase["seconds"]["max"] for phase in run["phases"]}
         for phase in ("import", "scene and BVH", "surface points", "validity"):
@@ -57,7 +62,24 @@ class Expected(InOwnFolder):
     def test_auto(self):
         answer, run = self.bake("--backend", "auto")
         if run["backend"]["choice"]["why"].startswith("processors"):
-            self.assertRegex(answer.err, r"expected on the processors, .* of it light; --backend vulkan with a GPU, ")
+            self.assertRegex(answer.err, r"expected on the processors, .* of it light; .*; --backend vulkan with a GPU")
+
+    def test_trial(self):
+        """Less noise takes more rounds; a time has an error of its own; counts of samples have nothing to try."""
+        rounds = []
+        for quality in ("20%", "3%"):
+            answer, run = self.bake("--backend", "embree", "--quality", quality)
+            rounds.append(run["foretold"]["rounds"])
+            self.assertIn("by a trial an error of", answer.err)
+            self.assertLess(abs(rounds[-1] - run["error"]["rounds"]), 2)
+            self.assertGreater(run["foretold"]["total_after_first_round"], 0.0)
+        self.assertGreater(rounds[1], rounds[0])
+        answer, run = self.bake("--backend", "embree", "--time", "2")
+        said = re.search(r"by a trial an error of (\S+) % after", answer.err)
+        self.assertAlmostEqual(float(said[1]), 100 * run["foretold"]["error"], delta=0.06 * float(said[1]))
+        answer, run = self.bake("--backend", "embree", "--samples-direct", "16", "--samples-indirect", "32")
+        self.assertNotIn("foretold", run)
+        self.assertNotIn("by a trial", answer.err)
 
     def test_plan(self):
         seconds = self.plan("--backend", "embree", "--quality", "20%")
@@ -70,7 +92,9 @@ class Expected(InOwnFolder):
                             ("final gather", "final"), ("probes", "probes")):
             self.assertAlmostEqual(here.get(phase, 0.0), seconds[name], places=6)
         self.assertLess(abs(seconds["total"] - here["total"] - seconds["exchange"] - seconds["checkpoints"]), 0.01)
+        self.assertEqual(reckoned["rounds"]["rounds"], 1)
         fine = self.plan("--backend", "embree", "--quality", "1%")["backends"]
+        self.assertGreater(fine["rounds"]["samples_over_first_round"], 1.0)
         for backend in ("embree", "vulkan"):
             for phase in ("direct light", "final gather"):
                 self.assertGreater(fine[backend][phase], reckoned[backend][phase])

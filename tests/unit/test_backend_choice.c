@@ -9,15 +9,18 @@
 
 #include <cmocka.h>
 
+#include <math.h>
+
 #include "coordinator/bake/prepare/backend_choice.h"
 #include "coordinator/bake/reckon/kernels_kept.h"
 #include "coordinator/bake/reckon/rounds_expected.h"
+#include "coordinator/job/job_private.h"
 
 /* A diffuse bake with `rays` gather rays in a final gather, a hundred a point. */
 static struct kiln_backend_choice choice_of(double triangles, double rays, double threads, double kernels)
 {
     struct kiln_backend_choice choice = {
-        .question = {.work = {.triangles = triangles, .points = rays / 100.0, .denoises = true, .rounds = 1.0},
+        .question = {.work = {.triangles = triangles, .points = rays / 100.0, .denoises = true},
                      .threads = threads,
                      .ranks = 1.0,
                      .kernels = kernels}};
@@ -211,15 +214,64 @@ static void test_errors_set_the_samples(void **state)
 {
     (void)state;
     const double asked[] = {0.2, 0.08, 0.03, 0.01};
-    double before = 1.0;
+    struct kiln_foretold before = {.rounds = 1, .samples = 1.0};
     for (size_t i = 0; i < sizeof asked / sizeof *asked; i++) {
-        const double times = kiln_rounds_expected(asked[i], 0.0, true);
-        assert_true(times >= before && kiln_rounds_number(times) >= kiln_rounds_number(before));
-        before = times;
+        const struct kiln_foretold rounds = kiln_rounds_expected(asked[i], true);
+        assert_true(rounds.samples >= before.samples && rounds.rounds >= before.rounds && rounds.tried == 0);
+        assert_true(rounds.limited || rounds.error <= 1.001 * asked[i]);
+        before = rounds;
     }
-    assert_true(kiln_rounds_expected(0.2, 0.1, true) == 1.0 && kiln_rounds_expected(0.2, 0.0, false) == 1.0 &&
-                kiln_rounds_number(1.0) == 1.0);
-    assert_true(kiln_rounds_expected(0.1, 0.4, true) == 4.0 * kiln_rounds_expected(0.1, 0.2, true));
+    const struct kiln_foretold plain = kiln_rounds_expected(0.2, false);
+    assert_true(plain.samples == 1.0 && plain.rounds == 1 && plain.error == KILN_ROUNDS_ERROR_PLAIN);
+    assert_true(before.limited && before.error > 0.01);
+}
+
+/* Light from afar is taken for hard where its rounds are not known, and what a trial has told is taken instead. */
+static void test_rounds_of_a_bake(void **state)
+{
+    (void)state;
+    struct kiln_object object = {
+        .lightmap_width = 100, .lightmap_height = 50, .transform = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+    struct kiln_scene_header header = {.bounds_max = {1.0, 1.0, 1.0}};
+    const struct kiln_mesh mesh = {.triangle_count = 12, .vertex_count = 2, .uv_area = 0.75};
+    const struct kiln_material grey = {.base_color = {0.5f, 0.5f, 0.5f}, .base_color_texture = KILN_NONE};
+    struct kiln_environment sky = dark;
+    const struct kiln_scene scene = {.header = &header,
+                                     .strings = "",
+                                     .materials = &grey,
+                                     .material_count = 1,
+                                     .environment = &sky,
+                                     .positions = corners,
+                                     .triangles = triangles,
+                                     .triangle_materials = materials,
+                                     .meshes = &mesh,
+                                     .mesh_count = 1,
+                                     .objects = &object,
+                                     .object_count = 1};
+    char none[] = "none";
+    static bool nothing[4096];
+    struct kiln_job_owned owned = {.given = nothing};
+    struct kiln_job job = {.strings = &owned,
+                           .machine.kernel_cache = none,
+                           .light.bounces = 3,
+                           .light.published_error = 0.05,
+                           .light.samples_direct = 10,
+                           .light.samples_indirect = 100,
+                           .light.samples_bounce = 8,
+                           .light.radiance.range = INFINITY};
+    const struct kiln_work plain = work_of(&job, &scene);
+    sky.kind = KILN_ENVIRONMENT_CONSTANT;
+    const struct kiln_work hard = work_of(&job, &scene);
+    assert_true(plain.rounds.rounds > 1 && hard.rounds.samples > 10.0 * plain.rounds.samples);
+    assert_true(samples(&hard, KILN_WORK_FINAL) > 10.0 * samples(&plain, KILN_WORK_FINAL));
+    assert_true(samples(&hard, KILN_WORK_BOUNCE) == samples(&plain, KILN_WORK_BOUNCE));
+    const struct kiln_foretold foretold = {.tried = 9, .rounds = 3, .samples = 7.0, .error = 0.05};
+    const struct kiln_backend_known known = {.threads = 4, .ranks = 2, .import = -1.0, .foretold = &foretold};
+    struct kiln_backend_choice choice = {.asked = true};
+    assert_int_equal(kiln_backend_ask(&choice, &job, &scene, &known, NULL), KILN_OK);
+    const double first = samples(&hard, KILN_WORK_FINAL) / hard.rounds.samples;
+    assert_true(fabs(samples(&choice.question.work, KILN_WORK_FINAL) - 7.0 * first) < 1e-6 * first);
+    assert_true(choice.question.work.rounds.rounds == 3);
 }
 
 /* Measured seconds take the place of reckoned ones, and the total stays the sum. */
@@ -240,10 +292,14 @@ static void test_the_total_is_the_sum(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_small_bakes_stay_on_processors), cmocka_unit_test(test_threads_move_the_line),
-        cmocka_unit_test(test_kernels_move_the_line),          cmocka_unit_test(test_what_a_job_asks_for),
-        cmocka_unit_test(test_kernels_that_are_kept),          cmocka_unit_test(test_what_a_scene_has),
-        cmocka_unit_test(test_errors_set_the_samples),         cmocka_unit_test(test_the_total_is_the_sum)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_small_bakes_stay_on_processors),
+                                       cmocka_unit_test(test_threads_move_the_line),
+                                       cmocka_unit_test(test_kernels_move_the_line),
+                                       cmocka_unit_test(test_what_a_job_asks_for),
+                                       cmocka_unit_test(test_kernels_that_are_kept),
+                                       cmocka_unit_test(test_what_a_scene_has),
+                                       cmocka_unit_test(test_errors_set_the_samples),
+                                       cmocka_unit_test(test_rounds_of_a_bake),
+                                       cmocka_unit_test(test_the_total_is_the_sum)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

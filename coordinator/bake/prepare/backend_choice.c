@@ -18,7 +18,7 @@ int kiln_backend_ask(struct kiln_backend_choice *choice, const struct kiln_job *
                                        .ranks = known->ranks > 0 ? known->ranks : 1.0,
                                        .import = known->import,
                                        .kernels = kiln_kernels_missing(&settled, &settings, scene)};
-    return kiln_work_count(&q->work, &settled, &settings, scene, points, 0.0, error);
+    return kiln_work_count(&q->work, &settled, &settings, scene, points, known->foretold, error);
 }
 
 void kiln_backend_predict(struct kiln_backend_choice *choice)

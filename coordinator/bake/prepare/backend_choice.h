@@ -20,9 +20,10 @@ struct kiln_backend_choice {
 struct kiln_backend_known {
     uint64_t threads; /* of all ranks */
     uint32_t ranks;
-    double import;                    /* s that the import took; negative: unknown */
-    double points;                    /* surface points; 0: unknown */
-    const struct kiln_lights *lights; /* NULL: unknown */
+    double import;                        /* s that the import took; negative: unknown */
+    double points;                        /* surface points; 0: unknown */
+    const struct kiln_lights *lights;     /* NULL: unknown */
+    const struct kiln_foretold *foretold; /* all rounds, as a trial told them; NULL: unknown */
 };
 
 /* Fills in the question of a choice: a job whose sample counts are settled, and its open scene. The materials of the

@@ -41,6 +41,8 @@ struct kiln_prepared {
     /* rank 0, in a bake, once its surface points are there: the time it is expected to take; what is over, as measured
      */
     struct kiln_reckoned expected;
+    struct kiln_foretold foretold;    /* likewise: the rounds, by a trial */
+    double expected_then;             /* likewise: s of the whole bake, as its first round told; 0: it told nothing */
     struct kiln_backend_start *start; /* until the backend is created */
     struct kiln_backend *backend;
     struct kiln_backend_building *building; /* private: the backend under construction */

@@ -6,8 +6,8 @@
 #include "worker/scene/texture.h"
 
 /* Kernels of a bake of diffuse light, more of one with gloss, more of one with light paths. A dining room with all of
- * these needs 36. */
-enum { PLAIN = 12, OF_GLOSS = 10, OF_PATHS = 14 };
+ * these needs 37. */
+enum { PLAIN = 16, OF_GLOSS = 10, OF_PATHS = 11 };
 
 /* The kind of a bake: everything in it that chooses passes and their variants. */
 static void kind_of(const struct kiln_job *job, const struct kiln_integrate_settings *settings,

@@ -17,9 +17,12 @@ struct kiln_backend_rates {
      * an environment. */
     double direct, direct_lamps, direct_afar;
     double visit,
-        visit_triangle;     /* a point in a step: prepared, its answer taken; for each triangle a point, up to 4 */
-    double step;            /* of a step, besides its points: dispatches, transfer */
-    double validity;        /* of a point, over gather rays */
+        visit_triangle; /* a point in a step: prepared, its answer taken; for each triangle a point, up to 4 */
+    double step;        /* of a step, besides its points: dispatches, transfer */
+    double validity;    /* of a point, over gather rays */
+    /* samples of direct light and of final gathers in rounds, which few points have, and each its own number, over
+     * those of steps that all points have alike */
+    double rounds_direct, rounds_gather;
     double path;            /* a light path that lands */
     double path_step;       /* of a step of light paths, besides these: targets, sorting, exchange */
     double shared;          /* a ray that shares light with such paths, over gather rays */
@@ -41,10 +44,12 @@ struct kiln_host_rates {
     double valid_point, valid_triangle;                   /* validity, besides its rays */
     double emission, probes;                              /* in all */
     double spread;                                        /* a point over which landings are spread, in a step */
-    double texel, texel_triangle;       /* lightmaps: a point collected, filled, compressed, read back; charts, seams */
-    double h5, h5_point;                /* kiln.h5: in all; a point */
-    double preview_rays, preview_alone; /* an unlimited preview: gather rays of Embree; by one thread alone */
-    double results;                     /* scene.glb, volume.hdf, manifest */
+    double texel, texel_triangle; /* lightmaps: a point collected, filled, compressed, read back; charts, seams */
+    double h5, h5_point;          /* kiln.h5: in all; a point */
+    double judged;                /* a point, in each round: errors, and what tiles need; by one thread */
+    /* an unlimited preview: gather rays of Embree; by one thread alone; more where there is gloss */
+    double preview_rays, preview_alone, preview_alone_gloss;
+    double results; /* scene.glb, volume.hdf, manifest */
     /* fractions of work that one thread does while others wait: before the light; denoising; files */
     double alone_before, alone_denoising, alone_after;
 };

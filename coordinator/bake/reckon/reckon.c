@@ -6,10 +6,8 @@
 #include "coordinator/bake/reckon/rates.h"
 
 enum { FIRST_DOUBLINGS = 5, DENSEST = 4 };
-/* Points that are denoised to judge rounds, over those of the sample of the surface (bake/light/denoised_sample.h),
- * most of which is around its cubes: two rounds, as bakes took. */
-enum { JUDGED_MOST = 1 << 15, JUDGED = 4 };
-#define PREVIEW_OF_GLOSS 2.7 /* rays of a pixel that sees gloss, over others */
+enum { JUDGED_MOST = 1 << 15 }; /* points that are denoised to judge a round (bake/light/denoised_sample.h) */
+#define PREVIEW_OF_GLOSS 2.7    /* rays of a pixel that sees gloss, over others */
 
 #define KILN_RECKON_PHASE_NAME(id, name) name,
 static const char *const names[] = {KILN_RECKON_PHASE_LIST(KILN_RECKON_PHASE_NAME)};
@@ -75,7 +73,11 @@ static double rays_seconds(const struct reckoning *r, enum kiln_work_kind kind, 
     const struct kiln_work_rays *rays = &r->work->light[kind];
     const double dense = r->work->points > 0.0 ? fmin(r->work->triangles / r->work->points, DENSEST) : 0.0,
                  visit = r->rates->visit + dense * r->rates->visit_triangle;
-    return (rays->samples * of_ray * r->ray + rays->visits * visit) / r->lanes + rays->steps * r->rates->step;
+    const double in_rounds = r->work->rounds.rounds == 0 ? 1.0
+                             : kind == KILN_WORK_DIRECT  ? r->rates->rounds_direct
+                                                         : r->rates->rounds_gather;
+    return (rays->samples * of_ray * in_rounds * r->ray + rays->visits * visit) / r->lanes +
+           rays->steps * r->rates->step;
 }
 
 /* Seconds of a sample of direct light over those of a gather ray. */
@@ -106,8 +108,8 @@ static void reckon_light(const struct reckoning *r, double seconds[KILN_RECKON_P
     seconds[KILN_RECKON_caustics] = (w->paths * r->rates->path + w->shared * r->rates->shared * r->ray) / r->lanes +
                                     w->path_steps * r->rates->path_step +
                                     shared_seconds(r, w->spread * kiln_host_rates.spread, kiln_host_rates.alone_before);
-    if (w->rounds > 1.0)
-        seconds[KILN_RECKON_judging] = denoise_seconds(r, JUDGED * fmin(w->points, JUDGED_MOST), 0.0);
+    seconds[KILN_RECKON_judging] = w->rounds.rounds * (w->points * kiln_host_rates.judged / r->q->ranks +
+                                                       denoise_seconds(r, fmin(w->points, JUDGED_MOST), 0.0));
     seconds[KILN_RECKON_probes] =
         (w->probe_samples * r->rates->probe_ray * r->ray + w->probe_paths * r->rates->probe_path) / r->lanes +
         (w->probes > 0.0 ? kiln_host_rates.probes / r->q->threads : 0.0) +
@@ -121,8 +123,8 @@ static double preview_seconds(const struct reckoning *r)
     const struct kiln_work *w = r->work;
     const struct kiln_backend_rates *embree = &kiln_backend_rates[KILN_RECKON_EMBREE];
     const double ray = ray_seconds(embree, w->triangles) * (w->takes_gloss ? PREVIEW_OF_GLOSS : 1.0);
-    return w->preview *
-           (kiln_host_rates.preview_rays * ray * r->q->ranks / r->q->threads + kiln_host_rates.preview_alone);
+    return w->preview * (kiln_host_rates.preview_rays * ray * r->q->ranks / r->q->threads +
+                         kiln_host_rates.preview_alone + (w->takes_gloss ? kiln_host_rates.preview_alone_gloss : 0.0));
 }
 
 static void reckon_after(const struct reckoning *r, double seconds[KILN_RECKON_PHASES])

@@ -9,12 +9,16 @@
 #include "coordinator/integrate/companion.h"
 #include "worker/scene/gloss.h"
 
-/* Bounces where the light decides on them: scenes settle after 5 to 15. Where all have equal samples, light is followed
+/* Bounces where the light decides on them: scenes settle after 5 to 25. Where all have equal samples, light is followed
  * down to 1e-5: 15 to 20 bounces, or half as many pairs by unshot power. */
-enum { TYPICAL_BOUNCES = 9, TYPICAL_EQUAL = 18, TYPICAL_UNSHOT = 9 };
+enum { TYPICAL_BOUNCES = 12, TYPICAL_EQUAL = 18, TYPICAL_UNSHOT = 9 };
 #define COARSE_BACKS                                                                                                   \
     0.25 /* points of a back over those of the front: texels are twice as wide (worker/scene/surface.h) */
-#define OF_BORDERS 0.35  /* fraction of the texels that a layout does not cover, in which charts' borders lie */
+#define OF_BORDERS 0.35 /* fraction of the texels that a layout does not cover, in which charts' borders lie */
+/* Share of the surface with gloss from which caustics are taken to be worth their noise, and the power of all samples
+ * of rounds by which theirs grow then. */
+#define GLOSS_KEPT 0.1
+#define CAUSTICS_POWER 0.3
 enum { RAYS_SHARE = 4 }; /* a point has a fourth of a gather's rays to share with light paths (integrate/land/land.h) */
 
 /* ---- surface ---- */
@@ -218,8 +222,7 @@ static void count_surface(struct kiln_work *w, const struct kiln_job *job, const
     }
     w->from_afar = scene->environment != NULL && scene->environment->kind != KILN_ENVIRONMENT_NONE;
     for (size_t i = 0; i < scene->light_count; i++)
-        w->sun = w->sun || scene->lights[i].kind == KILN_LIGHT_DIRECTIONAL;
-    w->from_afar = w->from_afar || w->sun;
+        w->from_afar = w->from_afar || scene->lights[i].kind == KILN_LIGHT_DIRECTIONAL;
 }
 
 /* ---- light ---- */
@@ -256,12 +259,13 @@ static void count_paths(struct kiln_work *w, const struct kiln_integrate_setting
                         const struct kiln_step *step)
 {
     const double paths = (double)settings->photons * (step->iterations + 1.0); /* pilots are as many as an iteration */
-    w->path_steps++;
     w->paths_planned += paths;
-    if (settings->caustics_tried && settings->published_error > 0.0) {
+    if (settings->caustics_tried && settings->published_error > 0.0 && w->gloss < GLOSS_KEPT) {
         w->paths += step->part == 0 ? (double)settings->photons : 0.0; /* typical: they bring too little */
+        w->path_steps += step->part == 0 ? 1.0 : 0.0;
         return;
     }
+    w->path_steps++;
     w->paths += paths;
     w->shared += settings->caustics == KILN_CAUSTICS_VCM ? w->points * step->samples / RAYS_SHARE : 0.0;
     w->spread += settings->caustics >= KILN_CAUSTICS_MERGE ? w->points : 0.0;
@@ -285,24 +289,31 @@ static void count_step(struct kiln_work *w, const struct kiln_integrate_settings
     rays->steps++;
 }
 
+double kiln_work_caustics(double samples) { return pow(samples, CAUSTICS_POWER); }
+
 /* Adds the rounds after the first, which have no bounces. */
-static void count_rounds(struct kiln_work *w, const struct kiln_integrate_settings *settings, double first_error)
+static void count_rounds(struct kiln_work *w, const struct kiln_integrate_settings *settings,
+                         const struct kiln_foretold *foretold)
 {
-    const double asked = settings->published_error > 0.0 ? settings->published_error : settings->target_error,
-                 times = kiln_rounds_expected(asked, first_error, w->takes_gloss || w->sun),
-                 rounds = kiln_rounds_number(times);
+    const double asked = settings->published_error > 0.0 ? settings->published_error : settings->target_error;
     const enum kiln_work_kind kinds[] = {KILN_WORK_DIRECT, KILN_WORK_FINAL};
-    w->rounds = times;
+    w->rounds = foretold != NULL && foretold->tried > 0 ? *foretold
+                                                        : kiln_rounds_expected(asked, w->takes_gloss || w->from_afar);
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++) {
         struct kiln_work_rays *rays = &w->light[kinds[i]];
-        rays->samples *= times;
-        rays->visits *= rounds;
-        rays->steps *= rounds;
+        rays->samples *= w->rounds.samples;
+        rays->visits *= w->rounds.rounds;
+        rays->steps *= w->rounds.rounds;
     }
+    const double caustics = kiln_work_caustics(w->rounds.samples);
+    w->paths *= w->gloss < GLOSS_KEPT ? 1.0 : caustics;
+    w->path_steps *= w->gloss < GLOSS_KEPT ? 1.0 : caustics;
+    w->shared *= caustics;
+    w->spread *= caustics;
 }
 
 static int count_light(struct kiln_work *w, const struct kiln_job *job, const struct kiln_integrate_settings *settings,
-                       double first_error, struct kiln_error *error)
+                       const struct kiln_foretold *foretold, struct kiln_error *error)
 {
     struct kiln_planned_steps steps;
     w->bounces = kiln_work_bounces(job);
@@ -311,7 +322,7 @@ static int count_light(struct kiln_work *w, const struct kiln_job *job, const st
         count_step(w, settings, &steps.of[i].step);
     kiln_planned_steps_release(&steps);
     if (status == KILN_OK && kiln_has_rounds(settings))
-        count_rounds(w, settings, first_error);
+        count_rounds(w, settings, foretold);
     return status;
 }
 
@@ -335,13 +346,13 @@ static void count_probes(struct kiln_work *w, const struct kiln_job *job,
 }
 
 int kiln_work_count(struct kiln_work *w, const struct kiln_job *job, const struct kiln_integrate_settings *settings,
-                    const struct kiln_scene *scene, double points, double first_error, struct kiln_error *error)
+                    const struct kiln_scene *scene, double points, const struct kiln_foretold *foretold,
+                    struct kiln_error *error)
 {
-    *w = (struct kiln_work){.rounds = 1.0,
-                            .takes_gloss = kiln_job_takes_gloss(job) && scene->taken != NULL,
+    *w = (struct kiln_work){.takes_gloss = kiln_job_takes_gloss(job) && scene->taken != NULL,
                             .denoises = kiln_job_denoises(job)};
     count_surface(w, job, scene, points);
     count_probes(w, job, settings, scene);
     w->preview = job->preview ? kiln_preview_share(job, scene, w->points) : 0.0;
-    return count_light(w, job, settings, first_error, error);
+    return count_light(w, job, settings, foretold, error);
 }

@@ -6,6 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "coordinator/integrate/foretold.h"
 #include "coordinator/integrate/settings.h"
 #include "coordinator/job/job.h"
 #include "worker/scene/scene.h"
@@ -28,16 +29,15 @@ struct kiln_work {
     double lamps;   /* lights, and emitting triangles by twos */
     bool cut_out;   /* some surface has holes or lets light pass: rays ask more of what they meet */
     bool textured;  /* some material has a texture, which surface points read */
-    bool sun;       /* a directional light shines */
     bool from_afar; /* a sun or an environment shines: direct light has pilot samples, and edges of shadows */
-    /* samples of direct light and of final gathers in all rounds over those of the first; 1: there are no rounds */
-    double rounds;
-    uint32_t bounces; /* assumed */
+    struct kiln_foretold rounds; /* rounds 0: there are none */
+    uint32_t bounces;            /* assumed */
     struct kiln_work_rays light[KILN_WORK_KINDS];
     double pairs; /* of patches that send light to each other */
-    /* light paths that land, pilots included; likewise if no trial left caustics out (integrate/land/land_trial.h) */
+    /* light paths that land, pilots included; likewise of the planned steps, if no trial leaves caustics out
+     * (integrate/land/land_trial.h) */
     double paths, paths_planned;
-    double path_steps; /* steps that trace them */
+    double path_steps; /* steps that trace them, over all rounds */
     double shared;     /* gather rays that share the light of caustics with these paths */
     double spread;     /* points over which landings are spread, over all steps */
     double probes, probe_samples, probe_paths;
@@ -54,10 +54,14 @@ double kiln_work_points(const struct kiln_scene *scene, bool both_sides);
 /* Assumed number of bounces, final gather included, where the job leaves it to the light. */
 uint32_t kiln_work_bounces(const struct kiln_job *job);
 
+/* Samples and light paths of caustics in all rounds over those of the first, in which all others grow to `samples`. */
+double kiln_work_caustics(double samples);
+
 /* Counts the work of a job whose materials are settled, for the settings of its light. `points`: surface points, if
- * they are known; 0: kiln_work_points. `first_error`: error of published light that 95 % of the texels stayed below
- * after a first round, if that is known; 0: a typical one (rounds_expected.h). Not collective. KILN_SYSTEM. */
+ * they are known; 0: kiln_work_points. `foretold`: all rounds, as a trial told them; NULL, or nothing tried: typical
+ * ones (rounds_expected.h). Not collective. KILN_SYSTEM. */
 int kiln_work_count(struct kiln_work *work, const struct kiln_job *job, const struct kiln_integrate_settings *settings,
-                    const struct kiln_scene *scene, double points, double first_error, struct kiln_error *error);
+                    const struct kiln_scene *scene, double points, const struct kiln_foretold *foretold,
+                    struct kiln_error *error);
 
 #endif

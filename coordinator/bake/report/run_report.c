@@ -832,6 +832,17 @@ static json_t *found_scene_json(const struct kiln_run *run)
     return scene;
 }
 
+/* The rounds as a trial told them, and the seconds of the whole bake as its first round did. */
+static json_t *foretold_json(const struct kiln_prepared *p)
+{
+    const struct kiln_foretold *f = &p->foretold;
+    json_t *json = json_pack("{s:i, s:i, s:f, s:f, s:b}", "tried_tiles", (int)f->tried, "rounds", (int)f->rounds,
+                             "samples_over_first_round", f->samples, "error", f->error, "limited", (int)f->limited);
+    if (p->expected_then > 0.0 && json != NULL)
+        (void)json_object_set_new(json, "total_after_first_round", json_real(p->expected_then));
+    return json;
+}
+
 /* Adds the job, the machine and the times. */
 static void add_run(json_t *root, const struct kiln_run *run, json_t *phases, const uint64_t *values)
 {
@@ -855,6 +866,8 @@ static void add_run(json_t *root, const struct kiln_run *run, json_t *phases, co
     json_object_set_new(root, "seconds_before", json_real(t->seconds_before));
     json_object_set_new(root, "phases", phases);
     json_object_set_new(root, "expected", kiln_reckon_json(&p->expected));
+    if (p->foretold.tried > 0)
+        json_object_set_new(root, "foretold", foretold_json(p));
     json_object_set_new(root, "rays", rays);
     json_object_set_new(root, "mrays_per_second", json_real(traced > 0.0 ? total_rays / traced * 1e-6 : 0.0));
 }
