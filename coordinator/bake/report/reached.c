@@ -162,8 +162,10 @@ static void print_published(FILE *stream, const json_t *error)
     char name[96], asked[48] = "time was over";
     if (!json_is_true(json_object_get(error, "out_of_time")))
         (void)snprintf(asked, sizeof asked, "asked: %.3g %%", 100.0 * number_of(error, "asked"));
-    (void)fprintf(stream, "error        %.2g %%: 95 %% of the texels are less than that off (%s; %.0f round%s)\n",
-                  100.0 * number_of(error, "published"), asked, rounds, rounds > 1.0 ? "s" : "");
+    (void)fprintf(stream, "error        %.2g %%: 95 %% of the texels are less than that off (%s; %.0f round%s%s)\n",
+                  100.0 * number_of(error, "published"), asked, rounds, rounds > 1.0 ? "s" : "",
+                  json_is_true(json_object_get(error, "most_samples")) ? ", the last by the most samples of a texel"
+                                                                       : "");
     if (has(error, "texels_lose"))
         (void)fprintf(stream,
                       "texels       lose about %.2g %% of light that changes between them, whatever the samples\n",

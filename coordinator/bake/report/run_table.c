@@ -283,9 +283,14 @@ static void note_published(const json_t *report, json_t *notes)
     const double asked = number_of(error, "asked"), reached = number_of(error, "published");
     if (json_object_get(error, "published") != NULL && json_object_get(error, "time") == NULL && reached > asked)
         (void)json_array_append_new(
-            notes, json_sprintf("--quality %.3g%% is not reached: 95 %% of the texels are less than %.2g %% off%s",
-                                100.0 * asked, 100.0 * reached,
-                                json_is_true(json_object_get(error, "out_of_time")) ? ", as time was over" : ""));
+            notes,
+            json_sprintf("--quality %.3g%% is not reached: 95 %% of the texels are less than %.2g %% off%s",
+                         100.0 * asked, 100.0 * reached,
+                         json_is_true(json_object_get(error, "out_of_time")) ? ", as time was over"
+                         : json_is_true(json_object_get(error, "most_samples"))
+                             ? "; rounds ended as texels have had the most samples that one gets, but with --time, "
+                               "which gives them more"
+                             : ""));
 }
 
 /* Notes, for a bake for some views, that most surfaces may have no light. */
