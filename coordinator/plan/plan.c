@@ -876,7 +876,8 @@ static int reckon(struct kiln_plan *plan, const struct kiln_prepared *p, const s
 int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared, const struct kiln_job *job,
                    const struct kiln_phases *phases, struct kiln_error *error)
 {
-    *plan = (struct kiln_plan){.triangles = prepared->geometry->triangle_count, .bounces = kiln_work_bounces(job)};
+    *plan = (struct kiln_plan){.triangles = prepared->geometry->triangle_count,
+                               .bounces = kiln_work_bounces(job, prepared->scene)};
     known_memory(plan, prepared);
     measure_program(plan, prepared, job);
     struct kiln_surface *rank_surface = NULL;
@@ -896,7 +897,7 @@ int kiln_plan_make(struct kiln_plan *plan, const struct kiln_prepared *prepared,
         status = kiln_volume_grid(&volume, prepared->scene, job->volume.spacing, job->volume.bounds, error);
     const struct kiln_integrate_settings settings = kiln_light_settings(job, prepared->lights, plan->surface.points);
     KILN_TRY(status);
-    KILN_TRY(kiln_planned_steps_make(&plan->steps, &settings, kiln_work_bounces(job), error));
+    KILN_TRY(kiln_planned_steps_make(&plan->steps, &settings, plan->bounces, error));
     KILN_TRY(reckon(plan, prepared, job, &settings, phases, error));
     plan->probes = volume.size[0] * volume.size[1] * volume.size[2];
     KILN_TRY(find_visible(plan, prepared, job, &timing, error));

@@ -9,9 +9,10 @@
 #include "coordinator/integrate/companion.h"
 #include "worker/scene/gloss.h"
 
-/* Bounces where the light decides on them: scenes settle after 5 to 25. Where all have equal samples, light is followed
- * down to 1e-5: 15 to 20 bounces, or half as many pairs by unshot power. */
-enum { TYPICAL_BOUNCES = 12, TYPICAL_EQUAL = 18, TYPICAL_UNSHOT = 9 };
+/* Bounces where the light decides on them: plain scenes settle after 5 to 7, those with gloss or light from afar
+ * after 12 to 25. Where all have equal samples, light is followed down to 1e-5: 15 to 20 bounces, or half as many pairs
+ * by unshot power. */
+enum { TYPICAL_BOUNCES = 7, TYPICAL_HARD = 18, TYPICAL_EQUAL = 18, TYPICAL_UNSHOT = 9 };
 #define COARSE_BACKS                                                                                                   \
     0.25 /* points of a back over those of the front: texels are twice as wide (worker/scene/surface.h) */
 #define OF_BORDERS 0.35 /* fraction of the texels that a layout does not cover, in which charts' borders lie */
@@ -202,6 +203,15 @@ static double far_share(const struct kiln_scene *scene, double triangles, double
     return covered > 0.0 ? far / covered : 0.0;
 }
 
+/* Whether a sun or an environment shines. */
+static bool is_lit_from_afar(const struct kiln_scene *scene)
+{
+    bool lit = scene->environment != NULL && scene->environment->kind != KILN_ENVIRONMENT_NONE;
+    for (size_t i = 0; i < scene->light_count; i++)
+        lit = lit || scene->lights[i].kind == KILN_LIGHT_DIRECTIONAL;
+    return lit;
+}
+
 static void count_surface(struct kiln_work *w, const struct kiln_job *job, const struct kiln_scene *scene,
                           double points)
 {
@@ -220,20 +230,20 @@ static void count_surface(struct kiln_work *w, const struct kiln_job *job, const
         w->textured = w->textured || m->base_color_texture != KILN_NONE;
         w->cut_out = w->cut_out || m->alpha_mode != KILN_ALPHA_OPAQUE || m->transmission > 0.0f;
     }
-    w->from_afar = scene->environment != NULL && scene->environment->kind != KILN_ENVIRONMENT_NONE;
-    for (size_t i = 0; i < scene->light_count; i++)
-        w->from_afar = w->from_afar || scene->lights[i].kind == KILN_LIGHT_DIRECTIONAL;
+    w->from_afar = is_lit_from_afar(scene);
 }
 
 /* ---- light ---- */
 
-uint32_t kiln_work_bounces(const struct kiln_job *job)
+uint32_t kiln_work_bounces(const struct kiln_job *job, const struct kiln_scene *scene)
 {
     if (job->light.bounces >= 0)
         return (uint32_t)job->light.bounces;
     if (job->light.patches.order == KILN_ORDER_UNSHOT)
         return TYPICAL_UNSHOT;
-    return job->light.schedule == KILN_SCHEDULE_EQUAL ? TYPICAL_EQUAL : TYPICAL_BOUNCES;
+    return job->light.schedule == KILN_SCHEDULE_EQUAL        ? TYPICAL_EQUAL
+           : scene->taken != NULL || is_lit_from_afar(scene) ? TYPICAL_HARD
+                                                             : TYPICAL_BOUNCES;
 }
 
 /* Gather rays of a point of full resolution: companions let one point gather for several. */
@@ -313,10 +323,10 @@ static void count_rounds(struct kiln_work *w, const struct kiln_integrate_settin
 }
 
 static int count_light(struct kiln_work *w, const struct kiln_job *job, const struct kiln_integrate_settings *settings,
-                       const struct kiln_foretold *foretold, struct kiln_error *error)
+                       const struct kiln_scene *scene, const struct kiln_foretold *foretold, struct kiln_error *error)
 {
     struct kiln_planned_steps steps;
-    w->bounces = kiln_work_bounces(job);
+    w->bounces = kiln_work_bounces(job, scene);
     const int status = kiln_planned_steps_make(&steps, settings, w->bounces, error);
     for (size_t i = 0; i < steps.count && status == KILN_OK; i++)
         count_step(w, settings, &steps.of[i].step);
@@ -354,5 +364,5 @@ int kiln_work_count(struct kiln_work *w, const struct kiln_job *job, const struc
     count_surface(w, job, scene, points);
     count_probes(w, job, settings, scene);
     w->preview = job->preview ? kiln_preview_share(job, scene, w->points) : 0.0;
-    return count_light(w, job, settings, foretold, error);
+    return count_light(w, job, settings, scene, foretold, error);
 }

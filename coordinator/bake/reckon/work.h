@@ -52,7 +52,7 @@ double kiln_work_points_of(const struct kiln_scene *scene, size_t object);
 double kiln_work_points(const struct kiln_scene *scene, bool both_sides);
 
 /* Assumed number of bounces, final gather included, where the job leaves it to the light. */
-uint32_t kiln_work_bounces(const struct kiln_job *job);
+uint32_t kiln_work_bounces(const struct kiln_job *job, const struct kiln_scene *scene);
 
 /* Samples and light paths of caustics in all rounds over those of the first, in which all others grow to `samples`. */
 double kiln_work_caustics(double samples);
