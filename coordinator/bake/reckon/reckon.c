@@ -36,7 +36,8 @@ static double gather_seconds(const struct kiln_backend_rates *rates, const struc
 {
     const double gloss = w->takes_gloss && !shadow ? rates->gloss + rates->glossy * w->gloss : 0.0,
                  factor = 1.0 + gloss + (w->cut_out ? rates->cut_out : 0.0);
-    return (1.0 - w->far) * factor * ray_seconds(rates, w->triangles) + w->far * ray_seconds(rates, 1.0);
+    const double far = w->rounds.rounds > 1 ? 0.0 : w->far; /* what lies far off is finished with the first round */
+    return (1.0 - far) * factor * ray_seconds(rates, w->triangles) + far * ray_seconds(rates, 1.0);
 }
 
 /* Seconds of work of `thread_seconds` on all threads, of which a fraction runs on one of each rank's alone. */
