@@ -6,6 +6,7 @@
   one: these kernels are compiled, and their files are whole again.
 - Both have the same bits, though the kernels of the second are made by threads beside the loading of the scene
   (KILN_KERNEL_MAKERS), as those of a GPU are: run.json and the timeline say when that was.
+- Either way run.json names the five that took longest.
 
 Mesa's lavapipe gives the head of a cache alone, so how much is gained is not seen here.
 """
@@ -46,6 +47,16 @@ def damage(folder, files):
     return 3
 
 
+def check_slowest(checks, b):
+    slowest = b.run['beside_loading']['kernels']['slowest']
+    seconds = [kernel['seconds'] for kernel in slowest]
+    checks.that(len(slowest) == 5 and min(seconds) > 0 and seconds == sorted(seconds, reverse=True),
+                'seconds of the slowest: %s' % slowest, b.process)
+    made = {(kernel['name'], tuple(kernel['constants'])) for kernel in slowest}
+    checks.that(len(made) == 5 and all(len(constants) >= 14 for _, constants in made) and
+                {name for name, _ in made} <= set(b.run['backend']['kernels']), 'the slowest: %s' % slowest, b.process)
+
+
 def check_loading(checks, b, timeline):
     loading = b.run['beside_loading']
     device, kernels = loading['device'], loading['kernels']
@@ -74,6 +85,7 @@ def main():
         for name, number in (('kernels_kept', found), ('kernels_compiled', compiled)):
             right = backend[name] > 0 if number is None else backend[name] == number
             checks.that(right, '%s: %s is %d' % (what, name, backend[name]), b.process)
+        check_slowest(checks, b)
         wanted = wanted or bits(b)
         checks.that(bits(b) == wanted, what + ': other bits', b.process)
         if 'KILN_KERNEL_MAKERS' in kiln.environment:

@@ -67,6 +67,14 @@ struct kiln_hit {
 
 enum { KILN_KERNELS_MOST = 32 };
 
+/* A kernel that a device's driver made, or that was kept from an earlier run, and the seconds of that. */
+enum { KILN_MADE_KERNELS = 5, KILN_MADE_CONSTANTS = 16 };
+struct kiln_made_kernel {
+    const char *name;                                        /* NULL: none */
+    uint32_t constants[KILN_MADE_CONSTANTS], constant_count; /* its specialisation constants, by their numbers */
+    double seconds;
+};
+
 struct kiln_backend_info {
     char name[32];    /* "embree" */
     char device[128]; /* "Embree 3.13.5, avx2, 2 threads" */
@@ -100,6 +108,8 @@ struct kiln_backend_info {
     /* numbers of a device's kernels that were cached from an earlier run, and that its driver had to compile */
     uint64_t kernels_found, kernels_made;
     struct kiln_aside starting, making; /* background work: starting a device, and making its kernels */
+    struct kiln_made_kernel
+        slowest[KILN_MADE_KERNELS]; /* those of its kernels that took longest to make, slowest first */
     uint64_t verified; /* texels traced again with Embree so far, once for each pass (worker/backend/verify.h) */
     uint64_t beyond;   /* number of these that differ by more than rounding and noise explain; a few may */
     double worst;      /* largest difference, relative to what rounding and noise explain */

@@ -84,6 +84,20 @@ static bool start_maker(struct vulkan_backend *b, struct vulkan_kernel *k)
     return k->maker != NULL;
 }
 
+/* Takes a kernel in among the slowest, if it is one. */
+static void note(struct vulkan_backend *b, const struct gpu_kernel_params *params, double seconds)
+{
+    struct kiln_made_kernel made = {
+        .name = params->name, .constant_count = (uint32_t)params->constant_count, .seconds = seconds};
+    memcpy(made.constants, params->constants, params->constant_count * sizeof *made.constants);
+    for (size_t i = 0; i < KILN_MADE_KERNELS; i++)
+        if (b->slowest[i].name == NULL || b->slowest[i].seconds < made.seconds) {
+            const struct kiln_made_kernel next = b->slowest[i];
+            b->slowest[i] = made;
+            made = next;
+        }
+}
+
 /* Waits for the thread that compiles the kernel, if there is one. */
 static void join(struct vulkan_backend *b, struct vulkan_kernel *k)
 {
@@ -98,6 +112,8 @@ static void join(struct vulkan_backend *b, struct vulkan_kernel *k)
     a->end = m->end > a->end ? m->end : a->end;
     a->count++;
     k->kernel = m->kernel;
+    if (k->kernel != NULL)
+        note(b, &m->params, m->end - m->begin);
     kiln_free(&k->maker);
 }
 
@@ -140,7 +156,10 @@ static int make_now(struct vulkan_backend *b, struct vulkan_kernel *k, struct ki
     join(b, k);
     if (k->kernel == NULL) {
         const struct gpu_kernel_params params = describe(b, k, constants);
+        const double begin = kiln_clock_seconds();
         status = gpu_kernel_create(b->gpu, &k->kernel, &params, error);
+        if (status == KILN_OK)
+            note(b, &params, kiln_clock_seconds() - begin);
     }
     vulkan_once_end(b, once);
     return status;

@@ -298,6 +298,7 @@ static void vulkan_info(const struct kiln_backend *backend, struct kiln_backend_
                                        .claims = CLAIMS,
                                        .regresses = b->gpu != NULL && !gpu_about(b->gpu)->software};
     (void)snprintf(info->device, sizeof info->device, "%s", b->device_text);
+    memcpy(info->slowest, b->slowest, sizeof info->slowest);
     count_kernels(b, &info->kernels_found, &info->kernels_made);
     for (size_t i = 0; i < b->kernel_count; i++)
         if (b->kernels[i].ran)

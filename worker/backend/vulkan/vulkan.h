@@ -69,6 +69,7 @@ enum vulkan_constant {
     VULKAN_LOBE_KINDS,
     VULKAN_CONSTANTS
 };
+_Static_assert(VULKAN_CONSTANTS <= KILN_MADE_CONSTANTS, "room for them");
 
 struct vulkan_kernel {
     const struct vulkan_shader *shader;
@@ -227,8 +228,9 @@ struct vulkan_backend {
     uint32_t constants[VULKAN_CONSTANTS];
     size_t kernel_count, kernel_room;
     struct vulkan_kernel *kernels;
-    struct kiln_aside making; /* background creation of kernels that were requested since */
-    struct gpu_buffer sobol;  /* KILN_DIMENSIONS times sobol_count words */
+    struct kiln_aside making;                           /* background creation of kernels that were requested since */
+    struct kiln_made_kernel slowest[KILN_MADE_KERNELS]; /* struct kiln_backend_info */
+    struct gpu_buffer sobol;                            /* KILN_DIMENSIONS times sobol_count words */
     uint32_t sobol_count;
     struct gpu_buffer rays, hits; /* host memory: rays and hits of the last vulkan_intersect, with spare room */
     struct vulkan_slot slots[GPU_SLOTS];
