@@ -50,6 +50,7 @@ layout(constant_id = 10) const uint HAS_GLOSSY = 0u;    /* gloss varies over a m
 layout(constant_id = 11) const uint HAS_BRUSHED = 1u;   /* some materials have gloss */
 layout(constant_id = 12) const uint HAS_TRAPPED = 1u;   /* some have tables (struct kiln_bsdf_trapped_table) */
 layout(constant_id = 13) const uint LOBE_KINDS = 0xffffffffu; /* KILN_BSDF_MAY_...: what materials may have */
+layout(constant_id = 14) const uint TEXTURED = 0xffffffffu;   /* KILN_TEXTURED_...: what has textures */
 
 /* `alignment` in bytes: 8 where the element has 64-bit members, else 4. */
 #define KILN_ARRAY(Name, type, alignment)                                                                              \

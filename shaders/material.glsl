@@ -21,14 +21,16 @@ int64_t kiln_texel_coordinate(float u, uint size, uint wrap)
     return int64_t(near * 35184372088832.0 /* 2^45 */) * int64_t(size);
 }
 
-uint kiln_wrapped(int at, uint size, uint wrap)
+/* The texels that `at` and `at` + 1 stand for. Integer division is long code on GPUs, so both take one. */
+uvec2 kiln_wrapped(int at, uint size, uint wrap)
 {
     const int n = int(size);
     if (wrap == KILN_WRAP_CLAMP)
-        return uint(clamp(at, 0, n - 1));
+        return uvec2(clamp(ivec2(at, at + 1), 0, n - 1));
     const int period = wrap == KILN_WRAP_MIRROR ? 2 * n : n;
     const int below = at - (at / period) * period, m = below < 0 ? below + period : below;
-    return uint(m < n ? m : period - 1 - m);
+    const int next = m + 1 < period ? m + 1 : 0;
+    return uvec2(m < n ? m : period - 1 - m, next < n ? next : period - 1 - next);
 }
 
 /* The 2 x 2 texels of a bilinear filter: two columns, two rows, and the position between them. With `nearest` only the
@@ -46,8 +48,8 @@ kiln_texel_cell kiln_texel_cell_of(kiln_gpu_texture t, vec2 at)
                   y = kiln_texel_coordinate(at.y, t.height, t.wrap_v) - shift;
     const int left = int(x >> kiln_texel_fraction), top = int(y >> kiln_texel_fraction);
     kiln_texel_cell cell;
-    cell.x = uvec2(kiln_wrapped(left, t.width, t.wrap_u), kiln_wrapped(left + 1, t.width, t.wrap_u));
-    cell.y = uvec2(kiln_wrapped(top, t.height, t.wrap_v), kiln_wrapped(top + 1, t.height, t.wrap_v));
+    cell.x = kiln_wrapped(left, t.width, t.wrap_u);
+    cell.y = kiln_wrapped(top, t.height, t.wrap_v);
     cell.fx = float(uint(x >> (kiln_texel_fraction - 32u))) / 4294967296.0;
     cell.fy = float(uint(y >> (kiln_texel_fraction - 32u))) / 4294967296.0;
     return cell;
@@ -68,18 +70,21 @@ vec4 kiln_texel_color(kiln_gpu_texture t, uint x, uint y)
     return vec4(linear.at[channel.r], linear.at[channel.g], linear.at[channel.b], float(channel.a) / 255.0);
 }
 
-/* Linear RGBA, filtered and wrapped as the texture says. */
+/* Linear RGBA, filtered and wrapped as the texture says. A loop over the texels, so that their code exists once. */
 vec4 kiln_texture_sample(uint index, vec2 at)
 {
     const kiln_gpu_texture t = TextureArray(SCENE.materials.textures).at[index];
     const kiln_texel_cell cell = kiln_texel_cell_of(t, at);
-    const vec4 first = kiln_texel_color(t, cell.x.x, cell.y.x);
-    if (t.nearest != 0u)
-        return first;
-    const vec4 upper = first + cell.fx * (kiln_texel_color(t, cell.x.y, cell.y.x) - first);
-    const vec4 third = kiln_texel_color(t, cell.x.x, cell.y.y),
-               lower = third + cell.fx * (kiln_texel_color(t, cell.x.y, cell.y.y) - third);
-    return upper + cell.fy * (lower - upper);
+    const uint count = t.nearest != 0u ? 1u : 4u;
+    vec4 left = vec4(0.0), upper = vec4(0.0), lower = vec4(0.0);
+    for (uint i = 0u; i < count; i++) {
+        const bool is_left = (i & 1u) == 0u;
+        const vec4 texel = kiln_texel_color(t, is_left ? cell.x.x : cell.x.y, i < 2u ? cell.y.x : cell.y.y);
+        upper = is_left ? upper : lower;
+        lower = is_left ? lower : left + cell.fx * (texel - left);
+        left = is_left ? texel : left;
+    }
+    return t.nearest != 0u ? left : upper + cell.fy * (lower - upper);
 }
 
 /* Index of a world triangle's coating, with KILN_GPU_FLIPPED. */
@@ -136,7 +141,7 @@ vec2 kiln_surface_alpha(uint triangle, float u, float v)
                    v * float(coating.colors[2] >> 24)) /
                   255.0;
     alpha *= m.base_alpha;
-    if (m.base_color_texture != KILN_GPU_NONE)
+    if ((TEXTURED & KILN_TEXTURED_PASSAGE) != 0u && m.base_color_texture != KILN_GPU_NONE)
         alpha *= kiln_texture_alpha(m.base_color_texture, kiln_interpolated(coating.base, u, v));
     return vec2(clamp(alpha, 0.0, 1.0), m.alpha_mode == KILN_ALPHA_MASK ? m.alpha_cutoff : -1.0);
 }
@@ -166,16 +171,17 @@ kiln_passage kiln_surface_passage(uint triangle, float u, float v, float cosine)
     vec4 color = ((1.0 - u - v) * kiln_vertex_color(coating.colors[0]) + u * kiln_vertex_color(coating.colors[1]) +
                   v * kiln_vertex_color(coating.colors[2])) *
                  vec4(m.base_color[0], m.base_color[1], m.base_color[2], m.base_alpha);
-    if (m.base_color_texture != KILN_GPU_NONE && (HAS_ALPHA >= KILN_PASSAGE_TINT && m.transmission > 0.0))
+    const bool textured = (TEXTURED & KILN_TEXTURED_PASSAGE) != 0u && m.base_color_texture != KILN_GPU_NONE;
+    if (textured && (HAS_ALPHA >= KILN_PASSAGE_TINT && m.transmission > 0.0))
         color *= kiln_texture_sample(m.base_color_texture, at);
-    else if (m.base_color_texture != KILN_GPU_NONE)
+    else if (textured)
         color.a *= kiln_texture_alpha(m.base_color_texture, at);
     color = clamp(color, 0.0, 1.0);
     const float covered = kiln_coverage(m.alpha_mode, m.alpha_cutoff, color.a);
     if (HAS_ALPHA < KILN_PASSAGE_TINT || m.transmission == 0.0)
         return kiln_passage(covered, vec3(1.0 - covered));
     float let = covered * m.transmission;
-    if (m.transmission_texture != KILN_GPU_NONE)
+    if ((TEXTURED & KILN_TEXTURED_PASSAGE) != 0u && m.transmission_texture != KILN_GPU_NONE)
         let *= kiln_texture_sample(m.transmission_texture, at).r;
     const float opacity = covered - let;
     if (HAS_ALPHA >= KILN_PASSAGE_PANE)
@@ -196,7 +202,7 @@ vec3 kiln_surface_color(uint triangle, float u, float v, bool seen)
     vec3 color = factor * ((1.0 - u - v) * kiln_vertex_color(coating.colors[0]) +
                            u * kiln_vertex_color(coating.colors[1]) + v * kiln_vertex_color(coating.colors[2]))
                               .rgb;
-    if (m.base_color_texture != KILN_GPU_NONE)
+    if ((TEXTURED & KILN_TEXTURED_COLOR) != 0u && m.base_color_texture != KILN_GPU_NONE)
         color *= kiln_texture_sample(m.base_color_texture, kiln_interpolated(coating.base, u, v)).rgb;
     return clamp(color, 0.0, 1.0);
 }
@@ -207,7 +213,7 @@ vec3 kiln_surface_emission(uint triangle, float u, float v)
     const kiln_gpu_coating coating = kiln_coating_of(triangle, u, v);
     const kiln_gpu_material m = kiln_material_of(coating.material);
     const vec3 emission = vec3(m.emission[0], m.emission[1], m.emission[2]);
-    if (m.emission_texture == KILN_GPU_NONE)
+    if ((TEXTURED & KILN_TEXTURED_EMISSION) == 0u || m.emission_texture == KILN_GPU_NONE)
         return emission;
     return emission * kiln_texture_sample(m.emission_texture, kiln_interpolated(coating.emission, u, v)).rgb;
 }

@@ -32,6 +32,11 @@ KILN_SIZE_IS(kiln_gpu_coating, 64);
 
 #define KILN_GPU_FLIPPED 0x80000000u
 
+/* Colours with textures; those of surfaces that may let rays through, with their transmission; emission. */
+#define KILN_TEXTURED_COLOR 1u
+#define KILN_TEXTURED_PASSAGE 2u
+#define KILN_TEXTURED_EMISSION 4u
+
 /* ---- materials that are not only diffuse (struct kiln_gloss of worker/scene/scene.h); asked for by paths ---- */
 
 /* Uses of a texture (enum kiln_gloss_use) */

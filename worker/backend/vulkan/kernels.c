@@ -50,6 +50,7 @@ static struct gpu_kernel_params describe(const struct vulkan_backend *b, const s
     constants[VULKAN_HAS_BRUSHED] = b->materials.brushed;
     constants[VULKAN_HAS_TRAPPED] = b->materials.trapped;
     constants[VULKAN_LOBE_KINDS] = b->materials.lobe_kinds;
+    constants[VULKAN_TEXTURED] = b->materials.textured;
     for (uint32_t i = 0; i < VULKAN_CONSTANTS && !pipeline; i++)
         if (constants[i] != 0 && !asks_for(code, i))
             constants[i] = 0;

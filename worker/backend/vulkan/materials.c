@@ -41,6 +41,22 @@ bool vulkan_materials_holds(const struct kiln_backend_params *params, uint32_t t
             params->scene->materials[word & KILN_RECORD_MATERIAL].emission_texture != KILN_NONE);
 }
 
+/* Finds what has textures, KILN_TEXTURED_..., whatever is on the device. */
+static uint32_t textured_of(const struct kiln_backend_params *params)
+{
+    const struct kiln_geometry *g = params->geometry;
+    uint32_t textured = 0;
+    for (size_t i = 0; i < g->triangle_count; i++) {
+        const uint32_t word = g->records[i].material;
+        const struct kiln_material *m = &params->scene->materials[word & KILN_RECORD_MATERIAL];
+        const bool color = m->base_color_texture != KILN_NONE, lets = i >= g->opaque_count;
+        textured |= (color ? KILN_TEXTURED_COLOR : 0u) |
+                    (lets && (color || m->transmission_texture != KILN_NONE) ? KILN_TEXTURED_PASSAGE : 0u) |
+                    (m->emission_texture != KILN_NONE ? KILN_TEXTURED_EMISSION : 0u);
+    }
+    return textured;
+}
+
 static bool is_coated(const struct staging *s, uint32_t triangle)
 {
     return s->all || vulkan_materials_holds(s->params, triangle);
@@ -471,7 +487,7 @@ int vulkan_materials_create(struct gpu *gpu, const struct kiln_backend_params *p
 {
     struct staging s = {
         .params = params, .gpu = gpu, .all = all, .gloss = all && vulkan_materials_take_gloss(params->scene)};
-    *materials = (struct vulkan_materials){0};
+    *materials = (struct vulkan_materials){.textured = textured_of(params)};
     *layout = (struct kiln_gpu_materials){0};
     find_slots(&s);
     if (s.slot_count == 0)

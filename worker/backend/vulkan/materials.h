@@ -24,6 +24,7 @@ struct vulkan_materials {
     bool varied;                    /* lobes of some materials vary over the surface (KILN_GPU_GLOSS_PREPARED) */
     bool brushed, trapped;          /* some materials have tables of brushed facets; of light trapped under coats */
     uint32_t lobe_kinds;            /* KILN_BSDF_MAY_...: kinds of lobes that some material may have */
+    uint32_t textured;              /* KILN_TEXTURED_...: what has textures in the scene */
 };
 
 /* Uploads materials, and writes the addresses into `layout` (all 0 when there is nothing); with `all` the coatings of

@@ -67,6 +67,7 @@ enum vulkan_constant {
     VULKAN_HAS_BRUSHED,
     VULKAN_HAS_TRAPPED,
     VULKAN_LOBE_KINDS,
+    VULKAN_TEXTURED,
     VULKAN_CONSTANTS
 };
 _Static_assert(VULKAN_CONSTANTS <= KILN_MADE_CONSTANTS, "room for them");
