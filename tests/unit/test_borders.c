@@ -118,6 +118,64 @@ static void test_texels_of_charts_stay(void **state)
     assert_int_equal(report.contested, 4);   /* beyond the corners of the gap */
 }
 
+/* Single triangles, each a chart, crowded into 4 x 4 texels, of which every second has a chart: claims looked at for
+ * each triangle. */
+static double looked_at(uint32_t triangles)
+{
+    struct synthetic s;
+    synthetic_scene(&s, SIDE, SIDE);
+    struct kiln_vec3 *positions = calloc(3 * triangles, sizeof *positions);
+    struct kiln_vec3 *normals = calloc(3 * triangles, sizeof *normals);
+    struct kiln_vec2 *uv = calloc(3 * triangles, sizeof *uv);
+    uint32_t *corners = calloc(3 * triangles, sizeof *corners);
+    const float side = 4.0f / sqrtf((float)triangles);
+    const uint32_t row = (uint32_t)ceilf(sqrtf((float)triangles));
+    for (uint32_t i = 0; i < 3 * triangles; i++) {
+        const float x = 6.0f + side * ((float)(i / 3 % row) + (i % 3 == 1 ? 0.8f : 0.1f)),
+                    y = 6.0f + side * ((float)(i / 3 / row) + (i % 3 == 2 ? 0.8f : 0.1f));
+        positions[i] = vec3((float)i, y, 0);
+        normals[i] = vec3(0, 0, 1);
+        uv[i] = (struct kiln_vec2){x / SIDE, y / SIDE};
+        corners[i] = i;
+    }
+    s.mesh.vertex_count = 3 * triangles;
+    s.mesh.triangle_count = triangles;
+    s.scene.positions = positions;
+    s.scene.normals = normals;
+    s.scene.texcoord_lightmap = uv;
+    s.scene.triangles = corners;
+    struct kiln_chart_graph *graph = NULL;
+    struct kiln_map *map = NULL;
+    struct kiln_border_report report;
+    uint32_t nearest[TEXELS];
+    assert_int_equal(kiln_map_create(&map, SIDE, SIDE, &kiln_map_light, NULL), 0);
+    for (uint32_t i = 6; i < 10; i++)
+        for (uint32_t k = 6 + i % 2; k < 10; k += 2) {
+            map->state[SIDE * i + k] = KILN_TEXEL_VALID;
+            map->chart[SIDE * i + k] = (triangles - 1) * (4 * (i - 6) + k - 6) / 16;
+            map->planes[KILN_MAP_DIRECT][SIDE * i + k] = (float)(i + k);
+        }
+    assert_int_equal(kiln_chart_graph_create(&graph, &s.scene, 0, SIDE, SIDE, NULL), 0);
+    assert_int_equal(graph->chart_count, triangles);
+    assert_int_equal(kiln_nearest_texels(map->state, KILN_TEXEL_FILLED, SIDE, SIDE, nearest, NULL), 0);
+    assert_int_equal(kiln_borders_assign(map, graph, nearest, &report, NULL), 0);
+    assert_true(report.contested >= 8 && report.foreign > triangles); /* each reads four texels or two */
+    kiln_map_destroy(&map);
+    kiln_chart_graph_destroy(&graph);
+    free(positions);
+    free(normals);
+    free(uv);
+    free(corners);
+    return (double)report.looked_at / triangles;
+}
+
+static void test_many_charts_in_a_texel(void **state)
+{
+    (void)state;
+    const double few = looked_at(1000), many = looked_at(16000);
+    assert_true(few > 10.0 && many < 2.0 * few);
+}
+
 /* ---- distances ---- */
 
 static struct kiln_padding padding_of(const struct synthetic *s, double width, double height)
@@ -240,9 +298,12 @@ static void test_repack(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_the_reader_has_it),     cmocka_unit_test(test_both_read_it),
-        cmocka_unit_test(test_texels_of_charts_stay), cmocka_unit_test(test_distance),
-        cmocka_unit_test(test_distance_of_many),      cmocka_unit_test(test_repack)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_the_reader_has_it),
+                                       cmocka_unit_test(test_both_read_it),
+                                       cmocka_unit_test(test_texels_of_charts_stay),
+                                       cmocka_unit_test(test_many_charts_in_a_texel),
+                                       cmocka_unit_test(test_distance),
+                                       cmocka_unit_test(test_distance_of_many),
+                                       cmocka_unit_test(test_repack)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -5,6 +5,7 @@
 #include "coordinator/output/image.h"
 #include "coordinator/output/map/bands/bands.h"
 #include "coordinator/output/map/bands/slices.h"
+#include "coordinator/output/map/charts/claims.h"
 #include "coordinator/output/map/stage.h"
 #include "worker/base/memory.h"
 
@@ -13,13 +14,6 @@ static const float LEAST_WEIGHT =
     /* texels with a smaller bilinear weight are not taken as read, since their influence is invisible */
     1.0f / 1024.0f;
 
-/* A claim: a chart that reads a texel. The claims of a texel form a list, in the order in which borders reach it. */
-struct claim {
-    uint32_t chart, source; /* source: the nearest texel of the chart */
-    uint32_t next;          /* next claim of the texel; KILN_NONE: there is none */
-    float weight;           /* w of borders.h */
-};
-
 /* Sums over steps: their length, and the length of disturbed ones (borders.h). */
 enum { LENGTH, DISTURBED, SUMS };
 
@@ -27,7 +21,7 @@ struct work {
     struct kiln_map *map;
     const struct kiln_chart_graph *graph;
     uint32_t *nearest;
-    uint32_t *first; /* first claim of each texel, or KILN_NONE */
+    uint32_t *last; /* last claim of each texel, or KILN_NONE */
     double darkest;
     uint32_t *chart_read; /* per texel: chart whose value it has, once that is chosen */
     double (*rows)[SUMS]; /* of steps in each row */
@@ -39,8 +33,7 @@ struct work {
 struct slice {
     struct work *work;
     uint32_t first_row, end_row;
-    struct claim *claims;
-    size_t count, capacity;
+    struct kiln_chart_claims claims;
     uint64_t contested, foreign;
 };
 
@@ -124,47 +117,6 @@ static int walk_all(struct work *w, use_step use, struct kiln_error *error)
 
 /* ---- claims ---- */
 
-/* Offsets of neighbouring texels, by distance; among equal ones the smaller column first, then the smaller row. */
-static const int8_t around[24][2] = {{-1, 0}, {0, -1}, {0, 1},  {1, 0}, {-1, -1}, {-1, 1}, {1, -1},  {1, 1},
-                                     {-2, 0}, {0, -2}, {0, 2},  {2, 0}, {-2, -1}, {-2, 1}, {-1, -2}, {-1, 2},
-                                     {1, -2}, {1, 2},  {2, -1}, {2, 1}, {-2, -2}, {-2, 2}, {2, -2},  {2, 2}};
-
-/* Returns the chart's surface texel nearest to `texel`, or KILN_NONE. It is at most two texels away, since a chart only
- * reads texels next to its own. */
-static uint32_t nearest_of_chart(const struct kiln_map *map, uint32_t texel, uint32_t chart)
-{
-    for (size_t k = 0; k < sizeof around / sizeof *around; k++) {
-        const int64_t x = (int64_t)(texel % map->width) + around[k][0],
-                      y = (int64_t)(texel / map->width) + around[k][1];
-        if (x < 0 || y < 0 || x >= map->width || y >= map->height)
-            continue;
-        const size_t other = (size_t)y * map->width + (size_t)x;
-        if (map->state[other] != KILN_TEXEL_MARGIN && map->chart[other] == chart)
-            return (uint32_t)other;
-    }
-    return KILN_NONE;
-}
-
-static int add_claim(struct slice *s, uint32_t texel, uint32_t chart, float weight, struct kiln_error *error)
-{
-    const struct work *w = s->work;
-    uint32_t last = KILN_NONE;
-    for (uint32_t c = w->first[texel]; c != KILN_NONE; c = s->claims[c].next) {
-        if (s->claims[c].chart == chart) {
-            s->claims[c].weight += weight;
-            return KILN_OK;
-        }
-        last = c;
-    }
-    const int status =
-        kiln_grow(&s->claims, &s->capacity, s->count + 1, sizeof *s->claims, "texels at borders of charts", error);
-    if (status != KILN_OK)
-        return status;
-    s->claims[s->count] = (struct claim){chart, nearest_of_chart(w->map, texel, chart), KILN_NONE, weight};
-    *(last == KILN_NONE ? &w->first[texel] : &s->claims[last].next) = (uint32_t)s->count++;
-    return KILN_OK;
-}
-
 /* Adds claims for the texels of a step, except the texels of the chart itself. */
 static int claim_step(struct slice *s, const struct kiln_border_edge *border, const struct step *step, float length,
                       struct kiln_error *error)
@@ -173,7 +125,8 @@ static int claim_step(struct slice *s, const struct kiln_border_edge *border, co
     for (int k = 0; k < SIDE && status == KILN_OK; k++)
         if (step->weight[k] >= LEAST_WEIGHT && has_row(s, step->texel[k]) &&
             s->work->map->chart[step->texel[k]] != border->chart)
-            status = add_claim(s, step->texel[k], border->chart, step->weight[k] * step->weight[k] * length, error);
+            status = kiln_chart_claims_add(&s->claims, s->work->map, &s->work->last[step->texel[k]], step->texel[k],
+                                           border->chart, step->weight[k] * step->weight[k] * length, error);
     return status;
 }
 
@@ -188,32 +141,59 @@ static double luminance_at(const struct kiln_map *map, uint32_t texel)
 }
 
 /* Sum of the squared relative errors of all charts that read the texel, if it holds `value`. */
-static double error_of(const struct slice *s, uint32_t texel, double value)
+static double error_of(struct slice *s, uint32_t texel, double value)
 {
     const struct work *w = s->work;
+    const uint32_t last = w->last[texel];
     double sum = 0.0;
-    for (uint32_t c = w->first[texel]; c != KILN_NONE; c = s->claims[c].next) {
-        if (s->claims[c].source == KILN_NONE)
+    for (uint32_t c = kiln_chart_claims_first(&s->claims, last); c != KILN_NONE;
+         c = kiln_chart_claims_next(&s->claims, last, c)) {
+        const struct kiln_chart_claim *claim = &s->claims.claims[c];
+        s->claims.looked_at++;
+        if (claim->source == KILN_NONE)
             continue;
-        const double own = luminance_at(w->map, s->claims[c].source), off = (value - own) / fmax(own, w->darkest);
-        sum += (double)s->claims[c].weight * off * off;
+        const double own = luminance_at(w->map, claim->source), off = (value - own) / fmax(own, w->darkest);
+        sum += (double)claim->weight * off * off;
     }
     return sum;
 }
 
+/* Errors of the sources of a texel's claims. A source is one of the texels around. */
+struct source_errors {
+    size_t count;
+    uint32_t source[KILN_CLAIMS_AROUND];
+    double error[KILN_CLAIMS_AROUND];
+};
+
+/* The error if the texel holds the value of that source: computed once for each source. */
+static double error_of_source(struct slice *s, struct source_errors *known, uint32_t texel, uint32_t source)
+{
+    size_t i = 0;
+    while (i < known->count && known->source[i] != source)
+        i++;
+    if (i == known->count) {
+        known->source[i] = source;
+        known->error[i] = error_of(s, texel, luminance_at(s->work->map, source));
+        known->count++;
+    }
+    return known->error[i];
+}
+
 /* The source with the least error; among equals that of the chart with the largest weight, then the first. KILN_NONE:
  * no chart has a source. */
-static uint32_t choose_source(const struct slice *s, uint32_t texel)
+static uint32_t choose_source(struct slice *s, uint32_t texel)
 {
-    const struct work *w = s->work;
+    const uint32_t last = s->work->last[texel];
+    struct source_errors known = {.count = 0};
     uint32_t best = KILN_NONE;
     double least = INFINITY;
     float most = 0.0f;
-    for (uint32_t c = w->first[texel]; c != KILN_NONE; c = s->claims[c].next) {
-        const struct claim *claim = &s->claims[c];
+    for (uint32_t c = kiln_chart_claims_first(&s->claims, last); c != KILN_NONE;
+         c = kiln_chart_claims_next(&s->claims, last, c)) {
+        const struct kiln_chart_claim *claim = &s->claims.claims[c];
         if (claim->source == KILN_NONE)
             continue;
-        const double error = error_of(s, texel, luminance_at(w->map, claim->source));
+        const double error = error_of_source(s, &known, texel, claim->source);
         if (best != KILN_NONE && !(error < least || (error == least && claim->weight > most)))
             continue;
         best = claim->source;
@@ -238,16 +218,16 @@ static void choose_slice(struct slice *s)
     const struct work *w = s->work;
     const struct kiln_map *map = w->map;
     for (size_t i = (size_t)s->first_row * map->width; i < (size_t)s->end_row * map->width; i++) {
-        const uint32_t first = w->first[i];
+        const uint32_t last = w->last[i], first = kiln_chart_claims_first(&s->claims, last);
         if (first == KILN_NONE)
             continue;
-        const bool several = s->claims[first].next != KILN_NONE;
         if (map->state[i] != KILN_TEXEL_MARGIN) {
-            for (uint32_t c = first; c != KILN_NONE; c = s->claims[c].next)
+            for (uint32_t c = first; c != KILN_NONE; c = kiln_chart_claims_next(&s->claims, last, c))
                 s->foreign++;
             continue;
         }
-        const uint32_t source = several ? choose_source(s, (uint32_t)i) : s->claims[first].source;
+        const bool several = first != last;
+        const uint32_t source = several ? choose_source(s, (uint32_t)i) : s->claims.claims[first].source;
         s->contested += several;
         if (source != KILN_NONE)
             w->nearest[i] = source;
@@ -296,21 +276,22 @@ static int find_charts(struct work *w, struct kiln_error *error)
 static int report_all(struct work *w, struct kiln_border_report *report, struct kiln_error *error)
 {
     double sums[SUMS];
-    uint64_t counts[2] = {0};
+    uint64_t counts[3] = {0};
     for (int t = 0; t < w->slice_count; t++) {
         counts[0] += w->slices[t].contested;
         counts[1] += w->slices[t].foreign;
+        counts[2] += w->slices[t].claims.looked_at;
     }
     int status;
     KILN_TRY(kiln_bands_fetch(w->map, w->nearest, error));
     KILN_TRY(find_charts(w, error));
     KILN_TRY(kiln_bands_agree(w->map, walk_all(w, measure_step, error), error));
     KILN_TRY(kiln_bands_sum(w->map, w->rows[0], SUMS, sums, error));
-    KILN_TRY(kiln_bands_count(w->map, counts, 2, error));
+    KILN_TRY(kiln_bands_count(w->map, counts, 3, error));
 end:
     if (status != KILN_OK)
         return status;
-    *report = (struct kiln_border_report){counts[0], counts[1], sums[LENGTH], sums[DISTURBED]};
+    *report = (struct kiln_border_report){counts[0], counts[1], counts[2], sums[LENGTH], sums[DISTURBED]};
     return KILN_OK;
 }
 
@@ -335,23 +316,23 @@ static int make_work(struct work *w, struct kiln_error *error)
     const struct kiln_map *map = w->map;
     int status;
     KILN_TRY(make_slices(w, error));
-    KILN_TRY(kiln_map_allocate(map, &w->first, sizeof *w->first, "texels at borders of charts", error));
+    KILN_TRY(kiln_map_allocate(map, &w->last, sizeof *w->last, "texels at borders of charts", error));
     KILN_TRY(kiln_allocate(&w->rows, kiln_map_rows(map), sizeof *w->rows, "borders of charts", error));
 end:
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for schedule(static) if (kiln_map_texels(map) > KILN_IMAGE_ALONE)
     for (size_t i = kiln_map_first(map); i < kiln_map_end(map); i++)
-        w->first[i] = KILN_NONE;
+        w->last[i] = KILN_NONE;
     return KILN_OK;
 }
 
 static void drop_work(struct work *w)
 {
-    kiln_map_free(w->map, &w->first, sizeof *w->first);
+    kiln_map_free(w->map, &w->last, sizeof *w->last);
     kiln_free(&w->rows);
     for (int t = 0; w->slices != NULL && t < w->slice_count; t++)
-        kiln_free(&w->slices[t].claims);
+        kiln_chart_claims_free(&w->slices[t].claims);
     kiln_free(&w->slices);
 }
 
@@ -367,7 +348,7 @@ int kiln_borders_assign(struct kiln_map *map, const struct kiln_chart_graph *gra
         status = find_darkest(map, &w.darkest, error);
     if (status == KILN_OK) {
         choose_all(&w);
-        w.chart_read = w.first; /* claims are of no more use */
+        w.chart_read = w.last; /* claims are of no more use */
         status = report_all(&w, report, error);
     }
     drop_work(&w);

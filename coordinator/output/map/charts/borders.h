@@ -20,6 +20,7 @@
 struct kiln_border_report {
     uint64_t contested;      /* margin texels that several charts read */
     uint64_t foreign;        /* texels of a chart read by the border of another chart, counted once per reading chart */
+    uint64_t looked_at;      /* claims looked at (claims.h): the work done, linear in the length of the borders */
     double length;           /* of that, where a texel has the value of another chart */
     double length_disturbed; /* of that, where a texel is read that has the value of another chart */
 };
