@@ -2,8 +2,8 @@
  * their final name yet (publish.h), and locks. A signal handler removes them (kiln_left_remove).
  *
  * The list is global, since a signal handler gets no argument. It only grows; an entry whose file is gone is reused.
- * Adding and removing entries takes no lock, so that a handler may walk the list at any moment. SIGKILL and a power cut
- * leave the files in place; their names are derived from those of the results, so that the same command replaces them.
+ * A handler may walk the list at any moment, and takes no lock. SIGKILL and a power cut leave the files in place; their
+ * names are derived from those of the results, so that the same command replaces them.
  */
 #ifndef KILN_COORDINATOR_FILES_LEFT_BEHIND_H
 #define KILN_COORDINATOR_FILES_LEFT_BEHIND_H
