@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include "coordinator/bake/prepare/materials.h"
 #include "coordinator/plan/plan.h"
@@ -17,6 +16,7 @@
 #include "coordinator/view/curve.h"
 #include "coordinator/files/html.h"
 #include "coordinator/files/publish.h"
+#include "coordinator/run/host_memory.h"
 #include "coordinator/run/output_folder.h"
 #include "worker/base/memory.h"
 
@@ -26,7 +26,7 @@ static double node_memory(const struct kiln_job *job)
 {
     if (job->plan.node_memory > 0.0)
         return job->plan.node_memory;
-    return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE) / 0x1p30;
+    return (double)kiln_host_memory() / 0x1p30;
 }
 
 static const char *backend_name(enum kiln_reckon_backend backend)

@@ -60,7 +60,7 @@ struct kiln_job_machine {
     bool devices;           /* info: list the devices; there is no scene */
     double verify_fraction; /* fraction of the tile runs that are traced again with Embree */
     double device_memory;   /* GiB that a rank may use; 0: what is free on the device */
-    double memory_budget;   /* GiB of a host; 0: none (coordinator/bake/prepare/results_memory.h) */
+    double memory_budget;   /* GiB of a host; 0: auto; -1: none (coordinator/bake/prepare/results_memory.h) */
     char *kernel_cache;     /* folder of compiled kernels, or "none"; NULL: the user's (files/kernel_cache.h) */
     uint32_t threads;       /* of each rank; 0: the cores that this process may use, divided by the ranks of the node */
     char *instruction_set;  /* of Embree; NULL: the best that all ranks have */

@@ -29,6 +29,7 @@ class Budget(unittest.TestCase):
             refused = bake(folder, "--texels-per-metre", 80, "--memory-budget", 0.15)
             self.assertEqual(refused.returncode, 64, refused.stderr)
             self.assertFalse(os.path.exists(os.path.join(folder, "kiln.h5")))
+            self.assertRegex(refused.stderr, r"\(program, scene, BVH and surface points [0-9.]+, light [0-9.]+, ")
             said = re.search(r"about ([0-9.]+) GiB .* --texels-per-metre ([0-9.]+) in place of 80", refused.stderr)
             self.assertIsNotNone(said, refused.stderr)
             self.assertLess(float(said[2]), 80)

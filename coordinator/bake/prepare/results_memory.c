@@ -1,7 +1,7 @@
 #include "coordinator/bake/prepare/results_memory.h"
 
 #include <math.h>
-#include <unistd.h>
+#include <stdio.h>
 
 #include "coordinator/bake/reckon/preview_size.h"
 #include "coordinator/bake/reckon/work.h"
@@ -10,6 +10,7 @@
 #include "coordinator/output/kiln_h5_points.h"
 #include "coordinator/output/map/write/lightmaps.h"
 #include "coordinator/output/points_ahead.h"
+#include "coordinator/run/host_memory.h"
 #include "coordinator/run/process.h"
 #include "coordinator/run/process_memory.h"
 
@@ -94,9 +95,15 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size)
  * the suggestion must fit. */
 static const double SURE = 0.75;
 
-/* Collective. Returns the largest memory of any host, bytes; `growing` receives the part of it that grows with the
- * points. */
-static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *job, uint64_t probes, double *growing)
+/* Memory of the host that takes most, bytes by purpose. */
+struct host_need {
+    double now;                            /* program, scene, BVH and surface points */
+    double light, groups, results, probes; /* to come */
+    double all, growing;                   /* the sum, and the part of it that grows with the points */
+};
+
+/* Collective. */
+static struct host_need find_need(const struct kiln_prepared *p, const struct kiln_job *job, uint64_t probes)
 {
     const struct kiln_surface *s = p->surface;
     struct kiln_field_set fields;
@@ -120,18 +127,28 @@ static double host_bytes(const struct kiln_prepared *p, const struct kiln_job *j
     const double groups = (double)(p->node_ranks - 1) * (double)job->scene.group_count * 8.0 * (double)s->point_count;
     const double fixed = job->preview ? preview_bytes(job, p->scene, (double)s->point_count)
                                       : (double)KILN_POINTS_AHEAD_ROOM; /* of the results */
-    *growing = light + groups + fmax(results - fixed, 0.0) + point * (double)of_host;
-    const double probe = (double)(KILN_PROBE_BYTES + job->scene.group_count * sizeof(struct kiln_probe_group));
-    return now + light + groups + results + (double)probes / p->ranks * p->node_ranks * probe;
+    const double probe = (double)(KILN_PROBE_BYTES + job->scene.group_count * sizeof(struct kiln_probe_group)),
+                 of_probes = (double)probes / p->ranks * p->node_ranks * probe;
+    return (struct host_need){.now = now,
+                              .light = light,
+                              .groups = groups,
+                              .results = results,
+                              .probes = of_probes,
+                              .all = now + light + groups + results + of_probes,
+                              .growing = light + groups + fmax(results - fixed, 0.0) + point * (double)of_host};
 }
 
-static double memory_of_host(void) { return (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE); }
+double kiln_memory_budget(const struct kiln_job *job)
+{
+    const double given = job->machine.memory_budget;
+    return given > 0.0 ? given * 0x1p30 : given < 0.0 ? 0.0 : 0.875 * (double)kiln_host_memory();
+}
 
 int kiln_points_memory_check(const struct kiln_scene *scene, const struct kiln_job *job, int ranks, int node_ranks,
                              struct kiln_error *error)
 {
-    const bool given = job->machine.memory_budget > 0.0;
-    const double budget = given ? job->machine.memory_budget * 0x1p30 : memory_of_host();
+    const bool given = kiln_memory_budget(job) > 0.0;
+    const double budget = given ? kiln_memory_budget(job) : (double)kiln_host_memory();
     double points = 0.0;
     size_t largest = 0;
     for (size_t i = 0; i < scene->object_count && job->lightmaps.store == KILN_STORE_KIND_LIGHTMAP; i++) {
@@ -153,30 +170,30 @@ int kiln_points_memory_check(const struct kiln_scene *scene, const struct kiln_j
 int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct kiln_job *job, uint64_t probes,
                              struct kiln_error *error)
 {
-    const bool by_groups = job->scene.group_count > 0 && !(job->machine.memory_budget > 0.0);
-    const double budget = by_groups ? memory_of_host() : job->machine.memory_budget * 0x1p30,
-                 density = (double)prepared->scene->header->texels_per_metre;
-    double growing = 0.0;
+    const double budget = kiln_memory_budget(job), density = (double)prepared->scene->header->texels_per_metre;
+    char table[256], fewer[160] = "";
     if (!(budget > 0.0) || prepared->surface == NULL)
         return KILN_OK;
-    const double needed = host_bytes(prepared, job, probes, &growing), left = budget - (needed - growing);
-    if (needed <= budget)
+    const struct host_need n = find_need(prepared, job, probes);
+    const double left = budget - (n.all - n.growing);
+    if (n.all <= budget)
         return KILN_OK;
-    if (by_groups)
-        return kiln_fail(error, KILN_USAGE,
-                         "the bake would take about %.2f GiB on a host, which has %.2f: it tells %zu groups of lights "
-                         "apart, each for %.2f million surface points; use fewer groups or patches of the sky, fewer "
-                         "--texels-per-metre than %.3g, or more hosts",
-                         needed / 0x1p30, budget / 0x1p30, job->scene.group_count,
-                         1e-6 * (double)prepared->surface->point_count, density);
+    (void)snprintf(table, sizeof table,
+                   "program, scene, BVH and surface points %.2f, light %.2f, groups of lights %.2f, probes %.2f, "
+                   "writing results %.2f",
+                   n.now / 0x1p30, n.light / 0x1p30, n.groups / 0x1p30, n.probes / 0x1p30, n.results / 0x1p30);
+    if (job->scene.group_count > 0)
+        (void)snprintf(fewer, sizeof fewer,
+                       "; it tells %zu groups of lights apart: use fewer groups or patches of the sky",
+                       job->scene.group_count);
     if (!(left > 0.0))
-        return kiln_fail(
-            error, KILN_USAGE,
-            "the bake would take about %.2f GiB on a host, of which the scene and its BVH alone take %.2f; "
-            "--memory-budget is %.2f: give it more, or use fewer ranks a host",
-            needed / 0x1p30, (needed - growing) / 0x1p30, job->machine.memory_budget);
+        return kiln_fail(error, KILN_USAGE,
+                         "the bake would take about %.2f GiB on a host (%s), of which the scene and its BVH alone take "
+                         "%.2f; --memory-budget is %.2f: give it more (none: no limit), or use fewer ranks a host%s",
+                         n.all / 0x1p30, table, (n.all - n.growing) / 0x1p30, budget / 0x1p30, fewer);
     return kiln_fail(error, KILN_USAGE,
-                     "the bake would take about %.2f GiB on a host, and --memory-budget is %.2f: with "
-                     "--texels-per-metre %.3g in place of %.3g it would fit; so would a share of it on more hosts",
-                     needed / 0x1p30, job->machine.memory_budget, density * sqrt(SURE * left / growing), density);
+                     "the bake would take about %.2f GiB on a host (%s), and --memory-budget is %.2f (none: no limit): "
+                     "with --texels-per-metre %.3g in place of %.3g it would fit; so would a share of it on more "
+                     "hosts%s",
+                     n.all / 0x1p30, table, budget / 0x1p30, density * sqrt(SURE * left / n.growing), density, fewer);
 }

@@ -25,19 +25,22 @@ struct kiln_results_size {
  * draws the preview. */
 uint64_t kiln_results_memory(const struct kiln_results_size *size);
 
+/* Memory of a host that a bake may take, bytes: --memory-budget; auto: 7/8 of kiln_host_memory; none: 0. */
+double kiln_memory_budget(const struct kiln_job *job);
+
 /* Texels. */
 uint64_t kiln_largest_lightmap(const struct kiln_scene *scene);
 
 /* Checks whether the surface points of a scene fit the hosts, before any is made. Points are counted from the texels
  * that the layouts cover, each with the least memory that a point takes, for the `node_ranks` of `ranks` ranks on a
- * host. The memory is the job's --memory-budget, or else the host's. KILN_USAGE, with the object that has most. */
+ * host. The memory is kiln_memory_budget, or else the host's. KILN_USAGE, with the object that has most. */
 int kiln_points_memory_check(const struct kiln_scene *scene, const struct kiln_job *job, int ranks, int node_ranks,
                              struct kiln_error *error);
 
-/* Collective. Checks whether the bake fits the job's --memory-budget, as far as is known before the first ray. Counts
+/* Collective. Checks whether the bake fits kiln_memory_budget, as far as is known before the first ray. Counts
  * the memory that the ranks of each host have now, including surface points and BVH, and the memory that light, probes
- * and results will take. KILN_USAGE, with the texel density that would fit. A job without a budget fits, unless it has
- * groups of lights: then the host's memory is the budget. */
+ * and results will take. KILN_USAGE, with what takes how much, and the texel density that would fit. A job without a
+ * budget fits. */
 int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct kiln_job *job, uint64_t probes,
                              struct kiln_error *error);
 
