@@ -706,12 +706,50 @@ static void wrong_calls_are_refused(void **state)
     release(&w);
 }
 
+/* A compact BVH gives the same bits. */
+static void compact_trees_give_the_same(void **state)
+{
+    (void)state;
+    struct world w;
+    struct kiln_error error = {""};
+    struct kiln_backend *backends[2] = {NULL, NULL};
+    build(&w);
+    for (int i = 0; i < 2; i++) {
+        const struct kiln_backend_params params = {.scene = &w.fixture->scene,
+                                                   .geometry = w.geometry,
+                                                   .lights = w.lights,
+                                                   .threads = 2,
+                                                   .seed = 7,
+                                                   .tree_memory = i == 0 ? UINT64_MAX : 1};
+        struct kiln_backend_info info;
+        assert_int_equal(kiln_backend_create(&backends[i], "embree", &params, &error), KILN_OK);
+        assert_int_equal(kiln_backend_set_surface(backends[i], w.surface, &error), KILN_OK);
+        assert_int_equal(kiln_backend_set_radiosity(backends[i], w.radiosity, &error), KILN_OK);
+        kiln_backend_info(backends[i], &info);
+        assert_true(info.compact_tree == (i == 1));
+    }
+    const struct kiln_pass *const passes[] = {&kiln_pass_direct, &kiln_pass_gather};
+    for (int p = 0; p < 2; p++) {
+        struct kiln_batch all;
+        struct kept k[2] = {keeper(&w, passes[p], &all), keeper(&w, passes[p], &all)};
+        all.samples = 16;
+        assert_true(run(backends[0], passes[p], all, &k[0]) == run(backends[1], passes[p], all, &k[1]));
+        assert_memory_equal(k[0].results, k[1].results, k[0].offset[all.count] * k[0].result_bytes);
+        drop(&k[0]);
+        drop(&k[1]);
+    }
+    kiln_backend_destroy(&backends[0]);
+    kiln_backend_destroy(&backends[1]);
+    release(&w);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(rows_are_in_order),
         cmocka_unit_test(wrong_calls_are_refused),
         cmocka_unit_test(every_pass_on_every_backend),
+        cmocka_unit_test(compact_trees_give_the_same),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

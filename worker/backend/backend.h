@@ -34,6 +34,7 @@ struct kiln_backend_params {
     uint32_t threads;                        /* 0: all of the machine's cores that this process may use */
     const char *instruction_set;             /* Embree's name ("avx2", ...); NULL: the best there is */
     uint64_t seed;
+    uint64_t tree_memory; /* Embree's BVH is made compact where it would take more, bytes: same hits; 0: never */
     /* devices */
     uint32_t device;                  /* 1 + the number that `kiln info --devices` shows; 0: by local_rank */
     uint32_t local_rank, local_ranks; /* among the ranks of this node */
@@ -98,6 +99,7 @@ struct kiln_backend_info {
     bool regresses;           /* kiln_backend_regress is quicker than the host's own way */
     uint32_t mixed, claims;   /* passes with any mix of sample numbers; passes whose batches it claims part by part:
                                * kiln_backend_claims */
+    bool compact_tree;        /* Embree's BVH is compact */
     uint64_t part_points;     /* approximate number of points in a part of a batch's results; 0: varies */
     uint32_t recoveries;      /* number of times that the device was lost or out of memory, and was set up again */
     /* the device failed for good and Embree continued: name, device, memory and build_seconds are Embree's */

@@ -212,6 +212,7 @@ static struct kiln_backend_params device_params(const struct kiln_prepared *p, c
     struct kiln_backend_params params = {.threads = p->threads,
                                          .instruction_set = p->instruction_set,
                                          .seed = job->light.seed,
+                                         .tree_memory = kiln_tree_memory(job, p->node_ranks),
                                          .chain_length = job->light.chain_length,
                                          .rays = kiln_backend_rays(&p->choice) / (double)p->ranks,
                                          .passes = passes_of(job),

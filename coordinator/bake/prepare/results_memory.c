@@ -144,6 +144,12 @@ double kiln_memory_budget(const struct kiln_job *job)
     return given > 0.0 ? given * 0x1p30 : given < 0.0 ? 0.0 : 0.875 * (double)kiln_host_memory();
 }
 
+uint64_t kiln_tree_memory(const struct kiln_job *job, int node_ranks)
+{
+    const double budget = kiln_memory_budget(job);
+    return (uint64_t)((budget > 0.0 ? budget : (double)kiln_host_memory()) / 8.0 / node_ranks);
+}
+
 int kiln_points_memory_check(const struct kiln_scene *scene, const struct kiln_job *job, int ranks, int node_ranks,
                              struct kiln_error *error)
 {

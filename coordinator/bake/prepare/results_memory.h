@@ -28,6 +28,10 @@ uint64_t kiln_results_memory(const struct kiln_results_size *size);
 /* Memory of a host that a bake may take, bytes: --memory-budget; auto: 7/8 of kiln_host_memory; none: 0. */
 double kiln_memory_budget(const struct kiln_job *job);
 
+/* Bytes of a rank's BVH above which Embree makes it compact: an eighth of the host's budget, or of its memory if there
+ * is none, for all of its `node_ranks` ranks together. */
+uint64_t kiln_tree_memory(const struct kiln_job *job, int node_ranks);
+
 /* Texels. */
 uint64_t kiln_largest_lightmap(const struct kiln_scene *scene);
 

@@ -771,15 +771,15 @@ static json_t *backend_json(const struct kiln_prepared *p, const uint64_t *value
         memcpy(&own, &values[(size_t)r * RANK_VALUES + RANK_WORST], sizeof own);
         worst = fmax(worst, own);
     }
-    return json_pack("{s:s, s:o, s:s, s:s, s:o, s:I, s:I, s:o, s:f, s:f, s:I, s:I, s:I, s:I, s:f}", "name", info.name,
-                     "choice", choice_json(&p->choice, info.on_device || info.fell_back), "device", info.device,
-                     "instruction_set", p->instruction_set, "kernels", kernels_json(&info), "kernels_kept",
-                     (json_int_t)info.kernels_found, "kernels_compiled", (json_int_t)info.kernels_made, "because",
-                     features_json(p), "build_seconds", info.build_seconds, "device_seconds", info.device_seconds,
-                     "recoveries", total(values, p->ranks, RANK_RECOVERIES), "ranks_fallen_back",
-                     total(values, p->ranks, RANK_FELL_BACK), "verified_texels", total(values, p->ranks, RANK_VERIFIED),
-                     "verified_beyond", total(values, p->ranks, RANK_BEYOND), "verified_worst",
-                     isfinite(worst) ? worst : 1e300);
+    return json_pack(
+        "{s:s, s:b, s:o, s:s, s:s, s:o, s:I, s:I, s:o, s:f, s:f, s:I, s:I, s:I, s:I, s:f}", "name", info.name,
+        "compact_bvh", info.compact_tree, "choice", choice_json(&p->choice, info.on_device || info.fell_back), "device",
+        info.device, "instruction_set", p->instruction_set, "kernels", kernels_json(&info), "kernels_kept",
+        (json_int_t)info.kernels_found, "kernels_compiled", (json_int_t)info.kernels_made, "because", features_json(p),
+        "build_seconds", info.build_seconds, "device_seconds", info.device_seconds, "recoveries",
+        total(values, p->ranks, RANK_RECOVERIES), "ranks_fallen_back", total(values, p->ranks, RANK_FELL_BACK),
+        "verified_texels", total(values, p->ranks, RANK_VERIFIED), "verified_beyond",
+        total(values, p->ranks, RANK_BEYOND), "verified_worst", isfinite(worst) ? worst : 1e300);
 }
 
 static json_t *units_json(const struct kiln_run *run)

@@ -43,6 +43,7 @@ struct embree_backend {
     struct reference_paths *reference; /* data of the last reference pass (reference.h); NULL: none */
     uint32_t threads;
     bool coherent; /* so few triangles that packets stay coherent throughout the traversal */
+    bool compact;  /* the BVH takes less memory, and rays more time (worker/NOTES.md) */
     double build_seconds;
     double thread_seconds; /* see kiln_backend_info */
     char device_text[128];
