@@ -111,6 +111,29 @@ static void graphs_are_shared(void **state)
     kiln_chart_graphs_destroy(&graphs);
 }
 
+/* The graphs of a mesh go with the last use that was announced. */
+static void graphs_go_with_their_last_use(void **state)
+{
+    (void)state;
+    struct synthetic s;
+    struct kiln_chart_graphs *graphs = NULL;
+    const struct kiln_chart_graph *graph[2] = {NULL, NULL};
+    assert_int_equal(synthetic_create(&s, WIDTH, HEIGHT, 0, 1, NULL), KILN_OK);
+    assert_int_equal(kiln_chart_graphs_create(&graphs, &s.scene, NULL), KILN_OK);
+    for (int i = 0; i < 3; i++)
+        kiln_chart_graphs_expect(graphs, 0);
+    assert_int_equal(kiln_chart_graphs_take(graphs, 0, WIDTH, HEIGHT, &graph[0], NULL), KILN_OK);
+    kiln_chart_graphs_give_back(graphs, &graph[0]);
+    assert_int_equal(kiln_chart_graphs_held(graphs), 1);
+    assert_int_equal(kiln_chart_graphs_take(graphs, 0, WIDTH, HEIGHT, &graph[0], NULL), KILN_OK);
+    assert_int_equal(kiln_chart_graphs_take(graphs, 0, WIDTH + 1, HEIGHT, &graph[1], NULL), KILN_OK);
+    kiln_chart_graphs_give_back(graphs, &graph[0]);
+    assert_int_equal(kiln_chart_graphs_held(graphs), 2);
+    kiln_chart_graphs_give_back(graphs, &graph[1]);
+    assert_int_equal(kiln_chart_graphs_held(graphs), 0);
+    kiln_chart_graphs_destroy(&graphs);
+}
+
 static void planes_only_for_those_that_read_them(void **state)
 {
     (void)state;
@@ -237,9 +260,9 @@ static void features_arrive_with_the_texels(void **state)
 int main(int argc, char **argv)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(runs_in_order_what_is_wanted), cmocka_unit_test(graphs_are_shared),
-        cmocka_unit_test(planes_only_for_those_that_read_them), cmocka_unit_test(finds_what_neighbours_share),
-        cmocka_unit_test(features_arrive_with_the_texels)};
+        cmocka_unit_test(runs_in_order_what_is_wanted),  cmocka_unit_test(graphs_are_shared),
+        cmocka_unit_test(graphs_go_with_their_last_use), cmocka_unit_test(planes_only_for_those_that_read_them),
+        cmocka_unit_test(finds_what_neighbours_share),   cmocka_unit_test(features_arrive_with_the_texels)};
     if (MPI_Init(&argc, &argv) != MPI_SUCCESS)
         return 1;
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);

@@ -20,20 +20,28 @@ struct kiln_chart_graphs {
     pthread_mutex_t lock; /* of what follows */
     pthread_cond_t done;
     struct shared_graph *first;
+    uint32_t *uses; /* of each mesh, to come: kiln_chart_graphs_expect */
     uint64_t clock;
 };
 
 int kiln_chart_graphs_create(struct kiln_chart_graphs **graphs, const struct kiln_scene *scene,
                              struct kiln_error *error)
 {
-    const int status = kiln_allocate(graphs, 1, sizeof **graphs, "the charts of meshes", error);
+    int status = kiln_allocate(graphs, 1, sizeof **graphs, "the charts of meshes", error);
     if (status != KILN_OK)
         return status;
+    status = kiln_allocate(&(*graphs)->uses, scene->mesh_count, sizeof *(*graphs)->uses, "the charts of meshes", error);
+    if (status != KILN_OK) {
+        kiln_free(graphs);
+        return status;
+    }
     (*graphs)->scene = scene;
     (void)pthread_mutex_init(&(*graphs)->lock, NULL);
     (void)pthread_cond_init(&(*graphs)->done, NULL);
     return KILN_OK;
 }
+
+void kiln_chart_graphs_expect(struct kiln_chart_graphs *graphs, uint32_t mesh) { graphs->uses[mesh]++; }
 
 static void drop(struct shared_graph **link)
 {
@@ -51,6 +59,7 @@ void kiln_chart_graphs_destroy(struct kiln_chart_graphs **graphs)
         drop(&(*graphs)->first);
     (void)pthread_cond_destroy(&(*graphs)->done);
     (void)pthread_mutex_destroy(&(*graphs)->lock);
+    kiln_free(&(*graphs)->uses);
     kiln_free(graphs);
 }
 
@@ -80,6 +89,16 @@ static void drop_idle(struct kiln_chart_graphs *g)
     }
 }
 
+/* Drops the unused graphs of a mesh. Requires the lock. */
+static void drop_mesh(struct kiln_chart_graphs *g, uint32_t mesh)
+{
+    for (struct shared_graph **link = &g->first; *link != NULL;)
+        if ((*link)->mesh == mesh && (*link)->users == 0)
+            drop(link);
+        else
+            link = &(*link)->next;
+}
+
 /* Makes a graph. Requires the lock, which is released meanwhile. Returns NULL if there is no memory. */
 static struct shared_graph *make(struct kiln_chart_graphs *g, uint32_t mesh, uint32_t width, uint32_t height,
                                  struct kiln_error *error)
@@ -106,8 +125,11 @@ static struct shared_graph *make(struct kiln_chart_graphs *g, uint32_t mesh, uin
 /* With the lock. */
 static void release(struct kiln_chart_graphs *g, struct shared_graph *s)
 {
+    uint32_t *uses = &g->uses[s->mesh];
     s->users--;
     s->used = ++g->clock;
+    if (*uses > 0 && --*uses == 0)
+        drop_mesh(g, s->mesh);
     drop_idle(g);
 }
 
@@ -144,4 +166,12 @@ void kiln_chart_graphs_give_back(struct kiln_chart_graphs *g, const struct kiln_
     release(g, s);
     (void)pthread_mutex_unlock(&g->lock);
     *graph = NULL;
+}
+
+size_t kiln_chart_graphs_held(const struct kiln_chart_graphs *g)
+{
+    size_t count = 0;
+    for (const struct shared_graph *s = g->first; s != NULL; s = s->next)
+        count++;
+    return count;
 }

@@ -187,6 +187,8 @@ int kiln_write_lightmaps(const struct kiln_bake_result *result, const struct kil
         status = kiln_allocate(&w.works, maps, sizeof *w.works, "lightmaps", error);
     if (status == KILN_OK)
         status = kiln_chart_graphs_create(&w.graphs, result->scene, error);
+    for (size_t i = 0; status == KILN_OK && i < maps; i++)
+        kiln_chart_graphs_expect(w.graphs, result->scene->objects[kiln_map_object(result->surface, (uint32_t)i)].mesh);
     if (status == KILN_OK)
         status = find_device(&w, error);
     status = kiln_agree(result->communicator, status, error);
