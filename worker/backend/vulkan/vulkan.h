@@ -70,7 +70,7 @@ enum vulkan_constant {
     VULKAN_TEXTURED,
     VULKAN_CONSTANTS
 };
-_Static_assert(VULKAN_CONSTANTS <= KILN_MADE_CONSTANTS, "room for them");
+_Static_assert((int)VULKAN_CONSTANTS <= (int)KILN_MADE_CONSTANTS, "room for them");
 
 struct vulkan_kernel {
     const struct vulkan_shader *shader;
