@@ -4,6 +4,10 @@
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
+/* Triangles up to which light is tried: a BVH of more takes longer, and more memory beside the bake's own, than to know
+ * the number of rounds before the first is worth. */
+enum { TRIANGLES_MOST = 1 << 20 };
+
 /* Embree over the surface of the bake, apart from the backend that the bake counts its passes by. */
 static int build(struct kiln_backend **backend, const struct kiln_prepared *p, uint64_t seed, struct kiln_error *error)
 {
@@ -23,7 +27,8 @@ int kiln_prepare_try(const struct kiln_prepared *p, const struct kiln_integrate_
 {
     struct kiln_backend *backend = NULL;
     *tried = (struct kiln_tried_light){.tiles = NULL};
-    if (!(settings->published_error > 0.0) || p->surface->point_count == 0)
+    if (!(settings->published_error > 0.0) || p->surface->point_count == 0 ||
+        p->geometry->triangle_count > TRIANGLES_MOST)
         return KILN_OK;
     int status = kiln_agree(p->communicator, build(&backend, p, settings->seed, error), error);
     if (status == KILN_OK) {

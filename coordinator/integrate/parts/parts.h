@@ -15,7 +15,8 @@
  * texels of a room share it: where light comes by a gap, few samples of the first round find the gap, and what they
  * found goes round between the walls. So later rounds, which read better light, weigh more than their samples: all that
  * a tile run has found with n samples weighs as n^2. With rounds of twice the samples before, this costs 13 % more
- * noise of its own; in rooms whose walls give back 0.6 of their light it saves 30 % of the noise that texels share.
+ * noise of its own; in a model of a room whose walls give back 0.6 of their light it saves 30 % of the noise that
+ * texels share. tests/bench/NOTES.md has figures of scenes.
  *
  * With a target error the first round has fewer samples, and rounds follow until the target is reached (rounds.h). The
  * mean is over all samples: each part weighs by its number of samples. Only the first round is in the energy ledger. */
