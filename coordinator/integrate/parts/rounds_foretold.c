@@ -15,7 +15,7 @@ enum { FIRST_UNITS = 2 }; /* halves of the samples of the first round that it ha
 #define LEAVES_POWER 0.25
 #define LEAVES_LEAST 0.7
 #define LEAVES_MOST 1.3
-#define FALLS 0.44       /* power of the samples by which errors fall: noise of the light that is gathered falls less */
+#define FALLS 0.5        /* power of the samples by which errors fall */
 #define WITH_SENDERS 2.0 /* samples of a round over those that tile runs take for themselves */
 
 /* Rounds so far. */
