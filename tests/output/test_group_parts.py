@@ -128,7 +128,8 @@ class GroupParts(unittest.TestCase):
                       os.path.join(self.folder, 'out'), timeout=120)
         self.assertEqual(answer.code, 64)
         self.assertIn('2307 groups of lights', answer.err)
-        self.assertRegex(answer.err, r'take about \d+\.\d+ GiB on a host, which has \d+')
+        self.assertRegex(answer.err, r'take about \d+\.\d+ GiB on a host \(.*\), and --memory-budget is \d+\.\d+')
+        self.assertRegex(answer.err, r'with 0\.\d+ % of its texels it would fit')
 
 
 if __name__ == '__main__':

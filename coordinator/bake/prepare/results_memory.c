@@ -177,7 +177,7 @@ int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct 
                              struct kiln_error *error)
 {
     const double budget = kiln_memory_budget(job), density = (double)prepared->scene->header->texels_per_metre;
-    char table[256], fewer[160] = "";
+    char table[256], coarser[96], fewer[160] = "";
     if (!(budget > 0.0) || prepared->surface == NULL)
         return KILN_OK;
     const struct host_need n = find_need(prepared, job, probes);
@@ -197,9 +197,13 @@ int kiln_memory_budget_check(const struct kiln_prepared *prepared, const struct 
                          "the bake would take about %.2f GiB on a host (%s), of which the scene and its BVH alone take "
                          "%.2f; --memory-budget is %.2f: give it more (none: no limit), or use fewer ranks a host%s",
                          n.all / 0x1p30, table, (n.all - n.growing) / 0x1p30, budget / 0x1p30, fewer);
+    if (density > 0.0)
+        (void)snprintf(coarser, sizeof coarser, "--texels-per-metre %.3g in place of %.3g",
+                       density * sqrt(SURE * left / n.growing), density);
+    else
+        (void)snprintf(coarser, sizeof coarser, "%.2g %% of its texels", 100.0 * SURE * left / n.growing);
     return kiln_fail(error, KILN_USAGE,
                      "the bake would take about %.2f GiB on a host (%s), and --memory-budget is %.2f (none: no limit): "
-                     "with --texels-per-metre %.3g in place of %.3g it would fit; so would a share of it on more "
-                     "hosts%s",
-                     n.all / 0x1p30, table, budget / 0x1p30, density * sqrt(SURE * left / n.growing), density, fewer);
+                     "with %s it would fit; so would a share of it on more hosts%s",
+                     n.all / 0x1p30, table, budget / 0x1p30, coarser, fewer);
 }
