@@ -114,7 +114,7 @@ static void rounds_to_come(void **state)
         .samples_direct = 32, .samples_bounce = 16, .samples_indirect = 64, .published_error = 0.05};
     struct kiln_foretell_from from = {.settings = &settings, .most = INFINITY};
     struct kiln_tried_tile tiles[TILES];
-    const float raw[] = {0.04f, 0.2f, 0.5f, 4.0f};
+    const float raw[] = {0.04f, 0.2f, 0.5f, 40.0f};
     double before = -1.0;
     for (size_t r = 0; r < sizeof raw / sizeof *raw; r++) {
         struct kiln_foretold foretold;
