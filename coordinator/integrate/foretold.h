@@ -7,7 +7,7 @@
 
 /* Rounds to come: after a trial all of them, after a round those that follow it. */
 struct kiln_foretold {
-    uint32_t tried; /* tile runs that it was learnt from; 0: nothing is known, and the rest says nothing */
+    uint32_t tried; /* tile runs that it was learnt from; 0: typical figures, or none where `rounds` is 0 */
     uint32_t rounds;
     double samples; /* of direct light and of final gathers, over those of the first round, as a mean over all points */
     double error;   /* of published light at the end */

@@ -213,7 +213,7 @@ static void test_what_a_scene_has(void **state)
 static void test_errors_set_the_samples(void **state)
 {
     (void)state;
-    const double asked[] = {0.2, 0.08, 0.03, 0.01};
+    const double asked[] = {0.2, 0.08, 0.03, 0.005};
     struct kiln_foretold before = {.rounds = 1, .samples = 1.0};
     for (size_t i = 0; i < sizeof asked / sizeof *asked; i++) {
         const struct kiln_foretold rounds = kiln_rounds_expected(asked[i], true);
@@ -223,7 +223,7 @@ static void test_errors_set_the_samples(void **state)
     }
     const struct kiln_foretold plain = kiln_rounds_expected(0.2, false);
     assert_true(plain.samples == 1.0 && plain.rounds == 1 && plain.error == KILN_ROUNDS_ERROR_PLAIN);
-    assert_true(before.limited && before.error > 0.01);
+    assert_true(before.limited && before.error > 0.005);
 }
 
 /* Light from afar is taken for hard where its rounds are not known, and what a trial has told is taken instead. */

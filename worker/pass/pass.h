@@ -117,7 +117,7 @@ typedef int (*kiln_take_results)(void *context, size_t first, size_t count, cons
                                  struct kiln_error *error);
 
 /* Takes results among which are those of items that the batch leaves out: `samples` has the samples of each item, and
- * an item with 0 is skipped, for its results are undefined. NULL: none is left out. All else as kiln_take_results. */
+ * an item with 0 is skipped, for its results are undefined. All else as kiln_take_results. */
 typedef int (*kiln_take_some)(void *context, size_t first, size_t count, const uint32_t *samples, const void *results,
                               struct kiln_error *error);
 

@@ -13,7 +13,8 @@ struct kiln_tried_light {
 };
 
 /* Collective. Tries the light of a prepared bake; of one without an error of published light nothing. A bake on a
- * device has a BVH of the host built for it. Release after a failure, too. KILN_SYSTEM. */
+ * device has a BVH of the host built for it; a scene of more than 2^20 triangles is not tried. Release after a failure,
+ * too. KILN_SYSTEM. */
 int kiln_prepare_try(const struct kiln_prepared *prepared, const struct kiln_integrate_settings *settings,
                      struct kiln_tried_light *tried, struct kiln_error *error);
 /* All rounds, the first one too; zero if nothing was tried. `most`: of their samples over those of the first; INFINITY:

@@ -2,8 +2,8 @@
 
 #include <math.h>
 
-#define A_ROUND 2.5 /* samples of all rounds over those of the rounds before the last: mostly two levels, or three */
-#define MOST 512.0  /* rounds end there, whatever the error is */
+#define A_ROUND 2.0 /* samples of all rounds over those of the rounds before the last: two levels */
+#define MOST 8192.0 /* rounds end there, whatever the error is: 32,768 samples of a part, of 4 in the first round */
 
 struct kiln_foretold kiln_rounds_expected(double asked, bool hard)
 {
