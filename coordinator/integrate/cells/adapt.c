@@ -167,7 +167,7 @@ int kiln_adapt_samples(const struct kiln_integration *in, uint32_t mean, struct 
     KILN_TRY(kiln_tiles_mean(in, own->direct, NULL, &light, error));
     if (light > 0.0)
         add_spreads(own, light, tiles);
-    kiln_tiles_reduce(in, tiles, surface->tile_count);
+    kiln_tiles_reduce(in->communicator, in->settings, tiles, surface->tile_count);
     choose_samples(own, tiles, &budget);
 end:
     kiln_free(&tiles);

@@ -109,7 +109,7 @@ int kiln_late_choose(const struct kiln_integration *in, uint32_t samples, struct
         kiln_allocate(&tiles, (size_t)surface->tile_count, sizeof *tiles, "what is left in tiles", error), error));
     KILN_TRY(kiln_tiles_mean(in, in->solution->own->sum, NULL, &mean, error));
     add_shares(in, mean, tiles);
-    kiln_tiles_reduce(in, tiles, surface->tile_count);
+    kiln_tiles_reduce(in->communicator, in->settings, tiles, surface->tile_count);
     end_tile_runs(in, tiles, samples);
 end:
     kiln_free(&tiles);

@@ -254,8 +254,8 @@ int kiln_tile_error(const struct kiln_integration *in, double *largest, struct k
         kiln_cells_fit_tail(part.of + first, part.count - first, &fit);
         add_points(in, &mean, tiles);
         add_had(in, &mean, had);
-        kiln_tiles_reduce(in, tiles, count);
-        kiln_tiles_reduce(in, had, surface->object_count);
+        kiln_tiles_reduce(in->communicator, in->settings, tiles, count);
+        kiln_tiles_reduce(in->communicator, in->settings, had, surface->object_count);
         find_misses(surface, tiles, &fit, bounces, misses);
         look_at_tiles(in, tiles, misses, missed);
         *largest = largest_of_objects(in, had, missed);

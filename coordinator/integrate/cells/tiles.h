@@ -6,7 +6,8 @@
 #include "coordinator/integrate/integrator.h"
 
 /* Collective. Adds up each of `count` values over the ranks. */
-void kiln_tiles_reduce(const struct kiln_integration *integration, uint64_t *values, uint64_t count);
+void kiln_tiles_reduce(MPI_Comm communicator, const struct kiln_integrate_settings *settings, uint64_t *values,
+                       uint64_t count);
 
 /* Adds to the value of a tile; several threads may have runs of the tile. Thread-safe. */
 static inline void kiln_tiles_add(uint64_t *value, uint64_t more)

@@ -4,11 +4,13 @@
 
 #include "coordinator/integrate/parts/part_errors.h"
 #include "coordinator/integrate/parts/published_windows.h"
+#include "coordinator/integrate/parts/tile_pool.h"
 #include "coordinator/job/job.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
-#define DARK 0.05 /* of an object's mean */
+#define DARK 0.05             /* of an object's mean */
+#define MOST_OF_SAMPLE 0x1p20 /* variance of a sample, relative to the squared light: more counts as that */
 
 double kiln_published_raw_square(const struct kiln_published *p, const struct kiln_tile_light *t, double dark,
                                  uint32_t *weight, uint64_t *contrasts)
@@ -28,26 +30,44 @@ double kiln_published_raw_square(const struct kiln_published *p, const struct ki
     return *weight > 0 ? square / *weight : 0.0;
 }
 
-static void find_raw(struct kiln_published *p, const struct kiln_rank_data *data)
+/* The squared errors of raw light of own tile runs, by their own texels. */
+static void find_squares(struct kiln_published *p, const struct kiln_rank_data *data, double *squares)
 {
 #pragma omp parallel
     {
-        uint64_t numbers[KILN_ERROR_BINS] = {0}, contrasts[KILN_ERROR_BINS] = {0};
+        uint64_t contrasts[KILN_ERROR_BINS] = {0};
 #pragma omp for schedule(static)
         for (size_t i = 0; i < data->surface.tile_run_count; i++) {
             const struct kiln_tile_run *run = &data->surface.tile_runs[i];
             struct kiln_tile_light t;
             kiln_tile_light_lay_out(p, &t, data, run, NULL);
-            p->raw[i] = (float)sqrt(
-                kiln_published_raw_square(p, &t, kiln_published_dark(p, data, run), &p->weight[i], contrasts));
-            numbers[kiln_error_bin((double)p->raw[i])] += p->weight[i];
+            squares[i] = kiln_published_raw_square(p, &t, kiln_published_dark(p, data, run), &p->weight[i], contrasts);
         }
 #pragma omp critical(kiln_published_raw)
-        for (size_t b = 0; b < KILN_ERROR_BINS; b++) {
-            p->numbers[b] += numbers[b];
+        for (size_t b = 0; b < KILN_ERROR_BINS; b++)
             p->contrasts[b] += contrasts[b];
-        }
     }
+}
+
+/* Collective. The errors of raw light of own tile runs, by the variance of a sample around each. */
+static int find_raw(struct kiln_published *p, const struct kiln_integrate_params *params,
+                    const struct kiln_rank_data *data, struct kiln_error *error)
+{
+    const size_t count = data->surface.tile_run_count;
+    double *squares = NULL;
+    int status = kiln_allocate(&squares, count, sizeof *squares, "the tiles' errors", error);
+    KILN_TRY(kiln_agree(params->communicator, status, error));
+    find_squares(p, data, squares);
+    for (size_t i = 0; i < count; i++)
+        squares[i] *= (double)data->samples_taken[i];
+    KILN_TRY(kiln_tile_pool(params, &data->surface, MOST_OF_SAMPLE, p->weight, squares, error));
+    for (size_t i = 0; i < count; i++) {
+        p->raw[i] = (float)sqrt(squares[i] / (double)data->samples_taken[i]);
+        p->numbers[kiln_error_bin((double)p->raw[i])] += p->weight[i];
+    }
+end:
+    kiln_free(&squares);
+    return status;
 }
 
 /* Collective. Mean luminance of each object, by area, times DARK; the mean area of its points. */
@@ -115,7 +135,7 @@ int kiln_published_begin(struct kiln_published *p, const struct kiln_integrate_p
     if (status == KILN_OK)
         status = find_dark(p, params, data, unit, error);
     if (status == KILN_OK)
-        find_raw(p, data);
+        status = find_raw(p, params, data, error);
     (void)MPI_Allreduce(MPI_IN_PLACE, p->numbers, status == KILN_OK ? KILN_ERROR_BINS : 0, MPI_UINT64_T, MPI_SUM,
                         params->communicator);
     (void)MPI_Allreduce(MPI_IN_PLACE, p->contrasts, status == KILN_OK ? KILN_ERROR_BINS : 0, MPI_UINT64_T, MPI_SUM,

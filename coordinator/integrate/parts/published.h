@@ -38,7 +38,8 @@ struct kiln_published {
     double gain;                           /* of variances: struct kiln_part_survey */
     double scale;                          /* errors of denoised light over those of raw light; 1: not known */
     double texel_loss;                     /* parts/texel_loss.h; 0: not known */
-    float *raw, *bias;                     /* of each own tile run: standard error of raw light; bias, 0: none seen */
+    float *raw;                            /* of each own tile run: standard error of raw light (tile_pool.h) */
+    float *bias;                           /* of each own tile run; 0: none seen */
     uint32_t *weight;                      /* of each own tile run: of its points, by coverage */
     uint64_t *contrasts;                   /* of points, by what halves of the parts differ by: internal */
     uint64_t *numbers, *unfinished;        /* of points, and of those that go on, by raw error: internal */
@@ -48,8 +49,8 @@ struct kiln_published {
  * KILN_SYSTEM; release after a failure, too. */
 int kiln_published_allocate(struct kiln_published *p, size_t objects, size_t runs, struct kiln_error *error);
 
-/* Collective, after a part. Finds the errors of raw light. `survey` is borrowed. `unit`: of exact sums of power, W.
- * KILN_SYSTEM; release after a failure, too. */
+/* Collective, after the last part of a round, whose samples the field samples_taken has. Finds the errors of raw light.
+ * `survey` is borrowed. `unit`: of exact sums of power, W. KILN_SYSTEM; release after a failure, too. */
 int kiln_published_begin(struct kiln_published *p, const struct kiln_integrate_params *params,
                          const struct kiln_rank_data *data, const struct kiln_part_survey *survey, double unit,
                          struct kiln_error *error);

@@ -117,11 +117,11 @@ int kiln_round_judge_published(const struct kiln_integrate_params *p, const stru
     struct kiln_published published = {.raw = NULL};
     uint64_t left = 0;
     int status;
+    count_samples(p, data, part->of[part->count - 1].step.part);
     KILN_TRY(kiln_part_survey(p, data, part, unit, &survey, error));
     KILN_TRY(kiln_published_begin(&published, p, data, &survey, unit, error));
     KILN_TRY(find_reached(p, data, &published, reached, error));
     *texel_loss = published.texel_loss;
-    count_samples(p, data, part->of[part->count - 1].step.part);
     left = find_needs(p, data, &published, caustics);
     (void)MPI_Allreduce(MPI_IN_PLACE, &left, 1, MPI_UINT64_T, MPI_SUM, p->communicator);
     kiln_published_gather(&published, p->communicator);
