@@ -14,10 +14,10 @@
 
 /* Sums over a tile's points, in steps of STEPS. Light is relative to all light of the point so far, power to the mean
  * power of all points. ANSWERS counts the points with an answer of their own: one per block (blocks.h). */
-enum { NOW, BEFORE, SQUARE, POINTS, ANSWERS, POWER, SUMS };
+enum { NOW, BEFORE, SQUARE, POINTS, ANSWERS, POWER, POWER_BEFORE, SUMS };
 #define STEPS 0x1p32
-/* Fraction of the scene's light that is added to an object's. So a small object that traps its light, like a cup, does
- * not prolong the bake. */
+/* Fraction of the scene's points that are added to an object's, as bright as its own. So a small object that traps its
+ * light, like a cup, does not prolong the bake; a dark room does. */
 #define LEAST_OBJECT 1e-3
 #define HAD_STEPS 0x1p12  /* of an object, of up to 2^32 points */
 #define POWER_MOST 0x1p20 /* of a point, likewise */
@@ -43,8 +43,9 @@ static void add_point(const struct kiln_integration *in, struct kiln_own_point p
     sums[BEFORE] += (uint64_t)(fmin(kiln_luminance_of_floats(before) / all, SHARE_MOST) * STEPS);
     sums[SQUARE] += (uint64_t)(now * now * STEPS);
     sums[POINTS]++;
-    const double power = (double)surface->area[point.at] * kiln_luminance_of_floats(last);
-    sums[POWER] += (uint64_t)(fmin(power / mean->power, POWER_MOST) * STEPS);
+    const double area = (double)surface->area[point.at] / mean->power;
+    sums[POWER] += (uint64_t)(fmin(area * kiln_luminance_of_floats(last), POWER_MOST) * STEPS);
+    sums[POWER_BEFORE] += (uint64_t)(fmin(area * kiln_luminance_of_floats(before), POWER_MOST) * STEPS);
     sums[ANSWERS] += is_first;
 }
 
@@ -109,19 +110,23 @@ static double ratio_of(const double sums[static SUMS], double share, size_t boun
     return fmin(q, fmax(high, ratio_by_share(share * (1.0 + unsure), bounces)));
 }
 
-/* Error of the tail in a tile, relative to the tile's last bounce: `off` is the error; `most` the larger one of the
- * estimated tail and the tile's own. */
+/* Error of the tail in a tile or an object, relative to its last bounce: `off` is the error; `most` the larger one of
+ * the estimated tail and its own. */
 struct miss {
     double off, most;
 };
+
+static struct miss miss_of_ratio(double ratio, const struct kiln_tail_fit *fit, double q)
+{
+    const double tail = q / (1.0 - q), own = ratio / (1.0 - ratio);
+    return (struct miss){fabs(own - tail) + fmin(fit->error, 1.0) * tail, fmax(own, tail)};
+}
 
 static struct miss miss_of(const double sums[static SUMS], const struct kiln_tail_fit *fit, double q, size_t bounces)
 {
     if (!(sums[NOW] > 0.0) || !(sums[BEFORE] > 0.0))
         return (struct miss){0.0, 0.0};
-    const double tail = q / (1.0 - q), ratio = ratio_of(sums, sums[NOW] / sums[POINTS], bounces, q),
-                 own = ratio / (1.0 - ratio);
-    return (struct miss){fabs(own - tail) + fmin(fit->error, 1.0) * tail, fmax(own, tail)};
+    return miss_of_ratio(ratio_of(sums, sums[NOW] / sums[POINTS], bounces, q), fit, q);
 }
 
 /* Converts a tile's sums from fixed point. */
@@ -132,9 +137,11 @@ static void take_sums(const uint64_t tile[static SUMS], double sums[static SUMS]
 }
 
 /* Error that the tail would make in an object: sums over its tiles of `off` and of `most` (struct miss), each times the
- * power of the tile's last bounce. Powers are relative to the mean power of all points. */
+ * power of the tile's last bounce; and sums of the powers of the last bounce and of the one before, of their squares
+ * and of their product. Powers are relative to the mean power of all points. */
 struct missed {
     double off, most;
+    double now, before, now2, before2, product;
 };
 
 /* Adds a tile to the errors of its object, and keeps the tile with the largest error. */
@@ -146,6 +153,11 @@ static void look_at_tile(const struct kiln_integration *in, const double sums[st
                  error = share * miss.off / (1.0 + share * miss.most);
     missed->off += sums[POWER] * miss.off;
     missed->most += sums[POWER] * miss.most;
+    missed->now += sums[POWER];
+    missed->before += sums[POWER_BEFORE];
+    missed->now2 += sums[POWER] * sums[POWER];
+    missed->before2 += sums[POWER_BEFORE] * sums[POWER_BEFORE];
+    missed->product += sums[POWER] * sums[POWER_BEFORE];
     if (error > report->tail_tile_error) {
         report->tail_tile_error = error;
         report->tail_pocket = object;
@@ -185,17 +197,35 @@ static void look_at_tiles(const struct kiln_integration *in, const uint64_t *til
     }
 }
 
-/* Returns the largest relative error of an object's mean. `had`: power that the valid points of each object have
- * received so far, including ended tiles, in steps of HAD_STEPS of the mean power. */
-static double largest_of_objects(const struct kiln_integration *in, const uint64_t *had, const struct missed *missed)
+/* Error that the tail would make in an object by the ratio of its powers, as far as it differs significantly from q: by
+ * the standard error of a ratio of sums over tiles (Cochran, "Sampling Techniques", section 6.4). */
+static double off_of_object(const struct missed *m, const struct kiln_tail_fit *fit)
+{
+    if (!(m->now > 0.0) || !(m->before > 0.0))
+        return 0.0;
+    const double q = fmin(kiln_luminance(fit->ratio), KILN_TAIL_RATIO_MOST), ratio = m->now / m->before,
+                 square = m->now2 - 2.0 * ratio * m->product + ratio * ratio * m->before2,
+                 unsure = KILN_TILE_SIGMAS * sqrt(fmax(square, 0.0)) / m->before,
+                 least = fmin(ratio - unsure, KILN_TAIL_RATIO_MOST), most = ratio + unsure;
+    return m->now * miss_of_ratio(fmin(fmax(q, least), most), fit, q).off;
+}
+
+/* Points of an object, and the power that they have received so far, in steps of HAD_STEPS of the mean power. */
+enum { HAD_POWER, HAD_POINTS, HADS };
+
+/* Returns the largest relative error of an object's mean. `had`: HADS of each object, including ended tiles. */
+static double largest_of_objects(const struct kiln_integration *in, const uint64_t *had, const struct missed *missed,
+                                 const struct kiln_tail_fit *fit)
 {
     const size_t objects = in->solution->own->surface.object_count;
-    double largest = 0.0, scene = 0.0;
+    double largest = 0.0, points = 0.0;
     for (size_t o = 0; o < objects; o++)
-        scene += (double)had[o] / HAD_STEPS;
+        points += (double)had[HADS * o + HAD_POINTS];
     for (size_t o = 0; o < objects; o++) {
-        const double all = (double)had[o] / HAD_STEPS + missed[o].most + LEAST_OBJECT * scene;
-        largest = fmax(largest, all > 0.0 ? missed[o].off / all : 0.0);
+        const double own = (double)had[HADS * o + HAD_POWER] / HAD_STEPS, of = (double)had[HADS * o + HAD_POINTS],
+                     all = own > 0.0 ? own * (1.0 + LEAST_OBJECT * points / of) + missed[o].most : 0.0,
+                     off = fmax(missed[o].off, off_of_object(&missed[o], fit));
+        largest = fmax(largest, all > 0.0 ? off / all : 0.0);
     }
     return largest;
 }
@@ -209,16 +239,17 @@ static void add_had(const struct kiln_integration *in, const struct means *mean,
     for (size_t f = 0; f < surface->tile_run_count; f++) {
         const struct kiln_tile_run *run = &surface->tile_runs[f];
         struct kiln_own_point point = kiln_own_of_global(surface, run->first);
-        uint64_t of_run = 0;
-        if (!kiln_map_is_result(surface, run->map))
-            continue;
-        for (uint32_t k = 0; k < run->count; k++, point.at++) {
+        uint64_t *of = &had[HADS * (size_t)kiln_map_object(surface, run->map)], power = 0, points = 0;
+        for (uint32_t k = 0; k < run->count && kiln_map_is_result(surface, run->map); k++, point.at++) {
             const double own = kiln_luminance_of_floats(&in->solution->own->sum[3 * point.at]);
-            const double power = (double)surface->area[point.at] * (own + KILN_LATE_DARK * mean->light);
-            if (kiln_point_valid(surface, point) && own > 0.0)
-                of_run += (uint64_t)(fmin(power / mean->power, POWER_MOST) * HAD_STEPS);
+            const double all = (double)surface->area[point.at] * (own + KILN_LATE_DARK * mean->light);
+            if (!kiln_point_valid(surface, point) || !(own > 0.0))
+                continue;
+            power += (uint64_t)(fmin(all / mean->power, POWER_MOST) * HAD_STEPS);
+            points++;
         }
-        kiln_tiles_add(&had[kiln_map_object(surface, run->map)], of_run);
+        kiln_tiles_add(&of[HAD_POWER], power);
+        kiln_tiles_add(&of[HAD_POINTS], points);
     }
 }
 
@@ -236,8 +267,8 @@ int kiln_tile_error(const struct kiln_integration *in, double *largest, struct k
     struct means mean = {0.0, 0.0};
     int status = kiln_arena_allocate(&arena, &tiles, count, sizeof *tiles, "what is left in tiles", error);
     if (status == KILN_OK)
-        status =
-            kiln_arena_allocate(&arena, &had, surface->object_count, sizeof *had, "what is left in objects", error);
+        status = kiln_arena_allocate(&arena, &had, HADS * (size_t)surface->object_count, sizeof *had,
+                                     "what is left in objects", error);
     if (status == KILN_OK)
         status = kiln_arena_allocate(&arena, &missed, surface->object_count, sizeof *missed, "what is left in objects",
                                      error);
@@ -255,10 +286,10 @@ int kiln_tile_error(const struct kiln_integration *in, double *largest, struct k
         add_points(in, &mean, tiles);
         add_had(in, &mean, had);
         kiln_tiles_reduce(in->communicator, in->settings, tiles, count);
-        kiln_tiles_reduce(in->communicator, in->settings, had, surface->object_count);
+        kiln_tiles_reduce(in->communicator, in->settings, had, HADS * (uint64_t)surface->object_count);
         find_misses(surface, tiles, &fit, bounces, misses);
         look_at_tiles(in, tiles, misses, missed);
-        *largest = largest_of_objects(in, had, missed);
+        *largest = largest_of_objects(in, had, missed, &fit);
     }
     kiln_arena_release(&arena);
     return status;
