@@ -14,7 +14,7 @@
 
 enum { SAMPLE_PATHS = 1 << 15, SAMPLE_BATCH = 1 << 12, SAMPLE_TILE_RUNS = 64, STRETCHES = 1 << 9 };
 static const double LANDED_SECONDS = 0.1e-6;   /* of a rank, for a path that lands: sorted, sent and summed */
-static const double MERGE_PASS_SECONDS = 1e-6; /* of one thread, for a point: the points near it found and summed */
+static const double MERGE_PASS_SECONDS = 2e-7; /* of one thread, for a point: the points near it found and summed */
 
 /* ---- paths ---- */
 

@@ -21,9 +21,7 @@
 #define LEAST_RADIUS 1.5 /* first radius tried, in texels: it includes the eight neighbours */
 
 enum { BOXES = 64, RADII = 9, BALANCINGS = 2, FIT_STEPS = 10 };
-/* Radii from the next landing within which points take part in a spreading. What a point receives depends on the
- * weights of points within one radius of landings; these depend on their neighbours', once for each balancing. */
-enum { REACH = 1 + BALANCINGS };
+enum { WORD = 64 }; /* bits of a word of a mask */
 
 /* Flux landed at a point, W. */
 struct flux {
@@ -56,12 +54,13 @@ struct kiln_merge {
     struct kiln_merge_place *places;    /* of all, with `radius` */
     struct flux *fluxes;
     struct weights *weights, *next; /* next: of own points */
-    uint8_t *reached;               /* how far landings are, in radii, at most: 1 to REACH; 0: farther, and of no use */
-    uint8_t *set;                   /* of cells (merge_near.h) */
-    bool fitted;                    /* each place has a fitted radius */
-    struct kiln_merge_grid *grid;   /* of `places` */
-    struct kiln_exchange exchange;  /* of records of points; own ones stay where they are */
-    uint32_t *sent;                 /* own points that each rank gets, one rank after the other */
+    /* From how many points after another the light that lands may come: 1: a point that landings are near, or that has
+     * some; 2: not so, but near a point that is; and so on. 0: farther, and of no use. */
+    uint8_t *reached;
+    bool fitted;                   /* each place has a fitted radius */
+    struct kiln_merge_grid *grid;  /* of `places`, as wide as they were before a fit */
+    struct kiln_exchange exchange; /* of records of points; own ones stay where they are */
+    uint32_t *sent;                /* own points that each rank gets, one rank after the other */
     size_t sent_count;
     struct flux *outgoing; /* or weights */
 };
@@ -73,7 +72,6 @@ static void forget_others(struct kiln_merge *m)
     kiln_free(&m->weights);
     kiln_free(&m->next);
     kiln_free(&m->reached);
-    kiln_free(&m->set);
     m->fitted = false;
     kiln_merge_grid_destroy(&m->grid);
     kiln_free(&m->sent);
@@ -295,95 +293,146 @@ static float radius_of(const struct kiln_merge *m, size_t a, size_t b, float rad
     return fminf(radius, fminf(m->places[a].widest, m->places[b].widest));
 }
 
-static bool in_half(const struct kiln_merge *m, size_t a, size_t b, float radius)
+static bool is_own(const struct kiln_merge *m, size_t at)
 {
-    return a == b || kiln_merge_are_near(&m->places[a], &m->places[b], 0.5f * radius_of(m, a, b, radius));
+    return at >= m->own_first && at - m->own_first < m->own_count;
 }
 
-/* Searches for the neighbours of point `at`. `halves`: fills in `half`, too. */
-static int search_for(const struct kiln_merge *m, size_t at, float radius, bool halves, struct kiln_merge_neighbours *n,
-                      struct kiln_error *error)
-{
-    int status;
-    KILN_TRY(kiln_merge_grid_find(m->grid, at, radius_of(m, at, at, radius), &n->near, error));
-    KILN_TRY(kiln_grow(&n->half, &n->half_room, n->near.count, sizeof *n->half, "points nearby", error));
-    for (size_t i = 0; halves && i < n->near.count; i++)
-        n->half[i] = in_half(m, at, n->near.of[i], radius);
-end:
-    return status;
-}
+/* Memory of a thread: for its searches, and four numbers for each candidate of a group. */
+struct hand {
+    struct kiln_merge_finder finder;
+    struct kiln_merge_listing listing;
+    double *values;
+    size_t value_room;
+};
 
-/* ---- weights ---- */
+/* Function called for a group of points, of which other ranks' are to be left out. */
+typedef void (*each_group)(const struct kiln_merge *m, const struct kiln_merge_group *group, float radius,
+                           struct hand *hand, void *context);
 
-/* Function called for a point `at` of this rank, with its neighbours. */
-typedef void (*each_point)(const struct kiln_merge *m, size_t at, float radius,
-                           const struct kiln_merge_neighbours *near, void *context);
-
-/* A pass over points of this rank that take part, and that landings reach from up to `reach` radii away. `lists`: NULL:
- * the function uses no halves. */
+/* A pass over the points that take part and have `reach` in reached[], or with reach 0 those where light landed. They
+ * are this rank's; or all, if the pass `marks` the points near them as reached next, where they were not reached. */
 struct pass {
     const struct kiln_merge *m;
     int reach;
+    bool marks;
     float radius;
-    struct kiln_merge_lists *lists;
-    each_point each;
+    struct kiln_merge_lists *lists; /* NULL: none are kept */
+    each_group each;                /* or NULL */
     void *context;
 };
 
-static bool is_reached(const struct kiln_merge *m, size_t at, int reach)
-{
-    return m->reached[at] > 0 && m->reached[at] <= reach;
-}
-
-/* Calls the function for the points of a chunk. */
-static int do_chunk(const struct pass *p, size_t chunk, struct kiln_merge_neighbours *n,
-                    struct kiln_merge_listing *listing, struct kiln_error *error)
+static bool takes_part(const struct pass *p, size_t at)
 {
     const struct kiln_merge *m = p->m;
-    const uint32_t *entry = p->lists != NULL ? p->lists->of[chunk] : NULL;
-    const bool listed = entry != NULL, lists = p->lists != NULL && !listed && kiln_merge_lists_have_room(p->lists);
-    const size_t end =
-        m->own_first + ((chunk + 1) * KILN_MERGE_CHUNK < m->own_count ? (chunk + 1) * KILN_MERGE_CHUNK : m->own_count);
+    uint8_t reached;
+    if (!(m->places[at].lit > 0.0f) || (!p->marks && !is_own(m, at)))
+        return false;
+#pragma omp atomic read
+    reached = m->reached[at];
+    return p->reach == 0 ? m->fluxes[at].count > 0 : reached == p->reach;
+}
+
+static void mark(const struct pass *p, size_t at)
+{
+    uint8_t *place = &p->m->reached[at], reached;
+#pragma omp atomic read
+    reached = *place;
+    if (reached == 0 && is_own(p->m, at)) {
+#pragma omp atomic write
+        *place = (uint8_t)(p->reach + 1);
+    }
+}
+
+/* Marks the points of a group, and those near them. */
+static void mark_group(const struct pass *p, const struct kiln_merge_group *g)
+{
+    for (size_t i = 0; i < g->count; i++)
+        mark(p, g->points[i]);
+    for (size_t word = 0; word < g->words; word++) {
+        uint64_t near = 0;
+        for (size_t i = 0; i < g->count; i++)
+            near |= g->near[i * g->words + word];
+        for (; near != 0; near &= near - 1)
+            mark(p, g->of[WORD * word + (size_t)__builtin_ctzll(near)]);
+    }
+}
+
+static int do_group(const struct pass *p, const struct kiln_merge_group *group, struct hand *h,
+                    struct kiln_error *error)
+{
+    const int status = kiln_grow(&h->values, &h->value_room, 4 * ((size_t)group->candidates + 1), sizeof *h->values,
+                                 "points nearby", error);
+    if (status != KILN_OK)
+        return status;
+    if (p->marks)
+        mark_group(p, group);
+    if (p->each != NULL)
+        p->each(p->m, group, p->radius, h, p->context);
+    return KILN_OK;
+}
+
+/* Finds the groups of a chunk, whose points are a mask, and does them. */
+static int search_chunk(const struct pass *p, size_t chunk, uint64_t rest, struct hand *h, struct kiln_error *error)
+{
+    const struct kiln_merge *m = p->m;
+    const bool lists = p->lists != NULL && kiln_merge_lists_have_room(p->lists);
+    uint32_t points[KILN_MERGE_CHUNK];
+    struct kiln_merge_group group;
+    size_t words;
     int status = KILN_OK;
-    listing->count = 0;
-    for (size_t at = m->own_first + chunk * KILN_MERGE_CHUNK; at < end; at++) {
-        if (!(m->places[at].lit > 0.0f) || !is_reached(m, at, p->reach))
-            continue;
-        if (listed) {
-            entry = kiln_merge_lists_read(entry, n, error);
-            if (entry == NULL)
-                return KILN_SYSTEM;
-        } else {
-            KILN_TRY(search_for(m, at, p->radius, p->lists != NULL, n, error));
-        }
+    h->listing.count = 0;
+    while (rest != 0) {
+        const uint32_t count = kiln_merge_group_choose(m->grid, m->places, chunk * KILN_MERGE_CHUNK, &rest, points);
+        KILN_TRY(
+            kiln_merge_group_find(m->grid, m->places, points, count, p->radius, &h->finder, &group, &words, error));
         if (lists)
-            KILN_TRY(kiln_merge_lists_add(listing, n, error));
-        p->each(m, at, p->radius, n, p->context);
+            KILN_TRY(kiln_merge_lists_add(&h->listing, h->finder.words, words, error));
+        KILN_TRY(do_group(p, &group, h, error));
     }
     if (lists)
-        KILN_TRY(kiln_merge_lists_keep(p->lists, chunk, listing, error));
+        KILN_TRY(kiln_merge_lists_keep(p->lists, chunk, &h->listing, error));
 end:
     return status;
+}
+
+static int do_chunk(const struct pass *p, size_t chunk, struct hand *h, struct kiln_error *error)
+{
+    const uint64_t *words = p->lists != NULL ? p->lists->of[chunk] : NULL;
+    const size_t first = chunk * KILN_MERGE_CHUNK;
+    struct kiln_merge_group group;
+    uint64_t rest = 0;
+    int status = KILN_OK;
+    if (words != NULL) {
+        const uint64_t *const end = words + words[0];
+        for (words++; words < end && status == KILN_OK;) {
+            words = kiln_merge_group_read(words, &group);
+            status = do_group(p, &group, h, error);
+        }
+        return status;
+    }
+    for (size_t i = 0; i < KILN_MERGE_CHUNK && first + i < p->m->count; i++)
+        rest |= (uint64_t)takes_part(p, first + i) << i;
+    return search_chunk(p, chunk, rest, h, error);
 }
 
 /* Runs a pass on all threads. */
 static int for_all(const struct pass *p, struct kiln_error *error)
 {
-    const size_t chunks = (p->m->own_count + KILN_MERGE_CHUNK - 1) / KILN_MERGE_CHUNK;
+    const size_t chunks = (p->m->count + KILN_MERGE_CHUNK - 1) / KILN_MERGE_CHUNK;
     int status = KILN_OK;
 #pragma omp parallel num_threads((int)p->m->threads)
     {
-        struct kiln_merge_neighbours near = {.half = NULL};
-        struct kiln_merge_listing listing = {.entries = NULL};
+        struct hand hand = {.values = NULL};
         struct kiln_error own_error = {0};
         int own = KILN_OK;
 #pragma omp for schedule(dynamic, 1) nowait
         for (size_t chunk = 0; chunk < chunks; chunk++)
             if (own == KILN_OK)
-                own = do_chunk(p, chunk, &near, &listing, &own_error);
-        kiln_free(&near.near.of);
-        kiln_free(&near.half);
-        kiln_free(&listing.entries);
+                own = do_chunk(p, chunk, &hand, &own_error);
+        kiln_merge_finder_release(&hand.finder);
+        kiln_free(&hand.listing.words);
+        kiln_free(&hand.values);
 #pragma omp critical(kiln_merge)
         if (own != KILN_OK) {
             status = own;
@@ -393,21 +442,39 @@ static int for_all(const struct pass *p, struct kiln_error *error)
     return status;
 }
 
-/* c of a point. */
-static void sum_weights(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_neighbours *near,
+/* Adds to `sum`, in order, the values of the candidates in a mask. */
+static double add_masked(double sum, const uint64_t *mask, size_t words, const double *values)
+{
+    for (size_t word = 0; word < words; word++)
+        for (uint64_t rest = mask[word]; rest != 0; rest &= rest - 1)
+            sum += values[WORD * word + (size_t)__builtin_ctzll(rest)];
+    return sum;
+}
+
+/* ---- weights ---- */
+
+/* c of points. */
+static void sum_weights(const struct kiln_merge *m, const struct kiln_merge_group *g, float radius, struct hand *hand,
                         void *context)
 {
-    const struct weights *own = &m->weights[at];
-    struct weights *next = (struct weights *)context + (at - m->own_first);
-    double all = 0.0, half = 0.0;
+    struct weights *next = context;
+    double *const all = hand->values, *const half = all + g->candidates;
     (void)radius;
-    for (size_t i = 0; i < near->near.count; i++) {
-        const size_t other = near->near.of[i];
-        const double lit = (double)m->places[other].lit;
-        all += lit * (double)m->weights[other].s;
-        half += near->half[i] ? lit * (double)m->weights[other].s_half : 0.0;
+    for (size_t i = 0; i < g->candidates; i++) {
+        const double lit = (double)m->places[g->of[i]].lit;
+        all[i] = lit * (double)m->weights[g->of[i]].s;
+        half[i] = lit * (double)m->weights[g->of[i]].s_half;
     }
-    *next = (struct weights){own->s, (float)((double)own->s * all), own->s_half, (float)((double)own->s_half * half)};
+    for (size_t i = 0; i < g->count; i++) {
+        const size_t at = g->points[i];
+        if (!is_own(m, at))
+            continue;
+        const struct weights *own = &m->weights[at];
+        const double lit = (double)m->places[at].lit, s = (double)own->s, s_half = (double)own->s_half,
+                     c = add_masked(lit * s, g->near + i * g->words, g->words, all),
+                     c_half = add_masked(lit * s_half, g->half + i * g->words, g->words, half);
+        next[at - m->own_first] = (struct weights){own->s, (float)(s * c), own->s_half, (float)(s_half * c_half)};
+    }
 }
 
 /* Collective. Own weights become `next`, and those of other ranks' points theirs. `status` is agreed on before. */
@@ -422,11 +489,41 @@ static int take_weights(struct kiln_merge *m, int status, struct kiln_error *err
     return kiln_exchange_send(&m->exchange, status, sizeof *outgoing, outgoing, m->weights, error);
 }
 
-/* Collective. */
+/* Collective. Tells other ranks which of their points' copies are reached. `status` is agreed on before. */
+static int exchange_reached(struct kiln_merge *m, int status, struct kiln_error *error)
+{
+    uint8_t *outgoing = (uint8_t *)(void *)m->outgoing;
+    for (size_t i = 0; i < m->sent_count; i++)
+        outgoing[i] = m->reached[m->own_first + m->sent[i]];
+    return kiln_exchange_send(&m->exchange, status, sizeof *outgoing, outgoing, m->reached, error);
+}
+
+/* Collective. Finds the points that landings are near. Landings are sparse: most points of a room may have none. */
+static int find_reached(struct kiln_merge *m, float radius, struct kiln_error *error)
+{
+    memset(m->reached, 0, m->count);
+    const int status = for_all(&(struct pass){.m = m, .marks = true, .radius = radius}, error);
+    return exchange_reached(m, status, error);
+}
+
+/* Makes s of the next step from c. */
+static void balance(struct kiln_merge *m)
+{
+#pragma omp parallel for num_threads((int)m->threads) schedule(static)
+    for (size_t i = 0; i < m->own_count; i++) {
+        struct weights *w = &m->next[i];
+        w->s = w->c > 0.0f ? w->s / sqrtf(w->c) : 0.0f;
+        w->s_half = w->c_half > 0.0f ? w->s_half / sqrtf(w->c_half) : 0.0f;
+    }
+}
+
+/* Collective. Finds the weights of the points that are reached. What these receive depends on their weights, and these
+ * on their neighbours', once for each balancing: so each sum is over fewer points than that before. `lists`: of points
+ * reached by 1, 2, ... */
 static int find_weights(struct kiln_merge *m, float radius, int balancings, struct kiln_merge_lists *lists,
                         struct kiln_error *error)
 {
-    const struct pass pass = {m, REACH, radius, lists, sum_weights, m->next};
+    struct pass pass = {.m = m, .radius = radius, .each = sum_weights, .context = m->next};
     int status = KILN_OK;
 #pragma omp parallel for num_threads((int)m->threads) schedule(static)
     for (size_t i = 0; i < m->count; i++)
@@ -434,16 +531,27 @@ static int find_weights(struct kiln_merge *m, float radius, int balancings, stru
 #pragma omp parallel for num_threads((int)m->threads) schedule(static)
     for (size_t i = 0; i < m->own_count; i++)
         m->next[i] = (struct weights){1.0f, 1.0f, 1.0f, 1.0f};
-    for (int k = 0; k <= balancings && status == KILN_OK; k++) {
+    for (int reach = 1; reach <= 1 + balancings; reach++) {
+        pass.reach = reach;
+        pass.marks = reach <= balancings;
+        pass.lists = reach <= BALANCINGS ? &lists[reach - 1] : NULL;
         status = for_all(&pass, error);
-#pragma omp parallel for num_threads((int)m->threads) schedule(static) if (k < balancings)
-        for (size_t i = 0; i < (k < balancings ? m->own_count : 0); i++) {
-            struct weights *w = &m->next[i];
-            w->s = w->c > 0.0f ? w->s / sqrtf(w->c) : 0.0f;
-            w->s_half = w->c_half > 0.0f ? w->s_half / sqrtf(w->c_half) : 0.0f;
-        }
-        status = take_weights(m, status, error);
+        if (pass.marks)
+            KILN_TRY(exchange_reached(m, status, error));
     }
+    pass.marks = false;
+    for (int k = 1; k <= balancings; k++) {
+        if (status == KILN_OK)
+            balance(m);
+        KILN_TRY(take_weights(m, status, error));
+        for (int reach = 1; reach <= 1 + balancings - k && status == KILN_OK; reach++) {
+            pass.reach = reach;
+            pass.lists = &lists[reach - 1];
+            status = for_all(&pass, error);
+        }
+    }
+    status = take_weights(m, status, error);
+end:
     return status;
 }
 
@@ -460,33 +568,74 @@ static void add_flux(const struct flux *flux, double k, double k_half, struct ki
     merged->variance += (k - k_half) * (k - k_half) * (double)flux->square;
 }
 
-/* Adds to `merged` the light that point `at` receives. The part of its own light that the weights do not give away
- * stays with it. */
-static void collect(const struct kiln_merge *m, size_t at, float radius, const struct kiln_merge_neighbours *near,
+/* K of two points. */
+static double k_of(const struct weights *p, const struct weights *q)
+{
+    return (double)p->s * (double)q->s / (double)(p->c > q->c ? p->c : q->c);
+}
+static double k_half_of(const struct weights *p, const struct weights *q)
+{
+    return (double)p->s_half * (double)q->s_half / (double)(p->c_half > q->c_half ? p->c_half : q->c_half);
+}
+
+static bool is_in(const uint64_t *mask, size_t i) { return (mask[i / WORD] >> (i % WORD) & 1u) != 0; }
+
+/* Adds to `merged` a point's own light. The part of it that the weights do not give away stays with it. */
+static void collect_own(const struct kiln_merge *m, const struct kiln_merge_group *g, size_t i,
+                        struct kiln_merged *merged)
+{
+    const size_t at = g->points[i];
+    const struct weights *own = &m->weights[at];
+    const double lit = (double)m->places[at].lit, k = k_of(own, own), k_half = k_half_of(own, own);
+    const uint64_t *near = g->near + i * g->words, *half = g->half + i * g->words;
+    double left = 1.0 - lit * k, left_half = 1.0 - lit * k_half;
+    for (size_t word = 0; word < g->words; word++)
+        for (uint64_t rest = near[word]; rest != 0; rest &= rest - 1) {
+            const size_t c = WORD * word + (size_t)__builtin_ctzll(rest), other = g->of[c];
+            left -= (double)m->places[other].lit * k_of(own, &m->weights[other]);
+            if (is_in(half, c))
+                left_half -= (double)m->places[other].lit * k_half_of(own, &m->weights[other]);
+        }
+    add_flux(&m->fluxes[at], k + left / lit, k_half + left_half / lit, merged);
+}
+
+/* Fills in the mask of the candidates where light landed. Returns whether there are any. */
+static bool find_landed(const struct kiln_merge *m, const struct kiln_merge_group *g, uint64_t *mask)
+{
+    uint64_t any = 0;
+    for (size_t word = 0; word < g->words; word++) {
+        const size_t end = WORD * (word + 1) < g->candidates ? WORD * (word + 1) : g->candidates;
+        mask[word] = 0;
+        for (size_t c = WORD * word; c < end; c++)
+            mask[word] |= (uint64_t)(m->fluxes[g->of[c]].count > 0) << c % WORD;
+        any |= mask[word];
+    }
+    return any != 0;
+}
+
+/* Adds to `merged` the light that points receive. */
+static void collect(const struct kiln_merge *m, const struct kiln_merge_group *g, float radius, struct hand *hand,
                     void *context)
 {
-    const struct weights *own = &m->weights[at];
-    const double lit = (double)m->places[at].lit;
-    struct kiln_merged *merged = (struct kiln_merged *)context + (at - m->own_first);
-    double left = 1.0, left_half = 1.0;
+    uint64_t *landed = (uint64_t *)(void *)hand->values;
+    const bool any = find_landed(m, g, landed);
     (void)radius;
-    for (int pass = 0; pass < 2; pass++) /* the first pass finds the part that stays */
-        for (size_t i = 0; i < near->near.count; i++) {
-            const size_t other = near->near.of[i];
-            const struct flux *flux = &m->fluxes[other];
-            const struct weights *w = &m->weights[other];
-            const double k = (double)own->s * (double)w->s / fmax((double)own->c, (double)w->c),
-                         k_half = near->half[i] ? (double)own->s_half * (double)w->s_half /
-                                                      fmax((double)own->c_half, (double)w->c_half)
-                                                : 0.0;
-            if (pass == 0) {
-                left -= (double)m->places[other].lit * k;
-                left_half -= (double)m->places[other].lit * k_half;
-            } else if (flux->count > 0) {
-                add_flux(flux, other == at ? k + left / lit : k, other == at ? k_half + left_half / lit : k_half,
+    for (size_t i = 0; i < g->count; i++) {
+        const size_t at = g->points[i];
+        if (!is_own(m, at))
+            continue;
+        const struct weights *own = &m->weights[at];
+        struct kiln_merged *merged = (struct kiln_merged *)context + (at - m->own_first);
+        if (m->fluxes[at].count > 0)
+            collect_own(m, g, i, merged);
+        for (size_t word = 0; any && word < g->words; word++)
+            for (uint64_t rest = g->near[i * g->words + word] & landed[word]; rest != 0; rest &= rest - 1) {
+                const size_t c = WORD * word + (size_t)__builtin_ctzll(rest), other = g->of[c];
+                const struct weights *w = &m->weights[other];
+                add_flux(&m->fluxes[other], k_of(own, w), is_in(g->half + i * g->words, c) ? k_half_of(own, w) : 0.0,
                          merged);
             }
-        }
+    }
 }
 
 /* Collective. Sets the flux landed at this rank's points and, by exchange, at other ranks' points. */
@@ -507,60 +656,27 @@ static int take_fluxes(struct kiln_merge *m, const struct kiln_landing_sum *land
     return kiln_exchange_send(&m->exchange, KILN_OK, sizeof *m->outgoing, m->outgoing, m->fluxes, error);
 }
 
-/* Marks own points within a radius of points that were reached before. */
-static void reach_on(struct kiln_merge *m, int step)
-{
-    memset(m->set, 0, kiln_merge_grid_slots(m->grid) * sizeof *m->set);
-#pragma omp parallel for num_threads((int)m->threads) schedule(static)
-    for (size_t i = 0; i < m->count; i++)
-        if (step == 1 ? m->fluxes[i].count > 0 : m->reached[i] > 0)
-            kiln_merge_grid_mark(m->grid, i, m->set);
-#pragma omp parallel for num_threads((int)m->threads) schedule(static)
-    for (size_t i = m->own_first; i < m->own_first + m->own_count; i++)
-        if (m->reached[i] == 0 && m->places[i].lit > 0.0f && kiln_merge_grid_marked(m->grid, i, m->set))
-            m->reached[i] = (uint8_t)step;
-}
-
-/* Collective. Finds how many radii away from landings points are, up to `reach`. Light of iterations is sparse: most
- * points of a room may have none near them, and need no search for their neighbours. */
-static int find_reached(struct kiln_merge *m, int reach, struct kiln_error *error)
-{
-    uint8_t *outgoing = (uint8_t *)(void *)m->outgoing;
-    int status = KILN_OK;
-    if (m->grid == NULL) {
-        memset(m->reached, 1, m->count);
-        return KILN_OK;
-    }
-    kiln_free(&m->set);
-    status =
-        kiln_allocate(&m->set, kiln_merge_grid_slots(m->grid), sizeof *m->set, "the points that light reaches", error);
-    KILN_TRY(kiln_agree(m->communicator, status, error));
-    memset(m->reached, 0, m->count);
-    for (int step = 1; step <= reach; step++) {
-        reach_on(m, step);
-        for (size_t i = 0; i < m->sent_count; i++)
-            outgoing[i] = m->reached[m->own_first + m->sent[i]];
-        KILN_TRY(kiln_exchange_send(&m->exchange, KILN_OK, sizeof *outgoing, outgoing, m->reached, error));
-    }
-end:
-    return status;
-}
-
 /* Collective. */
 static int spread(struct kiln_merge *m, const struct kiln_landing_sum *landed, double radius, int balancings,
                   struct kiln_merged *merged, struct kiln_error *error)
 {
     const float now = fminf((float)radius, m->radius);
-    struct kiln_merge_lists lists;
-    const struct pass pass = {m, REACH, now, &lists, collect, merged};
-    int status = kiln_merge_lists_create(&lists, m->own_count, m->count, error);
+    const size_t words = m->own_count * KILN_MERGE_LISTED_BYTES / sizeof(uint64_t) / BALANCINGS;
+    struct kiln_merge_lists lists[BALANCINGS] = {{.of = NULL}};
+    int status = KILN_OK;
+    for (int k = 0; k < BALANCINGS && status == KILN_OK; k++)
+        status = kiln_merge_lists_create(&lists[k], m->count, words, error);
     KILN_TRY(kiln_agree(m->communicator, status, error));
     KILN_TRY(take_fluxes(m, landed, error));
-    KILN_TRY(find_reached(m, 1 + balancings, error));
-    KILN_TRY(find_weights(m, now, balancings, &lists, error));
-    KILN_TRY(kiln_agree(m->communicator, for_all(&pass, error), error));
+    KILN_TRY(find_reached(m, now, error));
+    KILN_TRY(find_weights(m, now, balancings, lists, error));
+    status = for_all(
+        &(struct pass){.m = m, .reach = 1, .radius = now, .lists = &lists[0], .each = collect, .context = merged},
+        error);
+    KILN_TRY(kiln_agree(m->communicator, status, error));
 end:
-    kiln_merge_lists_release(&lists);
+    for (int k = 0; k < BALANCINGS; k++)
+        kiln_merge_lists_release(&lists[k]);
     return status;
 }
 
@@ -592,21 +708,28 @@ static void find_steps(float largest, float radii[FIT_STEPS])
         radii[step] = largest * exp2f(-0.5f * (float)(FIT_STEPS - 1 - step));
 }
 
-/* Sorts the neighbours into rings between successive radii. Most belong to the widest, which is tried first. */
-static void fill_rings(const struct kiln_merge *m, size_t at, const float radii[FIT_STEPS],
-                       const struct kiln_merge_near *near, struct ring rings[FIT_STEPS])
+_Static_assert(KILN_MERGE_RINGS == FIT_STEPS - 2, "a radius between two rings");
+
+/* Sums up the neighbours of point i of a group by rings between successive radii. */
+static void fill_rings(const struct kiln_merge *m, const struct kiln_merge_group *g, size_t i,
+                       const float radii[FIT_STEPS], struct hand *hand, struct ring rings[FIT_STEPS])
 {
+    const double *const lit = hand->values, *const light = lit + g->candidates, *const square = light + g->candidates;
+    const uint64_t *const landed = (const uint64_t *)(const void *)(square + g->candidates);
+    const size_t at = g->points[i];
+    const struct flux *flux = &m->fluxes[at];
     memset(rings, 0, FIT_STEPS * sizeof *rings);
-    for (size_t i = 0; i < near->count; i++) {
-        const size_t other = near->of[i];
-        const struct kiln_merge_place *a = &m->places[at], *b = &m->places[other];
-        const struct flux *flux = &m->fluxes[other];
-        int step = other == at ? 0 : FIT_STEPS - 1;
-        while (step > 1 && kiln_merge_are_near(a, b, radii[step - 1]))
-            step--;
-        rings[step].lit += (double)b->lit;
-        rings[step].light += kiln_luminance_of_floats(flux->irradiance);
-        rings[step].square += (double)flux->square;
+    rings[0] =
+        (struct ring){(double)m->places[at].lit, kiln_luminance_of_floats(flux->irradiance), (double)flux->square};
+    const size_t near = kiln_merge_group_rings(&hand->finder, g, i, &m->places[at], radii + 1);
+    for (size_t k = 0; k < near; k++) {
+        const size_t c = hand->finder.which[k];
+        struct ring *ring = &rings[FIT_STEPS - 1 - hand->finder.within[k]];
+        ring->lit += lit[c];
+        if (is_in(landed, c)) {
+            ring->light += light[c];
+            ring->square += square[c];
+        }
     }
 }
 
@@ -630,6 +753,8 @@ static int choose_step(const struct ring rings[FIT_STEPS], const struct fit *fit
             *all = (struct ring){.lit = all[-1].lit + rings[step].lit,
                                  .light = all[-1].light + rings[step].light,
                                  .square = all[-1].square + rings[step].square};
+        if (!(all->light > 0.0 || all->square > 0.0))
+            continue; /* dark places agree */
         for (int narrow = 0; narrow < step; narrow++)
             if (!agree(&within[narrow], all, fit->doubt))
                 return step - 1;
@@ -639,16 +764,27 @@ static int choose_step(const struct ring rings[FIT_STEPS], const struct fit *fit
     return FIT_STEPS - 1;
 }
 
-/* The radius of a point. */
-static void fit_point(const struct kiln_merge *m, size_t at, float largest, const struct kiln_merge_neighbours *near,
-                      void *context)
+/* The radii of points. */
+static void fit_points(const struct kiln_merge *m, const struct kiln_merge_group *g, float largest, struct hand *hand,
+                       void *context)
 {
     const struct fit *fit = context;
+    double *const lit = hand->values, *const light = lit + g->candidates, *const square = light + g->candidates;
     struct ring rings[FIT_STEPS];
     float radii[FIT_STEPS];
-    find_steps(radius_of(m, at, at, largest), radii);
-    fill_rings(m, at, radii, &near->near, rings);
-    fit->radii[at - m->own_first] = radii[choose_step(rings, fit)];
+    for (size_t c = 0; c < g->candidates; c++) {
+        const struct flux *flux = &m->fluxes[g->of[c]];
+        lit[c] = (double)m->places[g->of[c]].lit;
+        light[c] = kiln_luminance_of_floats(flux->irradiance);
+        square[c] = (double)flux->square;
+    }
+    (void)find_landed(m, g, (uint64_t *)(void *)(square + g->candidates));
+    for (size_t i = 0; i < g->count; i++) {
+        const size_t at = g->points[i];
+        find_steps(radius_of(m, at, at, largest), radii);
+        fill_rings(m, g, i, radii, hand, rings);
+        fit->radii[at - m->own_first] = radii[choose_step(rings, fit)];
+    }
 }
 
 /* Collective. Makes all points as wide as their radius is. `radii`: of all, of which own ones are known where `status`
@@ -665,9 +801,7 @@ static int take_radii(struct kiln_merge *m, int status, float *radii, struct kil
     for (size_t i = 0; i < m->count; i++)
         m->places[i].widest = radii[i];
     m->fitted = true;
-    kiln_merge_grid_destroy(&m->grid);
-    return m->radius > 0.0f ? kiln_merge_grid_create(&m->grid, m->places, m->count, m->radius, m->threads, error)
-                            : KILN_OK;
+    return KILN_OK;
 }
 
 int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, double landings, double averaged,
@@ -681,12 +815,13 @@ int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, 
     KILN_TRY(kiln_agree(m->communicator, status, error));
     fit.radii = radii + m->own_first;
     KILN_TRY(take_fluxes(m, landed, error));
-    KILN_TRY(find_reached(m, 1, error));
+    KILN_TRY(find_reached(m, m->radius, error));
     /* light that is nowhere near differs at no radius */
 #pragma omp parallel for num_threads((int)m->threads) schedule(static)
     for (size_t i = m->own_first; i < m->own_first + m->own_count; i++)
         radii[i] = radius_of(m, i, i, m->radius);
-    status = for_all(&(struct pass){m, 1, m->radius, NULL, fit_point, &fit}, error);
+    status =
+        for_all(&(struct pass){.m = m, .reach = 1, .radius = m->radius, .each = fit_points, .context = &fit}, error);
     KILN_TRY(kiln_agree(m->communicator, take_radii(m, status, radii, error), error));
 end:
     kiln_free(&radii);

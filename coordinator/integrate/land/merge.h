@@ -119,11 +119,11 @@ static inline bool kiln_merge_radius_ends(uint64_t iteration) { return ((iterati
 /* Returns the standard error of the mean over `iterations`, bias included; W/m2. */
 double kiln_merge_error(const struct kiln_merged *merged, uint64_t iterations);
 
-/* Most points near an own point that are listed, in the mean, so that later searches for them are saved. */
-enum { KILN_MERGE_LISTED = 32 };
+/* Most bytes of lists of what is near points, an own point, so that later searches are saved. */
+enum { KILN_MERGE_LISTED_BYTES = 128 };
 /* Approximate bytes that a rank needs per own point, besides struct kiln_merged: places twice, fluxes, weights twice,
  * the grid and its construction, marks, lists. Points of other ranks need as much each, but are few. */
-enum { KILN_MERGE_POINT_BYTES = 2 * 40 + 32 + 2 * 16 + 2 * 16 + 28 + 12 + 2 + 4 * KILN_MERGE_LISTED };
+enum { KILN_MERGE_POINT_BYTES = 2 * 40 + 32 + 2 * 16 + 2 * 16 + 16 + 2 + KILN_MERGE_LISTED_BYTES };
 /* Number of searches for the points near each point: for one radius, for finding the initial radius, and for fitting
  * each point's own radius. A search costs about as much as several passes that spread. */
 enum { KILN_MERGE_PASSES = 4, KILN_MERGE_SEARCH_PASSES = 12, KILN_MERGE_FIT_PASSES = 8 };

@@ -3,47 +3,33 @@
 #ifndef KILN_COORDINATOR_INTEGRATE_LAND_MERGE_LISTS_H
 #define KILN_COORDINATOR_INTEGRATE_LAND_MERGE_LISTS_H
 
-#include "coordinator/integrate/land/merge_near.h"
+#include "coordinator/integrate/land/merge_group.h"
 
-enum { KILN_MERGE_CHUNK = 64 }; /* consecutive points of this rank that a thread looks at before it takes others */
-
-/* Neighbours of a point, and whether each is near by half the radius. Zero before the first search. The caller frees
- * `half` and `near.of`. */
-struct kiln_merge_neighbours {
-    struct kiln_merge_near near;
-    bool *half;
-    size_t half_room;
-};
-
-/* of[c]: entries of chunk c; NULL: it is not listed, since `left`, the number of entries that may still be, is used up
- * by others. */
+/* of[c]: groups of chunk c; NULL: it is not listed, since `left`, the number of words that may still be kept, is used
+ * up by others, or since it has none. */
 struct kiln_merge_lists {
-    uint32_t **of;
+    uint64_t **of;
     size_t chunks;
     int64_t left;
 };
 
-/* Entries of a chunk that is being listed: for each point that takes part the number of its neighbours, then these.
- * Zero at first. The caller frees `entries`. */
+/* Groups of a chunk that is being listed: first the number of words. Zero at first. The caller frees `words`. */
 struct kiln_merge_listing {
-    uint32_t *entries;
+    uint64_t *words;
     size_t count, room;
 };
 
-/* Creates lists of nothing, for `own` points whose neighbours are among `all`. KILN_SYSTEM. Release in any case. */
-int kiln_merge_lists_create(struct kiln_merge_lists *lists, size_t own, size_t all, struct kiln_error *error);
+/* Creates lists of nothing, of `words` in all at most, for `points` points. KILN_SYSTEM. Release in any case. */
+int kiln_merge_lists_create(struct kiln_merge_lists *lists, size_t points, size_t words, struct kiln_error *error);
 void kiln_merge_lists_release(struct kiln_merge_lists *lists);
 
 /* Whether another chunk may be listed. Thread-safe, as is kiln_merge_lists_keep for different chunks. */
 bool kiln_merge_lists_have_room(const struct kiln_merge_lists *lists);
-/* Adds the neighbours of the chunk's next point to a listing. KILN_SYSTEM. */
-int kiln_merge_lists_add(struct kiln_merge_listing *listing, const struct kiln_merge_neighbours *neighbours,
+/* Adds a group of so many words to a listing. KILN_SYSTEM. */
+int kiln_merge_lists_add(struct kiln_merge_listing *listing, const uint64_t *words, size_t count,
                          struct kiln_error *error);
-/* Keeps the entries of a chunk, if there is room. KILN_SYSTEM. */
+/* Keeps the groups of a chunk, if there is room. KILN_SYSTEM. */
 int kiln_merge_lists_keep(struct kiln_merge_lists *lists, size_t chunk, const struct kiln_merge_listing *listing,
                           struct kiln_error *error);
-/* Reads the neighbours of a point from its entry. Returns the entry of the next; NULL without memory. */
-const uint32_t *kiln_merge_lists_read(const uint32_t *entry, struct kiln_merge_neighbours *neighbours,
-                                      struct kiln_error *error);
 
 #endif

@@ -14,46 +14,46 @@
 enum { LEVELS = 8, NEIGHBOUR_CELLS = 27 };
 enum { STRETCHES_MOST = 1 << 12 }; /* ranges of slots, each filled by one thread */
 enum { POINTS_A_SLOT = 8 };        /* a cell has some thirty points, so the table of slots stays small */
-enum { LANES = 64 };               /* points that are looked at together */
 enum { FEW = 96 };                 /* members of a slot that are sorted by insertion */
 
 /* A point in its cell. */
 struct member {
     uint64_t cell;
-    size_t at;
+    struct kiln_vec3 position; /* as in its place: cells are looked through from the first member to the last */
+    uint32_t at;
 };
-
-/* Values compared for all points of a cell, copied here: most are too far. */
-enum column { X, Y, Z, NORMAL_X, NORMAL_Y, NORMAL_Z, WIDEST, COLUMNS };
 
 /* A hash table of cells: members[begin[h] .. begin[h + 1]) have the hash h. Without members no point uses the level. */
 struct level {
     double side; /* m, of a cell */
     size_t *begin;
     struct member *members;
-    float *columns[COLUMNS]; /* by member; the first is the block */
 };
 
 struct kiln_merge_grid {
     const struct kiln_merge_place *places;
     float radius;
-    size_t slots; /* a power of two */
+    size_t slots;   /* a power of two */
+    uint8_t *level; /* of each place, when the grid was made */
     struct level levels[LEVELS];
 };
 
-/* The level whose cells are as wide as the point looks, or less than twice as wide. */
-static int level_of(const struct kiln_merge_grid *grid, const struct kiln_merge_place *place)
+int kiln_merge_grid_level(const struct kiln_merge_grid *grid, float widest)
 {
     int level = 0;
-    while (level + 1 < LEVELS && place->widest <= ldexpf(grid->radius, -level - 1))
+    for (float half = 0.5f * grid->radius; level + 1 < LEVELS && widest <= half; half *= 0.5f)
         level++;
     return level;
 }
 
 static int64_t cell_along(const struct level *level, float x)
 {
-    const double most_cells = 0x1p60;
-    return (int64_t)fmax(-most_cells, fmin(floor((double)x / level->side), most_cells));
+    const double most_cells = 0x1p60, at = (double)x / level->side,
+                 within = at > most_cells    ? most_cells
+                          : at < -most_cells ? -most_cells
+                                             : at;
+    const int64_t cell = (int64_t)within; /* no call of floor */
+    return cell - (within < (double)cell);
 }
 
 /* Packs a cell's coordinates into one word. Only cells far from each other have the same word. */
@@ -116,7 +116,7 @@ static size_t list_members(const struct kiln_merge_place *places, size_t count, 
     size_t taking_part = 0;
     for (size_t i = 0; i < count; i++)
         if (places[i].lit > 0.0f && places[i].widest > 0.0f)
-            members[taking_part++] = (struct member){places[i].key, i};
+            members[taking_part++] = (struct member){places[i].key, places[i].position, (uint32_t)i};
     return taking_part;
 }
 
@@ -147,16 +147,12 @@ struct building {
     const struct kiln_merge_grid *grid;
     const struct member *all;
     struct level *level;
+    uint32_t *slot;        /* per member */
     uint32_t *bin_of;      /* per member: its range of slots; the number of ranges: nobody looks there */
     bool *looked_at;       /* per slot: whether a point of the level looks there */
     struct kiln_bins bins; /* members by stretches of slots */
     int shift;             /* 2^shift slots are a stretch */
 };
-
-static size_t slot_for(const struct building *b, const struct member *member)
-{
-    return slot_of(b->grid, cell_of(b->level, b->grid->places[member->at].position));
-}
 
 /* Sorts the members of one range of slots into their slots. Within a slot they are sorted by key, so that all ranks see
  * the members of a cell in the same order. */
@@ -166,7 +162,7 @@ static void fill_stretch(const struct building *b, size_t stretch)
     const size_t first = stretch << b->shift, end = (stretch + 1) << b->shift;
     const uint32_t *order = b->bins.order, begin = b->bins.begin[stretch], stop = b->bins.begin[stretch + 1];
     for (uint32_t i = begin; i < stop; i++)
-        level->begin[slot_for(b, &b->all[order[i]]) + 1]++;
+        level->begin[b->slot[order[i]] + 1]++;
     size_t next = begin; /* turns the number of members before a slot into the index of its next member */
     for (size_t slot = first; slot < end; slot++) {
         const size_t count = level->begin[slot + 1];
@@ -174,19 +170,12 @@ static void fill_stretch(const struct building *b, size_t stretch)
         next += count;
     }
     for (uint32_t i = begin; i < stop; i++) {
-        const struct member *member = &b->all[order[i]];
-        level->members[level->begin[slot_for(b, member) + 1]++] = *member;
+        level->members[level->begin[b->slot[order[i]] + 1]++] = b->all[order[i]];
     }
     for (size_t slot = first, from = begin; slot < end; from = level->begin[++slot])
         sort_by_key(level->members + from, level->begin[slot + 1] - from);
-    for (size_t i = begin; i < stop; i++) {
-        const struct kiln_merge_place *place = &b->grid->places[level->members[i].at];
-        const struct kiln_vec3 p = place->position, n = place->normal;
-        const float values[COLUMNS] = {p.x, p.y, p.z, n.x, n.y, n.z, place->widest};
-        level->members[i].cell = cell_of(level, p);
-        for (int c = 0; c < COLUMNS; c++)
-            level->columns[c][i] = values[c];
-    }
+    for (size_t i = begin; i < stop; i++)
+        level->members[i].cell = cell_of(level, b->grid->places[level->members[i].at].position);
 }
 
 /* Marks the slots that points of the level look at: other members are of no use there. After the fit of radii most
@@ -199,7 +188,7 @@ static void mark_slots(const struct building *b, size_t count, uint32_t threads)
     for (size_t i = 0; i < count; i++) {
         const struct kiln_merge_place *place = &grid->places[b->all[i].at];
         struct cell cells[NEIGHBOUR_CELLS];
-        if (&grid->levels[level_of(grid, place)] != b->level)
+        if (&grid->levels[grid->level[b->all[i].at]] != b->level)
             continue;
         const size_t near = find_cells(grid, b->level, place->position, fminf(grid->radius, place->widest), cells);
         for (size_t c = 0; c < near; c++) {
@@ -207,17 +196,6 @@ static void mark_slots(const struct building *b, size_t count, uint32_t threads)
             b->looked_at[cells[c].slot] = true;
         }
     }
-}
-
-static int make_room(struct level *level, size_t count, struct kiln_error *error)
-{
-    int status = kiln_allocate_bare(&level->members, count, sizeof *level->members, "the grid of merged points", error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate_bare(&level->columns[0], count * COLUMNS, sizeof(float), "the grid of merged points", error);
-    for (int c = 1; c < COLUMNS && status == KILN_OK; c++)
-        level->columns[c] = level->columns[0] + (size_t)c * count;
-    return status;
 }
 
 static int build_level(struct building *b, size_t count, uint32_t threads, struct kiln_error *error)
@@ -230,14 +208,31 @@ static int build_level(struct building *b, size_t count, uint32_t threads, struc
     mark_slots(b, count, threads);
 #pragma omp parallel for num_threads((int)threads) schedule(static)
     for (size_t i = 0; i < count; i++) {
-        const size_t slot = slot_for(b, &b->all[i]);
+        const size_t slot = slot_of(grid, cell_of(b->level, grid->places[b->all[i].at].position));
+        b->slot[i] = (uint32_t)slot;
         b->bin_of[i] = (uint32_t)(b->looked_at[slot] ? slot >> b->shift : stretches);
     }
     KILN_TRY(kiln_bins_sort(&b->bins, b->bin_of, count, stretches + 1, threads, error));
-    KILN_TRY(make_room(b->level, b->bins.begin[stretches], error));
+    KILN_TRY(kiln_allocate_bare(&b->level->members, b->bins.begin[stretches], sizeof *b->level->members,
+                                "the grid of merged points", error));
 #pragma omp parallel for num_threads((int)threads) schedule(dynamic, 4)
     for (size_t stretch = 0; stretch < stretches; stretch++)
         fill_stretch(b, stretch);
+end:
+    return status;
+}
+
+/* Allocates what building needs, and the levels of places. */
+static int make_room(struct building *b, struct kiln_merge_grid *grid, struct member **members, size_t count,
+                     struct kiln_error *error)
+{
+    const char *what = "the grid of merged points";
+    int status;
+    KILN_TRY(kiln_allocate_bare(members, count, sizeof **members, what, error));
+    KILN_TRY(kiln_allocate_bare(&b->slot, count, sizeof *b->slot, what, error));
+    KILN_TRY(kiln_allocate_bare(&b->bin_of, count, sizeof *b->bin_of, what, error));
+    KILN_TRY(kiln_allocate_bare(&b->looked_at, grid->slots, sizeof *b->looked_at, what, error));
+    KILN_TRY(kiln_allocate(&grid->level, count, sizeof *grid->level, what, error));
 end:
     return status;
 }
@@ -251,32 +246,30 @@ int kiln_merge_grid_create(struct kiln_merge_grid **grid, const struct kiln_merg
     int status = kiln_allocate(grid, 1, sizeof **grid, "the grid of merged points", error);
     if (status != KILN_OK)
         return status;
-    **grid = (struct kiln_merge_grid){.places = places, .radius = radius, .slots = 1};
-    while ((*grid)->slots < count / POINTS_A_SLOT)
-        (*grid)->slots *= 2;
-    while ((*grid)->slots >> building.shift > STRETCHES_MOST)
+    struct kiln_merge_grid *made = *grid;
+    *made = (struct kiln_merge_grid){.places = places, .radius = radius, .slots = 1};
+    while (made->slots < count / POINTS_A_SLOT)
+        made->slots *= 2;
+    while (made->slots >> building.shift > STRETCHES_MOST)
         building.shift++;
-    status = kiln_allocate_bare(&members, count, sizeof *members, "the grid of merged points", error);
-    if (status == KILN_OK)
-        status =
-            kiln_allocate_bare(&building.bin_of, count, sizeof *building.bin_of, "the grid of merged points", error);
-    if (status == KILN_OK)
-        status = kiln_allocate_bare(&building.looked_at, (*grid)->slots, sizeof *building.looked_at,
-                                    "the grid of merged points", error);
+    status = make_room(&building, made, &members, count, error);
     const size_t taking_part = status == KILN_OK ? list_members(places, count, members) : 0;
-    const struct kiln_merge_grid *made = *grid;
 #pragma omp parallel for num_threads((int)threads) schedule(static) reduction(| : wanted)
-    for (size_t i = 0; i < taking_part; i++)
-        wanted |= 1u << level_of(made, &places[members[i].at]);
+    for (size_t i = 0; i < taking_part; i++) {
+        const size_t at = members[i].at;
+        made->level[at] = (uint8_t)kiln_merge_grid_level(made, places[at].widest);
+        wanted |= 1u << made->level[at];
+    }
     building.grid = made;
     building.all = members;
     for (int l = 0; l < LEVELS && status == KILN_OK; l++) {
-        building.level = &(*grid)->levels[l];
+        building.level = &made->levels[l];
         building.level->side = (double)SLACK * (double)ldexpf(radius, -l);
         if ((wanted >> l & 1u) != 0)
             status = build_level(&building, taking_part, threads, error);
     }
     kiln_free(&members);
+    kiln_free(&building.slot);
     kiln_free(&building.bin_of);
     kiln_free(&building.looked_at);
     kiln_bins_release(&building.bins);
@@ -290,94 +283,80 @@ void kiln_merge_grid_destroy(struct kiln_merge_grid **grid)
     for (int l = 0; l < LEVELS; l++) {
         kiln_free(&(*grid)->levels[l].begin);
         kiln_free(&(*grid)->levels[l].members);
-        kiln_free(&(*grid)->levels[l].columns[0]);
     }
+    kiln_free(&(*grid)->level);
     kiln_free(grid);
 }
 
-/* Tests members from `first` on against a place, several at once in SIMD lanes, as kiln_merge_are_near does. A byte of
- * each is 1 where it is near. */
-KILN_CLONES static void look(const struct level *level, size_t first, size_t count,
-                             const struct kiln_merge_place *place, float radius, uint8_t near[LANES])
+/* ---- search ---- */
+
+int kiln_merge_grid_level_of(const struct kiln_merge_grid *grid, size_t at) { return grid->level[at]; }
+
+double kiln_merge_grid_side(const struct kiln_merge_grid *grid, int level) { return grid->levels[level].side; }
+
+void kiln_merge_grid_cell(const struct kiln_merge_grid *grid, int level, struct kiln_vec3 p, int64_t cell[3])
 {
-    const float *const x = level->columns[X] + first, *const y = level->columns[Y] + first,
-                       *const z = level->columns[Z] + first, *const nx = level->columns[NORMAL_X] + first,
-                       *const ny = level->columns[NORMAL_Y] + first, *const nz = level->columns[NORMAL_Z] + first,
-                       *const widest = level->columns[WIDEST] + first;
-    const struct kiln_vec3 p = place->position, n = place->normal;
-#pragma omp simd
-    for (size_t i = 0; i < count; i++) {
-        const float least = radius < widest[i] ? radius : widest[i], flat = KILN_MERGE_FLAT * least, dx = x[i] - p.x,
-                    dy = y[i] - p.y, dz = z[i] - p.z, below = fabsf(dx * n.x + dy * n.y + dz * n.z),
-                    above = fabsf(dx * nx[i] + dy * ny[i] + dz * nz[i]);
-        near[i] = (uint8_t)((uint32_t)(dx * dx + dy * dy + dz * dz <= least * least) &
-                            (uint32_t)(n.x * nx[i] + n.y * ny[i] + n.z * nz[i] >= KILN_MERGE_ALIKE) &
-                            (uint32_t)(below <= flat) & (uint32_t)(above <= flat));
-    }
+    cell[0] = cell_along(&grid->levels[level], p.x);
+    cell[1] = cell_along(&grid->levels[level], p.y);
+    cell[2] = cell_along(&grid->levels[level], p.z);
 }
 
-/* Adds the points of a cell that are near point `at`, but for itself. */
-static int add_near(const struct kiln_merge_grid *grid, const struct level *level, size_t at, struct cell cell,
-                    float radius, struct kiln_merge_near *near, struct kiln_error *error)
+/* Squared distance of a place from a box, without a branch: places inside and outside alternate. */
+static float far_from(const struct kiln_merge_box *box, struct kiln_vec3 p)
 {
-    const size_t begin = level->begin[cell.slot], end = level->begin[cell.slot + 1];
-    union {
-        uint8_t of[LANES];
-        uint64_t eight[LANES / 8];
-    } is_near;
+    const float to_x = box->low.x - p.x, to_y = box->low.y - p.y, to_z = box->low.z - p.z, from_x = p.x - box->high.x,
+                from_y = p.y - box->high.y, from_z = p.z - box->high.z, /* and 0, or twice the distance: */
+        x = to_x + fabsf(to_x) + (from_x + fabsf(from_x)), y = to_y + fabsf(to_y) + (from_y + fabsf(from_y)),
+                z = to_z + fabsf(to_z) + (from_z + fabsf(from_z));
+    return 0.25f * (x * x + y * y + z * z);
+}
+
+/* Adds the points of a cell that lie within the box's radius of it. No branch hangs on a point: half of them do. */
+static int add_cell(const struct kiln_merge_grid *grid, const struct level *level, uint64_t cell,
+                    const struct kiln_merge_box *box, struct kiln_merge_candidates *found, struct kiln_error *error)
+{
+    const float far = (float)BEYOND * box->radius;
+    const size_t slot = slot_of(grid, cell), begin = level->begin[slot], end = level->begin[slot + 1];
     const int status =
-        kiln_grow(&near->of, &near->room, near->count + (end - begin), sizeof *near->of, "points nearby", error);
-    for (size_t first = begin; first < end && status == KILN_OK; first += LANES) {
-        const size_t count = end - first < LANES ? end - first : LANES;
-        is_near.eight[(count - 1) / 8] = 0; /* those beyond the last are not */
-        look(level, first, count, &grid->places[at], radius, is_near.of);
-        for (size_t word = 0; 8 * word < count; word++)
-            for (uint64_t rest = is_near.eight[word]; rest != 0; rest &= rest - 1) {
-                const struct member *member = &level->members[first + 8 * word + (size_t)__builtin_ctzll(rest) / 8];
-                if (member->cell == cell.word && member->at != at)
-                    near->of[near->count++] = member->at;
-            }
+        kiln_grow(&found->of, &found->room, found->count + (end - begin), sizeof *found->of, "points nearby", error);
+    for (size_t i = begin; i < end && status == KILN_OK; i++) {
+        const struct member *member = &level->members[i];
+        found->of[found->count] = member->at;
+        found->count += (size_t)(member->cell == cell) & (size_t)(far_from(box, member->position) <= far * far);
     }
     return status;
 }
 
-int kiln_merge_grid_find(const struct kiln_merge_grid *grid, size_t at, float radius, struct kiln_merge_near *near,
-                         struct kiln_error *error)
+/* Leaves out points that do not look so far as to the box. */
+static void keep_wide(const struct kiln_merge_place *places, const struct kiln_merge_box *box,
+                      struct kiln_merge_candidates *found)
 {
-    struct cell cells[NEIGHBOUR_CELLS];
-    int status = kiln_grow(&near->of, &near->room, 1, sizeof *near->of, "points nearby", error);
-    if (status != KILN_OK)
-        return status;
-    near->of[0] = at;
-    near->count = 1;
-    if (grid == NULL || !(radius > 0.0f))
+    size_t kept = 0;
+    for (size_t i = 0; i < found->count; i++) {
+        const struct kiln_merge_place *place = &places[found->of[i]];
+        const float least = (float)BEYOND * place->widest;
+        found->of[kept] = found->of[i];
+        kept += (size_t)(least > 0.0f) & (size_t)(far_from(box, place->position) <= least * least);
+    }
+    found->count = kept;
+}
+
+int kiln_merge_grid_find(const struct kiln_merge_grid *grid, int level, const struct kiln_merge_box *box,
+                         struct kiln_merge_candidates *found, struct kiln_error *error)
+{
+    const float wide = (float)BEYOND * box->radius;
+    const struct kiln_vec3 margin = vec3(wide, wide, wide);
+    int64_t first[3], last[3];
+    int status = KILN_OK;
+    found->count = 0;
+    if (grid->levels[level].begin == NULL)
         return KILN_OK;
-    const struct level *level = &grid->levels[level_of(grid, &grid->places[at])];
-    const size_t count = find_cells(grid, level, grid->places[at].position, radius, cells);
-    for (size_t i = 0; i < count; i++)
-        __builtin_prefetch(&level->begin[cells[i].slot]);
-    for (size_t i = 0; i < count && status == KILN_OK; i++)
-        status = add_near(grid, level, at, cells[i], radius, near, error);
+    kiln_merge_grid_cell(grid, level, vec3_sub(box->low, margin), first);
+    kiln_merge_grid_cell(grid, level, vec3_add(box->high, margin), last);
+    for (int64_t z = first[2]; z <= last[2]; z++)
+        for (int64_t y = first[1]; y <= last[1]; y++)
+            for (int64_t x = first[0]; x <= last[0] && status == KILN_OK; x++)
+                status = add_cell(grid, &grid->levels[level], cell_word(x, y, z), box, found, error);
+    keep_wide(grid->places, box, found);
     return status;
-}
-
-/* ---- sets ---- */
-
-size_t kiln_merge_grid_slots(const struct kiln_merge_grid *grid) { return grid->slots; }
-
-void kiln_merge_grid_mark(const struct kiln_merge_grid *grid, size_t at, uint8_t *set)
-{
-    const size_t slot = slot_of(grid, cell_of(&grid->levels[0], grid->places[at].position));
-#pragma omp atomic write
-    set[slot] = 1;
-}
-
-bool kiln_merge_grid_marked(const struct kiln_merge_grid *grid, size_t at, const uint8_t *set)
-{
-    struct cell cells[NEIGHBOUR_CELLS];
-    const size_t count = find_cells(grid, &grid->levels[0], grid->places[at].position, grid->radius, cells);
-    bool marked = false;
-    for (size_t i = 0; i < count; i++)
-        marked = marked || set[cells[i].slot] != 0;
-    return marked;
 }

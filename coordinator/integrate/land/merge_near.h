@@ -36,29 +36,36 @@ static inline bool kiln_merge_are_near(const struct kiln_merge_place *a, const s
  * object are small beside those of another. */
 struct kiln_merge_grid;
 
-/* Creates grids over borrowed places; radius > 0, m. The grids do not depend on the number of threads. KILN_SYSTEM.
- * Destroy them in any case. */
+/* Creates grids over borrowed places, fewer than 2^32; radius > 0, m. The grids do not depend on the number of threads.
+ * Places may become less wide afterwards. KILN_SYSTEM. Destroy them in any case. */
 int kiln_merge_grid_create(struct kiln_merge_grid **grid, const struct kiln_merge_place *places, size_t count,
                            float radius, uint32_t threads, struct kiln_error *error);
 void kiln_merge_grid_destroy(struct kiln_merge_grid **grid);
 
-/* Numbers of places near a place; zero before the first search. The caller frees `of`. */
-struct kiln_merge_near {
-    size_t *of, count, room;
+/* Returns the level for points of a width: its cells are as wide, or less than twice as wide. The level of a place, as
+ * wide as it was when the grid was made, has all points near it; the place takes part. */
+int kiln_merge_grid_level(const struct kiln_merge_grid *grid, float widest);
+int kiln_merge_grid_level_of(const struct kiln_merge_grid *grid, size_t at);
+/* Width of a level's cells, m; and the cell of a position. */
+double kiln_merge_grid_side(const struct kiln_merge_grid *grid, int level);
+void kiln_merge_grid_cell(const struct kiln_merge_grid *grid, int level, struct kiln_vec3 position, int64_t cell[3]);
+
+/* The box of some points, and how far they look, m. */
+struct kiln_merge_box {
+    struct kiln_vec3 low, high;
+    float radius;
 };
 
-/* Finds place `at` itself, then the others near it, ordered by cell and key. Their distance is at most `radius` and
- * their own `widest`; `radius` is at most the `widest` of `at` and the radius of the grid. Without a grid: `at` alone.
- * KILN_SYSTEM. */
-int kiln_merge_grid_find(const struct kiln_merge_grid *grid, size_t at, float radius, struct kiln_merge_near *near,
-                         struct kiln_error *error);
+/* Numbers of places; zero before the first search. The caller frees `of`. */
+struct kiln_merge_candidates {
+    uint32_t *of;
+    size_t count, room;
+};
 
-/* Sets of places by cells as wide as the radius: a byte for each of kiln_merge_grid_slots hashes of cells. Different
- * cells may share a byte, so a set has some places too many. */
-size_t kiln_merge_grid_slots(const struct kiln_merge_grid *grid);
-/* Adds the cell of place `at` to the set. Several threads may do so at once. */
-void kiln_merge_grid_mark(const struct kiln_merge_grid *grid, size_t at, uint8_t *set);
-/* Whether a cell of the set lies within the radius of place `at`. True if a marked place is near it. */
-bool kiln_merge_grid_marked(const struct kiln_merge_grid *grid, size_t at, const uint8_t *set);
+/* Finds the places that lie within the radius of a box, and within their own `widest` of it. They are ordered by the z,
+ * y and x of their cells in the level, then by key. Those near points of that level in the box are among them.
+ * KILN_SYSTEM. */
+int kiln_merge_grid_find(const struct kiln_merge_grid *grid, int level, const struct kiln_merge_box *box,
+                         struct kiln_merge_candidates *found, struct kiln_error *error);
 
 #endif
