@@ -90,7 +90,9 @@ void kiln_landing_end(struct kiln_landing *l)
 {
     kiln_backend_destroy(&l->own);
     kiln_land_exchange_release(&l->exchange);
-    kiln_merge_destroy(&l->merge);
+    if (l->merge != NULL)
+        kiln_merge_rest(l->merge);
+    l->merging = false;
     kiln_free(&l->sums);
     kiln_free(&l->merged);
     kiln_free(&l->gathered);
@@ -102,6 +104,8 @@ void kiln_landing_end(struct kiln_landing *l)
 
 void kiln_landing_points_moved(struct kiln_landing *l)
 {
+    kiln_merge_destroy(&l->merge);
+    l->merging = false;
     kiln_free(&l->lit);
     kiln_free(&l->places);
 }

@@ -94,12 +94,13 @@ static int begin_merging(struct kiln_landing *l, struct kiln_error *error)
         status = kiln_merge_find_places(&params, &l->places, error);
     status = kiln_agree(p->communicator, status, error);
     params.places = l->places;
-    if (status == KILN_OK)
+    if (status == KILN_OK && l->merge == NULL)
         status = kiln_merge_create(&l->merge, &params, error);
     kiln_free(&widest);
     if (status == KILN_OK)
         status = find_radius(l, error);
     l->solution->report.landing.radius = fmax(l->radius, 0.0);
+    l->merging = true;
     return status == KILN_OK ? kiln_merge_set_radius(l->merge, l->radius, error) : status;
 }
 
@@ -145,7 +146,7 @@ static int merge_sums(struct kiln_landing *l, int (*merge)(struct kiln_landing *
 {
     const double start = MPI_Wtime();
     kiln_control_blocking(l->params->control, "merging landings of light", 0.0);
-    int status = l->merge == NULL ? begin_merging(l, error) : KILN_OK;
+    int status = l->merging ? KILN_OK : begin_merging(l, error);
     if (status == KILN_OK)
         status = merge(l, error);
     kiln_control_blocking(l->params->control, NULL, 0.0);

@@ -65,7 +65,8 @@ struct kiln_landing {
     struct kiln_merge_place *places;
     /* for spreading landings over nearby points (--caustics merge, vcm); else NULL */
     struct kiln_merged *merged;
-    struct kiln_merge *merge;          /* made when it is first needed */
+    struct kiln_merge *merge;          /* made when it is first needed, and kept as `places` are */
+    bool merging;                      /* it has the radius of the current step */
     struct kiln_landing_sum *gathered; /* --caustics vcm: the light found by gather rays, as landings; else NULL */
     float *tried[2];                   /* W, luminance: landings of each half of the pilots at own points; or NULL */
     int half;                          /* half to which the current pilots belong */

@@ -57,7 +57,7 @@ struct kiln_merge {
     /* From how many points after another the light that lands may come: 1: a point that landings are near, or that has
      * some; 2: not so, but near a point that is; and so on. 0: farther, and of no use. */
     uint8_t *reached;
-    bool fitted;                   /* each place has a fitted radius */
+    float *widest;                 /* of all, while places have a fitted radius: as before the fit; else NULL */
     struct kiln_merge_grid *grid;  /* of `places`, as wide as they were before a fit */
     struct kiln_exchange exchange; /* of records of points; own ones stay where they are */
     uint32_t *sent;                /* own points that each rank gets, one rank after the other */
@@ -65,17 +65,22 @@ struct kiln_merge {
     struct flux *outgoing; /* or weights */
 };
 
-static void forget_others(struct kiln_merge *m)
+void kiln_merge_rest(struct kiln_merge *m)
 {
-    kiln_free(&m->places);
     kiln_free(&m->fluxes);
     kiln_free(&m->weights);
     kiln_free(&m->next);
     kiln_free(&m->reached);
-    m->fitted = false;
+    kiln_free(&m->outgoing);
+}
+
+static void forget_others(struct kiln_merge *m)
+{
+    kiln_merge_rest(m);
+    kiln_free(&m->places);
+    kiln_free(&m->widest);
     kiln_merge_grid_destroy(&m->grid);
     kiln_free(&m->sent);
-    kiln_free(&m->outgoing);
     m->sent_count = 0;
 }
 
@@ -216,26 +221,35 @@ static int pack_places(struct kiln_merge *m, struct box *boxes, struct kiln_merg
     int status;
     KILN_TRY(list_sent(m, boxes, error));
     KILN_TRY(kiln_allocate(outgoing, m->sent_count, sizeof **outgoing, "points for other ranks", error));
-    KILN_TRY(kiln_allocate(&m->outgoing, m->sent_count, sizeof *m->outgoing, "light for other ranks", error));
     for (size_t i = 0; i < m->sent_count; i++)
         (*outgoing)[i] = m->own[m->sent[i]];
 end:
     return status;
 }
 
+/* Allocates what a step needs. */
 static int make_room(struct kiln_merge *m, struct kiln_error *error)
 {
     int status;
-    KILN_TRY(kiln_allocate(&m->places, m->count, sizeof *m->places, "the points that are merged", error));
+    kiln_merge_rest(m);
     KILN_TRY(kiln_allocate(&m->fluxes, m->count, sizeof *m->fluxes, "the light that is merged", error));
     KILN_TRY(kiln_allocate(&m->weights, m->count, sizeof *m->weights, "the weights of points", error));
     KILN_TRY(kiln_allocate(&m->next, m->own_count, sizeof *m->next, "the weights of points", error));
     KILN_TRY(kiln_allocate(&m->reached, m->count, sizeof *m->reached, "the points that light reaches", error));
+    KILN_TRY(kiln_allocate(&m->outgoing, m->sent_count, sizeof *m->outgoing, "light for other ranks", error));
+end:
+    return status;
+}
+
+static int place_own(struct kiln_merge *m, struct kiln_error *error)
+{
+    const int status = kiln_allocate(&m->places, m->count, sizeof *m->places, "the points that are merged", error);
+    if (status != KILN_OK)
+        return status;
 #pragma omp parallel for num_threads((int)m->threads) schedule(static)
     for (size_t i = 0; i < m->own_count; i++)
         m->places[m->own_first + i] = m->own[i];
-end:
-    return status;
+    return KILN_OK;
 }
 
 /* Collective. Gathers the places of this rank's points, and of nearby points of other ranks. */
@@ -249,7 +263,9 @@ static int gather_places(struct kiln_merge *m, struct kiln_error *error)
     (void)MPI_Allgather(MPI_IN_PLACE, 0, MPI_DATATYPE_NULL, boxes, (int)(BOXES * sizeof *boxes), MPI_BYTE,
                         m->communicator);
     KILN_TRY(count_received(m, pack_places(m, boxes, &outgoing, error), error));
-    status = make_room(m, error);
+    status = place_own(m, error);
+    if (status == KILN_OK)
+        status = make_room(m, error);
     status = kiln_exchange_send(&m->exchange, status, sizeof *outgoing, outgoing, m->places, error);
 end:
     kiln_free(&outgoing);
@@ -275,10 +291,26 @@ end:
     return status;
 }
 
+/* Makes places as wide as they were before a fit. */
+static void widen(struct kiln_merge *m)
+{
+    if (m->widest == NULL)
+        return;
+#pragma omp parallel for num_threads((int)m->threads) schedule(static)
+    for (size_t i = 0; i < m->count; i++)
+        m->places[i].widest = m->widest[i];
+    kiln_free(&m->widest);
+}
+
 int kiln_merge_set_radius(struct kiln_merge *m, double radius, struct kiln_error *error)
 {
+    const float now = (float)fmax(radius, 0.0);
+    if (m->grid != NULL && !(now < m->radius || now > m->radius)) {
+        widen(m);
+        return kiln_agree(m->communicator, make_room(m, error), error);
+    }
     forget_others(m);
-    m->radius = (float)fmax(radius, 0.0);
+    m->radius = now;
     int status = gather_places(m, error);
     if (status == KILN_OK && m->radius > 0.0f)
         status = kiln_merge_grid_create(&m->grid, m->places, m->count, m->radius, m->threads, error);
@@ -787,20 +819,24 @@ static void fit_points(const struct kiln_merge *m, const struct kiln_merge_group
     }
 }
 
-/* Collective. Makes all points as wide as their radius is. `radii`: of all, of which own ones are known where `status`
- * is KILN_OK. */
-static int take_radii(struct kiln_merge *m, int status, float *radii, struct kiln_error *error)
+/* Collective. Makes all points as wide as their radius is. `taken`: of all, of which own ones are known where `status`
+ * is KILN_OK; the merge takes them then, and keeps how wide points were. */
+static int take_radii(struct kiln_merge *m, int status, float **taken, struct kiln_error *error)
 {
-    float *outgoing = (float *)(void *)m->outgoing;
+    float *outgoing = (float *)(void *)m->outgoing, *radii = *taken;
     for (size_t i = 0; i < m->sent_count; i++)
         outgoing[i] = radii[m->own_first + m->sent[i]];
     status = kiln_exchange_send(&m->exchange, status, sizeof *outgoing, outgoing, radii, error);
     if (status != KILN_OK)
         return status;
 #pragma omp parallel for num_threads((int)m->threads) schedule(static)
-    for (size_t i = 0; i < m->count; i++)
+    for (size_t i = 0; i < m->count; i++) {
+        const float before = m->places[i].widest;
         m->places[i].widest = radii[i];
-    m->fitted = true;
+        radii[i] = before;
+    }
+    m->widest = radii;
+    *taken = NULL;
     return KILN_OK;
 }
 
@@ -809,9 +845,8 @@ int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, 
 {
     struct fit fit = {.landings = landings / averaged, .doubt = DOUBT / sqrt(averaged)};
     float *radii = NULL;
-    int status = m->fitted ? kiln_merge_set_radius(m, (double)m->radius, error) : KILN_OK;
-    if (status == KILN_OK)
-        status = kiln_allocate(&radii, m->count, sizeof *radii, "the radii of points", error);
+    widen(m);
+    int status = kiln_allocate(&radii, m->count, sizeof *radii, "the radii of points", error);
     KILN_TRY(kiln_agree(m->communicator, status, error));
     fit.radii = radii + m->own_first;
     KILN_TRY(take_fluxes(m, landed, error));
@@ -822,7 +857,7 @@ int kiln_merge_fit(struct kiln_merge *m, const struct kiln_landing_sum *landed, 
         radii[i] = radius_of(m, i, i, m->radius);
     status =
         for_all(&(struct pass){.m = m, .reach = 1, .radius = m->radius, .each = fit_points, .context = &fit}, error);
-    KILN_TRY(kiln_agree(m->communicator, take_radii(m, status, radii, error), error));
+    KILN_TRY(kiln_agree(m->communicator, take_radii(m, status, &radii, error), error));
 end:
     kiln_free(&radii);
     return status;

@@ -27,6 +27,10 @@
  * / 2 a quarter of it, so the difference is three quarters. The random part of the difference is known path by path and
  * is subtracted.
  *
+ * Light that lands is sparse: a step may find caustics at a hundredth of the points. So sums are over those points alone
+ * that the light comes to, or whose weights those of such points depend on. Points that stand together are searched for
+ * together (merge_group.h).
+ *
  * Points of other ranks: once the radius is known, each rank receives those within the radius of boxes about its own
  * points (40 bytes each), and for each spreading their landed flux (32 bytes each). Sums are ordered by place, lightmap
  * and texel: the same bits for any ranks, threads and cells. */
@@ -74,8 +78,10 @@ int kiln_merge_create(struct kiln_merge **merge, const struct kiln_merge_params 
 void kiln_merge_destroy(struct kiln_merge **merge);
 
 /* Collective. Sets the largest radius that will be used, m, and receives the points of other ranks within it. With 0 or
- * less each point keeps its own light. KILN_SYSTEM. */
+ * less each point keeps its own light. If the radius was set before, points and grid are kept. KILN_SYSTEM. */
 int kiln_merge_set_radius(struct kiln_merge *merge, double radius, struct kiln_error *error);
+/* Not collective. Frees what is of no use until a radius is set again. */
+void kiln_merge_rest(struct kiln_merge *merge);
 
 /* Collective. Spreads `landed`, the light of own points from iterations of one radius, over the points within `radius`,
  * m, which is at most the radius set. Adds the result to `merged`, for own points. KILN_SYSTEM. */
@@ -122,8 +128,9 @@ double kiln_merge_error(const struct kiln_merged *merged, uint64_t iterations);
 /* Most bytes of lists of what is near points, an own point, so that later searches are saved. */
 enum { KILN_MERGE_LISTED_BYTES = 128 };
 /* Approximate bytes that a rank needs per own point, besides struct kiln_merged: places twice, fluxes, weights twice,
- * the grid and its construction, marks, lists. Points of other ranks need as much each, but are few. */
-enum { KILN_MERGE_POINT_BYTES = 2 * 40 + 32 + 2 * 16 + 2 * 16 + 16 + 2 + KILN_MERGE_LISTED_BYTES };
+ * the grid, marks, lists; what makes the grid is less than the lists. Points of other ranks need as much each, but are
+ * few. */
+enum { KILN_MERGE_POINT_BYTES = 2 * 40 + 32 + 2 * 16 + 24 + 2 + KILN_MERGE_LISTED_BYTES };
 /* Number of searches for the points near each point: for one radius, for finding the initial radius, and for fitting
  * each point's own radius. A search costs about as much as several passes that spread. */
 enum { KILN_MERGE_PASSES = 4, KILN_MERGE_SEARCH_PASSES = 12, KILN_MERGE_FIT_PASSES = 8 };

@@ -6,7 +6,7 @@
 #include "worker/base/clones.h"
 #include "worker/base/memory.h"
 
-#define WIDE 2.0 /* largest side of a group's box, in cells */
+#define WIDE 1.5 /* largest side of a group's box, in cells */
 
 enum { WORD = 64 };
 enum { NEAR = 1, HALF = 2 }; /* bits of a byte of a candidate */

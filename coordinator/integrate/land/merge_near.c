@@ -14,20 +14,25 @@
 enum { LEVELS = 8, NEIGHBOUR_CELLS = 27 };
 enum { STRETCHES_MOST = 1 << 12 }; /* ranges of slots, each filled by one thread */
 enum { POINTS_A_SLOT = 8 };        /* a cell has some thirty points, so the table of slots stays small */
+enum { LANES = 64 };               /* points that are looked at together */
 enum { FEW = 96 };                 /* members of a slot that are sorted by insertion */
 
-/* A point in its cell. */
+/* A point with its key. */
 struct member {
-    uint64_t cell;
-    struct kiln_vec3 position; /* as in its place: cells are looked through from the first member to the last */
+    uint64_t key;
     uint32_t at;
 };
 
-/* A hash table of cells: members[begin[h] .. begin[h + 1]) have the hash h. Without members no point uses the level. */
+/* Values of a point in its slot, by column: they are looked through from the first to the last. */
+enum { X, Y, Z, AXES };
+
+/* A hash table of cells: points begin[h] .. begin[h + 1] - 1 have the hash h. Without `begin` no point uses the level.
+ */
 struct level {
     double side; /* m, of a cell */
     size_t *begin;
-    struct member *members;
+    uint32_t *at, *tag;    /* numbers of points, and tags of their cells */
+    float *position[AXES]; /* as in their places; the first is the block */
 };
 
 struct kiln_merge_grid {
@@ -66,6 +71,12 @@ static uint64_t cell_word(int64_t x, int64_t y, int64_t z)
 static uint64_t cell_of(const struct level *level, struct kiln_vec3 p)
 {
     return cell_word(cell_along(level, p.x), cell_along(level, p.y), cell_along(level, p.z));
+}
+
+/* Tells cells of one slot apart that stand less than 2^10 cells from each other. */
+static uint32_t tag_of(uint64_t word)
+{
+    return (uint32_t)((word & 0x7ff) | (word >> 21 & 0x7ff) << 11 | (word >> 42 & 0x3ff) << 22);
 }
 
 static size_t slot_of(const struct kiln_merge_grid *grid, uint64_t cell)
@@ -116,14 +127,14 @@ static size_t list_members(const struct kiln_merge_place *places, size_t count, 
     size_t taking_part = 0;
     for (size_t i = 0; i < count; i++)
         if (places[i].lit > 0.0f && places[i].widest > 0.0f)
-            members[taking_part++] = (struct member){places[i].key, places[i].position, (uint32_t)i};
+            members[taking_part++] = (struct member){places[i].key, (uint32_t)i};
     return taking_part;
 }
 
 static int by_key(const void *a, const void *b)
 {
-    const struct member *one = a, *other = b; /* the key is where the cell will be */
-    return (one->cell > other->cell) - (one->cell < other->cell);
+    const struct member *one = a, *other = b;
+    return (one->key > other->key) - (one->key < other->key);
 }
 
 /* Sorts by key. Members come nearly in order. */
@@ -136,7 +147,7 @@ static void sort_by_key(struct member *members, size_t count)
     for (size_t i = 1; i < count; i++) {
         const struct member member = members[i];
         size_t at = i;
-        for (; at > 0 && members[at - 1].cell > member.cell; at--)
+        for (; at > 0 && members[at - 1].key > member.key; at--)
             members[at] = members[at - 1];
         members[at] = member;
     }
@@ -147,6 +158,7 @@ struct building {
     const struct kiln_merge_grid *grid;
     const struct member *all;
     struct level *level;
+    struct member *sorted; /* those of the level by slot, then by key */
     uint32_t *slot;        /* per member */
     uint32_t *bin_of;      /* per member: its range of slots; the number of ranges: nobody looks there */
     bool *looked_at;       /* per slot: whether a point of the level looks there */
@@ -170,12 +182,18 @@ static void fill_stretch(const struct building *b, size_t stretch)
         next += count;
     }
     for (uint32_t i = begin; i < stop; i++) {
-        level->members[level->begin[b->slot[order[i]] + 1]++] = b->all[order[i]];
+        b->sorted[level->begin[b->slot[order[i]] + 1]++] = b->all[order[i]];
     }
     for (size_t slot = first, from = begin; slot < end; from = level->begin[++slot])
-        sort_by_key(level->members + from, level->begin[slot + 1] - from);
-    for (size_t i = begin; i < stop; i++)
-        level->members[i].cell = cell_of(level, b->grid->places[level->members[i].at].position);
+        sort_by_key(b->sorted + from, level->begin[slot + 1] - from);
+    for (size_t i = begin; i < stop; i++) {
+        const struct kiln_vec3 p = b->grid->places[b->sorted[i].at].position;
+        level->at[i] = b->sorted[i].at;
+        level->tag[i] = tag_of(cell_of(level, p));
+        level->position[X][i] = p.x;
+        level->position[Y][i] = p.y;
+        level->position[Z][i] = p.z;
+    }
 }
 
 /* Marks the slots that points of the level look at: other members are of no use there. After the fit of radii most
@@ -198,6 +216,19 @@ static void mark_slots(const struct building *b, size_t count, uint32_t threads)
     }
 }
 
+static int make_columns(struct level *level, size_t count, struct kiln_error *error)
+{
+    const char *what = "the grid of merged points";
+    int status;
+    KILN_TRY(kiln_allocate_bare(&level->at, count, sizeof *level->at, what, error));
+    KILN_TRY(kiln_allocate_bare(&level->tag, count, sizeof *level->tag, what, error));
+    KILN_TRY(kiln_allocate_bare(&level->position[X], count * AXES, sizeof(float), what, error));
+    level->position[Y] = level->position[X] + count;
+    level->position[Z] = level->position[Y] + count;
+end:
+    return status;
+}
+
 static int build_level(struct building *b, size_t count, uint32_t threads, struct kiln_error *error)
 {
     const struct kiln_merge_grid *grid = b->grid;
@@ -213,8 +244,7 @@ static int build_level(struct building *b, size_t count, uint32_t threads, struc
         b->bin_of[i] = (uint32_t)(b->looked_at[slot] ? slot >> b->shift : stretches);
     }
     KILN_TRY(kiln_bins_sort(&b->bins, b->bin_of, count, stretches + 1, threads, error));
-    KILN_TRY(kiln_allocate_bare(&b->level->members, b->bins.begin[stretches], sizeof *b->level->members,
-                                "the grid of merged points", error));
+    KILN_TRY(make_columns(b->level, b->bins.begin[stretches], error));
 #pragma omp parallel for num_threads((int)threads) schedule(dynamic, 4)
     for (size_t stretch = 0; stretch < stretches; stretch++)
         fill_stretch(b, stretch);
@@ -229,6 +259,7 @@ static int make_room(struct building *b, struct kiln_merge_grid *grid, struct me
     const char *what = "the grid of merged points";
     int status;
     KILN_TRY(kiln_allocate_bare(members, count, sizeof **members, what, error));
+    KILN_TRY(kiln_allocate_bare(&b->sorted, count, sizeof *b->sorted, what, error));
     KILN_TRY(kiln_allocate_bare(&b->slot, count, sizeof *b->slot, what, error));
     KILN_TRY(kiln_allocate_bare(&b->bin_of, count, sizeof *b->bin_of, what, error));
     KILN_TRY(kiln_allocate_bare(&b->looked_at, grid->slots, sizeof *b->looked_at, what, error));
@@ -269,6 +300,7 @@ int kiln_merge_grid_create(struct kiln_merge_grid **grid, const struct kiln_merg
             status = build_level(&building, taking_part, threads, error);
     }
     kiln_free(&members);
+    kiln_free(&building.sorted);
     kiln_free(&building.slot);
     kiln_free(&building.bin_of);
     kiln_free(&building.looked_at);
@@ -282,7 +314,9 @@ void kiln_merge_grid_destroy(struct kiln_merge_grid **grid)
         return;
     for (int l = 0; l < LEVELS; l++) {
         kiln_free(&(*grid)->levels[l].begin);
-        kiln_free(&(*grid)->levels[l].members);
+        kiln_free(&(*grid)->levels[l].at);
+        kiln_free(&(*grid)->levels[l].tag);
+        kiln_free(&(*grid)->levels[l].position[X]);
     }
     kiln_free(&(*grid)->level);
     kiln_free(grid);
@@ -311,18 +345,35 @@ static float far_from(const struct kiln_merge_box *box, struct kiln_vec3 p)
     return 0.25f * (x * x + y * y + z * z);
 }
 
+/* Finds which of some points lie in a cell and within a distance of the box. A byte of each is 1 where it does. */
+KILN_CLONES static void look(const struct level *level, size_t first, size_t count, uint32_t tag,
+                             const struct kiln_merge_box *box, float far, uint8_t is_near[LANES])
+{
+    const float *const x = level->position[X] + first, *const y = level->position[Y] + first,
+                       *const z = level->position[Z] + first;
+    const uint32_t *const tags = level->tag + first;
+    const struct kiln_merge_box of = *box;
+#pragma omp simd
+    for (size_t i = 0; i < count; i++)
+        is_near[i] =
+            (uint8_t)((uint32_t)(tags[i] == tag) & (uint32_t)(far_from(&of, vec3(x[i], y[i], z[i])) <= far * far));
+}
+
 /* Adds the points of a cell that lie within the box's radius of it. No branch hangs on a point: half of them do. */
 static int add_cell(const struct kiln_merge_grid *grid, const struct level *level, uint64_t cell,
                     const struct kiln_merge_box *box, struct kiln_merge_candidates *found, struct kiln_error *error)
 {
-    const float far = (float)BEYOND * box->radius;
     const size_t slot = slot_of(grid, cell), begin = level->begin[slot], end = level->begin[slot + 1];
+    uint8_t is_near[LANES];
     const int status =
         kiln_grow(&found->of, &found->room, found->count + (end - begin), sizeof *found->of, "points nearby", error);
-    for (size_t i = begin; i < end && status == KILN_OK; i++) {
-        const struct member *member = &level->members[i];
-        found->of[found->count] = member->at;
-        found->count += (size_t)(member->cell == cell) & (size_t)(far_from(box, member->position) <= far * far);
+    for (size_t first = begin; first < end && status == KILN_OK; first += LANES) {
+        const size_t count = end - first < LANES ? end - first : LANES;
+        look(level, first, count, tag_of(cell), box, (float)BEYOND * box->radius, is_near);
+        for (size_t i = 0; i < count; i++) {
+            found->of[found->count] = level->at[first + i];
+            found->count += is_near[i];
+        }
     }
     return status;
 }
