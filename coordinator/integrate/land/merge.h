@@ -27,9 +27,9 @@
  * / 2 a quarter of it, so the difference is three quarters. The random part of the difference is known path by path and
  * is subtracted.
  *
- * Light that lands is sparse: a step may find caustics at a hundredth of the points. So sums are over those points alone
- * that the light comes to, or whose weights those of such points depend on. Points that stand together are searched for
- * together (merge_group.h).
+ * Light that lands is sparse: a step may find caustics at a hundredth of the points. So sums are over those points
+ * alone that the light comes to, or whose weights those of such points depend on. Points that stand together are
+ * searched for together (merge_group.h).
  *
  * Points of other ranks: once the radius is known, each rank receives those within the radius of boxes about its own
  * points (40 bytes each), and for each spreading their landed flux (32 bytes each). Sums are ordered by place, lightmap
