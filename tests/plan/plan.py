@@ -29,7 +29,7 @@ FEW = ['--quality', 'draft', '--samples-direct', 64, '--samples-probe', 4, '--bo
 CITY = 60000  # triangles; where seconds do not count, a third
 # s of a thread for a point: its radius is found and its light spread, in 12 passes
 # (coordinator/integrate/land/merge.h).
-SPREADING = 12e-6
+SPREADING = 12 * 2e-7
 FLIPS = int(os.environ.get('KILN_FLIPS', '48'))
 UNEVEN = 0.15  # of the mean
 TRIES = 4
