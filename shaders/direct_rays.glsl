@@ -143,78 +143,72 @@ void add_light(inout Sums sums, kiln_gpu_point p, vec3 position, vec3 n, real3 o
         add_to_group(light_group(group_kind, group_index, s, real3(position) - off), s.value * cosine, irradiance);
 }
 
-#ifdef KILN_PRECISE
-/* Draws sample k of a single area light. */
+/* Draws sample k of a choice; with KILN_PRECISE of a single area light. `place`: the position without its offset. */
 bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, real3 shading, Sequence sequence, uint k,
                 out kiln_light_sample s)
 {
+    const real u = real_unit(draw(sequence, k, KILN_DIMENSION_U)), v = real_unit(draw(sequence, k, KILN_DIMENSION_V));
+#ifdef KILN_PRECISE
     const uint light = LightNodes(SCENE.lights.nodes).at[choice.index].right;
     s.light = light;
-    return kiln_sample_area_light(kiln_lights_areas(light), place, 1, real_unit(draw(sequence, k, KILN_DIMENSION_U)),
-                                  real_unit(draw(sequence, k, KILN_DIMENSION_V)), s);
-}
+    return kiln_sample_area_light(kiln_lights_areas(light), place, 1, u, v, s);
 #else
-bool draw_light(kiln_light_choice choice, uint i, real3 place, real3 n, real3 shading, Sequence sequence, uint k,
-                out kiln_light_sample s)
-{
-    return kiln_sample_choice(choice, i, place, n, shading, real_unit(draw(sequence, k, KILN_DIMENSION_CHOICE)),
-                              real_unit(draw(sequence, k, KILN_DIMENSION_U)),
-                              real_unit(draw(sequence, k, KILN_DIMENSION_V)), s);
-}
+    return kiln_sample_choice(choice, i, place, n, shading, real_unit(draw(sequence, k, KILN_DIMENSION_CHOICE)), u, v,
+                              s);
 #endif
-
-void add_sample(inout Sums sums, kiln_gpu_point p, kiln_light_choice choice, Sequence sequence, uint i, uint k)
-{
-    vec3 position, n;
-    float offset;
-    kiln_position(p, push.chunk.parts, float(real_unit(draw(sequence, k, KILN_DIMENSION_S))),
-                  float(real_unit(draw(sequence, k, KILN_DIMENSION_T))), position, n, offset);
-    const real3 off = real3(n) * real(offset);
-    kiln_light_sample s;
-    if (draw_light(choice, i, real3(position) - off, real3(n), real3(kiln_shading(p, n)), sequence, k, s))
-        add_light(sums, p, position, n, off, s);
-}
-
-/* Samples begin .. end-1 of a choice. */
-Sums sample_choice(kiln_gpu_point p, kiln_light_choice choice, uint begin, uint end, inout uint stopped)
-{
-    const uint identity = kiln_direct_identity(choice.kind, choice.index, push.pass.stream),
-               strategies = kiln_choice_strategies(choice, real3(p.normal));
-    Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
-    uint i = begin;
-    for (; i < end; i++)
-        add_sample(sums, p, choice, sequence_of(p, identity + i % strategies), i, i / strategies);
-    stopped |= i < end ? 1u : 0u;
-    return sums;
 }
 
 #ifndef KILN_PRECISE
-void add_target_sample(inout Sums sums, kiln_gpu_point p, kiln_area_light_sampler target, Sequence sequence, uint k)
+/* The same of a lone area light, of which much is known for all positions of a point. `from`: relative to its centre.
+ */
+bool draw_target(kiln_area_light_sampler target, real3 from, Sequence sequence, uint k, out kiln_light_sample s)
 {
-    vec3 position, n;
-    float offset;
-    kiln_position(p, push.chunk.parts, real_unit(draw(sequence, k, KILN_DIMENSION_S)),
-                  real_unit(draw(sequence, k, KILN_DIMENSION_T)), position, n, offset);
-    const vec3 off = n * offset;
-    kiln_light_sample s;
-    if (kiln_area_light_sampler_draw(target, (position - p.centre) - off,
-                                     real_unit(draw(sequence, k, KILN_DIMENSION_U)),
-                                     real_unit(draw(sequence, k, KILN_DIMENSION_V)), s))
-        add_light(sums, p, position, n, off, s);
-}
-
-Sums sample_target(kiln_gpu_point p, uint node, uint begin, uint end, inout uint stopped)
-{
-    const kiln_area_light_sampler target = kiln_area_light_sampler_of(node, p.centre);
-    const Sequence sequence = sequence_of(p, kiln_direct_identity(KILN_CHOICE_LIGHT_NODE, node, push.pass.stream));
-    Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
-    uint k = begin;
-    for (; k < end; k++)
-        add_target_sample(sums, p, target, sequence, k);
-    stopped |= k < end ? 1u : 0u;
-    return sums;
+    return kiln_area_light_sampler_draw(target, from, real_unit(draw(sequence, k, KILN_DIMENSION_U)),
+                                        real_unit(draw(sequence, k, KILN_DIMENSION_V)), s);
 }
 #endif
+
+/* Samples begin .. end-1 of a choice. One loop for lights of both kinds, so that the code for positions and shadow rays
+ * exists once. */
+Sums sample_choice(kiln_gpu_point p, uint kind, uint index, uint samples, uint begin, uint end, inout uint stopped)
+{
+#ifdef KILN_PRECISE
+    const bool is_target = false;
+#else
+    const bool is_target = light_kind(KILN_GPU_KIND_AREA) && kind == KILN_GPU_CHOICE_TARGET;
+    kiln_area_light_sampler target;
+    if (light_kind(KILN_GPU_KIND_AREA) && is_target)
+        target = kiln_area_light_sampler_of(index, p.centre);
+#endif
+    const kiln_light_choice choice = kiln_light_choice(is_target ? KILN_CHOICE_LIGHT_NODE : kind, index, samples);
+    const uint identity = kiln_direct_identity(choice.kind, choice.index, push.pass.stream),
+               strategies = is_target ? 1u : kiln_choice_strategies(choice, real3(p.normal));
+    Sums sums = Sums(real3(0), real3(0), 0, 0, 0u);
+    Sequence sequence = sequence_of(p, identity);
+    uint i = begin;
+    for (; i < end; i++) {
+        const uint k = i / strategies;
+        vec3 position, n;
+        float offset;
+        bool drawn;
+        kiln_light_sample s;
+        if (strategies > 1u)
+            sequence = sequence_of(p, identity + i % strategies);
+        kiln_position(p, push.chunk.parts, float(real_unit(draw(sequence, k, KILN_DIMENSION_S))),
+                      float(real_unit(draw(sequence, k, KILN_DIMENSION_T))), position, n, offset);
+        const real3 off = real3(n) * real(offset);
+#ifndef KILN_PRECISE
+        if (light_kind(KILN_GPU_KIND_AREA) && is_target)
+            drawn = draw_target(target, real3(position - p.centre) - off, sequence, k, s);
+        else
+#endif
+            drawn = draw_light(choice, i, real3(position) - off, real3(n), real3(kiln_shading(p, n)), sequence, k, s);
+        if (drawn)
+            add_light(sums, p, position, n, off, s);
+    }
+    stopped |= i < end ? 1u : 0u;
+    return sums;
+}
 
 /* Whether a choice is this kernel's. */
 bool is_own(kiln_gpu_choice choice)
@@ -255,13 +249,7 @@ void kiln_kernel(uint x, uint y)
         group_kind = kind == KILN_GPU_CHOICE_TARGET ? KILN_CHOICE_LIGHT_NODE : kind;
         group_index = index;
         group_scale = 1 / real(samples);
-        Sums sums;
-#ifndef KILN_PRECISE
-        if (light_kind(KILN_GPU_KIND_AREA) && kind == KILN_GPU_CHOICE_TARGET)
-            sums = sample_target(p, index, begin, end, total.stopped);
-        else
-#endif
-            sums = sample_choice(p, kiln_light_choice(kind, index, samples), begin, end, total.stopped);
+        const Sums sums = sample_choice(p, kind, index, samples, begin, end, total.stopped);
         add_choice(total, r, i, samples, sums);
     }
     total.stopped |= i < count ? 1u : 0u;
