@@ -21,6 +21,13 @@ KILN_ARRAY(BothWords, uint, 4);
 
 /* ---- vertices ---- */
 
+/* With KILN_SCATTERS_GLOSS, a kernel has no code for scattering at surfaces that are only diffuse. */
+#ifdef KILN_SCATTERS_GLOSS
+const bool SCATTERS_DIFFUSE = false;
+#else
+const bool SCATTERS_DIFFUSE = true;
+#endif
+
 struct Vertex { /* struct vertex */
     Meeting m;
     vec3 from, front, smooth_front; /* unit, to there; normals of the front */
@@ -49,12 +56,12 @@ Vertex vertex_make(kiln_hit hit, vec3 direction, bool is_first)
     v.smooth_front = v.front;
     v.color = vec3(0.0);
     v.opacity = 1.0;
-    if (HAS_ALPHA >= KILN_PASSAGE_BLEND && hit.triangle >= SCENE.opaque_count)
+    if (SCATTERS_DIFFUSE && HAS_ALPHA >= KILN_PASSAGE_BLEND && hit.triangle >= SCENE.opaque_count)
         v.opacity = kiln_surface_passage(hit.triangle, hit.u, hit.v).opacity;
     v.is_first = is_first;
     v.is_delta = false;
     v.mirrors = 0u;
-    if (!v.m.gloss)
+    if (SCATTERS_DIFFUSE && !v.m.gloss)
         v.color = kiln_surface_color(hit.triangle, hit.u, hit.v, is_first);
 #ifdef KILN_GLOSS
     if (v.m.gloss) {
@@ -204,7 +211,8 @@ bool scatter_whole(Vertex v, vec3 o, vec3 i, uint which, inout Scatter s)
         s.to_light = value.density;
         if (!shines(s.all))
             return false;
-        if (v.lobes.matt > 0.0 && (which & KILN_LOBE_DIFFUSE) != 0u && a.z * b.z > 0.0)
+        if (KILN_LOBES_MAY_BE(KILN_LOBE_DIFFUSE) && v.lobes.matt > 0.0 && (which & KILN_LOBE_DIFFUSE) != 0u &&
+            a.z * b.z > 0.0)
             s.diffuse = kiln_bsdf_diffuse(v.lobes, a, b) / s.cosine_i;
     }
     return true;
@@ -227,7 +235,7 @@ bool vertex_scatter(Vertex v, vec3 o, vec3 i, uint which, out Scatter s)
     if (v.m.gloss)
         return scatter_whole(v, o, i, which, s);
 #endif
-    return scatter_diffuse(v, o, i, s);
+    return SCATTERS_DIFFUSE && scatter_diffuse(v, o, i, s);
 }
 
 /* Product of the scattering at two vertices, with at most `allowed` diffuse events. The event at a counts if `counts`;
@@ -271,7 +279,7 @@ bool way_draw(Vertex v, bool of_light, uint which, uint surface, out Way way)
     way.delta = false;
     way.diffuse = false;
     way.direction = vec3(0.0);
-    if (!v.m.gloss) {
+    if (SCATTERS_DIFFUSE && !v.m.gloss) {
         vec3 s, t;
         const vec3 axis = axis_of(v), local = kiln_bsdf_cosine(u, w);
         kiln_basis(axis, s, t);
@@ -307,6 +315,8 @@ float squeeze(Vertex v, vec3 i)
 /* Completes a direction drawn at a mirror or smooth glass, where densities are probabilities. */
 bool way_mirrors(Vertex v, bool of_light, uint which, inout Way way)
 {
+    if (!KILN_BSDF_MAY(KILN_BSDF_MAY_MIRROR | KILN_BSDF_MAY_COAT))
+        return false;
     kiln_bsdf_drawn d = way.drawn;
     d.delta = true; /* constant, so that code for other lobes is compiled away */
     const bool same = frame_axis(v, way.direction) == v.frame[2];

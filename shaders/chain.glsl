@@ -7,6 +7,9 @@
 #ifndef KILN_SHADERS_CHAIN_GLSL
 #define KILN_SHADERS_CHAIN_GLSL
 
+#ifndef KILN_LOBES_ASKED /* the light of diffuse parts is stored, and chains continue by these */
+#    define KILN_LOBES_ASKED (KILN_LOBE_GLOSS | KILN_LOBE_COAT)
+#endif
 #include "shaders/shared/chain.h"
 #include "shaders/walk.glsl"
 
@@ -50,15 +53,6 @@ void add_emission(inout Chain c, kiln_hit hit, uint surface)
 #endif
 }
 
-/* Adds the light that reaches surface number `surface` directly from lamps. */
-void add_lamps(inout Chain c, Meeting m, uint surface)
-{
-#ifdef KILN_WALK_LIGHTS
-    uint rays = 0u;
-    c.good = walk_lights(m, surface, others, chain_weight, c.light, rays) && c.good;
-#endif
-}
-
 /* Whether the chain continues from surface number `surface`. `pick`: the rest of the random number, to choose a lobe.
  */
 bool chain_survives(uint surface, out float pick)
@@ -72,24 +66,22 @@ bool chain_survives(uint surface, out float pick)
     return true;
 }
 
-/* Draws the direction from surface number `surface`; false: it contributes nothing. */
-bool chain_send(Meeting m, uint surface, float pick, out vec3 direction)
+/* Takes over a way on, by its weight and the share of sharp lobes in it. False: nothing is left. */
+bool chain_leaves(vec3 value, vec3 share)
 {
-    vec3 value, share;
-    const bool sends = walk_send(m, surface, others, pick, direction, value, share);
     chain_weight *= value;
     chain_seen = chain_weight * share;
-    return sends && max(chain_weight.r, max(chain_weight.g, chain_weight.b)) > 0.0;
+    return max(chain_weight.r, max(chain_weight.g, chain_weight.b)) > 0.0;
 }
 
-/* Traces the ray to the next surface; false: the chain has ended. */
-bool chain_go_on(inout Chain c, Meeting m, uint surface, float pick, inout vec3 direction, inout kiln_hit hit)
+vec3 chain_start(Meeting m, vec3 direction)
 {
-    if (!chain_send(m, surface, pick, direction))
-        return false;
-    const float side = dot(m.normal, direction) > 0.0 ? m.offset : -m.offset;
-    vec3 tint;
-    hit = walk_trace(m.position + m.normal * side, direction, kiln_path_use(surface, KILN_PATH_CHANCE), tint);
+    return m.position + m.normal * (dot(m.normal, direction) > 0.0 ? m.offset : -m.offset);
+}
+
+/* Takes over the hit of the ray that continues; false: the chain has ended. */
+bool chain_arrives(inout Chain c, vec3 direction, kiln_hit hit, vec3 tint)
+{
     if (HAS_ALPHA >= KILN_PASSAGE_TINT) {
         chain_weight *= tint;
         chain_seen *= tint;
@@ -108,6 +100,21 @@ bool chain_go_on(inout Chain c, Meeting m, uint surface, float pick, inout vec3 
 #endif
     return false;
 }
+
+#ifdef KILN_WALK_LIGHTS
+#    include "shaders/chain_turn.glsl"
+#else
+/* Draws and traces the ray that continues from surface number `surface`; false: the chain has ended. */
+bool chain_go_on(inout Chain c, Meeting m, uint surface, float pick, inout vec3 direction, inout kiln_hit hit)
+{
+    vec3 value, share, tint;
+    const bool sends = walk_send(m, surface, others, pick, direction, value, share);
+    if (!chain_leaves(value, share) || !sends)
+        return false;
+    hit = walk_trace(chain_start(m, direction), direction, kiln_path_use(surface, KILN_PATH_CHANCE), tint);
+    return chain_arrives(c, direction, hit, tint);
+}
+#endif
 
 /* Processes surface number `surface` of the chain. False: the chain has ended. */
 bool chain_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_hit hit)
@@ -129,7 +136,6 @@ bool chain_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_hi
     float pick;
     if (!glossy || !chain_survives(surface, pick))
         return false;
-    add_lamps(c, m, surface);
     return chain_go_on(c, m, surface, pick, direction, hit);
 }
 

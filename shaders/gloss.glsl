@@ -96,12 +96,15 @@ kiln_bsdf_lobes kiln_surface_lobes(uint material, uint triangle, float u, float 
     float place[6] = float[6](0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     vec4 texels[KILN_GPU_GLOSS_USES];
     vec2 turn;
-    if (placed)
-        place = GlossPlaces(SCENE.materials.gloss_places + 24ul * (slot & ~KILN_GPU_FLIPPED)).at[0].at;
-    kiln_gloss_texels(material, HAS_VARIED != 0u ? g.flags : 0u,
-                      kiln_interpolated(place, flipped ? v : u, flipped ? u : v), texels);
-    const float anisotropy = kiln_gloss_anisotropy(g, texels[KILN_GPU_GLOSS_ANISOTROPY], turn);
-    if (placed && g.anisotropy > 0.0)
+    float anisotropy = 0.0;
+    if (HAS_VARIED != 0u || KILN_BSDF_MAY(KILN_BSDF_MAY_ACROSS)) {
+        if (placed)
+            place = GlossPlaces(SCENE.materials.gloss_places + 24ul * (slot & ~KILN_GPU_FLIPPED)).at[0].at;
+        kiln_gloss_texels(material, HAS_VARIED != 0u ? g.flags : 0u,
+                          kiln_interpolated(place, flipped ? v : u, flipped ? u : v), texels);
+        anisotropy = kiln_gloss_anisotropy(g, texels[KILN_GPU_GLOSS_ANISOTROPY], turn);
+    }
+    if (KILN_BSDF_MAY(KILN_BSDF_MAY_ACROSS) && placed && g.anisotropy > 0.0)
         frame = kiln_gloss_frame(z, place, flipped ? edge2 : edge1, flipped ? edge1 : edge2, turn);
     else
         frame = kiln_frame_about(z);
@@ -119,7 +122,7 @@ kiln_bsdf_lobes kiln_surface_lobes(uint material, uint triangle, float u, float 
 mat3 kiln_surface_frame(uint material, uint triangle, float u, float v, vec3 z, vec3 edge1, vec3 edge2)
 {
     const kiln_gpu_gloss g = GlossArray(SCENE.materials.glosses).at[material];
-    if (SCENE.materials.gloss_places == 0ul || !(g.anisotropy > 0.0))
+    if (!KILN_BSDF_MAY(KILN_BSDF_MAY_ACROSS) || SCENE.materials.gloss_places == 0ul || !(g.anisotropy > 0.0))
         return kiln_frame_about(z);
     const uint slot = kiln_slot_of(triangle);
     const bool flipped = (slot & KILN_GPU_FLIPPED) != 0u;

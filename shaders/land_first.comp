@@ -3,6 +3,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define KILN_GLOSS 1
+#define KILN_SCATTERS_GLOSS
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 

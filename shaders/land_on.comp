@@ -3,6 +3,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #define KILN_GLOSS 1
+#define KILN_SCATTERS_GLOSS
+#define KILN_LOBES_ASKED (KILN_LOBE_GLOSS | KILN_LOBE_COAT) /* a path lands, or continues by these */
 #include "shaders/kernel.glsl"
 #include "shaders/shared/color.h"
 

@@ -68,10 +68,13 @@ uvec2 walk_draw(uint use)
     return uvec2(a, b);
 }
 
+/* Seed of the random decisions of a ray about surfaces that let light through. */
+uint walk_seed(uint use) { return kiln_hash2(kiln_path_key(walk_key, use), walk_sample); }
+
 /* The nearest hit of a ray; random number `use` decides about surfaces that let light through. */
 kiln_hit walk_trace(vec3 origin, vec3 direction, uint use, out vec3 tint)
 {
-    return kiln_trace_by_chance(origin, direction, kiln_hash2(kiln_path_key(walk_key, use), walk_sample), tint);
+    return kiln_trace_by_chance(origin, direction, walk_seed(use), tint);
 }
 
 /* Whether the device still executes loops. A software device ends them after 65,535 iterations in all, each later one
@@ -247,19 +250,30 @@ vec3 weigh(uint which, inout kiln_bsdf_drawn d)
     return share;
 }
 
-/* Draws a direction from the lobes `which` of surface number `surface`, which is not only diffuse, by `pick` in (0, 1).
- * `value`: value over density, by colour. `share`: share of sharp lobes in it, if lights are sampled. False: it
- * contributes nothing. */
-bool walk_send(Meeting m, uint surface, uint which, float pick, out vec3 direction, out vec3 value, out vec3 share)
+/* Draws a direction from the lobes `which` of surface number `surface`, by `pick` in (0, 1). */
+kiln_bsdf_drawn walk_propose(uint surface, uint which, float pick)
 {
     const uvec2 numbers = walk_draw(kiln_path_use(surface, KILN_PATH_BOUNCE));
-    kiln_bsdf_drawn d = kiln_bsdf_propose(lobes, kiln_bsdf_choice_of(shares, which), from, pick,
-                                          kiln_unit_float(numbers.x), kiln_unit_float(numbers.y), KILN_RADIANCE);
-    share = weigh(which, d);
-    value = d.weight;
+    return kiln_bsdf_propose(lobes, kiln_bsdf_choice_of(shares, which), from, pick, kiln_unit_float(numbers.x),
+                             kiln_unit_float(numbers.y), KILN_RADIANCE);
+}
+
+/* Whether the surface sends anything in the direction drawn, which is `direction` outside the frame. */
+bool walk_sends(Meeting m, kiln_bsdf_drawn d, out vec3 direction)
+{
     direction = frame * d.i;
     const bool same = (d.i.z > 0.0) == (from.z > 0.0); /* in truth as by the shading normal */
     return d.i.z != 0.0 && (m.lifted ? same : (dot(m.normal, direction) > 0.0) == same);
+}
+
+/* Draws and weighs a direction. `value`: value over density, by colour. `share`: share of sharp lobes in it, if lights
+ * are sampled. False: it contributes nothing. */
+bool walk_send(Meeting m, uint surface, uint which, float pick, out vec3 direction, out vec3 value, out vec3 share)
+{
+    kiln_bsdf_drawn d = walk_propose(surface, which, pick);
+    share = weigh(which, d);
+    value = d.weight;
+    return walk_sends(m, d, direction);
 }
 #endif
 
@@ -267,31 +281,51 @@ bool walk_send(Meeting m, uint surface, uint which, float pick, out vec3 directi
 /* ---- straight from the lights ---- */
 
 #    ifdef KILN_GLOSS
-/* Returns the scattering of a sample's light towards the walk by the lobes `which`, times the cosine, at a surface that
- * is not only diffuse. Leaves out sharp lobes where rays or light paths find the light themselves. */
-vec3 scatter(kiln_light_sample s, vec3 towards, uint which)
+/* The lobes of `which` that scatter a sample's light: sharp ones are left out where rays or light paths find the light
+ * themselves. */
+uint scattering_lobes(kiln_light_sample s, uint which)
 {
     const bool left = s.has_extent || (KILN_WALK_LEAVES & KILN_LEAVES_POINTS) != 0u;
-    return evaluate(towards * frame, left ? which & ~sharp : which).value;
+    return left ? which & ~sharp : which;
 }
 #    endif
+
+/* Number of samples of a choice of lights at a surface. */
+uint walk_samples(kiln_light_choice choice) { return choice.kind == KILN_CHOICE_ENVIRONMENT ? 2u : 1u; }
+
+/* Draws sample `index` of a choice at surface number `surface`; false: it brings no light. */
+bool walk_draw_light(Meeting m, uint surface, kiln_light_choice choice, uint index, out kiln_light_sample s)
+{
+    const bool sky = choice.kind == KILN_CHOICE_ENVIRONMENT;
+    const uvec2 place = walk_draw(kiln_path_use(surface, sky ? KILN_PATH_SKY + index : KILN_PATH_LIGHT)),
+                pick = walk_draw(kiln_path_use(surface, KILN_PATH_PICK));
+    return kiln_sample_choice(choice, index, real3(m.position), real3(m.normal), real3(m.shading), real_unit(pick.x),
+                              real_unit(place.x), real_unit(place.y), s);
+}
+
+/* The shadow ray of a light sample. False: the surface does not face the light. */
+bool walk_shadow(Meeting m, kiln_light_sample s, out vec3 start, out vec3 towards, out float limit)
+{
+    const real3 n = real3(m.normal);
+    const float above = m.offset + m.lift;
+    start = m.position + m.normal * above;
+    towards = kiln_shadow_ray(s, n * real(above), limit);
+    return (m.lifted || dot(n, s.direction) > 0) && dot(real3(m.shading), s.direction) > 0;
+}
 
 /* `weight` times the light of a sample scattered by the lobes `which`, W/(m2 sr). Counts shadow rays. */
 vec3 walk_light(Meeting m, uint which, kiln_light_choice choice, kiln_light_sample s, vec3 weight, inout uint rays)
 {
-    const real3 n = real3(m.normal);
-    const real cosine = dot(real3(m.shading), s.direction);
-    if (!(m.lifted || dot(n, s.direction) > 0) || !(cosine > 0))
+    vec3 start, towards;
+    float limit;
+    if (!walk_shadow(m, s, start, towards, limit))
         return vec3(0.0);
     rays++;
-    float limit;
-    vec3 value = vec3(s.value * (cosine / (real(choice.samples) * KILN_REAL_PI)));
-    const float above = m.offset + m.lift;
-    const vec3 towards = kiln_shadow_ray(s, n * real(above), limit);
-    const vec3 through = kiln_through(m.position + m.normal * above, towards, limit);
+    vec3 value = vec3(s.value * (dot(real3(m.shading), s.direction) / (real(choice.samples) * KILN_REAL_PI)));
+    const vec3 through = kiln_through(start, towards, limit);
 #    ifdef KILN_MEETS_GLOSS
     if (m.gloss && through != vec3(0.0))
-        value = vec3(s.value / real(choice.samples)) * scatter(s, towards, which);
+        value = vec3(s.value / real(choice.samples)) * evaluate(towards * frame, scattering_lobes(s, which)).value;
 #    endif
     return weight * value * through;
 }
@@ -302,7 +336,7 @@ vec3 walk_light(Meeting m, uint which, kiln_light_choice choice, kiln_light_samp
  * the device has ended a loop early. */
 bool walk_lights(Meeting m, uint surface, uint which, vec3 weight, inout vec3 sum, inout uint rays)
 {
-    const real3 n = real3(m.normal), p = real3(m.position), shading = real3(m.shading);
+    const real3 n = real3(m.normal), p = real3(m.position);
     const real3 about = m.lifted ? real3(0) : n; /* lights from below it, too */
     const uint candidates = kiln_lights_choose(p, 0, about, 1u, light_kind(KILN_GPU_KIND_IMAGE));
     uint i = 0u;
@@ -310,14 +344,10 @@ bool walk_lights(Meeting m, uint surface, uint which, vec3 weight, inout vec3 su
         kiln_light_choice choice;
         if (!kiln_lights_candidate(i, about, 1u, choice))
             continue;
-        const bool sky = choice.kind == KILN_CHOICE_ENVIRONMENT;
-        choice.samples = sky ? 2u : 1u;
+        choice.samples = walk_samples(choice);
         for (uint index = 0u; index < choice.samples; index++) {
-            const uvec2 place = walk_draw(kiln_path_use(surface, sky ? KILN_PATH_SKY + index : KILN_PATH_LIGHT)),
-                        pick = walk_draw(kiln_path_use(surface, KILN_PATH_PICK));
             kiln_light_sample s;
-            if (kiln_sample_choice(choice, index, p, n, shading, real_unit(pick.x), real_unit(place.x),
-                                   real_unit(place.y), s))
+            if (walk_draw_light(m, surface, choice, index, s))
                 sum += walk_light(m, which, choice, s, weight, rays);
         }
     }

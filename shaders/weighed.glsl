@@ -1,6 +1,8 @@
 /* Chains of the weighed pass (worker/pass/weighed.h): as worker/backend/embree/chain_weighed.c. Replaces chain.glsl,
  * and follows the same rule for chains. Before it stand the kernel's push constants, with the address of struct
  * kiln_gpu_both and the number of samples. */
+#define KILN_LOBES_ASKED (KILN_LOBE_GLOSS | KILN_LOBE_COAT) /* as chain.glsl */
+#define KILN_SCATTERS_GLOSS
 #include "shaders/bidirectional.glsl"
 #include "shaders/techniques.glsl"
 #include "shaders/chain.glsl"
@@ -9,31 +11,35 @@
 kiln_caustic_gathered sums_of_chain;
 Lit lit_before; /* the surface where the chain's ray started */
 
-real weigh_hit(uint light, real3 place, real3 direction)
-{
-    return kiln_caustic_weight_hit(LAND.mis, sums_of_chain, techniques_connect(light, lit_before, place, direction),
-                                   techniques_emission(light, lit_before, place, direction));
-}
+/* Light that is sampled, and what its densities depend on (techniques.glsl). */
+struct Sampled {
+    uint light;
+    real3 place, direction; /* on the light; from there to the surface */
+    Lit lit;                /* the surface that it lights */
+    vec3 radiance;          /* of light that the chain's ray has met */
+    bool weighs;            /* techniques share it; else it counts in full */
+};
 
-void shade_light(inout Chain c, kiln_hit hit, Meeting m, vec3 direction)
+/* Light that the ray to surface number `surface` has met: of a lamp, or from outside the scene. False: none. */
+bool met_light(Vertex v, kiln_hit hit, uint surface, vec3 direction, out Sampled met)
 {
-    if ((material_of(hit.triangle) & KILN_RECORD_EMITS) == 0u)
-        return;
-    const uint light = kiln_area_light_at(hit.triangle, hit.u, hit.v);
-    real weight = 1;
-    if (light != KILN_GPU_NONE &&
-        !(hit.back && (AreaLights(SCENE.lights.areas).at[light].flags & KILN_GPU_LIGHT_TWO_SIDED) == 0u))
-        weight = weigh_hit(light, real3(m.position), real3(-direction));
-    c.light += chain_weight * float(weight) * kiln_surface_emission(hit.triangle, hit.u, hit.v);
-}
-
-void shade_background(inout Chain c, vec3 direction)
-{
-    if (SCENE.lights.environment == 0u)
-        return;
-    const real3 from = real3(-direction);
-    c.light += chain_weight * float(weigh_hit(emission_environment(), from, from)) *
-               kiln_environment_radiance(real3(direction));
+    const bool outside = hit.triangle == KILN_GPU_NONE;
+    met = Sampled(KILN_GPU_NONE, real3(-direction), real3(-direction), lit_before, vec3(0.0), true);
+    if (outside) {
+        if (!light_kind(KILN_GPU_KIND_SKY | KILN_GPU_KIND_IMAGE) || SCENE.lights.environment == 0u)
+            return false;
+        met.light = emission_environment();
+        met.radiance = kiln_environment_radiance(real3(direction));
+        return true;
+    }
+    if (surface == 0u || (material_of(hit.triangle) & KILN_RECORD_EMITS) == 0u)
+        return false;
+    met.light = kiln_area_light_at(hit.triangle, hit.u, hit.v);
+    met.place = real3(v.m.position);
+    met.radiance = kiln_surface_emission(hit.triangle, hit.u, hit.v);
+    met.weighs = met.light != KILN_GPU_NONE &&
+                 !(hit.back && (AreaLights(SCENE.lights.areas).at[met.light].flags & KILN_GPU_LIGHT_TWO_SIDED) == 0u);
+    return true;
 }
 
 /* Whether the surface has, besides the diffuse part, only mirrors and smooth glass: light samples contribute nothing
@@ -75,98 +81,48 @@ bool draw_sample(Vertex v, uint surface, uint i, out kiln_light_sample s, out ui
     return drawn;
 }
 
-/* Adds the light of a sample, scattered by f. */
-void add_sample(inout Chain c, Vertex v, kiln_light_sample s, uint light, Scatter f)
+/* Weight of the light of a sample, scattered by f. `connect`, `emission`: its densities. */
+real weigh_sample(kiln_light_sample s, uint light, Scatter f, real connect, real emission)
 {
     const bool outside = isinf(s.distance);
-    const real3 place = real3(v.m.position), end = outside ? place : place + s.direction * s.distance;
     const real squared = outside ? real(1) : s.distance * s.distance;
     real cosine = 1;
     if (light_kind(KILN_GPU_KIND_AREA) && light < SCENE.lights.area_count)
         cosine = abs(dot(real3_of(AreaLights(SCENE.lights.areas).at[light].normal), s.direction));
-    const Lit lit = lit_of(v);
-    const real connect = techniques_connect(light, lit, end, -s.direction);
-    if (!(connect > 0))
-        return;
-    const real emission = techniques_emission(light, lit, end, -s.direction);
-    const vec3 direction = vec3(s.direction), start = vertex_start(v, direction);
-    const real offset = real(dot(v.m.normal, direction) > 0.0 ? v.m.offset : -v.m.offset);
-    float limit;
-    const vec3 towards = kiln_shadow_ray(s, real3(v.m.normal) * offset, limit);
-    const vec3 through = kiln_through(start, towards, limit);
     const real hit = s.has_extent ? real(f.to_light) * cosine / squared : real(0);
-    const real weight = kiln_caustic_weight_sampled(LAND.mis, sums_of_chain, connect, emission,
-                                                    real(f.cosine_i) / squared, hit, real(f.to_eye));
-    vec3 left = chain_weight * float(weight) * through;
-    if (!outside)
-        left *= vertex_attenuation(v, direction, float(s.distance));
-    c.light += left * vec3(s.value * real3(f.all) * real(f.cosine_i));
+    return kiln_caustic_weight_sampled(LAND.mis, sums_of_chain, connect, emission, real(f.cosine_i) / squared, hit,
+                                       real(f.to_eye));
 }
 
-/* Samples the lights at surface number `surface`, and draws the direction that continues; false: it contributes
- * nothing. A single loop, so that the long code of scattering functions exists once. */
-bool weighed_turn(inout Chain c, Vertex v, uint surface, out Way way)
+/* Light of a sample, scattered by f, of which `through` arrives. */
+vec3 sample_light(Vertex v, kiln_light_sample s, Scatter f, real weight, vec3 through)
 {
-    const uint samples = sample_count(v);
-    bool goes_on = false;
-    uint i = 0u;
-    for (; i <= samples; i++) {
-        const bool on = i == samples;
-        kiln_light_sample s;
-        Scatter f;
-        uint light = KILN_GPU_NONE;
-        vec3 towards;
-        bool there;
-        if (on) {
-            there = way_draw(v, false, others, surface, way);
-            towards = way.direction;
-        } else {
-            there = draw_sample(v, surface, i, s, light);
-            towards = vec3(s.direction);
-        }
-        const bool mirrors = on && there && way.delta;
-        if (mirrors)
-            goes_on = way_mirrors(v, false, others, way);
-        else if (there && vertex_scatter(v, v.from, towards, others, f)) {
-            if (on)
-                goes_on = way_scatters(v, false, f, way);
-            else
-                add_sample(c, v, s, light, f);
-        }
-    }
-    c.good = c.good && i > samples;
-    return goes_on;
+    vec3 left = chain_weight * float(weight) * through;
+    if (!isinf(s.distance))
+        left *= vertex_attenuation(v, vec3(s.direction), float(s.distance));
+    return left * vec3(s.value * real3(f.all) * real(f.cosine_i));
 }
 
-/* Processes surface number `surface` of the chain. False: the chain has ended. */
+#include "shaders/weighed_turn.glsl"
+
+/* Processes surface number `surface` of the chain, or that its ray has left the scene. False: the chain has ended. */
 bool weighed_step(inout Chain c, uint surface, inout vec3 direction, inout kiln_hit hit)
 {
-    const bool glossy = (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u;
-    const Vertex v = vertex_make(hit, direction, false);
-    const float cosine = abs(dot(v.m.normal, direction));
-    float pick;
-    Way way;
-    vec3 tint;
-    if (!(cosine > 0.0))
-        return false;
-    kiln_caustic_arrive(sums_of_chain, real(hit.distance) * real(hit.distance), real(cosine));
-    if (glossy)
-        chain_weight *= attenuation(hit);
-    if (surface > 0u)
-        shade_light(c, hit, v.m, direction);
-    if (!glossy || !chain_survives(surface, pick))
-        return false;
-    if (!weighed_turn(c, v, surface, way))
-        return false;
-    chain_weight *= way.factor;
-    kiln_caustic_leave(sums_of_chain, real(way.cosine), real(way.forward), real(way.backward), way.delta);
-    lit_before = lit_of(v);
-    direction = way.direction;
-    hit = walk_trace(vertex_start(v, direction), direction, kiln_path_use(surface, KILN_PATH_CHANCE), tint);
-    chain_weight *= tint;
-    if (hit.triangle == KILN_GPU_NONE)
-        shade_background(c, direction);
-    return hit.triangle != KILN_GPU_NONE && has_side(hit);
+    const bool outside = hit.triangle == KILN_GPU_NONE,
+               glossy = !outside && (material_of(hit.triangle) & KILN_RECORD_GLOSS) != 0u;
+    Vertex v;
+    bool seen = true;
+    if (!outside) {
+        v = vertex_make(hit, direction, false);
+        const float cosine = abs(dot(v.m.normal, direction));
+        seen = cosine > 0.0;
+        if (seen)
+            kiln_caustic_arrive(sums_of_chain, real(hit.distance) * real(hit.distance), real(cosine));
+        if (seen && glossy)
+            chain_weight *= attenuation(hit);
+    }
+    return seen && weighed_turn(c, v, surface, glossy, direction, hit) &&
+           (hit.triangle == KILN_GPU_NONE || has_side(hit));
 }
 
 /* As chain_follow. `area`: m2 of the ray's point that can be lit. */

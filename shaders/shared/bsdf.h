@@ -25,6 +25,12 @@
 #define KILN_LOBE_COAT 4u
 #define KILN_LOBE_ALL 7u
 
+/* Lobes that a kernel ever asks for; it has no code for values of others. KILN_LOBES_MAY_BE: some of these. */
+#ifndef KILN_LOBES_ASKED
+#    define KILN_LOBES_ASKED KILN_LOBE_ALL
+#endif
+#define KILN_LOBES_MAY_BE(lobes) ((KILN_LOBES_ASKED & (lobes)) != 0u)
+
 /* ---- albedos and choices ---- */
 
 /* Approximate albedos of the lobes for light from a direction; the probabilities of lobes derive from them. */
@@ -405,9 +411,8 @@ KILN_FUNCTION KILN_STRUCT kiln_bsdf_value kiln_bsdf_evaluate_chosen(KILN_STRUCT 
     o.z = float_abs(o.z);
     i.z = front ? i.z : -i.z;
     if (i.z > 0.0f) {
-        if ((lobes & KILN_LOBE_DIFFUSE) != 0u && l.matt > 0.0f) {
+        if (KILN_LOBES_MAY_BE(KILN_LOBE_DIFFUSE) && (lobes & KILN_LOBE_DIFFUSE) != 0u && l.matt > 0.0f)
             s.value = kiln_bsdf_diffuse(l, signed_o, signed_i);
-        }
         s.density = choice.diffuse * i.z * KILN_INVERSE_PI;
     }
     const float spread = i.z > 0.0f ? choice.near : choice.far;

@@ -228,3 +228,13 @@ vec3 kiln_through(vec3 origin, vec3 direction, float limit)
                ? vec3(0.0)
                : share;
 }
+
+kiln_hit kiln_trace_either(vec3 origin, vec3 direction, float limit, bool occlusion, uint seed, out vec3 tint)
+{
+    tint = vec3(1.0);
+    const kiln_found found = kiln_walk(origin, direction, limit, occlusion, occlusion ? KILN_THROUGH : KILN_BY_CHANCE,
+                                       KILN_EITHER, seed, tint);
+    if (occlusion && found.triangle != KILN_GPU_NONE)
+        tint = vec3(0.0);
+    return kiln_hit(found.triangle, found.u, found.v, found.distance, found.back);
+}

@@ -104,3 +104,11 @@ bool kiln_is_met(vec3 origin, vec3 direction, float limit, uint seed)
     return kiln_nearest(origin, direction, min(limit, kiln_far), KILN_BY_CHANCE, KILN_EITHER, seed).triangle !=
            KILN_GPU_NONE;
 }
+
+kiln_hit kiln_trace_either(vec3 origin, vec3 direction, float limit, bool occlusion, uint seed, out vec3 tint)
+{
+    if (!occlusion)
+        return kiln_trace_within(origin, direction, limit, seed, tint);
+    tint = kiln_through(origin, direction, limit);
+    return kiln_hit(KILN_GPU_NONE, 0.0, 0.0, 0.0, false);
+}

@@ -24,6 +24,11 @@
  *
  * returns the share of light that arrives from `limit` away: 0 with an opaque triangle in between.
  *
+ *     kiln_hit kiln_trace_either(vec3 origin, vec3 direction, float limit, bool occlusion, uint seed, out vec3 tint);
+ *
+ * is kiln_through, which `tint` gets, where `occlusion` is true, else kiln_trace_within: for kernels with both kinds of
+ * rays in one loop, which so have the code of tracing once.
+ *
  * Directions are unit vectors; hits have a distance above 0. (u, v) are the weights of the triangle's corners 1 and 2.
  * Triangles that may let rays through (worker/scene/geometry.h) are evaluated when HAS_ALPHA is not 0.
  *

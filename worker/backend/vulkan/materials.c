@@ -262,7 +262,7 @@ static void prepare_lobes(struct staging *s, struct vulkan_materials *m, uint32_
     }
     gloss->flags |= KILN_GPU_GLOSS_PREPARED | (of->dyed ? KILN_GPU_GLOSS_DYED : 0u);
     s->lobes[material] = of->lobes;
-    m->lobe_kinds |= kinds_of(&of->lobes);
+    m->lobe_kinds |= kinds_of(&of->lobes) | (gloss->anisotropy > 0.0f ? KILN_BSDF_MAY_ACROSS : 0u);
     move_table(s, m, &s->lobes[material].brushed_low, &s->lobes[material].brushed_high);
 }
 
