@@ -53,10 +53,10 @@ def try_layouts(checks, kiln, scene, layouts):
 
 
 def try_memory(checks, kiln):
-    """Geometry of some 90 MB: what the allocator keeps of freed memory is little beside it. The private copies that
+    """Geometry of some 30 MB: what the allocator keeps of freed memory is little beside it. The private copies that
     --shared-memory-ranks 1 makes show what is saved."""
     scene = os.path.join(kiln.scratch, 'city.glb')
-    made = kiln.command('generate', 'city', '-o', scene, '--triangles', 1200000, '--quiet')
+    made = kiln.command('generate', 'city', '-o', scene, '--triangles', 400000, '--quiet')
     if not checks.that(made.status == 0, 'no scene', made):
         return
     table = harness.Table(('ranks', 6), ('a node', 7), ('MB shared', 10), ('MB of all ranks', 16), ('seconds', 8))
