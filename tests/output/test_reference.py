@@ -91,7 +91,7 @@ class Reference(InOneFolder):
     def test_glass(self):
         """A mirror, and glass that bounds a body: caustics of an area light, and their bounces."""
         self.methods(self.scene("cornell-spheres"), "--materials", "auto", "--bounces", "1", bias=0.06,
-                     gathered=("--photons", "50000"), samples=(512, 96, 64) if price.full else (256, 64, 48),
+                     gathered=("--photons", "50000", "--iterations", "4"), samples=(512, 96, 64) if price.full else (256, 64, 48),
                      seeds=3 if price.full else 2)
 
     @price.long
@@ -131,7 +131,7 @@ class Reference(InOneFolder):
     def test_mirrors_of_a_point(self):
         """Merging at the point itself finds what no ray meets: the lamp behind mirrors."""
         scene, options = self.scene("mirrors"), ("--materials", "auto", "--bounces", "1")
-        land = self.powers(scene, "cells", 64, 1, *options, "--photons", "50000")
+        land = self.powers(scene, "cells", 64, 1, *options, "--photons", "50000", "--iterations", "4")
         vcm = self.powers(scene, "vcm", 64, 2, *options)
         rough = slice(0, 2)  # floor and ceiling
         self.agree(scene, (vcm[0][rough], vcm[1][rough]), (land[0][rough], land[1][rough]), 0.03)
