@@ -30,6 +30,14 @@ def kiln_on_host(*arguments, **more):
     return kiln(*arguments, **more)
 
 
+def flat(scene, folder):
+    """A scene file as kiln's own scene file, which a bake leaves: views read it in a fifth of the time."""
+    kiln("bake", scene, "-o", folder, "--backend", "embree", "--texels-per-metre", "0.5", "--bounces", "0",
+         "--samples-direct", "1", "--samples-indirect", "1", "--samples-probe", "0", "--caustics", "none", "--denoise",
+         "none", "--no-export", "--no-preview", "--quiet")
+    return os.path.join(folder, "scene.kscene")
+
+
 class InOneFolder(unittest.TestCase):
     """Tests that share `folder`."""
 

@@ -15,7 +15,7 @@ import numpy as np
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
 import exr  # noqa: E402
 import price  # noqa: E402
-from program import KILN, InOneFolder, kiln  # noqa: E402
+from program import KILN, InOneFolder, flat, kiln  # noqa: E402
 
 SMALL = ("--width", "24", "--height", "20", "--materials", "auto", "--backend", "embree")
 LONG = ("--width", "120", "--height", "90", "--backend", "embree", "--method", "path")
@@ -26,8 +26,9 @@ class Accumulate(InOneFolder):
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
-        cls.scene = os.path.join(cls.folder, "spheres.glb")
-        kiln("generate", "cornell-spheres", "-o", cls.scene, "--quiet")
+        cls.generated = os.path.join(cls.folder, "spheres.glb")
+        kiln("generate", "cornell-spheres", "-o", cls.generated, "--quiet")
+        cls.scene = flat(cls.generated, os.path.join(cls.folder, "flat"))
 
     def setUp(self):
         self.sums, self.out = (os.path.join(self.folder, name) for name in ("sums", "view.exr"))
@@ -126,6 +127,7 @@ class Accumulate(InOneFolder):
 
     def test_refused(self):
         """What is kept is of another view: the table says which."""
+        self.scene = self.generated  # which other surroundings can be given
         options = (*SMALL, "--method", "path")
         self.view(2, *options)
         for other, words in ((("--from=0,0,-5",), "camera's position"), (("--seed", "2"), "seed"),

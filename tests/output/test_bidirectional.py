@@ -11,7 +11,7 @@ sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), ".."
 import exr  # noqa: E402
 import glb  # noqa: E402
 import price  # noqa: E402
-from program import InOneFolder, kiln_on_host as kiln  # noqa: E402
+from program import InOneFolder, flat, kiln_on_host as kiln  # noqa: E402
 
 DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "data")
 SIZE = ("--width", "32", "--height", "32")
@@ -30,6 +30,11 @@ class Bidirectional(InOneFolder):
         if not os.path.exists(path):
             kiln("generate", name, "-o", path, "--quiet")
         return path
+
+    def flat(self, name):
+        """The same as kiln's own scene file."""
+        folder = os.path.join(self.folder, name)
+        return os.path.join(folder, "scene.kscene") if os.path.exists(folder) else flat(self.scene(name), folder)
 
     def view(self, scene, method, *options, **more):
         path = os.path.join(self.folder, "view.exr")
@@ -67,16 +72,16 @@ class Bidirectional(InOneFolder):
             self.assertLess(blocks.max(), 5, (scene, method))
 
     def test_diffuse(self):
-        self.agree(self.scene("cornell"), ("light",), 64, "--bounces", "2")
-        self.agree(self.scene("cornell"), ("bdpt", "vcm", "vcm-single", "sppm"), 8, "--bounces", "2")
+        self.agree(self.flat("cornell"), ("light",), 64, "--bounces", "2")
+        self.agree(self.flat("cornell"), ("bdpt", "vcm", "vcm-single", "sppm"), 8, "--bounces", "2")
 
     def test_ppm(self):
         """The camera's paths are the same in all samples: a pixel's place differs, its light does not."""
-        self.agree(self.scene("cornell"), ("ppm",), 16, "--bounces", "2")
+        self.agree(self.flat("cornell"), ("ppm",), 16, "--bounces", "2")
 
     def test_glass(self):
         """A mirror and a ball of glass under an area light: caustics that all of them find."""
-        self.agree(self.scene("cornell-spheres"), ("bdpt", "vcm", "sppm"), 8, "--bounces", "1", "--materials", "auto")
+        self.agree(self.flat("cornell-spheres"), ("bdpt", "vcm", "sppm"), 8, "--bounces", "1", "--materials", "auto")
 
     def test_lights(self):
         """Suns, points and spots, one of them with a range; two hundred lamps."""
@@ -132,7 +137,7 @@ class Bidirectional(InOneFolder):
     def test_mirror_of_a_point(self):
         """Light of a point by way of mirrors, which --method path does not find: vcm and sppm see the same."""
         options = ("--bounces", "1", "--materials", "auto")
-        scene = self.scene("mirrors")
+        scene = self.flat("mirrors")
         vcm, sppm, path = (self.means(scene, method, 16, *options) for method in ("vcm", "sppm", "path"))
         self.assertLess(abs(vcm[0] - sppm[0]), 5 * np.hypot(vcm[1], sppm[1]) + 0.02 * vcm[0])
         self.assertGreater(vcm[0], 1.5 * path[0])
@@ -140,7 +145,7 @@ class Bidirectional(InOneFolder):
             told = kiln("view", scene, "--method", method, "--materials", materials, "--samples-pixel", "1", *SIZE,
                         "-o", os.path.join(self.folder, "view.exr")).stderr
             self.assertEqual("--method vcm or bdpt finds it" in told, said, (method, materials, told))
-        lamp = kiln("view", self.scene("cornell-spheres"), "--method", "path", "--materials", "auto", *SIZE,
+        lamp = kiln("view", self.flat("cornell-spheres"), "--method", "path", "--materials", "auto", *SIZE,
                     "--samples-pixel", "1", "-o", os.path.join(self.folder, "view.exr")).stderr
         self.assertNotIn("finds it", lamp)
 
@@ -159,13 +164,13 @@ class Bidirectional(InOneFolder):
     @price.long
     def test_length_of_chains(self):
         """Mirrors and glass count as walls do."""
-        self.agree(self.scene("cornell-spheres"), ("bdpt", "vcm"), 8, "--materials", "auto", "--path-length", "4")
+        self.agree(self.flat("cornell-spheres"), ("bdpt", "vcm"), 8, "--materials", "auto", "--path-length", "4")
 
     def test_lens(self):
         """A wide lens that is focused before the back wall: the light of --method path, place by place."""
         lens = ("--lens-radius", "0.1", "--focus-distance", "1.5")
-        self.agree(self.scene("cornell"), ("light",), 64, "--bounces", "1", *lens)
-        self.agree(self.scene("cornell"), ("bdpt", "vcm"), 8, "--bounces", "1", *lens)
+        self.agree(self.flat("cornell"), ("light",), 64, "--bounces", "1", *lens)
+        self.agree(self.flat("cornell"), ("bdpt", "vcm"), 8, "--bounces", "1", *lens)
 
     @price.long
     def test_blur(self):
@@ -192,7 +197,7 @@ class Bidirectional(InOneFolder):
         """Small pictures have few paths of light: the automatic radius has some of them around each place."""
         path, light = os.path.join(self.folder, "radius.exr"), []
         for method, samples, *radius in (("vcm", "64"), ("sppm", "16"), ("sppm", "16", "--merge-radius", "0.0143")):
-            kiln("view", self.scene("cornell-spheres"), "--method", method, "--samples-pixel", samples, *SIZE,
+            kiln("view", self.flat("cornell-spheres"), "--method", method, "--samples-pixel", samples, *SIZE,
                  "--materials", "auto", "-o", path, "--quiet", *radius)
             light.append(exr.rgb(path))
         auto, narrow = (((image - light[0]) ** 2).mean() for image in light[1:])
@@ -232,7 +237,7 @@ class Bidirectional(InOneFolder):
         size = ("--width", "21", "--height", "13", "--bounces", "2", "--samples-pixel", "9", "--materials", "auto",
                 "--merge-radius", "auto")
         for method in ("light", "bdpt", "vcm", "sppm"):
-            images = [self.view(self.scene("cornell-spheres"), method, *size, "--threads", str(threads), ranks=ranks)
+            images = [self.view(self.flat("cornell-spheres"), method, *size, "--threads", str(threads), ranks=ranks)
                       for ranks, threads in ((1, 2), (3, 1))]
             self.assertGreater(images[0].mean(), 0)
             np.testing.assert_array_equal(images[0], images[1], method)
