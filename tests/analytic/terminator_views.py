@@ -17,7 +17,7 @@ import glb  # noqa: E402
 import harness  # noqa: E402
 import terminator  # noqa: E402
 
-SIZE, ANGLE = 64, 24.0  # pixels; degrees, of the field of view
+SIZE, ANGLE = 48, 24.0  # pixels; degrees, of the field of view
 EYE = np.array([5.0, 2.0, 3.0])
 ALBEDO, SUN = 0.5, 10.0
 METHODS = ('path', 'bdpt', 'vcm')
