@@ -70,7 +70,8 @@ PROBES = ('--samples-probe', '2048')
 OFTEN = ('--checkpoint-every', '0.05')
 LOOK = 0.02  # seconds between two looks at all processes, which take milliseconds
 # With so many samples that their steps last long enough to be interrupted.
-QUANTITIES = ('--ambient-occlusion', '0.5', '--directional', 'sh1', '--samples-indirect', '2048')
+QUANTITIES = ('--ambient-occlusion', '0.5', '--directional', 'sh1', '--samples-indirect', '2048', '--lightmap-size',
+              '24')
 
 
 class Tool:
