@@ -168,12 +168,12 @@ class Merge(InOneFolder):
         """--caustics vcm spreads what lands as far as it suits each place: flux stays or is told, so small a radius
         that no texel has another within it is the texel, the error falls, and a caustic's edge stays: what lies dark
         beside it does not get its light. Where nothing has landed by chance it is not dark."""
-        fine = ("--texels-per-metre", "16")
+        fine = ("--texels-per-metre", "12")
         more = ("--photons", "20000", "--iterations", "4", "--caustics", "vcm")
         radii = (("--merge-radius", "texel"), ("--merge-radius", "1e-6"), ())
         folders = [self.bake(self.spheres, *fine, *more, *radius) for radius in radii]
         texel, tiny, near = (self.light(folder) for folder in folders)
-        best = self.many_paths("180000", *fine)
+        best = self.many_paths("120000", *fine)
         self.assertTrue(np.allclose(tiny["caustic"], texel["caustic"], rtol=1e-5, atol=1e-7))
         power = [(light["caustic"] * light["area"][:, None]).sum(0, dtype=float) for light in (texel, near)]
         power[1] += self.report(folders[2])["energy"]["unfound"]  # of objects that hardly any path has met
