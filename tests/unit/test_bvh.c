@@ -16,7 +16,7 @@
 #include "worker/backend/vulkan/bvh_device.h"
 #include "worker/backend/vulkan/vulkan.h"
 
-enum { RAYS = 16384, LAYOUTS = 2 };
+enum { RAYS = 8192, LAYOUTS = 2 };
 static const uint32_t layouts[LAYOUTS] = {KILN_TRAVERSAL_FOUR, KILN_TRAVERSAL_EIGHT};
 
 struct push {
