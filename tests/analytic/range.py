@@ -137,7 +137,9 @@ def check_shelves(kiln, checks, table):
     path = scene.write(os.path.join(kiln.scratch, 'shelves.glb'))
     options = ('--texels-per-metre', 3, '--samples-direct', 16, '--samples-bounce', 32, '--samples-indirect', 128,
                '--bounces', 2, *DARK)
+    backend, kiln.backend = kiln.backend, 'embree'
     true = kiln.bake(path, *options)
+    kiln.backend = backend
     if not checks.baked(true):
         return
     area, light, errors = true.points.area[:, None], true.points.indirect, []
