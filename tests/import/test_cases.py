@@ -101,7 +101,8 @@ class Cases(importing.Case):
         minutes for light paths."""
         out = os.path.join(self.folder(), "out")
         answer = importing.kiln("bake", case("inglass_tir.glb"), "-o", out, "--lightmap-size", 8, "--samples-probe", 0,
-                                "--no-preview", "--bounces", 0, "--samples-direct", 64, "--backend", "embree")
+                                "--no-preview", "--bounces", 0, "--samples-direct", 64, "--photons", 20000,
+                                "--iterations", 4, "--backend", "embree")
         self.assertEqual(answer.code, 0, answer.err)
         energy = importing.run_json(out)["energy"]
         kept = math.sqrt(1 - (0.35 / (1.5 * 0.3)) ** 2)
