@@ -34,7 +34,8 @@ struct kiln_chart_claims {
 };
 
 /* Adds to the weight with which a chart reads a texel. The chart's first claim of the texel goes to the end of the
- * texel's list. `last`: the texel's last claim, or KILN_NONE; updated. The map has the charts of the rows around. */
+ * texel's list. `last`: the texel's last claim, or KILN_NONE; updated. The map has the charts of the rows around.
+ * Not collective. KILN_SYSTEM. */
 int kiln_chart_claims_add(struct kiln_chart_claims *claims, const struct kiln_map *map, uint32_t *last, uint32_t texel,
                           uint32_t chart, float weight, struct kiln_error *error);
 
