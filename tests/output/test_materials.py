@@ -110,8 +110,8 @@ class Materials(InOneFolder):
     def test_view(self):
         """A view shows what mirrors and glass show of the lightmaps: the light of bidirectional paths, in blocks of
         pixels; --materials diffuse shows the balls as if they were plaster."""
-        folder = self.bake("cornell-spheres", "viewed", "--texels-per-metre", "16", "--quality",
-                           "draft", "--samples-indirect", "128", "--bounces", "3")
+        folder = self.bake("cornell-spheres", "viewed", "--texels-per-metre", "12", "--quality", "draft",
+                           "--samples-indirect", "128", "--bounces", "3", "--photons", "20000", "--iterations", "8")
         size = ("--width", "64", "--height", "64", "--quiet")
         pictures = []
         for more in ((), ("--method", "bdpt", "--bounces", "3", "--samples-pixel", "64",
@@ -167,7 +167,7 @@ class Materials(InOneFolder):
 
     def test_same_bits(self):
         """On any number of ranks, in rounds; by hand also by the other schedule and in parts."""
-        few = ("--photons", "2000")
+        few = ("--photons", "2000", "--iterations", "4")
         others = (("--schedule", "equal", "--bounces", "2", "--exchange", "full", *few),
                   ("--bounces", "2", "--error-map", "--samples-direct", "32", *few))
         for i, more in enumerate((("--bounces", "all", "--caustics", "gather"),
