@@ -82,26 +82,32 @@ static const struct kiln_environment dark = {.kind = KILN_ENVIRONMENT_NONE};
 static const uint32_t triangles[36] = {0, 1, 1}, materials[12];
 static const struct kiln_vec3 corners[] = {{0, 0, 0}, {1, 1, 1}};
 
+/* A scene of one object, three quarters of whose lightmap the layout covers. */
+static struct kiln_scene one_object(const struct kiln_environment *environment)
+{
+    static const struct kiln_object object = {
+        .lightmap_width = 100, .lightmap_height = 50, .transform = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+    static const struct kiln_scene_header header = {.bounds_max = {1.0, 1.0, 1.0}};
+    static const struct kiln_mesh mesh = {.triangle_count = 12, .vertex_count = 2, .uv_area = 0.75};
+    static const struct kiln_material grey = {.base_color = {0.5f, 0.5f, 0.5f}, .base_color_texture = KILN_NONE};
+    return (struct kiln_scene){.header = &header,
+                               .strings = "",
+                               .materials = &grey,
+                               .material_count = 1,
+                               .environment = environment,
+                               .positions = corners,
+                               .triangles = triangles,
+                               .triangle_materials = materials,
+                               .meshes = &mesh,
+                               .mesh_count = 1,
+                               .objects = &object,
+                               .object_count = 1};
+}
+
 static void test_what_a_job_asks_for(void **state)
 {
     (void)state;
-    struct kiln_object object = {
-        .lightmap_width = 100, .lightmap_height = 50, .transform = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
-    struct kiln_scene_header header = {.bounds_max = {1.0, 1.0, 1.0}};
-    struct kiln_mesh mesh = {.triangle_count = 12, .vertex_count = 2, .uv_area = 0.75};
-    const struct kiln_material grey = {.base_color = {0.5f, 0.5f, 0.5f}, .base_color_texture = KILN_NONE};
-    const struct kiln_scene scene = {.header = &header,
-                                     .strings = "",
-                                     .materials = &grey,
-                                     .material_count = 1,
-                                     .environment = &dark,
-                                     .positions = corners,
-                                     .triangles = triangles,
-                                     .triangle_materials = materials,
-                                     .meshes = &mesh,
-                                     .mesh_count = 1,
-                                     .objects = &object,
-                                     .object_count = 1};
+    const struct kiln_scene scene = one_object(&dark);
     char none[] = "none";
     struct kiln_job job = {.machine.kernel_cache = none,
                            .light.bounces = 3,
@@ -230,24 +236,8 @@ static void test_errors_set_the_samples(void **state)
 static void test_rounds_of_a_bake(void **state)
 {
     (void)state;
-    struct kiln_object object = {
-        .lightmap_width = 100, .lightmap_height = 50, .transform = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
-    struct kiln_scene_header header = {.bounds_max = {1.0, 1.0, 1.0}};
-    const struct kiln_mesh mesh = {.triangle_count = 12, .vertex_count = 2, .uv_area = 0.75};
-    const struct kiln_material grey = {.base_color = {0.5f, 0.5f, 0.5f}, .base_color_texture = KILN_NONE};
     struct kiln_environment sky = dark;
-    const struct kiln_scene scene = {.header = &header,
-                                     .strings = "",
-                                     .materials = &grey,
-                                     .material_count = 1,
-                                     .environment = &sky,
-                                     .positions = corners,
-                                     .triangles = triangles,
-                                     .triangle_materials = materials,
-                                     .meshes = &mesh,
-                                     .mesh_count = 1,
-                                     .objects = &object,
-                                     .object_count = 1};
+    const struct kiln_scene scene = one_object(&sky);
     char none[] = "none";
     static bool nothing[4096];
     struct kiln_job_owned owned = {.given = nothing};
