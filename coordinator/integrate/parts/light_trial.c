@@ -20,7 +20,6 @@ enum {
 /* Standard error of light that rays gather from points over that of light that they find along paths: a point's light
  * is a mean over its samples. tests/bench/NOTES.md has the scenes. */
 #define GATHERED 0.7
-#define DARK 0.05 /* of an object's mean, as in published.h */
 
 /* Light of a tried tile run's points. */
 struct tried {
@@ -127,27 +126,20 @@ static void find_objects(struct trial *t)
         t->published.texel[object] = fmax(t->published.texel[object], area / points);
     }
     for (size_t o = 0; o < s->object_count; o++)
-        t->published.dark[o] = t->area[o] > 0.0 ? DARK * t->light[o] / t->area[o] : 0.0;
+        t->published.dark[o] = t->area[o] > 0.0 ? KILN_PUBLISHED_DARK * t->light[o] / t->area[o] : 0.0;
 }
 
 static void lay_out(const struct trial *t, const struct tried *tried, struct kiln_tile_light *tile)
 {
     const struct kiln_surface *s = t->params->surface;
     const struct kiln_tile_run *run = &s->tile_runs[tried->tile_run];
-    struct kiln_own_point own = kiln_own_of_global(s, run->first);
-    double whole = t->published.texel[kiln_map_object(s, run->map)];
     size_t k = 0;
-    for (uint32_t i = 0; i < run->count; i++)
-        whole = fmax(whole, (double)s->area[own.at + i]);
     *tile = (struct kiln_tile_light){.there = 0};
-    for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, own.at++, k++) {
+    kiln_tile_light_weigh(&t->published, tile, s, run);
+    for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, k++) {
         const int place = kiln_part_place((uint32_t)__builtin_ctzll(rest));
-        if (!kiln_point_valid(s, own))
+        if ((tile->there >> place & 1u) == 0)
             continue;
-        tile->there |= (uint64_t)1u << place;
-        tile->weight[place] = kiln_map_is_result(s, run->map)
-                                  ? (uint32_t)ceil(KILN_WINDOW_FULL * fmin((double)s->area[own.at] / whole, 1.0))
-                                  : 0;
         const double paths = mean_over_parts(tried->paths, k);
         tile->all[place] = (float)mean_of(tried, k);
         for (int part = 0; part < KILN_PARTS; part++)

@@ -9,7 +9,6 @@
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
-#define DARK 0.05             /* of an object's mean */
 #define MOST_OF_SAMPLE 0x1p20 /* variance of a sample, relative to the squared light: more counts as that */
 
 double kiln_published_raw_square(const struct kiln_published *p, const struct kiln_tile_light *t, double dark,
@@ -70,7 +69,7 @@ end:
     return status;
 }
 
-/* Collective. Mean luminance of each object, by area, times DARK; the mean area of its points. */
+/* Collective. Mean luminance of each object, by area, times KILN_PUBLISHED_DARK; the mean area of its points. */
 static int find_dark(struct kiln_published *p, const struct kiln_integrate_params *params,
                      const struct kiln_rank_data *data, double unit, struct kiln_error *error)
 {
@@ -100,7 +99,7 @@ end:
                         params->communicator);
     for (size_t o = 0; status == KILN_OK && o < objects; o++) {
         const double area = kiln_exact_value(&sums[2 * o + 1], kiln_exact_unit(params->area));
-        p->dark[o] = area > 0.0 ? DARK * kiln_exact_value(&sums[2 * o], unit) / area : 0.0;
+        p->dark[o] = area > 0.0 ? KILN_PUBLISHED_DARK * kiln_exact_value(&sums[2 * o], unit) / area : 0.0;
         p->texel[o] = points[o] > 0 ? area / (double)points[o] : 0.0;
     }
     kiln_free(&points);

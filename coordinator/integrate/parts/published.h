@@ -28,6 +28,7 @@
 #include "coordinator/integrate/integrate.h"
 
 #define KILN_PUBLISHED_SHARE 0.95 /* of the texels that stay below the error */
+#define KILN_PUBLISHED_DARK 0.05  /* of an object's mean light: errors are relative to that at least */
 
 struct kiln_part_survey;
 

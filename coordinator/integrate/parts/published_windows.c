@@ -12,32 +12,42 @@ enum {
 #define BIN_STEP 0.03125 /* of the natural logarithm */
 
 /* The area of a whole texel, m2: the largest in the tile, or the object's mean where a tile has but edges of charts. */
-static double whole_texel(const struct kiln_published *p, const struct kiln_rank_data *data,
-                          const struct kiln_tile_run *run)
+static double whole_texel(const struct kiln_published *p, const struct kiln_surface *s, const struct kiln_tile_run *run)
 {
-    const uint64_t first = kiln_own_of_global(&data->surface, run->first).at;
-    double most = p->texel[kiln_map_object(&data->surface, run->map)];
+    const uint64_t first = kiln_own_of_global(s, run->first).at;
+    double most = p->texel[kiln_map_object(s, run->map)];
     for (uint64_t k = first; k < first + run->count; k++)
-        most = fmax(most, (double)data->surface.area[k]);
+        most = fmax(most, (double)s->area[k]);
     return most;
+}
+
+void kiln_tile_light_weigh(const struct kiln_published *p, struct kiln_tile_light *t, const struct kiln_surface *s,
+                           const struct kiln_tile_run *run)
+{
+    const double whole = whole_texel(p, s, run);
+    const bool shown = kiln_map_is_result(s, run->map);
+    struct kiln_own_point own = kiln_own_of_global(s, run->first);
+    t->there = 0;
+    for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, own.at++) {
+        const int place = kiln_part_place((uint32_t)__builtin_ctzll(rest));
+        if (!kiln_point_valid(s, own))
+            continue;
+        t->there |= (uint64_t)1u << place;
+        t->weight[place] = !shown ? 0 : (uint32_t)ceil(KILN_WINDOW_FULL * fmin((double)s->area[own.at] / whole, 1.0));
+    }
 }
 
 void kiln_tile_light_lay_out(const struct kiln_published *p, struct kiln_tile_light *t,
                              const struct kiln_rank_data *data, const struct kiln_tile_run *run,
                              const struct kiln_halves *denoised)
 {
-    const double whole = whole_texel(p, data, run);
-    const bool shown = kiln_map_is_result(&data->surface, run->map);
     struct kiln_own_point own = kiln_own_of_global(&data->surface, run->first);
     size_t k = 0;
-    t->there = 0;
+    kiln_tile_light_weigh(p, t, &data->surface, run);
     for (uint64_t rest = run->mask; rest != 0; rest &= rest - 1, own.at++, k++) {
         const int place = kiln_part_place((uint32_t)__builtin_ctzll(rest));
-        if (!kiln_point_valid(&data->surface, own))
+        if ((t->there >> place & 1u) == 0)
             continue;
-        t->there |= (uint64_t)1u << place;
-        t->weight[place] =
-            !shown ? 0 : (uint32_t)ceil(KILN_WINDOW_FULL * fmin((double)data->surface.area[own.at] / whole, 1.0));
         t->all[place] = (float)kiln_part_light(data, own.at);
         for (int i = 0; i < KILN_PARTS; i++)
             t->part[i][place] = data->parts[KILN_PARTS * own.at + (uint64_t)i];

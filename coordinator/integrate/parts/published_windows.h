@@ -26,6 +26,10 @@ struct kiln_window {
     double light, part[KILN_PARTS], denoised[KILN_HALVES];
 };
 
+/* Sets the places with light, and their weights. */
+void kiln_tile_light_weigh(const struct kiln_published *published, struct kiln_tile_light *tile,
+                           const struct kiln_surface *surface, const struct kiln_tile_run *run);
+
 /* `denoised`: of the points of the tile run; NULL: 0. */
 void kiln_tile_light_lay_out(const struct kiln_published *published, struct kiln_tile_light *tile,
                              const struct kiln_rank_data *data, const struct kiln_tile_run *run,
