@@ -50,8 +50,10 @@ struct lobes_batch {
     struct kiln_brushed_table *tables[ALPHAS]; /* those that lobes use; NULL: none */
 };
 
-/* Tables of the material that was asked for last, as if its roughness had a texture with all values. */
+/* Tables of a material as if its roughness had a texture with all values. They take seconds, so all that were made are
+ * kept: each check asks for them anew. */
 struct textured {
+    struct textured *next;
     const struct material *material;
     float index;
     struct kiln_brushed_table stack[KILN_BRUSHED_LAYERS];
@@ -60,35 +62,56 @@ struct textured {
 };
 static inline struct kiln_bsdf_tables textured_tables(const struct material *m, struct kiln_bsdf p)
 {
-    static struct textured last;
-    if (last.material == m && last.index == p.eta.y)
-        return last.tables;
+    static struct textured *all;
+    for (const struct textured *t = all; t != NULL; t = t->next)
+        if (t->material == m && t->index == p.eta.y)
+            return t->tables;
+    struct textured *made = calloc(1, sizeof *made);
+    assert_non_null(made);
+    *made = (struct textured){.next = all, .material = m, .index = p.eta.y};
+    all = made;
     const float coat = sqrtf(p.coat_alpha);
-    last.material = m;
-    last.index = p.eta.y;
-    last.tables = (struct kiln_bsdf_tables){0};
-    const void *table = m->anisotropy > 0.0f ? (const void *)last.stack : &last.trapped;
+    const void *table = m->anisotropy > 0.0f ? (const void *)made->stack : &made->trapped;
     const uint32_t low = (uint32_t)(uintptr_t)table, high = (uint32_t)((uint64_t)(uintptr_t)table >> 32);
     if (m->anisotropy > 0.0f) {
-        kiln_brushed_stack(last.stack, &p, m->anisotropy,
+        kiln_brushed_stack(made->stack, &p, m->anisotropy,
                            (struct kiln_layers){0.0f, KILN_BRUSHED_LAYERS - 1, KILN_BRUSHED_LAYERS});
-        last.tables.brushed_low = low;
-        last.tables.brushed_high = high;
+        made->tables.brushed_low = low;
+        made->tables.brushed_high = high;
     } else {
-        kiln_bsdf_trapped_tabulate(&last.trapped, &p, kiln_layers_of(0.0f, 1.0f, KILN_BSDF_TRAPPED_LAYERS - 1),
+        kiln_bsdf_trapped_tabulate(&made->trapped, &p, kiln_layers_of(0.0f, 1.0f, KILN_BSDF_TRAPPED_LAYERS - 1),
                                    m->coat_varies ? kiln_layers_of(0.0f, 1.0f, KILN_BSDF_TRAPPED_COATS - 1)
                                                   : kiln_layers_of(coat, coat, KILN_BSDF_TRAPPED_COATS - 1));
-        last.tables.trapped_low = low;
-        last.tables.trapped_high = high;
+        made->tables.trapped_low = low;
+        made->tables.trapped_high = high;
     }
-    return last.tables;
+    return made->tables;
 }
 
-/* Lobes number `at` of the batch: those of a material. The table of those before is taken where it is the same. */
+/* The table of lobes with brushed facets; likewise kept. */
+static inline const struct kiln_brushed_table *brushed_table(const struct kiln_bsdf_lobes *lobes)
+{
+    struct brushed {
+        struct brushed *next;
+        struct kiln_bsdf_lobes lobes;
+        struct kiln_brushed_table table;
+    };
+    static struct brushed *all;
+    for (const struct brushed *b = all; b != NULL; b = b->next)
+        if (kiln_brushed_same(&b->lobes, lobes))
+            return &b->table;
+    struct brushed *made = malloc(sizeof *made);
+    assert_non_null(made);
+    made->next = all;
+    made->lobes = *lobes;
+    kiln_brushed_tabulate(&made->table, lobes);
+    all = made;
+    return &made->table;
+}
+
+/* Lobes number `at` of the batch: those of a material. */
 static inline void batch_prepare(struct lobes_batch *b, size_t at, const struct material *m, struct kiln_bsdf p)
 {
-    static struct kiln_bsdf_lobes before;
-    static struct kiln_brushed_table last;
     if (m->textured) {
         b->lobes[at] = kiln_bsdf_prepare_hit(p, textured_tables(m, p));
         return;
@@ -96,13 +119,9 @@ static inline void batch_prepare(struct lobes_batch *b, size_t at, const struct 
     b->lobes[at] = kiln_bsdf_prepare(p);
     if (!kiln_brushed_wanted(&b->lobes[at]))
         return;
-    if (!kiln_brushed_wanted(&before) || !kiln_brushed_same(&before, &b->lobes[at])) {
-        before = b->lobes[at];
-        kiln_brushed_tabulate(&last, &before);
-    }
     b->tables[at] = malloc(sizeof *b->tables[at]);
     assert_non_null(b->tables[at]);
-    *b->tables[at] = last;
+    *b->tables[at] = *brushed_table(&b->lobes[at]);
     kiln_brushed_use(&b->lobes[at], b->tables[at]);
 }
 
