@@ -83,11 +83,11 @@ bool kiln_parts_next(const struct kiln_integrate_settings *settings, const struc
     uint32_t part = count > 0 ? reports[first].step.part : 0;
     const struct kiln_round *round = count > 0 ? kiln_round_of(reports, count) : NULL;
     struct kiln_integrate_settings of_part = settings_of(settings, part, round);
-    bool any = settings->integrator->next(&of_part, reports + first, count - first, step);
+    bool any = settings->integrator->next(&of_part, count > 0 ? &reports[first] : NULL, count - first, step);
     if (!any && settings->parts > 1 && ((part + 1) % KILN_PARTS != 0 || wants_round(settings, &reports[count - 1]))) {
         round = ++part % KILN_PARTS == 0 ? &reports[count - 1].round : round;
         of_part = settings_of(settings, part, round);
-        any = settings->integrator->next(&of_part, reports + count, 0, step);
+        any = settings->integrator->next(&of_part, NULL, 0, step);
     }
     if (any)
         share_samples(&of_part, round, part, step);
