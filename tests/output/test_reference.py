@@ -91,7 +91,8 @@ class Reference(InOneFolder):
     def test_glass(self):
         """A mirror, and glass that bounds a body: caustics of an area light, and their bounces."""
         self.methods(self.scene("cornell-spheres"), "--materials", "auto", "--bounces", "1", bias=0.06,
-                     gathered=("--photons", "50000", "--iterations", "4"), samples=(512, 96, 64) if price.full else (256, 64, 48),
+                     gathered=("--photons", "50000", "--iterations", "4"),
+                     samples=(512, 96, 64) if price.full else (256, 64, 48),
                      seeds=3 if price.full else 2)
 
     @price.long
