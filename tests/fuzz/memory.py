@@ -67,7 +67,7 @@ def failing(worker, name, make, options):
         wrong = [w for w in worker.judge.wrongs(outcome, False) if w[0] != 'status %d' % NO_MEMORY]
         if wrong:
             worker.fail(name, k, arguments, wrong, outcome)
-        if k > 0:
+        if k > 0 or wrong:
             ends['wrong' if wrong else outcome.number] += 1
         k += options.step if k > 0 else 1
     return ends, most
