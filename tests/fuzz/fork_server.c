@@ -38,6 +38,11 @@
 
 #include "coordinator/cli/commands.h"
 
+#if defined(__has_feature)
+#    if __has_feature(address_sanitizer)
+#        define __SANITIZE_ADDRESS__ /* as GCC says it */
+#    endif
+#endif
 #if defined(__SANITIZE_ADDRESS__)
 #    include <sanitizer/lsan_interface.h>
 #else

@@ -136,7 +136,8 @@ def busy_machine():
 
 FRAME = re.compile(r'#\d+ 0x[0-9a-f]+ .*?\(?(/[^ ()+]+)\+(0x[0-9a-f]+)\)')
 CONTROL = re.compile('[\x00-\x08\x0b-\x1f\x7f\u0080-\u009f]')
-RUNTIME = ('libasan', 'libubsan', 'libc.so', 'libc-', 'libstdc++', 'libpthread', 'libm.so', 'ld-linux', 'libgcc')
+RUNTIME = ('libasan', 'libubsan', 'libclang_rt', 'libc.so', 'libc-', 'libstdc++', 'libpthread', 'libm.so', 'ld-linux',
+           'libgcc')
 
 
 def blamed(err):
