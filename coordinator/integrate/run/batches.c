@@ -1,15 +1,11 @@
 #include "coordinator/integrate/run/batches.h"
 
 #include <assert.h>
-#include <inttypes.h>
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <time.h>
-#include <unistd.h>
 
 #include "coordinator/job/faults.h"
 #include "coordinator/integrate/companion.h"
+#include "coordinator/integrate/run/batch_results.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/backend/extended.h"
 #include "worker/base/memory.h"
@@ -33,44 +29,21 @@ static uint64_t points_of(const struct kiln_surface *surface, struct kiln_range 
     return kiln_tile_runs_points(first, first + range.count - 1);
 }
 
-/* Returns the samples of each tile run of `data` in the present step; NULL: the same for all. */
-static const uint32_t *samples_of(const struct kiln_batches *b, const struct kiln_rank_data *data)
-{
-    const struct kiln_field_set *fields = b->params->fields;
-    const char *name = b->report->step.samples_field;
-    if (name == NULL)
-        return NULL;
-    const size_t place = kiln_field_set_find(fields, name);
-    assert(place < fields->count && fields->entry[place].field->domain == KILN_DOMAIN_TILE_RUN &&
-           kiln_field_size(fields->entry[place].field) == sizeof(uint32_t));
-    return kiln_rank_field(data, fields, place);
-}
-
-/* Returns the work of a tile run: its points, weighted by its samples relative to those of the step. */
-static double work_of(const struct kiln_batches *b, const struct kiln_tile_run *run, const uint32_t *samples)
-{
-    return samples == NULL ? (double)run->count
-                           : (double)run->count * (double)*samples / (double)b->report->step.samples;
-}
-
 static double work_in(const struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range range)
 {
-    const uint32_t *samples = samples_of(b, data);
+    const uint32_t *samples = kiln_batch_samples(b, data);
     double work = 0.0;
     if (samples == NULL)
         return (double)points_of(&data->surface, range);
     for (size_t f = range.first; f < range.first + range.count; f++)
-        work += work_of(b, &data->surface.tile_runs[f], &samples[f]);
+        work += kiln_batch_work(b, &data->surface.tile_runs[f], &samples[f]);
     return work;
 }
-
-/* work a second */
-static double speed_of(const struct kiln_batches *b) { return b->rate / (double)b->report->step.samples; }
 
 /* Returns the speed for another rank's points, which have to be copied here first. */
 static double help_speed(const struct kiln_batches *b, double work, uint64_t points)
 {
-    return work / (work / speed_of(b) + b->point_seconds * (double)points);
+    return work / (work / kiln_batch_speed(b) + b->point_seconds * (double)points);
 }
 
 /* Whether a companion answers the step in the place of its pass. */
@@ -99,13 +72,13 @@ static size_t batch_of(const struct kiln_batches *b, struct kiln_range left)
 {
     const struct kiln_rank_data *own = b->solution->own;
     const struct kiln_tile_run *tile_runs = own->surface.tile_runs + left.first;
-    const uint32_t *samples = samples_of(b, own);
-    double wanted = speed_of(b) * kiln_control_batch_seconds(b->params->control), work = 0.0;
+    const uint32_t *samples = kiln_batch_samples(b, own);
+    double wanted = kiln_batch_speed(b) * kiln_control_batch_seconds(b->params->control), work = 0.0;
     if (is_shared(b))
-        wanted = fmin(wanted, fmax(work_in(b, own, left) / parts_of(b), KILN_LEAST_BATCH * speed_of(b)));
+        wanted = fmin(wanted, fmax(work_in(b, own, left) / parts_of(b), KILN_LEAST_BATCH * kiln_batch_speed(b)));
     size_t count = 0;
     for (; count < left.count && (count < b->params->threads || work < wanted); count++)
-        work += work_of(b, &tile_runs[count], samples != NULL ? &samples[left.first + count] : NULL);
+        work += kiln_batch_work(b, &tile_runs[count], samples != NULL ? &samples[left.first + count] : NULL);
     return count;
 }
 
@@ -114,7 +87,7 @@ static size_t batch_of(const struct kiln_batches *b, struct kiln_range left)
 static size_t help_of(const struct kiln_batches *b, const struct kiln_rank_data *data, struct kiln_range left)
 {
     const struct kiln_tile_run *tile_runs = data->surface.tile_runs;
-    const uint32_t *samples = samples_of(b, data);
+    const uint32_t *samples = kiln_batch_samples(b, data);
     const double all = work_in(b, data, left), own = help_speed(b, all, points_of(&data->surface, left)),
                  theirs = kiln_work_queue_speed(data->queue), fair = 0.5 * all * own / (own + theirs),
                  wanted = fmin(fmax(fair, b->least_help * own), own * kiln_control_batch_seconds(b->params->control));
@@ -123,110 +96,17 @@ static size_t help_of(const struct kiln_batches *b, const struct kiln_rank_data 
     size_t count = 0;
     while (count < left.count && (count < b->params->threads || work < wanted)) {
         count++;
-        work += work_of(b, &tile_runs[end - count], samples != NULL ? &samples[end - count] : NULL);
+        work += kiln_batch_work(b, &tile_runs[end - count], samples != NULL ? &samples[end - count] : NULL);
     }
     return count;
 }
 
-/* Records a batch's speed. A much higher speed than before is taken over gradually, since a device's first launches are
- * slow. If work is claimed, speed hardly matters, and is taken as measured. */
-static void note_rate(struct kiln_batches *b, double work, double seconds)
-{
-    const double rate = work * (double)b->report->step.samples / fmax(seconds, 1e-6);
-    b->rate = b->claims ? rate : fmin(rate, 4.0 * b->rate);
-    kiln_work_queue_set_speed(b->solution->own->queue, speed_of(b));
-}
-
 /* ---- batches ---- */
-
-/* Sends radiosity early, if the step does so: that of this rank's finished tile runs before `end`. */
-static void send_done(struct kiln_batches *b, size_t end)
-{
-    const struct kiln_rank_data *own = b->solution->own;
-    const uint64_t points = kiln_step_work_done_before(b->work, own, end);
-    if (b->report->step.early && own->surface.tile_run_count > 0)
-        kiln_radiosity_allgather_advance(b->solution->allgather, kiln_next_compact(own), points);
-}
-
-static void be_slow(const struct kiln_batches *b, double seconds)
-{
-    const double more = (b->slowness - 1.0) * seconds, whole = floor(more);
-    const struct timespec pause = {(time_t)whole, (long)(1e9 * (more - whole))};
-    if (more > 0.0)
-        (void)nanosleep(&pause, NULL);
-}
-
-/* Waits as long as the file named by KILN_HOLD exists. */
-static void be_held(const struct kiln_batches *b)
-{
-    const char *file = b->params->settings->faults.hold;
-    const struct timespec pause = {0, 20000000};
-    while (file[0] != '\0' && b->pass->reads_radiosity && access(file, F_OK) == 0 &&
-           !kiln_stop_asked(kiln_control_stop(b->params->control)))
-        (void)nanosleep(&pause, NULL);
-}
-
-/* Points of the tile runs from `first` on that were computed, and their work; `samples` as in kiln_take_some. */
-static uint64_t points_computed(struct kiln_batches *b, size_t first, size_t count, const uint32_t *samples,
-                                double *work)
-{
-    const struct kiln_tile_run *tile_runs = b->data->surface.tile_runs + first;
-    const uint32_t *each = samples_of(b, b->data);
-    uint64_t points = 0;
-    *work = 0.0;
-    for (size_t i = 0; i < count; i++)
-        if (samples == NULL || samples[i] > 0) {
-            points += tile_runs[i].count;
-            *work += work_of(b, &tile_runs[i], each != NULL ? &each[first + i] : NULL);
-        }
-    return points;
-}
-
-/* Implements kiln_take_some; `context` is the kiln_batches. The cost of the part is divided among its tile runs by
- * their points. */
-static int take_some(void *context, size_t first, size_t count, const uint32_t *samples, const void *results,
-                     struct kiln_error *error)
-{
-    struct kiln_batches *b = context;
-    const struct kiln_rank_data *data = b->data, *own = b->solution->own;
-    const struct kiln_tile_run *tile_runs = data->surface.tile_runs + first;
-    be_held(b);
-    double work;
-    const double before = b->since, now = MPI_Wtime(), seconds = b->slowness * (now - before);
-    const uint64_t points = points_computed(b, first, count, samples, &work);
-    b->since = now;
-    const int status = kiln_taker_take(b->taker, data, first, count, samples, results, error);
-    if (status != KILN_OK)
-        return status;
-    for (size_t i = 0; i < count; i++)
-        if (samples == NULL || samples[i] > 0)
-            data->cost[first + i] = (float)(seconds / (double)points * (double)tile_runs[i].count);
-    b->points += points;
-    b->taken += work;
-    if (data != own)
-        return KILN_OK;
-    if (b->claims) {
-        be_slow(b, now - before);
-        b->since = MPI_Wtime();
-        note_rate(b, b->taken, b->since - b->begun);
-    }
-    b->work->points_done += points;
-    kiln_progress_advance(b->params->progress, kiln_step_work_points(b->work, own));
-    if (b->report->step.samples_field == NULL) /* otherwise tile runs before `first` may not be finished */
-        send_done(b, first + count);
-    return KILN_OK;
-}
-
-/* kiln_take_results of the same. */
-static int take_part(void *context, size_t first, size_t count, const void *results, struct kiln_error *error)
-{
-    return take_some(context, first, count, NULL, results, error);
-}
 
 /* Returns the samples of the present batch's tile runs from `first` on; NULL: the same for all. */
 static const uint32_t *samples_from(const struct kiln_batches *b, size_t first)
 {
-    const uint32_t *samples = samples_of(b, b->data);
+    const uint32_t *samples = kiln_batch_samples(b, b->data);
     return samples != NULL ? samples + first : NULL;
 }
 
@@ -253,12 +133,12 @@ static size_t share_of(const struct kiln_batches *b, struct kiln_range left, siz
 {
     const struct kiln_rank_data *own = b->solution->own;
     const struct kiln_tile_run *tile_runs = own->surface.tile_runs + left.first;
-    const uint32_t *samples = samples_of(b, own);
-    const double wanted = fmax(work_in(b, own, left) / (CLAIMS * parts_of(b)), LEAST_CLAIM * speed_of(b));
+    const uint32_t *samples = kiln_batch_samples(b, own);
+    const double wanted = fmax(work_in(b, own, left) / (CLAIMS * parts_of(b)), LEAST_CLAIM * kiln_batch_speed(b));
     double work = 0.0;
     size_t some = 0;
     for (; some < count && work < wanted; some++)
-        work += work_of(b, &tile_runs[some], samples != NULL ? &samples[left.first + some] : NULL);
+        work += kiln_batch_work(b, &tile_runs[some], samples != NULL ? &samples[left.first + some] : NULL);
     return some;
 }
 
@@ -299,8 +179,8 @@ static int trace_batch(struct kiln_batches *b, struct kiln_range range, struct k
                                .samples_each = samples_from(b, range.first),
                                .may_lack = b->taker->may_lack,
                                .claims = b->claims ? &claims : NULL,
-                               .take = take_part,
-                               .take_some = take_some,
+                               .take = kiln_batch_take_part,
+                               .take_some = kiln_batch_take_some,
                                .context = b};
     if (is_answered(b))
         return kiln_company_answer(b->company, step, &batch, error);
@@ -328,7 +208,7 @@ static int run_batch(struct kiln_batches *b, const struct kiln_rank_data *data, 
     if (data == b->solution->own)
         b->work->points_done += points_left_out(b, range);
     if (!b->claims)
-        be_slow(b, MPI_Wtime() - start);
+        kiln_batch_be_slow(b, MPI_Wtime() - start);
     *seconds = MPI_Wtime() - start;
     kiln_backend_info(p->backend, &end);
     b->report->seconds += *seconds;
@@ -337,7 +217,7 @@ static int run_batch(struct kiln_batches *b, const struct kiln_rank_data *data, 
     b->report->device_seconds += fmax(0.0, end.device_seconds - begin.device_seconds);
     if (b->points > 0) {
         const double bringing = data != b->solution->own ? b->point_seconds * (double)b->points : 0.0;
-        note_rate(b, b->taken, fmax(*seconds - bringing, 0.1 * *seconds));
+        kiln_batch_note_rate(b, b->taken, fmax(*seconds - bringing, 0.1 * *seconds));
     }
     return status;
 }
@@ -453,8 +333,8 @@ static enum kiln_event wait_for_others(struct kiln_batches *b)
     const struct kiln_integrate_params *p = b->params;
     struct wait wait = {b, is_done(b), b->status == KILN_OK};
     const double start = MPI_Wtime();
-    send_done(b, wait.was_done ? b->solution->own->surface.tile_run_count
-                               : kiln_work_queue_left(b->solution->own->queue).first);
+    kiln_batch_send_done(b, wait.was_done ? b->solution->own->surface.tile_run_count
+                                          : kiln_work_queue_left(b->solution->own->queue).first);
     kiln_progress_advance(p->progress, kiln_step_work_points(b->work, b->solution->own));
     const enum kiln_event event =
         kiln_control_wait(p->control, wait.was_done, part_done(b), b->status, has_news, &wait);
@@ -475,7 +355,7 @@ static enum kiln_event do_next(struct kiln_batches *b, struct kiln_error *error)
         const struct kiln_rank_data *behind = b->status == KILN_OK ? who_is_behind(b, &left) : NULL;
         if (behind == NULL)
             return wait_for_others(b);
-        send_done(b, first_left(b));
+        kiln_batch_send_done(b, first_left(b));
         b->status = run_help(b, behind, left, &seconds, error);
     }
     return kiln_control_poll(b->params->control, is_done(b), part_done(b), seconds, b->status);
@@ -498,7 +378,7 @@ void kiln_batches_begin(struct kiln_batches *b, struct kiln_step_report *report,
     b->status = report->step.pass->reads_radiosity
                     ? kiln_backend_set_radiosity(b->params->backend, b->solution->radiosity, error)
                     : KILN_OK;
-    kiln_work_queue_set_speed(b->solution->own->queue, speed_of(b));
+    kiln_work_queue_set_speed(b->solution->own->queue, kiln_batch_speed(b));
 }
 
 int kiln_batches_run(struct kiln_batches *b, enum kiln_event *event, struct kiln_error *error)
