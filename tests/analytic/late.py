@@ -2,7 +2,8 @@
 under a sky. Against as many bounces that leave nothing out: the same light outside, less rays; against many more
 bounces: the light in the box. The same bits for any cells and ranks, and the same light from both
 backends. Small closed boxes beside a large street, which the scene's powers do not show: against 1 / (1 - albedo); and
-one that keeps its light for too long, which is said. The insides of a solid, which are no result.
+one that keeps its light for too long, which is said. A dark room behind a bright one. The insides of a solid, which are
+no result.
 
   /usr/bin/python3 tests/analytic/late.py --kiln build/release/kiln [--backend vulkan [--few]]
 
@@ -22,6 +23,7 @@ OPTIONS = ('--texels-per-metre', 6, '--samples-probe', 0, '--no-export', '--deno
 LEFT = 5e-4  # of a tile's light, when it is left out; KILN_LATE_LEFT
 FIRST = 9    # the first late bounce
 SLIT = 0.05  # m
+GAP = 0.003  # m, between two rooms
 IN_BOX = 0.02  # of its light that may be off: tiles' errors with which bounces end
 
 
@@ -135,6 +137,41 @@ def check_pocket(kiln, checks):
     checks.that(len(said) == 1 and "'floor'" in said[0] and "'plaster'" in said[0], 'said: %s' % said, ended.process)
 
 
+def rooms(path):
+    """A room of albedo 0.9 with a lamp, with a gap in one wall, and a dark room of albedo 0.5 behind it."""
+    scene = glb.Scene()
+    white, grey = scene.material('white', (0.9, 0.9, 0.9)), scene.material('grey', (0.5, 0.5, 0.5))
+    lamp = scene.material('lamp', (0.5, 0.5, 0.5), (10, 10, 10))
+    for name, low, material, slit in (('bright', (0, 0, 0), white, 1), ('dark', (2, 0, 0), grey, 0)):
+        for i, face in enumerate(glb.FACES):
+            corners = 2 * np.array(face[::-1], float)
+            if not np.all(corners[:, 0] == 2 * slit):
+                scene.quad('%s %d' % (name, i), corners + low, material)
+                continue
+            for side, begin, end in (('left', 0, 1 - GAP / 2), ('right', 1 + GAP / 2, 2)):
+                part = corners.copy()
+                part[:, 2] = np.where(part[:, 2] > 1, end, begin)
+                scene.quad('%s %s' % (name, side), part + low, material)
+    scene.quad('lamp', np.array((0.5, 1.9, 0.5)) + 0.5 * np.array([(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)]), lamp)
+    return scene.write(path)
+
+
+def check_dark(kiln, checks):
+    """A dark room, whose light falls faster from bounce to bounce than that of the bright room: bounces go on until its
+    mean is known, too."""
+    path = rooms(os.path.join(kiln.scratch, 'rooms.glb'))
+    options = ('--texels-per-metre', 12, '--samples-probe', 0, '--no-export', '--denoise', 'none', '--samples-direct',
+               16, '--samples-bounce', 256, '--samples-indirect', 256)
+    ended, long = kiln.bake(path, *options), kiln.bake(path, *options, '--bounces', 60)
+    if not all([checks.baked(bake) for bake in (ended, long)]):
+        return
+    off = {o['name']: o['mean'] / p['mean'] - 1 for o, p in zip(ended.run['objects'], long.run['objects'])}
+    dark = [off[name] for name in off if name.startswith('dark')]
+    print('dark room: %d bounces, %s, off by %+.4f in the mean, %+.4f at most' %
+          (ended.run['indirect_bounces'], ended.run['tail']['ratio'][0], np.mean(dark), max(dark, key=abs)))
+    checks.that(max(map(abs, dark)) < 0.003, 'a dark room is off by %g' % max(dark, key=abs), ended.process)
+
+
 def check_solid(kiln, checks):
     """A closed white box whose triangles are double-sided, with a lamp in it: its insides are published by nothing, and
     ask for no bounces. Published, they do."""
@@ -227,6 +264,7 @@ def main():
             checks.that(bake.run['indirect_bounces'] == bounces, 'other bounces')
     check_closed(kiln, checks)
     check_pocket(kiln, checks)
+    check_dark(kiln, checks)
     check_solid(kiln, checks)
     if kiln.backend == 'vulkan':
         kiln.backend = 'embree'

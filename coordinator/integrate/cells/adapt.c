@@ -4,6 +4,7 @@
 
 #include "coordinator/field/packed_error.h"
 #include "coordinator/integrate/cells/tiles.h"
+#include "coordinator/integrate/tile_sums.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"

@@ -6,6 +6,7 @@
 #include "coordinator/integrate/cells/tail.h"
 #include "coordinator/integrate/cells/tiles.h"
 #include "coordinator/integrate/parts/parts.h"
+#include "coordinator/integrate/tile_sums.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
 #include "worker/base/memory.h"

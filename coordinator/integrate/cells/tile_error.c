@@ -7,6 +7,7 @@
 #include "coordinator/integrate/cells/tail.h"
 #include "coordinator/integrate/cells/tiles.h"
 #include "coordinator/integrate/parts/parts.h"
+#include "coordinator/integrate/tile_sums.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/arena.h"
 #include "worker/base/color.h"
@@ -19,6 +20,7 @@ enum { NOW, BEFORE, SQUARE, POINTS, ANSWERS, POWER, POWER_BEFORE, SUMS };
 /* Fraction of the scene's points that are added to an object's, as bright as its own. So a small object that traps its
  * light, like a cup, does not prolong the bake; a dark room does. */
 #define LEAST_OBJECT 1e-3
+enum { RATIO_TILES = 8 }; /* least tiles of an object whose ratio has a standard error that can be trusted */
 #define HAD_STEPS 0x1p12  /* of an object, of up to 2^32 points */
 #define POWER_MOST 0x1p20 /* of a point, likewise */
 #define SHARE_MOST 0x1p10 /* limit of a point's share: its square times STEPS times 64 points fits into 64 bits */
@@ -137,11 +139,12 @@ static void take_sums(const uint64_t tile[static SUMS], double sums[static SUMS]
 }
 
 /* Error that the tail would make in an object: sums over its tiles of `off` and of `most` (struct miss), each times the
- * power of the tile's last bounce; and sums of the powers of the last bounce and of the one before, of their squares
- * and of their product. Powers are relative to the mean power of all points. */
+ * power of the tile's last bounce; sums of the powers of the last bounce and of the one before, of their squares, and
+ * of their products; number of tiles with power. Powers are relative to the mean power of all points. */
 struct missed {
     double off, most;
     double now, before, now2, before2, product;
+    size_t tiles;
 };
 
 /* Adds a tile to the errors of its object, and keeps the tile with the largest error. */
@@ -158,6 +161,7 @@ static void look_at_tile(const struct kiln_integration *in, const double sums[st
     missed->now2 += sums[POWER] * sums[POWER];
     missed->before2 += sums[POWER_BEFORE] * sums[POWER_BEFORE];
     missed->product += sums[POWER] * sums[POWER_BEFORE];
+    missed->tiles += sums[POWER] > 0.0;
     if (error > report->tail_tile_error) {
         report->tail_tile_error = error;
         report->tail_pocket = object;
@@ -201,7 +205,7 @@ static void look_at_tiles(const struct kiln_integration *in, const uint64_t *til
  * the standard error of a ratio of sums over tiles (Cochran, "Sampling Techniques", section 6.4). */
 static double off_of_object(const struct missed *m, const struct kiln_tail_fit *fit)
 {
-    if (!(m->now > 0.0) || !(m->before > 0.0))
+    if (m->tiles < RATIO_TILES || !(m->before > 0.0))
         return 0.0;
     const double q = fmin(kiln_luminance(fit->ratio), KILN_TAIL_RATIO_MOST), ratio = m->now / m->before,
                  square = m->now2 - 2.0 * ratio * m->product + ratio * ratio * m->before2,

@@ -13,9 +13,9 @@
  * added.
  *
  * A tile's own ratio is rarely known well enough. The ratio of an object's powers is, by its standard error over the
- * tiles; so the error of an object is the larger of that sum and of what this ratio says. A dark room, whose light comes
- * from a bright one through a gap, has little power and a ratio of its own; objects count by their points, not by their
- * light.
+ * tiles; so the error of an object is the larger of that sum and of what this ratio says. A dark room, whose light
+ * comes from a bright one through a gap, has little power and a ratio of its own; objects count by their points, not by
+ * their light.
  *
  * An object's mean is that of its results: by area, and without backs that no file shows (kiln_map_is_result). The
  * insides of white solids whose triangles are double-sided keep their light for hundreds of bounces; light that escapes

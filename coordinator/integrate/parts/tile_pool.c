@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-#include "coordinator/integrate/cells/tiles.h"
+#include "coordinator/integrate/tile_sums.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/memory.h"
 
