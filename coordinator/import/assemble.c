@@ -4,6 +4,7 @@
 #include <string.h>
 #include <xxhash.h>
 
+#include "worker/base/affine.h"
 #include "worker/base/memory.h"
 
 static const double area_floor = 1e-12;  /* 2 A / longest edge^2 that a triangle must exceed to be kept */
@@ -304,12 +305,6 @@ static bool object_has_area(const struct kiln_builder *builder, const struct kil
     return false;
 }
 
-static double determinant(const double m[12])
-{
-    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
-           m[2] * (m[4] * m[9] - m[5] * m[8]);
-}
-
 int kiln_object_add(struct kiln_builder *builder, uint32_t mesh_index, const double transform[12], const char *name,
                     const char *original, const struct kiln_object_source *source, const char *where, bool *skipped,
                     struct kiln_error *error)
@@ -326,7 +321,7 @@ int kiln_object_add(struct kiln_builder *builder, uint32_t mesh_index, const dou
         if (i % 4 != 3)
             size = fmax(size, fabs(transform[i]));
     }
-    const double det = determinant(transform);
+    const double det = kiln_affine_determinant(transform);
     if (fabs(det) <= 1e-9 * size * size * size && !object_has_area(builder, mesh, transform)) {
         *skipped = true;
         return KILN_OK;

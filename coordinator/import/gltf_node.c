@@ -6,6 +6,7 @@
 
 #include "coordinator/import/gltf_pose.h"
 #include "coordinator/job/object_settings.h"
+#include "worker/base/affine.h"
 #include "worker/base/arena.h"
 #include "worker/base/memory.h"
 
@@ -24,39 +25,7 @@ struct tree {
     size_t count, ordered;
 };
 
-static void multiply(const double a[12], const double b[12], double out[12])
-{
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 4; c++)
-            out[4 * r + c] =
-                a[4 * r] * b[c] + a[4 * r + 1] * b[4 + c] + a[4 * r + 2] * b[8 + c] + (c == 3 ? a[4 * r + 3] : 0.0);
-}
-
-static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-
-/* translation x rotation (unit quaternion x y z w) x scale */
-static void compose(const double t[3], const double q[4], const double s[3], double out[12])
-{
-    const double x = q[0], y = q[1], z = q[2], w = q[3];
-    const double rotation[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - z * w),     2 * (x * z + y * w),
-                                2 * (x * y + z * w),     1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
-                                2 * (x * z - y * w),     2 * (y * z + x * w),     1 - 2 * (x * x + y * y)};
-    for (int r = 0; r < 3; r++) {
-        for (int c = 0; c < 3; c++)
-            out[4 * r + c] = rotation[3 * r + c] * s[c];
-        out[4 * r + 3] = t[r];
-    }
-}
-
-static bool unit_quaternion(double q[4])
-{
-    const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    if (!(fabs(length - 1.0) < 0.01))
-        return false;
-    for (int i = 0; i < 4; i++)
-        q[i] /= length;
-    return true;
-}
+static const double identity[12] = KILN_AFFINE_IDENTITY;
 
 static void read_matrix(struct gltf *g, struct gltf_place place, const double m[16], double out[12])
 {
@@ -68,13 +37,8 @@ static void read_matrix(struct gltf *g, struct gltf_place place, const double m[
                   m[15]);
         return;
     }
-    double size = 0.0;
-    for (int i = 0; i < 12; i++)
-        if (i % 4 != 3)
-            size = fmax(size, fabs(out[i]));
-    const double det = out[0] * (out[5] * out[10] - out[6] * out[9]) - out[1] * (out[4] * out[10] - out[6] * out[8]) +
-                       out[2] * (out[4] * out[9] - out[5] * out[8]);
-    if (size == 0.0 || fabs(det) < 1e-18 * size * size * size)
+    const double size = kiln_affine_size(out);
+    if (size == 0.0 || fabs(kiln_affine_determinant(out)) < 1e-18 * size * size * size)
         gltf_fail(g, place, "matrix", "is singular (it maps everything to a plane, a line or a point)");
 }
 
@@ -92,10 +56,10 @@ static void read_local(struct gltf *g, struct gltf_place place, const json_t *js
         gltf_fail(g, place, "matrix", "is given together with translation, rotation or scale");
     else if (has_matrix)
         read_matrix(g, place, matrix, out);
-    else if (!unit_quaternion(q))
+    else if (!kiln_quaternion_unit(q))
         gltf_fail(g, place, "rotation", "is not a unit quaternion");
     else
-        compose(t, q, s, out);
+        kiln_affine_compose(t, q, s, out);
 }
 
 static void read_children(struct gltf *g, struct tree *tree, size_t index, const json_t *json)
@@ -189,7 +153,8 @@ static void place_nodes(struct gltf *g, struct tree *tree, size_t scene_index, c
             node->reached = tree->nodes[node->parent].reached;
             node->hidden |= tree->nodes[node->parent].hidden;
         }
-        multiply(node->parent == KILN_NONE ? identity : tree->nodes[node->parent].world, node->local, node->world);
+        kiln_affine_multiply(node->parent == KILN_NONE ? identity : tree->nodes[node->parent].world, node->local,
+                             node->world);
     }
 }
 
@@ -387,12 +352,12 @@ static void add_instances(struct gltf *g, const struct kiln_object_source *node,
         }
         for (int c = 0; c < 4; c++)
             q[c] = (double)value[1][c];
-        if (!unit_quaternion(q)) {
+        if (!kiln_quaternion_unit(q)) {
             gltf_fail(g, place, "ROTATION", "of instance %zu is not a unit quaternion", i);
             return;
         }
-        compose(t, q, s, local);
-        multiply(world, local, placed);
+        kiln_affine_compose(t, q, s, local);
+        kiln_affine_multiply(world, local, placed);
         char wish[160];
         (void)snprintf(wish, sizeof wish, "%.100s_%zu", name, i);
         const struct kiln_object_source source = {node->node, node->mesh, (uint32_t)i};

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "worker/base/affine.h"
 #include "worker/base/memory.h"
 
 enum { MAT4_COMPONENTS = 16, TARGETS_MOST = 4096 };
@@ -60,14 +61,6 @@ static void read_targets(struct gltf *g, struct gltf_place place, const json_t *
 
 /* ---- skins ---- */
 
-static void multiply(const double a[12], const double b[12], double out[12])
-{
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 4; c++)
-            out[4 * r + c] =
-                a[4 * r] * b[c] + a[4 * r + 1] * b[4 + c] + a[4 * r + 2] * b[8 + c] + (c == 3 ? a[4 * r + 3] : 0.0);
-}
-
 /* The accessor of the inverse bind matrices; NULL: they are all the identity. */
 static const struct gltf_accessor *bind_accessor(struct gltf *g, struct gltf_place place, const json_t *skin,
                                                  size_t joint_count)
@@ -119,7 +112,7 @@ static void read_joint(struct gltf *g, struct gltf_place place, const json_t *jo
         return;
     }
     bind_matrix(binds, i, bind);
-    multiply(transform_of(worlds, stride, (size_t)node), bind, out);
+    kiln_affine_multiply(transform_of(worlds, stride, (size_t)node), bind, out);
     for (int k = 0; k < 12; k++)
         if (!(fabs(out[k]) <= 1e30))
             gltf_fail(g, place, "inverseBindMatrices",
