@@ -129,6 +129,19 @@ int kiln_builder_note(struct kiln_builder *builder, uint32_t severity, struct ki
     return kiln_builder_append(builder, KILN_SECTION_NOTES, &note, 1, NULL, error);
 }
 
+int kiln_builder_make_part(struct kiln_builder *builder, struct kiln_error *error)
+{
+    struct kiln_mesh *meshes = KILN_BUILDER_DATA(builder, struct kiln_mesh, KILN_SECTION_MESHES);
+    struct kiln_object *objects = KILN_BUILDER_DATA(builder, struct kiln_object, KILN_SECTION_OBJECTS);
+    const size_t count = builder->sections[KILN_SECTION_OBJECTS].count;
+    for (size_t i = 0; i < builder->sections[KILN_SECTION_MESHES].count; i++)
+        meshes[i].flags |= builder->mesh_has_lightmap_uv[i] != 0 ? KILN_MESH_HAS_SECOND_UV : 0u;
+    for (size_t i = 0; i < count; i++)
+        objects[i].lightmap_width = objects[i].lightmap_height = 1;
+    builder->part = true;
+    return kiln_builder_append(builder, KILN_SECTION_OBJECT_SETTINGS, builder->object_settings, count, NULL, error);
+}
+
 struct bounds {
     struct kiln_dvec3 low, high;
 };
@@ -249,7 +262,8 @@ static int fill_header(const struct kiln_builder *builder, struct kiln_scene_hea
 {
     memset(header, 0, sizeof *header);
     header->magic = KILN_SCENE_MAGIC;
-    header->version = builder->sections[KILN_SECTION_GLOSS].count > 0         ? KILN_SCENE_VERSION
+    header->version = builder->part                                           ? KILN_SCENE_VERSION_PART
+                      : builder->sections[KILN_SECTION_GLOSS].count > 0       ? KILN_SCENE_VERSION
                       : builder->sections[KILN_SECTION_NORMAL_MAPS].count > 0 ? KILN_SCENE_VERSION_NORMAL_MAPS
                                                                               : KILN_SCENE_VERSION_PLAIN;
     memcpy(header->import_hash, builder->import_hash, sizeof header->import_hash);

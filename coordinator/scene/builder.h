@@ -30,6 +30,7 @@ struct kiln_builder {
     uint64_t import_hash[2];
     float texels_per_metre, padding_factor; /* for the scene file's header */
     uint32_t units;                         /* enum kiln_scene_units */
+    bool part;                              /* written as the scene file of a part, before layouts are made */
 };
 
 /* Largest absolute value of a coordinate, m, in a mesh and in the world: products of three stay within float. */
@@ -54,6 +55,9 @@ int kiln_builder_string(struct kiln_builder *builder, const char *text, size_t l
 /* Adds a note; `severity` is an enum kiln_note_severity. */
 int kiln_builder_note(struct kiln_builder *builder, uint32_t severity, struct kiln_error *error, const char *format,
                       ...) __attribute__((format(printf, 4, 5)));
+/* Makes the builder one of a part, whose scene file keeps what layouts need later (KILN_SCENE_VERSION_PART): flags of
+ * meshes, and settings of objects. Call it when the file is read, before the builder is written. */
+int kiln_builder_make_part(struct kiln_builder *builder, struct kiln_error *error);
 /* Computes centre, bounds and hashes and writes the file to `path` (created, synced; the caller renames it). Empties
  * the builder's sections as it writes them, so that a scene with many texels is in memory once, not twice.
  * KILN_BAD_INPUT when an object extends beyond KILN_COORDINATE_MAX. */

@@ -34,6 +34,7 @@ _Static_assert(sizeof(struct kiln_environment) == 32, "format");
 _Static_assert(sizeof(struct kiln_source) == 32, "format");
 _Static_assert(sizeof(struct kiln_note) == 8, "format");
 _Static_assert(sizeof(struct kiln_triangle_source) == 8, "format");
+_Static_assert(sizeof(struct kiln_object_settings) == 32, "format");
 _Static_assert(sizeof(struct kiln_scene_header) == 136 + 16 * KILN_SECTION_COUNT, "format");
 
 static const struct {
@@ -65,6 +66,7 @@ static const struct {
     [KILN_SECTION_TEXCOORD_NORMAL] = {sizeof(struct kiln_vec2), "normal-map coordinates"},
     [KILN_SECTION_GLOSS] = {sizeof(struct kiln_gloss), "gloss"},
     [KILN_SECTION_TEXCOORD_GLOSS] = {sizeof(struct kiln_vec2), "gloss coordinates"},
+    [KILN_SECTION_OBJECT_SETTINGS] = {sizeof(struct kiln_object_settings), "settings of objects"},
 };
 
 size_t kiln_scene_element_size(enum kiln_scene_section section)
@@ -97,6 +99,7 @@ struct check {
     struct kiln_scene *scene;
     const char *path;
     struct kiln_error *error;
+    bool part; /* a part's scene file is wanted */
 };
 
 __attribute__((format(printf, 2, 3))) static int damaged(const struct check *check, const char *format, ...)
@@ -116,7 +119,12 @@ static int check_header(const struct check *check, const struct kiln_scene_heade
     if (header->magic != KILN_SCENE_MAGIC)
         return kiln_fail(check->error, KILN_BAD_INPUT, "%s: not a kiln scene file (the file signature is missing)",
                          check->path);
-    if (header->version < KILN_SCENE_VERSION_PLAIN || header->version > KILN_SCENE_VERSION)
+    if (!check->part && header->version == KILN_SCENE_VERSION_PART)
+        return kiln_fail(check->error, KILN_BAD_INPUT,
+                         "%s: is the scene file of a part, without lightmap layouts; give the job that lists the part",
+                         check->path);
+    if (check->part ? header->version != KILN_SCENE_VERSION_PART
+                    : header->version < KILN_SCENE_VERSION_PLAIN || header->version > KILN_SCENE_VERSION)
         return kiln_fail(check->error, KILN_BAD_INPUT,
                          "%s: scene file of version %u, but this kiln reads versions %u to %u; import the scene again",
                          check->path, header->version, KILN_SCENE_VERSION_PLAIN, KILN_SCENE_VERSION);
@@ -287,8 +295,9 @@ static int check_vertices(const struct check *check)
         return damaged(check, "a position is not a number");
     if (!all_finite(&scene->texcoord_base[0].x, 2 * n) || !all_finite(&scene->texcoord_emission[0].x, 2 * n))
         return damaged(check, "a texture coordinate is not a number");
-    if (!within(&scene->texcoord_lightmap[0].x, 2 * n, 0.0f, 1.0f))
-        return damaged(check, "a lightmap coordinate is outside 0..1");
+    if (check->part ? !all_finite(&scene->texcoord_lightmap[0].x, 2 * n)
+                    : !within(&scene->texcoord_lightmap[0].x, 2 * n, 0.0f, 1.0f))
+        return damaged(check, "a lightmap coordinate is %s", check->part ? "not a number" : "outside 0..1");
     for (size_t i = 0; i < n; i++) {
         const float squared = vec3_dot(scene->normals[i], scene->normals[i]);
         if (!(squared > 0.99f && squared < 1.01f))
@@ -316,12 +325,21 @@ static int check_meshes(const struct check *check)
     return status;
 }
 
+static bool is_step_of_name(const char *name, size_t length)
+{
+    return length > 0 && name[0] != '.' &&
+           strspn(name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-") >= length;
+}
+
+/* Whether the name is NAME or PART/NAME, each of which can be the name of a file or folder. */
 static bool is_file_name(const char *name)
 {
     enum { NAME_MOST = 200 }; /* with an extension it is still a valid name on every file system */
-    if (name[0] == '\0' || name[0] == '.' || strnlen(name, NAME_MOST + 1) > NAME_MOST)
-        return false;
-    return strspn(name, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-") == strlen(name);
+    const size_t length = strnlen(name, NAME_MOST + 1);
+    const char *slash = strchr(name, '/');
+    if (length > NAME_MOST || slash == NULL)
+        return length <= NAME_MOST && is_step_of_name(name, length);
+    return is_step_of_name(name, (size_t)(slash - name)) && is_step_of_name(slash + 1, strlen(slash + 1));
 }
 
 static int compare_names(const void *a, const void *b)
@@ -367,6 +385,25 @@ static int check_objects(const struct check *check)
                            (int)KILN_DENSITY_REASONS);
     }
     return check_names(check);
+}
+
+static int check_object_settings(const struct check *check)
+{
+    const struct kiln_scene *scene = check->scene;
+    const uint64_t count = scene->header->sections[KILN_SECTION_OBJECT_SETTINGS].count;
+    if (count != (check->part ? scene->object_count : 0))
+        return damaged(check, "there are %llu settings for %zu objects", (unsigned long long)count,
+                       scene->object_count);
+    for (size_t i = 0; i < count; i++) {
+        const struct kiln_object_settings *s = &scene->object_settings[i];
+        uint8_t flag;
+        memcpy(&flag, &s->size_of_file, sizeof flag);
+        if (!(s->density_scale >= 0.0 && s->density_scale <= 1e3) || s->lightmap_size > 65536 ||
+            s->role > KILN_ROLE_RECEIVER_ONLY || s->sides > KILN_SIDES_TWO || s->exclude > KILN_EXCLUDE_YES ||
+            flag > 1 || !is_string(check, s->lod_name))
+            return damaged(check, "the settings of object %zu have a value outside its range", i);
+    }
+    return KILN_OK;
 }
 
 static int check_lights(const struct check *check)
@@ -454,6 +491,7 @@ static int check_contents(const struct check *check)
     KILN_TRY(check_meshes(check));
     KILN_TRY(check_vertices(check));
     KILN_TRY(check_objects(check));
+    KILN_TRY(check_object_settings(check));
     KILN_TRY(check_lights(check));
 end:
     return status;
@@ -492,6 +530,8 @@ static void set_pointers(struct kiln_scene *scene)
     scene->glosses = SECTION(KILN_SECTION_GLOSS);
     scene->texcoord_gloss =
         header->sections[KILN_SECTION_TEXCOORD_GLOSS].count > 0 ? SECTION(KILN_SECTION_TEXCOORD_GLOSS) : NULL;
+    scene->object_settings =
+        header->sections[KILN_SECTION_OBJECT_SETTINGS].count > 0 ? SECTION(KILN_SECTION_OBJECT_SETTINGS) : NULL;
 #undef SECTION
     scene->material_count = (size_t)header->sections[KILN_SECTION_MATERIALS].count;
     scene->texture_count = (size_t)header->sections[KILN_SECTION_TEXTURES].count;
@@ -544,7 +584,8 @@ int kiln_scene_open(struct kiln_scene **result, const char *path, struct kiln_er
     return kiln_scene_open_descriptor(result, descriptor, path, error);
 }
 
-int kiln_scene_open_descriptor(struct kiln_scene **result, int descriptor, const char *path, struct kiln_error *error)
+static int open_descriptor(struct kiln_scene **result, int descriptor, const char *path, bool part,
+                           struct kiln_error *error)
 {
     struct kiln_scene *scene = NULL;
     int status = kiln_allocate(&scene, 1, sizeof *scene, "the scene", error);
@@ -557,7 +598,7 @@ int kiln_scene_open_descriptor(struct kiln_scene **result, int descriptor, const
     status = map_file(scene, path, error);
     if (status != KILN_OK)
         goto done;
-    const struct check check = {scene, path, error};
+    const struct check check = {scene, path, error, part};
     status = check_header(&check, scene->mapped, scene->mapped_bytes);
     if (status != KILN_OK)
         goto done;
@@ -573,6 +614,21 @@ done:
     if (status != KILN_OK)
         kiln_scene_close(&scene);
     *result = scene;
+    return status;
+}
+
+int kiln_scene_open_descriptor(struct kiln_scene **scene, int descriptor, const char *path, struct kiln_error *error)
+{
+    return open_descriptor(scene, descriptor, path, false, error);
+}
+
+int kiln_scene_open_part(struct kiln_scene **scene, int descriptor, const char *path, struct kiln_error *error)
+{
+    const int status = open_descriptor(scene, descriptor, path, true, error);
+    if (status == KILN_OK) {
+        (void)close((*scene)->descriptor);
+        (*scene)->descriptor = -1;
+    }
     return status;
 }
 

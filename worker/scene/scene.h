@@ -17,6 +17,7 @@
 #include "shaders/shared/surface.h"
 #include "worker/base/status.h"
 #include "worker/base/vector.h"
+#include "worker/scene/object_settings.h"
 
 #define KILN_SCENE_MAGIC 0x4e434b4cu /* "LKCN" */
 /* The latest version. Version 5 added the sections of gloss, version 4 those of normal maps. A scene is written as the
@@ -25,6 +26,9 @@
 #define KILN_SCENE_VERSION 5u
 #define KILN_SCENE_VERSION_NORMAL_MAPS 4u
 #define KILN_SCENE_VERSION_PLAIN 3u
+/* The scene file of a part (coordinator/import/parts.h): what a reader took from one file, without layouts and sizes of
+ * lightmaps, with the settings that the file gives its objects. kiln_scene_open refuses it. */
+#define KILN_SCENE_VERSION_PART 6u
 
 enum kiln_light_kind { KILN_LIGHT_POINT = 0, KILN_LIGHT_SPOT = 1, KILN_LIGHT_DIRECTIONAL = 2 };
 enum kiln_environment_kind { KILN_ENVIRONMENT_NONE = 0, KILN_ENVIRONMENT_CONSTANT = 1, KILN_ENVIRONMENT_LATLONG = 2 };
@@ -156,12 +160,16 @@ enum {
     KILN_MESH_REPACKED = 8,        /* the layout is the mesh's own charts, packed anew */
     KILN_MESH_HAS_EMISSION_UV = 4, /* texcoord_emission differs from texcoord_base somewhere */
     KILN_MESH_NO_LAYOUT = 16,      /* there is no layout: all of texcoord_lightmap is 0 */
-    KILN_MESH_POSED = 32           /* skins or morph targets moved its vertices: positions are not those of the file */
+    KILN_MESH_POSED = 32,          /* skins or morph targets moved its vertices: positions are not those of the file */
+    /* of a part: the file has a second UV set for the mesh, which texcoord_lightmap repeats, unchecked */
+    KILN_MESH_HAS_SECOND_UV = 64
 };
 
 /* An object: one placed instance of a mesh, with a lightmap of its own. */
 struct kiln_object {
-    uint32_t name; /* the node's name, made unique and safe as a file name: [A-Za-z0-9._-], never starting with '.' */
+    /* the node's name, made unique and safe as a file name: [A-Za-z0-9._-], never starting with '.'; of an object from
+     * a part: PART/NAME, both safe */
+    uint32_t name;
     uint32_t mesh;
     double transform[12];                     /* mesh to world, row-major 3 x 4 */
     uint32_t lightmap_width, lightmap_height; /* texels, >= 1 */
@@ -265,6 +273,8 @@ enum kiln_scene_section {
     /* struct kiln_vec2 a vertex, or none at all if there is no gloss: the coordinate of the set that the textures of
      * the vertex's gloss use, no transform applied; the base-colour coordinate where a material has none */
     KILN_SECTION_TEXCOORD_GLOSS,
+    /* version 6, of a part */
+    KILN_SECTION_OBJECT_SETTINGS, /* struct kiln_object_settings an object */
     KILN_SECTION_COUNT
 };
 
@@ -356,7 +366,8 @@ struct kiln_scene {
     const struct kiln_normal_map *normal_maps;
     const struct kiln_vec2 *texcoord_normal; /* NULL: none */
     const struct kiln_gloss *glosses;
-    const struct kiln_vec2 *texcoord_gloss; /* NULL: none */
+    const struct kiln_vec2 *texcoord_gloss;             /* NULL: none */
+    const struct kiln_object_settings *object_settings; /* one an object, of a part; NULL: none */
     size_t material_count, texture_count, mesh_count, object_count, light_count, camera_count;
     size_t vertex_count, triangle_count; /* stored; instances not expanded */
     size_t source_count, note_count, normal_map_count, gloss_count;
@@ -381,6 +392,7 @@ static inline unsigned kiln_scene_sections(uint32_t version)
 {
     return version == KILN_SCENE_VERSION_PLAIN         ? KILN_SECTION_NORMAL_MAPS
            : version == KILN_SCENE_VERSION_NORMAL_MAPS ? KILN_SECTION_GLOSS
+           : version == KILN_SCENE_VERSION             ? KILN_SECTION_OBJECT_SETTINGS
                                                        : KILN_SECTION_COUNT;
 }
 static inline size_t kiln_scene_header_bytes(uint32_t version)
@@ -400,6 +412,9 @@ int kiln_scene_open(struct kiln_scene **scene, const char *path, struct kiln_err
 /* As kiln_scene_open, for an open file. The scene owns the descriptor from now on, even on failure. `path`: for error
  * sentences. */
 int kiln_scene_open_descriptor(struct kiln_scene **scene, int descriptor, const char *path, struct kiln_error *error);
+/* As kiln_scene_open_descriptor, for the scene file of a part; any other scene file is KILN_BAD_INPUT. The descriptor
+ * is closed at once, so that thousands of parts can be open. */
+int kiln_scene_open_part(struct kiln_scene **scene, int descriptor, const char *path, struct kiln_error *error);
 void kiln_scene_close(struct kiln_scene **scene);
 /* Returns KILN_IO if the file was written to since it was opened, so that data read from it may be wrong. `path` is
  * used in the sentence. */
