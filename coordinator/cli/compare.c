@@ -4,6 +4,7 @@
 
 #include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -123,7 +124,7 @@ static int add_one(struct comparison *c, const char *name, struct kiln_error *er
     if (status != KILN_OK)
         return status;
     memset(&c->ones[c->count], 0, sizeof c->ones[c->count]);
-    (void)snprintf(c->ones[c->count++].name, sizeof c->ones->name, "%s", name);
+    (void)snprintf(c->ones[c->count++].name, sizeof c->ones->name, "%.255s", name);
     return KILN_OK;
 }
 
@@ -132,27 +133,69 @@ static int compare_names(const void *a, const void *b)
     return strcmp(((const struct one *)a)->name, ((const struct one *)b)->name);
 }
 
+static int open_list(const struct kiln_results *results, const char *name, const char *directory, DIR **folder,
+                     struct kiln_error *error)
+{
+    int descriptor;
+    struct kiln_error why = {""};
+    const int status = kiln_results_folder(results, name, &descriptor, &why);
+    if (status != KILN_OK)
+        return kiln_fail(error, status, "'%s' is not the folder of a bake: %s", directory, why.message);
+    *folder = fdopendir(descriptor);
+    if (*folder != NULL)
+        return KILN_OK;
+    (void)close(descriptor);
+    return kiln_fail_errno(error, KILN_SYSTEM, "'%s/%s' cannot be read", directory, name);
+}
+
+static bool is_lightmap(const char *name)
+{
+    const size_t length = strlen(name);
+    return name[0] != '.' && length > 4 && strcmp(name + length - 4, ".exr") == 0;
+}
+
+/* Whether an entry of lightmaps/ is the folder of a part of the scene. */
+static bool is_part(const DIR *folder, const char *name)
+{
+    struct stat status;
+    return name[0] != '.' && strcmp(name, "back") != 0 && strncmp(name, "groups-", 7) != 0 &&
+           fstatat(dirfd((DIR *)(uintptr_t)folder), name, &status, AT_SYMLINK_NOFOLLOW) == 0 && S_ISDIR(status.st_mode);
+}
+
+/* Lists the lightmaps of a part of the scene. */
+static int list_part(struct comparison *c, const struct kiln_results *results, const char *part, const char *directory,
+                     struct kiln_error *error)
+{
+    char name[300], file[2 * NAME_MAX + 2];
+    DIR *folder;
+    const struct dirent *entry;
+    (void)snprintf(name, sizeof name, "lightmaps/%.255s", part);
+    int status = open_list(results, name, directory, &folder, error);
+    if (status != KILN_OK)
+        return status;
+    while (status == KILN_OK && (entry = readdir(folder)) != NULL) {
+        const int length = snprintf(file, sizeof file, "%s/%s", part, entry->d_name);
+        if (is_lightmap(entry->d_name) && (size_t)length < sizeof c->ones->name)
+            status = add_one(c, file, error);
+    }
+    (void)closedir(folder);
+    return status;
+}
+
 /* Lists the names of the lightmaps in the folder of a bake, in byte order. */
 static int list_lightmaps(struct comparison *c, const struct kiln_results *results, const char *directory,
                           struct kiln_error *error)
 {
-    int descriptor;
-    struct kiln_error why = {""};
-    int status = kiln_results_folder(results, "lightmaps", &descriptor, &why);
-    if (status != KILN_OK)
-        return kiln_fail(error, status, "'%s' is not the folder of a bake: %s", directory, why.message);
-    DIR *folder = fdopendir(descriptor);
-    if (folder == NULL) {
-        status = kiln_fail_errno(error, KILN_SYSTEM, "'%s/lightmaps' cannot be read", directory);
-        (void)close(descriptor);
-        return status;
-    }
+    DIR *folder;
     const struct dirent *entry;
+    int status = open_list(results, "lightmaps", directory, &folder, error);
+    if (status != KILN_OK)
+        return status;
     while (status == KILN_OK && (entry = readdir(folder)) != NULL) {
-        const size_t length = strlen(entry->d_name);
-        if (entry->d_name[0] != '.' && length > 4 && length < sizeof c->ones->name &&
-            strcmp(entry->d_name + length - 4, ".exr") == 0)
+        if (is_lightmap(entry->d_name) && strlen(entry->d_name) < sizeof c->ones->name)
             status = add_one(c, entry->d_name, error);
+        else if (is_part(folder, entry->d_name))
+            status = list_part(c, results, entry->d_name, directory, error);
     }
     (void)closedir(folder);
     if (status == KILN_OK && c->count > 0)

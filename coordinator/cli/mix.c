@@ -164,6 +164,8 @@ static int make_folders(struct mix *m, struct kiln_error *error)
         return status;
     status = kiln_folder_open(&folder, m->output, backs ? "lightmaps/back" : "lightmaps", true, error);
     kiln_folder_close(&folder);
+    for (size_t i = 0; status == KILN_OK && i < m->map_count; i++)
+        status = kiln_make_parents(m->output, m->maps[i].name, error);
     return status;
 }
 

@@ -56,6 +56,7 @@ static int write_lightmap(const struct kiln_pages_params *p, size_t object, bool
     int status;
     KILN_TRY(*file == NULL ? KILN_SYSTEM : KILN_OK);
     KILN_TRY(read_lightmap(p, object, back, wanted, 3, &image, error));
+    KILN_TRY(kiln_make_parents(p->folder, *file, error));
     KILN_TRY(kiln_page_write(p->folder, *file, p->format, image, range, error));
 end:
     kiln_image_destroy(&image);

@@ -144,6 +144,19 @@ void kiln_folder_close(struct kiln_folder *folder)
     folder->descriptor = -1;
 }
 
+int kiln_make_parents(const char *directory, const char *name, struct kiln_error *error)
+{
+    char below[KILN_PATH_SIZE];
+    struct kiln_folder folder;
+    const char *slash = strrchr(name, '/');
+    if (slash == NULL)
+        return KILN_OK;
+    (void)snprintf(below, sizeof below, "%.*s", (int)(slash - name), name);
+    const int status = kiln_folder_open(&folder, directory, below, true, error);
+    kiln_folder_close(&folder);
+    return status;
+}
+
 int kiln_folder_sync(const struct kiln_folder *folder, struct kiln_error *error)
 {
     /* some file systems cannot sync a folder and return EINVAL */

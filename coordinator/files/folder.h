@@ -33,6 +33,9 @@ int kiln_folder_open(struct kiln_folder *folder, const char *directory, const ch
                      struct kiln_error *error);
 void kiln_folder_close(struct kiln_folder *folder);
 
+/* Creates the missing folders on the way to DIRECTORY/NAME, likewise. */
+int kiln_make_parents(const char *directory, const char *name, struct kiln_error *error);
+
 /* Syncs the folder's entries to disk. */
 int kiln_folder_sync(const struct kiln_folder *folder, struct kiln_error *error);
 

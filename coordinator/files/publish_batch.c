@@ -23,8 +23,9 @@ struct kiln_publish_batch {
     size_t count, capacity;
 };
 
-/* Threads that sync at the same time. They wait for the disk, so there may be more of them than processors. */
-enum { SYNCING = 8, ASIDE_SIZE = 528 };
+/* SYNCING: threads that sync at the same time. They wait for the disk, so there may be more of them than processors.
+ * FOLDERS_MOST: folders of a batch, each of which is open; files in further ones are published one by one */
+enum { SYNCING = 8, ASIDE_SIZE = 528, FOLDERS_MOST = 256 };
 
 int kiln_publish_batch_create(struct kiln_publish_batch **batch, struct kiln_error *error)
 {
@@ -37,6 +38,15 @@ int kiln_publish_batch_create(struct kiln_publish_batch **batch, struct kiln_err
 static void name_aside(const struct waiting *file, char aside[ASIDE_SIZE])
 {
     (void)snprintf(aside, ASIDE_SIZE, ".%s.part", file->base);
+}
+
+/* Whether the batch has the folder, or may open one more. */
+static bool has_room(const struct kiln_publish_batch *b, const struct kiln_folder *folder)
+{
+    for (size_t i = 0; i < b->folder_count; i++)
+        if (strcmp(b->folders[i].path, folder->path) == 0)
+            return true;
+    return b->folder_count < FOLDERS_MOST;
 }
 
 static int find_folder(struct kiln_publish_batch *b, struct kiln_folder *folder, size_t *index,
@@ -90,8 +100,11 @@ int kiln_publish_put(struct kiln_publish_batch *b, struct kiln_publish *p, struc
         return kiln_publish_finish(p, error);
     start_writing(p);
     (void)pthread_mutex_lock(&b->changing);
-    const int status = add(b, p, error);
+    const bool alone = !has_room(b, &p->folder);
+    const int status = alone ? KILN_OK : add(b, p, error);
     (void)pthread_mutex_unlock(&b->changing);
+    if (alone)
+        return kiln_publish_finish(p, error);
     if (status == KILN_OK)
         kiln_publish_close(p);
     else

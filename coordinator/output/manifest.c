@@ -325,6 +325,17 @@ static int remove_file(const char *directory, const char *name, struct kiln_erro
     return KILN_OK;
 }
 
+/* Removes the folder of a file in lightmaps/FOLDER, if nothing is left in it. */
+static void remove_folder(const char *directory, const char *name)
+{
+    char folder[KILN_PATH_SIZE];
+    const char *slash = strrchr(name, '/');
+    if (slash == NULL || slash == strchr(name, '/'))
+        return;
+    (void)snprintf(folder, sizeof folder, "%.*s", (int)(slash - name), name);
+    (void)kiln_rmdir_below(directory, folder);
+}
+
 static bool is_there(const char *directory, const char *name)
 {
     char path[KILN_PATH_SIZE];
@@ -344,6 +355,7 @@ static int prune_files(const struct kiln_manifest *before, const struct kiln_man
             continue;
         if (check_file(file, directory, NULL) == KILN_OK) {
             status = remove_file(directory, file->path, error);
+            remove_folder(directory, file->path);
             pruned->removed++;
         } else if (pruned->kept++ == 0) {
             (void)snprintf(pruned->first_kept, sizeof pruned->first_kept, "%s", file->path);

@@ -138,18 +138,43 @@ static int make_folder(const char *directory, const char *name, bool backs, stru
     return status;
 }
 
+/* Makes the folders of the parts of the scene, FOLDER/PART and FOLDER/back/PART. */
+static int make_part_folders(const struct kiln_writer *w, const char *folder, struct kiln_error *error)
+{
+    const struct kiln_surface *surface = w->result->surface;
+    const struct kiln_scene *scene = w->result->scene;
+    char made[KILN_PATH_SIZE] = "", path[KILN_PATH_SIZE];
+    int status = KILN_OK;
+    for (uint32_t i = 0; status == KILN_OK && i < surface->map_count; i++) {
+        const char *name = kiln_scene_string(scene, scene->objects[kiln_map_object(surface, i)].name),
+                   *slash = strchr(name, '/');
+        if (slash == NULL || surface->lightmaps[i].published == 0)
+            continue;
+        (void)snprintf(path, sizeof path, "%s/%s%.*s/", folder, kiln_map_back(surface, i) ? "back/" : "",
+                       (int)(slash - name), name);
+        if (strcmp(path, made) != 0) /* objects of a part stand together */
+            status = kiln_make_parents(w->params->directory, path, error);
+        memcpy(made, path, sizeof made);
+    }
+    return status;
+}
+
 static int make_folders(const struct kiln_writer *w, const struct kiln_surface *surface, const char *directory,
                         struct kiln_error *error)
 {
     bool backs = false;
     for (uint32_t i = surface->object_count; i < surface->map_count; i++)
         backs = backs || surface->lightmaps[i].published != 0;
-    int status = make_folder(directory, "lightmaps", backs, error);
-    for (size_t n = 0; n < kiln_writer_group_files(w) && status == KILN_OK; n++) {
+    int status;
+    KILN_TRY(make_folder(directory, "lightmaps", backs, error));
+    KILN_TRY(make_part_folders(w, "lightmaps", error));
+    for (size_t n = 0; n < kiln_writer_group_files(w); n++) {
         char folder[KILN_GROUP_FOLDER];
         kiln_group_folder(n, folder);
-        status = make_folder(directory, folder, backs, error);
+        KILN_TRY(make_folder(directory, folder, backs, error));
+        KILN_TRY(make_part_folders(w, folder, error));
     }
+end:
     return status;
 }
 
