@@ -267,6 +267,25 @@ static int write_scene(struct kiln_bake *b, struct kiln_error *error)
     return kiln_bake_end_phase(b, told != 0 ? KILN_OK : status, error);
 }
 
+/* Collective. Warns of parts whose files have changed since they were read: the rank that has read one looks. */
+static int warn_of_changes(const struct kiln_bake *b, struct kiln_error *error)
+{
+    const struct kiln_job_scene *scene = &b->job->scene;
+    const struct kiln_part_import *imports = b->prepared->import.parts;
+    if (imports == NULL)
+        return KILN_OK;
+    unsigned long long first = kiln_parts_changed(b->job, imports, (uint32_t)b->rank);
+    if (MPI_Allreduce(MPI_IN_PLACE, &first, 1, MPI_UNSIGNED_LONG_LONG, MPI_MIN, b->communicator) != MPI_SUCCESS)
+        return kiln_fail(error, KILN_RANK_LOST, "MPI failed while the ranks looked for changed parts");
+    if (b->rank == 0 && first < scene->part_count)
+        kiln_print(
+            stderr,
+            "kiln: warning: part '%s': %s has changed since it was read, and this bake has it as it was: run the "
+            "same command again\n",
+            scene->parts[first].name, scene->parts[first].file);
+    return KILN_OK;
+}
+
 /* Writes run.json, after everything that it names. */
 static int write_report(struct kiln_bake *b, struct kiln_error *error)
 {
@@ -330,6 +349,7 @@ int kiln_bake_write(struct kiln_bake *b, struct kiln_error *error)
     KILN_TRY(status);
     KILN_TRY(write_scene(b, error));
     KILN_TRY(draw_preview(b, error));
+    KILN_TRY(warn_of_changes(b, error));
     KILN_TRY(write_report(b, error));
 end:
     return status == KILN_OK ? write_manifest(b, error) : status;

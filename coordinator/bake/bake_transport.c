@@ -217,7 +217,9 @@ static int write_index(const struct kiln_bake *b, struct kiln_error *error)
                   scene != NULL ? scene : b->job->scene.file, "backend", kiln_backend_name(b->prepared->backend),
                   "instruction set", b->prepared->instruction_set, "job", job_json(b->asked));
     int status =
-        add_rules(json, "changes", b->asked->scene.changed) && add_rules(json, "light groups", b->asked->scene.grouped)
+        (b->asked->scene.part_count == 0 || json_object_set_new(json, "parts", kiln_job_parts_json(b->asked)) == 0) &&
+                add_rules(json, "changes", b->asked->scene.changed) &&
+                add_rules(json, "light groups", b->asked->scene.grouped)
             ? kiln_seal(json, JSON_INDENT(1), &text, &size, "the index of the transport", error)
             : kiln_fail(error, KILN_SYSTEM, "out of memory: the index of the transport");
     if (status == KILN_OK)

@@ -47,8 +47,7 @@ static int take_job(struct work *w, const char *directory, struct kiln_error *er
     char *arguments[] = {"kiln", "bake", "scene", "-o", (char *)(uintptr_t)directory, NULL};
     KILN_TRY(kiln_job_parse(&w->job, 5, arguments, error));
     /* set here and not as an argument, which could be of another kind, or a job file */
-    KILN_TRY(
-        kiln_job_keep_text(w->job, json_string_value(json_object_get(w->index, "scene")), &w->job->scene.file, error));
+    KILN_TRY(kiln_transport_scene_take(w->job, w->index, directory, error));
     KILN_TRY(kiln_transport_options_take(w->job, w->index, directory, error));
     KILN_TRY(kiln_transport_changes_take(w->job, w->index, directory, error));
     if (!kiln_job_has_links(w->job))

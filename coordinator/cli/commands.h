@@ -12,6 +12,7 @@ int kiln_command_bake(struct kiln_job *job, struct kiln_error *error);    /* (MP
 int kiln_command_relight(struct kiln_job *job, struct kiln_error *error); /* (MPI) */
 int kiln_command_plan(struct kiln_job *job, struct kiln_error *error);    /* (MPI) */
 int kiln_command_mix(struct kiln_job *job, struct kiln_error *error);
+int kiln_command_import(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_info(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_check(struct kiln_job *job, struct kiln_error *error);
 int kiln_command_view(struct kiln_job *job, struct kiln_error *error); /* (MPI) with --method path */

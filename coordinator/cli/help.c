@@ -266,8 +266,9 @@ static void command_screen(struct page *page, const struct kiln_command *command
     if (command->scene) {
         turn(page, "", 0);
         paragraph(page, 0,
-                  "A job file is YAML: the same names without the dashes, and `scene`; paths in it are relative to it. "
-                  "Later wins: defaults, --quality, the job file, the command line.",
+                  "A job file is YAML: the same names without the dashes, and `scene`, or `parts` for a scene of many "
+                  "files, `- {name: house, file: house.glb, at: {translation: [10, 0, 0]}}`; paths in it are relative "
+                  "to it. Later wins: defaults, --quality, the job file, the command line.",
                   0);
     }
     print_rest(page, command, shown);

@@ -47,7 +47,11 @@ int kiln_help_json(const struct kiln_command *command, struct kiln_error *error)
             (void)json_array_append_new(options, option_json(&kiln_options[i]));
     for (size_t i = 0; i < kiln_quality_count; i++)
         (void)json_array_append_new(qualities, quality_json(&kiln_qualities[i]));
-    return kiln_json_print(json_pack("{s:s, s:o, s:o, s:o}", "kiln", KILN_VERSION, "commands", commands, "options",
-                                     options, "qualities", qualities),
+    json_t *job =
+        json_pack("{s:s, s:s}", "scene", "the scene file", "parts",
+                  "in its place a list of files: {name, file, at}, where `at` is a place or a list of places, "
+                  "{translation, rotation, scale} or the four rows of a matrix");
+    return kiln_json_print(json_pack("{s:s, s:o, s:o, s:o, s:o}", "kiln", KILN_VERSION, "commands", commands, "options",
+                                     options, "job_keys", job, "qualities", qualities),
                            error);
 }

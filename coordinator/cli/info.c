@@ -220,7 +220,7 @@ static json_t *info_json(const struct kiln_scene_survey *look, const struct kiln
                      surface_json(look), "environment", environment, "meshes", meshes_json(look), "objects",
                      objects_json(look), "materials", materials_json(look), "textures", textures_json(look), "lights",
                      lights_json(look), "cameras", cameras_json(look), "notes", texts_json(look), "scene_file_bytes",
-                     (json_int_t)s->mapped_bytes, "import_seconds", look->import.seconds);
+                     (json_int_t)s->mapped_bytes, "import_seconds", look->import.report.seconds);
 }
 
 /* Whether no mesh has a layout for lightmaps, as in the scene file of a bake into octrees. */

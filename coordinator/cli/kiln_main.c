@@ -137,6 +137,7 @@ static int prepare(struct kiln_job **job, int argc, char **argv, const struct ki
     else if (command->folder)
         KILN_TRY(check_folder(*job, (*job)->arguments[0], error));
     KILN_TRY(check_scene(*job, error));
+    KILN_TRY(kiln_job_parts_check(*job, error));
     KILN_TRY(kiln_process_need_stack(error));
 end:
     return status;
@@ -153,6 +154,8 @@ static int run(const struct kiln_command *command, struct kiln_job *job, struct 
         return kiln_command_plan(job, error);
     case KILN_FOR_MIX:
         return kiln_command_mix(job, error);
+    case KILN_FOR_IMPORT:
+        return kiln_command_import(job, error);
     case KILN_FOR_INFO:
         return kiln_command_info(job, error);
     case KILN_FOR_CHECK:

@@ -123,7 +123,7 @@ static int fill(struct kiln_job *job, const json_t *index, struct kiln_error *er
     if (other != NULL && !kiln_is_yaml(other))
         job->scene.file = job->arguments[1];
     else
-        KILN_TRY(kiln_job_keep_text(job, json_string_value(json_object_get(index, "scene")), &job->scene.file, error));
+        KILN_TRY(kiln_transport_scene_take(job, index, directory, error));
     KILN_TRY(kiln_job_changes_read(job, error));
     KILN_TRY(kiln_job_groups_read(job, error));
     KILN_TRY(kiln_group_fields_make(job, error));

@@ -94,6 +94,16 @@ static void add_scene(struct list *list, const char *path)
     add(list, "the scene", value);
 }
 
+/* Only sizes: a bake of thousands of parts would read samples of all of them on each rank, and each is read by one. */
+static void add_part(struct list *list, const struct kiln_part *part)
+{
+    char name[KILN_PART_NAME + 16], value[64];
+    struct stat file = {0};
+    (void)snprintf(name, sizeof name, "the part %s", part->name);
+    (void)snprintf(value, sizeof value, "%lld bytes", stat(part->file, &file) == 0 ? (long long)file.st_size : -1LL);
+    add(list, name, value);
+}
+
 /* ---- the list ---- */
 
 static bool is_own_matter(const char *name)
@@ -110,6 +120,8 @@ static void add_job(struct list *list, const struct kiln_job *job)
     const struct kiln_command *command = kiln_command_find(job->command);
     if (job->scene.file != NULL)
         add_scene(list, job->scene.file);
+    for (size_t i = 0; i < job->scene.part_count; i++)
+        add_part(list, &job->scene.parts[i]);
     for (size_t i = command->scene ? 1 : 0; i < job->argument_count; i++)
         if (job->arguments[i] != job->scene.file)
             add(list, "the argument", job->arguments[i]);

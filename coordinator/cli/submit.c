@@ -52,6 +52,7 @@ static int read_item(struct submission *s, const char *path, struct kiln_batch_i
             kiln_fail_errno(error, errno == ENOTDIR ? KILN_NO_INPUT : 0, "cannot read scene %.500s", job->scene.file));
     if (!S_ISREG(scene.st_mode))
         KILN_TRY(kiln_fail(error, KILN_BAD_INPUT, "scene %.500s is not a file", job->scene.file));
+    KILN_TRY(kiln_job_parts_check(job, error));
     KILN_TRY(keep_absolute(s, path, &item->job, error));
     KILN_TRY(keep_absolute(s, job->output, &item->output, error));
 end:

@@ -143,9 +143,8 @@ void kiln_child_confine(const struct kiln_import_params *params)
  * cannot be baked on this host or one like it. */
 enum { LEAST_OF_TEXEL = 8 };
 
-static int read_layout_write(const struct child *child, struct kiln_error *error)
+static int make_layouts(const struct kiln_import_params *params, struct kiln_builder *builder, struct kiln_error *error)
 {
-    const struct kiln_import_params *params = &child->params;
     const struct kiln_layout_params layout = {.scene = params->path,
                                               .texels_max = (double)(machine_memory() / LEAST_OF_TEXEL),
                                               .texels_per_metre = params->texels_per_metre,
@@ -154,14 +153,23 @@ static int read_layout_write(const struct child *child, struct kiln_error *error
                                               .lightmap_max = params->lightmap_max,
                                               .repack = params->repack,
                                               .keep_shared = params->keep_shared};
-    struct kiln_builder *builder = NULL;
     int status;
-    KILN_TRY(kiln_builder_create(&builder, error));
-    KILN_TRY(kiln_import_read(params, kiln_child_follower(params), builder, error));
     limit_layout_time(params, builder);
     KILN_TRY(params->no_layout ? kiln_layout_none(builder, params->texels_per_metre, error)
                                : kiln_layout(builder, &layout, error));
     KILN_TRY(kiln_note_coarse_coordinates(builder, error));
+end:
+    return status;
+}
+
+static int read_layout_write(const struct child *child, struct kiln_error *error)
+{
+    const struct kiln_import_params *params = &child->params;
+    struct kiln_builder *builder = NULL;
+    int status;
+    KILN_TRY(kiln_builder_create(&builder, error));
+    KILN_TRY(kiln_import_read(params, kiln_child_follower(params), builder, error));
+    KILN_TRY(params->part ? kiln_builder_make_part(builder, error) : make_layouts(params, builder, error));
     kiln_import_key(params, child->program, KILN_BUILDER_DATA(builder, const struct kiln_source, KILN_SECTION_SOURCES),
                     builder->sections[KILN_SECTION_SOURCES].count,
                     KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS), builder->import_hash);
@@ -198,6 +206,7 @@ static bool parse_arguments(int argc, char **argv, struct child *child)
                                                 .repack = strcmp(argv[15], "repack") == 0,
                                                 .keep_shared = strcmp(argv[15], "keep") == 0,
                                                 .no_layout = strcmp(argv[15], "none") == 0,
+                                                .part = strcmp(argv[15], "part") == 0,
                                                 .changes = argv[16][0] == '\0' ? NULL : argv[16],
                                                 .up_z = strcmp(argv[17], "z") == 0,
                                                 .unit = strtod(argv[18], NULL),

@@ -118,12 +118,24 @@ static bool source_unchanged(struct kiln_confine *confine, const struct kiln_imp
     return same;
 }
 
+/* Opens a scene file that this import makes. */
+static int open_made(const struct kiln_import_params *params, const char *path, struct kiln_scene **scene,
+                     struct kiln_error *error)
+{
+    if (!params->part)
+        return kiln_scene_open(scene, path, error);
+    const int descriptor = kiln_open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK, 0);
+    *scene = NULL;
+    return descriptor < 0 ? kiln_fail_errno(error, 0, "%s: cannot open the scene file", path)
+                          : kiln_scene_open_part(scene, descriptor, path, error);
+}
+
 /* Whether the output exists, is complete, and was made from these same sources with these settings. */
 static bool is_fresh(const struct kiln_import_params *params, uint64_t program)
 {
     struct kiln_scene *scene = NULL;
     struct kiln_confine *confine = NULL;
-    bool fresh = kiln_scene_open(&scene, params->output, NULL) == KILN_OK &&
+    bool fresh = open_made(params, params->output, &scene, NULL) == KILN_OK &&
                  kiln_confine_create(&confine, params->path, NULL) == KILN_OK && scene->source_count > 0;
     if (fresh) {
         uint64_t key[2];
@@ -138,12 +150,20 @@ static bool is_fresh(const struct kiln_import_params *params, uint64_t program)
     return fresh;
 }
 
+bool kiln_import_is_fresh(const struct kiln_import_params *params)
+{
+    uint64_t program = 0;
+    return hash_program(params, &program, NULL) == KILN_OK && is_fresh(params, program);
+}
+
 /* ---- the child ---- */
 
 static double wall_limit(const struct kiln_import_params *params)
 {
     struct stat status;
-    const double bytes = stat(params->path, &status) == 0 ? (double)status.st_size : 0.0;
+    const double bytes = params->bytes != 0                 ? (double)params->bytes
+                         : stat(params->path, &status) == 0 ? (double)status.st_size
+                                                            : 0.0;
     return 600.0 + 10.0 * (params->time_limit != 0 ? (double)params->time_limit : bytes / 1e6);
 }
 
@@ -177,7 +197,8 @@ static int run_child(const struct kiln_import_params *params, uint64_t program, 
                                                        numbers[7],
                                                        params->objects == NULL ? "" : params->objects,
                                                        params->trust_normals ? "normals" : "winding",
-                                                       params->no_layout     ? "none"
+                                                       params->part          ? "part"
+                                                       : params->no_layout   ? "none"
                                                        : params->repack      ? "repack"
                                                        : params->keep_shared ? "keep"
                                                                              : "",
@@ -201,11 +222,12 @@ static int run_child(const struct kiln_import_params *params, uint64_t program, 
 /* ---- putting the result in place ---- */
 
 /* Opens the new file as readers will, and checks it. */
-static int check_made(const char *opens, const char *name, struct kiln_error *error)
+static int check_made(const struct kiln_import_params *params, const char *opens, const char *name,
+                      struct kiln_error *error)
 {
     struct kiln_scene *scene = NULL;
     struct kiln_error own = {""};
-    const int status = kiln_scene_open(&scene, opens, &own);
+    const int status = open_made(params, opens, &scene, &own);
     kiln_scene_close(&scene);
     return status == KILN_OK ? KILN_OK
                              : kiln_fail(error, status == KILN_BAD_INPUT ? KILN_BUG : status,
@@ -300,7 +322,7 @@ static int fill_own(const struct kiln_import_params *params, uint64_t program, i
 {
     bool same = false;
     const int status = fill(params, program, file, params->output, &same, error);
-    return status == KILN_OK ? check_made(params->output, "the scene file", error) : status;
+    return status == KILN_OK ? check_made(params, params->output, "the scene file", error) : status;
 }
 
 /* Imports, one process at a time. A process that had to wait may find the file made. */
@@ -326,8 +348,8 @@ static int make(const struct kiln_import_params *params, uint64_t program, struc
         status = fill(params, program, claim, place.temporary, &same, error);
     const bool made = status == KILN_OK && !same && !report->cached;
     if (made)
-        status = check_made(place.opens, params->output, error);
-    if (made && status == KILN_OK && !is_scene_there(place.opens, params->output))
+        status = check_made(params, place.opens, params->output, error);
+    if (made && status == KILN_OK && (params->part || !is_scene_there(place.opens, params->output)))
         status = kiln_publish_finish(&place, error);
     else
         kiln_publish_abandon(&place);

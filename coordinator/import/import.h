@@ -24,6 +24,7 @@ struct kiln_import_params {
     double texels; /* as in struct kiln_layout_params */
     uint32_t lightmap_size, lightmap_max;
     bool repack, keep_shared; /* as in struct kiln_layout_params */
+    bool part;                /* the file is a part of a scene (parts.h): settings of the whole scene do not count */
     bool no_layout;           /* no lightmap layout is made, for stores that do not need it (kiln_layout_none) */
     const char *environment;  /* as in struct kiln_job; an image that the user names may lie anywhere */
     double environment_scale; /* factor; 1: unchanged, 0: no light from the environment */
@@ -40,6 +41,8 @@ struct kiln_import_params {
     uint64_t memory_limit;
     /* seconds of CPU time; 0: 60 + 1 for each 10 MB, and for the layout 60 + 1 for each 2,000 triangles */
     uint32_t time_limit;
+    /* bytes of the files that the scene consists of, for the limit on wall-clock time; 0: those of `path` */
+    uint64_t bytes;
     const char *program;          /* the kiln program to run as the child; NULL: the running one */
     const struct kiln_stop *stop; /* borrowed; NULL: none. When asked, returns KILN_STOPPED and leaves no file */
 };
@@ -51,6 +54,9 @@ struct kiln_import_report {
     bool cached; /* the file existed already and nothing was imported */
     double seconds;
 };
+
+/* Whether `output` was made from the same files, with these settings, by this program: nothing would be read. */
+bool kiln_import_is_fresh(const struct kiln_import_params *params);
 
 /* Imports the scene. Not collective: call it on one rank and tell the others. The file is written under a temporary
  * name, synced and renamed to `output`. If another process is importing to the same place, waits for it

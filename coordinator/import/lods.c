@@ -116,21 +116,26 @@ static const struct kiln_object *objects(const struct kiln_builder *builder)
     return KILN_BUILDER_DATA(builder, const struct kiln_object, KILN_SECTION_OBJECTS);
 }
 
-/* Returns the name that has the object's level: that of the node found by the reader, or its own, or its mesh's. */
+const char *kiln_lod_name(const char *found, const char *node, const char *mesh)
+{
+    const char *begin;
+    uint32_t level;
+    size_t length;
+    if (found != NULL)
+        return found;
+    return node[0] == '\0' ||
+                   (!kiln_lod_of_name(node, &level, &begin, &length) && kiln_lod_of_name(mesh, &level, &begin, &length))
+               ? mesh
+               : node;
+}
+
 static const char *name_of(const struct kiln_builder *builder, size_t object)
 {
     const struct kiln_object *o = &objects(builder)[object];
-    const char *own = string(builder, o->original_name), *begin;
-    uint32_t level;
-    size_t length;
-    if (builder->object_settings[object].lod_name != 0)
-        return string(builder, builder->object_settings[object].lod_name);
-    const char *mesh =
-        string(builder, KILN_BUILDER_DATA(builder, const struct kiln_mesh, KILN_SECTION_MESHES)[o->mesh].name);
-    return own[0] == '\0' ||
-                   (!kiln_lod_of_name(own, &level, &begin, &length) && kiln_lod_of_name(mesh, &level, &begin, &length))
-               ? mesh
-               : own;
+    const uint32_t found = builder->object_settings[object].lod_name;
+    return kiln_lod_name(
+        found != 0 ? string(builder, found) : NULL, string(builder, o->original_name),
+        string(builder, KILN_BUILDER_DATA(builder, const struct kiln_mesh, KILN_SECTION_MESHES)[o->mesh].name));
 }
 
 static struct member member_of(const struct kiln_builder *builder, size_t object)

@@ -23,6 +23,10 @@
  * *begin on. Returns false if the name gives no level. */
 bool kiln_lod_of_name(const char *name, uint32_t *level, const char **begin, size_t *length);
 
+/* Returns the name that has an object's level: `found`, that of the node found by the reader, or if it is NULL that of
+ * the object's node or its mesh. */
+const char *kiln_lod_name(const char *found, const char *node, const char *mesh);
+
 /* Marks the builder's coarser levels to be left out (KILN_EXCLUDE_YES), and adds a note that names them. Objects that
  * are already excluded do not count. KILN_SYSTEM. */
 int kiln_lods_leave_out(struct kiln_builder *builder, size_t *count, struct kiln_error *error);

@@ -14,17 +14,18 @@
 #include "coordinator/import/image.h"
 #include "coordinator/import/numbers.h"
 #include "coordinator/import/obj.h"
+#include "coordinator/import/parts.h"
 #include "coordinator/import/settings.h"
 #include "worker/base/memory.h"
 
-enum reader { READER_NONE, READER_GLTF, READER_OBJ };
+enum reader { READER_NONE, READER_GLTF, READER_OBJ, READER_PARTS };
 
 static enum reader reader_of(const char *name)
 {
     static const struct {
         const char *extension;
         enum reader reader;
-    } readers[] = {{".gltf", READER_GLTF}, {".glb", READER_GLTF}, {".obj", READER_OBJ}};
+    } readers[] = {{".gltf", READER_GLTF}, {".glb", READER_GLTF}, {".obj", READER_OBJ}, {".parts", READER_PARTS}};
     const char *dot = strrchr(name, '.');
     for (size_t i = 0; dot != NULL && i < sizeof readers / sizeof readers[0]; i++)
         if (strcasecmp(dot, readers[i].extension) == 0)
@@ -116,6 +117,20 @@ static int set_environment(const struct kiln_import_params *params, struct kiln_
     return KILN_OK;
 }
 
+/* Carries out what the job says of the whole scene. */
+static int apply_settings(const struct kiln_import_params *params, struct kiln_confine *confine,
+                          struct kiln_builder *builder, struct kiln_error *error)
+{
+    int status;
+    KILN_TRY(kiln_changes_apply(builder, params->changes, error));
+    (void)kiln_fold_constant_textures(builder);
+    KILN_TRY(set_environment(params, confine, builder, error));
+    kiln_changes_apply_environment(builder, params->changes);
+    KILN_TRY(kiln_object_settings_apply(builder, params->objects, error));
+end:
+    return status;
+}
+
 int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(const struct kiln_confine *),
                      struct kiln_builder *builder, struct kiln_error *error)
 {
@@ -140,21 +155,17 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
     case READER_OBJ:
         status = kiln_obj_read(confine, builder, error);
         break;
+    case READER_PARTS:
+        status =
+            kiln_parts_read(confine, builder, params->environment != NULL && params->environment[0] != '\0', error);
+        break;
     default:
         status = kiln_fail(error, KILN_BAD_INPUT,
                            "%.512s: kiln does not read files of this name; give a .glb, .gltf, .obj or .kscene",
                            params->path);
     }
-    if (status == KILN_OK)
-        status = kiln_changes_apply(builder, params->changes, error);
-    if (status == KILN_OK)
-        (void)kiln_fold_constant_textures(builder);
-    if (status == KILN_OK)
-        status = set_environment(params, confine, builder, error);
-    if (status == KILN_OK)
-        kiln_changes_apply_environment(builder, params->changes);
-    if (status == KILN_OK)
-        status = kiln_object_settings_apply(builder, params->objects, error);
+    if (status == KILN_OK && !params->part)
+        status = apply_settings(params, confine, builder, error);
     if (status == KILN_OK)
         status = kiln_note_winding(builder, error);
     kiln_confine_destroy(&confine);
@@ -164,7 +175,7 @@ int kiln_import_read(const struct kiln_import_params *params, void (*mapped)(con
 /* Treatment of layouts, as a number. */
 static int layout_of(const struct kiln_import_params *params)
 {
-    return params->no_layout ? 2 : params->repack ? 1 : params->keep_shared ? 3 : 0;
+    return params->part ? 4 : params->no_layout ? 2 : params->repack ? 1 : params->keep_shared ? 3 : 0;
 }
 
 void kiln_import_key(const struct kiln_import_params *params, uint64_t program, const struct kiln_source *sources,

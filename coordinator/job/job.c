@@ -679,10 +679,10 @@ int kiln_job_settle_light(struct kiln_job *job, struct kiln_error *error)
 /* Sets the output folder of a command that has a default for it. */
 static int default_output(struct kiln_job *job, const struct kiln_command *command, struct kiln_error *error)
 {
-    const char *ending = command->bit == KILN_FOR_BAKE      ? "-bake"
-                         : command->bit == KILN_FOR_RELIGHT ? "-relit"
-                         : command->bit == KILN_FOR_MIX     ? "-mixed"
-                                                            : NULL;
+    const char *ending = (command->bit & (KILN_FOR_BAKE | KILN_FOR_IMPORT)) != 0 ? "-bake"
+                         : command->bit == KILN_FOR_RELIGHT                      ? "-relit"
+                         : command->bit == KILN_FOR_MIX                          ? "-mixed"
+                                                                                 : NULL;
     if (ending == NULL || job->output != NULL)
         return KILN_OK;
     return kiln_job_default_output(job, job->arguments[0], ending, error);

@@ -14,6 +14,7 @@
 
 #include "coordinator/job/faults.h"
 #include "coordinator/job/choices.h"
+#include "coordinator/job/parts.h"
 #include "worker/base/status.h"
 #include "worker/pass/occlusion.h"
 #include "worker/pass/reference.h"
@@ -29,8 +30,11 @@ enum kiln_units_choice { KILN_UNITS_AUTO = 0, KILN_UNITS_RADIOMETRIC = 1, KILN_U
 
 /* Scene, and the rules of its import. */
 struct kiln_job_scene {
-    /* the first argument of bake, plan, info and check, or `scene:` of a job file, relative to that file's folder */
+    /* the first argument of bake, plan, info and check, or `scene:` of a job file, relative to that file's folder; with
+     * `parts:` the job file itself */
     char *file;
+    struct kiln_part *parts; /* `parts:` of a job file (job/parts.h) */
+    size_t part_count;       /* 0: the scene is one file */
     /* "none", "R,G,B" (radiance), or the path of a lat-long .hdr or .exr image; NULL: what the scene says */
     char *environment;
     double environment_scale;    /* factor on the radiance; default 1 */

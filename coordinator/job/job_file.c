@@ -1,6 +1,6 @@
-/* Job file reader. A job file is one YAML mapping of option names to scalars, with settings of objects under `objects`.
- * It is read from libyaml's events, without a document tree whose size the file could inflate: an alias, a list, or a
- * mapping in another place ends the reading at once. */
+/* Job file reader. A job file is one YAML mapping of option names to scalars, with settings of objects under `objects`
+ * and a list of files under `parts`. It is read from libyaml's events, without a document tree whose size the file
+ * could inflate: an alias, or a list or mapping in another place, ends the reading at once. */
 #include <errno.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -54,10 +54,13 @@ static bool is_text(enum kiln_option_kind kind)
 /* The nearest known key; NULL: none is near. */
 static const char *nearest_key(const char *key)
 {
+    static const char *const others[] = {"scene", "parts"};
     const char *nearest = kiln_option_nearest(key, KILN_FOR_BAKE | KILN_FOR_PLAN);
-    if (!kiln_is_near(key, "scene"))
-        return nearest;
-    return nearest == NULL || kiln_edit_distance(key, "scene") < kiln_edit_distance(key, nearest) ? "scene" : nearest;
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (kiln_is_near(key, others[i]) &&
+            (nearest == NULL || kiln_edit_distance(key, others[i]) < kiln_edit_distance(key, nearest)))
+            nearest = others[i];
+    return nearest;
 }
 
 static int unknown_key(const struct kiln_job_reader *reader, const char *key, size_t line, const char *what,
@@ -106,6 +109,19 @@ static int store_rules(struct kiln_job_reader *reader, const yaml_event_t *key, 
     return KILN_OK;
 }
 
+/* Stores `parts`, whose value begins with `value`. */
+static int store_parts(struct kiln_job_reader *reader, const yaml_event_t *key, const yaml_event_t *value,
+                       struct kiln_error *error)
+{
+    const size_t line = kiln_job_line(&key->start_mark);
+    if (value->type != YAML_SEQUENCE_START_EVENT)
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%.500s:%zu: parts is a list, one part a line: `- {name: house, file: house.glb}`",
+                         reader->path, line);
+    const int status = take_key(reader, "parts", kiln_option_count + 1, line, error);
+    return status == KILN_OK ? kiln_job_parts_list(reader, line, error) : status;
+}
+
 static int store(struct kiln_job_reader *reader, const char *key, size_t key_line, const yaml_event_t *value,
                  struct kiln_error *error)
 {
@@ -150,16 +166,37 @@ static int read_pair(struct kiln_job_reader *reader, bool *end, struct kiln_erro
     *end = key.type == YAML_MAPPING_END_EVENT;
     if (!*end && (status = kiln_job_expect_scalar(reader, &key, "a key", error)) == KILN_OK &&
         (status = kiln_job_next(reader, &value, error)) == KILN_OK) {
-        const struct kiln_option *option = kiln_option_find((const char *)key.data.scalar.value);
-        const bool rules = option != NULL && option->kind == KILN_OPTION_RULES;
-        status = rules ? store_rules(reader, &key, &value, error)
-                       : kiln_job_expect_scalar(reader, &value, (const char *)key.data.scalar.value, error);
-        if (status == KILN_OK && !rules)
-            status = store(reader, (const char *)key.data.scalar.value, kiln_job_line(&key.start_mark), &value, error);
+        const char *name = (const char *)key.data.scalar.value;
+        const struct kiln_option *option = kiln_option_find(name);
+        const bool rules = option != NULL && option->kind == KILN_OPTION_RULES, parts = strcmp(name, "parts") == 0,
+                   known = option != NULL || parts || strcmp(name, "scene") == 0;
+        status = !known  ? unknown_key(reader, name, kiln_job_line(&key.start_mark), "unknown key", error)
+                 : rules ? store_rules(reader, &key, &value, error)
+                 : parts ? store_parts(reader, &key, &value, error)
+                         : kiln_job_expect_scalar(reader, &value, name, error);
+        if (status == KILN_OK && !rules && !parts)
+            status = store(reader, name, kiln_job_line(&key.start_mark), &value, error);
         yaml_event_delete(&value);
     }
     yaml_event_delete(&key);
     return status;
+}
+
+/* A job has one scene or parts of one. The job file stands for the scene of parts in messages and defaults. */
+static int settle_scene(const struct kiln_job_reader *reader, struct kiln_error *error)
+{
+    struct kiln_job_scene *scene = &reader->job->scene;
+    if (scene->part_count > 0 && scene->file != NULL)
+        return kiln_fail(error, KILN_BAD_INPUT,
+                         "%.500s: has scene and parts, and a job has one of them; list the scene as a part",
+                         reader->path);
+    if (scene->part_count > 0)
+        return kiln_job_keep(reader->job, reader->path, strlen(reader->path), &scene->file, error);
+    return scene->file != NULL
+               ? KILN_OK
+               : kiln_fail(error, KILN_BAD_INPUT,
+                           "%.500s: the key 'scene' is missing; add `scene: FILE`, or `parts:` with a list of files",
+                           reader->path);
 }
 
 static int read_events(struct kiln_job_reader *reader, struct kiln_error *error)
@@ -172,16 +209,14 @@ static int read_events(struct kiln_job_reader *reader, struct kiln_error *error)
     int status;
     KILN_TRY(kiln_job_expect(reader, YAML_STREAM_START_EVENT, shape, error));
     KILN_TRY(kiln_job_expect(reader, YAML_DOCUMENT_START_EVENT,
-                             "the job file is empty; it needs at least `scene: FILE`", error));
+                             "the job file is empty; it needs at least `scene: FILE`, or `parts:`", error));
     KILN_TRY(kiln_job_expect(reader, YAML_MAPPING_START_EVENT, shape, error));
     for (bool end = false; !end;)
         KILN_TRY(read_pair(reader, &end, error));
     KILN_TRY(kiln_job_expect(reader, YAML_DOCUMENT_END_EVENT, shape, error));
     KILN_TRY(
         kiln_job_expect(reader, YAML_STREAM_END_EVENT, "a second document begins here; a job file has one", error));
-    if (!reader->only_quality && reader->job->scene.file == NULL)
-        KILN_TRY(
-            kiln_fail(error, KILN_BAD_INPUT, "%.500s: the key 'scene' is missing; add `scene: FILE`", reader->path));
+    KILN_TRY(reader->only_quality ? KILN_OK : settle_scene(reader, error));
 end:
     return status;
 }
@@ -193,7 +228,7 @@ static int read_file(struct kiln_job *job, const char *path, bool only_quality, 
     const size_t length = slash == NULL ? 1 : slash == path ? 1 : (size_t)(slash - path);
     int status;
     KILN_TRY(kiln_job_keep(job, slash == NULL ? "." : path, length, &reader.folder, error));
-    KILN_TRY(kiln_allocate(&reader.seen, kiln_option_count + 1, sizeof(bool), "the keys of the job file", error));
+    KILN_TRY(kiln_allocate(&reader.seen, kiln_option_count + 2, sizeof(bool), "the keys of the job file", error));
     KILN_TRY(load(&reader, error));
     KILN_TRY(read_events(&reader, error));
 end:

@@ -12,8 +12,7 @@ static int refuse(const struct kiln_job_reader *reader)
     return reader->refusal != 0 ? reader->refusal : KILN_BAD_INPUT;
 }
 
-/* A scalar as JSON: true, false and numbers keep their type unless they are quoted; everything else is a string. */
-static json_t *scalar_json(const yaml_event_t *event)
+json_t *kiln_job_scalar_json(const yaml_event_t *event)
 {
     const char *text = (const char *)event->data.scalar.value;
     char *end = NULL;
@@ -49,8 +48,8 @@ static int read_setting(struct kiln_job_reader *reader, const char *pattern, jso
         if (status == KILN_OK && json_object_get(rule, name) != NULL)
             status = kiln_fail(error, refuse(reader), "%s: '%.100s' stands twice; remove one", where, name);
         if (status == KILN_OK)
-            status = kiln_object_settings_read(&unused, name, json = scalar_json(&value), where, refuse(reader), &known,
-                                               error);
+            status = kiln_object_settings_read(&unused, name, json = kiln_job_scalar_json(&value), where,
+                                               refuse(reader), &known, error);
         if (status == KILN_OK && !known)
             status = kiln_fail(error, refuse(reader), "%s: there is no setting '%.100s'; the nearest one is '%s'",
                                where, name, kiln_object_settings_nearest(name));

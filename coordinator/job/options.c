@@ -51,7 +51,7 @@ static const char *const qualities[] = {"draft", "preview", "production", "refer
 static const char *const instruction_sets[] = {"sse2", "sse4.2", "avx", "avx2", "avx512", NULL};
 
 enum {
-    READS_SCENE = KILN_FOR_BAKE | KILN_FOR_PLAN | KILN_FOR_INFO | KILN_FOR_CHECK | KILN_FOR_BENCH,
+    READS_SCENE = KILN_FOR_BAKE | KILN_FOR_PLAN | KILN_FOR_INFO | KILN_FOR_CHECK | KILN_FOR_IMPORT | KILN_FOR_BENCH,
     TRACES = KILN_FOR_BAKE | KILN_FOR_BENCH | KILN_FOR_PLAN,
     /* commands with more options than a first screen has room for */
     LONG_LISTS = KILN_FOR_BAKE | KILN_FOR_PLAN | KILN_FOR_VIEW | KILN_FOR_RELIGHT | KILN_FOR_BENCH
@@ -82,7 +82,7 @@ const struct kiln_option kiln_options[] = {
      .help = "where the result goes",
      .commands = KILN_FOR_RELIGHT | KILN_FOR_MIX | KILN_FOR_BAKE | KILN_FOR_VIEW | KILN_FOR_COMPARE |
                  KILN_FOR_GENERATE | KILN_FOR_REPORT | KILN_FOR_BENCH | KILN_FOR_SUBMIT | KILN_FOR_PLAN |
-                 KILN_FOR_EXPORT,
+                 KILN_FOR_EXPORT | KILN_FOR_IMPORT,
      .common = KILN_FOR_RELIGHT | KILN_FOR_VIEW | TRACES,
      .offset = AT(output)},
     {.name = "scene",
@@ -333,7 +333,7 @@ const struct kiln_option kiln_options[] = {
      .minimum = 0.1,
      .maximum = 50.0,
      .help = "error that 95 % of the texels stay below: 20, 5, 2, 1 %, or N%; density of the texels",
-     .commands = TRACES,
+     .commands = TRACES | KILN_FOR_IMPORT,
      .of_light = true,
      .common = TRACES,
      .offset = AT(light.quality)},
@@ -1019,7 +1019,7 @@ const struct kiln_option kiln_options[] = {
      .fallback = "lightmap",
      .choices = stores,
      .help = "where light lives; octree, vertex need no layout: leaves in kiln.h5, and COLOR_1 in scene.glb",
-     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN,
+     .commands = KILN_FOR_BAKE | KILN_FOR_PLAN | KILN_FOR_IMPORT,
      .of_light = true,
      .offset = AT(lightmaps.store)},
     {.name = "leaf-size",
@@ -1900,6 +1900,16 @@ const struct kiln_command kiln_commands[] = {
      .scene = true,
      .summary = "list every problem of a scene with place and severity",
      .examples = {"kiln check room.glb", "kiln check room.glb --json"}},
+    {.name = "import",
+     .bit = KILN_FOR_IMPORT,
+     .arguments = "SCENE|JOB.yaml",
+     .minimum = 1,
+     .maximum = 1,
+     .scene = true,
+     .mpi = true,
+     .summary = "read a scene, or the parts of one, into the folder of its bake",
+     .output = "the folder, which kiln bake -o names again (default SCENE-bake)",
+     .examples = {"kiln import town.yaml -o out", "mpirun -n 8 --bind-to none kiln import town.yaml -o out"}},
     {.name = "view",
      .bit = KILN_FOR_VIEW,
      .arguments = "DIR|SCENE",
@@ -1957,7 +1967,7 @@ const struct kiln_command kiln_commands[] = {
      .minimum = 1,
      .maximum = SIZE_MAX,
      .mpi = true,
-     .summary = "measure speed and scaling, and run studies of settings, methods and errors",
+     .summary = "measure speed and scaling, and run studies of settings and methods",
      .output = "the folder for tables and plots of scaling (default SCENE-scaling); not of rays",
      .examples = {"kiln bench rays room.glb --repeats 9 --json", "kiln bench scaling room.glb --ranks 1,2,4 -o scaling",
                   "kiln bench tradeoff room.glb presets samples --texels-per-metre 4"}},

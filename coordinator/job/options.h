@@ -59,7 +59,8 @@ enum kiln_command_bit {
     KILN_FOR_EXPORT = 16384,
     KILN_FOR_RELIGHT = 32768,
     KILN_FOR_MIX = 65536,
-    KILN_FOR_ALL = 131071
+    KILN_FOR_IMPORT = 131072,
+    KILN_FOR_ALL = 262143
 };
 
 /* A word that stands for a number. */

@@ -41,4 +41,4 @@ def quickest(*arguments, tries=5):
 
 
 COMMANDS = ["bake", "plan", "info", "check", "view", "compare", "probe", "generate", "report", "bench", "submit",
-            "status", "stop", "verify", "export", "mix", "relight"]
+            "status", "stop", "verify", "export", "mix", "relight", "import"]

@@ -77,7 +77,7 @@ class Help(unittest.TestCase):
                 self.assertLess(len(found[1]), 100, command)
                 told[command] = found[1]
             self.assertEqual(found is not None, "--output" in text, command)
-        self.assertEqual((len(told), len(set(told.values()))), (11, 11))
+        self.assertEqual((len(told), len(set(told.values()))), (12, 12))
         self.assertIn("DIR/view.png", " ".join(kiln("view", "--help").out.split()))
 
     def test_lines_are_as_long_as_the_terminal_is_wide(self):

@@ -274,7 +274,8 @@ static bool is_index(const json_t *index)
         const json_t *value = json_object_get(index, optional[i]);
         good = good && (value == NULL || json_is_object(value));
     }
-    return good && are_texts(json_object_get(index, "job"));
+    const json_t *parts = json_object_get(index, "parts");
+    return good && (parts == NULL || json_is_array(parts)) && are_texts(json_object_get(index, "job"));
 }
 
 int kiln_transport_index_read(json_t **index, const char *directory, struct kiln_error *error)
@@ -359,6 +360,18 @@ int kiln_transport_options_take(struct kiln_job *job, const json_t *index, const
     KILN_TRY(kiln_job_settle_light(job, error));
 end:
     return status;
+}
+
+int kiln_transport_scene_take(struct kiln_job *job, const json_t *index, const char *directory,
+                              struct kiln_error *error)
+{
+    const json_t *parts = json_object_get(index, "parts");
+    char where[400];
+    (void)snprintf(where, sizeof where, "%.300s/transport/index", directory);
+    const int status = parts == NULL ? KILN_OK : kiln_job_parts_read(job, parts, where, error);
+    return status != KILN_OK
+               ? status
+               : kiln_job_keep_text(job, json_string_value(json_object_get(index, "scene")), &job->scene.file, error);
 }
 
 int kiln_transport_changes_take(struct kiln_job *job, const json_t *index, const char *directory,

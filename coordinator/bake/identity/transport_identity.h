@@ -19,9 +19,10 @@ json_t *kiln_transport_identity(const struct kiln_job *job, const struct kiln_pr
 
 /* Reads DIRECTORY/transport/index, the file that a bake with kept transport writes last: one checksummed JSON object
  * {"kiln": version, "identity": see kiln_transport_identity, "scene": path, "backend": name, "instruction set": name,
- * "job": {option: text}, "changes": {...}, "light groups": {...}}. The last two hold the JSON of the files of --changes
- * and --light-groups, if there were any. All values have these types. Release with json_decref. KILN_NO_INPUT: the bake
- * has kept no transport, or is not finished; KILN_BAD_INPUT: the file is damaged, or differs from the manifest. */
+ * "job": {option: text}, "parts": [...], "changes": {...}, "light groups": {...}}. "parts" is there if the scene has
+ * parts (kiln_job_parts_json); the last two hold the JSON of the files of --changes and --light-groups, if there were
+ * any. All values have these types. Release with json_decref. KILN_NO_INPUT: the bake has kept no transport, or is not
+ * finished; KILN_BAD_INPUT: the file is damaged, or differs from the manifest. */
 int kiln_transport_index_read(json_t **index, const char *directory, struct kiln_error *error);
 
 /* Copies into the job those options of the bake in `directory` that determine its light (option->of_light), unless the
@@ -29,6 +30,10 @@ int kiln_transport_index_read(json_t **index, const char *directory, struct kiln
  * command line, and against one another; a bad one is KILN_BAD_INPUT here. */
 int kiln_transport_options_take(struct kiln_job *job, const json_t *index, const char *directory,
                                 struct kiln_error *error);
+
+/* Copies the bake's scene, or the parts of it, into the job. KILN_BAD_INPUT for what is no list of parts. */
+int kiln_transport_scene_take(struct kiln_job *job, const json_t *index, const char *directory,
+                              struct kiln_error *error);
 
 /* Copies the bake's scene changes into job->scene.changed, and its groups of lights into job->scene.grouped. */
 int kiln_transport_changes_take(struct kiln_job *job, const json_t *index, const char *directory,

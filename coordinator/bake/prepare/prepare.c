@@ -8,7 +8,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "coordinator/bake/prepare/import_params.h"
 #include "coordinator/bake/prepare/materials.h"
 #include "coordinator/bake/prepare/results_memory.h"
 #include "coordinator/bake/points/surface_exchange.h"
@@ -128,10 +127,11 @@ static int import_scene(struct kiln_prepared *p, const struct kiln_job *job, con
                         const struct kiln_prepare_care *care, struct kiln_error *error)
 {
     const double start = MPI_Wtime();
-    int status = KILN_OK;
-    if (p->rank == 0) {
-        const struct kiln_import_params params = kiln_job_import_params(job, scene_file, stop_of(care));
-        status = kiln_import(&params, &p->import, error);
+    const int status = kiln_scene_import(&p->import, p->communicator, job, scene_file, stop_of(care), error);
+    if (status == KILN_OK && p->rank == 0 && p->import.parts != NULL && care->control != NULL && !job->quiet) {
+        char text[400];
+        kiln_parts_sentence(job, p->import.parts, text, sizeof text);
+        (void)fprintf(stderr, "kiln: %s\n", text);
     }
     p->import_seconds = MPI_Wtime() - start;
     return go_on(p, care, status, error);
@@ -629,6 +629,7 @@ void kiln_prepared_destroy(struct kiln_prepared **prepared)
         kiln_scene_close(&p->scene);
     kiln_free(&p->coarser);
     kiln_free(&p->enclosed);
+    kiln_scene_import_release(&p->import);
     kiln_node_destroy(&p->node);
     kiln_free(prepared);
 }

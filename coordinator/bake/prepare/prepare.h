@@ -6,6 +6,7 @@
 #include <mpi.h>
 
 #include "coordinator/bake/prepare/backend_choice.h"
+#include "coordinator/bake/prepare/import_scene.h"
 #include "coordinator/bake/points/enclosed_lights.h"
 #include "coordinator/run/control.h"
 #include "coordinator/mpi/node_memory.h"
@@ -29,7 +30,7 @@ struct kiln_prepared {
     struct kiln_node_memory *node; /* holds the geometry and the surface's map */
     uint32_t threads;
     char instruction_set[16];
-    struct kiln_import_report import; /* rank 0 */
+    struct kiln_scene_import import; /* `report`: rank 0 */
     double import_seconds;
     struct kiln_scene *scene;
     struct kiln_object *coarser; /* objects of the halved scene of kiln_prepare_coarser; else NULL */
@@ -70,11 +71,12 @@ struct kiln_prepare_care {
 /* Collective. Whether all ranks have the instruction set called `name`. */
 bool kiln_instruction_set_common(MPI_Comm communicator, const char *name);
 
-/* Collective over `communicator`. Rank 0 imports the job's scene to `scene_file`, and all ranks map that file. One rank
- * of each node builds the geometry and the surface's map, which the ranks of the node share. Every rank builds its own
- * BVH. All ranks find the surface points together, and each fills in its own points. The BVH is built at the same time
- * if a device is looked for or `care->control` is set. Then the validity pass runs. Begins the phases "import", "scene
- * and BVH", "surface points" and "validity". `care` may be NULL. Destroy with kiln_prepared_destroy. */
+/* Collective over `communicator`. Imports the job's scene to `scene_file` (import_scene.h), and all ranks map that
+ * file. One rank of each node builds the geometry and the surface's map, which the ranks of the node share. Every rank
+ * builds its own BVH. All ranks find the surface points together, and each fills in its own points. The BVH is built at
+ * the same time if a device is looked for or `care->control` is set. Then the validity pass runs. Begins the phases
+ * "import", "scene and BVH", "surface points" and "validity". `care` may be NULL. Destroy with kiln_prepared_destroy.
+ */
 int kiln_prepare(struct kiln_prepared **prepared, MPI_Comm communicator, const struct kiln_job *job,
                  const char *scene_file, struct kiln_phases *phases, struct kiln_progress *progress,
                  const struct kiln_prepare_care *care, struct kiln_error *error);

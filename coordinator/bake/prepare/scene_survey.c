@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "coordinator/bake/prepare/import_params.h"
 #include "coordinator/bake/prepare/results_memory.h"
 #include "worker/backend/backend.h"
 #include "worker/base/memory.h"
@@ -17,8 +16,7 @@ static int import_scene(struct kiln_scene_survey *survey, const struct kiln_job 
     int status = kiln_temporary_make(&survey->temporary, error);
     if (status != KILN_OK)
         return status;
-    const struct kiln_import_params params = kiln_job_import_params(job, survey->temporary.scene_file, NULL);
-    status = kiln_import(&params, &survey->import, error);
+    status = kiln_scene_import_alone(&survey->import, job, survey->temporary.scene_file, NULL, error);
     return status != KILN_OK ? status : kiln_scene_open(&survey->scene, survey->temporary.scene_file, error);
 }
 
@@ -190,5 +188,6 @@ void kiln_scene_survey_destroy(struct kiln_scene_survey **pointer)
     kiln_temporary_remove(&survey->temporary);
     kiln_free(&survey->objects);
     kiln_free(&survey->enclosed);
+    kiln_scene_import_release(&survey->import);
     kiln_free(pointer);
 }

@@ -6,7 +6,7 @@
 #include "coordinator/bake/points/enclosed_lights.h"
 #include "coordinator/job/job.h"
 #include "coordinator/files/temporary.h"
-#include "coordinator/import/import.h"
+#include "coordinator/bake/prepare/import_scene.h"
 #include "coordinator/surface/surface_build.h"
 
 struct kiln_scene_survey_object {
@@ -17,7 +17,7 @@ struct kiln_scene_survey_object {
 
 struct kiln_scene_survey {
     struct kiln_temporary temporary;
-    struct kiln_import_report import;
+    struct kiln_scene_import import;
     struct kiln_scene *scene;
     struct kiln_surface_report surface; /* all zero if the scene has no triangles */
     struct kiln_scene_survey_object *objects;

@@ -829,6 +829,9 @@ static json_t *found_scene_json(const struct kiln_run *run)
     if (path != NULL)
         json_object_set_new(scene, "path", kiln_json_string(path));
     free(path);
+    json_t *parts = kiln_parts_report(run->job, p->import.parts);
+    if (parts != NULL)
+        json_object_set_new(scene, "parts", parts);
     return scene;
 }
 
