@@ -216,55 +216,85 @@ static int draw_preview(struct kiln_bake *b, struct kiln_error *error)
     return kiln_bake_end_phase(b, status, error);
 }
 
-static int export_beside(const struct kiln_bake *b, struct kiln_error *error)
+/* Removes the scene.glb of an earlier bake, which links to lightmaps that no longer exist. */
+static int remove_old_scene(const struct kiln_bake *b, struct kiln_error *error)
 {
-    const struct kiln_surface *s = b->prepared->surface;
     char path[KILN_PATH_SIZE];
     struct stat source, there;
-    uint8_t *backs = NULL;
     int status;
     KILN_TRY(kiln_path_join(path, b->job->output, "scene.glb", error));
     if (stat(b->job->scene.file, &source) == 0 && stat(path, &there) == 0 && source.st_dev == there.st_dev &&
         source.st_ino == there.st_ino)
         return kiln_fail(error, KILN_BAD_INPUT, "%s is the scene itself; kiln export writes it to another folder",
                          path);
-    /* remove that of an earlier bake, which links to lightmaps that no longer exist */
     if (kiln_unlink_below(b->job->output, "scene.glb") != 0 && errno != ENOENT)
         KILN_TRY(kiln_fail_errno(error, KILN_CANNOT_CREATE, "cannot replace %s", path));
+end:
+    return status;
+}
+
+/* Writes scene.glb, or this rank's share of the files of parts. */
+static int export_beside(const struct kiln_bake *b, bool in_parts, struct kiln_error *error)
+{
+    const struct kiln_surface *s = b->prepared->surface;
+    const char *unit = kiln_units_of(b->job->scene.units, b->prepared->scene)->irradiance_text;
+    /* rank 0 alone has the light at vertices */
+    const bool alone = b->job->lightmaps.vertex_light;
+    const float(*light)[3] = (const float(*)[3])b->vertices.irradiance;
+    uint8_t *backs = NULL;
+    int status;
+    KILN_TRY(b->rank == 0 ? remove_old_scene(b, error) : KILN_OK);
     KILN_TRY(kiln_allocate(&backs, s->object_count, 1, "the export's links", error));
     for (uint32_t i = kiln_front_maps(s); i < s->map_count; i++)
         if (s->lightmaps[i].published != 0)
             backs[kiln_map_object(s, i)] = 1;
-    KILN_TRY(kiln_export_beside(
-        b->job->output, b->job->scene.file, b->prepared->scene, backs, (const float(*)[3])b->vertices.irradiance,
-        kiln_units_of(b->job->scene.units, b->prepared->scene)->irradiance_text, kiln_control_stop(b->control), error));
+    const struct kiln_export_places places = {.directory = b->job->output,
+                                              .scene = b->prepared->scene,
+                                              .has_back = backs,
+                                              .light = light,
+                                              .unit = unit,
+                                              .stop = kiln_control_stop(b->control),
+                                              .rank = alone ? 0 : (uint32_t)b->rank,
+                                              .ranks = alone ? 1 : (uint32_t)b->prepared->ranks};
+    if (in_parts && (!alone || b->rank == 0))
+        KILN_TRY(kiln_export_places(&places, error));
+    else if (!in_parts)
+        KILN_TRY(kiln_export_beside(b->job->output, b->job->scene.file, b->prepared->scene, backs, light, unit,
+                                    kiln_control_stop(b->control), error));
 end:
     kiln_free(&backs);
     return status;
 }
 
-/* Writes scene.glb. If the source scene has been removed or changed meanwhile, or does not fit one glTF file, prints a
- * warning; the bake is still valid, and kiln export can write the scene later. */
+/* Writes scene.glb, or the files of parts, in which all ranks share. If the source scene has been removed or changed
+ * meanwhile, or does not fit one glTF file, prints a warning; the bake is still valid, and kiln export can write the
+ * scene later. */
 static int write_scene(struct kiln_bake *b, struct kiln_error *error)
 {
+    const struct kiln_scene *scene = b->prepared->scene;
+    const bool in_parts = scene->object_count > 0 && kiln_scene_place(scene, 0) > 0;
     int status = KILN_OK, told = 0;
     if (!b->job->write_scene)
         return KILN_OK;
     kiln_phase(&b->phases, "scene.glb");
     kiln_progress_phase(b->progress, "scene.glb", 0);
-    if (b->rank == 0) {
+    if (b->rank == 0 || in_parts) {
         struct kiln_error own = {""};
-        status = export_beside(b, &own);
+        status = export_beside(b, in_parts, &own);
         told = status == KILN_BAD_INPUT || status == KILN_NO_INPUT || status == KILN_PERMISSION;
         if (told != 0)
-            kiln_print(stderr, "kiln: warning: no scene.glb: %s\n", own.message);
+            kiln_print(stderr, "kiln: warning: no %s: %s\n", in_parts ? "file of a part" : "scene.glb", own.message);
         else if (status != KILN_OK)
             *error = own;
     }
     kiln_control_meet(b->control);
-    (void)MPI_Bcast(&told, 1, MPI_INT, 0, b->communicator);
+    (void)MPI_Allreduce(MPI_IN_PLACE, &told, 1, MPI_INT, MPI_MAX, b->communicator);
     b->exported = told == 0;
-    return kiln_bake_end_phase(b, told != 0 ? KILN_OK : status, error);
+    return kiln_bake_end_phase(
+        b,
+        told != 0 && (status == KILN_BAD_INPUT || status == KILN_NO_INPUT || status == KILN_PERMISSION) ? KILN_OK
+                                                                                                        : status,
+        error);
 }
 
 /* Collective. Warns of parts whose files have changed since they were read: the rank that has read one looks. */

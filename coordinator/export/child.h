@@ -38,6 +38,10 @@ int kiln_export_gltf(const struct kiln_export_task *task, void (*mapped)(const s
  * keeps them; textures as PNG. */
 int kiln_export_own(const struct kiln_export_task *task, struct kiln_error *error);
 
+/* Writes likewise the part and place that object `first` begins, to the open, empty `file`: its objects with what they
+ * use, its lights and cameras. The plan's "objects" are those of the place alone. */
+int kiln_export_own_place(const struct kiln_export_task *task, size_t first, int file, struct kiln_error *error);
+
 /* Sets a material's metallic-roughness numbers and extensions from its gloss. Texture indices are the scene's; `set` is
  * the number of the TEXCOORD with texcoord_gloss. glTF has no Phong: a Phong material gets the roughness of an equally
  * wide lobe. */

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "coordinator/export/child.h"
+#include "coordinator/export/export_private.h"
 #include "coordinator/confined/confined.h"
 #include "coordinator/files/publish.h"
 #include "coordinator/import/import.h"
@@ -53,7 +54,7 @@ uint64_t kiln_export_size(const struct kiln_scene *scene)
 
 /* ---- the plan ---- */
 
-static json_t *link_json(const struct kiln_export_params *p, size_t object)
+json_t *kiln_export_link_json(const struct kiln_export_params *p, size_t object)
 {
     const struct kiln_link *l = &p->links[object];
     const struct kiln_object *o = &p->scene->objects[object];
@@ -75,7 +76,7 @@ static json_t *link_json(const struct kiln_export_params *p, size_t object)
     return json;
 }
 
-static json_t *page_json(const struct kiln_export_params *p, size_t index)
+json_t *kiln_export_page_json(const struct kiln_export_params *p, size_t index)
 {
     const struct kiln_page_info *page = &p->pages[index];
     json_t *json = json_pack("{s:s, s:I, s:I, s:s}", "file", page->file, "width", (json_int_t)page->width, "height",
@@ -91,9 +92,9 @@ static char *plan_text(const struct kiln_export_params *p)
     json_t *objects = json_array(), *pages = json_array();
     int failed = 0;
     for (size_t i = 0; i < p->scene->object_count; i++)
-        failed |= json_array_append_new(objects, link_json(p, i));
+        failed |= json_array_append_new(objects, kiln_export_link_json(p, i));
     for (size_t i = 0; i < p->page_count; i++)
-        failed |= json_array_append_new(pages, page_json(p, i));
+        failed |= json_array_append_new(pages, kiln_export_page_json(p, i));
     json_t *plan = json_pack("{s:o, s:{s:i, s:o}, s:b, s:b, s:b}", "objects", objects, "root", "version", 1, "pages",
                              pages, "drop_baked_lights", (int)p->drop_baked_lights, "has_coordinates",
                              p->coordinates != NULL, "has_light", p->light != NULL);
@@ -156,8 +157,7 @@ static int run_child(const struct kiln_export_params *p, const char *temporary, 
     return status;
 }
 
-/* Checks the new file's header and length, as readers will. */
-static int check_written(int file, const char *name, struct kiln_error *error)
+int kiln_export_check_written(int file, const char *name, struct kiln_error *error)
 {
     unsigned char header[12] = {0};
     struct stat found;
@@ -181,7 +181,7 @@ int kiln_export_scene(const struct kiln_export_params *params, struct kiln_error
     KILN_TRY(kiln_publish_begin(&place, params->directory, params->output, error));
     KILN_TRY(kiln_publish_open(&place, &file, error));
     KILN_TRY(run_child(params, place.temporary, file, error));
-    KILN_TRY(check_written(file, place.temporary, error));
+    KILN_TRY(kiln_export_check_written(file, place.temporary, error));
 end:
     if (file >= 0 && kiln_close(file) != 0 && status == KILN_OK)
         status = kiln_fail_errno(error, KILN_IO, "%.512s cannot be closed", place.temporary);

@@ -85,4 +85,19 @@ int kiln_export_beside(const char *directory, const char *path, const struct kil
                        const float (*light)[3], const char *unit, const struct kiln_stop *stop,
                        struct kiln_error *error);
 
+/* Writes DIRECTORY/scenes/PLACE.glb for each part and place of a scene in parts that has objects, with links to
+ * ../lightmaps/PLACE/OBJECT.exr: those of this rank, which is every `ranks`-th from the `rank`-th on. The scene has
+ * been checked, so no child is started. `scene`, `has_back`, `light`, `unit`, `stop`: as above. KILN_BAD_INPUT if a
+ * file would exceed 4 GiB. */
+struct kiln_export_places {
+    const char *directory;
+    const struct kiln_scene *scene;
+    const uint8_t *has_back;
+    const float (*light)[3];
+    const char *unit;
+    const struct kiln_stop *stop;
+    uint32_t rank, ranks;
+};
+int kiln_export_places(const struct kiln_export_places *params, struct kiln_error *error);
+
 #endif

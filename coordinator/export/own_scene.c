@@ -17,6 +17,11 @@ struct own {
     const struct kiln_vec2 *coordinates;
     const float (*light)[3]; /* light per vertex, starting at the next object's first vertex; NULL: none */
     bool emission_set;       /* some material's emission has its own coordinates: all meshes get TEXCOORD_2 */
+    size_t first, end;       /* objects that are written */
+    const char *place;       /* lights and cameras whose names begin so are written; NULL: all */
+    size_t place_length;
+    /* indices in the file of the scene's meshes, materials and textures; KILN_NONE: not written */
+    uint32_t *meshes, *materials, *textures;
 };
 
 static json_t *name_of(const struct own *o, uint32_t offset)
@@ -48,9 +53,9 @@ static void add_texture(struct own *o, const struct kiln_texture *t)
                           json_pack("{s:i, s:i}", "sampler", (int)sampler, "source", (int)image));
 }
 
-static json_t *texture_use(uint32_t texture, int set)
+static json_t *texture_use(const struct own *o, uint32_t texture, int set)
 {
-    return json_pack("{s:i, s:i}", "index", (int)texture, "texCoord", set);
+    return json_pack("{s:i, s:i}", "index", (int)o->textures[texture], "texCoord", set);
 }
 
 static void set_emission(struct own *o, json_t *json, const struct kiln_material *m)
@@ -63,7 +68,7 @@ static void set_emission(struct own *o, json_t *json, const struct kiln_material
                  json_pack("[f, f, f]", (double)m->emission[0] / scale, (double)m->emission[1] / scale,
                            (double)m->emission[2] / scale));
     if (m->emission_texture != KILN_NONE)
-        kiln_glb_set(&o->b, json, "emissiveTexture", texture_use(m->emission_texture, o->emission_set ? 2 : 0));
+        kiln_glb_set(&o->b, json, "emissiveTexture", texture_use(o, m->emission_texture, o->emission_set ? 2 : 0));
     if (most > 1.0f) {
         kiln_glb_set(&o->b, json, "extensions",
                      json_pack("{s:{s:f}}", "KHR_materials_emissive_strength", "emissiveStrength", scale));
@@ -74,6 +79,16 @@ static void set_emission(struct own *o, json_t *json, const struct kiln_material
 /* The set of the gloss's coordinates: after that of emission, if there is one. */
 static int gloss_set(const struct own *o) { return o->emission_set ? 3 : 2; }
 
+/* The gloss with the file's indices of textures. */
+static struct kiln_gloss renumbered(const struct own *o, const struct kiln_gloss *gloss)
+{
+    struct kiln_gloss written = *gloss;
+    for (int use = 0; use < KILN_GLOSS_USES; use++)
+        if (written.textures[use].texture != KILN_NONE)
+            written.textures[use].texture = o->textures[written.textures[use].texture];
+    return written;
+}
+
 static void add_material(struct own *o, uint32_t index)
 {
     const struct kiln_material *m = &o->scene->materials[index];
@@ -83,14 +98,16 @@ static void add_material(struct own *o, uint32_t index)
                                 (double)m->base_color[1], (double)m->base_color[2], (double)m->base_color[3],
                                 "metallicFactor", (double)m->metallic, "roughnessFactor", (double)m->roughness);
     if (m->base_color_texture != KILN_NONE)
-        kiln_glb_set(&o->b, surface, "baseColorTexture", texture_use(m->base_color_texture, 0));
+        kiln_glb_set(&o->b, surface, "baseColorTexture", texture_use(o, m->base_color_texture, 0));
     json_t *json = json_pack("{s:o, s:o, s:s, s:b}", "name", name_of(o, m->name), "pbrMetallicRoughness", surface,
                              "alphaMode", modes[m->alpha_mode], "doubleSided", (int)m->double_sided);
     if (m->alpha_mode == KILN_ALPHA_MASK)
         kiln_glb_set(&o->b, json, "alphaCutoff", json_real((double)m->alpha_cutoff));
     set_emission(o, json, m);
-    if (gloss != NULL)
-        kiln_export_gloss(&o->b, json, gloss, gloss_set(o));
+    if (gloss != NULL) {
+        const struct kiln_gloss written = renumbered(o, gloss);
+        kiln_export_gloss(&o->b, json, &written, gloss_set(o));
+    }
     (void)kiln_glb_append(&o->b, o->b.root, "materials", json);
 }
 
@@ -191,9 +208,9 @@ static void add_primitive(struct own *o, const struct kiln_mesh *mesh, json_t *m
     if (o->b.status == KILN_OK) {
         const uint32_t index = add_accessor(o, indices, count, sizeof *indices, KILN_GLTF_UNSIGNED_INT, "SCALAR",
                                             KILN_GLTF_ELEMENT_ARRAY_BUFFER, &json);
-        (void)kiln_glb_append(
-            &o->b, mesh_json, "primitives",
-            json_pack("{s:O, s:i, s:i}", "attributes", attributes, "indices", (int)index, "material", (int)material));
+        (void)kiln_glb_append(&o->b, mesh_json, "primitives",
+                              json_pack("{s:O, s:i, s:i}", "attributes", attributes, "indices", (int)index, "material",
+                                        (int)o->materials[material]));
     }
     kiln_free(&indices);
 }
@@ -237,7 +254,7 @@ static json_t *matrix_json(const double m[12])
 static uint32_t add_lit_mesh(struct own *o, size_t mesh)
 {
     const size_t count = o->scene->meshes[mesh].vertex_count;
-    json_t *copy = json_deep_copy(json_array_get(json_object_get(o->b.root, "meshes"), mesh)),
+    json_t *copy = json_deep_copy(json_array_get(json_object_get(o->b.root, "meshes"), o->meshes[mesh])),
            *primitives = json_object_get(copy, "primitives");
     const uint32_t light = kiln_export_colors(&o->b, o->light, count), none = UINT32_MAX;
     uint32_t white = none;
@@ -257,8 +274,8 @@ static void add_object(struct own *o, size_t index)
 {
     static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     const struct kiln_object *object = &o->scene->objects[index];
-    json_t *link = json_array_get(json_object_get(o->plan, "objects"), index);
-    const uint32_t mesh = o->light != NULL ? add_lit_mesh(o, object->mesh) : object->mesh;
+    json_t *link = json_array_get(json_object_get(o->plan, "objects"), index - o->first);
+    const uint32_t mesh = o->light != NULL ? add_lit_mesh(o, object->mesh) : o->meshes[object->mesh];
     json_t *node = json_pack("{s:o, s:i}", "name", name_of(o, object->name), "mesh", (int)mesh);
     if (memcmp(identity, object->transform, sizeof identity) != 0)
         kiln_glb_set(&o->b, node, "matrix", matrix_json(object->transform));
@@ -344,31 +361,135 @@ static void begin(struct own *o)
         o->emission_set |= (o->scene->meshes[i].flags & KILN_MESH_HAS_EMISSION_UV) != 0;
 }
 
+/* ---- what is written ---- */
+
+static int allocate_indices(struct own *o, struct kiln_error *error)
+{
+    const struct kiln_scene *s = o->scene;
+    int status;
+    KILN_TRY(kiln_allocate(&o->meshes, s->mesh_count, sizeof *o->meshes, "meshes of the exported scene", error));
+    KILN_TRY(kiln_allocate(&o->materials, s->material_count, sizeof *o->materials, "the exported materials", error));
+    KILN_TRY(kiln_allocate(&o->textures, s->texture_count, sizeof *o->textures, "the exported textures", error));
+end:
+    return status;
+}
+
+static void mark_texture(struct own *o, uint32_t texture)
+{
+    if (texture != KILN_NONE)
+        o->textures[texture] = 1;
+}
+
+/* Marks the meshes of the objects, their materials, and the textures of these. */
+static void mark_used(struct own *o)
+{
+    const struct kiln_scene *s = o->scene;
+    for (size_t i = o->first; i < o->end; i++)
+        o->meshes[s->objects[i].mesh] = 1;
+    for (size_t i = 0; i < s->mesh_count; i++)
+        for (uint64_t t = 0; o->meshes[i] != 0 && t < s->meshes[i].triangle_count; t++)
+            o->materials[s->triangle_materials[s->meshes[i].triangle_first + t]] = 1;
+    for (size_t i = 0; i < s->material_count; i++) {
+        if (o->materials[i] == 0)
+            continue;
+        mark_texture(o, s->materials[i].base_color_texture);
+        mark_texture(o, s->materials[i].emission_texture);
+        const struct kiln_gloss *gloss = kiln_gloss_find(s, (uint32_t)i);
+        for (int use = 0; gloss != NULL && use < KILN_GLOSS_USES; use++)
+            mark_texture(o, gloss->textures[use].texture);
+    }
+}
+
+/* Turns marks to indices. `all`: everything is written. */
+static void number(uint32_t *marks, size_t count, bool all)
+{
+    uint32_t next = 0;
+    for (size_t i = 0; i < count; i++)
+        marks[i] = all || marks[i] != 0 ? next++ : KILN_NONE;
+}
+
+static int choose(struct own *o, struct kiln_error *error)
+{
+    const struct kiln_scene *s = o->scene;
+    const bool all = o->place == NULL;
+    const int status = allocate_indices(o, error);
+    if (status != KILN_OK)
+        return status;
+    if (!all)
+        mark_used(o);
+    number(o->meshes, s->mesh_count, all);
+    number(o->materials, s->material_count, all);
+    number(o->textures, s->texture_count, all);
+    return KILN_OK;
+}
+
+static bool is_here(const struct own *o, uint32_t name)
+{
+    const char *text = kiln_scene_string(o->scene, name);
+    return o->place == NULL || (strncmp(text, o->place, o->place_length) == 0 && text[o->place_length] == '/');
+}
+
+static void add_all(struct own *o)
+{
+    const struct kiln_scene *s = o->scene;
+    const bool lit = !json_is_true(json_object_get(o->plan, "drop_baked_lights"));
+    for (size_t i = 0; i < s->texture_count && o->b.status == KILN_OK; i++)
+        if (o->textures[i] != KILN_NONE)
+            add_texture(o, &s->textures[i]);
+    for (size_t i = 0; i < s->material_count && o->b.status == KILN_OK; i++)
+        if (o->materials[i] != KILN_NONE)
+            add_material(o, (uint32_t)i);
+    for (size_t i = 0; i < s->mesh_count && o->b.status == KILN_OK; i++)
+        if (o->meshes[i] != KILN_NONE)
+            add_mesh(o, &s->meshes[i]);
+    for (size_t i = o->first; i < o->end && o->b.status == KILN_OK; i++)
+        add_object(o, i);
+    for (size_t i = 0; i < s->light_count && lit && o->b.status == KILN_OK; i++)
+        if (is_here(o, s->lights[i].name))
+            add_light(o, &s->lights[i]);
+    for (size_t i = 0; i < s->camera_count && o->b.status == KILN_OK; i++)
+        if (is_here(o, s->cameras[i].name))
+            add_camera(o, &s->cameras[i]);
+    kiln_export_root(&o->b, o->plan);
+}
+
+static int write(struct own *o, int file, const char *name, struct kiln_error *error)
+{
+    int status;
+    KILN_TRY(choose(o, error));
+    begin(o);
+    add_all(o);
+    status = o->b.status == KILN_OK ? kiln_glb_build_write(&o->b, file, name) : o->b.status;
+end:
+    kiln_glb_build_free(&o->b);
+    kiln_free(&o->meshes);
+    kiln_free(&o->materials);
+    kiln_free(&o->textures);
+    return status;
+}
+
 int kiln_export_own(const struct kiln_export_task *task, struct kiln_error *error)
+{
+    struct own o = {.b = {.subject = task->scene_file, .error = error},
+                    .scene = task->scene,
+                    .plan = task->plan,
+                    .coordinates = task->coordinates,
+                    .light = task->light,
+                    .end = task->scene->object_count};
+    return write(&o, KILN_CHILD_OUTPUT, task->output, error);
+}
+
+int kiln_export_own_place(const struct kiln_export_task *task, size_t first, int file, struct kiln_error *error)
 {
     const struct kiln_scene *s = task->scene;
     struct own o = {.b = {.subject = task->scene_file, .error = error},
                     .scene = s,
                     .plan = task->plan,
                     .coordinates = task->coordinates,
-                    .light = task->light};
-    begin(&o);
-    for (size_t i = 0; i < s->texture_count && o.b.status == KILN_OK; i++)
-        add_texture(&o, &s->textures[i]);
-    for (size_t i = 0; i < s->material_count && o.b.status == KILN_OK; i++)
-        add_material(&o, (uint32_t)i);
-    for (size_t i = 0; i < s->mesh_count && o.b.status == KILN_OK; i++)
-        add_mesh(&o, &s->meshes[i]);
-    for (size_t i = 0; i < s->object_count && o.b.status == KILN_OK; i++)
-        add_object(&o, i);
-    for (size_t i = 0;
-         i < s->light_count && !json_is_true(json_object_get(task->plan, "drop_baked_lights")) && o.b.status == KILN_OK;
-         i++)
-        add_light(&o, &s->lights[i]);
-    for (size_t i = 0; i < s->camera_count && o.b.status == KILN_OK; i++)
-        add_camera(&o, &s->cameras[i]);
-    kiln_export_root(&o.b, task->plan);
-    const int status = o.b.status == KILN_OK ? kiln_glb_build_write(&o.b, KILN_CHILD_OUTPUT, task->output) : o.b.status;
-    kiln_glb_build_free(&o.b);
-    return status;
+                    .light = task->light,
+                    .first = first,
+                    .end = kiln_scene_place_end(s, first),
+                    .place = kiln_scene_string(s, s->objects[first].name),
+                    .place_length = kiln_scene_place(s, first)};
+    return write(&o, file, task->output, error);
 }

@@ -123,6 +123,20 @@ static int name_file(struct kiln_manifest *m, const char *folder, const char *na
     return status;
 }
 
+/* Whether the scene is in parts, so that each has a file in scenes/. */
+static bool has_places(const struct kiln_scene *scene)
+{
+    return scene != NULL && scene->object_count > 0 && kiln_scene_place(scene, 0) > 0;
+}
+
+static size_t places_of(const struct kiln_scene *scene)
+{
+    size_t count = 0;
+    for (size_t i = 0; has_places(scene) && i < scene->object_count; i = kiln_scene_place_end(scene, i))
+        count++;
+    return count;
+}
+
 /* Lists the files of the bake; the same on all ranks. */
 static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *scene,
                       const struct kiln_surface *surface, const struct kiln_optional_results *parts,
@@ -133,18 +147,26 @@ static int name_files(struct kiln_manifest **manifest, const struct kiln_scene *
                                   parts->no_points ? NULL : "kiln.h5",
                                   parts->volume ? "volume.hdf" : NULL,
                                   parts->preview ? "preview.png" : NULL,
-                                  parts->scene ? "scene.glb" : NULL};
+                                  parts->scene && !has_places(scene) ? "scene.glb" : NULL};
     const size_t other_count = sizeof others / sizeof *others, maps = surface != NULL ? surface->map_count : 0,
                  group_files = kiln_group_files(parts->groups);
     int status;
     KILN_TRY(kiln_allocate(manifest, 1, sizeof **manifest, "the manifest", error));
-    KILN_TRY(kiln_allocate(&(*manifest)->files, other_count + maps * (1 + group_files) + parts->more_count,
+    KILN_TRY(kiln_allocate(&(*manifest)->files,
+                           other_count + maps * (1 + group_files) + parts->more_count + places_of(scene),
                            sizeof *(*manifest)->files, "the manifest", error));
     for (size_t i = 0; i < parts->more_count; i++)
         KILN_TRY(name_file(*manifest, "", parts->more[i], "", error));
     for (size_t i = 0; i < other_count; i++)
         if (others[i] != NULL)
             KILN_TRY(name_file(*manifest, "", others[i], "", error));
+    for (size_t i = 0; parts->scene && has_places(scene) && i < scene->object_count;
+         i = kiln_scene_place_end(scene, i)) {
+        char name[KILN_PATH_SIZE];
+        (void)snprintf(name, sizeof name, "%.*s", (int)kiln_scene_place(scene, i),
+                       kiln_scene_string(scene, scene->objects[i].name));
+        KILN_TRY(name_file(*manifest, "scenes/", name, ".glb", error));
+    }
     for (uint32_t i = 0; i < maps; i++) {
         const struct kiln_object *object = &scene->objects[kiln_map_object(surface, i)];
         const char *folder = kiln_map_back(surface, i) ? "lightmaps/back/" : "lightmaps/";
@@ -325,12 +347,12 @@ static int remove_file(const char *directory, const char *name, struct kiln_erro
     return KILN_OK;
 }
 
-/* Removes the folder of a file in lightmaps/FOLDER, if nothing is left in it. */
+/* Removes the folder of a file in lightmaps/FOLDER or in scenes, if nothing is left in it. */
 static void remove_folder(const char *directory, const char *name)
 {
     char folder[KILN_PATH_SIZE];
     const char *slash = strrchr(name, '/');
-    if (slash == NULL || slash == strchr(name, '/'))
+    if (slash == NULL || (slash == strchr(name, '/') && strncmp(name, "scenes/", 7) != 0))
         return;
     (void)snprintf(folder, sizeof folder, "%.*s", (int)(slash - name), name);
     (void)kiln_rmdir_below(directory, folder);
@@ -415,7 +437,7 @@ int kiln_manifest_prune(const char *directory, const struct kiln_scene *scene, c
 int kiln_manifest_look(const char *directory, const struct kiln_scene *scene, const struct kiln_surface *surface,
                        const struct kiln_optional_results *parts, struct kiln_error *error)
 {
-    static const char *const folders[] = {"lightmaps", "lightmaps/back", "checkpoint"};
+    static const char *const folders[] = {"lightmaps", "lightmaps/back", "checkpoint", "parts", "scenes"};
     struct kiln_manifest *wanted = NULL;
     int status;
     KILN_TRY(kiln_check_below(directory, NAME, false, error));

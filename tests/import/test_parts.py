@@ -136,6 +136,42 @@ class SameBits(Parts):
         self.assert_same_light("one2", "parts2")
 
 
+class Files(Parts):
+    PARTS = [("box", "textured.glb", [IDENTITY]), ("rooms", "plain.glb", [moved(8, 0, 0), moved(40, 0, 0)]),
+             ("lamps", "lamps.glb", [moved(8, 0, 16)])]
+
+    def test_each_part_has_a_scene_with_links(self):
+        job = self.job("files.yaml", self.PARTS)
+        self.bake(job, "files")
+        self.bake(job, "files3", ranks=3)
+        names = ["box.glb", "lamps.glb", "rooms.2.glb", "rooms.glb"]
+        self.assertEqual(sorted(os.listdir(self.path("files/scenes"))), names)
+        self.assertFalse(os.path.exists(self.path("files/scene.glb")))
+        objects = run_json(self.path("files"))["objects"]
+        for name in names:
+            with open(self.path("files/scenes/" + name), "rb") as one, open(self.path("files3/scenes/" + name),
+                                                                           "rb") as other:
+                self.assertEqual(one.read(), other.read())
+            file = File(self.path("files/scenes/" + name))
+            place = name[:-len(".glb")] + "/"
+            links = {node["name"]: node["extras"]["kiln_lightmap"] for node in file.json["nodes"] if "mesh" in node}
+            self.assertEqual({"../" + o["lightmap"] for o in objects if o["lightmap"].startswith("lightmaps/" + place)},
+                             {link["file"] for link in links.values()})
+            self.assertTrue(all(node["name"].startswith(place) for node in file.json["nodes"]))
+            pages = file.json["extensions"]["KILN_lightmap"]["pages"]
+            self.assertEqual([pages[link["page"]]["file"] for link in links.values()],
+                             [link["file"] for link in links.values()])
+            used = {p["material"] for mesh in file.json["meshes"] for p in mesh["primitives"]}
+            self.assertEqual(used, set(range(len(file.json["materials"]))))
+            self.assertEqual(len(file.json.get("textures", [])), 1 if name == "box.glb" else 0)
+        lamps = File(self.path("files/scenes/lamps.glb")).json["extensions"]["KHR_lights_punctual"]["lights"]
+        self.assertEqual([light["name"] for light in lamps], ["lamps/spot", "lamps/sun"])
+        self.assertIn("values in range", kiln("verify", self.path("files")).stdout)
+        # without the files of scenes there are none, and those of the bake before go
+        self.bake(job, "files", "--no-export")
+        self.assertFalse(os.path.exists(self.path("files/scenes")))
+
+
 class OnlyWhatChanged(Parts):
     def read(self, out):
         """The parts that a bake has read."""
@@ -169,6 +205,7 @@ class OnlyWhatChanged(Parts):
         self.bake(self.job("change.yaml", parts[:2]), "change")
         self.assertEqual(sorted(os.listdir(self.path("change/parts"))), ["a.kscene", "b.kscene", "scene.parts"])
         self.assertEqual(sorted(os.listdir(self.path("change/lightmaps"))), ["a", "b"])
+        self.assertEqual(sorted(os.listdir(self.path("change/scenes"))), ["a.glb", "b.glb"])
 
     def test_import_reads_what_a_bake_takes(self):
         job = self.job("ahead.yaml", [("a", "cornell.glb", [IDENTITY]), ("b", "lamps.glb", [moved(8, 0, 0)])])

@@ -11,6 +11,7 @@
 
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 #include <time.h>
 
 #include "shaders/shared/passage.h"
@@ -423,6 +424,25 @@ int kiln_scene_check_unchanged(const struct kiln_scene *scene, const char *path,
 static inline const char *kiln_scene_string(const struct kiln_scene *scene, uint32_t offset)
 {
     return scene->strings + offset;
+}
+
+/* Number of bytes of an object's name that tell its part and place, PART or PART.2; 0: it is of no part. */
+static inline size_t kiln_scene_place(const struct kiln_scene *scene, size_t object)
+{
+    const char *name = kiln_scene_string(scene, scene->objects[object].name), *slash = strchr(name, '/');
+    return slash == NULL ? 0 : (size_t)(slash - name);
+}
+
+/* Index after the last of the objects that stand in the same part and place as object `first`; such stand together. */
+static inline size_t kiln_scene_place_end(const struct kiln_scene *scene, size_t first)
+{
+    const char *name = kiln_scene_string(scene, scene->objects[first].name);
+    const size_t length = kiln_scene_place(scene, first);
+    size_t end = first + 1;
+    while (end < scene->object_count && kiln_scene_place(scene, end) == length &&
+           strncmp(kiln_scene_string(scene, scene->objects[end].name), name, length) == 0)
+        end++;
+    return end;
 }
 
 #endif
