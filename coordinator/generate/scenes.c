@@ -16,8 +16,11 @@ const struct kiln_generator kiln_generators[] = {
     {"cornell-huge", "the box a million times its size", 0, kiln_generate_cornell},
     {"furnace", "a closed box whose walls all emit radiance 1: --albedo R, default 0.5", KILN_TAKES_ALBEDO,
      kiln_generate_furnace},
-    {"city", "blocks of instanced houses, sun, sky, lit windows: --triangles N (1000 to 1e9, default 100000), --seed",
-     KILN_TAKES_TRIANGLES, kiln_generate_city},
+    {"city",
+     "blocks of instanced houses, sun, sky, lit windows: --triangles N (1000 to 1e9, default 100000), --seed, "
+     "--distinct, "
+     "--parts N",
+     KILN_TAKES_TRIANGLES | KILN_TAKES_PARTS, kiln_generate_city},
     {"rooms", "rooms with doors between, a lamp in each: --columns N --rows M, default 3 x 2, --seed", KILN_TAKES_GRID,
      kiln_generate_rooms},
     {"lights", "a hall under many small lamps: --columns N --rows M, default 32 x 16, two triangles a lamp",

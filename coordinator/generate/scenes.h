@@ -6,7 +6,7 @@
 #include "coordinator/generate/shape.h"
 
 /* Which parameters a scene takes. */
-enum { KILN_TAKES_TRIANGLES = 1, KILN_TAKES_GRID = 2, KILN_TAKES_ALBEDO = 4 };
+enum { KILN_TAKES_TRIANGLES = 1, KILN_TAKES_GRID = 2, KILN_TAKES_ALBEDO = 4, KILN_TAKES_PARTS = 8 };
 
 /* Parameters. Zero means the default given in the scene's description; albedo is always given. */
 struct kiln_generate_params {
@@ -14,6 +14,8 @@ struct kiln_generate_params {
     uint32_t columns, rows;
     double albedo;
     uint64_t seed;
+    bool distinct;        /* no two things are alike, so that nothing is an instance */
+    uint32_t part, parts; /* the file has part `part` of `parts` of the scene; the parts together are the whole scene */
 };
 
 struct kiln_generator {

@@ -200,6 +200,8 @@ struct kiln_job_generated {
     uint64_t triangles;     /* approximate number; 0: the scene's default */
     uint32_t columns, rows; /* rooms, lights: numbers along x and z */
     double albedo;          /* furnace; -1: not given */
+    bool distinct;          /* city: no two houses alike */
+    uint32_t parts;         /* city: number of files; 1: one scene file */
 };
 
 /* Settings of bench. */

@@ -208,6 +208,31 @@ class Generate(InOwnFolder):
                 self.assertEqual(normal[1], 0)
         self.assertEqual(faces, 4)
 
+    def test_a_distinct_city_has_no_instances_and_its_parts_are_the_whole(self):
+        whole, said = self.make("city", "--triangles", 40000, "--distinct")
+        self.assertEqual(said["triangles"], said["triangles_with_instances"])
+        self.assertLess(abs(said["triangles"] / 40000 - 1), 0.1)
+        document, binary = read_glb(whole)
+        self.assertEqual(len(document["meshes"]), sum("mesh" in node for node in document["nodes"]))
+        shapes = {accessor(document, binary, m["primitives"][0]["attributes"]["POSITION"]).tobytes()
+                  for m in document["meshes"]}
+        self.assertEqual(len(shapes), len(document["meshes"]))
+        ground = next(m for m in document["meshes"] if m["name"] == "ground")
+        self.assertEqual(document["accessors"][ground["primitives"][0]["indices"]]["count"], 6)
+        job, of_parts = self.make("city", "--triangles", 40000, "--distinct", "--parts", 3, file="town.yaml")
+        self.assertEqual((of_parts["triangles"], of_parts["nodes"], of_parts["parts"]),
+                         (said["triangles"], said["nodes"], 3))
+        with open(job) as file:
+            self.assertEqual(file.read(), "parts:\n" + "".join(
+                f'  - {{name: part_{k}, file: "town-{k}.glb"}}\n' for k in (1, 2, 3)))
+        nodes = [node for k in (1, 2, 3)
+                 for node in read_glb(os.path.join(self.folder, f"town-{k}.glb"))[0]["nodes"] if "mesh" in node]
+        self.assertEqual([(n["name"], n.get("translation"), n.get("rotation")) for n in nodes],
+                         [(n["name"], n.get("translation"), n.get("rotation")) for n in document["nodes"]
+                          if "mesh" in n])
+        answer = kiln("info", job, "--json")
+        self.assertEqual(json.loads(answer.out)["counts"]["objects"], len(nodes))
+
     def test_the_cornell_box_has_its_measures(self):
         path, _ = self.make("cornell")
         document, binary = read_glb(path)
@@ -263,6 +288,10 @@ class Generate(InOwnFolder):
                 (64, r"takes no --albedo", ["rooms", "-o", path, "--albedo", "0.2"]),
                 (64, r"--albedo: 1 is out of range", ["furnace", "-o", path, "--albedo", "1"]),
                 (64, r"from 1000 to 1000000000", ["city", "-o", path, "--triangles", "10"]),
+                (64, r"name must end in .yaml", ["city", "-o", path, "--parts", "2"]),
+                (64, r"the city has 4 houses", ["city", "-o", os.path.join(self.folder, "c.yaml"), "--triangles",
+                                                "2000", "--parts", "5"]),
+                (64, r"takes no --distinct or --parts", ["rooms", "-o", path, "--distinct"]),
                 (64, r"28.00 GB .* 4.29 GB", ["cornell-statue", "-o", path, "--triangles", "1000000000"]),
                 (73, r"'/proc/x.glb' cannot be created", ["cornell", "-o", "/proc/x.glb"]),
                 (73, r"missing/x.glb' cannot be created",
