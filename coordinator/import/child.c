@@ -162,6 +162,16 @@ end:
     return status;
 }
 
+static int judge_part(const struct kiln_import_params *params, struct kiln_builder *builder, struct kiln_error *error)
+{
+    int status;
+    limit_layout_time(params, builder);
+    KILN_TRY(kiln_layout_judge(builder, error));
+    KILN_TRY(kiln_builder_make_part(builder, error));
+end:
+    return status;
+}
+
 static int read_layout_write(const struct child *child, struct kiln_error *error)
 {
     const struct kiln_import_params *params = &child->params;
@@ -169,7 +179,7 @@ static int read_layout_write(const struct child *child, struct kiln_error *error
     int status;
     KILN_TRY(kiln_builder_create(&builder, error));
     KILN_TRY(kiln_import_read(params, kiln_child_follower(params), builder, error));
-    KILN_TRY(params->part ? kiln_builder_make_part(builder, error) : make_layouts(params, builder, error));
+    KILN_TRY(params->part ? judge_part(params, builder, error) : make_layouts(params, builder, error));
     kiln_import_key(params, child->program, KILN_BUILDER_DATA(builder, const struct kiln_source, KILN_SECTION_SOURCES),
                     builder->sections[KILN_SECTION_SOURCES].count,
                     KILN_BUILDER_DATA(builder, const char, KILN_SECTION_STRINGS), builder->import_hash);

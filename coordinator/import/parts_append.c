@@ -135,8 +135,11 @@ static int append_meshes(struct kiln_merger *m, struct kiln_open_part *part, siz
         mesh->name = name;
         mesh->vertex_first += vertices;
         mesh->triangle_first += triangles;
-        m->builder->mesh_has_lightmap_uv[part->meshes + i] = (mesh->flags & KILN_MESH_HAS_SECOND_UV) != 0;
-        mesh->flags &= ~(uint32_t)KILN_MESH_HAS_SECOND_UV;
+        m->builder->mesh_has_lightmap_uv[part->meshes + i] =
+            (mesh->flags & KILN_MESH_SOUND_SECOND_UV) != 0 ? KILN_LIGHTMAP_UV_SOUND
+            : (mesh->flags & KILN_MESH_HAS_SECOND_UV) != 0 ? KILN_LIGHTMAP_UV_GIVEN
+                                                           : KILN_LIGHTMAP_UV_NONE;
+        mesh->flags &= ~(uint32_t)(KILN_MESH_HAS_SECOND_UV | KILN_MESH_SOUND_SECOND_UV);
     }
 end:
     return status;

@@ -211,19 +211,24 @@ static int check_mesh(struct planner *p, size_t index, struct kiln_error *error)
     static const double identity[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
     mesh->surface_area =
         measure_triangles(positions(p, mesh), NULL, triangles(p, mesh), mesh->triangle_count, identity).area;
+    const bool has_any = index < p->builder->mesh_capacity &&
+                         p->builder->mesh_has_lightmap_uv[index] != KILN_LIGHTMAP_UV_NONE,
+               sound = has_any && p->builder->mesh_has_lightmap_uv[index] == KILN_LIGHTMAP_UV_SOUND;
+    const double known_area = mesh->uv_area;
     mesh->uv_area = 0.0;
     plan->reference = SIZE_MAX;
     plan->use = EXPECTED_USE;
     plan->unwrap = mesh->triangle_count > 0;
     if (mesh->triangle_count == 0)
         return KILN_OK;
-    if (index >= p->builder->mesh_capacity || p->builder->mesh_has_lightmap_uv[index] == 0) {
+    if (!has_any) {
         p->absent++;
         return KILN_OK;
     }
-    struct kiln_uv_verdict verdict;
-    int status = kiln_uv_check(&verdict, positions(p, mesh), lightmap_uv(p, mesh), triangles(p, mesh),
-                               mesh->triangle_count, error);
+    struct kiln_uv_verdict verdict = {.valid = true, .uv_area = known_area};
+    int status = sound ? KILN_OK
+                       : kiln_uv_check(&verdict, positions(p, mesh), lightmap_uv(p, mesh), triangles(p, mesh),
+                                       mesh->triangle_count, error);
     if (status != KILN_OK)
         return status;
     if (!verdict.valid)

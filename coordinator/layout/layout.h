@@ -43,6 +43,11 @@ struct kiln_layout_params {
  * note says so. */
 int kiln_layout(struct kiln_builder *builder, const struct kiln_layout_params *params, struct kiln_error *error);
 
+/* Checks the second UV sets of all meshes ahead of kiln_layout, which then takes those without a flaw as they are
+ * (KILN_LIGHTMAP_UV_SOUND, mesh.uv_area). The others it checks again, to say what is wrong. For parts of a scene, whose
+ * scene files keep the answer. KILN_SYSTEM. */
+int kiln_layout_judge(struct kiln_builder *builder, struct kiln_error *error);
+
 /* Sets up stores that need no layouts: every lightmap is one texel, and all coordinates in it are 0. Fills
  * mesh.surface_area and KILN_MESH_NO_LAYOUT, and the header's density: `texels_per_metre` or, if 0, the density that
  * gives the whole scene about 2^18 texels. */

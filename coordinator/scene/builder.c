@@ -135,7 +135,9 @@ int kiln_builder_make_part(struct kiln_builder *builder, struct kiln_error *erro
     struct kiln_object *objects = KILN_BUILDER_DATA(builder, struct kiln_object, KILN_SECTION_OBJECTS);
     const size_t count = builder->sections[KILN_SECTION_OBJECTS].count;
     for (size_t i = 0; i < builder->sections[KILN_SECTION_MESHES].count; i++)
-        meshes[i].flags |= builder->mesh_has_lightmap_uv[i] != 0 ? KILN_MESH_HAS_SECOND_UV : 0u;
+        meshes[i].flags |=
+            (builder->mesh_has_lightmap_uv[i] != KILN_LIGHTMAP_UV_NONE ? KILN_MESH_HAS_SECOND_UV : 0u) |
+            (builder->mesh_has_lightmap_uv[i] == KILN_LIGHTMAP_UV_SOUND ? KILN_MESH_SOUND_SECOND_UV : 0u);
     for (size_t i = 0; i < count; i++)
         objects[i].lightmap_width = objects[i].lightmap_height = 1;
     builder->part = true;

@@ -9,12 +9,15 @@
 #include "coordinator/job/object_settings.h"
 #include "worker/scene/scene.h"
 
+/* The second UV set of a mesh in its file: there is none; there is one; it is known to be valid, without a flaw. */
+enum { KILN_LIGHTMAP_UV_NONE = 0, KILN_LIGHTMAP_UV_GIVEN, KILN_LIGHTMAP_UV_SOUND };
+
 struct kiln_builder {
     struct {
         void *data;
         size_t count, capacity; /* in elements of kiln_scene_element_size(section) bytes */
     } sections[KILN_SECTION_COUNT];
-    /* Per mesh: 1 if the file has a second UV set, else 0. Without one, the TEXCOORD_LIGHTMAP of its vertices is zero
+    /* Per mesh: KILN_LIGHTMAP_UV_NONE, ... Without a second UV set, the TEXCOORD_LIGHTMAP of its vertices is zero
      * until the layout is made. */
     uint8_t *mesh_has_lightmap_uv;
     size_t mesh_capacity;

@@ -7,6 +7,7 @@
 
 #include <cmocka.h>
 
+#include <fcntl.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -416,6 +417,87 @@ static void objects_out_of_range_are_not_written(void **state)
     kiln_builder_destroy(&b);
 }
 
+/* Writes a part of one quad with settings of its object and a second UV set outside 0..1. */
+static void build_part(const char *path, const struct kiln_object_settings *settings)
+{
+    struct kiln_builder *b = NULL;
+    const struct kiln_vec3 positions[3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}},
+                           normals[3] = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}};
+    const struct kiln_vec2 uv[3] = {{0, 0}, {7, 0}, {7, 7}};
+    const uint8_t colors[12] = {0};
+    const uint32_t corners[3] = {0, 1, 2}, material_of = 0;
+    const struct kiln_environment none = {0};
+    assert_int_equal(kiln_builder_create(&b, NULL), KILN_OK);
+    const struct kiln_material material = {
+        .name = text(b, "paint"), .base_color_texture = KILN_NONE, .emission_texture = KILN_NONE};
+    const struct kiln_mesh mesh = {.name = text(b, "mesh"), .vertex_count = 3, .triangle_count = 1};
+    const struct kiln_object object = {.name = text(b, "house.2/door"),
+                                       .transform = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+    append(b, KILN_SECTION_MATERIALS, &material, 1);
+    append(b, KILN_SECTION_POSITIONS, positions, 3);
+    append(b, KILN_SECTION_NORMALS, normals, 3);
+    append(b, KILN_SECTION_TEXCOORD_BASE, uv, 3);
+    append(b, KILN_SECTION_TEXCOORD_EMISSION, uv, 3);
+    append(b, KILN_SECTION_TEXCOORD_LIGHTMAP, uv, 3);
+    append(b, KILN_SECTION_COLORS, colors, 3);
+    append(b, KILN_SECTION_TRIANGLES, corners, 1);
+    append(b, KILN_SECTION_TRIANGLE_MATERIALS, &material_of, 1);
+    append(b, KILN_SECTION_ENVIRONMENT, &none, 1);
+    append(b, KILN_SECTION_MESHES, &mesh, 1);
+    append(b, KILN_SECTION_OBJECTS, &object, 1);
+    b->mesh_has_lightmap_uv[0] = KILN_LIGHTMAP_UV_GIVEN;
+    b->object_settings[0] = *settings;
+    assert_int_equal(kiln_builder_make_part(b, NULL), KILN_OK);
+    assert_int_equal(kiln_builder_write(b, path, NULL), KILN_OK);
+    kiln_builder_destroy(&b);
+}
+
+static int open_part(const char *path, struct kiln_scene **scene, struct kiln_error *error)
+{
+    return kiln_scene_open_part(scene, open(path, O_RDONLY | O_CLOEXEC), path, error);
+}
+
+static void a_part_keeps_settings_and_is_no_scene(void **state)
+{
+    const struct fixture *f = *state;
+    const struct kiln_object_settings settings = {.density_scale = 2.5,
+                                                  .lightmap_size = 64,
+                                                  .role = KILN_ROLE_CASTER_ONLY,
+                                                  .size_of_file = true,
+                                                  .lod_member = 3};
+    struct kiln_scene *s = NULL;
+    struct kiln_error error = {""};
+    build_part(f->damaged, &settings);
+    assert_int_equal(kiln_scene_open(&s, f->damaged, &error), KILN_BAD_INPUT);
+    assert_non_null(strstr(error.message, "the scene file of a part"));
+    assert_int_equal(open_part(f->damaged, &s, &error), KILN_OK);
+    assert_memory_equal(s->object_settings, &settings, sizeof settings);
+    assert_int_equal(s->meshes[0].flags & KILN_MESH_HAS_SECOND_UV, KILN_MESH_HAS_SECOND_UV);
+    assert_int_equal(s->meshes[0].flags & KILN_MESH_SOUND_SECOND_UV, 0);
+    assert_true(s->texcoord_lightmap[1].x == 7.0f);
+    assert_int_equal(kiln_scene_place(s, 0), strlen("house.2"));
+    assert_int_equal(kiln_scene_place_end(s, 0), 1);
+    kiln_scene_close(&s);
+    assert_int_equal(open_part(f->path, &s, &error), KILN_BAD_INPUT);
+    assert_null(s);
+}
+
+static void settings_out_of_range_are_refused(void **state)
+{
+    const struct fixture *f = *state;
+    const struct kiln_object_settings wrong[] = {{.density_scale = -1.0},       {.density_scale = (double)NAN},
+                                                 {.lightmap_size = 1u << 20},   {.role = KILN_ROLE_RECEIVER_ONLY + 1},
+                                                 {.sides = KILN_SIDES_TWO + 1}, {.exclude = KILN_EXCLUDE_YES + 1},
+                                                 {.lod_name = 1u << 30}};
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        struct kiln_scene *s = NULL;
+        struct kiln_error error = {""};
+        build_part(f->damaged, &wrong[i]);
+        assert_int_equal(open_part(f->damaged, &s, &error), KILN_BAD_INPUT);
+        assert_non_null(strstr(error.message, "settings of object 0"));
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -434,6 +516,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(names_that_are_no_file_names_are_refused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(what_is_not_there_or_no_file_is_said, set_up, tear_down),
         cmocka_unit_test_setup_teardown(objects_out_of_range_are_not_written, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_part_keeps_settings_and_is_no_scene, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(settings_out_of_range_are_refused, set_up, tear_down),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

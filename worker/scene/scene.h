@@ -163,7 +163,8 @@ enum {
     KILN_MESH_NO_LAYOUT = 16,      /* there is no layout: all of texcoord_lightmap is 0 */
     KILN_MESH_POSED = 32,          /* skins or morph targets moved its vertices: positions are not those of the file */
     /* of a part: the file has a second UV set for the mesh, which texcoord_lightmap repeats, unchecked */
-    KILN_MESH_HAS_SECOND_UV = 64
+    KILN_MESH_HAS_SECOND_UV = 64,
+    KILN_MESH_SOUND_SECOND_UV = 128 /* of a part: that set was checked, has no flaw and covers mesh.uv_area */
 };
 
 /* An object: one placed instance of a mesh, with a lightmap of its own. */
