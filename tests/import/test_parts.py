@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 import unittest
 
@@ -170,6 +171,45 @@ class Files(Parts):
         # without the files of scenes there are none, and those of the bake before go
         self.bake(job, "files", "--no-export")
         self.assertFalse(os.path.exists(self.path("files/scenes")))
+
+
+class OtherCommands(Parts):
+    def test_commands_that_take_a_scene_take_parts(self):
+        job = self.job("all.yaml", [("box", "cornell.glb", [IDENTITY]), ("lamps", "lamps.glb", [moved(8, 0, 0)])])
+        with tempfile.TemporaryDirectory() as scratch:
+            counts = {command: json.loads(kiln(command, job, "--json", environment={"TMPDIR": scratch}).stdout)
+                      for command in ("info", "check", "plan")}
+            self.assertEqual(os.listdir(scratch), [])
+        self.assertEqual(counts["info"]["counts"]["objects"], 9)
+        self.assertEqual(counts["check"]["scene"], job)
+        self.assertEqual(counts["plan"]["triangles"], counts["info"]["counts"]["triangles_expanded"])
+
+    def test_a_bake_in_parts_is_relit_mixed_compared_and_exported(self):
+        job = self.job("uses.yaml", [("box", "cornell.glb", [IDENTITY]), ("lamps", "lamps.glb", [moved(8, 0, 0)])])
+        groups = self.write("groups.yaml", "spots: {lights: [lamps/spot]}\n")
+        self.bake(job, "kept", "--keep-transport", "rows")
+        kiln("relight", self.path("kept"), "-o", self.path("relit"), "--no-preview", ranks=2)
+        self.assert_same_light("kept", "relit")
+        compared = kiln("compare", self.path("kept"), self.path("relit"), "--json").stdout
+        self.assertTrue(json.loads(compared)["identical"])
+        self.bake(job, "grouped", "--light-groups", groups)
+        kiln("mix", self.path("grouped"), "--set", "spots=0.5", "-o", self.path("mixed"), ranks=2)
+        self.assertTrue(os.path.exists(self.path("mixed/lightmaps/lamps/floor.exr")))
+        kiln("export", self.path("kept"), "-o", self.path("exported/scene.glb"))
+        document = File(self.path("exported/scene.glb")).json
+        for page in document["extensions"]["KILN_lightmap"]["pages"]:
+            self.assertTrue(os.path.exists(os.path.join(self.path("exported"), page["file"])), page)
+
+    def test_a_rank_that_reads_a_broken_part_ends_all(self):
+        self.write("broken-on-rank-1.glb", "nothing")
+        job = self.job("rank.yaml", [("a", "cornell.glb", [IDENTITY]), ("b", "broken-on-rank-1.glb", [IDENTITY]),
+                                     ("c", "lamps.glb", [IDENTITY])])
+        said = kiln("import", job, "-o", self.path("rank"), ranks=3, code=65)
+        self.assertRegex(said.stderr, "error: part 'b': .*broken-on-rank-1.glb: ")
+        self.assertEqual(sorted(os.listdir(self.path("rank/parts"))), ["a.kscene", "c.kscene"])
+        # what was read counts when the part is repaired
+        shutil.copy(self.path("rooms.glb"), self.path("broken-on-rank-1.glb"))
+        self.assertIn("3 parts, 1 of them read: b\n", kiln("import", job, "-o", self.path("rank"), ranks=2).stdout)
 
 
 class OnlyWhatChanged(Parts):
