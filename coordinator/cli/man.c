@@ -160,7 +160,12 @@ void kiln_man_print(FILE *stream)
     (void)fputs(
         ".SH JOB FILES\n"
         "All options can stand in a YAML file, under the same names without the dashes, and the scene under\n"
-        ".BR scene .\n"
+        ".BR scene ,\n"
+        "or, of a scene of many files, a list under\n"
+        ".BR parts :\n"
+        "each is {name: house, file: house.glb, at: {translation: [10, 0, 0]}}; without\n"
+        ".B at\n"
+        "it stands as in its file, and a list there places it often.\n"
         "Paths are relative to the file. Later wins: defaults, \\-\\-quality, the job file, the command line.\n",
         stream);
     print_statuses(stream);

@@ -163,8 +163,7 @@ static int read_places(struct kiln_job *job, const struct place *p, const json_t
     const bool one = json == NULL || json_is_object(json) || is_matrix(json);
     void *room;
     if (!one && (!json_is_array(json) || json_array_size(json) == 0))
-        return wrong(p, "is a place or a list of places, and a part has one at least; without `at` it stands as in "
-                        "its file");
+        return wrong(p, "names no place: give one or a list of them; without `at` the part stands as in its file");
     part->at_count = one ? 1 : json_array_size(json);
     int status = kiln_job_keep_room(job, part->at_count * sizeof *part->at, &room, p->error);
     part->at = room;

@@ -439,7 +439,7 @@ class Refused(Parts):
             "part 'a': at: a number is infinite": "parts: [%s, at: {translation: [1e13, 0, 0]}}]" % good,
             "part 'a': at: rotation is no unit": "parts: [%s, at: {rotation: [1, 1, 0, 0]}}]" % good,
             "part 'a': at: there is no key 'rotate'": "parts: [%s, at: {rotate: 3}}]" % good,
-            "part 'a': at: is a place or a list": "parts: [%s, at: []}]" % good,
+            "part 'a': at: names no place": "parts: [%s, at: []}]" % good,
             "parts: nothing of a part lies so deep": "parts: [%s, at: [[[[[[1]]]]]]}]" % good,
             "has scene and parts": "scene: cornell.glb\nparts: [%s}]" % good,
             "unknown key 'part'.*'parts'": "part: [%s}]" % good,
