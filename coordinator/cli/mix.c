@@ -22,6 +22,8 @@
 #include "worker/base/memory.h"
 #include "worker/base/text.h"
 
+enum { SCENE_NAME = 300 }; /* bytes of the path of a .glb, relative to the folder */
+
 struct map {
     const char *name;     /* "lightmaps/a.exr" */
     const json_t *object; /* of run.json */
@@ -37,8 +39,10 @@ struct mix {
     struct kiln_mix_factors factors;
     struct map *maps;
     size_t map_count;
-    double *ratios;                    /* of each map: kiln_mix_map */
-    bool has_scene, has_volume;        /* scene.glb; volume.hdf */
+    double *ratios;             /* of each map: kiln_mix_map */
+    char (*scenes)[SCENE_NAME]; /* scene.glb, or scenes/PART.glb of each part and place, that the bake has */
+    size_t scene_count;
+    bool has_volume;                   /* volume.hdf */
     json_t *as_baked;                  /* names: kiln_mix_scene_write */
     struct kiln_output_folder *folder; /* rank 0 */
     double begin;
@@ -66,6 +70,33 @@ static int list_maps(struct mix *m, struct kiln_error *error)
     return status;
 }
 
+/* The number of bytes of PART/ in "lightmaps/PART/OBJECT.exr"; 0: the scene is not in parts. */
+static size_t part_of(const char *map)
+{
+    const char *object = strrchr(map + strlen("lightmaps/"), '/');
+    return object == NULL ? 0 : (size_t)(object + 1 - (map + strlen("lightmaps/")));
+}
+
+static int list_scenes(struct mix *m, struct kiln_error *error)
+{
+    const char *before = "";
+    int status = kiln_allocate(&m->scenes, m->map_count + 1, sizeof *m->scenes, "scenes", error);
+    if (status != KILN_OK)
+        return status;
+    (void)snprintf(m->scenes[0], SCENE_NAME, "scene.glb");
+    m->scene_count = kiln_results_has(m->results, "scene.glb") ? 1 : 0;
+    for (size_t i = 0; i < m->map_count; i++) {
+        const char *part = m->maps[i].name + strlen("lightmaps/");
+        const size_t length = part_of(m->maps[i].name);
+        if (m->maps[i].back || length == 0 || length >= SCENE_NAME / 2 || strncmp(part, before, length) == 0)
+            continue;
+        before = part;
+        (void)snprintf(m->scenes[m->scene_count], SCENE_NAME, "scenes/%.*s.glb", (int)length - 1, part);
+        m->scene_count += kiln_results_has(m->results, m->scenes[m->scene_count]) ? 1 : 0;
+    }
+    return KILN_OK;
+}
+
 static int open_bake(struct mix *m, struct kiln_error *error)
 {
     int status = kiln_results_open(&m->results, m->directory, error);
@@ -77,8 +108,8 @@ static int open_bake(struct mix *m, struct kiln_error *error)
     KILN_TRY(kiln_lock_refuse(m->directory, error));
     KILN_TRY(kiln_mix_factors_make(&m->factors, m->job, m->run, error));
     KILN_TRY(list_maps(m, error));
+    KILN_TRY(list_scenes(m, error));
 end:
-    m->has_scene = status == KILN_OK && kiln_results_has(m->results, "scene.glb");
     m->has_volume = status == KILN_OK && kiln_mix_has_volume(m->results, m->run);
     return status;
 }
@@ -110,12 +141,12 @@ static int check_output(const struct mix *m, struct kiln_error *error)
 /* Lists the files of the mixture except run.json and scene.kscene. `names` has room for them. Returns their number. */
 static size_t name_files(const struct mix *m, char **names)
 {
-    static char scene[] = "scene.glb", volume[] = "volume.hdf";
+    static char volume[] = "volume.hdf";
     size_t count = 0;
     for (size_t i = 0; i < m->map_count; i++)
         names[count++] = (char *)(uintptr_t)m->maps[i].name;
-    if (m->has_scene)
-        names[count++] = scene;
+    for (size_t i = 0; i < m->scene_count; i++)
+        names[count++] = m->scenes[i];
     if (m->has_volume)
         names[count++] = volume;
     return count;
@@ -128,7 +159,7 @@ static int with_manifest(const struct mix *m, bool after, struct kiln_error *err
 {
     char **names = NULL;
     struct kiln_pruned pruned;
-    int status = kiln_allocate(&names, m->map_count + 2, sizeof *names, "the manifest", error);
+    int status = kiln_allocate(&names, m->map_count + m->scene_count + 1, sizeof *names, "the manifest", error);
     status = kiln_agree(MPI_COMM_WORLD, status, error);
     const struct kiln_optional_results parts = {
         .more = names, .more_count = status == KILN_OK ? name_files(m, names) : 0, .preview = true, .no_points = true};
@@ -166,6 +197,8 @@ static int make_folders(struct mix *m, struct kiln_error *error)
     kiln_folder_close(&folder);
     for (size_t i = 0; status == KILN_OK && i < m->map_count; i++)
         status = kiln_make_parents(m->output, m->maps[i].name, error);
+    for (size_t i = 0; status == KILN_OK && i < m->scene_count; i++)
+        status = kiln_make_parents(m->output, m->scenes[i], error);
     return status;
 }
 
@@ -254,8 +287,8 @@ static void change_report(const struct mix *m)
 static int write_others(const struct mix *m, struct kiln_error *error)
 {
     int status = kiln_mix_scene_write(m->output, m->results, m->run, &m->factors, m->as_baked, error);
-    if (status == KILN_OK && m->has_scene)
-        status = copy_file(m, "scene.glb", error);
+    for (size_t i = 0; status == KILN_OK && i < m->scene_count; i++)
+        status = copy_file(m, m->scenes[i], error);
     if (status == KILN_OK)
         status = kiln_mix_preview(m->output, m->job, m->run, error);
     if (status != KILN_OK)
@@ -325,6 +358,7 @@ int kiln_command_mix(struct kiln_job *job, struct kiln_error *error)
         status = tell(&m, error);
     kiln_mix_factors_release(&m.factors);
     kiln_free(&m.maps);
+    kiln_free(&m.scenes);
     kiln_free(&m.ratios);
     json_decref(m.as_baked);
     json_decref(m.run);

@@ -195,6 +195,8 @@ class OtherCommands(Parts):
         self.bake(job, "grouped", "--light-groups", groups)
         kiln("mix", self.path("grouped"), "--set", "spots=0.5", "-o", self.path("mixed"), ranks=2)
         self.assertTrue(os.path.exists(self.path("mixed/lightmaps/lamps/floor.exr")))
+        self.assertEqual(sorted(os.listdir(self.path("mixed/scenes"))), ["box.glb", "lamps.glb"])
+        self.assertIn("values in range", kiln("verify", self.path("mixed")).stdout)
         kiln("export", self.path("kept"), "-o", self.path("exported/scene.glb"))
         document = File(self.path("exported/scene.glb")).json
         for page in document["extensions"]["KILN_lightmap"]["pages"]:
