@@ -74,6 +74,8 @@ class Again(unittest.TestCase):
         groups, cls.states, cls.keys = cls.path('groups.yaml'), cls.path('states.yaml'), cls.path('keys.csv')
         for path, text in ((groups, 'first: {lights: [lamp0]}\n'),
                            (cls.states, 'dim: {lights: {"*": {scale: 0.5}}}\ndark: {lights: {"*": {on: false}}}\n'),
+                           (cls.path('street.yaml'), 'parts:\n- {name: a, file: room.glb}\n'
+                                                     '- {name: b, file: room.glb, at: {translation: [20, 0, 0]}}\n'),
                            (cls.keys, 'from.x,from.y,from.z,to.x,to.y,to.z\n0.3,1,1,1.5,1,1\n1.5,1,1,0.3,1,1\n')):
             with open(path, 'w', encoding='utf-8') as file:
                 file.write(text)
@@ -101,6 +103,8 @@ class Again(unittest.TestCase):
             'report': lambda out: ('report', self.baked, '-o', os.path.join(out, 'report.html')),
             'plan': lambda out: ('plan', self.scene, *BAKE[:4], '--ranks', 2, '-o', out),
             'generate': lambda out: ('generate', 'city', '--triangles', 20000, '-o', os.path.join(out, 'city.glb')),
+            'import': lambda out: ('import', self.path('street.yaml'), *BAKE[:2], '-o', out),
+            'parts': lambda out: ('bake', self.path('street.yaml'), *BAKE, '-o', out),
             'bench': lambda out: ('bench', 'converge', self.scene, 'path', *VIEW, '--doublings', 1,
                                   '--reference-samples', 4, '--from', '0.3,1,1', '--to', '1.5,1,1', '-o', out),
         }
@@ -281,7 +285,7 @@ class Again(unittest.TestCase):
 
 def add_tests():
     for name in ('bake', 'relight', 'states', 'mix', 'export', 'path', 'traced', 'report', 'plan', 'generate',
-                 'bench'):
+                 'import', 'parts', 'bench'):
         for kind in ('signals', 'disk'):
             def test(self, name=name, check='check_' + kind):
                 getattr(self, check)(name)
