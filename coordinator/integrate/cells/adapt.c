@@ -3,7 +3,7 @@
 #include <math.h>
 
 #include "coordinator/field/packed_error.h"
-#include "coordinator/integrate/cells/tiles.h"
+#include "coordinator/integrate/cells/light_mean.h"
 #include "coordinator/integrate/tile_sums.h"
 #include "coordinator/mpi/agree.h"
 #include "worker/base/color.h"
@@ -165,7 +165,7 @@ int kiln_adapt_samples(const struct kiln_integration *in, uint32_t mean, struct 
     KILN_TRY(kiln_agree(
         in->communicator,
         kiln_allocate(&tiles, (size_t)surface->tile_count, sizeof *tiles, "the spreads of tiles", error), error));
-    KILN_TRY(kiln_tiles_mean(in, own->direct, NULL, &light, error));
+    KILN_TRY(kiln_light_mean(in, own->direct, NULL, &light, error));
     if (light > 0.0)
         add_spreads(own, light, tiles);
     kiln_tiles_reduce(in->communicator, in->settings, tiles, surface->tile_count);

@@ -4,7 +4,7 @@
 
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/cells/tail.h"
-#include "coordinator/integrate/cells/tiles.h"
+#include "coordinator/integrate/cells/light_mean.h"
 #include "coordinator/integrate/parts/parts.h"
 #include "coordinator/integrate/tile_sums.h"
 #include "coordinator/mpi/agree.h"
@@ -108,7 +108,7 @@ int kiln_late_choose(const struct kiln_integration *in, uint32_t samples, struct
     KILN_TRY(kiln_agree(
         in->communicator,
         kiln_allocate(&tiles, (size_t)surface->tile_count, sizeof *tiles, "what is left in tiles", error), error));
-    KILN_TRY(kiln_tiles_mean(in, in->solution->own->sum, NULL, &mean, error));
+    KILN_TRY(kiln_light_mean(in, in->solution->own->sum, NULL, &mean, error));
     add_shares(in, mean, tiles);
     kiln_tiles_reduce(in->communicator, in->settings, tiles, surface->tile_count);
     end_tile_runs(in, tiles, samples);

@@ -5,7 +5,7 @@
 #include "coordinator/integrate/cells/late.h"
 #include "coordinator/integrate/cells/schedule.h"
 #include "coordinator/integrate/cells/tail.h"
-#include "coordinator/integrate/cells/tiles.h"
+#include "coordinator/integrate/cells/light_mean.h"
 #include "coordinator/integrate/parts/parts.h"
 #include "coordinator/integrate/tile_sums.h"
 #include "coordinator/mpi/agree.h"
@@ -281,9 +281,9 @@ int kiln_tile_error(const struct kiln_integration *in, double *largest, struct k
             kiln_arena_allocate(&arena, &misses, surface->tile_count, sizeof *misses, "what is left in tiles", error);
     status = kiln_agree(in->communicator, status, error);
     if (status == KILN_OK)
-        status = kiln_tiles_mean(in, in->solution->own->sum, NULL, &mean.light, error);
+        status = kiln_light_mean(in, in->solution->own->sum, NULL, &mean.light, error);
     if (status == KILN_OK)
-        status = kiln_tiles_mean(in, in->solution->own->sum, surface->area, &mean.power, error);
+        status = kiln_light_mean(in, in->solution->own->sum, surface->area, &mean.power, error);
     *largest = 0.0;
     if (status == KILN_OK) {
         kiln_cells_fit_tail(part.of + first, part.count - first, &fit);

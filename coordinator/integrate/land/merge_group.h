@@ -47,8 +47,8 @@ void kiln_merge_finder_release(struct kiln_merge_finder *finder);
 uint32_t kiln_merge_group_choose(const struct kiln_merge_grid *grid, const struct kiln_merge_place *places,
                                  size_t first, uint64_t *rest, uint32_t points[KILN_MERGE_CHUNK]);
 
-/* Finds what is near the points of a group: points are near each other by the smallest of `radius` and the `widest` of
- * both. The group is in the memory of the finder until its next search; `words_used`: how many of finder->words have
+/* Finds what is near the points of a group: points are near each other by the smallest of `radius`, m, and the `widest`
+ * of both. The group is in the memory of the finder until its next search; `words_used`: how many of finder->words have
  * it. KILN_SYSTEM. */
 int kiln_merge_group_find(const struct kiln_merge_grid *grid, const struct kiln_merge_place *places,
                           const uint32_t *points, uint32_t count, float radius, struct kiln_merge_finder *finder,

@@ -1,8 +1,8 @@
-#include "coordinator/integrate/cells/tiles.h"
+#include "coordinator/integrate/cells/light_mean.h"
 
 #include "worker/base/color.h"
 
-int kiln_tiles_mean(const struct kiln_integration *in, const float *values, const float *areas, double *mean,
+int kiln_light_mean(const struct kiln_integration *in, const float *values, const float *areas, double *mean,
                     struct kiln_error *error)
 {
     const struct kiln_rank_data *own = in->solution->own;
@@ -18,7 +18,7 @@ int kiln_tiles_mean(const struct kiln_integration *in, const float *values, cons
                 kiln_exact_add(&some[0], areas != NULL ? (double)areas[i] * value : value, 1.0 / unit);
                 some[1].value++;
             }
-#pragma omp critical(kiln_tiles_mean)
+#pragma omp critical(kiln_light_mean)
         for (int k = 0; k < 2; k++)
             sums[k].value += some[k].value; /* exact: the order of threads does not matter */
     }
