@@ -157,7 +157,7 @@ static int run_child(const struct kiln_export_params *p, const char *temporary, 
     return status;
 }
 
-int kiln_export_check_written(int file, const char *name, struct kiln_error *error)
+static int check_written(int file, const char *name, struct kiln_error *error)
 {
     unsigned char header[12] = {0};
     struct stat found;
@@ -169,19 +169,16 @@ int kiln_export_check_written(int file, const char *name, struct kiln_error *err
     return KILN_OK;
 }
 
-int kiln_export_scene(const struct kiln_export_params *params, struct kiln_error *error)
+int kiln_export_publish(const char *directory, const char *name,
+                        int (*write)(void *context, const char *temporary, int file, struct kiln_error *error),
+                        void *context, struct kiln_error *error)
 {
     struct kiln_publish place;
-    int file = -1;
-    if (params->source != NULL && access(params->source, R_OK) != 0)
-        return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT,
-                               "%.512s: cannot read the scene that was baked; give its path with --scene",
-                               params->source);
-    int status;
-    KILN_TRY(kiln_publish_begin(&place, params->directory, params->output, error));
+    int file = -1, status;
+    KILN_TRY(kiln_publish_begin(&place, directory, name, error));
     KILN_TRY(kiln_publish_open(&place, &file, error));
-    KILN_TRY(run_child(params, place.temporary, file, error));
-    KILN_TRY(kiln_export_check_written(file, place.temporary, error));
+    KILN_TRY(write(context, place.temporary, file, error));
+    KILN_TRY(check_written(file, place.temporary, error));
 end:
     if (file >= 0 && kiln_close(file) != 0 && status == KILN_OK)
         status = kiln_fail_errno(error, KILN_IO, "%.512s cannot be closed", place.temporary);
@@ -191,21 +188,34 @@ end:
     return status;
 }
 
-/* ---- beside a bake ---- */
+static int write_scene(void *context, const char *temporary, int file, struct kiln_error *error)
+{
+    return run_child(context, temporary, file, error);
+}
 
-enum { FILE_NAME = 256 }; /* names in a scene file have at most 120 bytes */
+int kiln_export_scene(const struct kiln_export_params *params, struct kiln_error *error)
+{
+    struct kiln_export_params own = *params;
+    if (params->source != NULL && access(params->source, R_OK) != 0)
+        return kiln_fail_errno(error, errno == EACCES ? KILN_PERMISSION : KILN_NO_INPUT,
+                               "%.512s: cannot read the scene that was baked; give its path with --scene",
+                               params->source);
+    return kiln_export_publish(params->directory, params->output, write_scene, &own, error);
+}
+
+/* ---- beside a bake ---- */
 
 /* `files`: two per object: of its lightmap and of that of its backs. */
 static void own_files(const struct kiln_scene *scene, const uint8_t *has_back, struct kiln_link *links,
-                      struct kiln_page_info *pages, char (*files)[FILE_NAME], size_t *page_count)
+                      struct kiln_page_info *pages, char (*files)[KILN_EXPORT_NAME], size_t *page_count)
 {
     *page_count = 0;
     for (size_t i = 0; i < scene->object_count; i++) {
         const struct kiln_object *o = &scene->objects[i];
         if (!kiln_export_is_published(scene, i))
             continue;
-        (void)snprintf(files[2 * i], FILE_NAME, "lightmaps/%s.exr", kiln_scene_string(scene, o->name));
-        (void)snprintf(files[2 * i + 1], FILE_NAME, "lightmaps/back/%s.exr", kiln_scene_string(scene, o->name));
+        (void)snprintf(files[2 * i], KILN_EXPORT_NAME, "lightmaps/%s.exr", kiln_scene_string(scene, o->name));
+        (void)snprintf(files[2 * i + 1], KILN_EXPORT_NAME, "lightmaps/back/%s.exr", kiln_scene_string(scene, o->name));
         links[i] = (struct kiln_link){.file = files[2 * i],
                                       .back = has_back != NULL && has_back[i] != 0 ? files[2 * i + 1] : NULL,
                                       .page = (uint32_t)*page_count,
@@ -222,7 +232,7 @@ int kiln_export_beside(const char *directory, const char *path, const struct kil
     char scene_file[KILN_PATH_SIZE];
     struct kiln_link *links = NULL;
     struct kiln_page_info *pages = NULL;
-    char(*files)[FILE_NAME] = NULL;
+    char(*files)[KILN_EXPORT_NAME] = NULL;
     const size_t length = strlen(path);
     const bool scene_itself = length >= 7 && strcmp(path + length - 7, ".kscene") == 0;
     struct kiln_export_params params = {.source = kiln_export_has_gltf(scene) && !scene_itself ? path : NULL,

@@ -3,11 +3,8 @@
 
 #include "coordinator/export/child.h"
 #include "coordinator/export/export_private.h"
-#include "coordinator/files/publish.h"
-#include "worker/base/calls.h"
+#include "coordinator/files/folder.h"
 #include "worker/base/memory.h"
-
-enum { FILE_NAME = 256 }; /* names in a scene file have at most 200 bytes */
 
 /* Links of the objects of one place, and their names. */
 struct place {
@@ -15,7 +12,7 @@ struct place {
     size_t first, end;
     struct kiln_link *links; /* of all objects of the scene; only those of the place are filled in */
     struct kiln_page_info *pages;
-    char (*files)[FILE_NAME]; /* two an object of the place */
+    char (*files)[KILN_EXPORT_NAME]; /* two an object of the place */
 };
 
 /* The scene as it is stored: light transport may have replaced its materials. */
@@ -38,8 +35,8 @@ static size_t link_objects(const struct place *p)
         char *front = p->files[2 * (i - p->first)], *back = p->files[2 * (i - p->first) + 1];
         if (!kiln_export_is_published(scene, i))
             continue;
-        (void)snprintf(front, FILE_NAME, "../lightmaps/%s.exr", name);
-        (void)snprintf(back, FILE_NAME, "../lightmaps/back/%s.exr", name);
+        (void)snprintf(front, KILN_EXPORT_NAME, "../lightmaps/%s.exr", name);
+        (void)snprintf(back, KILN_EXPORT_NAME, "../lightmaps/back/%s.exr", name);
         p->links[i] = (struct kiln_link){.file = front,
                                          .back = p->params->has_back[i] != 0 ? back : NULL,
                                          .page = (uint32_t)pages,
@@ -63,33 +60,37 @@ static json_t *plan_of(const struct place *p, size_t page_count)
     return json_pack("{s:o, s:{s:i, s:o}}", "objects", objects, "root", "version", 1, "pages", pages);
 }
 
-static int write_file(const struct place *p, const char *name, const float (*light)[3], json_t *plan,
-                      struct kiln_error *error)
+/* A file of a place, before it is written. */
+struct written {
+    struct kiln_export_task task;
+    size_t first; /* object */
+};
+
+static int write_file(void *context, const char *temporary, int file, struct kiln_error *error)
+{
+    struct written *w = context;
+    w->task.output = temporary;
+    return kiln_export_own_place(&w->task, w->first, file, error);
+}
+
+static int publish(const struct place *p, const char *name, const float (*light)[3], json_t *plan,
+                   struct kiln_error *error)
 {
     struct kiln_scene scene = stored(p->params->scene);
-    struct kiln_export_task task = {
-        .scene_file = name, .scene = &scene, .plan = plan, .coordinates = scene.texcoord_lightmap, .light = light};
-    struct kiln_publish place;
-    int file = -1, status;
-    KILN_TRY(kiln_publish_begin(&place, p->params->directory, name, error));
-    task.output = place.temporary;
-    KILN_TRY(kiln_publish_open(&place, &file, error));
-    KILN_TRY(kiln_export_own_place(&task, p->first, file, error));
-    KILN_TRY(kiln_export_check_written(file, place.temporary, error));
-end:
-    if (file >= 0 && kiln_close(file) != 0 && status == KILN_OK)
-        status = kiln_fail_errno(error, KILN_IO, "%.512s cannot be closed", place.temporary);
-    if (status == KILN_OK)
-        return kiln_publish_finish(&place, error);
-    kiln_publish_abandon(&place);
-    return status;
+    struct written written = {.task = {.scene_file = name,
+                                       .scene = &scene,
+                                       .plan = plan,
+                                       .coordinates = scene.texcoord_lightmap,
+                                       .light = light},
+                              .first = p->first};
+    return kiln_export_publish(p->params->directory, name, write_file, &written, error);
 }
 
 static int write_place(struct place *p, const float (*light)[3], struct kiln_error *error)
 {
     const struct kiln_scene *scene = p->params->scene;
     const size_t count = p->end - p->first;
-    char name[FILE_NAME];
+    char name[KILN_EXPORT_NAME];
     json_t *plan = NULL;
     int status;
     (void)snprintf(name, sizeof name, "scenes/%.*s.glb", (int)kiln_scene_place(scene, p->first),
@@ -98,7 +99,7 @@ static int write_place(struct place *p, const float (*light)[3], struct kiln_err
     KILN_TRY(kiln_allocate(&p->files, 2 * count, sizeof *p->files, "the export's links", error));
     plan = plan_of(p, link_objects(p));
     KILN_TRY(plan != NULL ? KILN_OK : kiln_fail(error, KILN_SYSTEM, "out of memory: the export's plan"));
-    KILN_TRY(write_file(p, name, light, plan, error));
+    KILN_TRY(publish(p, name, light, plan, error));
 end:
     json_decref(plan);
     kiln_free(&p->pages);
