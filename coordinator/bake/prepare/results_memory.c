@@ -15,7 +15,7 @@
 #include "coordinator/run/process_memory.h"
 
 /* Measured memory for writing the results; units as each row's comment says. */
-static const double LIGHTMAP_WORK = 85.0; /* bytes a texel of the lightmaps under way */
+static const double LIGHTMAP_WORK = 65.0; /* bytes a texel of the lightmaps under way */
 /* bytes per point sent to the writer of its lightmap; with several ranks as many again where it is received */
 static const double RECORD_BYTES = 58.0;
 /* bytes per point of kiln.h5 while it is written, and bytes of these that are still held afterwards */
